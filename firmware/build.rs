@@ -1,31 +1,32 @@
-//! Which board an image is for, where the linker finds its memory, which scripts an image is linked with, and the size an
-//! image must not exceed.
+//! Build script: the board of the image, its memory map and linker scripts, and its largest size.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-/// The stack at the bottom of the RAM, so that outgrowing it faults instead of overwriting data.
+/// The stack is at the bottom of the RAM: an overflow faults instead of overwriting data.
 const LAYOUT: &str = "\
 SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += 76K; } > RAM } INSERT BEFORE .data;
 _stack_end = ADDR(.stack);
 _stack_start = ADDR(.stack) + SIZEOF(.stack);
 ";
 
-/// The flash that the board's image may use, below the settings of any board, and the RAM, stack
-/// included; the linker refuses a larger image. The emulated one carries the plant as well.
+/// Limits for the board's image: flash below the settings of any board, and RAM, stack included.
+/// The linker refuses a larger image. The emulated image has more: it includes the plant.
 const BUDGET: &str = "\
 ASSERT(__sheap - ORIGIN(RAM) <= 112K, \"kband: stack and static data exceed 112 KiB of RAM\");
 ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 384K, \"kband: the image exceeds 384 KiB of flash\");
 ";
 
-/// Bounds of what the board checks at its start, and the word behind it for the CRC-32 of the image: `kband flash` fills it.
+/// Bounds of the range that the board checks at its start, and a word behind it for its CRC-32.
+/// `kband flash` writes that word.
 const CHECKED: &str = "\
 SECTIONS { .check : ALIGN(4) { _image_end = .; LONG(0xffffffff) } > FLASH } INSERT AFTER .gnu.sgstubs;
 _image_start = ORIGIN(FLASH);
 ";
 
-/// Marks the emulated board's image: it asks a debugger for everything, alone it would hang.
+/// Marks the emulated board's image. Without a debugger it would hang at its first semihosting
+/// call.
 const EMULATED: &str = "SECTIONS { .emulated 0 (INFO) : { BYTE(1) } }\n";
 
 fn main() {
@@ -63,7 +64,7 @@ fn main() {
     println!("cargo:rustc-link-arg-bin=virtual_feeder=-Temulated.x");
 }
 
-/// The board that is chosen: the cargo feature that has the name of a memory's description.
+/// Name of the board: the cargo feature that has the name of a memory map.
 fn board() -> String {
     let here = fs::read_dir(env!("CARGO_MANIFEST_DIR")).expect("this crate has a folder");
     let mut boards: Vec<String> = here
@@ -86,13 +87,13 @@ fn board() -> String {
     }
 }
 
-/// Marks the image with the name of its chip, for who writes it into one.
+/// Section with the name of the chip, which the programmer of the image checks.
 fn chip(board: &str) -> String {
     let name: String = board.bytes().map(|byte| format!("BYTE({byte}) ")).collect();
     format!("SECTIONS {{ .chip 0 (INFO) : {{ {name}}} }}\n")
 }
 
-/// What an image is built from: a change of it that is not committed marks the image.
+/// Sources of an image. A change of them without a commit marks the image.
 const SOURCES: [&str; 6] = [
     ".cargo",
     "Cargo.lock",
@@ -102,8 +103,8 @@ const SOURCES: [&str; 6] = [
     "shared",
 ];
 
-/// The commit an image is built from, "-dirty" behind it where its sources differ from the commit, or "unknown" outside
-/// a repository.
+/// Commit of the image, with "-dirty" where its sources differ from it; "unknown" outside a
+/// repository.
 fn commit() -> String {
     let git = |arguments: &[&str]| {
         let output = Command::new("git").args(arguments).output().ok()?;

@@ -1,10 +1,10 @@
-//! Who may change the board over the link: a strap and a PIN make it read-only.
+//! Write access over the link: a strap and a PIN make the link read-only.
 
 use kband::wire::{Access, Pin, Refusal};
 
-/// Wrong PINs after which the link waits.
+/// Number of wrong PINs after which the link waits.
 const WRONG_PINS: u8 = 5;
-/// Time in s that the link then waits.
+/// Time for which the link then refuses PINs, s.
 const WAIT_SECONDS: u32 = 60;
 
 /// The lock of the link.
@@ -12,16 +12,16 @@ const WAIT_SECONDS: u32 = 60;
 pub struct LinkLock {
     /// The PIN, where one is set.
     pin: Option<Pin>,
-    /// Whether it was given since the start.
+    /// Whether the PIN was given since the start.
     open: bool,
-    /// Wrong PINs in a row.
+    /// Number of successive wrong PINs.
     wrong: u8,
-    /// Time in s since the start at which the last of them came.
+    /// Time since the start of the last wrong PIN, s.
     since: u32,
 }
 
 impl LinkLock {
-    /// The lock with the PIN that was saved, closed.
+    /// Builds a closed lock with the saved PIN.
     #[must_use]
     pub fn new(pin: Option<Pin>) -> Self {
         Self {
@@ -36,7 +36,7 @@ impl LinkLock {
         self.pin
     }
 
-    /// What the desk may do; `strapped` is whether the strap is wired to ground.
+    /// Access of the desk; `strapped`: the strap is wired to ground.
     #[must_use]
     pub fn access(&self, strapped: bool) -> Access {
         if strapped {
@@ -48,12 +48,15 @@ impl LinkLock {
         }
     }
 
-    /// Takes another PIN, or none, and closes the lock.
+    /// Sets another PIN, or none, and closes the lock.
     pub fn close(&mut self, pin: Option<Pin>) {
         *self = Self::new(pin);
     }
 
-    /// Opens the lock until the next start; refused for a wrong PIN, and for a minute after five.
+    /// Opens the lock until the next start.
+    ///
+    /// # Errors
+    /// The PIN is wrong, or the wait after five wrong ones is not over.
     pub fn unlock(&mut self, pin: Pin, now: u32) -> Result<(), Refusal<'static>> {
         if self.wrong >= WRONG_PINS {
             let waited = now.saturating_sub(self.since);
@@ -98,7 +101,7 @@ mod tests {
         for _ in 0..5 {
             assert_eq!(lock.unlock(pin("1234"), 100), Err(Refusal::WrongPin));
         }
-        // Not even the right one.
+        // Not even the right PIN.
         assert_eq!(lock.unlock(pin("12345678"), 100), Err(Refusal::Wait(60)));
         assert_eq!(lock.unlock(pin("12345678"), 159), Err(Refusal::Wait(1)));
         assert_eq!(lock.unlock(pin("1234"), 160), Err(Refusal::WrongPin));

@@ -1,4 +1,8 @@
-//! The sample interrupt and the control of each drive cycle.
+//! Sampled control of the drive in two tasks: the sample interrupt and the control of each cycle.
+//!
+//! The sample interrupt demodulates the acceleration, in phase and in quadrature to the drive
+//! (docs/glossary.md), and sets the output. It switches the drive off after [`COMMANDS_LAST`]
+//! cycles without a command.
 
 use embassy_futures::yield_now;
 use kband::arithmetic::Phase;
@@ -12,9 +16,9 @@ use crate::watch::{Roll, Watched};
 
 /// The sample interrupt.
 ///
-/// Deadline: one sample, 50 us (8400 cycles of the core at 168 MHz). A sample that comes late shifts
-/// the drive's phase, which the demodulation then measures with everything else; a lost one is one
-/// sample of drive standing still.
+/// Deadline: one sample, 50 us (8400 core cycles at 168 MHz). A late sample shifts the phase of the
+/// drive; the demodulation measures that shift too. A lost sample holds the output for one more
+/// sample.
 pub struct Sampler<S, D> {
     signal: Signal,
     sense: S,
@@ -22,19 +26,20 @@ pub struct Sampler<S, D> {
     exchange: &'static Exchange,
     roll: &'static Roll,
     enable: Debounce,
-    /// Whether the enable input was high at any time of this cycle.
+    /// Whether the enable input was high at any sample of this cycle.
     given: bool,
     on: bool,
-    /// Cycles since the last command.
+    /// Drive cycles since the last command.
     silence: u8,
-    /// Whether the drive was switched off here: it stays so until the control has commanded it.
+    /// Whether the interrupt switched the drive off. It stays off until the control has commanded
+    /// it off too.
     cut: bool,
-    /// Whether the sample before ended a cycle that is still to be handed over.
+    /// Whether the previous sample ended a cycle that is not handed over yet.
     ended: bool,
 }
 
 impl<S: Sense, D: Drive> Sampler<S, D> {
-    /// The interrupt's work, with the drive off.
+    /// Builds the interrupt and switches the drive off.
     pub fn new(
         signal: Signal,
         sense: S,
@@ -58,7 +63,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
     }
 
-    /// One sample.
+    /// Takes one sample: reads the inputs, applies new commands, sets the output.
     #[inline]
     pub fn interrupt(&mut self) {
         let contact = self.sense.enable();
@@ -80,7 +85,8 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                 self.cut = false;
                 self.exchange.set_late(false);
             }
-            // Nothing but a press starts the drive, whatever the control says.
+            // Only a debounced press of the enable input starts the drive, even when the control
+            // commands it on.
             self.cut |= !off && contact.is_some() && !self.enable.is_on();
             self.on = !off && !self.cut;
             if !self.on {
@@ -89,14 +95,15 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
         let sampled = self.signal.sample(self.sense.sample());
         if self.on {
-            // An output that is not a number is none.
+            // This comparison is false for NaN as well.
             if sampled.output.abs() <= 1.0 {
                 self.drive.set(sampled.output);
             } else {
                 self.cut_off();
             }
         }
-        // The sample that ends a cycle has enough to do: the one after hands the cycle over.
+        // The sample that ends a cycle has the longest run time: the next sample hands the cycle
+        // over.
         if self.ended {
             self.ended = false;
             let enable = contact.is_some().then(|| EnableCycle {
@@ -119,7 +126,8 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
     }
 
-    /// Takes a sample of the enable input: a drive that runs goes off in the sample that withdraws it.
+    /// Debounces one sample of the enable input. When it withdraws the enable, the drive goes off
+    /// in this sample.
     #[inline]
     fn follow_enable(&mut self, contact: Contact) {
         self.given |= contact != Contact::Open;
@@ -128,14 +136,14 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
     }
 
-    /// The drive off, as the control is late.
+    /// Switches the drive off because the control missed its deadline.
     #[cold]
     fn cut_off(&mut self) {
         self.hold_off();
         self.exchange.set_late(true);
     }
 
-    /// The drive off, whatever the control says, until it says so too.
+    /// Switches the drive off until the control has commanded it off too.
     #[cold]
     fn hold_off(&mut self) {
         self.on = false;
@@ -152,10 +160,12 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
     }
 }
 
-/// The control of each drive cycle: control, report, then planning in slices.
+/// Control task of the drive cycles: control, report, then planning in slices.
 ///
-/// Deadline: one drive cycle (20 ms at 50 Hz), or else the drive keeps its amplitude for another cycle
-/// and the miss is counted; after [`COMMANDS_LAST`] cycles without a command the sample interrupt switches it off. Between slices of planning other tasks run; a new cycle ends the planning.
+/// Deadline: one drive cycle (20 ms at 50 Hz). A missed deadline is counted, and the drive keeps
+/// its amplitude for another cycle. After [`COMMANDS_LAST`] cycles without a command the sample
+/// interrupt switches the drive off. Other tasks run between slices of planning; a new cycle ends
+/// the planning.
 pub async fn control(
     station: &Station,
     exchange: &'static Exchange,
@@ -167,7 +177,7 @@ pub async fn control(
         let (cycle, enable) = exchange.next().await;
         roll.check_in(Watched::Cycle);
         if let Some(target) = panel.new_target() {
-            // The link answers a refused target; here the old one stays.
+            // The link answers a refused target; here the previous target stays.
             let _ = station.set_target(target);
         }
         let began = panel.now();
@@ -213,7 +223,7 @@ mod tests {
 
     struct Desk {
         bench: Bench,
-        /// The enable input, where the samples read it.
+        /// The enable input as the sample interrupt reads it; `None`: read once a cycle.
         contact: Option<Contact>,
         output: f32,
         off: bool,
@@ -287,8 +297,8 @@ mod tests {
         })))
     }
 
-    /// Runs the application over a scene for some cycles; `late` samples pass before each cycle's
-    /// control is let run.
+    /// Runs the application over a scene for some cycles. `late` samples pass before each cycle's
+    /// control may run.
     fn run(scene: &Scene, cycles: usize, late: usize) -> (Vec<Report>, Vec<bool>, u32) {
         static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
@@ -350,14 +360,15 @@ mod tests {
             .iter()
             .position(|r| r.state == State::Fault)
             .unwrap();
-        // The command is obeyed at the next sample, seen here a cycle later.
+        // The drive obeys the command at the next sample; this test sees it a cycle later.
         assert!(!off[fault - 1] && off[fault + 1]);
     }
 
     #[test]
     fn a_control_within_its_deadline_gives_the_same_whenever_it_runs() {
-        // The changes lie in the later half of their cycles, so that 100 samples of delay see the same
-        // inputs; the sensor is not lost before cycle 150, and only switching off does not wait.
+        // The changes lie in the later half of their cycles. With a delay of 100 samples the
+        // control reads the same inputs. The sensor is lost after cycle 150; only switching off
+        // acts within a cycle.
         let scene = scene();
         let (prompt, _, _) = run(&scene, 149, 0);
         let (later, _, missed) = run(&scene, 149, 100);
@@ -367,7 +378,8 @@ mod tests {
         }
     }
 
-    /// A sampler alone, driven by commands that are sound, none, or no numbers; cycles until its drive is off.
+    /// Number of cycles until a sampler switches its drive off. The commands may be valid, absent
+    /// or not a number.
     fn until_off(
         exchange: &'static Exchange,
         commands: impl Fn(u32) -> Option<f32>,
@@ -431,8 +443,8 @@ mod tests {
         assert_eq!(cycle(Some(on)), (true, false));
     }
 
-    /// A sampler whose control commands the same in each cycle, after the enable input was alike for so many ms each; whether
-    /// the drive is off, and what the control is given of the input.
+    /// Runs a sampler with one constant command a cycle. Each contact state lasts for the given
+    /// time in ms. Returns whether the drive is off, and the enable input as handed to the control.
     fn commanded(amplitude: f32, contacts: &[(Contact, u32)]) -> (bool, EnableCycle) {
         static ROLL: Roll = Roll::of(&[Watched::Samples]);
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
@@ -472,7 +484,7 @@ mod tests {
             held_off,
             chatters,
         };
-        // The control commands it from the start: it has to switch off first.
+        // The control commands it on from the start: it must command it off first.
         let (off, enable) = commanded(0.2, &[(Open, 120), (Closed, 100)]);
         assert!(off && enable == given(true, true, false));
         let (off, enable) = commanded(0.0, &[(Open, 120), (Closed, 100)]);
@@ -516,7 +528,8 @@ mod tests {
         exchange.command(on);
         assert!(!after(Contact::Closed, 10));
         assert!(!after(Contact::Open, 8) && after(Contact::Open, 1));
-        // It comes back before the control has looked: the control has to switch off first.
+        // The input returns before the control has read it: the control must command the drive off
+        // first.
         after(Contact::Open, 2100);
         after(Contact::Closed, 500);
         exchange.command(on);
@@ -529,7 +542,8 @@ mod tests {
 
     #[test]
     fn a_control_that_comes_too_late_ends_in_its_fault() {
-        // Five cycles and a half from each to its control; the lasting fault is told in the next one.
+        // Each control runs 5.5 cycles late, beyond [`COMMANDS_LAST`]. The report after the delay
+        // carries the fault.
         let (reports, off, _) = run(&scene(), 12, 2200);
         let late = |report: &Report| report.fault == Some(Fault::ControlLate);
         assert!(reports.iter().any(late), "{reports:?}");
@@ -562,7 +576,7 @@ mod tests {
         let going = exchange();
         assert_eq!(until_off(going, |_| Some(0.2)), None);
         assert!(!going.late());
-        // The last one is given for cycle 9.
+        // The last command comes in cycle 9.
         let hung = exchange();
         let last = until_off(hung, |cycle| (cycle < 10).then_some(0.2));
         assert!(last.is_some_and(|cycle| cycle < 9 + 5), "{last:?}");
@@ -578,7 +592,7 @@ mod tests {
     #[test]
     fn a_control_beyond_its_deadline_is_counted() {
         let (reports, _, missed) = run(&scene(), 50, 450);
-        // A cycle has 400 samples: the control of each spans the end of the next one.
+        // A cycle has 400 samples: each control runs past the end of the next cycle.
         assert!(missed >= 48, "{missed}");
         assert!(reports.iter().all(|report| report.amplitude.is_finite()));
     }

@@ -1,4 +1,4 @@
-//! What the application asks of a board.
+//! Interfaces of the application to a board.
 
 use kband::control::{AdcCode, Inputs, Report, Target};
 
@@ -8,43 +8,44 @@ use crate::enable::Contact;
 pub trait Drive {
     /// Sets the output as a share of full output, -1..1, and switches the power stage on.
     ///
-    /// This is the last actuator stage: a value beyond the range is held at its end.
+    /// This is the last actuator stage: it clamps values beyond the range.
     fn set(&mut self, output: f32);
 
     /// Switches the power stage off; it stays off until the next [`Drive::set`].
     fn off(&mut self);
 }
 
-/// What is read at each sample: the accelerometer and the enable input.
+/// Inputs that are read at each sample: the accelerometer and the enable input.
 pub trait Sense {
     /// The newest reading of the converter.
     fn sample(&mut self) -> AdcCode;
 
-    /// The enable input since the last sample; `None` where only the [`Panel`] reads it, once a drive cycle.
+    /// The enable input since the last sample; `None` where only the [`Panel`] reads it, once a
+    /// drive cycle.
     fn enable(&mut self) -> Option<Contact> {
         None
     }
 }
 
-/// The inputs that are looked at once a drive cycle.
+/// Inputs that are read once a drive cycle.
 pub trait Panel {
-    /// What they say now.
+    /// State of the inputs now.
     fn inputs(&mut self) -> Inputs;
 
-    /// Cycles of the core since some time, wrapping; 0 where none are counted.
+    /// Core cycle counter, wrapping; 0 where none are counted.
     fn now(&self) -> u32 {
         0
     }
 
-    /// A target that was asked for since the last cycle.
+    /// A target that was requested since the last cycle.
     fn new_target(&mut self) -> Option<Target> {
         None
     }
 }
 
-/// Whoever wants to know what the controller does.
+/// Observer of the controller's reports.
 pub trait Monitor {
-    /// One drive cycle, and whether its target is met.
+    /// Receives the report of one drive cycle, and whether the target is met.
     fn report(&mut self, report: &Report, ready: bool);
 }
 

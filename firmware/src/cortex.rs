@@ -1,8 +1,8 @@
 //! Faults, panics and the stack of a Cortex-M image.
 //!
 //! An image defines two functions that need no initialised state, because a fault may come before
-//! or after any of it: `kband_drive_off` takes the power from the drive by register writes alone, and
-//! `kband_halt` ends the run (the board resets).
+//! or after its set-up. `kband_drive_off` switches the drive off by register writes only.
+//! `kband_halt` ends the run; the board resets.
 
 use core::arch::naked_asm;
 use core::cell::UnsafeCell;
@@ -15,21 +15,21 @@ use crate::last_words::LastWords;
 use crate::waiting::Waiting;
 
 unsafe extern "Rust" {
-    /// Takes the power from the drive; sound at any time, in any context.
+    /// Switches the drive off; sound at any time, in any context.
     safe fn kband_drive_off();
-    /// Ends the run after the last words are kept; sound at any time, in any context.
+    /// Ends the run after the last words are stored; sound at any time, in any context.
     safe fn kband_halt() -> !;
 }
 
-/// What image this is: its version and the commit it was built from.
+/// Version of the image and the commit it was built from.
 pub const IDENTITY: &str = concat!(env!("CARGO_PKG_VERSION"), "+", env!("KBAND_BUILD"));
 
 /// RAM that neither the start-up code nor a reset changes.
 #[repr(transparent)]
 struct Kept<T>(UnsafeCell<T>);
 
-// SAFETY: one core. The last words are written with interrupts off, by a handler that never returns, or by `take`. The
-// waiting faults are given away once.
+// SAFETY: one core. The last words are written with interrupts off, by a handler that never
+// returns, or by `take`. The waiting faults are given away once.
 unsafe impl<T> Sync for Kept<T> {}
 
 #[unsafe(link_section = ".uninit.last_words")]
@@ -38,24 +38,25 @@ static KEPT: Kept<LastWords> = Kept(UnsafeCell::new(LastWords::EMPTY));
 #[unsafe(link_section = ".uninit.waiting")]
 static WAITING: Kept<Waiting> = Kept(UnsafeCell::new(Waiting::EMPTY));
 
-/// The faults that wait for their place in the flash, those of the time before a reset among them; once after each start.
+/// Queue of the faults that are not in the flash yet, those from before a reset included. `None`
+/// after the first call.
 #[must_use]
 pub fn waiting_faults() -> Option<&'static mut Waiting> {
     static GIVEN: AtomicBool = AtomicBool::new(false);
     if GIVEN.swap(true, Ordering::Relaxed) {
         return None;
     }
-    // SAFETY: no other reference lives; any bytes are a valid `Waiting`, which is integers only and judges its content by
-    // checks.
+    // SAFETY: no other reference lives; any bytes are a valid `Waiting`, which is integers only and
+    // judges its content by checks.
     Some(unsafe { &mut *WAITING.0.get() })
 }
 
-/// What the image said last before this reset; it is forgotten with this call.
+/// Message of the image before this reset; the call clears it.
 #[must_use]
 pub fn take_last_words() -> LastWords {
     cortex_m::interrupt::free(|_| {
-        // SAFETY: interrupts are off and no other reference lives; any bytes are a valid `LastWords`,
-        // which is integers only and judges its content by its checksum.
+        // SAFETY: interrupts are off and no other reference lives; any bytes are a valid
+        // `LastWords`, which is integers only and judges its content by its checksum.
         let kept = unsafe { &mut *KEPT.0.get() };
         let words = *kept;
         kept.clear();
@@ -63,12 +64,13 @@ pub fn take_last_words() -> LastWords {
     })
 }
 
-/// Marks the RAM while the board has power; what it holds after power-on is arbitrary.
+/// Marks the RAM while the board has power; after power-on its content is arbitrary.
 #[unsafe(link_section = ".uninit.running")]
 static RUNNING: [AtomicU32; 4] = [const { AtomicU32::new(0) }; 4];
+/// Value of the mark: 128 arbitrary bits.
 const RUNNING_MARK: [u32; 4] = [0x6b62_616e, 0x9d8a_2e51, 0x1f3c_77e0, 0xc4d1_05b9];
 
-/// Whether the RAM still knows that the board ran before this start; from now on it will.
+/// Whether the RAM kept its mark from before this start; sets the mark.
 #[must_use]
 pub fn remembers_running() -> bool {
     let mut known = true;
@@ -86,7 +88,7 @@ fn keep(words: core::fmt::Arguments<'_>) {
 
 #[panic_handler]
 fn panic(information: &PanicInfo<'_>) -> ! {
-    // One instruction before the drive goes off: a sample in between could switch it on again.
+    // Interrupts go off before the drive: a sample in between could switch it on again.
     cortex_m::interrupt::disable();
     kband_drive_off();
     match information.location() {
@@ -101,10 +103,10 @@ fn panic(information: &PanicInfo<'_>) -> ! {
     kband_halt()
 }
 
-/// The hard fault, and every fault that is not enabled by itself.
+/// Hard fault, and every fault without a handler of its own.
 ///
-/// The stack may be what failed: the handler starts on a fresh one, and the drive is off before
-/// anything of the old one is read.
+/// The stack may be the cause. The handler starts on a fresh stack and switches the drive off
+/// before it reads the old one.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn HardFault() {
@@ -130,7 +132,8 @@ extern "C" fn hard_fault_report(stack: u32) -> ! {
     // SAFETY: reads of the fault status register have no effect.
     let status = unsafe { (*cortex_m::peripheral::SCB::PTR).cfsr.read() };
     if (bottom..top - 32).contains(&stack) && stack.is_multiple_of(4) {
-        // SAFETY: within the stack and aligned; the core stacked eight words here, pc is the seventh.
+        // SAFETY: within the stack and aligned; the core stacked eight words here, pc is the
+        // seventh.
         let counter = unsafe { *((stack + 24) as *const u32) };
         keep(format_args!(
             "{IDENTITY}: hard fault at {counter:#010x}, status {status:#010x}"
@@ -143,13 +146,13 @@ extern "C" fn hard_fault_report(stack: u32) -> ! {
     kband_halt()
 }
 
-/// An exception or interrupt that has no handler.
+/// Exception or interrupt without a handler.
 #[exception]
 unsafe fn DefaultHandler(number: i16) -> ! {
     unexpected(number)
 }
 
-/// The drive off, the exception kept as the last words, and the end of the run.
+/// Switches the drive off, stores the exception's number as last words and ends the run.
 pub fn unexpected(number: i16) -> ! {
     cortex_m::interrupt::disable();
     kband_drive_off();
@@ -157,17 +160,20 @@ pub fn unexpected(number: i16) -> ! {
     kband_halt()
 }
 
-/// Bytes below the RAM that the guard of the stack covers: the addresses of system memory and option bytes, where a write
-/// may be ignored without a fault. The program reads nothing there.
+/// Size of the guarded area below the RAM, bytes. It covers system memory and option bytes, where a
+/// write may be ignored without a fault. The program reads nothing there.
 const GUARDED: u32 = 64 * 1024;
-/// Region attributes (ARM DDI 0403E, B3.5.9): on, of 2^(size + 1) bytes, no access, no execution.
+/// Enable bit of a region's attributes (ARM DDI 0403E, B3.5.9). Without further bits the region
+/// allows no access.
 const REGION_ON: u32 = 1;
+/// Size field of the region's attributes: 2^(size + 1) bytes.
 const REGION_SIZE: u32 = (GUARDED.trailing_zeros() - 1) << 1;
+/// Attribute bit that forbids execution.
 const NEVER_EXECUTED: u32 = 1 << 28;
-/// The memory protection is on, with the default map beside its regions (B3.5.5).
+/// Enables the protection, with the default map beside its regions (B3.5.5).
 const PROTECTION_ON: u32 = 1 | 1 << 2;
 
-/// Makes every access to the addresses below the stack a fault, so that a stack which outgrows the RAM faults at once.
+/// Forbids every access below the stack, so that a stack overflow faults at once.
 pub fn guard_stack(protection: &cortex_m::peripheral::MPU) {
     let (bottom, _) = stack_bounds();
     // SAFETY: nothing of the program lies below the stack, which begins where the RAM does.
@@ -191,9 +197,9 @@ fn stack_bounds() -> (u32, u32) {
     (&raw const _stack_end as u32, &raw const _stack_start as u32)
 }
 
-/// Deepest use of the stack since the start and its size, bytes.
+/// Largest use of the stack since the start, and its size, bytes.
 ///
-/// The start-up code painted the stack; what is no longer paint was used.
+/// The start-up code painted the stack (stack watermark); overwritten paint counts as used.
 #[must_use]
 pub fn stack_use() -> (u32, u32) {
     let (bottom, top) = stack_bounds();
@@ -209,18 +215,18 @@ pub fn stack_use() -> (u32, u32) {
     (top - clean, top - bottom)
 }
 
-/// Bytes of the stack that were never used.
+/// Number of stack bytes that were never used.
 #[must_use]
 pub fn stack_free() -> u32 {
     let (used, size) = stack_use();
     size - used
 }
 
-/// Words of the stack that [`stack_low`] looks at in a call.
+/// Number of stack words that [`stack_low`] checks in a call.
 const LOOKED_AT: u32 = 16;
 
-/// Whether less than an eighth of the stack was never used: a few words of that eighth a call, one after the
-/// other, so that 80 calls have seen all of it.
+/// Whether the stack's last eighth was ever used. Each call checks a few of its words, one after
+/// the other; 80 calls cover all of them.
 #[must_use]
 pub fn stack_low() -> bool {
     static NEXT: AtomicU32 = AtomicU32::new(0);
@@ -240,12 +246,12 @@ pub fn stack_low() -> bool {
     low != 0
 }
 
-/// What one interrupt handler owns: put there before the interrupt is let through, the handler's alone
-/// from then on.
+/// State of one interrupt handler: put there before the interrupt is unmasked, used by the handler
+/// only.
 pub struct Owned<T>(UnsafeCell<Option<T>>);
 
-// SAFETY: `put` is called before the interrupt is let through and `get` by its handler alone, as both
-// demand of their callers.
+// SAFETY: `put` is called before the interrupt is let through and `get` by its handler alone, as
+// both demand of their callers.
 unsafe impl<T: Send> Sync for Owned<T> {}
 
 impl<T> Default for Owned<T> {
@@ -255,7 +261,7 @@ impl<T> Default for Owned<T> {
 }
 
 impl<T> Owned<T> {
-    /// Nothing yet.
+    /// Builds it empty.
     #[must_use]
     pub const fn new() -> Self {
         Self(UnsafeCell::new(None))
@@ -270,7 +276,7 @@ impl<T> Owned<T> {
         unsafe { *self.0.get() = Some(value) };
     }
 
-    /// The handler's own.
+    /// The handler's state.
     ///
     /// # Safety
     /// For one interrupt handler only, which may not hold it twice.

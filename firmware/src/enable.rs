@@ -1,11 +1,11 @@
-//! The enable input, debounced sample by sample.
+//! Enable input: debounce by consecutive equal samples, and a count of gaps in a sliding window.
 //!
-//! A gap is a sample in which the input was not high all the time. The converter's rate sees gaps down to one sample
-//! (50 us); the chip's edge detector latches narrower ones.
+//! A gap is a sample in which the input was not high all the time. Sampling detects gaps down to
+//! one sample (50 us); the chip's edge detector latches narrower ones.
 
 use kband::control::SAMPLE_RATE;
 
-/// The enable input from one sample to the next.
+/// State of the enable input between two samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Contact {
     /// Low all the time.
@@ -19,26 +19,28 @@ pub enum Contact {
 /// The enable input over a drive cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EnableCycle {
-    /// Whether it was high at any time.
+    /// Whether it was high at any sample.
     pub given: bool,
     /// Whether the sample interrupt holds the drive off.
     pub held_off: bool,
-    /// Whether it began to chatter.
+    /// Whether it began to chatter in this cycle.
     pub chatters: bool,
 }
 
-/// Samples without a gap after which the drive may run: 20 ms. A contact that is closed may bounce as long before.
+/// Time without a gap after which the drive may run, samples (20 ms). A closing contact may bounce
+/// for the same time before.
 const PRESS_SAMPLES: u16 = samples(20);
-/// Samples without a change after which the input is settled: 100 ms, the period of the slowest chatter (10 Hz).
+/// Time without a change after which the input is settled, samples: 100 ms, the period of the
+/// slowest chatter (10 Hz).
 const SETTLED_SAMPLES: u16 = samples(100);
-/// Samples in which gaps are counted: 5 ms.
+/// Length of the window in which gaps are counted, samples (5 ms).
 const GAP_WINDOW: u32 = samples(5) as u32;
-/// Gaps in that window that leave the drive on; one more switches it off. Of a chatter that is low for 10 % of its period or more, a gap of n
-/// samples touches n samples at least, rounded up. From the first one on, at least 9 lie in the window at any period;
-/// eight disturbances shorter than a sample leave the drive on.
+/// Largest number of gaps in that window that leaves the drive on. Chatter that is low for at least
+/// 10 % of its period makes 9 gaps or more. They lie in one window from the first gap on. Eight
+/// disturbances shorter than a sample leave the drive on.
 const MAX_GAPS: usize = 8;
 
-/// Samples of a time in ms.
+/// Number of samples in a time in ms.
 const fn samples(milliseconds: u32) -> u16 {
     (SAMPLE_RATE / 1000 * milliseconds) as u16
 }
@@ -48,18 +50,20 @@ const fn samples(milliseconds: u32) -> u16 {
 pub struct Debounce {
     /// Whether the drive may run.
     on: bool,
-    /// Whether the input was settled low before it came, and did not move for longer than a contact bounces.
+    /// Whether the input was settled low before it rose, and has not bounced for longer than a
+    /// contact does.
     armed: bool,
-    /// Whether the input moved for longer than a contact bounces, and is not settled yet.
+    /// Whether the input has bounced for longer than a contact does and is not settled yet.
     chatters: bool,
-    /// Whether that began since it was last asked.
+    /// Whether chatter began since the last call of [`Debounce::take_chatter`].
     began: bool,
     contact: Contact,
-    /// Samples since the input last moved.
+    /// Number of samples since the input last moved.
     steady: u16,
-    /// Samples since the input was last settled, or switched the drive off.
+    /// Number of samples since the input was last settled or switched the drive off.
     unsettled: u16,
-    /// Samples since the window before the drive came on, and of the last gaps, the oldest of them at `oldest`.
+    /// Sample counter while the drive is on, from [`GAP_WINDOW`], and its values at the last gaps;
+    /// the oldest is at `oldest`.
     now: u32,
     gaps: [u32; MAX_GAPS],
     oldest: u8,
@@ -72,7 +76,7 @@ impl Default for Debounce {
 }
 
 impl Debounce {
-    /// An input of which nothing is known: the drive is off until the input was settled low.
+    /// Builds an input of unknown state: the drive is off until the input was settled low.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -89,7 +93,7 @@ impl Debounce {
         }
     }
 
-    /// Takes a sample; whether the drive may run.
+    /// Processes a sample; returns whether the drive may run.
     #[inline]
     pub fn sample(&mut self, contact: Contact) -> bool {
         if self.on {
@@ -115,7 +119,7 @@ impl Debounce {
         core::mem::take(&mut self.began)
     }
 
-    /// Takes a gap; switches the drive off where there are too many.
+    /// Counts a gap; switches the drive off where the window holds too many.
     #[cold]
     fn take_gap(&mut self) {
         let oldest = &mut self.gaps[usize::from(self.oldest) % MAX_GAPS];
@@ -159,7 +163,8 @@ impl Debounce {
 mod tests {
     use super::*;
 
-    /// An input that is high for a share of each period, from a phase on, as its `n`th sample sees it.
+    /// Sample `n` of an input that is high for the share `duty` of each period, from `phase` in
+    /// turns.
     fn chatter(frequency: f64, duty: f64, phase: f64, n: u32) -> Contact {
         let half = |n: u32| {
             let turns = phase + frequency * f64::from(n) / f64::from(SAMPLE_RATE);
@@ -180,7 +185,7 @@ mod tests {
         })
     }
 
-    /// An input after this many ms of each contact.
+    /// State of the debounce after these contacts, each with its time in ms.
     fn after(contacts: &[(Contact, u32)]) -> Debounce {
         let mut input = Debounce::new();
         feed(&mut input, contacts);
@@ -203,7 +208,7 @@ mod tests {
         let mut input = after(&[(Open, 101), (Closed, 20)]);
         assert!(!input.on);
         assert!(input.sample(Closed) && input.sample(Moved), "a gap");
-        // It bounces for 15 ms, and on the way for 25 ms.
+        // It bounces for 15 ms, then for 25 ms in all.
         let mut bouncing = after(&[(Open, 101), (Moved, 15), (Closed, 20)]);
         assert!(bouncing.sample(Closed) && !bouncing.take_chatter());
         let mut longer = after(&[(Open, 101), (Moved, 25), (Closed, 1000)]);
@@ -273,7 +278,7 @@ mod tests {
                 reported += u32::from(input.take_chatter());
             }
             assert_eq!(reported, 1, "{frequency} Hz, {duty}");
-            // An episode ends, and the next one is reported too.
+            // One episode ends; the next one is reported too.
             assert!(feed(&mut input, &[(Open, 101), (Closed, 30)]));
             feed(&mut input, &[(Open, 50), (Closed, 1)]);
             assert!(input.take_chatter());

@@ -1,4 +1,6 @@
-//! What passes between the sample interrupt and the control of the cycles.
+//! Data exchange between the sample interrupt and the control task.
+//!
+//! Mailboxes carry one cycle up and one command down; the newest value replaces an older one.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
@@ -11,15 +13,15 @@ use kband::control::{Command, Cycle, Overtone, Signal, UPPER};
 
 use crate::enable::EnableCycle;
 
-/// Cycles up, commands down.
+/// Mailboxes: cycles to the control, commands and signal paths to the interrupt.
 pub struct Exchange {
     cycle: Mailbox<CriticalSectionRawMutex, (Cycle, Option<EnableCycle>)>,
     command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
     signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
     news: AtomicU8,
-    /// The last cycle has no command yet.
+    /// Whether the last cycle has no command yet.
     due: AtomicBool,
-    /// The last cycle has not been followed to the end of its planning yet.
+    /// Whether the last cycle's control or planning is not finished yet.
     owed: AtomicBool,
     late: AtomicBool,
     missed: AtomicU32,
@@ -32,7 +34,7 @@ impl Default for Exchange {
 }
 
 impl Exchange {
-    /// An exchange with nothing in it.
+    /// Builds an empty exchange.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -55,13 +57,13 @@ impl Exchange {
         }
     }
 
-    /// Whether the control task has not yet done with the last cycle, the planning in the rest of it included.
+    /// Whether the control task has not finished the last cycle, its planning included.
     #[must_use]
     pub fn owed(&self) -> bool {
         self.owed.load(Ordering::Acquire)
     }
 
-    /// Cycles that ended before the control of the one before was done.
+    /// Number of cycles that ended before the control of the previous one was finished.
     #[must_use]
     pub fn missed(&self) -> u32 {
         self.missed.load(Ordering::Relaxed)
@@ -86,7 +88,7 @@ impl Exchange {
         self.cycle.signal((cycle.clone(), enable));
     }
 
-    /// The control of the last cycle is done; what is planned after it makes nothing late.
+    /// Marks the control of the last cycle as finished. Planning after it does not count as late.
     pub(crate) fn controlled(&self) {
         if !self.cycle.signaled() {
             self.due.store(false, Ordering::Release);
@@ -101,13 +103,13 @@ impl Exchange {
         self.cycle.wait().await
     }
 
-    /// A command that is new, as [`Self::news`] said.
+    /// The newest command; new where [`Self::news`] has the bit [`COMMAND`].
     #[inline]
     pub(crate) fn commanded(&self) -> Command {
         self.command.lock(Cell::get)
     }
 
-    /// A signal path that is new, as [`Self::news`] said.
+    /// Takes the new signal path; present where [`Self::news`] has the bit [`SIGNAL`].
     #[inline]
     pub(crate) fn signal(&self) -> Option<Signal> {
         self.signal.lock(Cell::take)
@@ -118,19 +120,20 @@ impl Exchange {
         self.cycle.signaled()
     }
 
-    /// What the drive is to do from the next cycle on.
+    /// Hands a command to the sample interrupt. It takes effect in the next cycle, an immediate one
+    /// at the next sample.
     pub fn command(&self, command: Command) {
         self.command.lock(|cell| cell.set(command));
         self.news.fetch_or(COMMAND, Ordering::Release);
     }
 
-    /// The signal path for new settings, drive off, from the next sample on.
+    /// Replaces the signal path for new settings at the next sample. The drive is off then.
     pub fn replace_signal(&self, signal: Signal) {
         self.signal.lock(|cell| cell.set(Some(signal)));
         self.news.fetch_or(SIGNAL, Ordering::Release);
     }
 
-    /// What is new for the sample interrupt.
+    /// Takes the bits of what is new for the sample interrupt.
     #[inline]
     pub(crate) fn news(&self) -> u8 {
         match self.news.load(Ordering::Acquire) {
@@ -140,10 +143,10 @@ impl Exchange {
     }
 }
 
-/// Cycles that the drive goes on with the last command: half the time constant of the envelope at Q = 25, so that the amplitude
-/// goes two fifths of its way at most to where an output that nobody follows leads.
+/// Number of drive cycles for which a command remains valid. Four are half the envelope's time
+/// constant at Q = 25. The amplitude covers at most 40 % of the way to its end value.
 pub const COMMANDS_LAST: u8 = 4;
-/// News of [`Exchange::news`]: a command.
+/// Bit of [`Exchange::news`]: a new command.
 pub(crate) const COMMAND: u8 = 1;
-/// News of [`Exchange::news`]: a signal path.
+/// Bit of [`Exchange::news`]: a new signal path.
 pub(crate) const SIGNAL: u8 = 2;

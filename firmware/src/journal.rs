@@ -1,61 +1,69 @@
-//! Records appended to two banks of NOR flash, where a spoilt record is told from one that was cut short.
+//! Append-only log of records in two banks of NOR flash, with a checksum and a commit mark (seal)
+//! in each record.
 //!
-//! A bank is one erasable page, however large. A record fills one slot of a bank:
+//! A bank is one erasable page of any size. A record fills one slot of a bank:
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
 //! | 4 | number of the record, rising |
 //! | `SLOT` - 16 | its content |
 //! | 4 | CRC-32 of both |
 //! | 8 | the seal, zero: written last |
 //!
-//! A record whose check fits counts, sealed or not. One whose check does not fit was cut short by a loss of
-//! power where the seal was not begun, and what was kept before it still counts. Where the seal is there the record was whole
-//! once: it is [`Newest::Spoilt`], and an older one in its place would be a silent step back to what was meant for
-//! another machine. The maps of `sequential-storage` do step back so, which is why they are not used here.
+//! A record with a valid checksum is valid, sealed or not. An invalid record without a seal was cut
+//! short by a loss of power; the previous record remains the newest. An invalid record with a seal
+//! was valid once: it is [`Newest::Spoilt`]. An older record must not silently replace it: that one
+//! may belong to another machine. The maps of `sequential-storage` do fall back in that way, so
+//! they are not used here.
 //!
-//! The first slot of a bank holds a mark instead of a record. The mark is programmed once the erasure of the bank has
-//! ended, and cleared before the next erasure begins. A bank without a mark is erased before its first record, even where
-//! all of it reads as erased: an erasure that was cut short leaves cells that may not stay erased. Only a journal without any
-//! mark or record is taken for a new chip, and its banks get their marks without an erasure. A cut erasure leaves
-//! no such journal, because the other bank is not blank then. Banks of an older image, which hold a record
-//! in their first slot, are read and appended to as they are.
+//! The first slot of a bank holds a mark instead of a record. The mark is programmed after the
+//! erasure of the bank and cleared before its next erasure. A bank without a mark is erased before
+//! its first record, even where it reads as erased. An erasure that was cut short leaves cells that
+//! may not stay erased.
+//!
+//! A journal without any mark or record counts as a new chip; its banks get marks without an
+//! erasure. A cut erasure leaves no such journal, because the other bank is not blank then. Banks
+//! of an older image, with a record in their first slot, are read and appended to unchanged.
 
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
 use kband::wire::crc32;
 
-/// Why nothing was kept.
+/// Reason for which a record was not stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StoreFailed {
-    /// The memory failed.
+    /// Reading, programming or erasing the flash failed.
     Memory,
-    /// The supply is low, or was a moment ago.
+    /// The supply is low, or was within the settling time.
     SupplyLow,
 }
 
+/// Size of a record's number, bytes.
 const NUMBER: usize = 4;
+/// Size of a record's checksum (CRC-32), bytes.
 const CHECK: usize = 4;
+/// Size of a record's seal, bytes: the largest word that a board's flash programs at once.
 const SEAL: usize = 8;
-/// First bytes of a bank that was erased to its end; the rest of its slot stays blank. As many ones as zeros.
+/// First bytes of a bank whose erasure was completed. Ones and zeros are equal in number; the rest
+/// of the slot stays blank.
 const MARK: [u8; 8] = [0x6b, 0x94, 0x62, 0x9d, 0x65, 0x9a, 0x72, 0x8d];
-/// Bytes of a slot that are not content.
+/// Number of bytes in a slot beside its content.
 pub const OVERHEAD: usize = NUMBER + CHECK + SEAL;
-/// Slots that are read before other tasks run.
+/// Number of slots that are read before other tasks run.
 const SLICE: u32 = 16;
 
-/// What a slot holds.
+/// State of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
-    /// Nothing was ever written to it.
+    /// All bytes are erased.
     Blank,
-    /// The mark of a bank that was erased to its end.
+    /// The mark of a bank whose erasure was completed.
     Mark,
-    /// A record that was not written to its end.
+    /// A record whose writing was cut short.
     Cut,
-    /// A record.
+    /// A valid record and its number.
     Whole(u32),
-    /// What was a record.
+    /// A sealed record whose checksum fails.
     Spoilt,
 }
 
@@ -80,7 +88,7 @@ impl Slot {
         {
             return Self::Whole(u32::from_le_bytes(*number));
         }
-        // Half of the bits decide, so that no single one does.
+        // A majority of bits decides, so that no single bit does.
         if u64::from_le_bytes(*seal).count_zeros() > u64::BITS / 2 {
             Self::Spoilt
         } else {
@@ -89,20 +97,20 @@ impl Slot {
     }
 }
 
-/// Where a slot lies: its bank and its index in there.
+/// Position of a slot: its bank and its index in the bank.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Place {
     bank: usize,
     index: u32,
 }
 
-/// What the slots of both banks come to.
+/// Summary of the slots of both banks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Survey {
     newest: Option<(Place, u32)>,
-    /// Slots up to the last one of each bank that is not blank.
+    /// Number of slots in each bank up to the last one that is not blank.
     used: [u32; 2],
-    /// Slots up to the last spoilt one of each bank.
+    /// Number of slots in each bank up to the last spoilt one.
     spoilt: [u32; 2],
     /// Whether each bank begins with its mark.
     marked: [bool; 2],
@@ -131,19 +139,20 @@ impl Survey {
         }
     }
 
-    /// The bank was erased and has its mark.
+    /// Records that the bank was erased and marked.
     fn clear(&mut self, bank: usize) {
         self.used[bank] = 1;
         self.spoilt[bank] = 0;
         self.marked[bank] = true;
     }
 
-    /// Whether a bank was erased to its end and holds nothing.
+    /// Whether the bank's erasure was completed and it holds no record.
     fn is_ready(&self, bank: usize) -> bool {
         self.marked[bank] && self.used[bank] == 1
     }
 
-    /// The bank for the next record, in banks of `slots`, and whether it has to be erased before.
+    /// The bank for the next record, and whether it must be erased first; `slots` is the size of a
+    /// bank.
     fn next_bank(&self, slots: u32) -> (usize, bool) {
         let has_room = |bank: usize| self.used[bank] < slots;
         match self.newest {
@@ -151,14 +160,14 @@ impl Survey {
             Some((Place { bank, .. }, _)) => (1 - bank, !self.is_ready(1 - bank)),
             None => match [0, 1].into_iter().find(|&b| self.marked[b] && has_room(b)) {
                 Some(bank) => (bank, false),
-                // What lies in the fuller one stays there until the record is kept.
+                // Records in the fuller bank stay until the new one is stored.
                 None => (usize::from(self.used[1] < self.used[0]), true),
             },
         }
     }
 
-    /// Whether a record that was whole once may have been newer than the newest that still is, in banks of
-    /// `slots`. The other bank is begun where the first is full, and erased as soon as it is not.
+    /// Whether a spoilt record may be newer than the newest valid one; `slots` is the size of a
+    /// bank. The other bank is used once the first is full, and erased once it is not.
     fn doubtful(&self, slots: u32) -> bool {
         let Some((Place { bank, index }, _)) = self.newest else {
             return self.spoilt != [0; 2];
@@ -167,18 +176,19 @@ impl Survey {
     }
 }
 
-/// What a journal holds.
+/// State of the newest record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Newest {
-    /// No record was ever kept.
+    /// No record was ever stored.
     Nothing,
-    /// The newest record.
+    /// The newest record is valid.
     Whole,
     /// The newest record is damaged.
     Spoilt,
 }
 
-/// A journal of records of `SLOT` - [`OVERHEAD`] bytes; the newest `keep` of them outlive the change of banks.
+/// A journal of records of `SLOT` - [`OVERHEAD`] bytes. The newest `keep` records survive the
+/// change of banks.
 pub struct Journal<const SLOT: usize> {
     start: u32,
     bank: u32,
@@ -187,8 +197,10 @@ pub struct Journal<const SLOT: usize> {
 }
 
 impl<const SLOT: usize> Journal<SLOT> {
-    /// The journal in the two pages `range` of the flash; refused unless these are two whole ones that can hold
-    /// more than `keep` records each.
+    /// Opens the journal in the pages `range` of the flash.
+    ///
+    /// # Errors
+    /// `range` is not two whole pages, or a page cannot hold more than `keep` records.
     pub fn new<F: NorFlash>(
         flash: &F,
         range: core::ops::Range<u32>,
@@ -214,7 +226,7 @@ impl<const SLOT: usize> Journal<SLOT> {
         }
     }
 
-    /// Slots of a bank.
+    /// Number of slots in a bank.
     fn slots(&self) -> u32 {
         self.bank / SLOT as u32
     }
@@ -251,7 +263,7 @@ impl<const SLOT: usize> Journal<SLOT> {
         Ok(survey)
     }
 
-    /// What the journal holds; the content of the newest record goes to `content`.
+    /// State of the newest record; its content is copied to `content`.
     pub async fn newest<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
         let Ok(survey) = self.look(flash).await else {
             return Newest::Spoilt;
@@ -271,7 +283,7 @@ impl<const SLOT: usize> Journal<SLOT> {
         }
     }
 
-    /// Whether the newest record is whole and has this content.
+    /// Whether the newest record is valid and has this content.
     pub async fn holds<F: NorFlash>(&mut self, flash: &mut F, content: &[u8]) -> bool {
         let survey = match self.survey {
             Some(survey) => survey,
@@ -291,8 +303,8 @@ impl<const SLOT: usize> Journal<SLOT> {
         }
     }
 
-    /// The record that is `back` whole records older than the newest; its number. What was cut or spoilt between them is
-    /// passed over.
+    /// Reads the record that is `back` valid records older than the newest, and returns its number.
+    /// Cut or spoilt records in between are skipped.
     pub async fn older<F: NorFlash>(
         &mut self,
         flash: &mut F,
@@ -323,9 +335,9 @@ impl<const SLOT: usize> Journal<SLOT> {
         None
     }
 
-    /// Appends a record, reads it back, and erases the older bank once this one holds what is to be kept.
+    /// Appends a record and verifies it. Erases the older bank once this one holds `keep` records.
     ///
-    /// A loss of power leaves the journal as it was or with the new record.
+    /// A loss of power leaves the previous records, or those and the new one.
     pub async fn append<F: NorFlash>(
         &mut self,
         flash: &mut F,
@@ -366,7 +378,8 @@ impl<const SLOT: usize> Journal<SLOT> {
         }
         survey.take(place, Slot::Whole(number));
         let records = survey.used[bank] - u32::from(survey.marked[bank]);
-        // The record is kept. Where the erasure fails it is tried again after the next record, or before the bank is needed.
+        // The record is stored. A failed erasure is repeated after the next record, or before the
+        // bank is used.
         let erased = records < self.keep
             || survey.is_ready(1 - bank)
             || self.erase(flash, 1 - bank, &mut survey).await.is_ok();
@@ -383,7 +396,7 @@ impl<const SLOT: usize> Journal<SLOT> {
     ) -> Result<(), StoreFailed> {
         let place = Place { bank, index: 0 };
         let from = self.offset(place);
-        // Otherwise the mark could outlive the erasure where that is cut short.
+        // The mark is cleared first: it could otherwise survive an erasure that is cut short.
         let cleared = !survey.marked[bank] || flash.write(from, &[0; MARK.len()]).await.is_ok();
         if !cleared || flash.erase(from, from + self.bank).await.is_err() {
             return Err(StoreFailed::Memory);
@@ -393,7 +406,7 @@ impl<const SLOT: usize> Journal<SLOT> {
         Ok(())
     }
 
-    /// Marks a bank that was erased to its end.
+    /// Marks a bank whose erasure was completed.
     async fn mark<F: NorFlash>(&self, flash: &mut F, bank: usize) -> Result<(), StoreFailed> {
         let place = Place { bank, index: 0 };
         let written = flash.write(self.offset(place), &MARK).await.is_ok();
@@ -420,7 +433,7 @@ mod tests {
 
     const SLOT: usize = 256;
 
-    /// A journal of the STM32F405's sectors after so many records, one letter each.
+    /// A journal of pages of `PAGE` bytes with the given number of records.
     fn filled<const PAGE: usize>(records: u32) -> Nor<PAGE> {
         let mut nor = Nor::<PAGE>::new();
         let mut journal = Journal::<SLOT>::new(&nor, 0..2 * PAGE as u32, 1).unwrap();
@@ -430,8 +443,10 @@ mod tests {
         nor
     }
 
-    /// Every single bit of both banks flipped: the newest record stays, or is told to be spoilt; no older one takes
-    /// its place. A flip changes what one slot is taken for, and each slot's kinds are judged with all others.
+    /// Flips every single bit of both banks. The newest record stays, or is reported as spoilt; no
+    /// older one takes its place. A flip changes the state of one slot, and each state is judged
+    /// with all other slots. Returns the numbers of flips that keep and that spoil the newest
+    /// record.
     fn flips<const PAGE: usize>(records: u32) -> [u64; 2] {
         let slots = PAGE / SLOT;
         let nor = filled::<PAGE>(records);
@@ -486,7 +501,7 @@ mod tests {
         for records in [1, 2, 6, 7, 8, 14, 15] {
             let [kept, spoilt] = flips::<2048>(records);
             assert_eq!(kept + spoilt, 8 * 2 * 2048);
-            // Those of the newest record, but for its seal.
+            // The bits of the newest record without its seal.
             assert_eq!(spoilt, bits, "{records} records");
         }
         for records in [3, 511, 512] {
@@ -523,14 +538,15 @@ mod tests {
             assert!(is_marked(first) && is_marked(second));
             assert_eq!((used(first), used(second)), (1 + records as usize, 1));
         }
-        // The eighth lies in the other one, and with it the first is erased.
+        // The eighth record lies in the second bank; after it the first bank is erased.
         let nor = filled::<2048>(8);
         let (first, second) = nor.bytes[..4096].split_at(2048);
         assert!(is_marked(first) && is_marked(second));
         assert_eq!((used(first), used(second)), (1, 2));
     }
 
-    /// What an image without marks left: `records` in the first slots, the other bank erased.
+    /// A journal of an older image without marks: records in the first slots, the other bank
+    /// erased.
     fn unmarked<const PAGE: usize>(records: u32) -> Nor<PAGE> {
         let mut nor = Nor::<PAGE>::new();
         let source = filled::<PAGE>(1);
@@ -566,7 +582,8 @@ mod tests {
 
     #[test]
     fn a_bank_that_reads_blank_without_a_mark_is_erased_before_its_first_record() {
-        // A full bank with its mark, and one without; the other one reads blank: its erasure was cut short.
+        // A full bank with its mark, and one without. The other bank reads blank, but its erasure
+        // was cut short.
         for mut nor in [filled::<2048>(7), unmarked::<2048>(8)] {
             nor.bytes[2048..4096].fill(0xff);
             nor.weak[1] = true;
@@ -575,13 +592,13 @@ mod tests {
             assert!(nor.bytes[2048 + SLOT + 4..].starts_with(b"new"));
             assert_eq!(nor.erasures, [1, 1, 0, 0]);
         }
-        // A new chip: nothing is erased until the first bank is full.
+        // On a new chip no bank is erased until the first one is full.
         assert_eq!(filled::<2048>(7).erasures, [0; 4]);
     }
 
     #[test]
     fn a_mark_does_not_outlive_an_erasure_that_is_cut_short() {
-        // The erasure of the first bank begins after the record; none of its bits has changed yet.
+        // The erasure of the first bank follows the record and changes no bit.
         let mut nor = filled::<2048>(7);
         nor.refuses_erasures = true;
         let mut journal = Journal::<SLOT>::new(&nor, 0..4096, 1).unwrap();
@@ -599,7 +616,7 @@ mod tests {
         for record in 0..10_u32 {
             let mut journal = Journal::<40>::new(&nor, 0..4096, 32).unwrap();
             block_on(journal.append(&mut nor, &record.to_le_bytes())).unwrap();
-            // The next one was begun, beyond the mark.
+            // The next record was begun; the added slot is the mark's.
             let next = 40 * (2 * record as usize + 2);
             nor.bytes[next] = 0;
         }
@@ -617,7 +634,7 @@ mod tests {
         for range in [0..2048, 0..6144, 1024..5120, 6144..10_240] {
             assert!(Journal::<SLOT>::new(&nor, range.clone(), 1).is_err());
         }
-        // A mark, one that is new, and seven that are kept.
+        // A slot for the mark, one for the new record and seven for the kept ones exceed the bank.
         assert!(Journal::<SLOT>::new(&nor, 0..4096, 7).is_err());
     }
 }

@@ -1,12 +1,13 @@
-//! What the firmware said last, kept across a reset.
+//! Last message of the firmware, kept across a reset.
 //!
-//! The record lies in RAM that the start-up code does not clear. After power-on its content is
-//! arbitrary, so that a record counts only with its mark and its checksum.
+//! The record lies in RAM that the start-up code does not clear. After power-on it is arbitrary: a
+//! record counts only with its mark and a valid checksum.
 
 use core::fmt;
 
-/// Longest text kept, bytes; a longer one is cut.
+/// Longest stored text, bytes; a longer one is cut.
 const CAPACITY: usize = 244;
+/// Mark of a record.
 const MARK: u32 = 0x6b62_4c57;
 
 /// The record in reserved RAM.
@@ -37,13 +38,13 @@ impl LastWords {
     /// Replaces the record by `words`, cut at the capacity.
     pub fn keep(&mut self, words: fmt::Arguments<'_>) {
         *self = Self::EMPTY;
-        // The writer never fails: what does not fit is dropped.
+        // The writer never fails: text beyond the capacity is dropped.
         let _ = fmt::Write::write_fmt(self, words);
         self.check = checksum(&self.text);
         self.mark = MARK;
     }
 
-    /// The record, if there is a sound one.
+    /// The stored text, if its record is valid.
     #[must_use]
     pub fn read(&self) -> Option<&str> {
         let length = usize::try_from(self.length).ok()?;
@@ -53,7 +54,7 @@ impl LastWords {
         core::str::from_utf8(self.text.get(..length)?).ok()
     }
 
-    /// Forgets the record.
+    /// Clears the record.
     pub fn clear(&mut self) {
         self.mark = 0;
     }
@@ -73,7 +74,7 @@ impl fmt::Write for LastWords {
     }
 }
 
-/// FNV-1a: a few instructions and no table; it tells a record from noise, not from an adversary.
+/// FNV-1a: a few instructions and no table. It detects arbitrary RAM content, not an attack.
 fn checksum(bytes: &[u8]) -> u32 {
     bytes.iter().fold(0x811c_9dc5, |sum, byte| {
         (sum ^ u32::from(*byte)).wrapping_mul(0x0100_0193)

@@ -1,13 +1,14 @@
 //! The feeder drive application over small traits.
 //!
-//! The same code runs on the board, on an emulated CPU and at the desk; only the traits of [`board`]
-//! differ. Three things run, in order of urgency:
+//! The same code runs on the board, on an emulated CPU and at the desk; only the traits of
+//! [`board`] differ. Three activities run, in order of urgency:
 //!
-//! | what | when | deadline | does |
-//! |---|---|---|---|
-//! | sample interrupt | 20 kHz | 50 us | drive phase, sample, enable input, demodulation, drive output; nothing else |
-//! | cycle task | each drive cycle | one drive cycle (20 ms at 50 Hz) | control, supervision, report |
-//! | planning, link, supervision of the tasks | when the others rest | none | may be late, never hinders the others |
+//! - The sample interrupt (20 kHz, deadline 50 us): drive phase, sample, enable input,
+//!   demodulation, drive output; nothing else.
+//! - The cycle task, once a drive cycle (20 ms at 50 Hz, which is its deadline): control,
+//!   supervision, report.
+//! - Planning, link and task supervision, when the others rest: they have no deadline and never
+//!   delay the others.
 #![no_std]
 
 #[cfg(test)]

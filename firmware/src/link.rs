@@ -1,8 +1,8 @@
-//! The link to the desk: requests answered, telemetry sent, garbage counted.
+//! Link to the desk: answers requests, sends telemetry, counts invalid frames.
 //!
-//! It never stalls the control: a drive cycle answers a few requests, and what comes beyond is counted
-//! and dropped; after every request and every piece of input other tasks run. Nothing waits for the
-//! line without end: telemetry that does not fit is dropped, an answer waits 100 ms.
+//! The link must not delay the control. A drive cycle answers a limited number of requests; further
+//! ones are counted and dropped. Other tasks run after each request and each block of input.
+//! Telemetry that does not fit the line is dropped; an answer waits for at most 100 ms.
 
 use core::future::Future;
 
@@ -21,39 +21,39 @@ use crate::saves::Saves;
 use crate::station::{NotTaken, Station};
 use crate::store::{Condition, Store, StoreFailed};
 
-/// Requests that a drive cycle answers: of the dearest, 81 196 instructions (counted), they take 2.6 of the 3.36 million of a
-/// cycle at 50 Hz.
+/// Number of requests answered in a drive cycle. The dearest request takes 81 196 instructions
+/// (counted). Thirty-two take 2.6 of the 3.36 million core cycles at 50 Hz.
 const ALLOWANCE: u8 = 32;
-/// Largest mean of the accelerometer at rest, in m/s^2: gravity along its axis and a fifth of error.
+/// Largest mean acceleration at rest, m/s^2: 9.81 along the sensor's axis and an error of 20 %.
 const AT_REST: f32 = 11.8;
 
-/// Time in ms for which an answer may wait until the line has room for it.
+/// Longest time that an answer waits for room on the line, ms.
 const ANSWER_WAIT_MS: u32 = 100;
-/// Share of the line that telemetry may take, in percent: the rest is for answers.
+/// Share of the line's rate for telemetry, percent; the rest is for answers.
 const TELEMETRY_SHARE: u64 = 80;
 
-/// Bytes to and from the desk.
+/// A serial line to the desk.
 pub trait Line {
-    /// Waits for input and takes some of it; how much.
+    /// Waits for input, copies it to `bytes` and returns the number of bytes.
     fn read(&mut self, bytes: &mut [u8]) -> impl Future<Output = usize>;
 
-    /// Takes a whole frame to send it, or nothing of it where it has no room; whether it was taken.
+    /// Sends a whole frame; returns false, with nothing sent, where it has no room.
     fn send(&mut self, frame: &[u8]) -> bool;
 
-    /// Waits for a millisecond.
+    /// Waits for 1 ms.
     fn millisecond(&mut self) -> impl Future<Output = ()>;
 }
 
-/// What an image tells of itself.
+/// Properties of the running image.
 #[derive(Clone, Copy, Debug)]
 pub struct Image {
-    /// Its name, version and build.
+    /// Name, version and build.
     pub identity: &'static str,
-    /// Bytes of the stack that were never used.
+    /// Number of stack bytes that were never used.
     pub stack_free: fn() -> u32,
-    /// How its chip is set up.
+    /// Configuration of the chip.
     pub set_up: fn() -> SetUp,
-    /// Bytes that its line carries in a second.
+    /// Rate of the line, bytes a second.
     pub line_rate: u32,
     /// Whether the strap that makes the link read-only is wired to ground.
     pub strapped: fn() -> bool,
@@ -77,14 +77,14 @@ pub struct Service<S> {
 /// The signal path of a plant that the desk simulates.
 struct Simulation {
     signal: Signal,
-    /// The last reading.
+    /// Last converter reading, counts.
     code: u16,
-    /// The outputs of this cycle, folded.
+    /// Checksum of the outputs of this cycle.
     outputs: u32,
 }
 
 impl<S: Store> Service<S> {
-    /// The service, with telemetry off; the PIN is the one that was saved with the settings.
+    /// Builds the service with telemetry off; `pin` is the PIN saved with the settings.
     pub fn new(image: Image, store: S, pin: Option<Pin>) -> Self {
         Self {
             image,
@@ -101,13 +101,13 @@ impl<S: Store> Service<S> {
         }
     }
 
-    /// What was counted so far.
+    /// Counters since the start.
     #[must_use]
     pub fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// Takes a byte off the line; the frame that answers it.
+    /// Processes one received byte; returns the answer when a request is complete.
     pub async fn take(&mut self, byte: u8, station: &Station) -> Option<&[u8]> {
         let Self {
             image,
@@ -130,7 +130,7 @@ impl<S: Store> Service<S> {
             }
         };
         station.hear();
-        // A simulation has the controller to itself and goes as fast as it may.
+        // During a simulation the drive is off: requests need no limit.
         if simulation.is_none() {
             let Some(left) = allowance.checked_sub(1) else {
                 counters.flooded = counters.flooded.wrapping_add(1);
@@ -187,7 +187,7 @@ impl<S: Store> Service<S> {
         frame.ok()
     }
 
-    /// Who is there, said unasked at the start: the desk sees a reset.
+    /// Identity frame sent without a request at the start, so that the desk sees a reset.
     pub fn hello(&mut self) -> Option<&[u8]> {
         let identity = Identity {
             version: VERSION,
@@ -197,7 +197,7 @@ impl<S: Store> Service<S> {
         write_identity(&mut self.buffer, 0, &identity).ok()
     }
 
-    /// Keeps the faults that are new or waited for the supply, while the drive is at rest.
+    /// Stores new and waiting faults while the drive is at rest.
     pub async fn keep_fault(&mut self, station: &Station) {
         if let Some(fault) = station.fresh_fault() {
             self.store.take_fault(&fault);
@@ -217,7 +217,7 @@ impl<S: Store> Service<S> {
         *count = count.wrapping_add(dropped.into());
     }
 
-    /// A drive cycle ended; the telemetry that is due.
+    /// Ends a drive cycle; returns the telemetry frame if one is due.
     pub fn tick(&mut self, station: &Station) -> Option<&[u8]> {
         self.allowance = ALLOWANCE;
         if self.every == 0 {
@@ -233,7 +233,7 @@ impl<S: Store> Service<S> {
     }
 }
 
-/// What is answered to a request, after doing it.
+/// Executes a request and returns its response.
 async fn answer<'a>(
     request: &Request<'_>,
     station: &'a Station,
@@ -266,7 +266,7 @@ async fn answer<'a>(
             station.withhold(!enabled);
             Response::Done
         }
-        // Service::take answers all of these but the first.
+        // `Service::take` answers all of these but the first.
         Request::Alive
         | Request::Telemetry(_)
         | Request::Save
@@ -311,7 +311,7 @@ async fn answer<'a>(
     }
 }
 
-/// Whether a request changes more than what the desk sees.
+/// Whether a request needs full access.
 fn changes(request: &Request<'_>) -> bool {
     matches!(
         request,
@@ -325,7 +325,7 @@ fn changes(request: &Request<'_>) -> bool {
     )
 }
 
-/// Begins telemetry every so many drive cycles; refused where the line cannot carry it.
+/// Sets the number of drive cycles between telemetry frames; refused where the line is too slow.
 fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Response<'static> {
     let frequency = (settings.frequency + settings.tracking) as u64 + 1;
     let bytes = frequency * TELEMETRY_FRAME as u64 * 100;
@@ -337,7 +337,7 @@ fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Re
     Response::Done
 }
 
-/// Keeps settings, target and PIN, as often as the memory bears it.
+/// Saves settings, target and PIN, at a rate that the flash endures.
 async fn save(
     station: &Station,
     store: &mut impl Store,
@@ -363,7 +363,7 @@ async fn save(
     }
 }
 
-/// Begins a simulation by the desk; a call of its own, for what it needs of the stack.
+/// Starts a simulation by the desk; a call of its own keeps the stack small.
 #[inline(never)]
 fn begin(
     simulation: &mut Option<Simulation>,
@@ -399,7 +399,7 @@ async fn samples(
     else {
         return Response::Refused(Refusal::OutOfStep);
     };
-    // What is refused has changed nothing: the samples are tried before they are taken.
+    // A refused request must change nothing: the samples run on copies first.
     let (mut tried, mut last, mut check) = (signal.clone(), *code, *outputs);
     let mut wrapped = false;
     while !codes.is_empty() {
@@ -469,7 +469,7 @@ fn out_of_range(refused: OutOfRange) -> Response<'static> {
     })
 }
 
-/// Sends an answer as soon as the line has room for it, within 100 ms; whether it was sent.
+/// Sends an answer once the line has room for it, within 100 ms; returns whether it was sent.
 async fn send_answer(line: &mut impl Line, frame: &[u8]) -> bool {
     for _ in 1..=ANSWER_WAIT_MS {
         if line.send(frame) {
@@ -480,15 +480,15 @@ async fn send_answer(line: &mut impl Line, frame: &[u8]) -> bool {
     line.send(frame)
 }
 
-/// The link's task. It has no deadline, and no watchdog waits for it: where it hangs, the drive goes
-/// on as where the link is lost (limit 7).
+/// The link's task. It has no deadline and no watchdog. Where it hangs, the drive behaves as for a
+/// lost link (limit 7).
 pub async fn link(mut service: Service<impl Store>, mut line: impl Line, station: &Station) -> ! {
     if let Some(frame) = service.hello() {
         line.send(frame);
     }
     let mut bytes = [0; 64];
     loop {
-        // The end of a cycle first: input that never ceases must not keep telemetry from its turn.
+        // The end of a cycle comes first, so that continuous input cannot block telemetry.
         match select(station.tick(), line.read(&mut bytes)).await {
             Either::First(()) => {
                 let sent = service.tick(station).is_none_or(|frame| line.send(frame));
@@ -500,7 +500,7 @@ pub async fn link(mut service: Service<impl Store>, mut line: impl Line, station
                     if let Some(frame) = service.take(byte, station).await {
                         let sent = send_answer(&mut line, frame).await;
                         service.answers_dropped(!sent);
-                        // No two requests in a row: the control's work goes between them.
+                        // The control task runs between two requests.
                         yield_now().await;
                     }
                 }

@@ -1,4 +1,4 @@
-//! The board's log: what happened, for whoever looks through a probe.
+//! Log of the board for a debug probe.
 
 use kband::control::{Event, Report};
 
@@ -6,7 +6,7 @@ use crate::cortex::IDENTITY;
 use crate::last_words::LastWords;
 use crate::start::ResetCause;
 
-/// Which image started, why, and what was said last before.
+/// Logs the image, the cause of the start and the last words.
 pub fn start(cause: ResetCause, last_words: &LastWords) {
     defmt::info!("kband {}, started by {}", IDENTITY, cause.name());
     if let Some(words) = last_words.read() {
@@ -14,7 +14,7 @@ pub fn start(cause: ResetCause, last_words: &LastWords) {
     }
 }
 
-/// The events of a cycle.
+/// Logs the events of a cycle.
 pub fn report(report: &Report) {
     for event in report.events.iter() {
         defmt::info!(

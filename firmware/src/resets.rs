@@ -1,4 +1,5 @@
-//! Resets in a row: after three without ten good seconds between them the board stays at rest.
+//! Counter of successive resets: after three without 10 s of good operation in between, the board
+//! stays at rest.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -6,16 +7,16 @@ use kband::control::StartCause;
 
 use crate::start::ResetCause;
 
-/// Resets by a watchdog or by the firmware in a row from which on the board stays at rest.
+/// Number of successive resets by a watchdog or the firmware at which the board stays at rest.
 const RESETS_IN_A_ROW: u32 = 3;
-/// Time in s of good operation after which they are forgotten.
+/// Time of good operation after which the count is cleared, s.
 pub const GOOD_SECONDS: u64 = 10;
-/// Count after an acknowledgement.
+/// Value of the count after an acknowledgement.
 const ACKNOWLEDGED: u32 = 0xacac_acac;
-/// Tells a count from what RAM holds after power-on.
+/// Mark that distinguishes a count from the arbitrary RAM content after power-on.
 const MARK: u32 = 0x7a3c_59e1;
 
-/// A count in RAM that a reset leaves alone; what that RAM holds after power-on counts as none.
+/// Count in RAM that a reset does not change. Without its mark it counts as zero.
 pub struct Resets {
     count: AtomicU32,
     check: AtomicU32,
@@ -42,10 +43,10 @@ impl Resets {
         self.check.store(count ^ MARK, Ordering::Relaxed);
     }
 
-    /// Counts a start for this cause; how the controller has to start.
+    /// Counts a start with this cause; returns the cause of the start for the controller.
     pub fn start(&self, cause: ResetCause) -> StartCause {
         let count = match (cause, self.count()) {
-            // The reset that follows an acknowledgement is no fault.
+            // The reset after an acknowledgement is no fault.
             (ResetCause::Software, ACKNOWLEDGED) => {
                 self.forget();
                 return StartCause::PowerOn;
@@ -61,12 +62,12 @@ impl Resets {
         }
     }
 
-    /// The board works: the resets are forgotten.
+    /// Clears the count after good operation.
     pub fn forget(&self) {
         self.keep(0);
     }
 
-    /// Somebody acknowledged the resets: the next one, by the firmware, is no fault.
+    /// Records an acknowledgement: the next reset by the firmware is no fault.
     pub fn acknowledge(&self) {
         self.keep(ACKNOWLEDGED);
     }
@@ -89,11 +90,11 @@ mod tests {
             assert_eq!(resets.start(cause), repeated);
             assert_eq!(resets.start(ResetCause::BrownOut), fault);
         }
-        // Acknowledged, the firmware resets the board and starts as after power-on.
+        // After an acknowledgement the firmware resets the board, which starts as after power-on.
         resets.acknowledge();
         assert_eq!(resets.start(ResetCause::Software), StartCause::PowerOn);
         assert_eq!(resets.start(ResetCause::Watchdog), fault);
-        // What the RAM holds after power-on is no count.
+        // Arbitrary RAM content after power-on is no count.
         resets.count.store(0xdead_beef, Ordering::Relaxed);
         assert_eq!(resets.start(ResetCause::Watchdog), fault);
         assert_eq!(resets.start(ResetCause::Watchdog), fault);

@@ -1,16 +1,16 @@
-//! How often the memory of the settings may be written.
+//! Rate limit of saves (token bucket), so that the flash does not wear out.
 
-/// Saves within an hour: at this rate without pause the smallest memory, 140 000 saves, lasts 97 days, that of the
-/// STM32F405 19 years.
+/// Largest number of saves in a burst, and of saves given back an hour. At this rate the smallest
+/// memory, 140 000 saves, lasts 97 days, and that of the STM32F405 19 years.
 const AN_HOUR: u8 = 60;
-/// Seconds after which another save is allowed.
+/// Time after which another save is allowed, s.
 const APART: u32 = 3600 / AN_HOUR as u32;
 
-/// The saves that are left: a program at the desk that goes wild must not wear the flash out.
+/// Number of saves left. A faulty program at the desk must not wear out the flash.
 #[derive(Clone, Copy, Debug)]
 pub struct Saves {
     left: u8,
-    /// When the last one was given back, in seconds since the start.
+    /// Time since the start at which the last save was given back, s.
     since: u32,
 }
 
@@ -24,7 +24,7 @@ impl Default for Saves {
 }
 
 impl Saves {
-    /// Takes one save at so many seconds since the start; whether it is allowed.
+    /// Takes a save at `now` s since the start; returns whether it is allowed.
     pub fn one_more(&mut self, now: u32) -> bool {
         let back = now.saturating_sub(self.since) / APART;
         self.since += back * APART;
@@ -50,7 +50,7 @@ mod tests {
         let mut saves = Saves::default();
         assert_eq!((0..100).filter(|_| saves.one_more(5)).count(), 60);
         assert_eq!((6..3606).filter(|now| saves.one_more(*now)).count(), 60);
-        // A day of rest gives back no more than a burst.
+        // A day without a save gives back no more than one burst.
         assert_eq!((0..100).filter(|_| saves.one_more(90_000)).count(), 60);
     }
 }

@@ -1,17 +1,17 @@
-//! Why the processor started, and whether the drive may run at once.
+//! Cause of the last reset, and whether the drive may run at once.
 
 use kband::control::StartCause;
 
-/// What a chip shows after a reset.
+/// Flags of the chip after a reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Signs {
-    /// A watchdog asked for it.
+    /// A watchdog caused the reset.
     pub watchdog: bool,
-    /// The firmware asked for it.
+    /// The firmware caused the reset.
     pub software: bool,
-    /// The supply was seen to sag.
+    /// The chip detected a sag of the supply.
     pub sag: bool,
-    /// The RAM outlived the reset.
+    /// The RAM kept its content over the reset.
     pub remembered: bool,
 }
 
@@ -25,15 +25,15 @@ pub enum ResetCause {
     BrownOut,
     /// The watchdog was not fed in time.
     Watchdog,
-    /// The firmware asked for it: after a panic or a fault, or for new firmware.
+    /// The firmware caused it: after a panic or a fault, or for new firmware.
     Software,
 }
 
 impl ResetCause {
-    /// The cause that the signs point to.
+    /// Cause of the reset from the chip's flags.
     ///
-    /// A chip takes a sag below its lowest limit for power-on, and noise on its reset pin for a button.
-    /// RAM that still knows of the time before tells both from power that was really gone.
+    /// A chip reports a sag below its lowest limit as power-on, and noise on its reset pin as a
+    /// button. RAM that kept its mark shows that the power was not really off.
     #[must_use]
     pub fn of(signs: Signs) -> Self {
         if signs.watchdog {
@@ -47,7 +47,7 @@ impl ResetCause {
         }
     }
 
-    /// Its name in the log.
+    /// Name in the log.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -58,10 +58,11 @@ impl ResetCause {
         }
     }
 
-    /// How the controller has to start.
+    /// Cause of the start for the controller.
     ///
-    /// A feeder must not start by itself where its supply comes back (IEC 60204-1, 7.5): after any reset the drive
-    /// stays off until it is enabled anew, and after any but power-on this is a fault.
+    /// A feeder must not start by itself when its supply returns (IEC 60204-1, 7.5). After any
+    /// reset the drive stays off until the enable input has a new edge. After any but power-on this
+    /// is a fault.
     #[must_use]
     pub fn start(self) -> StartCause {
         match self {
@@ -120,7 +121,7 @@ mod tests {
             for _ in 0..100 {
                 assert_ne!(state(true), State::Starting, "{cause:?}");
             }
-            // A fault is acknowledged in half a second, 25 cycles; after power-on there is none.
+            // A fault is acknowledged in half a second (25 cycles); after power-on there is none.
             let cycles = if cause == ResetCause::Power { 1 } else { 25 };
             for cycle in 1..=cycles {
                 let acknowledged = state(false) == State::Off;

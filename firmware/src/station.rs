@@ -1,4 +1,4 @@
-//! What the control of the cycles and the link to the desk share: the controller and what is known of it.
+//! Shared state of the control task and the link: the controller, its settings and its last report.
 
 use core::cell::{Cell, RefCell};
 
@@ -15,10 +15,10 @@ use crate::exchange::Exchange;
 use crate::last_words::LastWords;
 use crate::store::{Condition, Found};
 
-/// Records that the event log keeps: 20 bytes each.
+/// Number of records in the event log, 20 bytes each.
 const LOG: usize = 64;
 
-/// The fault that a cause of the start counts as, to be kept.
+/// Fault record for a cause of the start; `None` if the start is no fault.
 fn fault_of(start: StartCause) -> Option<KeptFault> {
     let fault = match start {
         StartCause::Ordinary | StartCause::PowerOn => return None,
@@ -34,7 +34,7 @@ fn fault_of(start: StartCause) -> Option<KeptFault> {
     })
 }
 
-/// How the controller begins with what was found.
+/// Cause of the start for the controller. Settings that are missing or damaged make it a refusal.
 fn start_with(found: &Found, start: StartCause) -> StartCause {
     match (found.condition, start) {
         (Condition::Whole, _) | (_, StartCause::ImageDamaged) => start,
@@ -42,19 +42,19 @@ fn start_with(found: &Found, start: StartCause) -> StartCause {
     }
 }
 
-/// Seconds of silence after which a simulation by the desk is over.
+/// Time in s without a request after which a simulation by the desk ends.
 const SIMULATION_LASTS: u32 = 10;
 
-/// Why settings were not taken.
+/// Reason for which settings were refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotTaken {
-    /// The drive runs, or a fault waits to be acknowledged.
+    /// The drive runs, or a fault is not acknowledged yet.
     Running,
-    /// A value is out of range, alone or against its partners.
+    /// A value is out of range, alone or in combination with others.
     OutOfRange(OutOfRange),
 }
 
-/// The last events, each with its number.
+/// Ring buffer of the last events, each with its number.
 struct Log {
     records: [Option<Record>; LOG],
     next: u32,
@@ -100,7 +100,7 @@ impl Uptime {
     }
 }
 
-/// The controller and what is known of it, for tasks of one executor.
+/// The controller with its settings and last report, for tasks of one executor.
 pub struct Station {
     controller: RefCell<Controller>,
     settings: Cell<Settings>,
@@ -108,36 +108,42 @@ pub struct Station {
     mean: Cell<f32>,
     log: RefCell<Log>,
     heard: Cell<bool>,
-    /// Whether the link withholds the drive.
+    /// Whether the desk withholds the drive's enable.
     withheld: Cell<bool>,
-    /// Time in s since the start of the desk's last request for the plant that it simulates.
+    /// Time in s since the start of the last request for the simulated plant; `None` without a
+    /// simulation.
     simulated: Cell<Option<u32>>,
     /// The board's own interlock and target while the desk simulates a plant.
     held: RefCell<Option<(Interlock, Target)>>,
-    /// The board's inputs as they were last seen; before the first cycle nothing can have been started by them.
+    /// The board's inputs in the last cycle; all off before the first cycle.
     inputs: Cell<Inputs>,
-    /// Most cycles of the core that the control of a drive cycle took.
+    /// Longest control of a drive cycle, core cycles.
     longest: Cell<u32>,
     tick: Mailbox<NoopRawMutex, ()>,
     uptime: Cell<Uptime>,
-    /// A fault that is not kept yet.
+    /// A fault that the store does not hold yet.
     fresh: Cell<Option<KeptFault>>,
     exchange: &'static Exchange,
     last_words: LastWords,
 }
 
 impl Station {
-    /// The controller for what was found in the memory; large, made in a call of its own.
+    /// Builds the controller from the stored settings and target. It is large: a call of its own
+    /// keeps the stack small.
     ///
-    /// Settings that were not saved by this board, or not whole, start the controller in its fault: the defaults in
-    /// their place belong to no machine.
+    /// Settings that are missing or damaged start the controller in its fault. The defaults that
+    /// replace them fit no machine.
+    ///
+    /// # Errors
+    /// A value is out of range.
     #[inline(never)]
     pub fn controller(found: &Found, start: StartCause) -> Result<Controller, OutOfRange> {
         Controller::build(&found.settings, found.target, start_with(found, start))
     }
 
-    /// The station for what was found in the memory, with the controller for it ([`Self::controller`]): given, so that
-    /// the station is made where it is to lie, and not copied there over a stack that has no room for two.
+    /// Builds the station from the stored settings and the controller for them
+    /// ([`Self::controller`]). It is inlined, so that the station is built in place: the stack has
+    /// no room for two.
     #[inline(always)]
     #[must_use]
     pub fn new(
@@ -170,8 +176,8 @@ impl Station {
         }
     }
 
-    /// Takes a cycle and the board's inputs; what the controller makes of it. While the desk simulates
-    /// the plant, the board's own cycle is only counted, until the desk falls silent.
+    /// Runs the controller over one cycle with the board's inputs. `None` while the desk simulates
+    /// the plant: the board's own cycle then only advances the time.
     pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Option<Report> {
         self.tick.signal(());
         self.uptime.set(self.uptime.get().after(cycle.samples));
@@ -192,7 +198,7 @@ impl Station {
         ))
     }
 
-    /// Takes a cycle of a simulated plant with its inputs; what the controller makes of it.
+    /// Runs the controller over one cycle of a simulated plant with its inputs.
     pub fn simulated_cycle(&self, cycle: &Cycle, inputs: Inputs) -> Report {
         if self.simulated.get().is_some() {
             self.simulated.set(Some(self.seconds()));
@@ -200,9 +206,12 @@ impl Station {
         self.control(cycle, inputs)
     }
 
-    /// Starts a controller for a simulated plant, and the signal path that goes with it; the drive
-    /// stays off while the desk goes on. Refused while the drive runs or its enable input is on: a
-    /// simulation must not take a machine out of service.
+    /// Starts a controller for a simulated plant and returns its signal path. The drive stays off
+    /// during the simulation.
+    ///
+    /// # Errors
+    /// Refused while the drive runs or its enable input is on. A simulation must not take a machine
+    /// out of service.
     pub fn simulate(&self, target: Target, start: StartCause) -> Result<Signal, NotTaken> {
         if self.simulated.get().is_none() && (!self.at_rest() || self.inputs.get().enable) {
             return Err(NotTaken::Running);
@@ -213,17 +222,17 @@ impl Station {
         self.renew_controller(&settings, target, &interlock)?;
         self.held.borrow_mut().get_or_insert(own);
         self.simulated.set(Some(self.seconds()));
-        // Last, as it is large: settings in use have a signal path.
+        // Built last because it is large; it cannot fail with the settings in use.
         Signal::build(&settings).map_err(NotTaken::OutOfRange)
     }
 
-    /// Ends a simulation: the board has its interlock and its target back, and waits for an edge of
-    /// the enable input.
+    /// Ends a simulation and restores the board's interlock and target. The drive then waits for an
+    /// edge of the enable input.
     #[inline(never)]
     fn end_simulation(&self) {
         self.simulated.set(None);
         if let Some((interlock, target)) = self.held.borrow_mut().take() {
-            // Settings that were accepted once are accepted again.
+            // Settings and target were accepted before and are accepted again.
             let _ = self.renew_controller(&self.settings.get(), target, &interlock.latched());
         }
         self.report.set(self.controller.borrow().report());
@@ -233,10 +242,10 @@ impl Station {
         self.controller.borrow().interlock().clone()
     }
 
-    /// Puts another controller in the place of the present one; refused, with that one kept.
+    /// Replaces the controller; when refused, the previous one stays.
     ///
-    /// Controller and signal path are large: each is made in a call of its own, on a stack that is
-    /// empty again before the next.
+    /// Controller and signal path are large. Each is built in a call of its own, so that their
+    /// stack use does not add up.
     #[inline(never)]
     fn renew_controller(
         &self,
@@ -253,7 +262,7 @@ impl Station {
         }
     }
 
-    /// A signal path begun anew for the sample interrupt.
+    /// Hands a new signal path to the sample interrupt.
     #[inline(never)]
     fn renew_signal(&self, settings: &Settings) -> Result<(), NotTaken> {
         let signal = Signal::build(settings).map_err(NotTaken::OutOfRange)?;
@@ -261,7 +270,7 @@ impl Station {
         Ok(())
     }
 
-    /// Refused where there is no signal path for these settings.
+    /// Refuses settings for which no signal path can be built.
     #[inline(never)]
     fn check_signal(settings: &Settings) -> Result<(), NotTaken> {
         match Signal::build(settings) {
@@ -296,7 +305,7 @@ impl Station {
         report
     }
 
-    /// One slice of planning; whether more is to be done.
+    /// Runs one slice of planning; returns whether more is to be done.
     pub fn plan_step(&self) -> bool {
         self.controller.borrow_mut().plan_step()
     }
@@ -307,35 +316,35 @@ impl Station {
         self.controller.borrow().ready()
     }
 
-    /// The control of a drive cycle took so many cycles of the core.
+    /// Records the duration of one cycle's control, in core cycles.
     pub fn took(&self, cycles: u32) {
         self.longest.set(self.longest.get().max(cycles));
     }
 
-    /// The most that it ever took.
+    /// Longest control of a drive cycle since the start, core cycles.
     #[must_use]
     pub fn longest(&self) -> u32 {
         self.longest.get()
     }
 
-    /// The end of the next drive cycle.
+    /// Waits for the end of the next drive cycle.
     pub async fn tick(&self) {
         self.tick.wait().await;
     }
 
-    /// What the controller saw and did last.
+    /// Report of the last drive cycle.
     #[must_use]
     pub fn report(&self) -> Report {
         self.report.get()
     }
 
-    /// Mean acceleration of the last cycle in m/s^2.
+    /// Mean acceleration over the last cycle, m/s^2.
     #[must_use]
     pub fn mean(&self) -> f32 {
         self.mean.get()
     }
 
-    /// The board's inputs and outputs in the last cycle, for a desk that may do what `access` says.
+    /// Inputs and outputs of the board in the last cycle, and the access of the desk.
     #[must_use]
     pub fn status(&self, access: Access) -> Status {
         Status {
@@ -348,34 +357,37 @@ impl Station {
         }
     }
 
-    /// Whether the drive is at rest and may be worked on.
+    /// Whether the drive is off or in fault, so that flash and settings may be written.
     #[must_use]
     pub fn at_rest(&self) -> bool {
         matches!(self.report.get().state, State::Off | State::Fault)
     }
 
-    /// A valid frame came.
+    /// Records that a valid frame arrived.
     pub fn hear(&self) {
         self.heard.set(true);
     }
 
-    /// Withholds the drive, or gives back what was withheld.
+    /// Withholds the drive's enable, or releases it.
     pub fn withhold(&self, withheld: bool) {
         self.withheld.set(withheld);
     }
 
-    /// Takes a new target; refused, with the old one kept, where its number is out of range.
+    /// Sets a new target.
+    ///
+    /// # Errors
+    /// Its number is out of range; the previous target stays.
     pub fn set_target(&self, target: Target) -> Result<(), OutOfRange> {
         self.controller.borrow_mut().set_target(target)
     }
 
-    /// The target that is held.
+    /// The configured target.
     #[must_use]
     pub fn target(&self) -> Target {
         self.controller.borrow().target()
     }
 
-    /// How far the identification of the parts' restitution has come.
+    /// State of the identification of the parts' restitution.
     #[must_use]
     pub fn identification(&self) -> Identification {
         self.controller.borrow().identification()
@@ -387,14 +399,17 @@ impl Station {
         self.settings.get()
     }
 
-    /// Takes new settings for controller and signal path; refused, with nothing changed, while the
-    /// drive runs and where they do not go together. It ends a simulation.
+    /// Sets new settings for controller and signal path, and ends a simulation.
+    ///
+    /// # Errors
+    /// Refused, with nothing changed, while the drive runs or where the settings do not fit
+    /// together.
     pub fn set_settings(&self, settings: &Settings) -> Result<(), NotTaken> {
         self.take_settings(settings, Interlock::clone)
     }
 
-    /// Takes the defaults, as [`Station::set_settings`]. They belong to no machine: the drive stays
-    /// off, with the fault for invalid settings, until settings are saved.
+    /// Sets the defaults, as [`Station::set_settings`]. They fit no machine. The drive stays off,
+    /// with the fault for invalid settings, until settings are saved.
     pub fn restore_defaults(&self) -> Result<(), NotTaken> {
         self.take_settings(&Settings::default(), Interlock::without_settings)
     }
@@ -409,7 +424,7 @@ impl Station {
         }
         let report = self.report.get();
         match (report.state, report.fault) {
-            // They come one by one; the fault is acknowledged once all of them are saved.
+            // The desk sets one value at a time; saving them acknowledges the fault.
             (State::Off, _) | (State::Fault, Some(Fault::SettingsInvalid)) => {}
             _ => return Err(NotTaken::Running),
         }
@@ -420,7 +435,8 @@ impl Station {
         self.renew_signal(settings)
     }
 
-    /// The settings in use were saved: a fault for invalid settings may be acknowledged.
+    /// Records that the settings in use were saved: a fault for invalid settings may now be
+    /// acknowledged.
     pub fn saved(&self) {
         if self.simulated.get().is_some() {
             self.end_simulation();
@@ -428,30 +444,30 @@ impl Station {
         self.controller.borrow_mut().settings_saved();
     }
 
-    /// Seconds since the start.
+    /// Time since the start, s.
     #[must_use]
     pub fn seconds(&self) -> u32 {
         self.uptime.get().seconds
     }
 
-    /// A fault that is to be kept, while the drive is at rest.
+    /// Takes the fault that the store does not hold yet, while the drive is at rest.
     pub fn fresh_fault(&self) -> Option<KeptFault> {
         self.at_rest().then(|| self.fresh.take()).flatten()
     }
 
-    /// The first record of the event log from this number on.
+    /// The first record of the event log whose number is at least `number`.
     #[must_use]
     pub fn event(&self, number: u32) -> Option<Record> {
         self.log.borrow().from(number)
     }
 
-    /// What the firmware said last before its last reset.
+    /// Message of the firmware before its last reset.
     #[must_use]
     pub fn last_words(&self) -> Option<&str> {
         self.last_words.read()
     }
 
-    /// Drive cycles whose control came too late.
+    /// Number of drive cycles whose control missed its deadline.
     #[must_use]
     pub fn missed(&self) -> u32 {
         self.exchange.missed()

@@ -1,6 +1,6 @@
-//! What the boards with an STM32 share: half bridge, converter, inputs and lamps, watchdog.
+//! Hardware layer of the STM32 boards: half bridge, converter, inputs and lamps, watchdogs, flash.
 //!
-//! The pins are the same on every board, so that one page of wiring serves them all.
+//! The pins are the same on every board, so that one wiring page serves all of them.
 
 use core::hint::black_box;
 use core::ptr::{read_volatile, write_volatile};
@@ -40,40 +40,42 @@ use crate::enable::Contact;
 use crate::link::Line;
 use crate::log;
 
-/// Time in which neither switch of the half bridge conducts, in ns.
+/// Dead time of the half bridge, ns: neither switch conducts.
 const DEAD_TIME: u32 = 1_000;
-/// Share of a period that the bridge's duty keeps from either end at full output, 3.5 us: its edges stay clear of the
-/// sample, and a bootstrapped driver is charged in every period. The voltage keeps as much: a buffered converter does not
-/// reach its last 0.2 V (DS8626, DAC characteristics).
+/// Share of the switching period that the duty keeps from 0 and 1 at full output: 7 %, 3.5 us. The
+/// edges stay clear of the sample, and a bootstrapped driver is charged in every period. The
+/// voltage output keeps the same share: a buffered converter does not reach its last 0.2 V (DS8626,
+/// DAC characteristics).
 const DUTY_END: f32 = 0.07;
-/// Period of the independent watchdog as its prescaler and reload: 0.8 s at 32 kHz. A cycle at 5 Hz takes 0.2 s, so
-/// that each gets a chance to check in.
+/// Period of the independent watchdog as prescaler and reload: 0.8 s at 32 kHz. The slowest cycle
+/// takes 0.2 s (5 Hz), so that each task can check in.
 const WATCHDOG: (Pr, u16) = (Pr::DIVIDE_BY16, 1600);
 
 /// Half bridge on TIM1 (PA8 high side, PA7 low side), and the same output as a voltage on PA4.
 ///
-/// The bridge switches at the sample rate; output -1..1 is a duty of 7..93 %, so that full output of the
-/// control is the most that the bridge gives. The voltage is the same share of 3.3 V, with the middle for 0, for an external amplifier. PB12 high opens the bridge.
-/// PC3 is high while the bridge is closed: the enable of an external amplifier.
+/// The bridge switches at the sample rate. An output of -1..1 is a duty of 7..93 %: full output of
+/// the control is the bridge's largest. For an external amplifier, PA4 gives the same share of 3.3
+/// V, with half of it for 0. PC3 is that amplifier's enable: high while the bridge is closed. PB12
+/// high opens the bridge.
 pub struct HalfBridge {
     pwm: ComplementaryPwm<'static, TIM1>,
     voltage: DacChannel<'static, Blocking>,
-    /// Kept: given back, the pin would leave the timer.
+    /// Held because dropping it would take the pin from the timer.
     _over_current: Flex<'static>,
-    /// Kept as an output; its level is written by registers.
+    /// Held to keep the pin an output; its level is set by register writes.
     _drive_on: Output<'static>,
-    /// Whether the supply lets the bridge close.
+    /// Whether the supply allows the bridge to close.
     closable: fn() -> bool,
     full: f32,
     on: bool,
 }
 
 impl HalfBridge {
-    /// The bridge, off; the core's clock in Hz is what TIM1 counts.
+    /// Builds the bridge, open. `core_clock` is the clock of TIM1 in Hz.
     ///
-    /// The over-current input opens both switches by itself, within a few cycles of the core and whatever
-    /// the program does; they stay open until the drive was switched off and on again. The bridge closes only where
-    /// `closable` allows it.
+    /// The over-current input opens both switches in hardware, within a few core cycles. They stay
+    /// open until the drive was switched off and on again. The bridge closes only where `closable`
+    /// returns true.
     #[allow(clippy::too_many_arguments)]
     #[must_use]
     pub fn new(
@@ -104,18 +106,19 @@ impl HalfBridge {
         pwm.set_dead_time((core_clock / 1_000_000 * DEAD_TIME / 1_000) as u16);
         let function = BreakInputPin::<TIM1, BkIn1>::af_num(&*over_current);
         let mut over_current = Flex::new(over_current);
-        // Active where nothing is wired.
+        // Over-current is active when nothing is wired.
         over_current.set_as_af_unchecked(function, AfType::input(Pull::Up));
         pwm.set_break_polarity(Bkp::ACTIVE_HIGH);
-        // 47 ns at 170 MHz; the timer of the STM32F405 has no filter.
+        // Eight clocks: 47 ns at 170 MHz. The timer of the STM32F405 has no filter.
         pwm.set_break_filter(FilterValue::FCK_INT_N8);
         pwm.set_break_enable(true);
-        // One update a period, where the counter turns at its bottom: the repetition counter is
-        // written while the counter stands, or the update would come at its top.
+        // One update event a period, at the counter's bottom. The repetition counter is written
+        // while the counter is stopped; otherwise the update would come at the top.
         let timer = pac::TIM1;
         timer.cr1().modify(|control| control.set_cen(false));
         timer.cnt().write(|count| count.set_cnt(0));
-        // Up and down are a period: exactly the sample rate. The driver takes one count less.
+        // Counting up and down takes one period: exactly the sample rate. The driver's own setting
+        // is one count lower.
         let half = (core_clock / (2 * SAMPLE_RATE)) as u16;
         timer.arr().write(|reload| reload.set_arr(half));
         pwm.set_repetition_counter(1);
@@ -125,14 +128,15 @@ impl HalfBridge {
         let full = f32::from(half);
         pwm.set_duty(Channel::Ch1, (0.5 * full) as u32);
         pwm.enable(Channel::Ch1);
-        // Off, both gates are driven to their off level, low, not let go. Then nothing but a reset can
-        // write the dead time, the break or this.
+        // Off means that both gates are driven low, not left floating. From here only a reset can
+        // change dead time, break or this setting.
         pwm.set_off_state_selection_idle(Ossi::IDLE_LEVEL);
         timer
             .bdtr()
             .modify(|register| register.set_lock(Lock::LEVEL2));
-        // A core that a debugger halts sets no duty. RM0090, 38.16.2, stops a frozen timer's counter and says nothing of
-        // its outputs, which might stand on: the timer goes on, and the window watchdog resets the chip within 5 ms.
+        // While a debugger halts the core, no duty is set. A frozen timer stops its counter
+        // (RM0090, 38.16.2); its outputs are undefined and might stay on. So the timer runs on, and
+        // the window watchdog resets the chip within 5 ms.
         pac::DBGMCU
             .apb2fzr()
             .modify(|frozen| frozen.set_tim1(false));
@@ -150,14 +154,15 @@ impl HalfBridge {
     }
 }
 
-/// Middle of the 12-bit voltage output.
+/// Code of half the voltage, of 12 bits.
 const MIDDLE: u16 = 2048;
 
 impl Drive for HalfBridge {
     #[inline]
     fn set(&mut self, output: f32) {
         if self.on {
-            // Opened by the break or by an interrupt: no voltage either, until the control has switched off and on.
+            // The break or an interrupt opened the bridge. The voltage goes off too, until the
+            // control has switched off and on.
             if !pac::TIM1.bdtr().read().moe() {
                 drive_off();
                 return;
@@ -167,7 +172,7 @@ impl Drive for HalfBridge {
             if !(self.closable)() {
                 return;
             }
-            // What opened the bridge before is past, or opens it again.
+            // An earlier break is over, or opens the bridge again.
             forget_break();
             self.pwm.set_master_output_enable(true);
             drive_on();
@@ -187,8 +192,8 @@ impl Drive for HalfBridge {
     }
 }
 
-/// Whether the break opened the bridge since this was last asked, or holds it open: its flag is not cleared while its
-/// input is active.
+/// Whether the break has opened the bridge since the last call, or holds it open. The flag stays
+/// set while the break input is active.
 fn broken() -> bool {
     let broken = pac::TIM1.sr().read().bif(0);
     if broken {
@@ -197,25 +202,25 @@ fn broken() -> bool {
     broken
 }
 
-/// Forgets what opened the bridge.
+/// Clears the break flag.
 pub fn forget_break() {
-    // Flags are cleared by a zero, and left alone by a one.
+    // Writing 0 clears a flag; writing 1 leaves it.
     pac::TIM1
         .sr()
         .write_value(pac::timer::regs::SrAdv(!(1 << 7)));
 }
 
-/// Number of the pin of port C that says that the drive is on.
+/// Pin number of the drive-on output on port C.
 const DRIVE_ON: usize = 3;
 
 fn drive_on() {
     pac::GPIOC.bsrr().write(|set| set.set_bs(DRIVE_ON, true));
 }
 
-/// Takes the power from the half bridge, the voltage to its middle and the enable from an external amplifier, by
-/// registers alone.
+/// Opens the half bridge, sets the voltage to its middle and disables an external amplifier. It
+/// uses register writes only.
 pub fn drive_off() {
-    // Without the main output enable both switches are held open.
+    // Without the main output enable both switches are open.
     pac::TIM1.bdtr().modify(|register| register.set_moe(false));
     pac::GPIOC.bsrr().write(|set| set.set_br(DRIVE_ON, true));
     pac::DAC1
@@ -223,11 +228,11 @@ pub fn drive_off() {
         .write(|register| register.set_dhr(MIDDLE));
 }
 
-/// The accelerometer on PA1, converted where TIM1 turns: far from the switching of the bridge.
+/// The accelerometer on PA1, converted at TIM1's update, far from the bridge's edges.
 pub struct Converter(InjectedAdc<'static, ADC1, 1>);
 
 impl Converter {
-    /// The converter, its interrupt asked for at the end of each conversion.
+    /// Sets up the converter, with an interrupt at the end of each conversion.
     #[must_use]
     pub fn new(
         converter: Adc<'static, ADC1>,
@@ -265,13 +270,13 @@ impl Sense for Converter {
     }
 }
 
-/// Number of the pin of port B that is the enable input, and of its line of edges.
+/// Pin number of the enable input on port B; also its EXTI line.
 const ENABLE: usize = 0;
-/// Port B, as the choice of a line's pin.
+/// Code of port B in EXTICR.
 const PORT_B: u8 = 1;
 
-/// Has the chip latch each edge of the enable input: the sample interrupt reads and clears the latch. The line's own
-/// interrupt stays masked in the NVIC.
+/// Latches each edge of the enable input in EXTI. The sample interrupt reads and clears the latch;
+/// the line's own interrupt stays masked in the NVIC.
 fn latch_edges() {
     pac::RCC
         .apb2enr()
@@ -290,8 +295,8 @@ fn latch_edges() {
         .modify(|lines| lines.set_line(ENABLE, true));
 }
 
-/// Inputs: enable on PB0 (3.3 V runs the drive), thermal switch on PB1 (to ground while cool), and what the chip sees
-/// of its own state.
+/// Inputs: enable on PB0 (3.3 V runs the drive), thermal switch on PB1 (to ground while cool). The
+/// chip's own state is added: stack, supply, clock.
 pub struct Terminals {
     enable: Input<'static>,
     cool: Input<'static>,
@@ -300,7 +305,7 @@ pub struct Terminals {
 }
 
 impl Terminals {
-    /// The inputs, inactive where nothing is wired: a broken wire stops the drive.
+    /// Sets up the inputs so that a broken wire stops the drive.
     #[must_use]
     pub fn new(
         enable: Peri<'static, PB0>,
@@ -341,9 +346,9 @@ impl Panel for Terminals {
     }
 }
 
-/// Makes PC1 the strap of the link: wired to ground it makes the link read-only, open it does not.
+/// Makes PC1 the strap of the link: wired to ground it makes the link read-only.
 pub fn watch_strap(strap: Peri<'static, PC1>) {
-    // The pin keeps its pull-up while the program runs.
+    // `forget` keeps the pull-up while the program runs.
     core::mem::forget(Input::new(strap, Pull::Up));
 }
 
@@ -353,14 +358,14 @@ pub fn strapped() -> bool {
     pac::GPIOC.idr().read().idr(1) == pac::gpio::vals::Idr::LOW
 }
 
-/// Outputs: ready on PC2 (the wanted regime is held), fault on PB11.
+/// Outputs: ready on PC2 (the target is met), fault on PB11.
 pub struct Lamps {
     ready: Output<'static>,
     fault: Output<'static>,
 }
 
 impl Lamps {
-    /// Both off.
+    /// Sets up the outputs, both off.
     #[must_use]
     pub fn new(ready: Peri<'static, PC2>, fault: Peri<'static, PB11>) -> Self {
         Self {
@@ -382,7 +387,8 @@ impl Monitor for Lamps {
 pub struct Guard;
 
 impl Guard {
-    /// The watchdog, started; nothing but a reset stops it. It has an oscillator of its own and needs no other clock.
+    /// Starts the watchdog; only a reset stops it. It has an oscillator of its own and needs no
+    /// other clock.
     #[must_use]
     pub fn start() -> Self {
         let (prescaler, reload) = WATCHDOG;
@@ -401,25 +407,28 @@ impl Watchdog for Guard {
     }
 }
 
-/// The window watchdog: it resets the chip, and so opens the bridge, where samples stop for 4.7 ms, or come half as often
-/// again as they should. It counts a clock of the tree that gives the samples theirs, so that neither drifts from the other.
+/// The window watchdog. It resets the chip, which opens the bridge, at a sample rate outside its
+/// limits: none for 4.7 ms, or 1.5 times the nominal. Its clock and the samples' come from one
+/// clock tree, so that they do not drift apart.
 pub struct Window;
 
-/// Steps of some 97 us from a feed of the window watchdog to its bite, and those before which a feed bites. 40 samples
-/// are 20 or 21 steps (97.5 us at 42 MHz, 96.4 at 170 by 4): at half as often again 13 or 14, at twice 10 or 11. What holds
-/// a sample up, at most 100 us for a word of the flash, takes two off.
+/// Number of window watchdog steps (about 97 us) after a feed at which the chip is reset: 4.7 ms.
 const BITES: u8 = 48;
+/// Smallest number of such steps between two feeds; an earlier feed resets the chip. Forty samples
+/// take 20 or 21 steps (97.5 us at 42 MHz, 96.4 us at 42.5 MHz). At 1.5 times the sample rate they
+/// take 13 or 14, at twice the rate 10 or 11. A delayed sample, at most 100 us for a word of the
+/// flash, takes two off.
 const EARLIEST: u8 = 16;
-/// Samples from feed to feed: 2 ms.
+/// Number of samples between feeds of the window watchdog: 2 ms.
 const FEED: u8 = 40;
-/// The last count before the bite.
+/// Last count of the window watchdog before the reset.
 const LAST_COUNT: u8 = 0x40;
 
-/// Samples since the last feed.
+/// Number of samples since the last feed.
 static SAMPLED: AtomicU8 = AtomicU8::new(0);
 
 impl Window {
-    /// Starts the watchdog, whose peripheral clock divided by 4096 and `divider` gives its steps.
+    /// Starts the watchdog. A step is 4096 x `divider` periods of its peripheral clock.
     pub fn start(divider: Wdgtb) {
         pac::WWDG.cfr().write(|register| {
             register.set_wdgtb(divider);
@@ -429,7 +438,7 @@ impl Window {
         feed_window();
     }
 
-    /// A sample was taken; for the sample interrupt alone.
+    /// Counts a sample; for the sample interrupt only.
     #[inline]
     pub fn sampled() {
         let samples = SAMPLED.load(Ordering::Relaxed) + 1;
@@ -440,7 +449,7 @@ impl Window {
     }
 }
 
-/// What the window watchdog's control register is written with to feed and to start it.
+/// Value of the window watchdog's control register that starts and feeds it.
 const WINDOW_FED: u32 = 0x80 | (LAST_COUNT + BITES - 1) as u32;
 
 #[inline]
@@ -448,28 +457,31 @@ fn feed_window() {
     pac::WWDG.cr().write_value(Cr(WINDOW_FED));
 }
 
-/// Buffers of the serial port.
+/// Send and receive buffer of the serial port.
 pub struct Buffers {
     send: [u8; 512],
     receive: [u8; 512],
 }
 
 impl Buffers {
-    /// Nothing in them.
+    /// Empty buffers.
     pub const EMPTY: Self = Self {
         send: [0; 512],
         receive: [0; 512],
     };
 }
 
-/// Bytes that the link carries in a second: 115200 baud, ten bits a byte.
+/// Rate of the link, bytes a second: 115200 baud, ten bits a byte.
 pub const LINE_RATE: u32 = 11_520;
 
 /// The link's serial port: USART2, 115200 baud, sends on PA2 and receives on PA3.
 pub struct Serial(BufferedUart<'static>);
 
 impl Serial {
-    /// The port; refused if the clocks do not give its rate.
+    /// Opens the port.
+    ///
+    /// # Errors
+    /// The clocks do not give its baud rate.
     pub fn new(
         port: Peri<'static, USART2>,
         receive: Peri<'static, PA3>,
@@ -497,14 +509,14 @@ impl Serial {
 
 impl Line for Serial {
     async fn read(&mut self, bytes: &mut [u8]) -> usize {
-        // Noise on the line is lost bytes, and their frame is refused by its check.
+        // Noise loses bytes; the frame's checksum then refuses the frame.
         Read::read(&mut self.0, bytes).await.unwrap_or(0)
     }
 
-    /// `embassy-stm32` 0.6.0 (usart/buffered.rs, `BufferedUartTx::write`) takes a whole frame or, where
-    /// its ring has no room, returns `Pending` without a waker: whoever awaits it may sleep for ever.
-    /// Polled once it does what is wanted here. A version that registers its waker, or takes a part of
-    /// the frame, makes this work-around wrong: `cargo update` has to look here.
+    /// `embassy-stm32` 0.6.0 (usart/buffered.rs, `BufferedUartTx::write`) takes a whole frame, or
+    /// returns `Pending` without a waker. An await might then never end; polling once is sound.
+    /// Check this at each update of the crate. A version that registers its waker or takes part of
+    /// a frame breaks it.
     fn send(&mut self, frame: &[u8]) -> bool {
         matches!(
             poll_once(Write::write(&mut self.0, frame)),
@@ -517,12 +529,14 @@ impl Line for Serial {
     }
 }
 
-/// The CRC unit (RM0090, 4.4; RM0440, 16.4; the same on both): data, control; a one resets it.
+/// Data register of the CRC unit (RM0090, 4.4; RM0440, 16.4; the same on both).
 const CRC_DATA: *mut u32 = 0x4002_3000 as *mut u32;
+/// Control register of the CRC unit.
 const CRC_CONTROL: *mut u32 = 0x4002_3008 as *mut u32;
+/// Bit that resets the CRC unit.
 const CRC_RESET: u32 = 1;
 
-/// Whether the flash holds the program that was written: the CRC-32 of the image is the word behind it, which
+/// Whether the flash holds the program as written. The word behind the image is its CRC-32, which
 /// `kband flash` computes and writes.
 #[must_use]
 pub fn image_is_whole() -> bool {
@@ -533,8 +547,8 @@ pub fn image_is_whole() -> bool {
     pac::RCC.ahb1enr().modify(|clocks| clocks.set_crcen(true));
     let end = &raw const _image_end;
     let mut word = &raw const _image_start;
-    // SAFETY: registers that nothing else uses, and the words of the flash between the linker's bounds of the image. The
-    // unit takes the highest bit first, CRC-32 the lowest.
+    // SAFETY: registers that nothing else uses, and the words of the flash between the linker's
+    // bounds of the image. The unit takes the highest bit first, CRC-32 the lowest.
     unsafe {
         write_volatile(CRC_CONTROL, CRC_RESET);
         while word < end {
@@ -545,22 +559,25 @@ pub fn image_is_whole() -> bool {
     }
 }
 
-/// The flash's controller works; it is to begin (the same bits of all STM32F4 and STM32G4).
+/// Busy bit of the flash controller's status, the same on all STM32F4 and STM32G4.
 const FLASH_BUSY: u32 = 1 << 16;
+/// Start bit of the flash controller's control register, the same on all STM32F4 and STM32G4.
 const FLASH_START: u32 = 1 << 16;
-/// Control register of the window watchdog: it runs; its count, and the one from which on it is fed in an erasure, half
-/// way to its bite.
+/// Control register of the window watchdog.
 const WINDOW: *mut u32 = 0x4000_2c00 as *mut u32;
+/// Its enable bit.
 const WINDOW_RUNS: u32 = 0x80;
+/// Its count, which falls by one a step.
 const WINDOW_COUNT: u32 = 0x7f;
+/// Count at which it is fed during an erasure: half the interval before its reset.
 const HALF_WAY: u32 = 0x58;
 
-/// Erases a page of the flash, with interrupts off: `page` in the control register chooses it, `unlock` opens the controller.
-/// What the program would fetch from that flash meanwhile stands still, up to 2 s; the end is waited for in RAM, where the
-/// window watchdog is fed.
+/// Erases a page of the flash with interrupts off. `page` in the control register selects it;
+/// `unlock` unlocks the controller. The CPU cannot fetch from that flash for up to 2 s. The code in
+/// RAM waits for the end and feeds the window watchdog.
 ///
-/// Whether the page was erased to its end with a supply that `settled` says is good. It is not touched while the bridge is
-/// closed.
+/// Returns whether the erasure ended with a supply that `settled` reports as good. Nothing is
+/// erased while the bridge is closed.
 ///
 /// # Safety
 /// The addresses are those of the registers of the flash's controller, which is not busy.
@@ -571,7 +588,7 @@ pub unsafe fn erase_page(
     settled: fn() -> bool,
     unlock: fn(),
 ) -> bool {
-    // Called by its address: it lies farther than a branch reaches.
+    // Called by its address because it lies beyond the range of a branch.
     let erase: unsafe fn(*const u32, *mut u32, u32) -> bool = black_box(erase);
     let usual = (pac::IWDG.pr().read().pr(), pac::IWDG.rlr().read().rl());
     let began = cortex_m::interrupt::free(|_| {
@@ -580,9 +597,10 @@ pub unsafe fn erase_page(
         }
         allow(ERASURE);
         unlock();
-        // SAFETY: interrupts are off, and the registers are the controller's, as the caller guarantees.
+        // SAFETY: interrupts are off, and the registers are the controller's, as the caller
+        // guarantees.
         if unsafe { erase(status, control, page) } {
-            // The next feed is a whole round of samples away: one that was nearly due would come too early.
+            // Counts 40 samples to the next feed; an earlier one would reset the chip.
             SAMPLED.store(0, Ordering::Relaxed);
         }
         pac::FLASH.cr().modify(|control| control.set_lock(true));
@@ -592,11 +610,12 @@ pub unsafe fn erase_page(
     if began {
         allow(usual);
     }
-    // The supply monitor's interrupt has come by now.
+    // By now the supply monitor's interrupt has run, if it was pending.
     began && settled()
 }
 
-/// Programs `bytes` of the flash in words of `SIZE` bytes, each only while `settled` says that the supply is good.
+/// Programs `bytes` into the flash in words of `SIZE` bytes. Each word is programmed only while
+/// `settled` reports a good supply; otherwise the error is `low`.
 pub fn program_words<const SIZE: usize, E>(
     bytes: &[u8],
     settled: fn() -> bool,
@@ -614,7 +633,7 @@ pub fn program_words<const SIZE: usize, E>(
     Ok(())
 }
 
-/// Whether the window watchdog was fed meanwhile.
+/// Erases a page; returns whether the window watchdog was fed meanwhile.
 ///
 /// # Safety
 /// The controller is unlocked and not busy; nothing may run from or read the flash meanwhile.
@@ -638,11 +657,12 @@ unsafe fn erase(status: *const u32, control: *mut u32, page: u32) -> bool {
     fed
 }
 
-/// Time that the independent watchdog is given for the erasure of a page, which takes up to 2 s: 32 s, as its prescaler and
-/// reload.
+/// Period of the independent watchdog during an erasure as prescaler and reload: 32 s. An erasure
+/// takes up to 2 s.
 const ERASURE: (Pr, u16) = (Pr::DIVIDE_BY256, 0xfff);
 
-/// Forgets what was read of the flash before an erasure. A cache is reset while it is off (RM0090, 3.5.2; RM0440, 3.3.5).
+/// Clears the flash caches after an erasure. A cache is reset while it is off (RM0090, 3.5.2;
+/// RM0440, 3.3.5).
 fn forget_flash() {
     let access = pac::FLASH.acr();
     let before = access.read();
@@ -661,16 +681,17 @@ fn forget_flash() {
     access.write_value(before);
 }
 
-/// Gives the watchdog this prescaler and reload, and feeds it.
+/// Sets prescaler and reload of the independent watchdog and feeds it.
 fn allow((prescaler, reload): (Pr, u16)) {
     let watchdog = pac::IWDG;
     watchdog.kr().write(|key| key.set_key(Key::ENABLE));
     watchdog.pr().write(|register| register.set_pr(prescaler));
     watchdog.rlr().write(|register| register.set_rl(reload));
-    // The values pass to the watchdog's own clock (32 kHz): five of its cycles.
+    // The values pass to the watchdog's clock domain (32 kHz), which takes five of its cycles.
     cortex_m::asm::delay(CORE_CYCLES_FOR_WATCHDOG);
     watchdog.kr().write(|key| key.set_key(Key::RESET));
 }
 
-/// Core cycles of 0.3 ms on the fastest board: ten cycles of the watchdog's clock.
+/// Delay for that transfer, core cycles: 0.3 ms on the fastest board, ten cycles of the watchdog's
+/// clock.
 const CORE_CYCLES_FOR_WATCHDOG: u32 = 51_000;

@@ -1,8 +1,8 @@
-//! What outlives a loss of power: the settings with the target, and the last faults.
+//! Non-volatile memory: the settings with the target, and the last faults.
 //!
-//! Settings and target are one record of a [`Journal`], whole or not at all. A record that was damaged is never
-//! replaced by an older one nor by the defaults: these belong to no machine, and the drive stays off until settings
-//! are saved.
+//! Settings and target are one record of a [`Journal`], so that a loss of power cannot tear them
+//! apart. A damaged record is never replaced by an older one or by the defaults: neither fits the
+//! machine. The drive stays off until settings are saved.
 
 use core::borrow::BorrowMut;
 use core::future::Future;
@@ -15,48 +15,52 @@ pub use crate::journal::StoreFailed;
 use crate::journal::{Journal, Newest, OVERHEAD};
 use crate::waiting::{RECORD, Waiting};
 
-/// Version of what a record means; raised when a setting keeps its name and changes its meaning.
+/// Version of a record's meaning; raised when a setting keeps its name and changes its meaning.
 const VERSION: u32 = 3;
-/// Bytes of a slot for settings and target: with two pages of 2 KiB, 140 000 saves for 10 000 erasures of a page.
+/// Size of a slot for settings and target, bytes. Two pages of 2 KiB hold 140 000 saves in 10 000
+/// erasures.
 const SLOT: usize = 256;
+/// Size of the content of a settings record, bytes.
 const CONTENT: usize = SLOT - OVERHEAD;
+/// Number of settings.
 const COUNT: usize = Settings::KEYS.len();
-/// Bytes of a slot for a fault: 50 beside the mark of the smallest page.
+/// Size of a slot for a fault, bytes. The smallest page holds 50 of them and its mark.
 const FAULT_SLOT: usize = 40;
-/// Faults that are kept.
+/// Number of faults that are kept.
 pub const FAULTS: u32 = 32;
+/// Size of the content of a fault record, bytes.
 const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
 const _: () = assert!(FAULT_CONTENT == RECORD);
 
 const _: () = assert!(4 + 4 * COUNT + 24 + 4 <= CONTENT);
 
-/// In what condition the settings were found.
+/// State of the stored settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Condition {
-    /// They are those that were saved last.
+    /// They are the settings saved last.
     Whole,
-    /// None were ever saved.
+    /// No settings were ever saved.
     #[default]
     Never,
-    /// Those that were saved last are damaged, out of range, or another firmware's.
+    /// The settings saved last are damaged, out of range, or from a firmware with other settings.
     Lost,
 }
 
-/// What was found in the memory.
+/// Content of the memory at the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Found {
-    /// The settings saved; the defaults, which must not drive, where there are none.
+    /// The saved settings; without them the defaults, with which the drive must not run.
     pub settings: Settings,
-    /// The target saved with them; standstill where there is none.
+    /// The saved target; without one, amplitude 0.
     pub target: Target,
-    /// The PIN of the link, where one was saved.
+    /// PIN of the link, where one was saved.
     pub pin: Option<Pin>,
-    /// In what condition they are.
+    /// State of these settings.
     pub condition: Condition,
 }
 
 impl Found {
-    /// Nothing that drives, in a condition.
+    /// Defaults with a target that does not drive.
     #[must_use]
     pub fn none(condition: Condition) -> Self {
         Self {
@@ -74,14 +78,14 @@ impl Default for Found {
     }
 }
 
-/// A memory of the settings and the last faults.
+/// Memory of the settings and the last faults.
 pub trait Store {
-    /// The settings and the target saved last.
+    /// Loads the settings and the target saved last.
     fn load(&mut self) -> impl Future<Output = Found>;
 
-    /// Keeps settings, target and PIN.
+    /// Saves settings, target and PIN.
     ///
-    /// A loss of power leaves what was kept before, or these.
+    /// A loss of power leaves the previous record or the new one.
     fn save(
         &mut self,
         settings: &Settings,
@@ -89,20 +93,21 @@ pub trait Store {
         pin: Option<Pin>,
     ) -> impl Future<Output = Result<(), StoreFailed>>;
 
-    /// Whether the supply is good enough to keep anything.
+    /// Whether the supply is good enough to program the flash.
     fn supply_is_good(&self) -> bool;
 
-    /// Takes a fault that is to be kept. It outlives a reset.
+    /// Queues a fault for [`Store::keep_faults`]. The queue survives a reset.
     fn take_fault(&mut self, fault: &KeptFault);
 
-    /// Keeps the faults that were taken with the last [`FAULTS`] ones, once the supply is good; while the drive is at rest.
+    /// Stores the queued faults once the supply is good; the last [`FAULTS`] are kept. Call it only
+    /// while the drive is at rest.
     fn keep_faults(&mut self) -> impl Future<Output = ()>;
 
-    /// The fault that is `back` faults older than the newest.
+    /// Loads the fault that is `back` faults older than the newest.
     fn fault(&mut self, back: u32) -> impl Future<Output = Option<KeptFault>>;
 }
 
-/// The memory in four pages of a NOR flash: two for the settings, two for the faults.
+/// Memory in four pages of a NOR flash: two for the settings, two for the faults.
 pub struct Records<F, W> {
     flash: F,
     settings: Journal<SLOT>,
@@ -112,8 +117,11 @@ pub struct Records<F, W> {
 }
 
 impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
-    /// The memory in these pages of the flash; refused unless each range is two whole pages. Faults wait in `waiting` while
-    /// `supply_settled` says that the supply was low a moment ago.
+    /// Opens the memory in these pages of the flash. Faults wait in `waiting` until
+    /// `supply_settled` returns true.
+    ///
+    /// # Errors
+    /// A range is not two whole pages.
     pub fn new(
         flash: F,
         settings: core::ops::Range<u32>,
@@ -130,7 +138,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         })
     }
 
-    /// What a failure means: the supply may have fallen meanwhile.
+    /// Error to report: a low supply, if it has fallen meanwhile.
     fn failed(&self, why: StoreFailed) -> StoreFailed {
         if self.supply_is_good() {
             why
@@ -186,7 +194,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
             {
                 return;
             }
-            // A memory that fails is told by the self-test; the fault itself is in the event log.
+            // The self-test reports a failed memory; the fault itself is in the event log.
             self.waiting.borrow_mut().drop_first();
         }
     }
@@ -201,7 +209,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
     }
 }
 
-/// Which settings a record holds, and in what order: FNV-1a of their names.
+/// Hash of the settings' names and order (FNV-1a).
 const SCHEMA: u32 = {
     let mut sum = 0x811c_9dc5 ^ VERSION;
     let mut key = 0;
@@ -218,7 +226,7 @@ const SCHEMA: u32 = {
     sum
 };
 
-/// Takes words of four bytes off a record.
+/// Reads a record in words of four bytes, little endian.
 struct Words<'a>(&'a [u8]);
 
 impl Words<'_> {
@@ -269,7 +277,7 @@ fn write(settings: &Settings, target: Target, pin: Option<Pin>) -> [u8; CONTENT]
     content
 }
 
-/// The settings and the target of a record; `None` where they are another firmware's or not accepted.
+/// Decodes a record; `None` if its settings are not those of this firmware or not accepted.
 fn read(content: &[u8]) -> Option<Found> {
     let mut words = Words(content);
     if words.next()? != SCHEMA {

@@ -1,21 +1,21 @@
-//! Whether the supply is good enough to work on the flash.
+//! Supply supervision: is the supply good enough to work on the flash?
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-/// Time in ms that the supply has to be good before the flash is programmed or erased.
+/// Time for which the supply must be good before the flash is programmed or erased, ms.
 pub const SETTLING_TIME: u32 = 100;
 
-/// What the supply monitor reported.
+/// Reports of the supply monitor.
 #[derive(Debug, Default)]
 pub struct Supply {
-    /// The supply fell since the control last asked.
+    /// Whether the supply has fallen since the last call of [`Supply::take_low`].
     fell: AtomicBool,
-    /// Time in ms since the start at which the supply was last low. A start counts as low.
+    /// Time since the start at which the supply was last low, ms. A start counts as low.
     low_at: AtomicU32,
 }
 
 impl Supply {
-    /// A supply that was low at the start.
+    /// Builds a supply that was low at the start.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -24,19 +24,19 @@ impl Supply {
         }
     }
 
-    /// The supply fell or returned: it was low until now. For the monitor's interrupt.
+    /// Records that the supply fell or returned: it was low until now. For the monitor's interrupt.
     pub fn falls(&self) {
         self.fell.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the supply fell since the control last asked.
+    /// Whether the supply has fallen since the last call of [`Supply::take_low`].
     #[must_use]
     pub fn fell(&self) -> bool {
         self.fell.load(Ordering::Relaxed)
     }
 
-    /// Whether the supply is low (`low`), or fell since the last call, at `now` ms since the start. For the control of each
-    /// cycle.
+    /// Whether the supply is low (`low`), or has fallen since the last call, at `now` ms since the
+    /// start. For the control of each cycle.
     pub fn take_low(&self, low: bool, now: u32) -> bool {
         let low = self.fell.swap(false, Ordering::Relaxed) || low;
         if low {
@@ -45,7 +45,8 @@ impl Supply {
         low
     }
 
-    /// Whether the supply was good for [`SETTLING_TIME`] up to `now`, in ms since the start; `low`: it is low now.
+    /// Whether the supply was good for [`SETTLING_TIME`] up to `now` ms since the start; `low`: it
+    /// is low now.
     pub fn is_settled(&self, low: bool, now: u32) -> bool {
         if low || self.fell() {
             self.low_at.store(now, Ordering::Relaxed);

@@ -1,4 +1,4 @@
-//! Trial scenes of the emulated board, and the trace that has to be the same at the desk, bit for bit.
+//! Trial scenes of the emulated board, and the trace that must equal the desk's bit for bit.
 
 use core::fmt;
 
@@ -8,9 +8,9 @@ use kband::plant::{Change, Disturbance, Scene};
 /// A scene and how long it runs.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
-    /// Its name on the command line.
+    /// Name on the command line.
     pub name: &'static str,
-    /// Drive cycles until it ends.
+    /// Number of drive cycles.
     pub cycles: u32,
     scene: fn() -> Scene,
 }
@@ -40,21 +40,21 @@ impl Trial {
         },
     ];
 
-    /// The default scene with its drive off, as long as somebody talks to it.
+    /// The default scene with its drive off, without end.
     pub const LINK: Self = Self {
         name: "link",
         cycles: u32::MAX,
         scene: linked,
     };
 
-    /// The default scene for a lot whose plan takes all the effort that a plan may take.
+    /// The default scene with a lot that makes the plan take its largest effort.
     pub const LIVELY: Self = Self {
         name: "lively",
         cycles: 500,
         scene: lively,
     };
 
-    /// The default scene, as long as somebody talks to it.
+    /// The default scene, without end.
     pub const RUN: Self = Self {
         name: "run",
         cycles: u32::MAX,
@@ -68,7 +68,7 @@ impl Trial {
         scene: powered,
     };
 
-    /// What comes after the sag: the enable input stands, is withdrawn and given again.
+    /// The scene after the sag: the enable input stays on, is withdrawn and is given again.
     pub const AFTER_SAG: Self = Self {
         name: "after the sag",
         cycles: 200,
@@ -81,15 +81,15 @@ impl Trial {
         Self::ALL.into_iter().find(|trial| trial.name == name)
     }
 
-    /// Its scene.
+    /// The trial's scene.
     #[must_use]
     pub fn scene(&self) -> Scene {
         (self.scene)()
     }
 }
 
-/// The default scene from power-on: the enable input is given once the board is up, as one that stands then starts
-/// nothing.
+/// The default scene from power-on. The enable input comes on once the board is up: one that is on
+/// before starts nothing.
 fn powered() -> Scene {
     let changes = [(0.0, Change::Enable(false)), (0.1, Change::Enable(true))];
     Scene {
@@ -102,13 +102,13 @@ fn powered() -> Scene {
     }
 }
 
-/// Parts whose restitution scatters, the second more than the first, and both more from 3 s on.
+/// Parts with scattered restitution, the second more than the first; from 3 s both scatter more.
 fn scattering() -> Scene {
     let mut scene = powered();
     scene.target = Target::K(0.43);
     scene.parts = [0.2, 0.3].into_iter().collect();
     scene.scatter = [0.05, 0.1].into_iter().collect();
-    // Loud enough to be seen in the amplitude that is measured.
+    // Loud enough to affect the measured amplitude.
     scene.sensor.ringing = 100.0;
     let more = Disturbance {
         at: 3.0,
@@ -118,7 +118,8 @@ fn scattering() -> Scene {
     scene
 }
 
-/// A drive that affords a second tone, told not quite right, and parts that go into gear on it.
+/// A drive with a second tone whose response differs from the configured one. The parts get into
+/// gear on it.
 fn two_tones() -> Scene {
     let mut scene = powered();
     scene.settings.second_tone = 0.2;
@@ -144,7 +145,7 @@ fn lively() -> Scene {
     scene
 }
 
-/// The default scene with only the link to be heard, and the enable input withdrawn at first.
+/// The default scene for the real link: the scene's own is silent, and the enable input is off.
 fn linked() -> Scene {
     let mut scene = Scene::default();
     let changes = [Change::Link(false), Change::Enable(false)];
@@ -155,7 +156,7 @@ fn linked() -> Scene {
     scene
 }
 
-/// The default scene from power-on with only the link to be heard.
+/// The default scene from power-on for the real link: the scene's own is silent.
 fn running() -> Scene {
     let mut scene = powered();
     let unheard = Disturbance {
@@ -180,7 +181,7 @@ fn sagged() -> Scene {
     scene
 }
 
-/// Everything that may happen, once: targets, drift, another lot of parts, a stop, a lost sensor.
+/// All events once: targets, drift, another lot of parts, a stop, a lost sensor.
 fn eventful() -> Scene {
     let mut scene = powered();
     scene.parts = [0.2, 0.18, 0.22].into_iter().collect();
@@ -203,8 +204,8 @@ fn eventful() -> Scene {
     scene
 }
 
-/// A row of the trace: cycle, k, lead, tones of the track, output of the drive and its tones, state, fault, limits and events; what
-/// is single precision as its bits.
+/// A row of the trace: cycle, k, lead, tones of the track, output of the drive and its tones,
+/// state, fault, limits and events. Single-precision numbers appear as their bits.
 #[derive(Clone, Copy, Debug)]
 pub struct TraceRow<'a>(pub &'a Report);
 

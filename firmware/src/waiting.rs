@@ -1,14 +1,14 @@
-//! Faults that wait for their place in the flash, in RAM that a reset leaves as it is.
+//! Queue of faults that are not in the flash yet, in RAM that a reset leaves unchanged.
 //!
-//! After power-on the RAM holds noise, so that a record counts only with its check.
+//! After power-on the RAM is arbitrary: a record counts only with a valid checksum.
 
 use kband::wire::crc32;
 
-/// Bytes of a record.
+/// Size of a record, bytes.
 pub const RECORD: usize = 24;
-/// Records that may wait.
+/// Number of records that may wait.
 const RECORDS: usize = 4;
-/// Added to the check, so that RAM of zeros holds no record.
+/// Added to the checksum, so that RAM of zeros holds no record.
 const MARK: u32 = 0x6b62_5746;
 
 #[derive(Clone, Copy, Debug)]
@@ -33,7 +33,7 @@ impl Entry {
     }
 }
 
-/// The records, the oldest first.
+/// The queued records, the oldest first.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Waiting([Entry; RECORDS]);
@@ -48,7 +48,7 @@ impl Waiting {
     /// No records.
     pub const EMPTY: Self = Self([Entry::EMPTY; RECORDS]);
 
-    /// Adds a record. Where there is no room it is dropped: the first faults are nearest to the cause.
+    /// Adds a record. A full queue drops it: the first faults are nearest to the cause.
     pub fn push(&mut self, content: [u8; RECORD]) {
         let sound = self.0.iter().rposition(Entry::is_sound);
         if let Some(entry) = self.0.get_mut(sound.map_or(0, |last| last + 1)) {
@@ -64,7 +64,7 @@ impl Waiting {
         first.map(|entry| entry.content)
     }
 
-    /// Forgets the oldest record.
+    /// Removes the oldest record.
     pub fn drop_first(&mut self) {
         if let Some(first) = self.0.iter_mut().find(|entry| entry.is_sound()) {
             *first = Entry::EMPTY;

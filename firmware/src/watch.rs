@@ -1,8 +1,8 @@
-//! The watchdog is fed only when every task has checked in.
+//! Task supervision: the watchdog is fed only when every task has checked in.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-/// Who must be alive.
+/// Tasks that must check in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Watched {
@@ -12,7 +12,7 @@ pub enum Watched {
     Cycle = 2,
 }
 
-/// The roll: who has checked in since the watchdog was last fed.
+/// Roll of the tasks that have checked in since the last feed.
 #[derive(Debug)]
 pub struct Roll {
     expected: u32,
@@ -20,7 +20,7 @@ pub struct Roll {
 }
 
 impl Roll {
-    /// A roll on which all of `expected` must appear.
+    /// Builds a roll on which all of `expected` must appear.
     #[must_use]
     pub const fn of(expected: &[Watched]) -> Self {
         let mut bits = 0;
@@ -35,12 +35,12 @@ impl Roll {
         }
     }
 
-    /// `who` is alive. Safe from an interrupt.
+    /// Checks `who` in. Safe from an interrupt.
     pub fn check_in(&self, who: Watched) {
         self.present.fetch_or(who as u32, Ordering::Relaxed);
     }
 
-    /// Whether all have checked in; if so the roll starts anew.
+    /// Whether all tasks have checked in; if so, the roll starts over.
     pub fn complete(&self) -> bool {
         let complete = self.present.load(Ordering::Relaxed) & self.expected == self.expected;
         if complete {

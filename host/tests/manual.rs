@@ -140,8 +140,8 @@ fn the_table_of_settings_is_that_of_the_controller() {
         table += &format!("| `{name}` | {default} | {accepted} | {meaning} |\n");
     }
     assert!(
-        page("commissioning.md").contains(&table),
-        "commissioning.md should hold\n{table}"
+        page("settings.md").contains(&table),
+        "settings.md should hold\n{table}"
     );
 }
 

@@ -1,4 +1,4 @@
-//! The SI world of a feeder and its dimensionless parameters (docs/theory-model.md#t1.2).
+//! SI quantities of a feeder and its dimensionless parameters (docs/theory-model.md#t1.2).
 
 use core::f64::consts::{PI, TAU};
 use core::fmt;
@@ -6,14 +6,14 @@ use core::fmt;
 /// Standard gravity, m/s^2 (ISO 80000-3).
 pub const STANDARD_GRAVITY: f64 = 9.806_65;
 
-/// A value outside what a parameter accepts.
+/// Error: a value outside the range of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutOfRange {
-    /// The parameter, in the field's words.
+    /// Name of the parameter.
     pub parameter: &'static str,
-    /// What was given.
+    /// The rejected value.
     pub value: f64,
-    /// What is accepted, in words, with the unit.
+    /// Accepted range, in words, with the unit.
     pub accepted: &'static str,
 }
 
@@ -29,7 +29,7 @@ impl fmt::Display for OutOfRange {
 
 impl core::error::Error for OutOfRange {}
 
-/// `value` if `accepts` says so, else the refusal that names the parameter; NaN is always refused.
+/// `value` if `accepts` is true and it is no NaN, else an error that names the parameter.
 pub(crate) fn accept(
     parameter: &'static str,
     value: f64,
@@ -49,8 +49,7 @@ pub(crate) fn accept(
 
 /// Restitution of the part normal to the track (symbol R), an interval within 0..=1.
 ///
-/// Parts of one lot differ; everything that plans for a lot takes the interval, a single part has
-/// `low == high`.
+/// Parts of one lot differ, so plans for a lot use the interval. A single part has `low == high`.
 ///
 /// ```
 /// use kband::feeder::Restitution;
@@ -67,7 +66,7 @@ pub struct Restitution {
 }
 
 impl Restitution {
-    /// The interval `low..=high`, refused unless `0 <= low <= high <= 1`.
+    /// The interval `low..=high`; an error unless `0 <= low <= high <= 1`.
     pub fn interval(low: f64, high: f64) -> Result<Self, OutOfRange> {
         accept("restitution", low, (0.0..=1.0).contains(&low), "0..1")?;
         accept("restitution", high, (0.0..=1.0).contains(&high), "0..1")?;
@@ -80,7 +79,7 @@ impl Restitution {
         Ok(Self { low, high })
     }
 
-    /// One value, refused outside 0..=1.
+    /// One value; an error outside 0..=1.
     pub fn single(value: f64) -> Result<Self, OutOfRange> {
         Self::interval(value, value)
     }
@@ -104,7 +103,7 @@ impl Restitution {
     }
 }
 
-/// A track as its maker describes it; SI units but for the incline.
+/// Geometry of a track, in SI units except for the incline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackSettings {
     /// Drive frequency in Hz, 1..=1000.
@@ -119,7 +118,7 @@ pub struct TrackSettings {
     pub gravity: f64,
 }
 
-/// A track in machine units: what SI means for the dimensionless map.
+/// A track in SI units, for conversions to and from the dimensionless map.
 ///
 /// ```
 /// use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings, throw_number};
@@ -146,7 +145,7 @@ pub struct Track {
 }
 
 impl Track {
-    /// The track these settings describe; the refusal names the first parameter out of range.
+    /// Builds the track; an error names the first parameter out of range.
     pub fn build(settings: TrackSettings) -> Result<Self, OutOfRange> {
         let TrackSettings {
             frequency,
@@ -255,7 +254,7 @@ impl Track {
     }
 }
 
-/// Throw number (symbol Gamma) that feeder makers quote: `1/k`.
+/// Throw number (symbol Gamma) as quoted by feeder makers: `1/k`.
 #[must_use]
 pub fn throw_number(k: f64) -> f64 {
     1.0 / k
@@ -277,7 +276,7 @@ mod tests {
     fn k_and_amplitude_are_inverse() {
         let track = Track::build(PAPER).unwrap();
         for k in [0.01, 0.393, 0.7, 3.0] {
-            // Two divisions and two products, each within half an ulp.
+            // Rounding of two divisions and two products, each within half an ulp.
             assert!((track.k(track.amplitude(k)) / k - 1.0).abs() < 4.0 * f64::EPSILON);
         }
     }

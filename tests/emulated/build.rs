@@ -1,4 +1,4 @@
-//! Links an image for the memory of the machine that its target runs on.
+//! Build script: links an image for its target machine's memory.
 
 use std::{env, fs, path::PathBuf};
 

@@ -167,7 +167,7 @@ fn what_a_loss_of_sensitivity_leaves_is_in_the_manual() {
             }
         }
     }
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/safety.md");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/loss_of_sensitivity.md");
     let page = std::fs::read_to_string(path).unwrap();
     let (before, after) = page.split_once(MARKER).unwrap();
     let lines = after.split_inclusive('\n');

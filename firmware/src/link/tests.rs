@@ -1,4 +1,4 @@
-//! The board's side of the link with a controller behind it, at the desk.
+//! Tests of the link's board side, with a controller behind it, at the desk.
 
 use core::cell::Cell;
 use core::pin::pin;
@@ -17,7 +17,7 @@ use crate::exchange::Exchange;
 use crate::last_words::LastWords;
 use crate::store::{Found, StoreFailed};
 
-/// A memory in RAM.
+/// A store in RAM.
 struct Memory {
     found: Found,
     faults: Vec<KeptFault>,
@@ -93,7 +93,7 @@ struct Board {
     service: Service<Memory>,
     station: Station,
     enable: bool,
-    /// Of the accelerometer in m/s^2.
+    /// Mean acceleration, m/s^2.
     mean: f32,
 }
 
@@ -120,13 +120,13 @@ impl Board {
         }
     }
 
-    /// One drive cycle with the track at rest; the telemetry of it.
+    /// Runs one drive cycle with the track at rest and returns its telemetry.
     fn cycle(&mut self) -> Option<Vec<u8>> {
         let inputs = Inputs {
             enable: self.enable,
             ..Inputs::default()
         };
-        // The readings of a sensor that works.
+        // Readings of a working sensor.
         let mut cycle = Cycle::default();
         (cycle.low, cycle.high) = (2040, 2056);
         cycle.mean = self.mean;
@@ -134,7 +134,7 @@ impl Board {
         self.service.tick(&self.station).map(<[u8]>::to_vec)
     }
 
-    /// What is sent back for these bytes.
+    /// Sends these bytes and returns the answers.
     fn send(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         bytes
             .iter()
@@ -229,7 +229,7 @@ fn settings_are_read_changed_and_saved_at_rest() {
     }
     board.refused(&Request::Get("frequence"), Refusal::Unknown);
     board.refused(&Request::Setting(200), Refusal::Unknown);
-    // Together the bounds have to keep their order.
+    // The bounds together must keep their order.
     let reversed = Request::Set {
         key: "restitution_high",
         value: 0.1,
@@ -334,7 +334,7 @@ fn a_sensor_that_reads_more_than_gravity_at_rest_fails_the_self_test() {
     }
 }
 
-/// A line that takes nothing, and counts the milliseconds that it is waited for.
+/// A line that accepts nothing and counts the milliseconds waited for it.
 struct Stuck<'a> {
     frame: &'a [u8],
     read: usize,
@@ -395,7 +395,7 @@ fn an_answer_waits_100_ms_and_telemetry_does_not_wait() {
 #[test]
 fn telemetry_that_the_line_cannot_carry_is_refused() {
     let mut board = Board::new();
-    // 80 % of 11 520 bytes a second are 68 rows of 135 bytes.
+    // 80 % of 11 520 bytes a second are 68 telemetry frames of 135 bytes.
     for (frequency, fewest) in [
         (5.0, 1),
         (50.0, 1),
@@ -440,7 +440,7 @@ fn telemetry_comes_as_often_as_asked() {
 #[test]
 fn a_silent_link_brings_the_safe_amplitude_after_its_time() {
     let mut board = Board::new();
-    // Before the track that never moves is found out.
+    // Before the controller detects that the track never moves.
     board.done(&Request::Set {
         key: "link_timeout",
         value: 0.1,
@@ -451,7 +451,7 @@ fn a_silent_link_brings_the_safe_amplitude_after_its_time() {
         let limits = board.station.report().limits;
         limits.contains(kband::control::Limits::LINK_LOST)
     };
-    // 0.1 s at 50 Hz, and the cycle in which the request came.
+    // 0.1 s at 50 Hz, and the cycle of the request.
     let cycles = (1..=20).find(|_| {
         board.cycle();
         lost(&board)
@@ -476,10 +476,10 @@ fn a_flood_is_counted_and_costs_no_more_than_its_share() {
     assert_eq!(board.send(&frame).len(), 1);
 }
 
-/// A line on which there is always more to read.
+/// A line with endless input.
 struct Flood<'a> {
     bytes: &'a [u8],
-    /// Frames that were answered, and rows of telemetry.
+    /// Numbers of answers and of telemetry frames sent.
     answered: &'a Cell<u32>,
     rows: &'a Cell<u32>,
 }
@@ -492,7 +492,7 @@ impl Line for Flood<'_> {
     }
 
     fn send(&mut self, frame: &[u8]) -> bool {
-        // The answer who is there is short.
+        // The identity frame is short.
         let count = if frame.len() < 50 {
             self.answered
         } else {
@@ -523,7 +523,7 @@ fn input_that_never_ceases_stops_neither_telemetry_nor_the_other_tasks() {
         for n in 0..10 {
             let inputs = Inputs::default();
             board.station.cycle(&Cycle::default(), inputs);
-            // It waits for its next turn after every piece, or this would never come back.
+            // The task yields after each block of input; otherwise this poll would never return.
             for _ in 0..12 {
                 let before = answered.get();
                 let mut context = Context::from_waker(Waker::noop());
@@ -536,8 +536,8 @@ fn input_that_never_ceases_stops_neither_telemetry_nor_the_other_tasks() {
     }
 }
 
-/// Bytes that nobody sends on purpose: noise, cut, spliced and bent frames. None panics, none changes a
-/// setting, all are counted, and a sound request in between is answered: a million of them.
+/// Sends a million frames of random bytes: noise, cut, spliced and altered frames. None panics,
+/// none changes a setting, all are counted, and a valid request in between is answered.
 #[test]
 fn garbage_is_counted_and_changes_nothing() {
     const FRAMES: u32 = 1_000_000;
@@ -569,7 +569,7 @@ fn garbage_is_counted_and_changes_nothing() {
         };
         frame.push(0);
         if frame.starts_with(&sound) {
-            // Spliced together again by chance.
+            // The splice has restored the valid frame by chance: send another one.
             frame = std::vec![9, 9, 0];
         }
         let answers = board.send(&frame).len();
@@ -606,7 +606,7 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
         Request::Samples { codes, end }
     }
     board.refused(&samples(&[], None), Refusal::OutOfStep);
-    // Not even where the enable is withdrawn by the desk alone.
+    // Not even where the desk alone withholds the enable.
     board.done(&Request::Enable(false));
     board.enable = true;
     board.refused(&SIMULATE, Refusal::Running);
@@ -626,7 +626,8 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     let mut signal = Signal::build(&scene.settings).unwrap();
     let mut before = 0;
     for n in 0..100 {
-        // Readings too few for a cycle, and what is no reading after one that is: neither is taken.
+        // Too few readings for a cycle, and an invalid reading after a valid one: neither is
+        // accepted.
         board.refused(
             &samples(&[4; 3], Some(bench.inputs().into())),
             Refusal::OutOfStep,
@@ -660,7 +661,7 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
         assert_eq!(report, closed.cycle().report, "cycle {n}");
         signal.command(report.command);
     }
-    // A reading too many or too few is told, not guessed at.
+    // A missing or surplus reading is refused, never guessed.
     board.refused(
         &samples(&[0; 3], Some(bench.inputs().into())),
         Refusal::OutOfStep,
@@ -668,7 +669,7 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     board.refused(&samples(&[0xff; 3], None), Refusal::OutOfStep);
 }
 
-/// A cycle at 50 Hz has 400 readings, and the first one another: a phase step rounded down.
+/// A cycle at 50 Hz has 400 readings, the first one 401: the phase step is rounded down.
 #[test]
 fn readings_are_refused_where_a_cycle_ends_within_them_or_before_its_inputs() {
     let mut board = Board::new();
@@ -700,7 +701,7 @@ fn a_desk_that_simulates_and_falls_silent_gives_the_board_back() {
     };
     let silent = (0..60).take_while(|_| board.station.cycle(&second, inputs).is_none());
     assert_eq!(silent.count(), 10);
-    // Off, and not by an enable input that was there before.
+    // Off, and not because of an earlier enable input.
     for _ in 0..5 {
         let report = board.station.cycle(&second, inputs).unwrap();
         assert_eq!((report.state, report.command.amplitude), (State::Off, 0.0));
@@ -716,7 +717,8 @@ fn a_desk_that_simulates_and_falls_silent_gives_the_board_back() {
 #[test]
 fn no_fault_is_kept_while_the_drive_runs() {
     let mut board = Board::started(FOUND(Condition::Whole), StartCause::Reset);
-    // Given, withdrawn for half a second, and given: acknowledged before the link came to keep it.
+    // Enabled, withdrawn for half a second, enabled again: the fault is acknowledged before the
+    // link stores it.
     for cycle in 0..40 {
         board.enable = !(2..35).contains(&cycle);
         board.cycle();
@@ -730,8 +732,8 @@ fn no_fault_is_kept_while_the_drive_runs() {
     assert_eq!(board.service.store.faults.len(), 1);
 }
 
-/// What the desk sees of a board whose settings are missing: they may be set one by one, and only what was saved
-/// may drive.
+/// A board without settings. They can be set one by one; only saved settings allow the drive to
+/// run.
 #[test]
 fn a_board_without_its_settings_stays_off_until_some_are_saved() {
     for (condition, kept) in [
@@ -740,7 +742,7 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
     ] {
         let mut board = Board::with(FOUND(condition));
         let fault = |board: &mut Board| {
-            // Half a second acknowledges what may be acknowledged.
+            // Half a second acknowledges a fault that can be acknowledged.
             for cycle in 0..30 {
                 board.enable = !(1..27).contains(&cycle);
                 board.cycle();
@@ -771,13 +773,13 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
     }
 }
 
-/// The defaults belong to no machine, also where a board that could drive takes them.
+/// Defaults fit no machine. They must not drive, even where a board that may drive restores them.
 #[test]
 fn defaults_drive_nothing_until_settings_are_saved() {
     let mut board = Board::new();
     let state = |board: &mut Board| {
         for cycle in 0..32 {
-            // Withdrawn for long enough to acknowledge what may be acknowledged, and given.
+            // Withdrawn long enough to acknowledge a fault, then enabled.
             board.enable = cycle >= 30;
             board.cycle();
         }
@@ -795,7 +797,8 @@ fn defaults_drive_nothing_until_settings_are_saved() {
     assert_eq!(state(&mut board), (State::Starting, None));
 }
 
-/// Whatever the board started for and is told, the defaults in the place of settings that are lost move no track.
+/// For every cause of the start and every request, defaults in place of lost settings move no
+/// track.
 #[test]
 fn defaults_in_the_place_of_lost_settings_move_nothing() {
     for condition in [Condition::Never, Condition::Lost] {
@@ -814,7 +817,7 @@ fn defaults_in_the_place_of_lost_settings_move_nothing() {
         ] {
             board.done(&request);
             for cycle in 0..60 {
-                // Withdrawn for long enough to acknowledge what may be acknowledged, and given.
+                // Withdrawn long enough to acknowledge a fault, then enabled.
                 board.enable = cycle >= 30;
                 board.cycle();
                 let report = board.station.report();
@@ -838,7 +841,7 @@ fn saves_are_refused_where_they_come_too_often() {
 fn a_fault_is_kept_beyond_a_loss_of_power() {
     let mut board = Board::new();
     board.enable = true;
-    // A track that does not move at all.
+    // A track that never moves.
     let until = (0..500).find(|_| {
         board.cycle();
         board.station.report().fault.is_some()

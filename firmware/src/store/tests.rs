@@ -1,4 +1,5 @@
-//! The memory under cuts of power, flipped bits and years of use, in pages as the boards have them.
+//! Tests of the memory under power cuts, flipped bits and years of use, with the boards' page
+//! sizes.
 
 use super::*;
 use embassy_futures::block_on;
@@ -8,25 +9,27 @@ use embedded_storage_async::nor_flash::{
 use kband::plant::Noise;
 use std::vec::Vec;
 
-/// Pages of the STM32G474, and sectors of the STM32F405.
+/// Page size of the STM32G474, bytes.
 const SMALL: usize = 2 * 1024;
+/// Sector size of the STM32F405, bytes.
 const LARGE: usize = 128 * 1024;
-/// Words of a record, and the words of a page that an erasure goes through one by one.
+/// Number of four-byte words in a record; an erasure clears a page word by word.
 const WORDS: usize = SLOT / 4;
 
-/// NOR flash of four pages whose power goes after so many words: writing clears bits, erasing sets a page's.
+/// NOR flash of four pages whose power fails after a number of words. Writing clears bits; erasing
+/// sets the bits of a page.
 #[derive(Clone)]
 pub struct Nor<const PAGE: usize> {
     pub bytes: Vec<u8>,
-    /// Words that the power lasts for.
+    /// Number of words until the power fails.
     power: usize,
     touched: usize,
     pub erasures: [u32; 4],
-    /// Pages whose last erasure was cut short: nothing may be programmed there.
+    /// Pages whose last erasure was cut short: programming them fails.
     pub weak: [bool; 4],
-    /// Erasures fail before they begin.
+    /// Whether erasures fail before they begin.
     pub refuses_erasures: bool,
-    /// A byte that takes nothing.
+    /// Index of a byte that stays erased.
     worn: Option<usize>,
 }
 
@@ -100,7 +103,7 @@ impl<const PAGE: usize> NorFlash for Nor<PAGE> {
         self.weak[page] = true;
         for at in (from as usize..to as usize).step_by(4) {
             if let Err(cut) = self.touch() {
-                // What is half erased reads as anything.
+                // A half erased page reads as random bytes.
                 let mut noise = Noise::new(at as u64 + 1);
                 for byte in &mut self.bytes[at..(at + 3 * SLOT).min(to as usize)] {
                     *byte |= noise.bits() as u8;
@@ -109,7 +112,7 @@ impl<const PAGE: usize> NorFlash for Nor<PAGE> {
             }
             self.bytes[at..at + 4].fill(0xff);
         }
-        // The last moments, in which all reads as erased already.
+        // At the end of an erasure all bytes read as erased already.
         self.touch()?;
         self.weak[page] = false;
         Ok(())
@@ -124,7 +127,7 @@ impl<const PAGE: usize> NorFlash for Nor<PAGE> {
         for (at, word) in (offset as usize..).step_by(4).zip(bytes.chunks_exact(4)) {
             self.touch()?;
             for (old, new) in self.bytes[at..].iter_mut().zip(word) {
-                // Memories with a check of their own take each word once, and zeros always.
+                // Flash with error correction programs each word once; zeros always.
                 assert!(*old == 0xff || *new == 0);
                 *old &= new;
             }
@@ -142,12 +145,13 @@ fn records<const PAGE: usize>(nor: Nor<PAGE>) -> Records<Nor<PAGE>, Waiting> {
     Records::new(nor, settings, faults, Waiting::EMPTY, || true).unwrap()
 }
 
-/// Settings that differ from the defaults in every key that `change` may halve, and from each other.
+/// Settings that differ from the defaults in every key that `change` may halve, and from each
+/// other.
 fn changed(factor: f32) -> Settings {
     let mut settings = Settings::default();
     for known in Settings::KEYS {
         let value = settings.get(known.name).unwrap();
-        // Some stand at the end of their range, and the two bounds have to keep their order.
+        // Some are at the end of their range, and the two bounds must keep their order.
         let _ = settings.set(known.name, value * factor);
     }
     settings.check().unwrap();
@@ -202,7 +206,7 @@ fn settings_and_target_come_back_as_saved_and_never_saved_is_told() {
 fn a_byte_that_takes_nothing_is_told() {
     let mut store = records(Nor::<SMALL>::new());
     block_on(store.save(&changed(1.0), TARGETS[0], None)).unwrap();
-    // Within the settings of the second record.
+    // A byte in the settings of the second record.
     store.flash.worn = Some(2 * SLOT + 20);
     assert_eq!(
         block_on(store.save(&changed(0.9), TARGETS[0], None)),
@@ -221,8 +225,9 @@ fn saving_the_same_again_writes_nothing() {
     assert!(block_on(store.save(&changed(0.95), Target::K(0.5), None)).is_err());
 }
 
-/// A save cut after every word, with `before` saves in the memory: what is found is what was kept before or what
-/// was to be kept, or is told to be lost; what was cut is taken up again. How often it was lost.
+/// Cuts a save after every word, with `before` saves in the memory. The memory then holds the
+/// previous or the new settings, or reports them as lost. The next save succeeds. Returns the
+/// number of losses.
 fn cuts<const PAGE: usize>(before: u32, words: impl Iterator<Item = usize>) -> u32 {
     let mut store = records(Nor::<PAGE>::new());
     let (mut old, mut lost, mut whole) = (Found::default(), 0, false);
@@ -262,10 +267,11 @@ fn cuts<const PAGE: usize>(before: u32, words: impl Iterator<Item = usize>) -> u
 fn a_cut_after_any_word_leaves_old_or_new() {
     for before in 0..20 {
         let page = SMALL / 4;
-        // With an erasure before, after, or none.
+        // The save has an erasure before, after, or none.
         assert_eq!(cuts::<SMALL>(before, 0..=2 * page + WORDS), 0, "{before}");
     }
-    // The sector is full, the next record begins the other one, and the full one is erased after it.
+    // The sector is full: the next record begins the other one, and the full one is erased after
+    // it.
     for before in [1, 510, 511, 512] {
         let erasure = (WORDS..LARGE / 4).step_by(797);
         let all = (0..=WORDS).chain(erasure).chain([2 * LARGE]);
@@ -295,8 +301,9 @@ fn any_flipped_bit_leaves_the_settings_or_is_told() {
     assert_eq!((held, lost), (8 * (2 * SMALL - SLOT + 8), 8 * (SLOT - 8)));
 }
 
-/// 100 000 saves with a cut of power in one of sixteen: each page is erased less often than it bears, no record is
-/// lost, and none takes more words than a record has, but for the erasures.
+/// 100 000 saves, one of sixteen with a power cut. Each page is erased less often than its
+/// endurance, and no record is lost. Without its erasures a save takes no more words than a record
+/// has.
 fn years<const PAGE: usize>(most_erasures: u32) {
     let mut store = records(Nor::<PAGE>::new());
     // The first save marks both banks.
@@ -346,7 +353,7 @@ fn years<const PAGE: usize>(most_erasures: u32) {
 
 #[test]
 fn a_hundred_thousand_saves_wear_no_page_out() {
-    // A page bears 10 000 erasures.
+    // The endurance of a page is 10 000 erasures.
     years::<SMALL>(8_000);
     years::<LARGE>(120);
 }
@@ -370,7 +377,7 @@ fn settings_out_of_range_or_of_another_firmware_are_told() {
     ] {
         assert_eq!(spoilt(word, value), Found::none(Condition::Lost));
     }
-    // Each in its range, and together none.
+    // Each value is in its range, but the combination is not.
     let place = |name| {
         1 + Settings::KEYS
             .iter()

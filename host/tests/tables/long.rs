@@ -81,11 +81,11 @@ long_tables! {
         "| restitution | band alone | planned kicks | median time | slowest twentieth |",
         captures(&["0.18..0.22", "0.28..0.32", "0.38..0.42", "0.48..0.52"], "--duration 20 --runs 300"),
         captures(&["0.28..0.32"], "--duration 3 --runs 1");
-    identified_without_scatter: "identified, on three tracks", "commissioning.md",
+    identified_without_scatter: "identified, on three tracks", REAL_PARTS,
         "| restitution | 0.15 | 0.2 | 0.25 | 0.3 | 0.5 | 0.7 | 0.8 |",
         tracks(&[[50.0, 1.0], [50.0, 2.0], [100.0, 1.0]], 20),
         tracks(&[[100.0, 1.0]], 1);
-    identified_with_scatter: "identified, with scatter", "commissioning.md",
+    identified_with_scatter: "identified, with scatter", REAL_PARTS,
         "| parts | scatter | R 0.1 | 0.2 | 0.3 | 0.4 | 0.5 | 0.6 | 0.7 |",
         scattering(&[1, 2, 3, 6], &[0.0, 0.02, 0.05, 0.10, 0.15], 3),
         scattering(&[1], &[0.05], 1);

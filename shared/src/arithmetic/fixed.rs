@@ -1,4 +1,5 @@
-//! Fixed point: velocities of the kernels without f64, and integer arithmetic for CPUs without an FPU.
+//! Fixed-point numbers: velocities of the kernels without f64, and integer arithmetic for CPUs
+//! without an FPU.
 
 use core::ops::{Add, Neg, Sub};
 
@@ -6,12 +7,12 @@ use crate::feeder::{OutOfRange, accept};
 
 /// A number in steps of 2^-`F`, held in `T`.
 ///
-/// The places of every sum, product and quotient are checked as the program is compiled, and shifts follow
-/// from them: what is written is the arithmetic, what is executed the same few instructions as by hand.
+/// The compiler checks the binary places of each sum, product and quotient and derives the shifts.
+/// The code states the arithmetic only; the instructions equal hand-written ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct Fixed<const F: u32, T = i32>(pub T);
 
-/// Steps of 2^-`places` in 1.
+/// Number of steps of 2^-`places` in 1.
 const fn steps(places: u32) -> f64 {
     (1_u64 << places) as f64
 }
@@ -55,7 +56,7 @@ macro_rules! rounded_to {
         impl<const F: u32> Fixed<F, $held> {
             pub const ZERO: Self = Self(0);
 
-            /// The number nearest to a constant.
+            /// Nearest number to a constant.
             pub const fn of(value: f64) -> Self {
                 let scaled = value * steps(F);
                 Self(if scaled < 0.0 { scaled - 0.5 } else { scaled + 0.5 } as $held)
@@ -72,7 +73,7 @@ macro_rules! rounded_to {
 macro_rules! nearest_in {
     ($($held:ty)+) => {$(
         impl<const F: u32> Fixed<F, $held> {
-            /// The number nearest to `value`, saturating.
+            /// Nearest number to `value`, saturating.
             pub fn nearest(value: f64) -> Self {
                 Self(libm::round(value * steps(F)) as $held)
             }
@@ -83,7 +84,7 @@ macro_rules! nearest_in {
 macro_rules! in_32_bits {
     ($($held:ty)+) => {$(
         impl<const F: u32> Fixed<F, $held> {
-            /// The number of an f32, rounded towards 0, saturating.
+            /// Number from an f32, rounded towards 0, saturating.
             #[inline(always)]
             pub fn from_single(value: f32) -> Self {
                 Self((value * steps(F) as f32) as $held)
@@ -95,7 +96,7 @@ macro_rules! in_32_bits {
                 self.0 as f32 * (1.0 / steps(F)) as f32
             }
 
-            /// The product in steps of 2^-`H`, rounded down, of factors whose product 32 bits hold.
+            /// Product in steps of 2^-`H`, rounded down; it must fit 32 bits.
             #[inline(always)]
             pub const fn short_times<const G: u32, const H: u32>(
                 self,
@@ -142,10 +143,10 @@ impl<const F: u32> Neg for Fixed<F, i64> {
 impl<const F: u32> Fixed<F> {
     /// One step.
     pub const STEP: Self = Self(1);
-    /// 1, where it has room.
+    /// 1, if it is in range.
     pub const ONE: Self = Self(1 << F);
 
-    /// The number at or next below a constant of at least 0.
+    /// Largest number not above a constant of at least 0.
     pub const fn at_most(value: f64) -> Self {
         Self((value * steps(F)) as i32)
     }
@@ -165,7 +166,7 @@ impl<const F: u32> Fixed<F> {
         Self(self.0.abs())
     }
 
-    /// The same without a sign, of a number of at least 0.
+    /// The same value in an unsigned type; it must be at least 0.
     #[inline(always)]
     pub const fn unsigned(self) -> Fixed<F, u32> {
         Fixed(self.0 as u32)
@@ -187,7 +188,7 @@ impl<const F: u32> Fixed<F> {
         })
     }
 
-    /// The same as [`times`](Self::times), of at most 2^30 steps and fewer than 2^16.
+    /// As [`times`](Self::times), for at most 2^30 steps and fewer than 2^16.
     #[inline(always)]
     pub fn times_short<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H> {
         const { assert!(H + 15 <= F + G) };
@@ -198,22 +199,22 @@ impl<const F: u32> Fixed<F> {
         }
     }
 
-    /// The product in steps of 2^-`H`, rounded down, of factors whose product 32 bits hold near an impact;
-    /// elsewhere modulo 2^32.
+    /// Product in steps of 2^-`H`, rounded down. Near an impact it fits 32 bits; elsewhere it is
+    /// modulo 2^32.
     #[inline(always)]
     pub const fn wrapping_times<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H> {
         const { assert!(H <= F + G) };
         Fixed(self.0.wrapping_mul(other.0) >> (F + G - H))
     }
 
-    /// The whole product in steps of 2^-`H`, rounded down, modulo 2^32 of them.
+    /// Full product in steps of 2^-`H`, rounded down, modulo 2^32 steps.
     #[inline(always)]
     pub const fn product<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H> {
         const { assert!(H <= F + G) };
         Fixed(((self.0 as i64 * other.0 as i64) >> (F + G - H)) as i32)
     }
 
-    /// The whole product, as this CPU is fastest at.
+    /// Full product by the fastest method of this CPU.
     #[inline(always)]
     pub fn wide<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H, i64> {
         if NARROW {
@@ -224,7 +225,7 @@ impl<const F: u32> Fixed<F> {
         }
     }
 
-    /// The whole product, for a CPU that multiplies 32 by 32 bits into 64.
+    /// Full product for a CPU with a multiplier of 32 by 32 bits into 64.
     #[inline(always)]
     pub fn whole<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H, i64> {
         const { assert!(F + G == H) };
@@ -233,21 +234,21 @@ impl<const F: u32> Fixed<F> {
 }
 
 impl<const F: u32> Fixed<F, u32> {
-    /// The whole product.
+    /// Full product.
     #[inline(always)]
     pub fn wide<const G: u32, const H: u32>(self, other: Fixed<G, u32>) -> Fixed<H, u64> {
         const { assert!(F + G == H) };
         Fixed(wide(self.0, other.0))
     }
 
-    /// Square root to about 2^-15 of it, rounded down.
+    /// Square root, rounded down; relative error about 2^-15.
     #[inline(always)]
     pub fn root<const H: u32>(self) -> Fixed<H, u32> {
         const { assert!(F.is_multiple_of(2) && H <= F / 2 + 16) };
         Fixed(square_root_scaled(self.0) >> (F / 2 + 16 - H))
     }
 
-    /// With a sign, of less than half the range.
+    /// The same value in a signed type; it must be below half the range.
     #[inline(always)]
     pub const fn signed(self) -> Fixed<F> {
         Fixed(self.0 as i32)
@@ -255,15 +256,14 @@ impl<const F: u32> Fixed<F, u32> {
 }
 
 impl<const F: u32> Fixed<F, i64> {
-    /// The product in steps of 2^-`H`, rounded down, of factors whose product 64 bits hold; modulo 2^32 of
-    /// the steps.
+    /// Product in steps of 2^-`H`, rounded down, modulo 2^32 steps; it must fit 64 bits.
     #[inline(always)]
     pub const fn product<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H> {
         const { assert!(H <= F + G) };
         Fixed(((self.0 * other.0 as i64) >> (F + G - H)) as i32)
     }
 
-    /// The number in steps of 2^-`G`, rounded down, modulo 2^32 of them.
+    /// The number in steps of 2^-`G`, rounded down, modulo 2^32 steps.
     #[inline(always)]
     pub const fn narrow<const G: u32>(self) -> Fixed<G> {
         const { assert!(G <= F) };
@@ -276,33 +276,33 @@ impl<const F: u32> Fixed<F, i64> {
 pub struct Velocity(Fixed<26, u32>);
 
 impl Velocity {
-    /// Velocity 0: at rest where the track does not throw.
+    /// Velocity 0: at rest, if the track does not throw.
     pub const ZERO: Self = Self(Fixed(0));
 
-    /// The velocity with these bits, in units of 2^-26.
+    /// Velocity from its bits, in units of 2^-26.
     #[must_use]
     pub const fn from_bits(bits: u32) -> Self {
         Self(Fixed(bits))
     }
 
-    /// The bits, in units of 2^-26.
+    /// Bits in units of 2^-26.
     #[must_use]
     pub const fn bits(self) -> u32 {
         self.0.0
     }
 
-    /// The velocity of this number.
+    /// Velocity from a fixed-point number.
     pub(crate) const fn from_fixed(value: Fixed<26, u32>) -> Self {
         Self(value)
     }
 
-    /// The number.
+    /// The fixed-point number.
     pub(crate) const fn fixed(self) -> Fixed<26, u32> {
         self.0
     }
 
-    /// The nearest velocity to `value` in units of `b w`, refused outside 0..`limit`, of which
-    /// `accepted` tells.
+    /// Nearest velocity to `value` in `b w`; an error outside 0..`limit`, with `accepted` as its
+    /// text.
     pub(crate) fn build(
         value: f64,
         limit: f64,
@@ -312,22 +312,22 @@ impl Velocity {
         Ok(Self(Fixed::<26, u32>::nearest(value)))
     }
 
-    /// The velocity in units of `b w`, exact.
+    /// Velocity in `b w`, exact.
     #[must_use]
     pub fn value(self) -> f64 {
         f64::from(self.bits()) * (1.0 / steps(26))
     }
 }
 
-/// Whether the CPU multiplies 32 by 32 bits into 32 only (Cortex-M0): wide products are then put
-/// together from halves. The bits are the same.
+/// Whether the CPU multiplies 32 by 32 bits into 32 only (Cortex-M0). Wide products are then
+/// composed of halves, with the same bits.
 const NARROW: bool = cfg!(all(
     target_arch = "arm",
     target_os = "none",
     not(target_has_atomic = "32")
 ));
 
-/// The whole product.
+/// Full product.
 #[inline(always)]
 pub(crate) fn wide(a: u32, b: u32) -> u64 {
     if NARROW {
@@ -345,7 +345,7 @@ fn wide_by_halves(a: u32, b: u32) -> u64 {
     outer + (u64::from(a_high * b_low) << 16) + (u64::from(a_low * b_high) << 16)
 }
 
-/// The upper half of the product, rounded down.
+/// Upper half of the product, rounded down.
 #[inline(always)]
 pub(crate) fn high(a: i32, b: i32) -> i32 {
     if NARROW {
@@ -365,21 +365,21 @@ fn high_by_halves(a: i32, b: i32) -> i32 {
     a_high * b_high + (one >> 16) + (two >> 16)
 }
 
-/// `a b 2^-15`, rounded down, of sizes of at most 2^30 and below 2^16.
+/// `a b 2^-15`, rounded down, for absolute values of at most 2^30 and below 2^16.
 #[inline(always)]
 fn long_by_short(a: i32, b: i32) -> i32 {
     (a >> 15) * b + (((a & 0x7fff) * b) >> 15)
 }
 
-/// `1 / x` of a number in steps of 2^-`F`: of the integer that holds it as `mantissa 2^(shift - 62)` with the
-/// mantissa in 2^30..=2^31.
+/// Reciprocal `1 / x` of a number in steps of 2^-`F`. The integer x has the reciprocal
+/// `mantissa 2^(shift - 62)`, mantissa in 2^30..=2^31.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reciprocal<const F: u32> {
     pub mantissa: u32,
     pub shift: u32,
 }
 
-/// 256 / (m + 1/2) for m = 1/2..1 in steps of 1/256, less 256.
+/// Table of 256 / (m + 1/2) - 256 for m = 1/2..1 in steps of 1/256.
 const RECIPROCALS: [u8; 128] = {
     let mut table = [0; 128];
     let mut i = 0;
@@ -393,7 +393,7 @@ const RECIPROCALS: [u8; 128] = {
 };
 
 impl<const F: u32> Reciprocal<F> {
-    /// To about 2^-15 of `x` > 0: one Newton step in 32 bits from the table.
+    /// Relative error about 2^-15 for `x` > 0: the table and one Newton step in 32 bits.
     #[inline(always)]
     pub fn coarse(x: Fixed<F, u32>) -> Self {
         let x = x.0;
@@ -401,7 +401,7 @@ impl<const F: u32> Reciprocal<F> {
         Self::of_scaled(x << shift, shift)
     }
 
-    /// To about 2^-29 of `x` > 0: one more Newton step.
+    /// Relative error about 2^-29 for `x` > 0: one more Newton step.
     #[inline(always)]
     pub fn fine(x: Fixed<F, u32>) -> Self {
         let Self { mantissa, shift } = Self::coarse(x);
@@ -418,7 +418,7 @@ impl<const F: u32> Reciprocal<F> {
         }
     }
 
-    /// The same as [`coarse`](Self::coarse), of `x` of at least 2^8 steps, and mostly below 2^16.
+    /// As [`coarse`](Self::coarse), for `x` of at least 2^8 steps, and mostly below 2^16.
     #[inline(always)]
     pub fn short(x: Fixed<F, u32>) -> Self {
         if !NARROW || x.0 >> 16 != 0 {
@@ -428,7 +428,7 @@ impl<const F: u32> Reciprocal<F> {
         Self::of_scaled(x.0 << shift, shift)
     }
 
-    /// Of `m 2^-shift`, `m` in 2^31..2^32, to about 2^-15 of it.
+    /// Reciprocal of `m 2^-shift` for `m` in 2^31..2^32, with a relative error of about 2^-15.
     #[inline(always)]
     fn of_scaled(m: u32, shift: u32) -> Self {
         let first = 256 + u32::from(RECIPROCALS[((m >> 24) & 127) as usize]);
@@ -440,13 +440,15 @@ impl<const F: u32> Reciprocal<F> {
         }
     }
 
-    /// `a / x` in steps of 2^-`H`, towards 0, of at most `limit` in size, from a [`short`](Self::short) reciprocal.
+    /// `a / x` in steps of 2^-`H`, rounded towards 0, with |a| at most `limit`, from a
+    /// [`short`](Self::short) reciprocal.
     #[inline(always)]
     pub fn short_times<const A: u32, const H: u32>(self, a: Fixed<A>, limit: Fixed<H>) -> Fixed<H> {
         const { assert!(H + F <= A + 16 && H + F > A + 8) };
         let size = a.0.unsigned_abs();
         let size = if size >> 22 == 0 {
-            // The mantissa holds 17 bits: times the upper 14 bits of the size, and times the lower 8.
+            // The mantissa has 17 bits: multiply by the upper 14 bits of the size, then by the
+            // lower 8.
             let mantissa = self.mantissa >> 14;
             let sum = (size >> 8) * mantissa + (((size & 0xff) * mantissa) >> 8);
             sum >> (40 + A - H - F - self.shift)
@@ -457,7 +459,7 @@ impl<const F: u32> Reciprocal<F> {
         Fixed(if a.0 < 0 { -size } else { size })
     }
 
-    /// `a / x` in steps of 2^-`H`, towards 0, saturating.
+    /// `a / x` in steps of 2^-`H`, rounded towards 0, saturating.
     #[inline(always)]
     pub fn times<const A: u32, const H: u32>(self, a: Fixed<A>) -> Fixed<H> {
         const { assert!(A <= H + F) };
@@ -466,10 +468,10 @@ impl<const F: u32> Reciprocal<F> {
     }
 }
 
-/// What the upper half of `m mantissa`, as of a coarse reciprocal, lacks of 2^30.
+/// 2^30 minus the upper half of `m mantissa`, for the mantissa of a coarse reciprocal.
 #[inline(always)]
 fn miss_by_halves(m: u32, mantissa: u32) -> i32 {
-    // The mantissa holds 17 bits, of which the first is known, and the product differs little from 2^62.
+    // The mantissa has 17 bits with a leading 1, and the product is close to 2^62.
     let rest = (mantissa >> 14) - (1 << 16);
     let over = m
         .wrapping_add((m >> 16).wrapping_mul(rest))
@@ -477,12 +479,12 @@ fn miss_by_halves(m: u32, mantissa: u32) -> i32 {
     -(over as i32 >> 2)
 }
 
-/// `a mantissa 2^(shift + places - 62)`, rounded down, saturating: one routine for all places.
+/// `a mantissa 2^(shift + places - 62)`, rounded down, saturating; one routine for all places.
 #[inline(never)]
 fn scaled(mantissa: u32, shift: u32, a: u32, places: u32) -> i32 {
     let down = 62 - (shift + places) as i32;
     let upper = |a| (wide(a, mantissa) >> 32) as u32;
-    // Nearly always the upper half of a product says it, which is below 2^31.
+    // Usually the upper half of the product suffices, which is below 2^31.
     if down >= 32 {
         return (upper(a) >> (down - 32).min(31)) as i32;
     }
@@ -497,14 +499,14 @@ fn scaled(mantissa: u32, shift: u32, a: u32, places: u32) -> i32 {
     size.min(i32::MAX as u64) as i32
 }
 
-/// The whole product of signed factors.
+/// Full product of signed factors.
 #[inline(always)]
 pub(crate) fn wide_signed(a: i32, b: i32) -> i64 {
     let product = wide(a.unsigned_abs(), b.unsigned_abs()) as i64;
     if (a ^ b) < 0 { -product } else { product }
 }
 
-/// Leading zero bits of a byte.
+/// Number of leading zero bits of a byte.
 const ZEROS: [u8; 256] = {
     let mut table = [0; 256];
     let mut byte = 0;
@@ -515,7 +517,7 @@ const ZEROS: [u8; 256] = {
     table
 };
 
-/// Leading zero bits of `x` > 0.
+/// Number of leading zero bits of `x` > 0.
 #[inline(always)]
 fn leading_zeros(x: u32) -> u32 {
     if NARROW {
@@ -533,12 +535,12 @@ fn leading_zeros_by_bytes(x: u32) -> u32 {
     halves + bytes + u32::from(ZEROS[(x << bytes >> 24) as usize])
 }
 
-/// 256 / sqrt(m + 1/2) for m = 1/4..1 in steps of 1/256, less 256.
+/// Table of 256 / sqrt(m + 1/2) - 256 for m = 1/4..1 in steps of 1/256.
 const INVERSE_ROOTS: [u8; 192] = {
     let mut table = [0; 192];
     let mut i = 0;
     while i < 192 {
-        // The nearest y with y^2 m = 2^25 for m in half steps of 1/256.
+        // Nearest y with y^2 m = 2^25, for m in half steps of 1/256.
         let m = 2 * (64 + i as u32) + 1;
         let mut y = 256;
         while (2 * y + 1) * (2 * y + 1) * m < 4 << 25 && y < 511 {
@@ -550,7 +552,7 @@ const INVERSE_ROOTS: [u8; 192] = {
     table
 };
 
-/// `2^16 sqrt(x)` to about 2^-15 of it, saturating just below 2^32.
+/// `2^16 sqrt(x)` with a relative error of about 2^-15, saturating just below 2^32.
 #[inline(always)]
 pub(crate) fn square_root_scaled(x: u32) -> u32 {
     if x == 0 {
@@ -572,7 +574,7 @@ mod tests {
 
     use super::*;
 
-    /// Every product and shift against f64, which holds these numbers exactly.
+    /// Each product and shift agrees with f64, which holds these numbers exactly.
     #[test]
     fn places_follow_from_the_type() {
         let number = |x: Fixed<28>| f64::from(x.0) / steps(28);
@@ -612,7 +614,7 @@ mod tests {
             Fixed::<28>::of(PI) - Fixed::<28>::STEP
         );
         let root = Fixed::<28>::of(2.25).unsigned().root::<30>();
-        // 2^-15 of it.
+        // Relative error 2^-15.
         assert!(root.0.abs_diff(3 << 29) < 3 << 14, "{root:?}");
     }
 
@@ -623,7 +625,7 @@ mod tests {
                 let (a, x) = (Fixed::<30>::nearest(a), Fixed::<26>::nearest(x));
                 let quotient: Fixed<24> = Reciprocal::fine(x.unsigned_abs()).times(a);
                 let exact = f64::from(a.0) / f64::from(x.0) / 16.0 * steps(24);
-                // The reciprocal's 2^-29, and towards 0.
+                // Error of the reciprocal, 2^-29, and rounding towards 0.
                 let error = (f64::from(quotient.0) - exact).abs();
                 assert!(error < 1.0 + 4e-9 * exact.abs(), "{a:?} {x:?} {error}");
             }
@@ -644,7 +646,7 @@ mod tests {
         }
     }
 
-    /// Values over every magnitude.
+    /// Values of all magnitudes.
     fn magnitudes() -> impl Iterator<Item = u32> {
         (0..32).flat_map(|shift| (0..200_u32).map(move |i| (u32::MAX - i * 10_737_419) >> shift))
     }
@@ -673,7 +675,7 @@ mod tests {
         }
     }
 
-    /// What a CPU with a narrow multiplier computes another way is the same number.
+    /// The method for a narrow multiplier gives the same bits.
     #[test]
     fn narrow_forms_give_the_same_bits() {
         for x in magnitudes() {
@@ -718,7 +720,7 @@ mod tests {
         }
     }
 
-    /// Against a product with room for everything.
+    /// Agrees with a product in wide integers.
     #[test]
     fn scaled_products_saturate() {
         for mantissa in magnitudes().step_by(17).map(|m| (1 << 30) | m >> 2) {
@@ -726,7 +728,7 @@ mod tests {
                 for down in -30..=62 {
                     let product = u128::from(a) * u128::from(mantissa);
                     let size = (product << 30 >> (down + 30)).min(i32::MAX as u128);
-                    // Saturating as soon as nothing is shifted out.
+                    // It saturates where no bits are shifted out.
                     let size = if down <= 0 && a > 0 {
                         i32::MAX as u128
                     } else {

@@ -1,9 +1,10 @@
-//! Gaussian numbers from uniform ones, the same bits on every machine.
+//! Gaussian random numbers by the ratio of uniforms (Leva, ACM Trans. Math. Softw. 18 (1992) 449),
+//! with the same bits on every machine.
 
 use core::f64::consts::{LN_2, SQRT_2};
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
-/// What the method needs of an arithmetic.
+/// Operations that the method requires of a number type.
 pub(crate) trait Arithmetic:
     Copy
     + PartialOrd
@@ -13,9 +14,9 @@ pub(crate) trait Arithmetic:
     + Div<Output = Self>
     + Neg<Output = Self>
 {
-    /// The nearest number to a constant.
+    /// Nearest number to a constant.
     fn of(constant: f64) -> Self;
-    /// Its size.
+    /// Absolute value.
     fn size(self) -> Self;
     /// Natural logarithm of a number in 0..1, 0 excluded.
     fn logarithm(self) -> Self;
@@ -53,16 +54,17 @@ impl Arithmetic for f32 {
     }
 }
 
-/// Gaussian with mean 0 and deviation 1, from uniform numbers in 0..1, 0 excluded.
+/// Gaussian number with mean 0 and standard deviation 1, from uniform numbers in 0..1, 0 excluded.
 ///
-/// The ratio of uniforms, exact but for their steps; two quadratic curves decide all but 1.2 % of the pairs without a
-/// logarithm (J. L. Leva, ACM Trans. Math. Softw. 18 (1992) 449, constants there).
+/// The ratio of uniforms is exact except for the steps of the uniform numbers. Two quadratic curves
+/// decide all but 1.2 % of the pairs without a logarithm (J. L. Leva, ACM Trans. Math. Softw. 18
+/// (1992) 449, with its constants).
 #[inline]
 pub(crate) fn gauss<F: Arithmetic>(mut uniform: impl FnMut() -> F) -> F {
     let of = F::of;
     loop {
         let u = uniform();
-        // Twice sqrt(2/e) wide: the whole region v^2 <= -4 u^2 ln u lies inside.
+        // Width 2 sqrt(2/e), which contains the region v^2 <= -4 u^2 ln u.
         let v = of(1.7156) * (uniform() - of(0.5));
         let x = u - of(0.449_871);
         let y = v.size() + of(0.386_595);
@@ -74,8 +76,8 @@ pub(crate) fn gauss<F: Arithmetic>(mut uniform: impl FnMut() -> F) -> F {
     }
 }
 
-/// Natural logarithm of a normal positive number, within 3e-16 or an ulp, in the operations that every machine
-/// rounds alike.
+/// Natural logarithm of a normal positive number, within 3e-16 or an ulp. It uses only operations
+/// with the same rounding on every machine.
 fn logarithm(x: f64) -> f64 {
     let bits = x.to_bits();
     let mut exponent = (bits >> 52) as i32 - 1023;
@@ -101,7 +103,7 @@ fn logarithm_single(x: f32) -> f32 {
     let bits = x.to_bits();
     let exponent = (bits >> 23) as i32 - 127;
     let mantissa = f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000);
-    // 2 atanh z, 0 <= z < 1/3: the series' rest is below 2 z^13 / 13.
+    // 2 atanh z, 0 <= z < 1/3; the remainder of the series is below 2 z^13 / 13.
     let z = (mantissa - 1.0) / (mantissa + 1.0);
     let w = z * z;
     let sum =

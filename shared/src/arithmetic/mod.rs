@@ -1,4 +1,4 @@
-//! The number systems: binary angles, their sine and cosine, fixed-point formats.
+//! Number systems: binary angles with sine and cosine, fixed-point and twofold numbers, SIMD lanes.
 
 pub(crate) mod fixed;
 mod gauss;

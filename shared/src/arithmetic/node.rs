@@ -1,30 +1,30 @@
-//! Sine and cosine at the 256 nodes `2 pi j / 256` of a turn.
+//! Table of sine and cosine at the 256 nodes `2 pi j / 256` of a turn.
 //!
-//! Every kernel evaluates the track at a node and steps at most half a node spacing (0.0123 rad) from
-//! there by a short polynomial, so that no impact needs a trigonometric call. The tables are computed
-//! by the compiler from the Taylor series in twofold arithmetic; nothing is pasted.
+//! Each kernel evaluates the track at the nearest node and adds a short polynomial over at most
+//! half a spacing (0.0123 rad). So no impact needs a trigonometric call. The compiler computes the
+//! tables from the Taylor series in twofold arithmetic.
 
 use core::f64::consts::TAU;
 
 use super::fixed::Fixed;
 use super::twofold::Twofold;
 
-/// Nodes in a turn.
+/// Number of nodes in a turn.
 pub(crate) const COUNT: usize = 256;
 
-/// Distance of two nodes in rad.
+/// Spacing of the nodes in rad.
 pub(crate) const SPACING: f64 = TAU / COUNT as f64;
 
-/// The upper 26 bits of the distance of two nodes: its product with up to 2^27 is exact.
+/// Upper 26 bits of the spacing; products with numbers up to 2^27 are exact.
 pub(crate) const SPACING_HIGH: f64 = f64::from_bits(SPACING.to_bits() & !((1 << 27) - 1));
 
-/// What [`SPACING_HIGH`] lacks of the exact distance.
+/// Exact spacing minus [`SPACING_HIGH`].
 pub(crate) const SPACING_LOW: f64 = (SPACING - SPACING_HIGH) + SPACING_REST;
 
-/// What [`SPACING`] lacks of the exact distance.
+/// Exact spacing minus [`SPACING`].
 pub(crate) const SPACING_REST: f64 = PI_REST / 128.0;
 
-/// What `PI` lacks of pi.
+/// pi minus `PI`.
 const PI_REST: f64 = 1.224_646_799_147_353_2e-16;
 
 /// (sine, cosine) at each node, nearest f64.
@@ -75,14 +75,14 @@ pub(crate) static FIXED: [[Fixed<30>; 2]; COUNT] = {
     table
 };
 
-/// Sine of the nodes of the first quarter turn, both its ends among them, in steps of 2^-63.
+/// Sine at the nodes of the first quarter turn with both ends, in steps of 2^-63.
 pub(crate) static QUARTER: [u64; COUNT / 4 + 1] = {
     const STEPS: f64 = (1_u64 << 63) as f64;
     let mut table = [0; COUNT / 4 + 1];
     let mut j = 0;
     while j <= COUNT / 4 {
         let Twofold { high, low } = NODES[j][0];
-        // Below 1 the first is a whole number of steps or less than a step off.
+        // Below 1 the first is a whole number of steps, or off by less than a step.
         let whole = (high * STEPS) as u64;
         let rest = (high * STEPS - whole as f64) + low * STEPS;
         table[j] =
@@ -92,7 +92,7 @@ pub(crate) static QUARTER: [u64; COUNT / 4 + 1] = {
     table
 };
 
-/// A node as the kernel with an FPU and a wide multiplier reads it.
+/// A node for the kernel with an FPU and a wide multiplier.
 pub(crate) struct Fine {
     /// Sine and cosine, nearest f32.
     pub single: [f32; 2],
@@ -102,7 +102,7 @@ pub(crate) struct Fine {
     pub cosine: Fixed<48, i64>,
 }
 
-/// Everything of one node side by side.
+/// All values of a node in adjacent memory.
 pub(crate) static FINE: [Fine; COUNT] = {
     let mut table = [const {
         Fine {
@@ -169,7 +169,7 @@ mod tests {
     fn nodes_lie_on_the_circle_to_twofold_precision() {
         for [sine, cosine] in NODES {
             let one = sine.times(sine).plus(cosine.times(cosine));
-            // Each product and sum rounds to about 2^-104.
+            // Each product and sum has a rounding error of about 2^-104.
             let excess = one.plus(Twofold::from(-1.0));
             assert!((excess.high + excess.low).abs() < 1e-30);
         }
@@ -179,7 +179,7 @@ mod tests {
     fn nodes_agree_with_libm() {
         for (j, node) in DOUBLE.iter().enumerate() {
             let angle = j as f64 * SPACING;
-            // libm is good to an ulp; the rounding of the angle moves the value by up to 4.5e-16.
+            // Errors: an ulp of libm, and up to 4.5e-16 from the rounding of the angle.
             assert!((node[0] - libm::sin(angle)).abs() < 7e-16);
             assert!((node[1] - libm::cos(angle)).abs() < 7e-16);
             for i in 0..2 {

@@ -3,10 +3,10 @@
 use core::f64::consts::TAU;
 use core::ops::{Add, AddAssign, Sub};
 
-/// Phase of the drive (symbol t), a binary angle: `u32` turns, 0 is 0, 2^31 is pi.
+/// Phase of the drive (symbol t), a binary angle: `u32` in units of 2^-32 turns; 2^31 is pi.
 ///
-/// One step is 2 pi / 2^32 = 1.46e-9 rad. Sums and differences wrap exactly, so a phase accumulated
-/// over any number of drive cycles never drifts.
+/// One step is 2 pi / 2^32 = 1.46e-9 rad. Sums and differences wrap exactly, so an accumulated
+/// phase never drifts.
 ///
 /// ```
 /// use kband::arithmetic::Phase;
@@ -23,14 +23,14 @@ impl Phase {
 
     /// Steps in a turn: 2^32.
     pub const TURN: f64 = 4_294_967_296.0;
-    /// The same as an integer.
+    /// [`Phase::TURN`] as an integer.
     pub(crate) const STEPS: i64 = 1 << 32;
     /// Radians in a step.
     pub(crate) const RADIANS_PER_STEP: f64 = TAU / Self::TURN;
     /// Steps in a radian.
     pub(crate) const STEPS_PER_RADIAN: f64 = Self::TURN / TAU;
 
-    /// The phase with these bits, in units of 2^-32 turns.
+    /// Phase from its bits, in units of 2^-32 turns.
     #[must_use]
     pub const fn from_bits(bits: u32) -> Self {
         Self(bits)
@@ -42,14 +42,14 @@ impl Phase {
         self.0
     }
 
-    /// The nearest phase to an angle in rad, any finite value, taken modulo 2 pi.
+    /// Nearest phase to any finite angle in rad, modulo 2 pi.
     ///
-    /// Error at most half a step (7.4e-10 rad) for angles in -2 pi..2 pi.
+    /// The error is at most half a step (7.4e-10 rad) for angles in -2 pi..2 pi.
     #[must_use]
     pub fn from_radians(angle: f64) -> Self {
         let turns = angle / TAU;
         let fraction = turns - libm::floor(turns);
-        // 2^32 itself, from a fraction that rounds up to one turn, wraps to phase 0.
+        // A fraction that rounds up to one turn gives 2^32, which wraps to phase 0.
         Self(libm::round(fraction * Self::TURN) as u64 as u32)
     }
 

@@ -1,10 +1,13 @@
-//! Positive numbers in 64 bits and an exponent: what kernels are set up from on a CPU without f64.
+//! Positive floating-point numbers with 64-bit mantissa, for the set-up of kernels on a CPU without
+//! f64.
 
 use super::fixed::Fixed;
 use super::square_root_single;
 
-/// A number above 0 as a mantissa of at least 2^58, in steps of 2^-`places`; or 0. A factor's mantissa is
-/// in 2^63..2^64, as that of all numbers but [`many`](Self::many) steps.
+/// A number above 0, with a mantissa of at least 2^58 in steps of 2^-`places`; or 0.
+///
+/// The mantissa of a factor is in 2^63..2^64. All numbers have such mantissas except those from
+/// [`many`](Self::many).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Positive {
     mantissa: u64,
@@ -17,7 +20,7 @@ impl Positive {
         places: 0,
     };
 
-    /// A normal f64 above 0, exactly.
+    /// Number from a normal f64 above 0, exactly.
     #[inline(always)]
     pub const fn of(value: f64) -> Self {
         let bits = value.to_bits();
@@ -27,7 +30,7 @@ impl Positive {
         }
     }
 
-    /// So many steps of 2^-`places`.
+    /// Number from a count of steps of 2^-`places`.
     #[inline(always)]
     pub const fn steps(count: u64, places: i32) -> Self {
         if count == 0 {
@@ -40,7 +43,7 @@ impl Positive {
         }
     }
 
-    /// So many steps of 2^-`places`, at least 2^58.
+    /// Number from a count of steps of 2^-`places`, at least 2^58.
     #[inline(always)]
     pub const fn many(count: u64, places: i32) -> Self {
         Self {
@@ -49,13 +52,13 @@ impl Positive {
         }
     }
 
-    /// How many steps of 2^-`places` it is, of which it is a whole number in 2^32..2^64.
+    /// Count of steps of 2^-`places`; the number must be a whole count in 2^32..2^64.
     #[inline(always)]
     pub const fn whole(self, places: i32) -> u64 {
         self.mantissa >> ((self.places - places) & 31)
     }
 
-    /// The nearest number of steps of 2^-`places`, of which there are below 2^64.
+    /// Nearest count of steps of 2^-`places`, below 2^64.
     #[inline(always)]
     pub const fn nearest(self, places: i32) -> u64 {
         let shift = (self.places - places) as u32;
@@ -67,51 +70,53 @@ impl Positive {
         }
     }
 
-    /// The nearest f32 to a number within 2^-90..2^90, ties to even.
+    /// Nearest f32, ties to even, for a number within 2^-90..2^90.
     #[inline(always)]
     pub fn single(self) -> f32 {
-        // Those of the lower half matter by not being 0 alone: 26 bits at least are in the upper one.
+        // The lower half matters only as a sticky bit: the upper one has 26 bits or more.
         let upper = (self.mantissa >> 32) as u32 | u32::from(self.mantissa as u32 != 0);
         upper as f32 * f32::from_bits(((159 - self.places) as u32) << 23)
     }
 
-    /// The nearest f32 to `1 / x` of a number whose nearest f32 is `single`.
+    /// Nearest f32 to `1 / x`, for a number whose nearest f32 is `single`.
     #[inline(always)]
     pub fn inverse_single(self, single: f32) -> f32 {
-        // Within one and a half of its last places.
+        // Error at most 1.5 of its last places.
         let nearly = (1.0 / single).to_bits();
         let first = 1 << 23;
         let last = first | nearly & (first - 1);
         let mantissa = (self.mantissa >> 11) as i64;
-        // What the product with an f64's bits lacks of a power of 2 above 2^64, less than two of these.
+        // Residual of the product against a power of 2 above 2^64; below two units of the f64's
+        // last place.
         let rest = 0_i64.wrapping_sub(mantissa.wrapping_mul(i64::from(last)));
-        // Below a power of 2 the places are half as large.
+        // Below a power of 2 the last place is half as large.
         let below = if last == first {
             mantissa >> 1
         } else {
             mantissa
         };
-        // -1 where the next number is nearer.
+        // -1 if the next number is nearer.
         let up = (mantissa - 2 * rest) >> 63;
         let down = (below + 2 * rest) >> 63;
         f32::from_bits(nearly.wrapping_sub(up as u32).wrapping_add(down as u32))
     }
 
-    /// The product, less at most 2^-62 of it.
+    /// Product with a relative error of at most 2^-62, too small.
     #[inline(always)]
     pub const fn times(self, other: Self) -> Self {
         let (high, low) = product(self.mantissa, other.mantissa);
         self.scaled(other, high, low)
     }
 
-    /// `k pi` to the 53 bits of an f64, as that rounds it, and then to the nearest step of 2^-48, of k in 0.005..=4.
+    /// `k pi` rounded as in f64, then to the nearest step of 2^-48, for k in 0.005..=4.
     #[inline(always)]
     pub const fn times_pi_in_double(self) -> Fixed<48, i64> {
         const PI: Positive = Positive::of(core::f64::consts::PI);
         let (high, low) = product(self.mantissa, PI.mantissa);
         let places = self.places + PI.places - 64;
-        // Below 2^63 the last of the 53 bits is the eleventh from below, else the one above it; what was cut off from
-        // it is told by the last bit of all. The product is below 0.79 2^64: it has room to round up.
+        // Below 2^63 the last of the 53 bits is the eleventh from below, else the one above it. The
+        // last bit of all is the sticky bit. The product is below 0.79 2^64, so rounding up cannot
+        // overflow.
         let large = (high >> 63) as u32;
         let wide = high | (low != 0) as u64;
         let last = (high as u32 >> (10 + large)) & 1;
@@ -120,7 +125,7 @@ impl Positive {
         Fixed(((twice + 1) >> 1) as i64)
     }
 
-    /// The nearest f32 to the product with an integer.
+    /// Nearest f32 to the product with an integer.
     #[inline(always)]
     pub fn times_integer_single(self, n: u32) -> f32 {
         if n == 0 {
@@ -147,15 +152,16 @@ impl Positive {
         }
     }
 
-    /// `1 / x` of a number that is not 0, to about 2^-60 of it: f32's, and two Newton steps in integers.
+    /// `1 / x` for x > 0 with a relative error of about 2^-60: f32 and two Newton steps in
+    /// integers.
     #[inline(always)]
     pub fn inverse(self) -> Self {
         let x = self.mantissa;
-        // 2^94 / x, of which 23 bits are right.
+        // 2^94 / x with 23 correct bits.
         let nearly = 4_611_686_018_427_387_904.0 / (x >> 32) as u32 as f32;
         let start = nearly as u32;
         let rate = nearly * (1.0 / 1_073_741_824.0);
-        // 2^94 - x start, over 2^32: below 2^40.
+        // The residual 2^94 - x start over 2^32, below 2^40.
         let (upper, lower) = (
             (x >> 32) * u64::from(start),
             (x & 0xffff_ffff) * u64::from(start),
@@ -163,7 +169,7 @@ impl Positive {
         let miss = (1_u64 << 62).wrapping_sub(upper).wrapping_sub(lower >> 32) as i64;
         let step = ((miss >> 10) as i32 as f32 * rate) as i32;
         let better = (u64::from(start) << 32).wrapping_add_signed(i64::from(step) << 10);
-        // 2^126 - x better, over 2^64.
+        // The residual 2^126 - x better over 2^64.
         let miss = (1_u64 << 62).wrapping_sub(product(x, better).0) as i64;
         let step = (miss as i32 as f32 * rate) as i32;
         Self::steps(
@@ -173,15 +179,16 @@ impl Positive {
     }
 }
 
-/// `2^32 sqrt(x)` of `x` in 2^60..2^63, to about 2^-60 of it: f32's, and two Newton steps in integers.
+/// `2^32 sqrt(x)` for `x` in 2^60..2^63 with a relative error of about 2^-60: f32 and two Newton
+/// steps in integers.
 #[inline(always)]
 pub(crate) fn root(x: u64) -> u64 {
-    // The root of x in 32 bits, of which 23 are right.
+    // Root of x in 32 bits, of which 23 are correct.
     let nearly = square_root_single((x >> 32) as u32 as f32) * 65_536.0;
     let start = nearly as u32;
     let rate = 2_147_483_648.0 / nearly;
     let square = u64::from(start) * u64::from(start);
-    // Below 2^42; what the root lacks is below 2^10.
+    // Below 2^42; the error of the root is below 2^10.
     let miss = x.wrapping_sub(square) as i64;
     let step = ((miss >> 12) as i32 as f32 * rate) as i32;
     let better = (u64::from(start) << 32).wrapping_add_signed(i64::from(step) << 12);
@@ -190,7 +197,7 @@ pub(crate) fn root(x: u64) -> u64 {
     better.wrapping_add_signed(i64::from(step))
 }
 
-/// The product's upper half, less at most 2.
+/// Upper half of the product, too small by at most 2.
 #[inline(always)]
 pub(crate) const fn upper(a: u64, b: u64) -> u64 {
     const LOW: u64 = 0xffff_ffff;
@@ -199,7 +206,7 @@ pub(crate) const fn upper(a: u64, b: u64) -> u64 {
     a_high * b_high + ((a_high * b_low) >> 32) + ((a_low * b_high) >> 32)
 }
 
-/// The product's upper and lower half.
+/// Upper and lower half of the product.
 #[inline(always)]
 pub(crate) const fn product(a: u64, b: u64) -> (u64, u64) {
     const LOW: u64 = 0xffff_ffff;
@@ -218,7 +225,7 @@ pub(crate) const fn product(a: u64, b: u64) -> (u64, u64) {
 mod tests {
     use super::*;
 
-    /// Numbers of every size and pattern.
+    /// Numbers of all magnitudes and patterns.
     fn numbers() -> impl Iterator<Item = f64> {
         (0..200_000_u64).map(|n| {
             let bits = n.wrapping_mul(0x9e37_79b9_7f4a_7c15);

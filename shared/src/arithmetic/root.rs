@@ -9,13 +9,13 @@ pub(crate) fn square_root_single(x: f32) -> f32 {
 
 /// Square root in f32, correctly rounded; NaN below 0.
 ///
-/// `core` has no square root on stable Rust, `libm::sqrtf` is software here (about 70 instructions), and
-/// `asm!` refuses FPU registers for this target (rust-lang/rust#159976). The compiler knows C's `sqrtf`:
-/// it puts the FPU's instruction in its place and calls it for a NaN alone.
+/// `core` has no square root on stable Rust, and `libm::sqrtf` takes about 70 instructions here.
+/// `asm!` rejects FPU registers for this target (rust-lang/rust#159976). The compiler replaces C's
+/// `sqrtf` by the FPU's instruction and calls it for NaN only.
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 #[inline(always)]
 pub(crate) fn square_root_single(x: f32) -> f32 {
-    // SAFETY: C's function, total and pure; the compiler's own library has it for this target.
+    // SAFETY: C's function is total and pure; the compiler's library provides it for this target.
     unsafe { sqrtf(x) }
 }
 
@@ -27,7 +27,7 @@ unsafe extern "C" {
 /// Square root in f64, correctly rounded; NaN below 0.
 #[inline(always)]
 pub(crate) fn square_root(x: f64) -> f64 {
-    // The `libm` crate's answer is the same; the intrinsic lets the compiler schedule it.
+    // The `libm` crate gives the same result; the compiler can schedule the intrinsic.
     #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
     {
         use core::arch::x86_64::{_mm_cvtsd_f64, _mm_set_sd, _mm_sqrt_sd};

@@ -1,11 +1,12 @@
-//! Twofold arithmetic: a number as the unevaluated sum of two f64, good to about 104 bits.
+//! Twofold (double-double) arithmetic: a number as the unevaluated sum of two f64, to about 104
+//! bits (Dekker, Numer. Math. 18 (1971) 224).
 
 /// `high + low`, |low| at most half an ulp of `high`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Twofold {
     /// The nearest f64.
     pub high: f64,
-    /// What it lacks.
+    /// The exact value minus `high`.
     pub low: f64,
 }
 
@@ -19,7 +20,7 @@ impl Twofold {
         }
     }
 
-    /// `a + b` where |a| >= |b| (Dekker), exactly.
+    /// `a + b` for |a| >= |b|, exactly (Dekker's fast two-sum).
     const fn normal(a: f64, b: f64) -> Self {
         let high = a + b;
         Self {
@@ -50,7 +51,7 @@ impl Twofold {
         }
     }
 
-    /// The upper and lower 26 bits (Veltkamp).
+    /// Upper and lower 26 bits (Veltkamp's split).
     const fn halves(value: f64) -> Self {
         let scaled = 134_217_729.0 * value;
         let high = scaled - (scaled - value);
@@ -112,7 +113,7 @@ impl Twofold {
 mod tests {
     use super::*;
 
-    /// 53-bit integers, of which sums and products are exact in i128.
+    /// 53-bit integers, whose sums and products are exact in i128.
     fn integers() -> impl Iterator<Item = (i128, i128)> {
         (1..4000_i128).map(|n| {
             let bits = |factor: i128| (n * n * factor) % (1 << 53) - (1 << 52);
@@ -140,7 +141,7 @@ mod tests {
         for (a, b) in integers() {
             let number = Twofold::sum(a as f64, 1e-16 * b as f64);
             let back = number.over(7.0).times(Twofold::from(7.0)).minus(number);
-            // Each operation is good to 2^-104 of the number.
+            // Each operation has a relative error of 2^-104.
             assert!(back.value().abs() <= 2e-31 * number.high.abs());
         }
     }

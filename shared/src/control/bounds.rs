@@ -1,5 +1,7 @@
-//! No accepted setting overrides a limit: the steady amplitude is at most the setpoint, the hard limits and, where the
-//! link is lost, the safe amplitude.
+//! Test of the bound on amplitude: no accepted setting overrides a limit. The steady amplitude is
+//! at most the setpoint, the hard limits and, with a lost link, the safe amplitude.
+//!
+//! The method is a random walk through the accepted settings.
 
 use core::f32::consts::PI;
 use std::println;
@@ -10,10 +12,10 @@ use super::drive::{AmplitudeLoop, Scale, Struck};
 use super::{Settings, Target};
 use crate::plant::{Change, Disturbance, EnvelopeLoop, Noise, Scene};
 
-/// Largest steady amplitude over the least of setpoint, hard limits and safe amplitude.
+/// Largest steady amplitude over the smallest of setpoint, hard limits and safe amplitude.
 const MAX_EXCESS: f32 = 1.05;
 
-/// A walk through the accepted settings: each step draws some keys anew and keeps the values that are accepted.
+/// A walk through the accepted settings: each step draws some keys and keeps the accepted values.
 struct Walk {
     noise: Noise,
     settings: Settings,
@@ -27,7 +29,7 @@ impl Walk {
         }
     }
 
-    /// A number from `low` to 1, evenly drawn on a scale of ratios.
+    /// A number from `low` to 1, uniform on a logarithmic scale.
     fn ratio(&mut self, low: f32) -> f32 {
         libm::powf(low, self.noise.uniform())
     }
@@ -51,7 +53,7 @@ impl Walk {
     }
 }
 
-/// A setpoint in m within the reach of the settings' drive, and the least of it and the limits.
+/// A setpoint in m within the drive's reach, and the smallest of it and the limits.
 fn draw_setpoint(walk: &mut Walk, settings: &Settings, link_lost: bool) -> [f32; 2] {
     let scale = Scale::at(settings, settings.frequency);
     let setpoint = walk.ratio(1e-3) * settings.output_maximum * scale.strength;
@@ -60,7 +62,7 @@ fn draw_setpoint(walk: &mut Walk, settings: &Settings, link_lost: bool) -> [f32;
     [setpoint, if link_lost { least.min(safe) } else { least }]
 }
 
-/// Output times gain, where the track has reached the wanted amplitude and the sensor shows it.
+/// Output times gain, while the track is at the wanted amplitude and the sensor is right.
 #[test]
 fn the_steady_output_of_a_million_settings_keeps_every_limit() {
     let mut walk = Walk::new(31);
@@ -96,7 +98,8 @@ fn the_steady_output_of_a_million_settings_keeps_every_limit() {
     assert!(moving > 700_000);
 }
 
-/// Whole machines with a sensor as sensitive as configured, or less: as measured, which is all that a board knows.
+/// Complete machines with a sensor as sensitive as configured, or less. The bound is on the
+/// measured amplitude, which is all that a board has.
 #[test]
 fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
     const CYCLES: usize = 1000;
@@ -109,21 +112,31 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         let mut settings = walk.step(200);
         let cycles = settings.quality / PI * settings.frequency / settings.resonance;
         settings.tracking = 0.0;
+        // The upper modes (Q 25) move the track at the drive's own frequency, too. The configured
+        // gain describes the drive only while each moves it by less than 1 %.
+        let strength = Scale::at(&settings, settings.frequency).strength;
+        let most = 1e3 * 0.01 * 0.75 * 25.0 * strength;
+        settings.second_gain = settings.second_gain.min(most);
+        settings.third_gain = settings.third_gain.min(most);
         settings.soft_start = 40.0 / settings.frequency;
         settings.soft_stop = 40.0 / settings.frequency;
         settings.link_timeout = 40.0 / settings.frequency;
         let link_lost = played % 2 == 0;
         let [setpoint, wanted] = draw_setpoint(&mut walk, &settings, link_lost);
-        // The largest amplitude takes a third of the converter's range.
+        // The largest amplitude spans a third of the converter's range.
         let sensor = Settings::default();
         settings.sensor_zero = sensor.sensor_zero;
+        // Not commissioned: the tests of the sensor would keep a weak one from driving.
+        settings.sensor_rest = sensor.sensor_rest;
+        settings.gain_tolerance = sensor.gain_tolerance;
+        settings.load_tolerance = sensor.load_tolerance;
         settings.converter_reference = sensor.converter_reference;
         settings.converter_bits = sensor.converter_bits;
         let scale = Scale::at(&settings, settings.frequency);
         let largest = setpoint.min(scale.ceiling) * scale.square / 9.8;
         settings.sensitivity = 0.3 * sensor.sensor_zero / largest;
         let least = Scale::at(&settings, settings.frequency).least;
-        // A beat or a decay that takes longer than the run is no steady amplitude.
+        // A beat or a decay longer than the run is no steady amplitude.
         if cycles > 80.0 || setpoint > 1e-3 * 100.0 || settings.check().is_err() {
             continue;
         }

@@ -1,21 +1,21 @@
-//! The controller of a feeder drive: what it measures, hears, decides and does.
+//! The controller of a feeder drive: measurement, estimation, decision, control.
 //!
-//! Two calls make a drive: [`Signal::sample`] in the sample interrupt at [`SAMPLE_RATE`], and
-//! [`Controller::cycle`] once per drive cycle, whose command the signal path latches at the next wrap
-//! of its phase. [`Controller::plan_step`] plans in idle time. All of it is single precision,
-//! integers and the map: the same bits at the desk, in the emulator and on the board.
+//! Two calls make a drive. [`Signal::sample`] runs in the sample interrupt at [`SAMPLE_RATE`], and
+//! [`Controller::cycle`] once per drive cycle. The signal path latches its command at the next wrap
+//! of the phase. [`Controller::plan_step`] plans in idle time. All of it is single precision,
+//! integers and the impact map. Desk, emulator and board compute the same bits.
 //!
-//! | wing | holds |
+//! | folder | holds |
 //! |---|---|
-//! | `hear` | what the accelerometer says: the signal path, impacts, lock and regime |
-//! | `drive` | the track's amplitude and frequency, brought to where they are wanted |
-//! | `identify` | the restitution of the parts from their chatter |
+//! | `hear` | estimation from the accelerometer: the signal path, impacts, lock and regime |
+//! | `drive` | control of the track's amplitude and frequency |
+//! | `identify` | estimation of the parts' restitution from their chatter |
 //! | `aim` | the setpoint of a target, and the searches for it |
 //! | `supervise` | the state machine, captures, faults and limits |
-//! | `controller` | [`Controller`]: the wings in the order of one drive cycle |
+//! | `controller` | [`Controller`]: these folders in the order of one drive cycle |
 //!
-//! On the ground: `settings`, `angle`, `saturate`, `target`, `inputs` (what goes in each cycle), `state` (the numbered lists and the
-//! state table); `report` is what comes out.
+//! Below them are `settings`, `angle`, `saturate`, `target`, `inputs` (per cycle), `state` (the
+//! numbered lists and the state table) and `report` (the result of a cycle).
 //!
 //! The words are those of docs/glossary.md#the-controller.
 

@@ -1,4 +1,4 @@
-//! What comes out of a controller each cycle.
+//! Result of a controller's cycle.
 
 use crate::control::drive::Shape;
 use crate::control::hear::{Command, GearMargin, Load};
@@ -6,7 +6,7 @@ use crate::control::identify::Identification;
 use crate::control::state::{Events, Fault, Limits, State};
 use crate::regime::classify::Verdict;
 
-/// What the controller saw and did in one cycle.
+/// Measurements, estimates and decisions of one cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Report {
     /// Cycles since the controller was built.
@@ -17,54 +17,56 @@ pub struct Report {
     pub amplitude: f32,
     /// Measured phase lead of the track before the output, in rad, -pi..pi.
     pub lead: f32,
-    /// Shape of the track's motion as it was measured: amplitudes of its tones over the first one's and phases against the
-    /// track's, -pi..pi; a sine where the drive affords no more.
+    /// Measured shape of the track's motion: amplitudes of its tones over the first one's, phases
+    /// relative to the track's, -pi..pi. A sine where the settings allow no upper tone.
     pub shape: Shape,
-    /// Amplitude that the loop follows at the end of the next cycle but one, in m.
+    /// Reference amplitude at the end of the cycle after next, in m.
     pub reference: f32,
-    /// Amplitude chosen for the target, in m; 0 where there is none.
+    /// Amplitude of the target's setpoint, in m; 0 where there is none.
     pub setpoint: f32,
-    /// Impacts heard per cycle, over the last 16.
+    /// Detected impacts per cycle, averaged over the last 16 cycles.
     pub rate: f32,
-    /// Mean phase of the track (symbol t) at the impacts heard, in rad, -pi..pi.
+    /// Mean phase of the track (symbol t) at the detected impacts, in rad, -pi..pi.
     pub phase: f32,
-    /// Concentration of these phases, 0..1.
+    /// Concentration of these phases (length of their mean phasor), 0..1.
     pub concentration: f32,
-    /// What the parts are heard to do, and how sure that is.
+    /// Detected regime of the parts, with its confidence.
     pub regime: Option<Verdict>,
     /// Drive frequency in Hz.
     pub frequency: f32,
     /// Confidence that the parts are in the wanted lock, 0..1.
     pub confidence: f32,
-    /// Share of the parts' time in gear as heard, 0..=1, over some 256 cycles, however many parts strike the track.
+    /// Estimated share of the parts' time in gear, 0..=1, over some 256 cycles, for any number of
+    /// parts.
     pub in_gear: f32,
-    /// Standard error of that share; infinite where it is only a least: before enough was heard, or where what is heard is
-    /// of no parts of the lot.
+    /// Standard error of that share. It is infinite where the share is only a lower bound: before
+    /// enough impacts, or where the impacts fit no parts of the lot.
     pub in_gear_error: f32,
-    /// Order (symbol r) of that gear: of the lock or gear that is wanted, else 1.
+    /// Order (symbol r) of that gear: of the wanted lock or gear, else 1.
     pub gear: u8,
-    /// Mean drive cycles in gear until it is lost: as heard of one part since the setpoint was reached, else as the map has it
-    /// of the lot; infinite where neither is known.
+    /// Mean drive cycles in gear until its loss: estimated for one part since the setpoint was
+    /// reached, else predicted for the lot. Infinite without either.
     pub to_loss: f32,
-    /// How far the parts are from losing gear; `None` where that is not heard.
+    /// Margin of the parts to losing gear; `None` without an estimate.
     pub margin: Option<GearMargin>,
-    /// Share of time in gear to expect of the lot at the setpoint, 0..1; 0 for a target other than gear.
+    /// Predicted share of the lot's time in gear at the setpoint, 0..1; 0 for a target other than
+    /// gear.
     pub expected_in_gear: f32,
-    /// The parts on the track as weighed by the power that they take; `None` where they are not in gear, or the mass of the track
-    /// is not told.
+    /// Load of the parts, estimated from the power that they absorb. `None` while they are not in
+    /// gear, or without a configured track mass.
     pub load: Option<Load>,
     /// Kicks begun for the present target.
     pub attempts: u8,
-    /// How far the identification of the parts' restitution has come.
+    /// Progress of the identification of the parts' restitution.
     pub identification: Identification,
-    /// What the controller is doing.
+    /// State of the controller.
     pub state: State,
-    /// What stopped it.
+    /// The fault that stopped the drive.
     pub fault: Option<Fault>,
-    /// What holds it back.
+    /// The limits that hold it back.
     pub limits: Limits,
-    /// What happened in this cycle.
+    /// Events of this cycle.
     pub events: Events,
-    /// What the drive is to do.
+    /// The next command.
     pub command: Command,
 }

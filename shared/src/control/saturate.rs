@@ -1,7 +1,7 @@
-//! Saturation that cannot panic.
+//! Saturation without a panic.
 
-/// A value held between two bounds. Unlike `clamp` it cannot panic, which the image of the board is
-/// checked for.
+/// Limits a value to `low`..`high`. Unlike `clamp` it cannot panic; a test requires that of the
+/// board's image.
 pub fn saturate(value: f32, low: f32, high: f32) -> f32 {
     if value < low {
         low

@@ -1,4 +1,4 @@
-//! What the controller is told about the track, the drive, the sensor and its parts.
+//! Settings of the controller: track, drive, sensor and parts.
 
 use core::f32::consts::TAU;
 
@@ -19,7 +19,7 @@ pub struct Key {
     pub default: f32,
     /// Accepted range in words, with the unit.
     pub accepted: &'static str,
-    /// What it is.
+    /// Its description.
     pub meaning: &'static str,
 }
 
@@ -160,7 +160,7 @@ settings! {
 }
 
 impl Settings {
-    /// The lot of parts that they describe.
+    /// The configured lot of parts.
     pub fn lot(&self) -> Result<Restitution, OutOfRange> {
         Restitution::interval(
             f64::from(self.restitution_low),
@@ -168,7 +168,7 @@ impl Settings {
         )
     }
 
-    /// The track that they describe.
+    /// The configured track.
     pub fn track(&self) -> Result<Track, OutOfRange> {
         Track::build(TrackSettings {
             frequency: f64::from(self.frequency),
@@ -187,21 +187,21 @@ impl Settings {
         self.amplitude_limit.min(by_acceleration)
     }
 
-    /// Tones above the first that the drive affords: 0, 1 or 2.
+    /// Tones above the first that the settings allow: 0, 1 or 2.
     #[must_use]
     pub fn upper_tones(&self) -> usize {
         let tones = [self.second_tone, self.third_tone];
         tones.iter().take_while(|tone| **tone > 0.0).count()
     }
 
-    /// The value of a key, `None` for an unknown one.
+    /// The value of a key; `None` for an unknown one.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<f32> {
         let mut copy = *self;
         copy.slot(name).copied()
     }
 
-    /// Sets a key; refused, with nothing changed, for an unknown key and outside its range.
+    /// Sets a key. Errors: an unknown key, or a value outside its range; nothing changes then.
     pub fn set(&mut self, name: &str, value: f32) -> Result<(), OutOfRange> {
         let Some(key) = Self::KEYS.iter().find(|key| key.name == name) else {
             return Err(OutOfRange {
@@ -217,7 +217,7 @@ impl Settings {
         Ok(())
     }
 
-    /// Refused with the first parameter out of range, alone or against its partners.
+    /// The error names the first parameter out of range, alone or against a related one.
     pub fn check(&self) -> Result<(), OutOfRange> {
         for (key, value) in Self::KEYS.iter().zip(self.values()) {
             key.accept(value)?;

@@ -1,8 +1,8 @@
-//! What the controller is to do with the parts.
+//! Targets: the wanted behaviour of the parts.
 
 use super::drive::Shape;
 
-/// What the user wants of the parts.
+/// The user's target for the parts.
 ///
 /// ```
 /// use kband::control::{Controller, NoSetpoint, Settings, StartCause, Target};
@@ -27,7 +27,8 @@ pub enum Target {
         /// Drive cycles per impact (symbol r), 1..=8.
         order: u8,
     },
-    /// Parts in gear, one flight every `order` cycles, for as much of the time as the lot's scatter allows.
+    /// Parts in gear, one flight every `order` cycles, for as large a share of time as the lot's
+    /// scatter allows.
     Gear {
         /// Drive cycles per flight (symbol r), 1..=8.
         order: u8,
@@ -38,18 +39,19 @@ pub enum Target {
     K(f32),
     /// A normal amplitude b in mm.
     Amplitude(f32),
-    /// A value of k, 0.02..10, with tones of the track above the first.
+    /// A value of k, 0.02..10, with upper tones of the track.
     Tones {
         /// k of the first tone.
         k: f32,
-        /// These tones; their ratios at most the settings `second_tone` and `third_tone`.
+        /// The upper tones; their ratios at most the settings `second_tone` and `third_tone`.
         shape: Shape,
     },
     /// A conveying speed in mm/s, positive upwards: the lock that conveys at it.
     Speed(f32),
-    /// Grams per second, above 0: parts in gear, of the order at which what is weighed on the track leaves it so.
+    /// A mass flow in g/s, above 0: parts in gear, of the order that gives this flow with the parts
+    /// on the track.
     Flow(f32),
-    /// To find the restitution of the parts by listening to them hop and rest
+    /// Identification of the parts' restitution from hops and rests
     /// ([`Identification`](crate::control::Identification)): a step of commissioning.
     Identify,
 }

@@ -1,4 +1,4 @@
-//! The plant and what happens to it in time: everything of a scene but the controller.
+//! Plant and disturbances of a scene, without a controller.
 
 use super::feeder::Plant;
 use super::scene::{Change, Scene};
@@ -6,10 +6,10 @@ use super::timeline::Timeline;
 use crate::control::{AdcCode, Inputs, SAMPLE_RATE, Target};
 use crate::feeder::OutOfRange;
 
-/// The plant of a scene with the scene's disturbances, for any controller to be tried on.
+/// The plant of a scene with its disturbances, for any controller.
 ///
-/// Each sample is [`Bench::sample`], then [`Bench::hold`] with what the drive was given; where a cycle
-/// ends, [`Bench::inputs`] and [`Bench::new_target`] are what the controller is told.
+/// Each sample is [`Bench::sample`], then [`Bench::hold`] with the drive's output. At the end of a
+/// cycle the controller reads [`Bench::inputs`] and [`Bench::new_target`].
 #[derive(Clone, Debug)]
 pub struct Bench {
     plant: Plant,
@@ -18,7 +18,7 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// The bench of a scene at time 0: parts at rest, drive off, enable input given.
+    /// The bench of a scene at time 0: parts at rest, drive off, enable input on.
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         Ok(Self {
             plant: Plant::build(scene)?,
@@ -27,7 +27,7 @@ impl Bench {
         })
     }
 
-    /// The converter's reading at the next sample, after what is due to happen before it.
+    /// Converter reading of the next sample, after the disturbances due before it.
     #[inline]
     pub fn sample(&mut self) -> AdcCode {
         while let Some(change) = self.timeline.due(self.samples) {
@@ -37,30 +37,30 @@ impl Bench {
         self.plant.sample()
     }
 
-    /// Holds an output (-1..1) until the next sample, `step` being the advance of the drive's phase.
+    /// Holds an output (-1..1) until the next sample; `step` is the advance of the drive's phase.
     #[inline]
     pub fn hold(&mut self, output: f32, step: u32) {
         self.plant.hold(output, step);
     }
 
-    /// What the board's inputs say now.
+    /// Present inputs of the board.
     #[must_use]
     pub fn inputs(&self) -> Inputs {
         self.timeline.inputs()
     }
 
-    /// A target that the scene sets, once.
+    /// New target of the scene, returned once.
     pub fn new_target(&mut self) -> Option<Target> {
         self.timeline.new_target()
     }
 
-    /// Whether the board's supply sagged in this cycle, once: its controller has to start anew, and the
-    /// cycle with it.
+    /// Whether the board's supply sagged in this cycle, returned once; controller and cycle must
+    /// restart.
     pub fn sagged(&mut self) -> bool {
         self.timeline.sagged()
     }
 
-    /// Forgets the impacts so far ([`Plant::strikes`]).
+    /// Clears the stored impacts ([`Plant::strikes`]).
     pub fn forget_strikes(&mut self) {
         self.plant.forget_strikes();
     }
@@ -71,7 +71,7 @@ impl Bench {
         &self.plant
     }
 
-    /// Has the parts weigh so much of the track's mass in all.
+    /// Sets the total mass of the parts over that of the track.
     #[cfg(test)]
     pub(super) fn heap(&mut self, total: f64) {
         self.plant.heap(total);
@@ -83,7 +83,7 @@ impl Bench {
         self.samples as f64 / f64::from(SAMPLE_RATE)
     }
 
-    /// Makes a change now, beside those of the scene.
+    /// Applies a change beside those of the scene.
     pub fn apply(&mut self, change: Change) {
         match self.timeline.take(change) {
             Some(Change::Gain(gain)) => self.plant.set_gain(gain),

@@ -1,22 +1,22 @@
-//! The samples of a cycle that the demodulator blanks because an impact rings in it.
+//! Samples of a cycle that the demodulator blanks during the ringing of an impact.
 
 use crate::control::MOST_BLANKED;
 
-/// The samples blanked in the cycle under way.
+/// Blanked samples of the current cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Blanking {
-    /// First sample that is not blanked, counted since the start of the scene, and the end of the cycle.
+    /// First sample after the blanking, counted from the start of the scene, and end of the cycle.
     until: u64,
     end: u64,
-    /// Samples of the cycle blanked, and how many more there may be.
+    /// Number of blanked samples of the cycle, and how many more are allowed.
     samples: u64,
     room: u64,
-    /// Whether nothing is blanked in the next cycle.
+    /// Whether blanking is off in the next cycle.
     whole: bool,
 }
 
 impl Blanking {
-    /// Begins the cycle of so many samples from a sample on.
+    /// Begins a cycle of `samples` samples at a sample.
     pub fn begin(&mut self, sample: u64, samples: u32) {
         let most = if self.whole {
             0
@@ -29,17 +29,17 @@ impl Blanking {
         self.until = sample + self.samples;
     }
 
-    /// Whether nothing is blanked in the next cycle.
+    /// Sets whether blanking is off in the next cycle.
     pub fn keep_whole(&mut self, whole: bool) {
         self.whole = whole;
     }
 
-    /// First sample that is not blanked.
+    /// First sample after the blanking.
     pub fn until(&self) -> u64 {
         self.until
     }
 
-    /// Blanks the samples of a ringing, as far as there is room; the first that is not.
+    /// Blanks the samples of a ringing up to the allowed number; returns the first sample after it.
     pub fn blank(&mut self, from: u64, until: u64) -> u64 {
         let from = from.max(self.until);
         if until > from {
@@ -52,7 +52,7 @@ impl Blanking {
         self.until
     }
 
-    /// Share of the cycle that is blanked, of so many samples.
+    /// Share of the cycle of `samples` samples that is blanked.
     pub fn share(&self, samples: u32) -> f64 {
         self.samples as f64 / f64::from(samples.max(1))
     }
@@ -67,7 +67,7 @@ mod tests {
         let mut blanking = Blanking::default();
         blanking.begin(1000, 300);
         assert_eq!(blanking.blank(1010, 1040), 1040);
-        // What overlaps counts once.
+        // Overlapping samples count once.
         assert_eq!(blanking.blank(1020, 1060), 1060);
         assert_eq!(blanking.until(), 1060);
         assert!((blanking.share(300) - 50.0 / 300.0).abs() < 1e-12);

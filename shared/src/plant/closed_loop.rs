@@ -1,4 +1,5 @@
-//! The one closed loop that desk and emulated CPU run: sample, control once a cycle, plan in slices.
+//! Closed loop of the waveform plant, for desk and emulated CPU: sampling, control once a cycle,
+//! planning in slices.
 
 use super::bench::Bench;
 use super::feeder::Plant;
@@ -11,7 +12,7 @@ use crate::feeder::OutOfRange;
 pub struct Moment {
     /// Time at the end of the cycle in s.
     pub time: f64,
-    /// What the controller saw and did.
+    /// The controller's report.
     pub report: Report,
     /// Impacts of all parts in this cycle.
     pub strikes: u32,
@@ -21,12 +22,12 @@ pub struct Moment {
     pub load: f64,
 }
 
-/// One sample of the closed loop, for a scope.
+/// One sample of the closed loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Time in s.
     pub time: f64,
-    /// Output of the drive as a share of full output, -1..1, that was held until now from the sample before.
+    /// Output of the drive over full output, -1..1, held since the sample before.
     pub output: f32,
     /// Reading of the converter.
     pub code: u16,
@@ -51,12 +52,12 @@ pub struct ClosedLoop {
     signal: Signal,
     controller: Controller,
     bench: Bench,
-    /// The target that the board starts with.
+    /// Target at the start of the board.
     target: Target,
 }
 
 impl ClosedLoop {
-    /// The loop of a scene at time 0: parts at rest, drive off, enable input given.
+    /// The loop of a scene at time 0: parts at rest, drive off, enable input on.
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         Ok(Self {
             signal: Signal::build(&scene.settings)?,
@@ -66,18 +67,18 @@ impl ClosedLoop {
         })
     }
 
-    /// Has the parts weigh so much of the track's mass in all.
+    /// Sets the total mass of the parts over that of the track.
     #[cfg(test)]
     pub(super) fn heap(&mut self, total: f64) {
         self.bench.heap(total);
     }
 
-    /// Runs to the end of the next drive cycle.
+    /// Simulates the next drive cycle.
     pub fn cycle(&mut self) -> Moment {
         self.cycle_shown(|_| ())
     }
 
-    /// Runs to the end of the next drive cycle and shows every sample.
+    /// As [`ClosedLoop::cycle`]; passes each sample to a callback.
     #[inline]
     pub fn cycle_shown(&mut self, mut show: impl FnMut(Sample)) -> Moment {
         self.bench.forget_strikes();
@@ -87,7 +88,7 @@ impl ClosedLoop {
             self.samples(&mut show);
         }
         if let Some(target) = self.bench.new_target() {
-            // A target out of range is refused, as over the link; the old one stays.
+            // A target out of range is rejected as over the link, and the old one remains.
             let _ = self.controller.set_target(target);
         }
         let inputs = self.bench.inputs();
@@ -107,10 +108,11 @@ impl ClosedLoop {
         }
     }
 
-    /// The samples of one cycle.
+    /// Simulates the samples of one cycle.
     #[inline]
     fn samples(&mut self, show: &mut impl FnMut(Sample)) {
-        // The slowest drive has 4000 samples a cycle; the bound only keeps a broken step from hanging.
+        // The longest cycle has 4000 samples; the bound prevents an endless loop after a wrong
+        // step.
         for _ in 0..2 * SAMPLE_RATE {
             if self.sample(show) {
                 break;
@@ -118,10 +120,10 @@ impl ClosedLoop {
         }
     }
 
-    /// The board starts anew after a brown-out.
+    /// Restarts the board after a brown-out.
     fn restart(&mut self) {
         let settings = *self.controller.settings();
-        // What was accepted once is accepted again.
+        // Settings accepted once are accepted again.
         if let (Ok(signal), Ok(controller)) = (
             Signal::build(&settings),
             Controller::build(&settings, self.target, StartCause::Reset),
@@ -149,12 +151,12 @@ impl ClosedLoop {
         sampled.wrapped
     }
 
-    /// The controller, to share what it plans.
+    /// The controller, for setting stored plans.
     pub fn controller_mut(&mut self) -> &mut Controller {
         &mut self.controller
     }
 
-    /// Makes a change now, beside those of the scene; a target is taken at the end of the cycle.
+    /// Applies a change beside those of the scene; a target takes effect at the end of the cycle.
     pub fn apply(&mut self, change: Change) {
         self.bench.apply(change);
     }
@@ -198,8 +200,8 @@ mod tests {
         assert!(settled.unwrap() < 1.0);
     }
 
-    /// Parts that strike together ring together: 24 of them would add 4.7 % to the amplitude at 800 Hz, and
-    /// 1.5 % at 2.4 kHz.
+    /// Simultaneous impacts ring together. The ringing of 24 parts would add 4.7 % to the amplitude
+    /// at 800 Hz, and 1.5 % at 2.4 kHz.
     #[test]
     fn what_many_parts_ring_is_no_amplitude_in_either_fidelity() {
         for (frequency, count) in [(800.0, 1), (800.0, 6), (800.0, 24), (2400.0, 24)] {
@@ -226,7 +228,7 @@ mod tests {
                 outputs[0] += report.command.amplitude;
                 outputs[1] += envelope.cycle().report.command.amplitude;
             }
-            // What is detected late, and what the detector has forgotten too soon.
+            // The bias of late detections and of a short memory.
             let bias = measured / moved - 1.0;
             assert!(bias.abs() < 4e-3, "{count} parts, {frequency} Hz: {bias}");
             let apart = outputs[1] / outputs[0] - 1.0;

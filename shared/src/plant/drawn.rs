@@ -1,6 +1,7 @@
-//! Drawn feeders of several tones with a configured track mass, in both fidelities.
+//! Tests: random feeders with several tones and a configured track mass, in both plants.
 //!
-//! `KBAND_SCENES` is the number of feeders, `KBAND_SEED` the seed; both are fixed in a plain test run.
+//! `KBAND_SCENES` sets the number of feeders, `KBAND_SEED` the seed; a plain test run uses fixed
+//! ones.
 
 use core::f32::consts::TAU;
 use std::vec::Vec;
@@ -12,11 +13,12 @@ use crate::control::{Fault, Report, Shape, Target, UpperTone};
 
 /// Largest true amplitude and acceleration over their hard limits.
 const MOST: f32 = 1.1;
-/// The same where the sensor saturates, which is fault 2: the bound of the output's model.
+/// The same after fault 2 (sensor saturated), where the output's model is the bound.
 const MOST_SATURATED: f32 = 1.2;
-/// Largest peak-to-peak swing of the true amplitude over its reference while READY is on, without and with heavy parts.
+/// Largest peak-to-peak variation of the true amplitude over its reference while READY is on,
+/// without and with heavy parts.
 const STEADY: [f32; 2] = [0.1, 0.16];
-/// Cycles of READY at one reference in which the swing is measured.
+/// Cycles of READY at constant reference over which the variation is measured.
 const WINDOW: usize = 40;
 
 /// Largest static displacement of a mode over that of the resonance.
@@ -38,7 +40,8 @@ impl Draw {
     }
 }
 
-/// A feeder whose modes at twice and three times the drive frequency answer by any lag; half of them differ from the settings.
+/// A random feeder with modes near twice and three times the drive frequency. Half of them differ
+/// from the settings.
 fn feeder(draw: &mut Draw) -> Scene {
     let mut scene = Scene {
         seed: u64::from(draw.0.bits()),
@@ -108,8 +111,8 @@ fn feeder(draw: &mut Draw) -> Scene {
     scene
 }
 
-/// Whether the modes are near twice and three times the drive frequency, and no stronger than the resonance: a lag near 0 or half
-/// a turn is that of a mode far away.
+/// Whether the modes are near twice and three times the drive frequency and at most twice as strong
+/// as the resonance. A lag near 0 or half a turn implies a distant mode.
 fn is_near(scene: &Scene) -> bool {
     let frequency = f64::from(scene.settings.frequency);
     let force = f64::from(scene.drive.gain / scene.drive.quality) * 1e-3;
@@ -120,12 +123,12 @@ fn is_near(scene: &Scene) -> bool {
     })
 }
 
-/// What came of a run.
+/// Result of a run.
 #[derive(Clone, Copy, Debug, Default)]
 struct Came {
     /// Largest true amplitude and acceleration over their limits.
     most: f32,
-    /// Largest peak-to-peak swing of the amplitude over its reference while READY is on.
+    /// Largest peak-to-peak variation of the amplitude over its reference while READY is on.
     swing: f32,
     /// Whether a number was not finite.
     broken: bool,
@@ -167,8 +170,8 @@ fn finite(moment: &Moment) -> bool {
             .all(|number| number.is_finite())
 }
 
-/// Runs a feeder for some cycles: `cycle` gives the moment, whether READY is on, the amplitude in m, and what over it the peak
-/// of displacement and acceleration is.
+/// Runs a feeder for some cycles. `cycle` returns the moment, READY, the amplitude in m, and the
+/// peaks of displacement and acceleration over it.
 fn run(
     scene: &Scene,
     cycles: usize,
@@ -207,8 +210,8 @@ fn run(
     came
 }
 
-/// What comes of a feeder in the waveform and in the envelope; `None` where its settings or target are refused. Heavy parts on a
-/// track of several tones are run in the waveform alone: in the envelope they shake a track of their own making.
+/// Runs a feeder in waveform and envelope; `None` if settings or target are rejected. Heavy parts
+/// on several tones are run in the waveform only, because the envelope lacks their overtones.
 fn come(scene: &Scene, cycles: usize) -> Option<Vec<Came>> {
     let (mut closed, mut envelope) = (
         ClosedLoop::build(scene).ok()?,
@@ -232,7 +235,7 @@ fn come(scene: &Scene, cycles: usize) -> Option<Vec<Came>> {
     let fast = run(scene, cycles, || {
         let moment = envelope.cycle();
         let amplitude = envelope.amplitude() as f32;
-        // Of the first tone: a shape that the sensor reads while it saturates is none.
+        // First tone only; during saturation the estimated shape is invalid.
         (moment, envelope.controller().ready(), amplitude, [1.0; 2])
     });
     Some([slow, fast].into())

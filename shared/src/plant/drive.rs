@@ -1,4 +1,5 @@
-//! The resonant drive and the track that it shakes.
+//! Resonant drive of the waveform plant: damped oscillators discretized exactly with zero-order
+//! hold (K. J. Åström and B. Wittenmark, Computer-Controlled Systems, 1997).
 
 use core::f32::consts::{PI, TAU};
 use core::f64::consts::PI as PI64;
@@ -12,13 +13,13 @@ use crate::arithmetic::Phase;
 use crate::arithmetic::sine_cosine_single;
 use crate::control::{SAMPLE_RATE, Shape, UPPER, UpperTone, phase_of};
 
-/// A resonator driven by an output that is held between samples: exact at the samples, in the
-/// rotating pair (x, v / w0), where the step is a decay and a turn.
+/// A damped oscillator under an output held between samples, exact at the samples. In the pair (x,
+/// v / w0) a step is a decay and a rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Resonator {
-    /// Damped turn and decay of one sample: the state's matrix by rows.
+    /// State matrix of one sample, by rows.
     matrix: [[f32; 2]; 2],
-    /// What a unit of force adds in one sample.
+    /// Change of the state in one sample per unit force.
     input: [f32; 2],
     /// Displacement in m and velocity over the natural angular frequency in m.
     state: [f32; 2],
@@ -27,7 +28,7 @@ pub struct Resonator {
 }
 
 impl Resonator {
-    /// The resonator of a drive model at rest.
+    /// Resonator of a drive model at rest.
     #[must_use]
     pub fn new(model: &DriveModel) -> Self {
         // At resonance the displacement is Q times the static one.
@@ -35,10 +36,12 @@ impl Resonator {
         Self::of(f64::from(model.resonance), f64::from(model.quality), force)
     }
 
-    /// The resonator of a frequency in Hz and a quality factor at rest, displaced by `force` (m) under full output.
+    /// Resonator at rest with a frequency in Hz, a quality factor and a static displacement `force`
+    /// in m at full output.
     #[must_use]
     pub fn of(resonance: f64, quality: f64, force: f64) -> Self {
-        // x'' + 2 zeta w0 x' + w0^2 x = w0^2 F; in (x, v/w0): x' = w0 y, y' = w0 (F - x - 2 zeta y).
+        // x'' + 2 zeta w0 x' + w0^2 x = w0^2 F; in (x, v/w0): x' = w0 y, y' = w0 (F - x - 2 zeta
+        // y).
         let w0 = resonance * core::f64::consts::TAU;
         let zeta = 0.5 / quality;
         let h = 1.0 / f64::from(SAMPLE_RATE);
@@ -49,7 +52,7 @@ impl Resonator {
             [decay * (c + zeta / damped * s), decay * s / damped],
             [-decay * s / damped, decay * (c - zeta / damped * s)],
         ];
-        // At rest under a unit force the state is (1, 0): the input is what the matrix leaves of it.
+        // The fixed point (1, 0) under unit force determines the input column.
         let input = [1.0 - matrix[0][0], -matrix[1][0]];
         Self {
             matrix: matrix.map(|row| row.map(|entry| entry as f32)),
@@ -60,13 +63,13 @@ impl Resonator {
         }
     }
 
-    /// Holds an output (-1..1, times the gain's factor) for one sample.
+    /// Advances one sample under an output (-1..1, times the gain's factor).
     #[inline]
     pub fn step(&mut self, output: f32) {
         self.state = self.after(self.state, output);
     }
 
-    /// The state a sample after another one, under an output that is held.
+    /// State one sample later under a held output.
     #[inline]
     fn after(&self, [x, y]: [f32; 2], output: f32) -> [f32; 2] {
         let [[a, b], [c, d]] = self.matrix;
@@ -82,13 +85,13 @@ impl Resonator {
         [self.state[0], self.state[1] * self.natural]
     }
 
-    /// Adds a displacement in m and a velocity in m/s: what a push leaves.
+    /// Adds a displacement in m and a velocity in m/s, as after a push.
     pub fn push(&mut self, displacement: f64, velocity: f64) {
         self.state[0] += displacement as f32;
         self.state[1] += (velocity / f64::from(self.natural)) as f32;
     }
 
-    /// How far a constant acceleration in m/s^2 displaces it at rest, in m.
+    /// Static displacement in m under a constant acceleration in m/s^2.
     #[must_use]
     pub fn sag(&self, acceleration: f64) -> f64 {
         acceleration / (f64::from(self.natural) * f64::from(self.natural))
@@ -104,19 +107,19 @@ impl Resonator {
     }
 }
 
-/// The track's harmonic motion at one instant.
+/// Harmonic motion of the track at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Swing {
     /// Normal amplitude (symbol b) in m.
     pub amplitude: f32,
-    /// Phase of the track, 0 where it passes its middle upwards.
+    /// Phase of the track; 0 at its centre, moving upwards.
     pub phase: Phase,
-    /// The shape of its motion.
+    /// Shape of its motion.
     pub shape: Shape,
 }
 
 impl Swing {
-    /// The swing at an angular frequency (rad/s) that passes through this displacement and velocity.
+    /// Swing through a displacement and velocity at an angular frequency in rad/s.
     #[must_use]
     pub fn through(motion: [f32; 2], angular: f32) -> Self {
         let [x, v] = motion;
@@ -128,7 +131,7 @@ impl Swing {
         }
     }
 
-    /// This swing with tones above the first that pass through a displacement (m) and a velocity (m/s) of their own.
+    /// This swing with upper tones, each through a displacement (m) and a velocity (m/s).
     #[must_use]
     pub fn with(self, motions: [[f32; 2]; UPPER], angular: f32) -> Self {
         let tone = |motion: [f32; 2], harmonic: u32| {
@@ -153,22 +156,25 @@ impl Swing {
     }
 }
 
-/// A mode that, beside the resonance, makes the track answer at a multiple of the drive's frequency as a model says.
+/// A mode above the resonance, fitted to the configured response at a multiple of the drive's
+/// frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UpperMode {
-    /// Its frequency in Hz.
+    /// Frequency in Hz.
     pub frequency: f64,
-    /// Its quality factor.
+    /// Quality factor.
     pub quality: f64,
-    /// Its displacement in m under full output at rest; below 0 where it moves against the other.
+    /// Static displacement in m at full output; negative for a mode in antiphase.
     pub force: f64,
 }
 
-/// Rounds in which two modes are fitted to each other: each answers the other's tone by a few hundredths.
+/// Rounds of the alternating fit of two modes; each responds to the other's tone by a few
+/// hundredths.
 const ROUNDS: usize = 12;
 
 impl UpperMode {
-    /// The modes of a model for a drive frequency in Hz; none where the resonance alone makes the track answer so.
+    /// Modes of a model at a drive frequency in Hz; none if the resonance alone gives the
+    /// configured response.
     #[must_use]
     pub fn of(model: &DriveModel, frequency: f64) -> Vec<Self, UPPER> {
         let told = [
@@ -182,7 +188,7 @@ impl UpperMode {
                 if gain <= 0.0 {
                     continue;
                 }
-                // The output is held between samples: half of one more, which no mode makes.
+                // The zero-order hold adds half a sample of delay, which no mode causes.
                 let held = PI64 * harmonic * frequency / f64::from(SAMPLE_RATE);
                 let lag = f64::from(lag).to_radians() - held;
                 let (sine, cosine) = libm::sincos(lag);
@@ -204,9 +210,9 @@ impl UpperMode {
         modes.into_iter().flatten().collect()
     }
 
-    /// The mode of a quality that answers to full output by `missing` m at a frequency in Hz.
+    /// Mode of a quality factor whose response to full output at a frequency in Hz is `missing` m.
     fn fitted(missing: Complex64, at: f64, quality: f64) -> Option<Self> {
-        // A mode lags by less than half a turn; what lags by more moves against the output.
+        // A mode lags by less than half a turn; a larger lag requires antiphase.
         let against = missing.im > 0.0;
         let missing = if against { -missing } else { missing };
         let size = libm::sqrt(missing.norm_sqr());
@@ -225,14 +231,14 @@ impl UpperMode {
         })
     }
 
-    /// What it answers to full output at a frequency in Hz, in m.
+    /// Response to full output at a frequency in Hz, in m.
     fn answer(&self, frequency: f64) -> Complex64 {
         let x = frequency / self.frequency;
         Complex64::new(1.0 - x * x, x / self.quality).inv() * self.force
     }
 }
 
-/// What the resonance of a model answers to full output at a frequency in Hz, in m.
+/// Response of a model's resonance to full output at a frequency in Hz, in m.
 fn response(model: &DriveModel, frequency: f64) -> Complex64 {
     let (quality, x) = (
         f64::from(model.quality),
@@ -242,20 +248,20 @@ fn response(model: &DriveModel, frequency: f64) -> Complex64 {
     Complex64::new(1.0 - x * x, x / quality).inv() * force
 }
 
-/// Tells the tones of the track's motion apart: it finds the tones of the output, and lets states of their own of the
-/// drive's modes answer each one above the first alone.
+/// Separates the upper tones of the track's motion. It estimates the tones of the output and
+/// simulates each mode under each upper tone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TonesApart {
-    /// State of each of the drive's modes under each tone above the first.
+    /// State of each mode under each upper tone.
     states: [[[f32; 2]; 1 + UPPER]; UPPER],
-    /// Tones above the first that the drive makes.
+    /// Number of upper tones of the drive.
     upper: usize,
-    /// The output along sine and cosine of the phase and of its multiples.
+    /// Estimated output along sine and cosine of the phase and its multiples.
     output: [[f32; 2]; 1 + UPPER],
 }
 
 impl TonesApart {
-    /// Of a drive at rest that makes so many tones above the first.
+    /// For a drive at rest with this number of upper tones.
     #[must_use]
     pub fn new(upper: usize) -> Self {
         Self {
@@ -265,11 +271,12 @@ impl TonesApart {
         }
     }
 
-    /// Takes an output that is held for a sample, at a phase that advances by `step` a sample, on a drive of these modes.
+    /// Adds an output sample held at a phase that advances by `step` per sample, on a drive with
+    /// these modes.
     ///
-    /// Two numbers for each tone describe the output over a cycle; each sample corrects them by its share of what they do not
-    /// explain (a projection of Kaczmarz), which is exact once nothing is left, and forgets a change in a quarter of
-    /// a cycle.
+    /// The output's tones are estimated by the projection algorithm (Kaczmarz 1937), two
+    /// coefficients a tone. Each sample corrects them by its share of the residual. The estimate is
+    /// exact at zero residual and follows a change in a quarter of a cycle.
     #[inline]
     pub fn step<'a>(
         &mut self,
@@ -303,7 +310,7 @@ impl TonesApart {
         }
     }
 
-    /// Displacement in m and velocity in m/s of each tone above the first; 0 of those that it does not make.
+    /// Displacement in m and velocity in m/s of each upper tone; 0 for tones that are absent.
     #[must_use]
     pub fn motions<'a>(
         &self,
@@ -318,10 +325,10 @@ impl TonesApart {
     }
 }
 
-/// Ringing of the track under impacts: a damped oscillator that the accelerometer hears.
+/// Ringing of the track after impacts: a damped oscillator in the accelerometer's reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ringing {
-    /// Turn and decay of a sample.
+    /// Rotation and decay per sample.
     turn: Complex,
     state: Complex,
     angle: f32,
@@ -329,7 +336,7 @@ pub struct Ringing {
 }
 
 impl Ringing {
-    /// A ringing at a frequency in Hz that decays in a time in s.
+    /// Ringing at a frequency in Hz with a decay time in s.
     #[must_use]
     pub fn new(frequency: f32, decay: f32) -> Self {
         let h = 1.0 / SAMPLE_RATE as f32;
@@ -343,25 +350,24 @@ impl Ringing {
         }
     }
 
-    /// Adds an impact of a height in m/s^2 that happened a share of a sample (0..1) before the sample
-    /// that comes next.
+    /// Adds an impact of a height in m/s^2, a share of a sample (0..1) before the next sample.
     pub fn strike(&mut self, height: f32, share: f32) {
         let height = height * libm::expf(-self.decay * share);
         self.state += turn(self.angle * share) * height;
     }
 
-    /// Nothing rings.
+    /// Stops the ringing.
     pub fn silence(&mut self) {
         self.state = Complex::default();
     }
 
-    /// Acceleration now, in m/s^2.
+    /// Acceleration in m/s^2.
     #[must_use]
     pub fn acceleration(&self) -> f32 {
         self.state.im
     }
 
-    /// Goes one sample on.
+    /// Advances one sample.
     #[inline]
     pub fn step(&mut self) {
         self.state *= self.turn;
@@ -401,14 +407,14 @@ mod tests {
         // Rounding of the matrix to f32 shifts the decay by 6e-8 of 3e-4 a sample.
         assert!((swing.amplitude / 0.2e-3 - 1.0).abs() < 1e-3, "{swing:?}");
         let lead = swing.phase.bits() as i32 as f32 * (TAU / Phase::TURN as f32);
-        // The held output is half a sample (0.008 rad) late on top.
+        // The held output adds a delay of half a sample, 0.008 rad.
         assert!((lead + PI / 2.0 + 0.008).abs() < 2e-3, "{lead}");
     }
 
     #[test]
     fn half_a_bandwidth_off_it_loses_three_decibels() {
         let swing = steady(51.0);
-        // Response at w: 1 / sqrt((1 - x^2)^2 + (x / Q)^2) static, x = 1.02.
+        // Static response at x = w/w0 = 1.02: 1 / sqrt((1 - x^2)^2 + (x / Q)^2).
         let x = 1.02_f32;
         let expected = 1.0 / libm::sqrtf((1.0 - x * x) * (1.0 - x * x) + (x / 25.0) * (x / 25.0));
         assert!((swing.amplitude / (0.2e-3 / 25.0) / expected - 1.0).abs() < 2e-3);

@@ -1,4 +1,7 @@
-//! The energy of what impacts ring with, by the phase of the drive: what the signal path sums sample by sample.
+//! Energy of the ringing after impacts, by sector of the drive's turn, in closed form.
+//!
+//! The squares of a decaying oscillation over whole samples are a geometric series. The signal path
+//! sums them sample by sample.
 
 use core::f64::consts::TAU;
 
@@ -9,55 +12,58 @@ use super::recurrence::{exp, product, turn};
 use crate::arithmetic::Phase;
 use crate::control::{SECTORS, SECTORS_HANDED, Sectors};
 
-/// Bits of a phase below its sector.
+/// Bits of a phase below its sector number.
 const BELOW: u32 = u32::BITS - SECTORS.trailing_zeros();
-/// Square of the height in m/s^2 below which a ringing is none: a hundredth of the converter's steps.
+/// Squared height below which a ringing counts as 0, in (m/s^2)^2; a hundredth of a converter step
+/// squared.
 const SILENT: f64 = 1e-6;
-/// Samples in which a ringing begins.
+/// Samples of the filters' transient at the start of a ringing.
 const BEGIN: usize = 10;
 
-/// What lies under all ringing in the residual.
+/// Residual without ringing.
 #[derive(Clone, Copy, Debug)]
 pub struct Ground {
-    /// RMS of its noise in m/s^2.
+    /// RMS of the noise in m/s^2.
     pub rms: f64,
-    /// The drive's own swing in it, in m/s^2: `Re(leak e^(i phase))`.
+    /// Residual of the drive's acceleration in m/s^2: `Re(leak e^(i phase))`.
     pub leak: Complex,
 }
 
-/// All ringing together: `Im(left e^(ringing n))` n samples later, and what a fresh one has besides as it begins.
+/// Sum of all ringings: `Im(left e^(ringing n))` after n samples, plus the filters' transient of
+/// the last one.
 #[derive(Clone, Copy, Debug)]
 pub struct RingingEnergy {
-    /// What the filters leave of a ringing that they have known for long, and besides in its first samples.
+    /// Residual of a ringing of unit height in steady state, and its transient in the first
+    /// samples.
     steady: Complex,
     besides: [Complex; BEGIN],
-    /// What a sample leaves of a ringing, and several.
+    /// Decay of a ringing in one sample and in several.
     sample: Complex,
     decay: Powers,
-    /// `1/(1 - |r|^2)` and `1/(1 - r^2)` for the ringing r of a sample.
+    /// Sums of geometric series `1/(1 - |r|^2)` and `1/(1 - r^2)` for the ringing r of a sample.
     straight: f64,
     across: Complex,
     left: Complex,
     fresh: Complex,
     begun: usize,
-    /// The sample up to which it is summed.
+    /// Sample up to which the energy is summed.
     at: u64,
-    /// Sample and phase at which the cycle began, and the advance of the phase per sample.
+    /// Sample and phase at the start of the cycle, and the advance of the phase per sample.
     began: u64,
     phase: u32,
     step: u32,
-    /// Whole samples in a sector, and what they and one more leave of a ringing.
+    /// Whole samples in a sector, and the decay of a ringing over them and over one more.
     sector: u32,
     wholes: [Complex; 2],
     sums: [f64; SECTORS],
     next: usize,
-    /// `e^(2 i phase)` in the middle of each sector, and its mean over a sector as a share of that.
+    /// `e^(2 i phase)` at the centre of each sector, and its mean over a sector relative to it.
     middles: [Complex; SECTORS],
     squeezed: f64,
 }
 
 impl RingingEnergy {
-    /// For a ringing (logarithm of what a sample leaves of it) and the detector's response to it.
+    /// For a ringing (logarithm of its decay per sample) and the detector's response to it.
     pub fn new(ringing: Complex, response: &[Complex; BEGIN], steady: &[Complex; BEGIN]) -> Self {
         let one = Complex::new(1.0, 0.0);
         let sample = exp(ringing);
@@ -85,7 +91,7 @@ impl RingingEnergy {
         }
     }
 
-    /// Begins a cycle at a sample and a phase of the output.
+    /// Begins a cycle at a sample and an output phase.
     pub fn begin(&mut self, sample: u64, phase: Phase, step: u32) {
         let step = step.max(1);
         if step != self.step {
@@ -95,7 +101,7 @@ impl RingingEnergy {
         (self.began, self.phase, self.step) = (sample, phase.bits(), step);
     }
 
-    /// A ringing that begins at a sample with `e^(i angle)` times its height.
+    /// Adds a ringing that starts at a sample with complex height `began`.
     pub fn strike(&mut self, sample: u64, began: Complex) {
         self.advance(sample);
         self.left += product(began, self.steady);
@@ -107,7 +113,7 @@ impl RingingEnergy {
         self.phase.wrapping_add(since.wrapping_mul(self.step))
     }
 
-    /// Sums what rings before a sample.
+    /// Sums the energy before sample `to`.
     pub fn advance(&mut self, to: u64) {
         if to <= self.at {
             return;
@@ -139,7 +145,7 @@ impl RingingEnergy {
         let mut height = left.norm_sqr();
         if samples > 0 && height > SILENT {
             let mut before = self.tail(left, height);
-            // To the end of the sector; those that follow hold one of two numbers of samples.
+            // The first sector is partial; each later one contains one of two numbers of samples.
             let mut within = u64::from(self.samples_in(ahead(phase)));
             let mut advance = (within as u32).wrapping_mul(self.step);
             let mut decay = self.decay.at(within.min(samples));
@@ -173,9 +179,9 @@ impl RingingEnergy {
         };
     }
 
-    /// Samples that begin within so much of the phase, at most a sector.
+    /// Number of samples that start within a phase interval of at most a sector.
     fn samples_in(&self, ahead: u32) -> u32 {
-        // What begins within a step of a sector's beginning needs no division.
+        // An interval within one step of a sector needs no division.
         let step = i64::from(self.step);
         let left = i64::from(ahead) - i64::from(self.sector) * step;
         if left > step || left <= -step {
@@ -184,18 +190,18 @@ impl RingingEnergy {
         self.sector + u32::from(left > 0)
     }
 
-    /// Sum of the squares of `Im(left r^n)` over all n from 0 on, `height` the square of left.
+    /// Sum of the squares of `Im(left r^n)` for n >= 0; `height` is |left|^2.
     #[inline(always)]
     fn tail(&self, left: Complex, height: f64) -> f64 {
         let square = product(left, left);
         0.5 * (height * self.straight - (square.re * self.across.re - square.im * self.across.im))
     }
 
-    /// The end of a cycle of so many samples: what is handed over.
+    /// Ends a cycle of `samples` samples and returns the energy of the next group of sectors.
     pub fn finish(&mut self, samples: u32, ground: &Ground) -> Sectors {
         self.advance(self.began + u64::from(samples));
         let first = self.next;
-        // Each waits as many cycles as there are hands.
+        // A sector is returned once in as many cycles as there are groups.
         let waited = f64::from(samples) / SECTORS_HANDED as f64;
         let swing = 0.5 * ground.leak.norm_sqr();
         let swung = ground.leak * ground.leak;
@@ -215,7 +221,7 @@ impl RingingEnergy {
     }
 }
 
-/// How much of a phase's sector is left.
+/// Phase from here to the end of the sector.
 #[inline(always)]
 fn ahead(phase: u32) -> u32 {
     (1 << BELOW) - (phase & ((1 << BELOW) - 1))
@@ -263,7 +269,8 @@ mod tests {
         }
     }
 
-    /// Sectors of fewer than one sample to many: what rings in them is the same sample by sample and at once.
+    /// The sums do not depend on the step of the summation, from sectors below one sample to many
+    /// samples.
     #[test]
     fn a_ringing_is_summed_alike_in_any_steps() {
         let ringing = Complex::new(-0.05, 0.754);
@@ -284,14 +291,15 @@ mod tests {
             };
             let (whole, single) = (sums(1000), sums(1));
             for (whole, single) in whole.iter().zip(single) {
-                // Some hundred powers of 2e-14 each, of tails of at most 300.
+                // Some hundred powers with errors of 2e-14 each, of sums of at most 300.
                 assert!((whole - single).abs() < 1e-9, "{step}: {whole} {single}");
             }
             assert!(whole.iter().sum::<f64>() > 100.0);
         }
     }
 
-    /// Impacts at random, two of them almost at once: each sector's energy is that of the samples.
+    /// Random impacts, some of them nearly simultaneous: each sector's energy agrees with the sum
+    /// over samples.
     #[test]
     fn it_is_the_energy_of_the_samples() {
         let sensor = SensorModel::default();
@@ -338,7 +346,7 @@ mod tests {
             }
         }
         for (slow, fast) in slow.iter().zip(fast) {
-            // What the drive leaves and what rings are added as if they knew nothing of each other.
+            // The closed form neglects the correlation of drive and ringing.
             assert!((fast / slow - 1.0).abs() < 0.05, "{slow} {fast}");
         }
     }

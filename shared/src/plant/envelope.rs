@@ -1,5 +1,7 @@
-//! The plant from cycle to cycle: amplitude and phase of the track in closed form, the parts on the map,
-//! and what demodulator and onset detector make of both.
+//! Envelope plant: the simulated feeder in steps of a drive cycle.
+//!
+//! The track's complex amplitude follows its exact recurrence, parts follow the impact map, and
+//! demodulator and onset detector are evaluated in closed form.
 
 use core::f64::consts::TAU;
 
@@ -26,24 +28,24 @@ use crate::control::{
 };
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 
-/// Events of one part in one cycle before the rest waits for the next: chatter is summed long before.
+/// Largest number of events of one part in one cycle; later events move to the next cycle. A
+/// chatter is summed long before.
 const EVENTS_PER_CYCLE: usize = 200;
-/// Impacts heard that wait for the cycle of their sample.
+/// Largest number of detected impacts that wait for the cycle of their sample.
 const WAITING: usize = 2 * HEARD_PER_CYCLE;
 
-/// The simulated feeder, a drive cycle at a time.
+/// The simulated feeder in steps of a drive cycle.
 ///
-/// [`EnvelopePlant::cycle`] gives what the signal path would have given for that cycle. Drive and
-/// demodulator are exact ([`Recurrence`]); a part meets the track where drive and map say, and is heard
-/// as the onset detector's closed form says. Noise is drawn once for each quantity that it reaches. Only a reading
-/// that leaves the converter's range is computed sample by sample, because clipping is not linear.
+/// [`EnvelopePlant::cycle`] returns the signal path's result for a cycle. Drive and demodulator are
+/// exact ([`Recurrence`]). Noise is drawn once for each quantity. A cycle whose reading saturates
+/// the converter is computed sample by sample, because clipping is nonlinear.
 #[derive(Clone, Debug)]
 pub struct EnvelopePlant {
     drive: Recurrence,
-    /// Where the drive has tones above the first or modes above the resonance: these, and the shape that they make.
+    /// Upper tones and modes above the resonance, if the drive has any, and the resulting wave.
     upper: Option<UpperEnvelope>,
     waves: WaveCache,
-    /// Tones above the first that the drive affords.
+    /// Number of upper tones that the settings enable.
     tones: usize,
     gain: f32,
     sensor: SensorModel,
@@ -51,18 +53,18 @@ pub struct EnvelopePlant {
     readings: Readings,
     onset: OnsetModel,
     parts: Vec<Part, PARTS>,
-    /// What the parts push, where they have masses.
+    /// Force of the parts on the track, if they have mass.
     load: Option<TrackLoad>,
     hopper: Hopper,
     /// Gravity normal to the track in m/s^2.
     normal_gravity: f64,
     noise: Noise,
-    /// Time up to which the parts are known, in steps of 2^-32 turns of the drive: that of the output
-    /// before the sample that began the cycle.
+    /// Time up to which the parts are simulated, in steps of 2^-32 turns of the drive; that of the
+    /// output sample before this cycle.
     time: i64,
     /// Samples before this cycle.
     sample: u64,
-    /// Turns of the mains in one sample.
+    /// Turns of the mains per sample.
     mains: f64,
     ripple: f32,
     lost: bool,
@@ -70,16 +72,16 @@ pub struct EnvelopePlant {
     law: Law,
     watched: bool,
     strikes: Vec<Strike, STRIKES>,
-    /// Impacts heard whose cycle has not ended, in the order of time.
+    /// Detected impacts of cycles that have not ended, in order of time.
     waiting: Vec<HeardAt, WAITING>,
-    /// Acceleration as the demodulator had it last under a load, along sine and cosine of the phase.
+    /// Demodulated acceleration of the last cycle under a load, along sine and cosine of the phase.
     shown: Complex,
-    /// The detector's median, which follows the noise over some cycles.
+    /// The detector's running median, which follows the noise over some cycles.
     median: f64,
 }
 
 impl EnvelopePlant {
-    /// The plant of a scene, at rest; the refusal names the parameter.
+    /// The plant of a scene at rest; an error names the parameter out of range.
     pub(crate) fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         scene.check()?;
         let settings = &scene.settings;
@@ -131,7 +133,7 @@ impl EnvelopePlant {
         Ok(plant)
     }
 
-    /// What follows from the accelerometer's noise and sensitivity.
+    /// Updates the constants that depend on the accelerometer's noise and sensitivity.
     fn sense(&mut self) {
         let factor = f64::from(self.sensor.sensitivity);
         let noise = f64::from(self.sensor.noise);
@@ -154,8 +156,8 @@ impl EnvelopePlant {
         };
     }
 
-    /// Runs one drive cycle as it is told.
-    /// `next` is what the signal path is told for the cycle after it: what it is to fold, and to leave out.
+    /// Simulates one drive cycle under a command. `next` is the signal path's command for the next
+    /// cycle, which selects folding and blanking.
     pub(crate) fn cycle(&mut self, told: &Command, next: &Command) -> Cycle {
         let (output, step) = (f64::from(told.amplitude), told.step);
         self.strikes.clear();
@@ -187,9 +189,10 @@ impl EnvelopePlant {
             samples: samples as u16,
             ..Cycle::default()
         };
-        // What is heard only in the cycle that follows is stamped with the phases of this one.
+        // An impact detected only in the next cycle has a phase of this one.
         let read = (clipped || self.readings.folds()).then(|| self.read_each(&mut cycle));
-        // Parts with mass seldom ring all at once: where no reading was cut off the closed form holds, which blanks what rings.
+        // Parts with mass seldom ring all at once. Without saturation the closed form applies, with
+        // blanking.
         let cut = clipped && (self.load.is_none() || cycle.saturated > 0);
         let readings = read.filter(|_| cut);
         let struck = self.listen(loudest);
@@ -221,8 +224,8 @@ impl EnvelopePlant {
         cycle
     }
 
-    /// The output with what the bus's ripple adds at the drive's frequency: `sin(wt) r sin(Wt)` is
-    /// `r/2 cos((W - w)t)` beside what the drive does not answer.
+    /// Complex output with the bus ripple at the drive's frequency. `sin(wt) r sin(Wt)` contains
+    /// `r/2 cos((W - w)t)`; the drive does not respond to the other sideband.
     fn output(&self, output: f64, lead: f64, step: u32, middle: f64) -> Complex {
         let output = output * f64::from(self.gain);
         let ahead = if lead == 0.0 {
@@ -243,8 +246,8 @@ impl EnvelopePlant {
         (ahead + ahead.conj() * Complex::new(0.0, 1.0) * ripple) * output
     }
 
-    /// What the demodulator makes of a cycle in which impacts push: they are read as ringing and blanked, and with them what of the motion is
-    /// there, for which the last cycle's stands.
+    /// Effect of blanking on the demodulated acceleration. Impacts that push the track are blanked
+    /// with the motion at that phase, which is replaced by the last cycle's.
     fn blank(&mut self, found: &mut Demodulated, samples: u32) {
         let Some(load) = &self.load else {
             return;
@@ -253,7 +256,7 @@ impl EnvelopePlant {
         let share = self.onset.blanked(samples) as f32;
         let between = struck * f64::from(outweighed(share));
         let now = Complex::new(found.quadrature, found.in_phase) - between;
-        // A push is a quarter turn ahead of the jump that it gives.
+        // A push leads its velocity jump by a quarter turn.
         let ahead = struck * Complex::new(0.0, 1.0 / libm::sqrt(struck.norm_sqr()).max(1e-30));
         let at = Complex32::new(ahead.re as f32, ahead.im as f32);
         let repeated = repeated(at, share);
@@ -263,24 +266,24 @@ impl EnvelopePlant {
         self.shown = shown;
     }
 
-    /// Largest height of ringing that this cycle's strikes may add up to, in m/s^2.
+    /// Upper bound of the summed ringing of this cycle's impacts in m/s^2.
     fn ringing(&self) -> f64 {
         let speeds = self.strikes().iter().map(|strike| strike.speed);
         f64::from(self.sensor.ringing) * speeds.sum::<f64>()
     }
 
-    /// Samples from the one that began the cycle to the plant's state at a time of the parts: the state
-    /// at a sample is reached by the output of the sample before.
+    /// Samples from the start of the cycle to a time of the parts. The state at a sample results
+    /// from the output of the sample before.
     fn samples_to(&self, time: u64) -> f64 {
         (time as i64 - self.time) as f64 * self.drive.per_step()
     }
 
-    /// Time up to which this cycle moves the parts.
+    /// Time up to which this cycle simulates the parts.
     fn end(&self) -> u64 {
         (self.time + i64::from(self.drive.samples()) * i64::from(self.drive.step())).max(0) as u64
     }
 
-    /// Lets the parts fly, strike and rest up to the end of the cycle.
+    /// Simulates the parts to the end of the cycle.
     fn move_parts(&mut self) {
         let end = self.end();
         let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
@@ -327,7 +330,8 @@ impl EnvelopePlant {
                 from = next;
                 let swing = motion.swing(next);
                 let wave = motion.wave(&swing, waves);
-                // A part that the track jumps away from flies as under so much more gravity.
+                // The track recoils from a part with mass, which acts on the flight as more
+                // gravity.
                 let jumping = Track {
                     wave,
                     normal_gravity: normal_gravity * (1.0 + share),
@@ -340,7 +344,7 @@ impl EnvelopePlant {
                     if part.lies() {
                         lying = Some(next);
                     }
-                    // All that is heard of a strike is what is kept of it: where there is no room, the loudest are.
+                    // When the list is full, the loudest impacts are kept.
                     let part = index as u8;
                     if let Err(more) = self.strikes.push(Strike { part, ..strike }) {
                         let kept = self.strikes.iter_mut();
@@ -354,7 +358,7 @@ impl EnvelopePlant {
             if let (Some(load), Some(since)) = (&mut load, lying) {
                 load.lie(index, motion.rest(since, end), normal_gravity);
             }
-            // A part in flight does not slide; the shape of the track is looked at in any case.
+            // A flying part does not slide. With upper tones the wave is updated in any case.
             if let Some(Law::Friction(_)) = track.law
                 && (part.rubs() || self.upper.is_some())
             {
@@ -368,7 +372,7 @@ impl EnvelopePlant {
         }
     }
 
-    /// Hears this cycle's strikes; what the demodulator makes of their ringing, as a part of its own.
+    /// Detects this cycle's impacts and returns the demodulated part of their ringing.
     fn listen(&mut self, loudest: f64) -> Complex {
         self.onset
             .tune(f64::from(self.drive.step()) * (TAU / Phase::TURN));
@@ -382,7 +386,7 @@ impl EnvelopePlant {
         let square = rms * rms + 0.5 * leak * leak;
         let level = libm::sqrt(square);
         let swinging = 0.5 * leak * leak / square.max(1e-30);
-        // So much a running median moves at most.
+        // Largest relative change of a running median in a cycle.
         let most = 1.0 + f64::from(self.drive.samples()) * Standard::LEARNING;
         self.median = self
             .onset
@@ -396,7 +400,7 @@ impl EnvelopePlant {
         let mut sum = Complex::new(0.0, 0.0);
         let mut index = 0;
         while let Some(&strike) = self.strikes.get(index) {
-            // Parts that strike as one ring as one.
+            // Simultaneous impacts ring as one.
             let together = self.strikes[index..].iter();
             let together = together.take_while(|other| other.time == strike.time);
             let (count, speed) = together.fold((0, 0.0), |(count, speed), other| {
@@ -429,7 +433,7 @@ impl EnvelopePlant {
         sum
     }
 
-    /// Puts what was demodulated into the readings of the board.
+    /// Writes the demodulated values into the board's readings, with noise, hum and sensor faults.
     fn read(&mut self, cycle: &mut Cycle, found: Demodulated, loudest: f64, middle: f64) {
         cycle.noise = (self.median / QUARTILE) as f32;
         cycle.blanked = self.onset.blanked(u32::from(cycle.samples)) as f32;
@@ -452,7 +456,7 @@ impl EnvelopePlant {
             ..
         } = self.sense;
         let samples = f64::from(cycle.samples);
-        // Mean of 2 n(t) e^(i phase) over the N samples that are not blanked.
+        // Standard deviation of the mean of 2 n(t) e^(i phase) over the N unblanked samples.
         let heeded = 1.0 - self.onset.blanked(u32::from(cycle.samples));
         let scatter = white * libm::sqrt(2.0 / (samples * heeded).max(1.0));
         let hum = self.hum(samples, middle);
@@ -474,25 +478,25 @@ impl EnvelopePlant {
         }
     }
 
-    /// What the demodulator makes of the mains' hum.
+    /// Demodulated part of the mains hum.
     fn hum(&self, samples: f64, middle: f64) -> Complex {
         if self.sensor.hum <= 0.0 {
             return Complex::new(0.0, 0.0);
         }
         let drive = f64::from(self.drive.step()) / Phase::TURN;
-        // The cycle that ended: its middle is half a turn of the drive back.
+        // Phase at the middle of the cycle that ended, half a cycle back.
         let phase = f64::from(self.drive.phase()) / Phase::TURN - 0.5 * samples * drive;
         let (mains, drive_at) = (TAU * self.mains * middle, TAU * phase);
         let half = 0.5 * TAU * samples;
         let near = sinc(half * (self.mains - drive));
         let far = sinc(half * (self.mains + drive));
-        // 2 sin(Wt) e^(i wt) = -i e^(i(W + w)t) + i e^(-i(W - w)t), each averaged over the cycle.
+        // Average of 2 sin(Wt) e^(i wt) = -i e^(i(W + w)t) + i e^(-i(W - w)t) over the cycle.
         let sum = turn(mains + drive_at) * Complex::new(0.0, -far)
             + turn(drive_at - mains) * Complex::new(0.0, near);
         sum * f64::from(self.sensor.hum)
     }
 
-    /// Takes the cycle sample by sample; what the demodulator finds in it.
+    /// Simulates the readings of the cycle sample by sample and demodulates them.
     fn read_each(&mut self, cycle: &mut Cycle) -> Demodulated {
         let of = Read {
             drive: &self.drive,
@@ -507,7 +511,7 @@ impl EnvelopePlant {
         self.readings.read(&of, cycle, &mut self.noise)
     }
 
-    /// Keeps what was heard for the cycle of its sample; what there is no room for is not heard.
+    /// Stores a detected impact for the cycle of its sample; dropped when the list is full.
     fn wait(&mut self, heard: HeardAt) {
         let waiting = &self.waiting;
         let at = waiting.partition_point(|other| other.sample <= heard.sample);
@@ -518,10 +522,10 @@ impl EnvelopePlant {
         };
     }
 
-    /// Gives out what is heard within the cycle that ends, `samples` long.
+    /// Moves the impacts detected within the ended cycle of `samples` samples into its readings.
     fn tell(&mut self, cycle: &mut Cycle, samples: u32) {
         let step = self.drive.step();
-        // The drive already stands at the phase of the next cycle.
+        // The drive's phase is already that of the next cycle.
         let began = self.drive.phase().wrapping_sub(step.wrapping_mul(samples));
         let end = self.sample + u64::from(samples);
         let mut last = self.sample;
@@ -532,7 +536,7 @@ impl EnvelopePlant {
             }
             let n = (heard.sample.max(last) - self.sample) as u32;
             last = heard.sample.max(last);
-            // The signal path stamps the sample before the one at which the detector finds it.
+            // The signal path stamps an impact with the phase of the sample before its detection.
             let phase = began.wrapping_add(n.wrapping_sub(1).wrapping_mul(step));
             let _ = cycle.heard.push(Heard {
                 phase: Phase::from_bits(phase),
@@ -547,12 +551,13 @@ impl EnvelopePlant {
         self.time += i64::from(samples) * i64::from(step);
     }
 
-    /// Whether the parts' displacement along the track is watched; unwatched it stands still and costs nothing.
+    /// Sets whether the displacement along the track is computed; if not, it stays constant and
+    /// costs nothing.
     pub(crate) fn watch_displacement(&mut self, watched: bool) {
         self.watched = watched;
     }
 
-    /// Has the parts weigh so much of the track's mass in all.
+    /// Sets the total mass of the parts over that of the track.
     #[cfg(test)]
     pub(super) fn heap(&mut self, total: f64) {
         if let Some(load) = &mut self.load {
@@ -560,14 +565,14 @@ impl EnvelopePlant {
         }
     }
 
-    /// Normal amplitude of the track now, in m.
+    /// Normal amplitude of the track in m.
     #[must_use]
     pub fn amplitude(&self) -> f64 {
         let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
         f64::from(motion.swing(self.time.max(0) as u64).amplitude)
     }
 
-    /// Mass that is on the track, over that of the track.
+    /// Mass of the parts on the track over that of the track.
     #[must_use]
     pub fn load(&self) -> f64 {
         let now = self.time.max(0) as u64;
@@ -576,7 +581,7 @@ impl EnvelopePlant {
         (self.load.as_ref()).map_or(0.0, |load| shares.map(|part| load.share(part)).sum())
     }
 
-    /// Impacts of the last cycle, at most 96, in the order of time.
+    /// Impacts of the last cycle in order of time, at most 96.
     #[must_use]
     pub fn strikes(&self) -> &[Strike] {
         &self.strikes
@@ -588,19 +593,19 @@ impl EnvelopePlant {
         self.sample as f64 / f64::from(SAMPLE_RATE)
     }
 
-    /// Samples before the next cycle, and in it as far as the present step goes.
+    /// Number of samples before the next cycle, and within it at the present step.
     #[must_use]
     pub fn samples(&self) -> [u64; 2] {
         [self.sample, u64::from(self.drive.samples())]
     }
 
-    /// Mean displacement of the parts along the track so far in m, positive upwards; 0 without parts.
+    /// Mean displacement of the parts along the track in m, positive upwards; 0 without parts.
     #[must_use]
     pub fn displacement(&self) -> f64 {
         mean_displacement(&self.parts)
     }
 
-    /// Makes a change of the plant.
+    /// Applies a change to the plant.
     pub(crate) fn apply(&mut self, change: Change) {
         match change {
             Change::Gain(gain) => self.gain = gain,

@@ -1,4 +1,4 @@
-//! The closed loop from cycle to cycle: the same controller, on the plant's envelope.
+//! Closed loop in steps of a drive cycle: the controller with the envelope plant.
 
 use super::closed_loop::Moment;
 use super::envelope::EnvelopePlant;
@@ -8,8 +8,8 @@ use super::timeline::Timeline;
 use crate::control::{Command, Controller, Cycle, PLAN_SLICES, StartCause, Target, phase_step};
 use crate::feeder::OutOfRange;
 
-/// Controller and a plant that goes from cycle to cycle, joined as [`ClosedLoop`](super::ClosedLoop) joins controller,
-/// signal path and plant: what the controller commands at the end of a cycle drives the cycle after next.
+/// Controller and envelope plant, joined as in [`ClosedLoop`](super::ClosedLoop). A command at the
+/// end of a cycle takes effect in the cycle after next.
 ///
 /// ```
 /// use kband::plant::{ClosedLoop, EnvelopeLoop, Scene};
@@ -30,17 +30,17 @@ pub struct EnvelopeLoop {
     controller: Controller,
     plant: EnvelopePlant,
     timeline: Timeline,
-    /// Command of the cycle that runs next, and the one latched after it.
+    /// Command of the next cycle, and the latched command of the cycle after it.
     running: Command,
     pending: Command,
-    /// The target that the board starts with.
+    /// Target at the start of the board.
     target: Target,
-    /// Whether that is watched on which nothing else here depends.
+    /// Whether outputs without effect on the loop are computed.
     watched: bool,
 }
 
 impl EnvelopeLoop {
-    /// The loop of a scene at time 0: parts at rest, drive off, enable input given.
+    /// The loop of a scene at time 0: parts at rest, drive off, enable input on.
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         let still = still(scene.settings.frequency);
         Ok(Self {
@@ -54,7 +54,7 @@ impl EnvelopeLoop {
         })
     }
 
-    /// Runs to the end of the next drive cycle.
+    /// Simulates the next drive cycle.
     pub fn cycle(&mut self) -> Moment {
         self.advance();
         self.moment()
@@ -72,13 +72,13 @@ impl EnvelopeLoop {
         }
     }
 
-    /// As [`EnvelopeLoop::cycle`], for who does not read each [moment](EnvelopeLoop::moment).
+    /// As [`EnvelopeLoop::cycle`], without a [moment](EnvelopeLoop::moment).
     pub fn advance(&mut self) {
         self.pass(|_| {});
     }
 
-    /// As [`EnvelopeLoop::advance`], where `share` spares the controller what it begins to search for in this cycle and another one has
-    /// found: before the first slice of it.
+    /// As [`EnvelopeLoop::advance`]; `share` can give the controller stored results of the searches
+    /// it begins in this cycle.
     #[cfg(any(test, feature = "unstable"))]
     pub fn advance_spared(&mut self, share: impl FnOnce(&mut Controller)) {
         self.pass(share);
@@ -91,7 +91,7 @@ impl EnvelopeLoop {
             cycle = self.run();
         }
         if let Some(target) = self.timeline.new_target() {
-            // A target out of range is refused, as over the link; the old one stays.
+            // A target out of range is rejected as over the link, and the old one remains.
             let _ = self.controller.set_target(target);
         }
         self.controller.advance(&cycle, &self.timeline.inputs());
@@ -110,20 +110,20 @@ impl EnvelopeLoop {
         }
     }
 
-    /// The plant's next cycle.
+    /// Simulates the plant's next cycle.
     fn run(&mut self) -> Cycle {
         let [before, samples] = self.plant.samples();
-        // What happens in the first half of a cycle counts for the whole of it.
+        // A change in the first half of a cycle applies to the whole cycle.
         self.happen(before + samples / 2);
         let cycle = self.plant.cycle(&self.running, &self.pending);
         self.happen(self.plant.samples()[0] - 1);
         cycle
     }
 
-    /// The board starts anew after a brown-out.
+    /// Restarts the board after a brown-out.
     fn restart(&mut self) {
         let settings = *self.controller.settings();
-        // What was accepted once is accepted again.
+        // Settings accepted once are accepted again.
         if let Ok(controller) = Controller::build(&settings, self.target, StartCause::Reset) {
             self.controller = controller;
             self.controller.watch_regime(self.watched);
@@ -138,27 +138,29 @@ impl EnvelopeLoop {
         }
     }
 
-    /// Makes a change now, beside those of the scene; a target is taken at the end of the cycle.
+    /// Applies a change beside those of the scene; a target takes effect at the end of the cycle.
     pub fn apply(&mut self, change: Change) {
         if let Some(change) = self.timeline.take(change) {
             self.plant.apply(change);
         }
     }
 
-    /// Whether that is watched on which nothing else here depends: the displacement along the track, and the regime
-    /// that is heard where the controller does not act on it. Unwatched both stand still and cost nothing.
+    /// Sets whether outputs without effect on the loop are computed: the displacement along the
+    /// track, and the regime where the controller does not use it. If not, both stay constant and
+    /// cost nothing.
     pub fn watch(&mut self, watched: bool) {
         self.watched = watched;
         self.plant.watch_displacement(watched);
         self.controller.watch_regime(watched);
     }
 
-    /// Whether the displacement along the track is watched, as [`EnvelopeLoop::watch`] has it for all.
+    /// Sets whether the displacement along the track is computed, as [`EnvelopeLoop::watch`] does
+    /// for all outputs.
     pub fn watch_displacement(&mut self, watched: bool) {
         self.plant.watch_displacement(watched);
     }
 
-    /// Has the parts weigh so much of the track's mass in all.
+    /// Sets the total mass of the parts over that of the track.
     #[cfg(test)]
     pub(super) fn heap(&mut self, total: f64) {
         self.plant.heap(total);
@@ -176,7 +178,7 @@ impl EnvelopeLoop {
         self.plant.strikes()
     }
 
-    /// Normal amplitude of the track (symbol b) as it is, at the end of the last cycle, in m.
+    /// True normal amplitude of the track (symbol b) at the end of the last cycle, in m.
     #[must_use]
     pub fn amplitude(&self) -> f64 {
         self.plant.amplitude()
@@ -189,7 +191,7 @@ impl EnvelopeLoop {
     }
 }
 
-/// A drive that stands still.
+/// Command of a drive without output.
 fn still(frequency: f32) -> Command {
     Command {
         step: phase_step(frequency),

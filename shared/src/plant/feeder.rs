@@ -1,4 +1,4 @@
-//! The plant: drive, parts and accelerometer, one sample at a time.
+//! Waveform plant: drive, parts and accelerometer, simulated sample by sample.
 
 use core::f64::consts::TAU;
 
@@ -16,21 +16,22 @@ use crate::control::{AdcCode, SAMPLE_RATE, Shape, UPPER, phase_step};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 use crate::impact::Scatter;
 
-/// Events of one part in one sample before the rest waits for the next: chatter is summed long before.
+/// Largest number of events of one part in one sample; later events move to the next sample. A
+/// chatter is summed long before.
 const EVENTS_PER_SAMPLE: usize = 16;
 
-/// Most strikes of one cycle that the plant remembers.
+/// Largest number of impacts stored per cycle.
 pub(super) const STRIKES: usize = 96;
 
 /// The simulated feeder.
 #[derive(Clone, Debug)]
 pub struct Plant {
     drive: Resonator,
-    /// Static displacement for full output in m.
+    /// Static displacement at full output in m.
     force: f32,
     /// Modes above the resonance and their static displacements.
     modes: Vec<(Resonator, f32), UPPER>,
-    /// Where the drive affords tones above the first: what of the motion these are.
+    /// Separation of the upper tones, if the drive has any.
     apart: Option<TonesApart>,
     waves: WaveCache,
     gain: f32,
@@ -40,16 +41,16 @@ pub struct Plant {
     rest: f32,
     /// The parts, where none of them has a mass.
     parts: Vec<Part, PARTS>,
-    /// The parts, where any of them has one.
+    /// The parts, if any has mass.
     massive: Vec<MassivePart, PARTS>,
-    /// Acceleration in m/s^2 by which those that lie on the track press it down, and how far the spring gives under those that are
-    /// on it, in m.
+    /// Acceleration in m/s^2 from the weight of the lying parts, and static deflection of the
+    /// spring under all parts on the track, in m.
     pressed: f32,
     sagged: f64,
     hopper: Hopper,
     /// Gravity normal to the track in m/s^2.
     normal_gravity: f64,
-    /// Gravity down along the track in m/s^2, and the motion along it over that normal to it.
+    /// Gravity down the track in m/s^2, and its motion along itself over that normal to it.
     down: f64,
     along: [f64; 2],
     noise: Noise,
@@ -63,7 +64,7 @@ pub struct Plant {
     lost: bool,
     inverted: bool,
     last_code: u16,
-    /// Phase of the mains, and its advance per sample.
+    /// Phase of the mains and its advance per sample.
     mains: Phase,
     mains_step: u32,
     ripple: f32,
@@ -80,7 +81,7 @@ fn all<'a>(
 }
 
 impl Plant {
-    /// The plant of a scene, at rest; the refusal names the parameter.
+    /// The plant of a scene at rest; an error names the parameter out of range.
     pub(crate) fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         scene.check()?;
         let settings = &scene.settings;
@@ -142,7 +143,7 @@ impl Plant {
         Ok(plant)
     }
 
-    /// The spring bears one part more; by how much more it gives, in m.
+    /// Adds a part to the spring's load and returns the added deflection in m.
     fn bear(&mut self, index: usize) -> f64 {
         let share = self.massive.get(index).map_or(0.0, MassivePart::share);
         let sag = self.drive.sag(share * self.normal_gravity);
@@ -150,7 +151,7 @@ impl Plant {
         sag
     }
 
-    /// The converter's reading now.
+    /// Reading of the converter.
     #[inline]
     pub(crate) fn sample(&mut self) -> AdcCode {
         let noise = self.sensor.noise * self.noise.gauss();
@@ -178,12 +179,13 @@ impl Plant {
             acceleration
         };
         let code = self.zero + signed * self.sensor.sensitivity * self.codes_per_acceleration + 0.5;
-        // `clamp` could panic with both numbers: to write them takes 15 KiB of the emulated image.
+        // `clamp` may panic with both numbers in the message, whose formatting takes 15 KiB of the
+        // emulated image.
         self.last_code = code.max(0.0).min(self.full) as u16;
         AdcCode(self.last_code)
     }
 
-    /// Holds an output (-1..1) for one sample, `step` being the advance of the drive's phase.
+    /// Advances one sample under an output (-1..1); `step` is the advance of the drive's phase.
     #[inline]
     pub(crate) fn hold(&mut self, output: f32, step: u32) {
         let mut output = output;
@@ -212,7 +214,7 @@ impl Plant {
         self.time = now;
         let [x, v] = self.motion();
         let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
-        // Downward acceleration of the track over gravity, as the harmonic motion has it.
+        // Downward acceleration over gravity from the harmonic motion.
         let mut pushed = f64::from(x);
         if let Some(apart) = &self.apart {
             let [[second, _], [third, _]] = apart.motions(all(&self.drive, &self.modes));
@@ -241,7 +243,7 @@ impl Plant {
         }
     }
 
-    /// Lets the parts slide that lie on the track, once a cycle: while they lie its amplitude changes.
+    /// Slides the lying parts, once a cycle, because the amplitude changes while they lie.
     fn slide(&mut self, motion: [f32; 2], angular: f64, now: u64) {
         let swing = self.swing(motion, angular as f32);
         let track = Track {
@@ -255,7 +257,7 @@ impl Plant {
         }
     }
 
-    /// A sample of the parts with mass, after the drive has gone from `before` to where it would be without them.
+    /// Simulates a sample of the parts with mass, after the drive moved from `before` without them.
     fn push_back(&mut self, before: [f32; 2], angular: f64, now: u64) {
         let ground = Ground {
             sample: 1.0 / f64::from(SAMPLE_RATE),
@@ -278,7 +280,7 @@ impl Plant {
             .map(|(_, part)| part.share())
             .sum();
         let fallen = stroke.acceleration(ground.sample);
-        // What lies is moved along: M a = F - m (g + a).
+        // Equation of motion with the lying mass: M a = F - m (g + a).
         let pressed = (self.normal_gravity + fallen) / (1.0 + lying);
         let thrown = pressed <= 0.0;
         self.pressed = 0.0;
@@ -290,7 +292,7 @@ impl Plant {
         }
         let accelerated = stroke.acceleration(ground.sample);
         let [cosine, sine] = self.along;
-        // Of a harmonic motion the rate of the acceleration is that of the velocity, against it.
+        // In harmonic motion the derivative of the acceleration is -w^2 times the velocity.
         let along = cosine * accelerated - sine * angular * stroke.to[1];
         for index in 0..self.massive.len() {
             let arrives = self.hopper.arrives(index);
@@ -298,7 +300,7 @@ impl Plant {
                 continue;
             }
             if arrives > earlier {
-                // It falls from as high as the track comes.
+                // The part falls from the track's highest position.
                 let [x, v] = stroke.to;
                 let swing = self.swing([(x + self.sagged) as f32, v as f32], angular as f32);
                 let crest = f64::from(swing.amplitude) - self.sagged;
@@ -323,7 +325,7 @@ impl Plant {
             let [x, v] = blow.track;
             let swing = self.swing([(x + self.sagged) as f32, v as f32], angular as f32);
             let time = now - late;
-            // What is too much is not remembered.
+            // Impacts beyond the capacity are dropped.
             let _ = self.strikes.push(Strike {
                 time,
                 speed: blow.speed,
@@ -361,7 +363,7 @@ impl Plant {
                 ..swing
             };
             if let Some(strike) = part.event(then, &track) {
-                // What is too much is not remembered.
+                // Impacts beyond the capacity are dropped.
                 let _ = self.strikes.push(Strike {
                     part: index as u8,
                     ..strike
@@ -385,7 +387,7 @@ impl Plant {
         self.hopper.dump(self.time, turns);
     }
 
-    /// Has the parts weigh so much of the track's mass in all.
+    /// Sets the total mass of the parts over that of the track.
     #[cfg(test)]
     pub(super) fn heap(&mut self, total: f64) {
         let sum: f64 = self.massive.iter().map(MassivePart::share).sum();
@@ -394,7 +396,7 @@ impl Plant {
         }
     }
 
-    /// Mass in kg that is on the track, over that of the track.
+    /// Mass of the parts on the track over that of the track.
     #[must_use]
     pub fn load(&self) -> f64 {
         let parts = self.massive.iter().enumerate();
@@ -411,7 +413,7 @@ impl Plant {
         })
     }
 
-    /// The track's swing at an angular frequency in rad/s that makes this motion.
+    /// Swing of the track with this motion at an angular frequency in rad/s.
     fn swing(&self, [x, v]: [f32; 2], angular: f32) -> Swing {
         let Some(apart) = &self.apart else {
             return Swing::through([x, v], angular);
@@ -421,7 +423,7 @@ impl Plant {
         Swing::through(first, angular).with(motions, angular)
     }
 
-    /// Amplitude b of the track's first tone in m, and the shape of its motion.
+    /// Amplitude b of the track's first tone in m, and the shape of the motion.
     #[must_use]
     pub fn tones(&self) -> (f32, Shape) {
         let angular = f64::from(self.step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
@@ -435,12 +437,12 @@ impl Plant {
         &self.strikes
     }
 
-    /// Forgets the impacts so far.
+    /// Clears the stored impacts.
     pub(crate) fn forget_strikes(&mut self) {
         self.strikes.clear();
     }
 
-    /// Mean displacement of the parts along the track so far in m, positive upwards; 0 without parts.
+    /// Mean displacement of the parts along the track in m, positive upwards; 0 without parts.
     #[must_use]
     pub fn displacement(&self) -> f64 {
         if self.massive.is_empty() {
@@ -450,21 +452,21 @@ impl Plant {
         sum / self.massive.len() as f64
     }
 
-    /// The drive's gain over the one it began with.
+    /// Sets the drive's gain over its initial gain.
     pub(crate) fn set_gain(&mut self, gain: f32) {
         self.gain = gain;
     }
 
-    /// Mean restitution of all parts from their next impact on.
+    /// Sets the mean restitution of all parts from their next impact on.
     pub(crate) fn set_restitution(&mut self, restitution: f32) {
         set_restitution(&mut self.parts, restitution);
         for part in &mut self.massive {
-            // What is out of range is refused; the old one stays.
+            // A value out of range is rejected, and the old one remains.
             let _ = part.set_restitution(f64::from(restitution));
         }
     }
 
-    /// Standard deviation of the restitution of all parts from their next impact on.
+    /// Sets the standard deviation of the restitution of all parts from their next impact on.
     pub(crate) fn set_scatter(&mut self, deviation: f32) {
         set_scatter(&mut self.parts, deviation);
         for part in &mut self.massive {
@@ -472,41 +474,41 @@ impl Plant {
         }
     }
 
-    /// RMS of the accelerometer's noise in m/s^2.
+    /// Sets the RMS of the accelerometer's noise in m/s^2.
     pub(crate) fn set_noise(&mut self, noise: f32) {
         self.sensor.noise = noise;
     }
 
-    /// Sensitivity of the accelerometer over the one the controller was told.
+    /// Sets the sensitivity of the accelerometer over the configured one.
     pub(crate) fn set_sensitivity(&mut self, sensitivity: f32) {
         self.sensor.sensitivity = sensitivity;
     }
 
-    /// Ripple of the drive's bus, as a share of its mean.
+    /// Sets the ripple of the drive's bus over its mean.
     pub(crate) fn set_ripple(&mut self, ripple: f32) {
         self.ripple = ripple;
     }
 
-    /// Amplitude of the mains' hum in the reading in m/s^2.
+    /// Sets the amplitude of the mains hum in the reading, in m/s^2.
     pub(crate) fn set_hum(&mut self, hum: f32) {
         self.sensor.hum = hum;
     }
 
-    /// Lets the reading stand still.
+    /// Sets whether the reading is stuck.
     pub(crate) fn set_sensor_lost(&mut self, lost: bool) {
         self.lost = lost;
     }
 
-    /// Turns the sign of the reading.
+    /// Sets whether the sign of the reading is inverted.
     pub(crate) fn set_sensor_inverted(&mut self, inverted: bool) {
         self.inverted = inverted;
     }
 }
 
-/// Streams of the parts' scatter beside the scene's noise.
+/// Seed offset of the restitutions, which separates their streams from the noise.
 const STREAM: u64 = 0x7363_6174;
 
-/// What of a scene's parts the map carries: all, unless any has a mass.
+/// Parts of a scene simulated with the impact map: all, or none if any has mass.
 fn parts_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange> {
     if scene.has_mass() {
         return Ok(Vec::new());
@@ -514,14 +516,14 @@ fn parts_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange> {
     all_at_rest(scene)
 }
 
-/// The parts of a scene, each with a stream of restitutions of its own.
+/// Parts of a scene, each with its own stream of restitutions.
 pub(super) fn all_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange> {
     restitutions(scene)
         .map(|drawn| Ok(Part::at_rest(drawn?)))
         .collect()
 }
 
-/// The same parts with their masses, where any has one.
+/// Parts of a scene with their masses, if any has mass.
 fn massive_at_rest(scene: &Scene) -> Result<Vec<MassivePart, PARTS>, OutOfRange> {
     if !scene.has_mass() {
         return Ok(Vec::new());
@@ -532,7 +534,7 @@ fn massive_at_rest(scene: &Scene) -> Result<Vec<MassivePart, PARTS>, OutOfRange>
         .collect()
 }
 
-/// The restitution of each part of a scene.
+/// Restitution of each part of a scene.
 fn restitutions(scene: &Scene) -> impl Iterator<Item = Result<Scatter, OutOfRange>> + '_ {
     let mut seeds = Noise::new(scene.seed ^ STREAM);
     scene
@@ -546,14 +548,16 @@ fn restitutions(scene: &Scene) -> impl Iterator<Item = Result<Scatter, OutOfRang
         })
 }
 
-/// Sets the mean restitution of all parts; one out of range is refused, the old one stays.
+/// Sets the mean restitution of all parts; a value out of range is rejected, and the old one
+/// remains.
 pub(super) fn set_restitution(parts: &mut [Part], mean: f32) {
     for part in parts {
         let _ = part.set_restitution(f64::from(mean));
     }
 }
 
-/// Sets the standard deviation of the restitution of all parts; one out of range is refused, the old one stays.
+/// Sets the standard deviation of the restitution of all parts; a value out of range is rejected,
+/// and the old one remains.
 pub(super) fn set_scatter(parts: &mut [Part], deviation: f32) {
     for part in parts {
         let _ = part.set_scatter(f64::from(deviation));

@@ -1,16 +1,16 @@
-//! The amplitude under parts that grow heavy within a second, as under a hopper's many light ones, in both fidelities.
+//! Tests: amplitude control while the parts' mass grows within a second, in both plants.
 
 use core::f64::consts::TAU;
 
 use super::{Change, ClosedLoop, EnvelopeLoop, Moment, Scene};
 use crate::control::Target;
 
-/// Cycles until the parts begin to grow heavy, and in which they do: a second.
+/// Cycles before the mass grows, and cycles of the growth; a second.
 const BEGIN: usize = 700;
 const DUMP: usize = 50;
-/// Cycles after it in which the next share in gear is told.
+/// Cycles after the growth, until the next report of the share in gear.
 const AFTER: usize = 100;
-/// Cycles until the hopper opens over the empty track.
+/// Cycles before the hopper opens above the empty track.
 const EMPTY: usize = 250;
 
 /// A track of 10 kg with 24 parts in gear.
@@ -31,7 +31,8 @@ fn feeder(quality: f32) -> Scene {
     scene
 }
 
-/// A cycle of either fidelity: what the board had of it, and the track's motion along sine and cosine of the output's phase, in m.
+/// A cycle of either plant: the report, and the track's motion along sine and cosine of the output
+/// phase in m.
 trait Heaped {
     fn heap(&mut self, share: f64);
     fn run(&mut self) -> (Moment, [f64; 2]);
@@ -73,12 +74,13 @@ impl Heaped for ClosedLoop {
     }
 }
 
-/// How far a cycle's amplitude is off its reference.
+/// Relative deviation of a cycle's amplitude from its reference.
 fn off(moment: &Moment, [sine, cosine]: [f64; 2]) -> f64 {
     libm::hypot(sine, cosine) / f64::from(moment.report.reference) - 1.0
 }
 
-/// How far the track's amplitude is off its reference while the parts come to weigh `most` of the track's mass, at most.
+/// Largest relative deviation of the amplitude while the parts' mass grows to `most` of the
+/// track's.
 fn dip(most: f64, mut closed: impl Heaped) -> f64 {
     let mut dip = 0.0_f64;
     for n in 0..BEGIN + DUMP + AFTER {
@@ -86,7 +88,7 @@ fn dip(most: f64, mut closed: impl Heaped) -> f64 {
         closed.heap(share.max(1e-6));
         let (moment, motion) = closed.run();
         assert_eq!(moment.report.fault, None);
-        // They strike on, on a track that turns and whose k moves.
+        // The parts stay in gear on a track whose phase and k change.
         assert!(n < BEGIN || moment.report.in_gear > 0.7, "{n}");
         if (BEGIN..BEGIN + DUMP + 10).contains(&n) {
             dip = dip.max(off(&moment, motion).abs());
@@ -95,7 +97,8 @@ fn dip(most: f64, mut closed: impl Heaped) -> f64 {
     dip
 }
 
-/// How far it is off at most, and by its root mean square, in the three seconds in which all parts fall onto the empty track and after.
+/// Largest and RMS relative deviation of the amplitude in three seconds from the opening of the
+/// hopper.
 fn fallen(most: f64, mut closed: impl Heaped) -> [f64; 2] {
     closed.heap(most);
     for _ in 0..EMPTY {
@@ -121,7 +124,8 @@ fn waveform(quality: f32, most: f64) -> f64 {
     dip(most, ClosedLoop::build(&feeder(quality)).unwrap())
 }
 
-/// Where what the accelerometer lacks of the impacts' push is left out as soon as gear is no longer heard for sure, 4 and 7 %.
+/// Without compensation of the impacts' force while gear is uncertain, the deviations are 4 and 7
+/// %.
 #[test]
 fn the_track_keeps_its_amplitude_while_its_load_grows() {
     for (quality, most, held) in [(25.0, 0.1, 0.03), (50.0, 0.05, 0.022), (50.0, 0.1, 0.03)] {
@@ -133,8 +137,9 @@ fn the_track_keeps_its_amplitude_while_its_load_grows() {
     }
 }
 
-/// A hopper's 24 parts on the empty track, in both fidelities; where the amplitude alone is held, and not the track's phase, a fifth of the track's mass
-/// swings by 9 % sample by sample and by 36 % in the envelope.
+/// A hopper drops 24 parts onto the empty track. Control of the amplitude alone, without the phase,
+/// deviates far more. At a load of a fifth of the track's mass it gives 9 % in the waveform and
+/// 36 % in the envelope.
 #[test]
 fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
     for (quality, most, held) in [
@@ -156,11 +161,11 @@ fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
     }
 }
 
-/// Cycles of the past that tell the next one, and those that the weights are found from; as many are foretold with them.
+/// Number of past cycles in the linear prediction, and number of cycles of its fit and of its test.
 const PAST: usize = 6;
 const TOLD: usize = 900;
 
-/// Weights of the least squares, by Gauss's elimination of the normal equations.
+/// Linear least squares by Gaussian elimination of the normal equations.
 fn least_squares<const N: usize>(rows: &[[f64; N]], wanted: &[f64]) -> [f64; N] {
     let (mut square, mut found) = ([[0.0; N]; N], [0.0; N]);
     for (row, wanted) in rows.iter().zip(wanted) {
@@ -186,8 +191,9 @@ fn least_squares<const N: usize>(rows: &[[f64; N]], wanted: &[f64]) -> [f64; N] 
     core::array::from_fn(|n| found[n] / square[n][n])
 }
 
-/// What of a cycle's amplitude nothing before it tells, neither the track's true motion nor any output, its own included: no loop that acts once a
-/// cycle can be nearer than that. It is 3.9 % of the parts' share of the track's mass, for 24 parts of scatter 0.02.
+/// Residual of the linear prediction of a cycle's amplitude from past motion and outputs, and its
+/// own output. It bounds any loop that acts once a cycle. It is 3.9 % of the parts' share of the
+/// track's mass, for 24 parts of scatter 0.02.
 #[test]
 fn what_no_loop_can_foresee_of_the_amplitude_goes_with_the_load() {
     for most in [0.05, 0.1] {
@@ -197,7 +203,7 @@ fn what_no_loop_can_foresee_of_the_amplitude_goes_with_the_load() {
             closed.heap(most * ((n + 1) as f64 / BEGIN as f64).min(1.0));
             let (moment, motion) = closed.run();
             let [sine, cosine] = motion;
-            // The motion of the cycle, and the output that drove it.
+            // Motion of the cycle, and its output.
             let [along, across] = before;
             let phase = libm::atan2(cosine, sine);
             let cycle = [off(&moment, motion), phase, along, across];

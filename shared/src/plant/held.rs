@@ -1,28 +1,30 @@
-//! The amplitude of every drive that the settings accept: it comes to where it is wanted, and stays there.
+//! Tests: the amplitude loop settles at its setpoint for drives over the whole range of the
+//! settings.
 //!
-//! Machines without parts, from cycle to cycle. `kband margins` shows the margins of the same loop.
+//! The machines have no parts and run in the envelope. `kband margins` prints the stability margins
+//! of the same loop.
 
 use std::{format, println};
 
 use super::{EnvelopeLoop, Scene};
 use crate::control::{Settings, State, Target};
 
-/// What became of a start.
+/// Result of a start.
 #[derive(Clone, Copy, Debug)]
 struct Start {
     /// Largest amplitude over the setpoint.
     peak: f32,
-    /// Time constants of the drive from the reference's arrival at the setpoint, less eight cycles of dead time and noise, until
-    /// the amplitude is within 5 % for good.
+    /// Settling time to 5 %, in time constants of the drive. It begins when the reference reaches
+    /// the setpoint, less eight cycles of dead time and noise.
     settles: f32,
-    /// Swing of the amplitude over the setpoint in the end.
+    /// Final swing of the amplitude over the setpoint.
     swing: f32,
-    /// The state in the end.
+    /// Final state.
     state: State,
 }
 
-/// A machine at a frequency, detuned as a share of its resonance, whose gain is `wrong` times the one told; its hard limit is `limit`
-/// of its setpoint.
+/// A machine at a frequency, detuned by a share of its resonance. Its gain is `wrong` times the
+/// configured one; its hard limit is `limit` times its setpoint.
 fn machine(
     frequency: f32,
     quality: f32,
@@ -40,7 +42,7 @@ fn machine(
     let x = 1.0 + detuned;
     let response = 1.0 / (quality * ((1.0 - x * x).powi(2) + (x / quality).powi(2)).sqrt());
     let square = (std::f32::consts::TAU * frequency).powi(2);
-    // 40 m/s^2 of acceleration where the drive can, at a share of the output as told.
+    // 40 m/s^2 if the drive can, limited to a share of the output at the configured gain.
     let wanted = (1e3 * 40.0 / square).min(40.0 * share * response);
     settings.gain = (wanted / share / response).clamp(0.001, 100.0);
     let wanted = share * settings.gain * response;
@@ -107,10 +109,10 @@ const DETUNINGS: [f32; 17] = [
     0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.06, 0.1, 0.2, -0.002, -0.006, -0.015, -0.03,
     -0.06, -0.1, -0.2,
 ];
-/// True gain over the one told.
+/// True gain over the configured one.
 const WRONG: [f32; 3] = [1.0, 0.5, 2.0];
 
-/// Every quality, detuning and gain told wrong.
+/// All combinations of quality, detuning and gain error.
 fn drives() -> impl Iterator<Item = (f32, f32, f32)> {
     QUALITIES.into_iter().flat_map(|quality| {
         DETUNINGS
@@ -148,7 +150,7 @@ fn every_drive_comes_to_its_amplitude_and_stays() {
     println!("{runs} starts: overshoot, time constants, swing {worst:?} at most");
 }
 
-/// At its hard limit, and where more than that is wanted.
+/// The setpoint at the hard limit, and beyond it.
 #[test]
 fn no_start_goes_over_the_hard_limit_by_more_than_a_fiftieth() {
     let mut worst = [0.0_f32; 3];
@@ -168,8 +170,8 @@ fn no_start_goes_over_the_hard_limit_by_more_than_a_fiftieth() {
     println!("starts over the hard limit: {worst:?} by the gain told wrong");
 }
 
-/// A resonance told as the drive's frequency, the true one beside it: it is held where the response is half of what was told and
-/// more; where it is less the output comes to its end, or it is a fault.
+/// Drive at the configured resonance while the true one differs. The amplitude is held where the
+/// response is at least half of the configured one; else the output saturates or a fault occurs.
 #[test]
 fn a_resonance_told_wrong_is_held_or_told() {
     let mut worst = [0.0_f32, -100.0, 0.0];

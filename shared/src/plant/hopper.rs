@@ -1,19 +1,20 @@
-//! When the parts that wait in the hopper come onto the track.
+//! Times at which the parts in the hopper fall onto the track.
 
 use super::scene::{PARTS, Scene};
 use crate::arithmetic::Phase;
 
-/// When each part comes onto the track, in steps of 2^-32 turns of the drive; `u64::MAX` in the hopper.
+/// Arrival time of each part on the track, in steps of 2^-32 turns of the drive; `u64::MAX` in the
+/// hopper.
 #[derive(Clone, Debug)]
 pub struct Hopper {
     arrives: [u64; PARTS],
-    /// The parts that wait: from one to before another.
+    /// Index range of the waiting parts.
     first: usize,
     end: usize,
 }
 
 impl Hopper {
-    /// The hopper of a scene.
+    /// Hopper of a scene.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let end = scene.parts.len();
@@ -29,7 +30,7 @@ impl Hopper {
         }
     }
 
-    /// Lets the waiting parts fall evenly within so many turns of the drive, from `now` on.
+    /// Drops the waiting parts evenly within this number of turns of the drive, from `now` on.
     pub fn dump(&mut self, now: u64, turns: f64) {
         let count = self.end.saturating_sub(self.first).max(1) as f64;
         let waiting = self.arrives.iter_mut().take(self.end).skip(self.first);
@@ -72,7 +73,7 @@ mod tests {
         hopper.dump(1 << 32, 8.0);
         let arrivals = [1, 2, 3, 4].map(|part| hopper.arrives(part) >> 32);
         assert_eq!(arrivals, [3, 5, 7, 9]);
-        // What has fallen does not fall again.
+        // A part falls once only.
         hopper.dump(100 << 32, 8.0);
         assert_eq!(hopper.arrives(4) >> 32, 9);
         hopper.keep(2);

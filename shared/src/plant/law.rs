@@ -1,12 +1,13 @@
-//! What carries parts along the track.
+//! Laws of the parts' motion along the track (docs/theory-transport.md#t8.1).
 
 use crate::impact::{FrictionSettings, TangentialSettings};
 
-/// What carries parts along the track.
+/// Law of the parts' motion along the track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Law {
-    /// The paper's: an impact leaves a share of the velocity along the track, and a part at rest lies still.
+    /// Tangential restitution: an impact keeps a share of the velocity along the track, and a part
+    /// at rest does not slide.
     Restitution(TangentialSettings),
-    /// Coulomb's friction, sliding included.
+    /// Coulomb friction with sliding.
     Friction(FrictionSettings),
 }

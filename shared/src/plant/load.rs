@@ -1,8 +1,9 @@
-//! What parts with mass push on the track, as one force at the drive's frequency.
+//! Force of parts with mass on the track, as its fundamental at the drive's frequency
+//! (docs/theory-real-parts.md#t10.5).
 //!
-//! An impact that changes a part's velocity by `(1 + R) s` gives the track the momentum `m (1 + R) s`; of one impact in each cycle, at
-//! the phase t0, the fundamental is `-2 m g cos(alpha) cos(tau - t0)`. A part that lies on the track presses on it with
-//! `m (g cos(alpha) + x'')`.
+//! An impact that changes a part's velocity by `(1 + R) s` gives the track the momentum
+//! `m (1 + R) s`. With one impact a cycle at phase t0 the fundamental is
+//! `-2 m g cos(alpha) cos(tau - t0)`. A part at rest presses with `m (g cos(alpha) + x'')`.
 
 use core::f64::consts::FRAC_1_PI;
 
@@ -14,27 +15,27 @@ use super::scene::{PARTS, Scene};
 /// A rest of a part on the track.
 #[derive(Clone, Copy, Debug)]
 pub struct Rest {
-    /// Phases of the output at its beginning and end, in rad.
+    /// Output phases at its start and end, in rad.
     pub phases: [f64; 2],
     /// The track's amplitude in m.
     pub amplitude: f64,
-    /// Lead of the track before the output in rad.
+    /// Phase lead of the track over the output in rad.
     pub lead: f64,
 }
 
-/// The push of a cycle, as the `G` of an acceleration `Im(G e^(i phase))` of the track in m/s^2. The parts of a cycle meet the track as the
-/// push of the one before moves it; the track then moves as they pushed it.
+/// Force of a cycle, as the complex `G` of a track acceleration `Im(G e^(i phase))` in m/s^2. Parts
+/// move on the track as moved by the last cycle's force; the track then moves under this cycle's.
 #[derive(Clone, Debug)]
 pub struct TrackLoad {
     shares: [f64; PARTS],
     angular: f64,
-    /// Impacts and rests of the cycle under way, and what pushes it.
+    /// Sums of the current cycle for impacts and rests, and the applied force.
     gathered: [Complex; 2],
     pushing: [Complex; 2],
 }
 
 impl TrackLoad {
-    /// The load of a scene at rest.
+    /// Load of a scene at rest.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         Self {
@@ -51,7 +52,7 @@ impl TrackLoad {
         self.shares.get(part).copied().unwrap_or(0.0)
     }
 
-    /// Has the parts weigh so much of the track's mass in all.
+    /// Sets the total mass of the parts over that of the track.
     #[cfg(test)]
     pub(super) fn heap(&mut self, total: f64) {
         let sum: f64 = self.shares.iter().sum();
@@ -60,27 +61,28 @@ impl TrackLoad {
         }
     }
 
-    /// Begins a cycle at an angular frequency in rad/s; the push of the one before.
+    /// Begins a cycle at an angular frequency in rad/s and returns the last cycle's force.
     pub fn begin(&mut self, angular: f64) -> Complex {
         self.angular = angular;
         let [struck, lain] = self.pushing;
         struck + lain
     }
 
-    /// Ends what the parts do in the cycle; their push.
+    /// Ends the parts' motion in the cycle and returns their force.
     pub fn settle(&mut self) -> Complex {
         self.pushing = core::mem::take(&mut self.gathered);
         let [struck, lain] = self.pushing;
         struck + lain
     }
 
-    /// What impacts push this cycle.
+    /// Force of the impacts in this cycle.
     #[must_use]
     pub fn struck(&self) -> Complex {
         self.pushing[0]
     }
 
-    /// An impact that would change a part's velocity by so many m/s on a track that gives no way, at a phase of the output.
+    /// Adds an impact at an output phase. `change` is the part's velocity change in m/s on a track
+    /// of infinite mass.
     pub fn strike(&mut self, part: usize, change: f64, phase: f64) {
         let share = self.share(part);
         let jump = share / (1.0 + share) * change;
@@ -88,7 +90,7 @@ impl TrackLoad {
         self.gathered[0] += Complex::new(0.0, size) * turn(-phase);
     }
 
-    /// A rest of a part.
+    /// Adds a rest of a part.
     pub fn lie(&mut self, part: usize, rest: Rest, normal_gravity: f64) {
         let Rest {
             phases: [from, until],
@@ -96,7 +98,7 @@ impl TrackLoad {
             lead,
         } = rest;
         let inertia = amplitude * self.angular * self.angular;
-        // The integrals of e^(-i x) and of sin(x + lead) e^(-i x) from one phase to the other.
+        // Integrals of e^(-i x) and of sin(x + lead) e^(-i x) between the phases.
         let straight = (turn(-until) - turn(-from)) * Complex::new(0.0, 1.0);
         let doubled = (turn(-2.0 * until) - turn(-2.0 * from)) * Complex::new(0.0, 0.5);
         let swung = (turn(lead) * (until - from) - turn(-lead) * doubled) * Complex::new(0.0, -0.5);
@@ -121,12 +123,14 @@ mod tests {
         load
     }
 
-    /// A part of 5 % of the track's mass that strikes once in a cycle at the phase t0 pushes with twice its weight.
+    /// A part of 5 % of the track's mass with one impact a cycle at phase t0 has a fundamental of
+    /// twice its weight.
     #[test]
     fn the_fundamental_of_a_locked_part_is_twice_its_weight() {
         let mut load = load();
         let (gravity, phase) = (9.8, 0.7);
-        // The momentum of a cycle's weight; an impact on a track that gives way moves the part by less.
+        // Momentum of one cycle's weight; the recoil of the track reduces the part's velocity
+        // change.
         let change = gravity * TAU / 314.0 * 1.05;
         load.strike(0, change, phase);
         let found = load.settle();
@@ -137,7 +141,7 @@ mod tests {
         }
     }
 
-    /// Such a part that never leaves the track is so much more mass: its push is against the acceleration.
+    /// A part that never leaves the track acts as added mass: its force opposes the acceleration.
     #[test]
     fn a_part_that_lies_is_mass_of_the_track() {
         let mut load = load();

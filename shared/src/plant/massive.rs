@@ -1,25 +1,26 @@
-//! A part that pushes the track back: followed sample by sample against the track as it truly moves.
+//! A part with mass on a track that recoils, simulated sample by sample.
 //!
-//! The map's flight is over a track that swings as a sine. Under parts of some percent of its mass the track jumps at each impact, and
-//! the part's flight is over what the jump leaves: here the part is a body that falls, and the track is where drive, parts and spring
-//! have it in each sample.
+//! The impact map assumes an undisturbed track. Under parts of some per cent of its mass the track
+//! jumps at each impact. So the part is a falling body, and the track moves under drive, spring and
+//! all parts. An impact time is found by bisection.
 
 use super::law::Law;
 use crate::feeder::OutOfRange;
 use crate::impact::Scatter;
 
-/// Bisections of a sample in which an impact is looked for: to 1e-9 of it.
+/// Number of bisections of a sample for an impact; they resolve 1e-9 of it.
 const BISECTIONS: usize = 30;
 
-/// Velocities that an impact leaves to the track and to a part of `share` of its mass, from those before it, in one unit: no momentum is
-/// lost, and the part leaves at `restitution` times the speed at which it came, each against the track.
+/// Velocities of track and part after an impact with a part of `share` of the track's mass.
+/// Momentum is conserved, and the relative velocity is reversed times `restitution`. All velocities
+/// have the same unit.
 #[must_use]
 pub fn struck(track: f64, part: f64, share: f64, restitution: f64) -> [f64; 2] {
     let change = (1.0 + restitution) * (track - part) / (1.0 + share);
     [track - share * change, part + change]
 }
 
-/// What parts with mass stand on.
+/// Motion and gravity of the track for parts with mass.
 #[derive(Clone, Copy, Debug)]
 pub struct Ground {
     /// Duration of a sample in s.
@@ -28,16 +29,17 @@ pub struct Ground {
     pub gravity: [f64; 2],
     /// Angular frequency of the drive in rad/s.
     pub angular: f64,
-    /// Motion along the track over that normal to it, as cosine and sine of its lead (symbols eta cos gamma, eta sin gamma).
+    /// Motion along the track over that normal to it, as cosine and sine parts of its lead (symbols
+    /// eta cos gamma, eta sin gamma).
     pub along: [f64; 2],
-    /// Displacement in m about which the track swings.
+    /// Mean displacement of the swinging track in m.
     pub level: f64,
-    /// What carries parts along the track.
+    /// Law of the parts' motion along the track.
     pub law: Law,
 }
 
 impl Ground {
-    /// Displacement and velocity of the track along itself, for a displacement and a velocity normal to it.
+    /// Displacement and velocity along the track from those normal to it.
     fn along(&self, [x, v]: [f64; 2]) -> [f64; 2] {
         let ([cosine, sine], x) = (self.along, x - self.level);
         [
@@ -50,14 +52,14 @@ impl Ground {
 /// Displacement (m) and velocity (m/s) of the track at both ends of a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
-    /// At its beginning.
+    /// At the start.
     pub from: [f64; 2],
-    /// At its end.
+    /// At the end.
     pub to: [f64; 2],
 }
 
 impl Stroke {
-    /// The track at a share of the sample: the cubic through both ends.
+    /// State of the track within the sample, by cubic Hermite interpolation.
     fn at(&self, share: f64, sample: f64) -> [f64; 2] {
         let ([x, v], [y, w]) = (self.from, self.to);
         let (v, w) = (v * sample, w * sample);
@@ -68,33 +70,33 @@ impl Stroke {
         ]
     }
 
-    /// Its mean acceleration in m/s^2.
+    /// Mean acceleration in m/s^2.
     pub fn acceleration(&self, sample: f64) -> f64 {
         (self.to[1] - self.from[1]) / sample
     }
 }
 
-/// An impact of such a part.
+/// An impact of a part with mass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Blow {
-    /// Share of the sample after which it happens.
+    /// Time of the impact within the sample, 0..1.
     pub at: f64,
     /// Arrival speed relative to the track in m/s.
     pub speed: f64,
-    /// The track at that moment: displacement in m, mean velocity before and after in m/s.
+    /// Track at the impact: displacement in m, mean of the velocities before and after in m/s.
     pub track: [f64; 2],
-    /// When the flight began, in steps of 2^-32 turns of the drive, and whether it began at rest.
+    /// Start of the flight, in steps of 2^-32 turns of the drive.
     pub began: u64,
-    /// Whether it did so at rest.
+    /// Whether the flight began from rest.
     pub rested: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Motion {
-    /// On the track, at a velocity along it (m/s) relative to it.
+    /// At rest normal to the track, with a velocity along it in m/s relative to it.
     Lying(f64),
-    /// In free fall: height in m, velocities normal to the track and along it in m/s, and where the track was along itself and at what
-    /// velocity along it the flight began.
+    /// In free fall: height in m, velocities normal to the track and along it in m/s. `left` is the
+    /// track's position along itself at launch and `way` the distance since, both in m.
     Flying {
         height: f64,
         velocity: f64,
@@ -108,7 +110,7 @@ enum Motion {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MassivePart {
     restitution: Scatter,
-    /// Its mass over that of the track (symbol m/M).
+    /// Mass over that of the track (symbol m/M).
     share: f64,
     motion: Motion,
     began: u64,
@@ -117,7 +119,7 @@ pub struct MassivePart {
 }
 
 impl MassivePart {
-    /// A part of a share of the track's mass, at rest on it.
+    /// A part at rest with a share of the track's mass.
     #[must_use]
     pub fn at_rest(restitution: Scatter, share: f64) -> Self {
         Self {
@@ -130,13 +132,13 @@ impl MassivePart {
         }
     }
 
-    /// Its mass over that of the track (symbol m/M).
+    /// Mass over that of the track (symbol m/M).
     #[must_use]
     pub fn share(&self) -> f64 {
         self.share
     }
 
-    /// Has it weigh another share of the track's mass.
+    /// Sets its mass over that of the track.
     #[cfg(test)]
     pub(super) fn heap(&mut self, share: f64) {
         self.share = share;
@@ -148,25 +150,25 @@ impl MassivePart {
         matches!(self.motion, Motion::Lying(_))
     }
 
-    /// Displacement along the track so far in m, positive upwards; that of a flight counts at its end.
+    /// Displacement along the track so far in m, positive upwards; a flight counts at its end.
     #[must_use]
     pub fn displacement(&self) -> f64 {
         self.displacement
     }
 
-    /// Changes its mean restitution; one out of range is refused.
+    /// Sets its mean restitution; an error for a value out of range.
     pub fn set_restitution(&mut self, mean: f64) -> Result<(), OutOfRange> {
         self.restitution = self.restitution.about(mean)?;
         Ok(())
     }
 
-    /// Changes by how much its restitution scatters; what is out of range is refused.
+    /// Sets the standard deviation of its restitution; an error for a value out of range.
     pub fn set_scatter(&mut self, deviation: f64) -> Result<(), OutOfRange> {
         self.restitution = self.restitution.within(deviation)?;
         Ok(())
     }
 
-    /// Lets it fall from a height in m, without speed.
+    /// Drops it from a height in m, without initial speed.
     pub fn drop_from(&mut self, height: f64, now: u64) {
         self.motion = Motion::Flying {
             height,
@@ -178,7 +180,8 @@ impl MassivePart {
         (self.began, self.rested) = (now, true);
     }
 
-    /// A sample on the track, which presses on it by `normal` m/s^2 and accelerates along itself by `along`.
+    /// Simulates a sample at rest. The part presses with `normal` m/s^2, and the track accelerates
+    /// along itself by `along`.
     pub fn lie(&mut self, ground: &Ground, normal: f64, along: f64) {
         let (Motion::Lying(velocity), Law::Friction(friction)) = (&mut self.motion, ground.law)
         else {
@@ -200,7 +203,7 @@ impl MassivePart {
         self.displacement += 0.5 * (before + *velocity) * ground.sample;
     }
 
-    /// The track, at its end of a sample, falls away under it.
+    /// Begins a flight at the end of a sample, as the track falls away.
     pub fn leave(&mut self, ground: &Ground, track: [f64; 2], now: u64) {
         if let Motion::Lying(velocity) = self.motion {
             self.rested = true;
@@ -208,7 +211,8 @@ impl MassivePart {
         }
     }
 
-    /// Begins a flight at a height and a velocity normal to the track, at a velocity along it relative to it.
+    /// Begins a flight with a height, a velocity normal to the track and a velocity along it
+    /// relative to the track.
     fn fly(&mut self, ground: &Ground, track: [f64; 2], own: [f64; 2], along: f64, now: u64) {
         let [left, carried] = ground.along(track);
         self.began = now;
@@ -221,8 +225,8 @@ impl MassivePart {
         };
     }
 
-    /// A sample of its flight over a track's stroke; the impact in it, and what that leaves of the stroke. `times` are those of its two
-    /// ends in steps of 2^-32 turns of the drive.
+    /// Simulates a sample of flight over a track's stroke, with its impact, whose recoil is added
+    /// to the stroke. `times` are those of the sample's ends in steps of 2^-32 turns.
     pub fn fall(&mut self, ground: &Ground, stroke: &mut Stroke, times: [u64; 2]) -> Option<Blow> {
         let Motion::Flying {
             height,
@@ -300,7 +304,7 @@ impl MassivePart {
             thrown - gravity * rest,
         ];
         if end[0] <= stroke.to[0] {
-            // A hop shorter than a sample: it stays, and what it still has goes into the track.
+            // The hop ends within the sample: the part stays, and its momentum goes to the track.
             let [track, _] = struck(stroke.to[1], end[1], self.share, 0.0);
             stroke.to[1] = track;
             let kept = match ground.law {
@@ -339,7 +343,7 @@ mod tests {
             let change = momentum(after, thrown) - momentum(track, part);
             assert!(change.abs() < 1e-15, "{change}");
             assert!((thrown - after - restitution * (track - part)).abs() < 1e-15);
-            // m M / (m + M) (1 - R^2) s^2 / 2, over M.
+            // Energy loss over M: m M / (m + M) (1 - R^2) s^2 / 2.
             let energy = |track: f64, part: f64| 0.5 * (track * track + share * part * part);
             let lost = energy(track, part) - energy(after, thrown);
             let speed = track - part;

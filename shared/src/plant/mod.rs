@@ -1,14 +1,13 @@
-//! The simulated feeder that the controller is tried against: drive, parts, accelerometer, and the
-//! one loop that joins them to the controller.
+//! Simulated feeder for the controller: drive, parts, accelerometer, and the closed loop.
 //!
-//! A part's flight is one step of the impact map with the amplitude that the track has where the
-//! flight begins; the amplitude's own change within a flight (at most an eighth of its distance to go
-//! at Q = 25) is left out.
+//! A part's flight is one step of the impact map at the track's amplitude at launch. The change of
+//! the amplitude within a flight is neglected; at Q = 25 it is at most an eighth of the remaining
+//! change.
 //!
-//! Two fidelities: the waveform ([`ClosedLoop`]) takes every sample through the firmware's signal path,
-//! in integers, single precision and the map's own arithmetic only, so that it gives the same bits at the
-//! desk and on the emulated CPU; the envelope ([`EnvelopeLoop`]) goes from cycle to cycle in closed form,
-//! under the same controller.
+//! There are two plants. The waveform ([`ClosedLoop`]) passes each sample through the firmware's
+//! signal path. It uses integers, single precision and the map's arithmetic only, so desk and
+//! emulated CPU give the same bits. The envelope ([`EnvelopeLoop`]) advances by a drive cycle in
+//! closed form, under the same controller.
 
 mod bench;
 mod blanking;

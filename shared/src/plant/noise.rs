@@ -1,11 +1,11 @@
-//! Noise from a seeded generator of integers, the same on every machine.
+//! Seeded integer noise with the same bits on every machine: xorshift64* (Vigna 2016).
 
-/// A stream of noise (xorshift64*, Vigna 2016), seeded.
+/// A seeded stream of xorshift64* numbers (Vigna 2016).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Noise(u64);
 
 impl Noise {
-    /// The stream of a seed; neighbouring seeds give unrelated streams (splitmix64).
+    /// Stream of a seed; splitmix64 separates the streams of neighbouring seeds.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         let mut z = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
@@ -14,7 +14,7 @@ impl Noise {
         Self((z ^ (z >> 31)) | 1)
     }
 
-    /// The next 32 bits.
+    /// Next 32 bits.
     #[inline]
     pub fn bits(&mut self) -> u32 {
         self.0 ^= self.0 >> 12;
@@ -28,13 +28,13 @@ impl Noise {
         (self.bits() >> 8) as f32 * (1.0 / 16_777_216.0)
     }
 
-    /// A nearly Gaussian number of mean 0 and RMS 1: the sum of four uniform bytes, within 3.4.
+    /// A nearly Gaussian number with mean 0, RMS 1 and bound 3.4: the sum of four uniform bytes.
     #[inline]
     pub(crate) fn gauss(&mut self) -> f32 {
         let bits = self.bits();
         let pairs = (bits & 0x00ff_00ff) + ((bits >> 8) & 0x00ff_00ff);
         let sum = (pairs & 0xffff) + (pairs >> 16);
-        // Four uniform bytes: mean 510, variance 4 (256^2 - 1) / 12 = 147.8^2.
+        // The sum of four uniform bytes has mean 510 and variance 4 (256^2 - 1) / 12 = 147.8^2.
         (sum as f32 - 510.0) * (1.0 / 147.801)
     }
 }
@@ -52,7 +52,7 @@ mod tests {
             sum += value;
             squares += value * value;
         }
-        // The standard error of the mean is 0.003, of the mean square 0.004.
+        // Standard errors: 0.003 of the mean, 0.004 of the mean square.
         assert!((sum / 1e5).abs() < 0.015);
         assert!((squares / 1e5 - 1.0).abs() < 0.02);
     }

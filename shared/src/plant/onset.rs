@@ -1,4 +1,7 @@
-//! What the board's onset detector makes of an impact, without its samples.
+//! Closed-form model of the board's onset detector for the envelope plant.
+//!
+//! The detector's filters are linear, so the residual of a ringing is a geometric series. Its
+//! running median is modelled as the quantile of noise, the drive's leakage and ringing.
 
 use core::f64::consts::TAU;
 use core::marker::PhantomData;
@@ -14,89 +17,95 @@ use super::scene::SensorModel;
 use crate::arithmetic::Phase;
 use crate::control::{HighPass, Onset, QUARTILE, SAMPLE_RATE, Sectors, Standard};
 
-/// Samples after an impact in which its ringing is looked at: the first quarter turn of the slowest that
-/// a scene may have (500 Hz), and the first full turn of the default one.
+/// Samples after an impact in which its residual is evaluated. They cover a quarter period at 500
+/// Hz, the lowest ringing frequency of a scene, and a period at the default.
 const LOOKED: usize = 10;
-/// No sample of these.
+/// Sample index for "not within [`LOOKED`] samples".
 const NEVER: usize = usize::MAX;
-/// Places within a sample at which a ringing's begin is tabulated.
+/// Number of tabulated starts of a ringing within a sample.
 const SHARES: usize = 8;
-/// Share of its height at which the detector's memory of a ringing counts as gone: less than the noise of any ringing that a board can read.
+/// Relative level at which the detector's peak memory of a ringing counts as 0. It is below the
+/// noise of any measurable ringing.
 const FORGOTTEN: f64 = 1.354e-4;
-/// Weight of a sample in the memory of hidden time: 2000 samples, twice the memory of the detector's median, which it stands
-/// for. From 5e-5 to 5e-3 every test passes.
+/// Forgetting weight per sample of the hidden share of time; 2000 samples, twice the memory of the
+/// detector's median.
 const WEIGHT: f64 = 5e-4;
 
-/// The onset detector's response to impacts in closed form: both its high-passes are linear, so that what a ringing
-/// leaves of itself n samples after its first is one complex number for each n.
+/// The onset detector's response to impacts, in closed form.
+///
+/// Both high-pass filters are linear. So the residual of a ringing, n samples after its first, is
+/// its complex start times a constant of n.
 #[derive(Clone, Copy, Debug)]
 pub struct OnsetModel<O = Standard> {
     ringing: Complex,
-    /// Residual of a ringing of unit height that begins at a sample, n samples later: the imaginary part of this, both parts
-    /// of it for all n.
+    /// Residual of a ringing of unit height n samples after its start. It is the imaginary part of
+    /// a complex number; real parts come first, then imaginary parts.
     response: [[f64; LOOKED]; 2],
-    /// Its limit, once the filters' own transient is over.
+    /// The same after the transient of the filters.
     steady: [[f64; LOOKED]; 2],
-    /// Height of a ringing in the residual over its own.
+    /// Height of a ringing in the residual over its height in the acceleration.
     share: f64,
     /// RMS of the residual over the RMS of white noise in the reading.
     noise_gain: f64,
-    /// Share of time that a ringing hides for each decay time that it does.
+    /// Increase of the hidden share of time per decay time of a hiding ringing.
     filling: f64,
-    /// What follows from the drive's frequency.
+    /// Constants that depend on the drive frequency.
     tuning: Tuning,
-    /// Share of time in which ringing hides the noise, over some cycles.
+    /// Share of time in which ringing hides the noise, with exponential forgetting over some
+    /// cycles.
     hidden: f64,
-    /// `e^(ringing n/8)`.
+    /// Start of a ringing within a sample: `e^(ringing n/8)`.
     onset: [Complex; SHARES + 1],
-    /// What is left of a ringing, and of the memory, after whole samples.
+    /// Powers of the decay of a ringing, and of the detector's memory, over whole samples.
     decay: Powers,
     oblivion: Powers,
-    /// What the demodulator blanks.
+    /// Samples blanked by the demodulator.
     blanking: Blanking,
-    /// What all of it rings with.
+    /// Energy of all ringing by sector of the turn.
     energy: RingingEnergy,
-    /// Logarithm of what a sample leaves of the detector's memory of a loud ringing.
+    /// Logarithm of the decay per sample of the detector's memory of a loud ringing.
     forgetting: f64,
-    /// Samples after which it counts as gone.
+    /// Samples after which this memory counts as 0.
     forgotten: u64,
-    /// The last ringing that was loud.
+    /// The last ringing.
     last: Ring,
-    /// First sample at which another impact may be detected.
+    /// First sample at which the next impact can be detected.
     open: u64,
     constants: PhantomData<O>,
 }
 
-/// What the detector makes of a drive that turns by `theta` rad a sample.
+/// Constants of the detector for a drive phase of `theta` rad a sample.
 #[derive(Clone, Copy, Debug)]
 struct Tuning {
     theta: f64,
-    /// `1/(1 - e^(i theta) r)` for the ringing r of a sample and for its conjugate, times i/2.
+    /// Sums of geometric series `(i/2)/(1 - e^(i theta) r)` for the ringing r of a sample and for
+    /// its conjugate.
     sums: [Complex; 2],
-    /// `e^(i theta) r` for both to whole exponents.
+    /// Powers of `e^(i theta) r` for both.
     turns: [Powers; 2],
     /// `e^(i theta)`.
     turn: Complex,
-    /// What both high-passes leave of the drive's own swing, and as a turn and a share of it.
+    /// Gain of both high-pass filters at the drive's frequency, as a magnitude and as a complex
+    /// number.
     leak: f64,
     passed: Complex,
 }
 
-/// A ringing that was loud, as far as the detector's memory of it is known.
+/// A ringing and the detector's peak memory of it.
 #[derive(Clone, Copy, Debug)]
 struct Ring {
-    /// `e^(i angle)` and height at its first sample, and that sample.
+    /// Complex height `e^(i angle)` times height at its first sample, and the index of that sample.
     began: Complex,
     sample: u64,
-    /// The same of all earlier ones, at that sample.
+    /// Complex height of all earlier ringings at that sample.
     under: Complex,
-    /// Samples of it that the memory has taken in.
+    /// Number of its samples that the memory contains.
     known: usize,
     memory: f64,
-    /// Least height that is loud, and that is blanked.
+    /// Threshold of a loud residual, and of a blanked one, in m/s^2.
     loud: f64,
     least: f64,
-    /// First of its samples at which the memory is that high, or [`NEVER`].
+    /// First of its samples at which the memory exceeds the blanking threshold, or [`NEVER`].
     out: usize,
 }
 
@@ -112,13 +121,14 @@ impl Ring {
         out: NEVER,
     };
 
-    /// Whether nothing of earlier ones is left.
+    /// Whether the earlier ringings have decayed.
     fn is_alone(&self) -> bool {
         self.under == Complex::new(0.0, 0.0)
     }
 
-    /// Feeds the detector's memory the height of the residual at the next sample.
-    // Without branches: nothing foresees where a ringing is high.
+    /// Updates the detector's decaying peak memory with the residual of the next sample.
+    ///
+    /// It is branch-free, because loud samples are unpredictable for the processor.
     #[inline(always)]
     fn remember<O: Onset>(&mut self, residual: f64) {
         let memory = self.memory * O::MEMORY;
@@ -133,15 +143,15 @@ impl Ring {
         self.known += 1;
     }
 
-    /// Feeds the detector's memory the samples of the last ringing that it has not taken in. The noise is that of the onset: what follows only says
-    /// how long an impact soon after is taken for the same ringing.
+    /// Updates the memory with the remaining samples of the last ringing. The noise is omitted,
+    /// because the result only affects whether a close impact counts as the same ringing.
     fn complete<O: Onset>(&mut self, residuals: &[f64; LOOKED]) {
         for residual in residuals.iter().skip(self.known) {
             self.remember::<O>(residual.abs());
         }
     }
 
-    /// Residuals of all of them in the samples from its first on, without noise.
+    /// Residuals of all ringings in the samples from its first on, without noise.
     #[inline(always)]
     fn residuals<O>(&self, model: &OnsetModel<O>) -> [f64; LOOKED] {
         let mut residuals = sines(self.began, &model.response);
@@ -154,7 +164,7 @@ impl Ring {
         residuals
     }
 
-    /// What is left at a sample of its ringing and of the detector's memory of it.
+    /// Remaining complex height and remaining memory of the ringing at a sample.
     fn left<O: Onset>(&self, model: &OnsetModel<O>, sample: u64) -> (Complex, f64) {
         let since = sample.saturating_sub(self.sample);
         if since >= model.forgotten {
@@ -176,40 +186,41 @@ impl Ring {
     }
 }
 
-/// Imaginary parts of the products of a number with others, of which all real and all imaginary parts are given.
+/// Imaginary parts of the products of one number with others, given by their real and imaginary
+/// parts.
 #[inline(always)]
 fn sines(number: Complex, [real, imaginary]: &[[f64; LOOKED]; 2]) -> [f64; LOOKED] {
     core::array::from_fn(|n| number.re * imaginary[n] + number.im * real[n])
 }
 
-/// An impact that is to be heard.
+/// An impact before detection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Struck {
-    /// The first sample after it, counted since the start of the scene.
+    /// Index of the first sample after it, counted from the start of the scene.
     pub sample: u64,
-    /// Its time before that sample in samples, 0..1.
+    /// Time from the impact to that sample in samples, 0..1.
     pub share: f64,
-    /// Height of its ringing in m/s^2 as the board reads it.
+    /// Height of its ringing in the board's reading, in m/s^2.
     pub height: f64,
 }
 
-/// What the detector compares an impact with.
+/// Residual without impacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Background {
-    /// The detector's running median of the residual in m/s^2.
+    /// Running median of the residual in m/s^2.
     pub median: f64,
-    /// RMS of the residual's noise in m/s^2.
+    /// RMS of the noise in the residual in m/s^2.
     pub rms: f64,
-    /// What the detector's filters leave of the drive's own swing, in m/s^2: its real part at the impact's sample.
+    /// Residual of the drive's own acceleration in m/s^2: the real part, at the impact's sample.
     pub leak: Complex,
 }
 
-/// An impact heard.
+/// A detected impact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HeardAt {
-    /// Number of the sample since the start of the scene.
+    /// Index of the sample of detection, counted from the start of the scene.
     pub sample: u64,
-    /// Height of the residual in m/s^2.
+    /// Residual at that sample in m/s^2.
     pub strength: f64,
 }
 
@@ -222,10 +233,10 @@ impl OnsetModel {
 }
 
 impl<O: Onset> OnsetModel<O> {
-    /// Threshold over the running median.
+    /// Detection threshold over the running median.
     const THRESHOLD: f64 = O::THRESHOLD / QUARTILE;
 
-    /// As [`OnsetModel::new`], with other constants.
+    /// As [`OnsetModel::new`], for a detector with other constants.
     #[must_use]
     pub fn with(sensor: &SensorModel) -> Self {
         let h = 1.0 / f64::from(SAMPLE_RATE);
@@ -240,7 +251,7 @@ impl<O: Onset> OnsetModel<O> {
         let mut passes = [HighPass::default(); 2];
         let response: [Complex; LOOKED] =
             core::array::from_fn(|n| high_passed(&mut passes, exp(ringing * n as f64)));
-        // What is left of one sample of noise, until the filters have forgotten it.
+        // Power gain of white noise: the sum of the squared impulse response.
         let (mut passes, mut power, mut sample) = ([HighPass::default(); 2], 0.0, 1.0.into());
         for _ in 0..O::SETTLING {
             let left = high_passed(&mut passes, sample).re;
@@ -275,80 +286,82 @@ impl<O: Onset> OnsetModel<O> {
         }
     }
 
-    /// Takes over the speed of the drive: `theta` rad a sample.
+    /// Sets the drive's phase advance, `theta` rad a sample.
     pub fn tune(&mut self, theta: f64) {
         if theta != self.tuning.theta {
             self.tuning = Tuning::new(self.ringing, theta, O::CORNER);
         }
     }
 
-    /// What both high-passes leave of the drive's swing of unit amplitude.
+    /// Gain of both high-pass filters at the drive's frequency.
     #[must_use]
     pub fn leak(&self) -> f64 {
         self.tuning.leak
     }
 
-    /// RMS of the residual for a RMS of white noise in the reading.
+    /// RMS of the residual for an RMS of white noise in the reading.
     #[must_use]
     pub fn residual(&self, noise: f64) -> f64 {
         self.noise_gain * noise
     }
 
-    /// The detector's median of a residual of a RMS, of whose square the drive's own swing is a share: the share of time
-    /// that ringing fills lies above it.
+    /// Median of the absolute residual in m/s^2, for an RMS and for the drive's share of its power.
+    /// Ringing raises it by the share of time that it fills.
     #[must_use]
     pub fn median(&self, rms: f64, swing: f64) -> f64 {
-        // Of noise 0.6745 of the RMS, of a sine all of it; between them within 0.013, by numerical integration.
+        // Noise has 0.6745 of the RMS, a sine its RMS; the interpolation is within 0.013 of
+        // numerical integration.
         let square = swing * swing;
         let alone = QUARTILE + square * (0.14 + (0.86 - QUARTILE) * square);
-        // P(|n| > m) = (1/2 - q)/(1 - q), solved for m within a fiftieth: of noise, and less of a sine, which does not go beyond its crest.
+        // Solves P(|n| > m) = (1/2 - q)/(1 - q) for m within 1/50. A sine gives less, because it
+        // does not exceed its peak.
         let hidden = self.hidden.min(0.4);
         let of_noise = 0.787 + hidden * (0.287 + 5.44 * hidden);
         let of_sine = 0.80 + 0.33 * hidden;
-        // Between them within a twentieth, by numerical integration.
+        // The interpolation is within 1/20 of numerical integration.
         let sine = (2.5 * swing - 1.5).max(0.0);
         rms * (alone + hidden * (of_noise + (of_sine - of_noise) * sine))
     }
 
-    /// What the filters leave of a swing of the drive, both the complex amplitude of its cosine.
+    /// Residual of the drive's acceleration; argument and result are complex amplitudes of the
+    /// cosine.
     #[must_use]
     pub fn leaked(&self, swing: Complex) -> Complex {
         swing * self.tuning.passed
     }
 
-    /// Begins the cycle of so many samples from a sample on, and from a phase of the output, which a sample takes on by a
-    /// step.
+    /// Begins a cycle of `samples` samples at a sample and an output phase that advances by `step`.
     pub fn begin(&mut self, sample: u64, samples: u32, phase: Phase, step: u32) {
         self.blanking.begin(sample, samples);
         self.energy.begin(sample, phase, step);
     }
 
-    /// Energy of the residual in some sectors of the turn, at the end of a cycle of so many samples, under a RMS of its
-    /// noise and a swing of the drive (complex amplitude of its cosine), both in m/s^2.
+    /// Ends a cycle and returns the energy of the residual in some sectors of the turn. Inputs:
+    /// number of samples, RMS of the noise and complex amplitude of the drive, both in m/s^2.
     pub fn sectors(&mut self, samples: u32, rms: f64, swing: Complex) -> Sectors {
         let leak = self.leaked(swing);
         self.energy.finish(samples, &Ground { rms, leak })
     }
 
-    /// Whether nothing is blanked in the next cycle.
+    /// Sets whether blanking is off in the next cycle.
     pub fn keep_whole(&mut self, whole: bool) {
         self.blanking.keep_whole(whole);
     }
 
-    /// Share of the cycle under way, of so many samples, that the demodulator blanks.
+    /// Share of the current cycle that the demodulator blanks.
     #[must_use]
     pub fn blanked(&self, samples: u32) -> f64 {
         self.blanking.share(samples)
     }
 
-    /// Lets an impact ring, `share` of a sample before one.
+    /// Adds an impact's ringing only, `share` of a sample before a sample.
     #[cfg(test)]
     pub fn ring(&mut self, sample: u64, share: f64, height: f64) {
         self.energy.strike(sample, self.began(share) * height);
     }
 
-    /// Takes an impact: whether it is heard, and the sum of its ringing against the drive's turn from its
-    /// first sample on, as far as the demodulator does not leave it out.
+    /// Adds an impact. Returns its detection, and the sum of its unblanked ringing times the
+    /// drive's phase factor.
     pub fn impact(
         &mut self,
         struck: Struck,
@@ -380,7 +393,7 @@ impl<O: Onset> OnsetModel<O> {
             out: NEVER,
         };
         let residuals = ring.residuals(self);
-        // Nothing that a ringing leaves is higher than itself.
+        // The residual of a ringing never exceeds the ringing itself.
         let quiet = height + under.l1_norm() + leak.l1_norm() + 3.5 * rms < loud;
         let mut heard = None;
         while ring.known < LOOKED && !quiet {
@@ -395,7 +408,7 @@ impl<O: Onset> OnsetModel<O> {
                     sample: at,
                     strength: residual,
                 });
-                // Blind while a ringing may still rise.
+                // Dead time while the ringing may still rise.
                 self.open = at + u64::from(O::RISE) + 1;
                 ring.out = ring.out.min(ring.known - 1);
                 break;
@@ -410,8 +423,8 @@ impl<O: Onset> OnsetModel<O> {
         (heard, sum)
     }
 
-    /// Sum of a ringing as far as it is not blanked; it and those before are, where it is high, from then until
-    /// the detector has forgotten it.
+    /// Sum of the unblanked part of a ringing. All ringing is blanked from the first loud sample
+    /// until the detector's memory has decayed.
     #[inline(always)]
     fn heeded(&mut self, ring: &mut Ring, residuals: &[f64; LOOKED], heard: bool) -> Complex {
         let sample = ring.sample;
@@ -420,7 +433,7 @@ impl<O: Onset> OnsetModel<O> {
         let began = self.sums(ring.began);
         let own = self.tail(began, since(held));
         let rings = ring.began + ring.under;
-        // Without this, each impact of a quiet part would have its memory worked out.
+        // Early return for quiet impacts, which need no memory.
         if !heard && rings.l1_norm() < ring.least && ring.memory < ring.least {
             return own;
         }
@@ -429,7 +442,7 @@ impl<O: Onset> OnsetModel<O> {
             return own;
         }
         let from = (sample + ring.out as u64).max(held);
-        // To a fifth of a sample.
+        // Accurate to 1/5 of a sample.
         let lasts = logarithm((ring.memory / ring.least) as f32) / -self.forgetting;
         let mut forgotten = sample + (LOOKED as f64 + lasts).max(0.0) as u64;
         if heard {
@@ -444,13 +457,13 @@ impl<O: Onset> OnsetModel<O> {
         own - self.tail(sums, since(from)) + self.tail(sums, since(until))
     }
 
-    /// What both terms of a ringing's sum are at its first sample.
+    /// Both terms of a ringing's sum at its first sample.
     fn sums(&self, began: Complex) -> [Complex; 2] {
         let [ahead, back] = self.tuning.sums;
         [product(began, ahead), product(began.conj(), back)]
     }
 
-    /// Sum of a ringing against the drive's turn, from so many samples after its first on.
+    /// Sum of a ringing times the drive's phase factor, from `samples` after its first sample on.
     #[inline(always)]
     fn tail(&self, [mut left, mut conjugate]: [Complex; 2], samples: u64) -> Complex {
         if samples > 0 {
@@ -460,7 +473,7 @@ impl<O: Onset> OnsetModel<O> {
         conjugate - left
     }
 
-    /// `e^(ringing share)`, `share` in 0..1.
+    /// `e^(ringing share)` for `share` in 0..1.
     fn began(&self, share: f64) -> Complex {
         let nearest = (share * SHARES as f64 + 0.5) as usize;
         let Some(node) = self.onset.get(nearest) else {
@@ -470,14 +483,15 @@ impl<O: Onset> OnsetModel<O> {
         product(*node, exp_small(self.ringing * apart))
     }
 
-    /// Lets a cycle of this many samples pass.
+    /// Ends a cycle of this many samples.
     pub fn pass(&mut self, samples: u32) {
         self.hidden *= (1.0 - f64::from(samples) * WEIGHT).max(0.0);
     }
 }
 
-/// Decay times for which a ringing, that many e-folds over the detector's median as it begins, has the noise above the median as if
-/// it were there all the time: twice the integral of what it adds to a half, within a tenth by numerical integration.
+/// Number of decay times for which a ringing hides the noise; `folds` is the logarithm of its start
+/// over the median. It is twice the integral of the excess over 1/2, within a tenth of numerical
+/// integration.
 fn hiding(folds: f64) -> f64 {
     if folds < 2.0 {
         0.24 * folds * folds
@@ -486,7 +500,7 @@ fn hiding(folds: f64) -> f64 {
     }
 }
 
-/// `ln x` within 0.007, for normal x: the exponent, and a parabola through the mantissa.
+/// `ln x` within 0.007 for normal x: the exponent, and a parabola in the mantissa.
 fn logarithm(x: f32) -> f64 {
     let bits = x.to_bits();
     let mantissa = f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000);
@@ -499,7 +513,7 @@ impl Tuning {
     fn new(ringing: Complex, theta: f64, corner: f64) -> Self {
         let one = Complex::new(1.0, 0.0);
         let turning = Complex::new(0.0, theta);
-        // (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice.
+        // Response of (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice.
         let back = turn(-theta);
         let once = (one - back) * (1.0 - corner) / (one - back * (1.0 - corner));
         let logs = [ringing + turning, ringing.conj() + turning];
@@ -522,7 +536,7 @@ mod tests {
     use super::*;
     use crate::control::OnsetDetector;
 
-    /// Impacts through the detector itself, sample by sample, and through its closed form.
+    /// Detection samples of the detector itself, and of the closed form.
     fn both<O: Onset>(height: f32, spacing: f64, sigma: f32) -> [Vec<u64>; 2] {
         let sensor = SensorModel::default();
         let mut detector = OnsetDetector::<O>::with(0.01);
@@ -552,7 +566,7 @@ mod tests {
                 next += spacing;
             }
             let reading = ringing.acceleration() + sigma * noise[0].gauss();
-            // The detector first learns its noise.
+            // The detector first adapts to the noise.
             if detector.sample(reading).is_some() && sample > 8000 {
                 heard[0].push(sample);
             }
@@ -572,7 +586,7 @@ mod tests {
             assert!(slow.len() > 50);
             assert_eq!(slow.len(), fast.len(), "{height} {spacing}");
             for (slow, fast) in slow.iter().zip(&fast) {
-                // Each has its own noise, which may carry a slow rise over the threshold a sample early.
+                // Independent noise can shift a detection on a slow rise by a sample.
                 assert!(slow.abs_diff(*fast) <= 2, "{slow} {fast}");
             }
         }
@@ -580,8 +594,8 @@ mod tests {
         assert!(slow.is_empty() && fast.is_empty());
     }
 
-    /// Impacts of a height at a phase of a drive of 100 Hz and 25 m/s^2 that are heard, of 500, by the detector and by its
-    /// closed form.
+    /// Number of detections of 500 impacts at a phase of a drive of 100 Hz: by the detector and by
+    /// the closed form. `swing` is the drive's acceleration in m/s^2.
     fn on_a_swing(height: f32, phase: f64, swing: f64) -> [u32; 2] {
         let theta = TAU / 200.0;
         let mut detector = OnsetDetector::new(0.01);
@@ -628,7 +642,7 @@ mod tests {
     fn a_swing_that_the_filters_leave_over_helps_or_hides_an_impact_in_both() {
         for (swing, lowest, step) in [(0.0, 0.5, 0.25), (25.0, 1.25, 0.25), (60.0, 2.5, 0.5)] {
             for phase in [0.4, 3.5] {
-                // The height at which half of them are heard.
+                // Height of an impact with half of the detections.
                 let mut thresholds = [lowest; 2];
                 for n in 0..9 {
                     let heard = on_a_swing((lowest + step * f64::from(n)) as f32, phase, swing);
@@ -646,7 +660,7 @@ mod tests {
         }
     }
 
-    /// The standard constants but for one.
+    /// The standard constants with one of them changed.
     macro_rules! but {
         ($($name:ident: $constant:ident: $kind:ty = $value:expr;)+) => { $(
             #[derive(Clone, Copy)]
@@ -683,7 +697,7 @@ mod tests {
         changed::<Settling>(6.0, 133.7, 0.15);
     }
 
-    /// Samples of an impact's ringing that the demodulator blanks, by the detector and by its closed form.
+    /// Number of blanked samples after an impact: by the detector and by the closed form.
     fn blanked<O: Onset>() -> [f64; 2] {
         let mut detector = OnsetDetector::<O>::with(0.1);
         let mut ringing = Ringing::new(2400.0, 1e-3);
@@ -703,7 +717,7 @@ mod tests {
             share: 0.25,
             height: 6.0,
         };
-        // As the detector has it, which begins with its floor for a median.
+        // The detector starts with its floor as median.
         let background = Background {
             median: 0.1,
             rms: 0.0,
@@ -716,7 +730,8 @@ mod tests {
     #[test]
     fn a_changed_loudness_changes_what_is_blanked_in_both() {
         let ([slow, fast], [standard, _]) = (blanked::<Loud>(), blanked::<Standard>());
-        // A quarter of the height takes ln 4 / 0.0356 = 39 samples longer; the detector's median falls meanwhile.
+        // Blanking to a quarter of the height lasts ln 4 / 0.0356 = 39 samples longer; the
+        // detector's median falls meanwhile.
         assert!(
             (30.0..50.0).contains(&(slow - standard)),
             "{slow} {standard}"
@@ -735,7 +750,7 @@ mod tests {
             sum += turn(0.0157 * f64::from(n)) * f64::from(ringing.acceleration());
             ringing.step();
         }
-        // 2000 terms in f32.
+        // Rounding of 2000 terms in f32.
         let struck = Struck {
             sample: 1000,
             share: 0.3,

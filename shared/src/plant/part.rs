@@ -1,4 +1,4 @@
-//! One part on the track: the impact map, with the amplitude that the track has when it is thrown.
+//! Event-driven simulation of one part: the impact map at the track's amplitude at launch.
 
 use core::f64::consts::TAU;
 
@@ -15,18 +15,18 @@ use crate::impact::{
 /// A part's motion between two events.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Motion {
-    /// Lying on the track.
+    /// At rest on the track.
     Resting,
-    /// In flight until a time in steps of 2^-32 turns of the drive, arriving at a speed in m/s, displaced
-    /// along the track by so much in m, with a velocity along it in m/s: after the impact by the paper's law, before it
-    /// with friction, which depends on what the impact leaves.
+    /// In flight until a time in steps of 2^-32 turns, with arrival speed in m/s, displacement in m
+    /// and velocity in m/s along the track. The velocity is that after the impact under tangential
+    /// restitution, and that before it under friction.
     Flying {
         until: u64,
         arrival: f64,
         displacement: f64,
         along: f64,
     },
-    /// In a chatter too short to hear, until it rests.
+    /// In a chatter below the sensor's resolution, until rest.
     Chattering { until: u64 },
 }
 
@@ -39,11 +39,11 @@ pub struct Strike {
     pub speed: f64,
     /// Phase of the track in rad, 0..2 pi.
     pub phase: f64,
-    /// The flight that ended here, in drive periods.
+    /// Flight before the impact, in drive periods.
     pub flight: f32,
-    /// Number of the part, from 0.
+    /// Index of the part, from 0.
     pub part: u8,
-    /// Whether the part lay on the track before this flight.
+    /// Whether the flight began from rest.
     pub rested: bool,
 }
 
@@ -52,45 +52,46 @@ pub struct Strike {
 pub struct Part {
     restitution: Scatter,
     motion: Motion,
-    /// Whether the flight that it is in began at rest.
+    /// Whether the current flight began from rest.
     rested: bool,
-    /// When that flight began, in steps of 2^-32 turns of the drive.
+    /// Start of the current flight, in steps of 2^-32 turns of the drive.
     began: u64,
     /// Velocity along the track relative to it in m/s (symbol phi times b w).
     along: f64,
-    /// Speed by which its last impact changed it in m/s: the momentum given to the track over its mass.
+    /// Velocity change by the last impact in m/s: the momentum given to the track over the part's
+    /// mass.
     pushed: f64,
     /// Displacement along the track so far in m.
     displacement: f64,
-    /// Time from which on it lies on the track and rubs, in steps of 2^-32 turns of the drive; what came before is in its
-    /// displacement. `None` in flight.
+    /// Time from which the part lies on the track, in steps of 2^-32 turns of the drive; `None` in
+    /// flight. Earlier sliding is in its displacement.
     lying: Option<u64>,
 }
 
-/// What a part needs to know of the track.
+/// Motion of the track for the simulation of a part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track<'a> {
     /// Gravity normal to the track (symbol g cos alpha) in m/s^2.
     pub normal_gravity: f64,
     /// Angular frequency of the drive in rad/s.
     pub angular: f64,
-    /// The motion along the track; `None` where nobody watches it.
+    /// Law of the motion along the track; `None` if the displacement is not computed.
     pub law: Option<Law>,
-    /// The shape of its motion, where that is more than a sine.
+    /// Shape of the motion; `None` for a sine.
     pub wave: Option<&'a Wave>,
 }
 
-/// The shape of the track's motion, kept while it changes too little to matter.
+/// Cache of the track's wave; it is rebuilt after a noticeable change.
 #[derive(Clone, Copy, Debug)]
 pub struct WaveCache {
     shape: Shape,
     wave: Wave,
 }
 
-/// Change of a tone above the first that matters to no part, in the first tone's amplitude: a tenth of what the impacts of a locked
-/// part scatter by in phase where its restitution scatters by 0.001.
+/// Change of an upper tone, over the first tone's amplitude, at which the wave is rebuilt. It is a
+/// tenth of the phase scatter of a locked part at a restitution scatter of 0.001.
 const SAME: f32 = 2e-4;
-/// Tones below this are none: nothing but rounding.
+/// Amplitude over the first tone's below which an upper tone is rounding.
 const NO_TONE: f32 = 1e-6;
 
 impl Default for WaveCache {
@@ -103,7 +104,7 @@ impl Default for WaveCache {
 }
 
 impl WaveCache {
-    /// The wave of this shape; `None` where the track moves as a sine.
+    /// Wave of this shape; `None` for a sine.
     pub fn shape(&mut self, shape: Shape) -> Option<&Wave> {
         if shape.tones().iter().all(|tone| tone.ratio < NO_TONE) {
             return None;
@@ -115,7 +116,7 @@ impl WaveCache {
         let pairs = shape.tones().into_iter().zip(self.shape.tones());
         if pairs.into_iter().any(moved) {
             let [second, third] = shape.tones().map(|tone| Tone {
-                // Only a track whose first tone has hardly begun is shaken more by the others.
+                // Larger ratios occur only while the first tone starts.
                 amplitude: f64::from(tone.ratio.min(0.5)),
                 angle: f64::from(tone.phase),
             });
@@ -142,20 +143,21 @@ impl Part {
         }
     }
 
-    /// Changes its mean restitution from the next impact on; one out of range is refused.
+    /// Sets its mean restitution from the next impact on; an error for a value out of range.
     pub fn set_restitution(&mut self, mean: f64) -> Result<(), OutOfRange> {
         self.restitution = self.restitution.about(mean)?;
         Ok(())
     }
 
-    /// Changes by how much its restitution scatters, from the next impact on; what is out of range is refused.
+    /// Sets the standard deviation of its restitution from the next impact on; an error for a value
+    /// out of range.
     pub fn set_scatter(&mut self, deviation: f64) -> Result<(), OutOfRange> {
         self.restitution = self.restitution.within(deviation)?;
         Ok(())
     }
 
-    /// The map of its flights at `k`. That of a part which scatters keeps the arrival speed: what is left of it
-    /// is drawn at the impact.
+    /// Map of its flights at `k`. With scattered restitution the map is elastic, and the
+    /// restitution is drawn at the impact.
     fn map(&self, k: f64) -> Option<Map> {
         let scatters = self.restitution.deviation() > 0.0;
         let kept = if scatters {
@@ -172,25 +174,26 @@ impl Part {
         self.displacement
     }
 
-    /// Speed by which its last impact changed it in m/s: the momentum that this gave to the track, over its own mass.
+    /// Velocity change by the last impact in m/s: the momentum given to the track over the part's
+    /// mass.
     #[must_use]
     pub fn pushed(&self) -> f64 {
         self.pushed
     }
 
-    /// Whether it lies on the track, or chatters unheard.
+    /// Whether it rests on the track or is in a silent chatter.
     #[must_use]
     pub fn lies(&self) -> bool {
         !matches!(self.motion, Motion::Flying { .. })
     }
 
-    /// Whether it lies on the track.
+    /// Whether it rests on the track.
     #[must_use]
     pub fn rests(&self) -> bool {
         self.motion == Motion::Resting
     }
 
-    /// Whether it lies on the track and rubs, or did until its next slide.
+    /// Whether it rests and slides, or did until its next slide.
     #[inline]
     #[must_use]
     pub fn rubs(&self) -> bool {
@@ -207,8 +210,8 @@ impl Part {
         }
     }
 
-    /// Throws a resting part where the track's downward acceleration exceeds gravity; `swing` is the
-    /// track at `time`.
+    /// Throws a part at rest where the track's downward acceleration exceeds gravity; `swing` is
+    /// the track's at `time`.
     pub fn throw(&mut self, swing: Swing, track: &Track<'_>, time: u64) {
         let amplitude = f64::from(swing.amplitude);
         let k = track.normal_gravity / (amplitude * track.angular * track.angular);
@@ -222,7 +225,7 @@ impl Part {
         let Some(lift_off) = map.lift_off() else {
             return;
         };
-        // The sample comes up to one sample late; the throw itself is at arcsin k.
+        // The sample is up to one late; the launch itself is at arcsin k.
         let late = turned(swing.phase.radians() - lift_off);
         let start = time.saturating_sub((late / TAU * Phase::TURN) as u64);
         let Some(Release { launch, impact }) = Release::of(&map, lift_off, 0.0) else {
@@ -234,8 +237,8 @@ impl Part {
         self.fly(&flight, amplitude, track, start);
     }
 
-    /// Takes the event that is due: the strike, if it is one, and the part's next motion. `swing` is
-    /// the track at the event.
+    /// Processes the due event and returns its impact, if it is one; `swing` is the track's at the
+    /// event.
     pub fn event(&mut self, swing: Swing, track: &Track<'_>) -> Option<Strike> {
         let (time, arrival, displacement, along) = match self.motion {
             Motion::Resting => return None,
@@ -252,7 +255,7 @@ impl Part {
         };
         self.displacement += displacement;
         self.along = along;
-        // Where it comes to rest it lies from now on; a flight that begins says otherwise.
+        // At rest it lies from now on; a flight resets this.
         self.lying = Some(time);
         let phase = swing.phase.radians();
         let strike = Strike {
@@ -285,8 +288,8 @@ impl Part {
         self.rub(track, arrival, left);
         let velocity = left / (amplitude * track.angular);
         let state = PartState { phase, velocity };
-        // A chatter is closed below 8e-6 (1 + k)^(5/3) (see `Contact`): faster parts need not ask. That of a part
-        // which scatters is closed at its mean.
+        // A chatter is closed below 8e-6 (1 + k)^(5/3) (see `Contact`), so faster parts skip the
+        // test. With scattered restitution it is closed at the mean.
         let slow = velocity < 1e-5 * (1.0 + k) * (1.0 + k);
         let closed = slow.then(|| {
             let contact = Contact::build(k, self.restitution.mean()).ok()?;
@@ -309,9 +312,9 @@ impl Part {
         Some(strike)
     }
 
-    /// As [`Part::throw`], on a track of several tones.
+    /// As [`Part::throw`], on a track with several tones.
     fn throw_on_tones(&mut self, wave: &Wave, k: f64, swing: Swing, track: &Track<'_>, time: u64) {
-        /// How far in rad the throw may lie back: a sample at 500 Hz.
+        /// Largest phase in rad by which the throw may be late: a sample at 500 Hz.
         const BACK: f64 = 0.2;
         let Ok(map) = WaveMap::on(*wave, k, 1.0) else {
             return;
@@ -323,7 +326,7 @@ impl Part {
         let Some(Next::Flight(launch)) = part.next(&map) else {
             return;
         };
-        // It may lie ahead as far, where the amplitude changed since it was looked for.
+        // It may be early by as much, where the amplitude changed since the search.
         if wait > 2.0 * BACK {
             return;
         }
@@ -337,7 +340,7 @@ impl Part {
         self.fly(&flight, amplitude, track, start);
     }
 
-    /// The part's next motion after an impact on a track of several tones.
+    /// Next motion after an impact on a track with several tones.
     fn bounce_on_tones(
         &mut self,
         wave: &Wave,
@@ -347,7 +350,7 @@ impl Part {
         track: &Track<'_>,
         time: u64,
     ) {
-        // The map of a part that loses nothing tells its speed of arrival.
+        // The elastic map returns the arrival speed.
         let Ok(map) = WaveMap::on(*wave, k, 1.0) else {
             self.motion = Motion::Resting;
             return;
@@ -372,22 +375,23 @@ impl Part {
         }
     }
 
-    /// What the friction of an impact takes that arrives and leaves with these speeds in m/s.
+    /// Applies the friction of an impact with these arrival and launch speeds in m/s.
     fn rub(&mut self, track: &Track<'_>, arrival: f64, left: f64) {
         if let Some(Law::Friction(settings)) = track.law {
             self.along = settings.struck(self.along, arrival + left);
         }
     }
 
-    /// What a chatter that begins with `left` m/s takes less than the contact that it is taken for.
+    /// Corrects the velocity along the track for a chatter that begins with `left` m/s. Its
+    /// friction is less than that of the contact by which it is simulated.
     fn spare(&mut self, track: &Track<'_>, left: f64) {
         if let Some(Law::Friction(settings)) = track.law {
             self.along += settings.spared(self.along, left);
         }
     }
 
-    /// Lets a part that lies on the track slide up to `time`; `swing` is the track then. With friction its motion is in
-    /// its displacement only up to the last call.
+    /// Slides a part at rest up to `time`; `swing` is the track's at that time. With friction its
+    /// displacement is current only up to the last call.
     pub fn slide(&mut self, swing: Swing, track: &Track<'_>, time: u64) {
         let amplitude = f64::from(swing.amplitude);
         let k = track.normal_gravity / (amplitude * track.angular * track.angular);
@@ -404,7 +408,7 @@ impl Part {
         };
         self.lying = Some(time);
         let sine = Wave::sine();
-        // A track that hardly moves (k above 1000) holds what lies on it.
+        // A track with k above 1000 moves too little to slide a part.
         let Ok(friction) = Friction::on(track.wave.unwrap_or(&sine), k, settings) else {
             self.along = 0.0;
             return;
@@ -416,7 +420,7 @@ impl Part {
         self.along = lain.velocity * unit;
     }
 
-    /// The end of a rest: the track throws the part at `start`, at a phase.
+    /// Ends a rest: the track throws the part at `start`, at a phase.
     fn leave(&mut self, track: &Track<'_>, k: f64, phase: f64, amplitude: f64, start: u64) {
         match track.law {
             Some(Law::Friction(_)) => self.slide_to(track, k, phase, amplitude, start),
@@ -467,13 +471,13 @@ impl Part {
     }
 }
 
-/// A flight that begins, in units of the track's motion.
+/// A flight in units of the track's motion.
 struct Flight {
     k: f64,
     /// Phase of the launch in rad.
     phase: f64,
     impact: Impact<PartState>,
-    /// Speed relative to the track at its end in units of b w (symbol s).
+    /// Arrival speed in `b w` (symbol s).
     arrival: f64,
 }
 
@@ -488,7 +492,8 @@ impl Flight {
         }
     }
 
-    /// The flight on several tones of a part that loses nothing, whose next velocity is its arrival speed.
+    /// Elastic flight on several tones, whose launch velocity after the impact is the arrival
+    /// speed.
     fn on_tones(map: &WaveMap, phase: f64, impact: Impact<PartState>) -> Self {
         Self {
             k: map.k(),
@@ -499,12 +504,12 @@ impl Flight {
     }
 }
 
-/// Speed relative to the track at the end of a flight in units of b w (symbol s).
+/// Arrival speed of a flight in `b w` (symbol s).
 fn arrival_speed(map: &Map, phase: f64, impact: &Impact<PartState>) -> f64 {
     if map.restitution() > 1e-6 {
         return impact.next.velocity / map.restitution();
     }
-    // A dead part keeps no trace of its speed: u' from rest, as such a part always starts from it.
+    // At restitution 0 the speed is that of a launch from rest, which such a part always has.
     let half = 0.5 * impact.flight;
     (map.k() * impact.flight - 2.0 * libm::sin(phase + half) * libm::sin(half)).max(0.0)
 }
@@ -525,8 +530,8 @@ mod tests {
     /// Samples of a drive cycle in these runs.
     const SAMPLES: u64 = 400;
 
-    /// Displacement in units of b of a part from rest, a cycle, over 600 cycles, on a track of constant amplitude; the
-    /// track is looked at in every sample, and the part slides in every cycle, as the plant has it.
+    /// Displacement in b per cycle of a part from rest, over 600 cycles at constant amplitude. The
+    /// events are evaluated per sample and the sliding per cycle, as in the plant.
     fn way(k: f64, law: Law, restitution: f64) -> f64 {
         let (normal_gravity, angular) = (9.81, 314.0);
         let track = Track {
@@ -586,7 +591,7 @@ mod tests {
             let found = measure(&map, along, Origin::Rest, effort, &mut ()).conveyed;
             let expected = found.time_mean().unwrap() * TAU;
             let found = way(k, Law::Friction(settings), restitution);
-            // The amplitude is known to f32, the time of a throw to a sample.
+            // Errors: the amplitude has f32 precision, a throw is timed to a sample.
             assert!(
                 (found / expected - 1.0).abs() < 2e-3,
                 "{throw}: {found} {expected}"

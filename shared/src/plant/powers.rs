@@ -1,10 +1,10 @@
-//! Powers of a number to whole exponents, by a multiplication each.
+//! Powers of a complex number with integer exponents, from two tables and one product.
 
 use num_complex::Complex64 as Complex;
 
 use super::recurrence::{exp, product};
 
-/// Bits of an exponent that one table serves.
+/// Bits of the exponent per table.
 const BITS: u64 = 4;
 const SIZE: usize = 1 << BITS;
 /// First exponent beyond both tables.
@@ -14,13 +14,13 @@ const END: u64 = 1 << (2 * BITS);
 #[derive(Clone, Copy, Debug)]
 pub struct Powers {
     log: Complex,
-    /// n below 16, and its multiples by 16.
+    /// Powers for exponents below 16, and for multiples of 16.
     fine: [Complex; SIZE],
     coarse: [Complex; SIZE],
 }
 
 impl Powers {
-    /// The powers of `e^log`.
+    /// Powers of `e^log`.
     pub fn new(log: Complex) -> Self {
         let row = |step: Complex| {
             let mut power = Complex::new(1.0, 0.0);
@@ -36,7 +36,7 @@ impl Powers {
         }
     }
 
-    /// `e^(log n)`; relative error at most 2e-14 where the tables serve, n < 256.
+    /// `e^(log n)`; the relative error is at most 2e-14 within the tables, n < 256.
     #[inline]
     pub fn at(&self, n: u64) -> Complex {
         if n >= END {
@@ -71,7 +71,7 @@ mod tests {
             assert_eq!(powers.at(0), Complex::new(1.0, 0.0));
             for n in 0..1000 {
                 let expected = exp(log * n as f64);
-                // The argument of the expected one, 306 at most where the tables serve, is rounded: 3.4e-14.
+                // The reference rounds its argument of up to 306; error 3.4e-14.
                 let error = (powers.at(n) - expected).norm_sqr() / expected.norm_sqr();
                 assert!(error < 4e-14 * 4e-14, "{log} {n}: {error}");
             }

@@ -1,5 +1,4 @@
-//! Cycles of the envelope whose readings matter one by one: where the converter's range ends, and where
-//! the controller has the sound folded.
+//! Sample-by-sample readings of the envelope plant, for cycles with saturation or folding.
 
 use num_complex::Complex64 as Complex;
 
@@ -13,33 +12,34 @@ use super::upper::UpperEnvelope;
 use crate::arithmetic::Phase;
 use crate::control::{Cycle, Fold, OnsetDetector};
 
-/// The readings of a cycle, sample by sample: clipping is not linear, and a fold keeps their place.
+/// Simulates the readings of a cycle sample by sample, because clipping is nonlinear and folding
+/// needs each reading.
 #[derive(Clone, Debug)]
 pub(super) struct Readings {
     ringing: Ringing,
     detector: OnsetDetector,
     fold: Fold,
-    /// Whether something is folded or still handed over.
+    /// Whether folding is active or a result is pending.
     folds: bool,
-    /// Sample at which the ringing stands.
+    /// Sample of the ringing's state.
     at: u64,
 }
 
-/// A cycle to be read.
+/// Inputs of a simulated cycle.
 pub(super) struct Read<'a> {
     pub drive: &'a Recurrence,
     pub upper: Option<&'a UpperEnvelope>,
     pub sensor: &'a SensorModel,
     pub sense: &'a Sense,
     pub strikes: &'a [Strike],
-    /// Time of the parts at the sample that began the cycle, and the number of that sample.
+    /// Time of the parts at the first sample of the cycle, and the index of that sample.
     pub time: i64,
     pub sample: u64,
     pub inverted: bool,
 }
 
 impl Readings {
-    /// Nothing read yet.
+    /// Initial state without readings.
     pub fn new(sensor: &SensorModel, sense: &Sense) -> Self {
         Self {
             ringing: Ringing::new(sensor.ringing_frequency, sensor.ringing_decay * 1e-3),
@@ -56,7 +56,7 @@ impl Readings {
         self.folds
     }
 
-    /// The end of a cycle: what is to be folded in the next one, as the signal path takes it.
+    /// Ends a cycle and sets the folding of the next, as in the signal path.
     #[inline]
     pub fn finish(&mut self, from: Option<Phase>, step: u32, cycle: &mut Cycle) {
         if self.folds || from.is_some() {
@@ -65,7 +65,7 @@ impl Readings {
         }
     }
 
-    /// Reads a cycle; what the demodulator finds in it.
+    /// Simulates the readings of a cycle and demodulates them.
     pub fn read(&mut self, of: &Read<'_>, cycle: &mut Cycle, noise: &mut Noise) -> Demodulated {
         let Read { drive, sense, .. } = *of;
         let turned = if of.inverted { -1.0 } else { 1.0 };

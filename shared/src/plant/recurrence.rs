@@ -1,4 +1,8 @@
-//! The resonant drive and the demodulator from cycle to cycle, in closed form.
+//! Resonant drive and demodulator in steps of a drive cycle, exact at the samples.
+//!
+//! The drive is its zero-order-hold discretization in modal coordinates (K. J. Åström and B.
+//! Wittenmark, Computer-Controlled Systems, 1997). Its transient and the sums of the lock-in
+//! demodulator are geometric series.
 
 use core::f64::consts::TAU;
 
@@ -21,7 +25,7 @@ pub(super) fn exp(z: Complex) -> Complex {
     turn(z.im) * libm::exp(z.re)
 }
 
-/// `a b`, number by number: in pairs it costs more than it saves.
+/// Product `a b`, in scalar operations, which are faster here than vectors.
 #[inline(always)]
 pub(super) fn product(a: Complex, b: Complex) -> Complex {
     Complex::new(
@@ -30,15 +34,14 @@ pub(super) fn product(a: Complex, b: Complex) -> Complex {
     )
 }
 
-/// `e^(i phase)`, as the signal path has it.
+/// `e^(i phase)` with the signal path's sine.
 fn turned(phase: u32) -> Complex {
     let (sine, cosine) = sine_cosine_single(Phase::from_bits(phase));
     Complex::new(f64::from(cosine), f64::from(sine))
 }
 
-/// `e^z` for what turns and decays little, |z| below some tenths: by its series, else by [`exp`].
-///
-/// Relative error at most 1e-6 within 0.3, as a share of a transient or of a ringing.
+/// `e^z` for small arguments by its series, else by [`exp`]. The relative error is at most 1e-6 for
+/// |z| up to 0.3.
 #[inline(always)]
 pub(super) fn exp_small(z: Complex) -> Complex {
     if z.norm_sqr() > 0.09 {
@@ -50,7 +53,7 @@ pub(super) fn exp_small(z: Complex) -> Complex {
         + (product(square, z * (1.0 / 6.0) + 0.5) + (z + 1.0))
 }
 
-/// The angle of a number; small ones by the series of the arctangent.
+/// Argument of a complex number; small angles by the series of the arctangent.
 fn angle(z: Complex) -> Phase {
     if z.im.abs() < 0.125 * z.re {
         let tangent = z.im / z.re;
@@ -75,12 +78,12 @@ fn power(base: Complex, exponent: u32) -> Complex {
     result
 }
 
-/// What the drive's model gives, whatever the frequency.
+/// Modal constants of the drive, which do not depend on the drive frequency.
 ///
-/// `x'' + 2 zeta w0 x' + w0^2 x = w0^2 F` in `y = x'/w0` has the left eigenvector
-/// `z = (zeta + i o) x + y` with `o = sqrt(1 - zeta^2)`: `z' = w0 m z + w0 F`, `m = -zeta + i o`. Held
-/// over a sample h that is `z <- l z + (l - 1)/m F` with `l = e^(m w0 h)`, which is the matrix of the
-/// waveform's [`Resonator`](super::drive::Resonator) in its own basis, and back
+/// `x'' + 2 zeta w0 x' + w0^2 x = w0^2 F` with `y = x'/w0` has the left eigenvector
+/// `z = (zeta + i o) x + y`, `o = sqrt(1 - zeta^2)`. So `z' = w0 m z + w0 F` with
+/// `m = -zeta + i o`. Held over a sample h that is `z <- l z + (l - 1)/m F` with `l = e^(m w0 h)`.
+/// It is the waveform's [`Resonator`](super::drive::Resonator) in modal coordinates. Back:
 /// `x = Im z / o`, `y = Re z - zeta x`.
 #[derive(Clone, Copy, Debug)]
 struct Mode {
@@ -88,12 +91,12 @@ struct Mode {
     /// `1/o`.
     per_damped: f64,
     natural: f64,
-    /// `ln l` and l: turn and decay of a sample.
+    /// `ln l` and l, the rotation and decay per sample.
     log: Complex,
     sample: Complex,
-    /// What a unit of output adds in one sample.
+    /// Change of z in one sample per unit output.
     input: Complex,
-    /// The acceleration is `Re(reading z)` and `direct` times the output held before.
+    /// The acceleration is `Re(reading z)` plus `direct` times the held output.
     reading: Complex,
     direct: f64,
 }
@@ -116,7 +119,7 @@ impl Mode {
             log,
             sample,
             input: (sample - 1.0) / m * force,
-            // w0^2 (F - x - 2 zeta y) in z.
+            // w0^2 (F - x - 2 zeta y) in terms of z.
             reading: Complex::new(
                 -2.0 * zeta * square,
                 (1.0 - 2.0 * zeta * zeta) * square / damped,
@@ -126,32 +129,33 @@ impl Mode {
     }
 }
 
-/// What a step of the phase gives: the steady response, and the sums of the demodulator.
+/// Constants of a drive frequency: steady response and sums of the demodulator.
 #[derive(Clone, Copy, Debug)]
 struct Tuning {
     step: u32,
-    /// Phase of a step in rad.
+    /// Phase advance per sample in rad.
     theta: f64,
-    /// Steady state for unit output: `ahead e^(i phase) + back e^(-i phase)`.
+    /// Steady state per unit output: `ahead e^(i phase) + back e^(-i phase)`.
     ahead: Complex,
     back: Complex,
-    /// Steady acceleration for unit output: `Re(steady e^(i phase))`.
+    /// Steady acceleration per unit output: `Re(steady e^(i phase))`.
     steady: Complex,
-    /// `ln l - i theta`: the transient seen from the turning phase, per sample.
+    /// `ln l - i theta`: the transient per sample, relative to the rotating phase.
     drift: Complex,
-    /// Where the steady swing stands against the output.
+    /// Phase lead of the steady swing over the output.
     lead: Phase,
-    /// The track's `b e^(i phase)` of a state z, turned back by `lead`: `swing[0] z + swing[1] conj(z)`.
+    /// The track's `b e^(i phase)` of a state z, rotated back by `lead`:
+    /// `swing[0] z + swing[1] conj(z)`.
     swing: [Complex; 2],
-    /// Samples of a step of the phase.
+    /// Samples per phase step of 2^-32 turns.
     per_step: f64,
     /// `1 / (e^(2 i theta) - 1)`.
     double: Complex,
-    /// Turn and decay of a transient in the shorter and the longer cycle, and its sums against the phase.
+    /// Transient decay and demodulator sums over the shorter and the longer cycle.
     cycles: [Whole; 2],
 }
 
-/// A cycle of a number of samples.
+/// Constants of a cycle with a given number of samples.
 #[derive(Clone, Copy, Debug)]
 struct Whole {
     samples: u32,
@@ -166,7 +170,7 @@ impl Whole {
     fn new(mode: &Mode, sample: Complex, samples: u32) -> Self {
         let sums = |ratio: Complex| {
             let last = power(ratio, samples);
-            // At an undamped resonance met exactly the series is flat.
+            // At an undamped resonance at exactly this frequency all terms are equal.
             let sum = if (ratio - 1.0).norm_sqr() < 1e-24 {
                 Complex::new(f64::from(samples) - 1.0, 0.0)
             } else {
@@ -191,7 +195,7 @@ impl Tuning {
         let ahead = mode.input * half / (sample - mode.sample);
         let back = -mode.input * half / (sample.conj() - mode.sample);
         let shorter = ((1_u64 << 32) / u64::from(step)) as u32;
-        // x is the imaginary part, its velocity over the drive's angular frequency the real one.
+        // The imaginary part is x, the real part its velocity over the drive's angular frequency.
         let quadrature = mode.natural / (theta * f64::from(SAMPLE_RATE));
         let damping = Complex::new(0.0, quadrature * mode.zeta * mode.per_damped);
         let swing = [
@@ -222,40 +226,40 @@ impl Tuning {
     }
 }
 
-/// The drive over whole cycles of its output: one complex multiplication each for the transient, the
-/// steady part in closed form, both exactly as the held samples have them.
+/// The drive in steps of a cycle: one complex product for the transient, and the steady state in
+/// closed form. Both are exact for the held output.
 #[derive(Clone, Copy, Debug)]
 pub struct Recurrence {
     mode: Mode,
     tuning: Tuning,
-    /// The state z at the sample that began the cycle.
+    /// State z at the first sample of the cycle.
     state: Complex,
-    /// What of it is not the steady state of this cycle.
+    /// The state minus the steady state of this cycle.
     transient: Complex,
-    /// The steady state of this cycle: `steady[0] e^(i phase) + steady[1] e^(-i phase)`.
+    /// Steady state of this cycle: `steady[0] e^(i phase) + steady[1] e^(-i phase)`.
     steady: [Complex; 2],
-    /// What the accelerometer makes of the steady state and of the transient: the real part of the one times
-    /// `e^(i phase)`, of the other times `l^n`.
+    /// Acceleration of steady state and transient: real part of the first times `e^(i phase)`, and
+    /// of the second times `l^n`.
     reading: [Complex; 2],
-    /// Phase of the output at the sample that began the cycle, its `e^(i phase)` and the square of that.
+    /// Output phase at the first sample of the cycle, its `e^(i phase)` and the square of that.
     phase: u32,
     began: Complex,
     squared: Complex,
-    /// Which of the two lengths this cycle has.
+    /// Index of this cycle's length.
     longer: usize,
 }
 
-/// What the demodulator finds in a cycle.
+/// Demodulated acceleration of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Demodulated {
     /// Cosine part of the acceleration in m/s^2.
     pub in_phase: f64,
-    /// Sine part of it.
+    /// Sine part of the acceleration in m/s^2.
     pub quadrature: f64,
 }
 
 impl Recurrence {
-    /// The drive of a model at rest, for a step of the phase.
+    /// The drive of a model at rest, for a phase step per sample.
     #[must_use]
     pub fn new(model: &DriveModel, step: u32) -> Self {
         let mode = Mode::new(model);
@@ -274,15 +278,15 @@ impl Recurrence {
         }
     }
 
-    /// Begins a cycle with an output amplitude (real part; the imaginary one leads by a quarter turn) and
-    /// a step of the phase.
+    /// Begins a cycle with a complex output amplitude, whose imaginary part leads by a quarter
+    /// turn, and a phase step per sample.
     pub fn begin(&mut self, output: Complex, step: u32) {
         let step = step.max(1);
         if step != self.tuning.step {
             self.tuning = Tuning::new(&self.mode, step);
         }
         let tuning = &self.tuning;
-        // Im(G e^(i phase)) drives, so that the response to e^(-i phase) belongs to conj(G).
+        // The drive is Im(G e^(i phase)), so the response to e^(-i phase) has conj(G).
         self.steady = [tuning.ahead * output, tuning.back * output.conj()];
         self.transient = self.state - self.steady(self.began);
         self.reading = [tuning.steady * output, self.mode.reading * self.transient];
@@ -294,24 +298,24 @@ impl Recurrence {
         self.tuning.cycles[longer].samples
     }
 
-    /// Samples of this cycle.
+    /// Number of samples of this cycle.
     #[must_use]
     pub fn samples(&self) -> u32 {
         self.samples_of(self.longer)
     }
 
-    /// The steady state at `e^(i phase)`.
+    /// Steady state at `e^(i phase)`.
     fn steady(&self, at: Complex) -> Complex {
         self.steady[0] * at + self.steady[1] * at.conj()
     }
 
-    /// Ends the cycle: what the demodulator found in it.
+    /// Ends the cycle and returns its demodulated acceleration.
     pub fn end(&mut self) -> Demodulated {
         let whole = &self.tuning.cycles[self.longer];
         let advance = u64::from(self.tuning.step) * u64::from(whole.samples);
         let phase = (u64::from(self.phase) + advance) as u32;
         let ended = turned(phase);
-        // The samples at both ends stand for the shares of their interval that lie within the cycle.
+        // The first and last samples are weighted by the part of their interval within the cycle.
         let per_step = self.tuning.per_step;
         let first = f64::from(self.phase) * per_step;
         let last = 1.0 - f64::from(phase) * per_step;
@@ -337,20 +341,20 @@ impl Recurrence {
         }
     }
 
-    /// Output that pushes the track as an acceleration of 1 m/s^2 does.
+    /// Output whose force equals an acceleration of the track of 1 m/s^2.
     #[must_use]
     pub fn per_acceleration(&self) -> f64 {
         1.0 / self.mode.direct
     }
 
-    /// Largest acceleration that this cycle may show, in m/s^2: a bound.
+    /// Upper bound of the acceleration in this cycle, in m/s^2.
     #[must_use]
     pub fn loudest(&self) -> f64 {
         let norm = |z: Complex| libm::sqrt(z.norm_sqr());
         norm(self.reading[0]) + norm(self.reading[1])
     }
 
-    /// What is steady of the acceleration in m/s^2: the real part of it times `e^(i phase)`.
+    /// Complex amplitude of the steady acceleration in m/s^2, relative to `e^(i phase)`.
     #[must_use]
     pub fn steady_swing(&self) -> Complex {
         self.reading[0]
@@ -364,13 +368,13 @@ impl Recurrence {
         (self.reading[0] * at).re + (self.reading[1] * exp(self.mode.log * n)).re
     }
 
-    /// Phase of the output at the sample that began this cycle.
+    /// Output phase at the first sample of this cycle.
     #[must_use]
     pub fn phase(&self) -> u32 {
         self.phase
     }
 
-    /// The track's swing in this cycle.
+    /// Swing of the track in this cycle.
     #[must_use]
     pub fn swinging(&self) -> Swinging<'_> {
         let transient =
@@ -383,7 +387,7 @@ impl Recurrence {
         }
     }
 
-    /// `e^(i phase)` of the output, `samples` after the sample that began this cycle.
+    /// `e^(i phase)` of the output, `samples` after the first sample of this cycle.
     #[must_use]
     pub fn at(&self, samples: u32) -> Complex {
         turned(
@@ -392,7 +396,7 @@ impl Recurrence {
         )
     }
 
-    /// Phase of the output, `samples` after the sample that began this cycle.
+    /// Output phase, `samples` after the first sample of this cycle.
     #[must_use]
     pub fn phase_at(&self, samples: u32) -> Phase {
         Phase::from_bits(
@@ -401,26 +405,28 @@ impl Recurrence {
         )
     }
 
-    /// Samples from one phase of the output to another, per step of 2^-32 turns.
+    /// Samples per phase step of 2^-32 turns.
     #[must_use]
     pub fn per_step(&self) -> f64 {
         self.tuning.per_step
     }
 
-    /// Advance of the phase per sample.
+    /// Phase advance per sample.
     #[must_use]
     pub fn step(&self) -> u32 {
         self.tuning.step
     }
 }
 
-/// The track's swing in a cycle.
+/// Swing of the track in a cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Swinging<'a> {
     drive: &'a Recurrence,
-    /// The transient, where there is one, as it began, seen from the turning phase.
+    /// Transient at the start of the cycle relative to the rotating phase; `None` if it has
+    /// decayed.
     transient: Option<Complex>,
-    /// What `e^(-i phase)` of the steady state adds to the swing: at all phases alike, and against twice the phase.
+    /// Contributions of the steady state's `e^(-i phase)` to the swing: a constant, and the factor
+    /// of `e^(-2 i phase)`.
     apart: [Complex; 2],
 }
 
@@ -431,8 +437,8 @@ impl<'a> Swinging<'a> {
         self.drive
     }
 
-    /// The swing at the drive's frequency, so many steps of 2^-32 turns of the output after the sample that began the
-    /// cycle.
+    /// Swing at the drive's frequency, `ticks` output steps of 2^-32 turns after the first sample
+    /// of the cycle.
     #[must_use]
     pub fn at(&self, ticks: i64) -> Swing {
         let Recurrence {
@@ -467,13 +473,14 @@ mod tests {
     use super::*;
     use crate::control::phase_step;
 
-    /// The waveform sample by sample beside the recurrence, over changes of amplitude and frequency.
+    /// Compares waveform and recurrence over changes of amplitude and frequency.
     fn compare(model: &DriveModel, frequencies: [f32; 3]) {
         let mut drive = Resonator::new(model);
         let force = model.gain * 1e-3 / model.quality;
         let mut fast = Recurrence::new(model, phase_step(frequencies[0]));
         let (mut phase, mut held) = (0_u32, 0.0_f32);
-        // The waveform's matrix is in f32: its rounding of 6e-8 shifts the decay of a sample, zeta w0 h.
+        // The waveform's matrix in f32 has a rounding of 6e-8, which changes the decay zeta w0 h
+        // per sample.
         let rounding = 6e-8 / -fast.mode.log.re;
         let mut largest = 0.0_f64;
         for cycle in 0..90 {
@@ -524,8 +531,8 @@ mod tests {
             let slow = [2.0 * cosines / weight, 2.0 * sines / weight];
             largest = largest.max(slow[0].hypot(slow[1]));
             let off = (found.in_phase - slow[0]).hypot(found.quadrature - slow[1]);
-            // The waveform's first reading of a cycle still has the output before: a step of at most 0.7 in it,
-            // theta from the phase's zero, in one reading of N.
+            // The waveform's first reading of a cycle contains the output before. This is a step of
+            // at most 0.7 at phase theta, in one of N readings.
             let theta = f64::from(step) / Phase::TURN * TAU;
             let held = 0.7 * fast.mode.direct * theta * 2.0 / weight;
             assert!(

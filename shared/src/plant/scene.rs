@@ -1,5 +1,5 @@
-//! A scene: the plant as it is, where it differs from what the controller was told, and what happens
-//! to it in time.
+//! Scene: the true plant, its differences from the controller's settings, and its disturbances over
+//! time.
 
 use heapless::Vec;
 
@@ -8,17 +8,17 @@ use crate::control::{Settings, StartCause, Target};
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY, Track, accept};
 use crate::impact::{FrictionSettings, TangentialSettings};
 
-/// Most parts that a plant carries.
+/// Largest number of parts of a plant.
 pub const PARTS: usize = 24;
-/// Most disturbances of a scene.
+/// Largest number of disturbances of a scene.
 pub const DISTURBANCES: usize = 32;
 
-/// A number of each part of a scene.
+/// One number for each part of a scene.
 pub type Parts = Vec<f32, PARTS>;
-/// What happens in a scene, in the order of time.
+/// Disturbances of a scene in order of time.
 pub type Disturbances = Vec<Disturbance, DISTURBANCES>;
 
-/// The drive as it is.
+/// The true drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveModel {
     /// Resonance frequency in Hz.
@@ -27,21 +27,23 @@ pub struct DriveModel {
     pub quality: f32,
     /// Track amplitude at resonance for full output, in mm.
     pub gain: f32,
-    /// Track amplitude in mm for full output at twice the drive's frequency; 0: what the one resonance gives there.
+    /// Track amplitude in mm at full output at twice the drive's frequency; 0: the response of the
+    /// resonance alone.
     pub second_gain: f32,
     /// Lag of the track behind the output there, in degrees.
     pub second_lag: f32,
-    /// The same at three times the drive's frequency, in mm.
+    /// Track amplitude in mm at full output at three times the drive's frequency; 0: the response
+    /// of the resonance alone.
     pub third_gain: f32,
     /// Lag of the track behind the output there, in degrees.
     pub third_lag: f32,
-    /// Quality factor of the modes that make it so.
+    /// Quality factor of the modes above the resonance.
     pub second_quality: f32,
-    /// Frequency of the mains in Hz, whose second harmonic ripples on the drive's bus.
+    /// Mains frequency in Hz; its second harmonic is the ripple on the drive's bus.
     pub mains: f32,
-    /// Ripple of the drive's bus, amplitude over its mean, at twice the mains' frequency.
+    /// Ripple of the drive's bus at twice the mains frequency, amplitude over mean.
     pub ripple: f32,
-    /// Mass in kg that swings with the track (symbol M): what an impact normal to the track has to move.
+    /// Mass in kg that swings with the track (symbol M).
     pub mass: f32,
 }
 
@@ -63,20 +65,20 @@ impl Default for DriveModel {
     }
 }
 
-/// The accelerometer as it is.
+/// The true accelerometer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorModel {
     /// RMS of its noise in m/s^2.
     pub noise: f32,
-    /// Its sensitivity over the one that the controller was told.
+    /// Sensitivity over the configured one.
     pub sensitivity: f32,
-    /// Height of the ringing per speed of impact, in 1/s.
+    /// Height of the ringing over the speed of the impact, in 1/s.
     pub ringing: f32,
     /// Frequency of the ringing in Hz.
     pub ringing_frequency: f32,
     /// Decay time of the ringing in ms.
     pub ringing_decay: f32,
-    /// Amplitude of what it picks up of the mains, in m/s^2.
+    /// Amplitude of the mains hum in the reading, in m/s^2.
     pub hum: f32,
 }
 
@@ -93,14 +95,14 @@ impl Default for SensorModel {
     }
 }
 
-/// What changes in a scene.
+/// A disturbance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
     /// The enable input.
     Enable(bool),
     /// The target.
     Target(Target),
-    /// Gain of the drive over the one it began with.
+    /// Gain of the drive over its initial gain.
     Gain(f32),
     /// Mean restitution of all parts.
     Restitution(f32),
@@ -108,19 +110,19 @@ pub enum Change {
     Scatter(f32),
     /// RMS of the accelerometer's noise in m/s^2.
     Noise(f32),
-    /// Ripple of the drive's bus, as a share of its mean.
+    /// Ripple of the drive's bus over its mean.
     Ripple(f32),
     /// Amplitude of the mains' hum in the accelerometer's reading, in m/s^2.
     Hum(f32),
-    /// The accelerometer's reading stands still (`true`) or works.
+    /// The accelerometer's reading is stuck (`true`) or valid.
     SensorLost(bool),
-    /// The accelerometer's sign is turned (`true`) or right.
+    /// The accelerometer's sign is inverted (`true`) or right.
     SensorInverted(bool),
-    /// Sensitivity of the accelerometer over the one the controller was told.
+    /// Sensitivity of the accelerometer over the configured one.
     Sensitivity(f32),
     /// The over-temperature input.
     OverTemperature(bool),
-    /// The link brings frames (`true`) or is silent.
+    /// The link delivers frames (`true`) or is silent.
     Link(bool),
     /// The stack warning.
     StackLow(bool),
@@ -128,13 +130,14 @@ pub enum Change {
     OverCurrent(bool),
     /// The supply monitor of the board.
     SupplyLow(bool),
-    /// The crystal has failed (`true`), and the board runs on its own oscillator.
+    /// The crystal fails (`true`), and the board runs on its internal oscillator.
     ClockFailed(bool),
-    /// The board switched the drive off because its control came too late.
+    /// The board switches the drive off after a missed control deadline.
     ControlLate(bool),
-    /// The supply of the board sags (`true`): its controller starts anew, as after a brown-out.
+    /// The supply of the board sags (`true`), and its controller restarts as after a brown-out.
     BrownOut(bool),
-    /// The hopper lets the parts that wait in it ([`Scene::waiting`]) fall onto the track, evenly within so many seconds.
+    /// The hopper drops its waiting parts ([`Scene::waiting`]) onto the track, evenly within this
+    /// number of seconds.
     Dump(f32),
     /// So many parts stay on the track; the others leave it for good.
     Parts(u8),
@@ -145,7 +148,7 @@ pub enum Change {
 pub struct Disturbance {
     /// Time in s from the start of the scene.
     pub at: f64,
-    /// What changes.
+    /// The change.
     pub change: Change,
 }
 
@@ -166,36 +169,37 @@ pub struct Disturbance {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
-    /// What the controller is told.
+    /// Settings of the controller.
     pub settings: Settings,
-    /// What the user wants.
+    /// Requested target.
     pub target: Target,
-    /// Why the controller starts.
+    /// Cause of the controller's start.
     pub start: StartCause,
-    /// The drive as it is.
+    /// The true drive.
     pub drive: DriveModel,
-    /// The accelerometer as it is.
+    /// The true accelerometer.
     pub sensor: SensorModel,
     /// Mean restitution of each part.
     pub parts: Parts,
-    /// Standard deviation of each part's restitution from impact to impact (symbol s), 0..=0.3; parts beyond its end
-    /// do not scatter.
+    /// Standard deviation of each part's restitution from impact to impact (symbol s), 0..=0.3.
+    /// Parts without an entry do not scatter.
     pub scatter: Parts,
-    /// Friction of the parts on the track, of sliding and of sticking (symbols mu, mu_s), 0..=10; `None`: the paper's
-    /// restitution along the track, which the settings hold.
+    /// Coefficients of sliding and sticking friction on the track (symbols mu, mu_s), 0..=10.
+    /// `None`: the configured tangential restitution.
     pub friction: Option<[f32; 2]>,
-    /// Mass of each part in g (symbol m), 0..=1e6; parts beyond its end have none, and push nothing.
+    /// Mass of each part in g (symbol m), 0..=1e6. Parts without an entry have none.
     pub masses: Parts,
-    /// How many of the parts, from the last, wait in the hopper until a [`Change::Dump`].
+    /// Number of parts, the last ones, that wait in the hopper until a [`Change::Dump`].
     pub waiting: u8,
-    /// Seed of the noise and of the scatter.
+    /// Seed of noise and scatter.
     pub seed: u64,
-    /// What happens, in the order of time.
+    /// Disturbances in order of time.
     pub disturbances: Disturbances,
 }
 
 impl Default for Scene {
-    /// The paper's application: 50 Hz, R in 0.18..0.22, incline 3 degrees, eta 1.5, one part of R = 0.2.
+    /// The paper's application: 50 Hz, R in 0.18..0.22, incline 3 degrees, eta 1.5, one part of R =
+    /// 0.2.
     fn default() -> Self {
         Self {
             settings: Settings::default(),
@@ -241,7 +245,7 @@ impl Scene {
         self.masses.iter().any(|mass| *mass > 0.0)
     }
 
-    /// What carries parts along `track`.
+    /// Law of the parts' motion along `track`.
     pub(super) fn law(&self, track: &Track) -> Law {
         match self.friction {
             Some([sliding, sticking]) => {
@@ -254,7 +258,7 @@ impl Scene {
         }
     }
 
-    /// Refused with the first parameter out of range; the settings are checked where they are used.
+    /// Checks the scene without its settings; an error names the first parameter out of range.
     pub fn check(&self) -> Result<(), OutOfRange> {
         let within = |parameter, value: f32, low: f32, high: f32, accepted| {
             accept(

@@ -1,9 +1,9 @@
-//! What happens to the plant in time, and what the board's inputs say of it.
+//! Disturbances of a scene over time, and the resulting inputs of the board.
 
 use super::scene::{Change, Disturbances, Scene};
 use crate::control::{Inputs, SAMPLE_RATE, Target};
 
-/// The disturbances of a scene, each handed out once when it is due.
+/// Disturbances of a scene; each is returned once when it is due.
 #[derive(Clone, Debug)]
 pub struct Timeline {
     inputs: Inputs,
@@ -16,7 +16,7 @@ pub struct Timeline {
 }
 
 impl Timeline {
-    /// The timeline of a scene at time 0: enable input given, link heard.
+    /// Timeline of a scene at time 0: enable input on, link active.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let mut timeline = Self {
@@ -42,7 +42,7 @@ impl Timeline {
         };
     }
 
-    /// A change that is due before sample `sample`, counted from 0; call it until it gives none.
+    /// Next change due before sample `sample`, counted from 0; call until `None`.
     #[inline]
     pub fn due(&mut self, sample: u64) -> Option<Change> {
         if self.due > sample {
@@ -54,7 +54,7 @@ impl Timeline {
         Some(change)
     }
 
-    /// Takes a change of an input or of the target; gives back one of the plant.
+    /// Applies a change of an input or target; returns a change of the plant.
     pub fn take(&mut self, change: Change) -> Option<Change> {
         match change {
             Change::Enable(enable) => self.inputs.enable = enable,
@@ -72,18 +72,18 @@ impl Timeline {
         None
     }
 
-    /// What the board's inputs say now.
+    /// Present inputs of the board.
     #[must_use]
     pub fn inputs(&self) -> Inputs {
         self.inputs
     }
 
-    /// A target that the scene sets, once.
+    /// New target of the scene, returned once.
     pub fn new_target(&mut self) -> Option<Target> {
         self.target.take()
     }
 
-    /// Whether the board's supply sagged, once.
+    /// Whether the board's supply sagged, returned once.
     pub fn sagged(&mut self) -> bool {
         core::mem::take(&mut self.sagged)
     }

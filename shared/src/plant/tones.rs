@@ -1,4 +1,4 @@
-//! The closed loop on a drive of two and of three tones, in both fidelities.
+//! Tests: the closed loop on drives with two and three tones, in both plants.
 
 use std::vec::Vec;
 
@@ -19,12 +19,12 @@ const THREE: Shape = Shape {
     },
 };
 
-/// The default feeder with a drive that affords a second tone, and what is told of it true.
+/// The default feeder with a second tone, whose settings match the true drive.
 fn scene(change: impl Fn(&mut Settings)) -> Scene {
     scene_of(TOLD, change)
 }
 
-/// The same at a shape.
+/// As [`scene`], with a given shape.
 fn scene_of(shape: Shape, change: impl Fn(&mut Settings)) -> Scene {
     let mut scene = Scene {
         target: Target::Tones { k: 0.35, shape },
@@ -44,7 +44,7 @@ fn scene_of(shape: Shape, change: impl Fn(&mut Settings)) -> Scene {
     scene
 }
 
-/// Largest distance of a tone of two shapes in the amplitude of the first.
+/// Largest difference of an upper tone of two shapes, over the first tone's amplitude.
 fn apart(a: Shape, b: Shape) -> f32 {
     let part = |tone: UpperTone| {
         [
@@ -60,7 +60,7 @@ fn apart(a: Shape, b: Shape) -> f32 {
     pairs.map(distance).fold(0.0, f32::max)
 }
 
-/// What a scene of drives of all kinds has in common.
+/// Scenes with drives of all kinds.
 fn drives(shape: Shape) -> [(&'static str, Scene); 6] {
     let scene = |change: &dyn Fn(&mut Settings)| scene_of(shape, change);
     [
@@ -117,7 +117,8 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
             if n < 300 {
                 continue;
             }
-            // In e: 0.3 % of the first tone's amplitude, four times what the noise of a reading moves.
+            // Tolerance in e: 0.3 % of the first tone's amplitude, four times the effect of the
+            // reading's noise.
             assert!(
                 apart(slow.shape, told) < 3e-3,
                 "{name} {n}: {:?}",
@@ -128,7 +129,8 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
                 "{name} {n}: {:?}",
                 fast.shape
             );
-            // One resonance far above the frequency (docs/theory-real-parts.md#t10.3, stiff drives).
+            // One resonance far above the drive's frequency (docs/theory-real-parts.md#t10.3, stiff
+            // drives).
             let Settings {
                 frequency,
                 resonance,
@@ -152,8 +154,11 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
     }
 }
 
-/// A drive that is told wrong at three times its frequency, or at twice of it, by a factor and by an angle in degrees: the cycle
-/// of the event that says so, the largest ratio of that tone over the wanted one on the way, and the last report.
+/// A drive whose response at two or three times its frequency differs from the settings by a factor
+/// and an angle in degrees.
+///
+/// Returns the cycle of the event for it, the largest ratio of that tone over the requested one,
+/// and the last report.
 fn told_wrong(third: bool, factor: f32, degrees: f32) -> (Option<usize>, f32, Report) {
     let told = if third { THREE } else { TOLD };
     let mut scene = scene_of(told, |_| ());
@@ -222,10 +227,10 @@ fn told_wrong_is_noticed(third: bool) {
             report.shape
         );
         assert!(report.limits.is_empty());
-        // While it is learnt, e may be larger; the peak acceleration is watched.
+        // During adaptation e may be larger; the peak acceleration stays limited.
         assert!(most < 1.5, "{third} {factor} {degrees}: {most}");
     }
-    // Beyond what the loop's margins bear the tone is given up, and that holds the drive back.
+    // Beyond the loop's stability margins the tone is switched off, which limits the drive.
     let (noted, _, report) = told_wrong(third, 1.0, -150.0);
     assert!(noted.is_some() && report.limits.contains(Limits::SECOND_TONE));
     let tone = report.shape.tones()[usize::from(third)];
@@ -248,7 +253,7 @@ fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
         }
         (closed.controller().report(), outputs, pushes)
     };
-    // Output: the first tone takes what it needs, the second what is left.
+    // Output limit: the first tone has priority, the second gets the rest.
     let mut weak = scene(|s| (s.output_maximum, s.second_gain) = (0.35, 0.5));
     let (report, most, _) = last(&weak, 300);
     assert!(report.limits.contains(Limits::SECOND_TONE), "{report:?}");
@@ -262,7 +267,7 @@ fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
         "{:?}",
         report.shape
     );
-    // Acceleration: 28 m/s^2 with one tone, 43 with both.
+    // Acceleration limit: 28 m/s^2 with one tone, 43 with both.
     weak = scene(|s| s.acceleration_limit = 36.0);
     let (report, _, push) = last(&weak, 300);
     assert!(report.limits.contains(Limits::SECOND_TONE) && (report.k - 0.35).abs() < 0.005);
@@ -272,7 +277,7 @@ fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
         report.shape
     );
     assert!(push < 36.0 * 1.03, "{push}");
-    // Link lost: there is none, at once, before the amplitude has gone down.
+    // Link lost: the upper tone is switched off at once, before the amplitude falls.
     let mut lost = scene(|s| s.link_timeout = 0.5);
     lost.disturbances = core::iter::once(Disturbance {
         at: 4.0,
@@ -284,7 +289,7 @@ fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
         report.limits.contains(Limits::LINK_LOST) && report.shape.second.ratio < 0.02,
         "{report:?}"
     );
-    // A fault: no output of either kind.
+    // Fault: no output of any tone.
     let mut hot = scene(|_| ());
     hot.disturbances = core::iter::once(Disturbance {
         at: 4.0,
@@ -306,7 +311,7 @@ fn parts_go_into_gear_from_rest_on_two_tones_and_do_the_same_in_both_fidelities(
         k: 0.35,
         shape: TOLD,
     };
-    // docs/theory-real-parts.md: one amplitude for the whole sort.
+    // One amplitude suits the whole lot (docs/theory-real-parts.md#t10.3).
     scene.parts = [0.15, 0.2, 0.25, 0.3].into_iter().collect();
     let mut closed = ClosedLoop::build(&scene).unwrap();
     let mut envelope = EnvelopeLoop::build(&scene).unwrap();
@@ -327,7 +332,7 @@ fn parts_go_into_gear_from_rest_on_two_tones_and_do_the_same_in_both_fidelities(
             );
             list.sort_by_key(|(part, ..)| *part);
         }
-        // Each part strikes once a cycle.
+        // Each part has one impact per cycle.
         assert_eq!(strikes[0].len(), 4, "{n}: {strikes:?}");
         for (a, b) in strikes[0].iter().zip(&strikes[1]) {
             assert!(
@@ -336,7 +341,7 @@ fn parts_go_into_gear_from_rest_on_two_tones_and_do_the_same_in_both_fidelities(
             );
         }
     }
-    // They are conveyed alike.
+    // All parts have the same speed.
     let (a, b) = (
         closed.plant().displacement(),
         envelope.moment().displacement,

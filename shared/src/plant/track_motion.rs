@@ -1,4 +1,4 @@
-//! The track's motion within a cycle, as parts meet it.
+//! Motion of the track within a cycle, for the simulation of the parts.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -10,7 +10,7 @@ use super::upper::UpperEnvelope;
 use crate::arithmetic::Phase;
 use crate::impact::{Contact, Wave, WaveMap};
 
-/// The track's motion in the cycle under way.
+/// Motion of the track in the current cycle.
 #[derive(Clone, Copy)]
 pub(super) struct TrackMotion<'a> {
     swinging: Swinging<'a>,
@@ -20,8 +20,8 @@ pub(super) struct TrackMotion<'a> {
 }
 
 impl<'a> TrackMotion<'a> {
-    /// The motion that a drive makes which affords so many tones above the first; `time` is that of the parts at the
-    /// output before the sample that began the cycle.
+    /// Motion from a drive with this number of upper tones; `time` is that of the output sample
+    /// before the cycle.
     pub fn new(
         drive: &'a Recurrence,
         upper: Option<&'a UpperEnvelope>,
@@ -36,7 +36,7 @@ impl<'a> TrackMotion<'a> {
         }
     }
 
-    /// The track's swing at a time of the parts.
+    /// Swing of the track at a time.
     #[inline]
     pub fn swing(&self, time: u64) -> Swing {
         let ticks = time as i64 - self.time;
@@ -49,19 +49,19 @@ impl<'a> TrackMotion<'a> {
         upper.complete(swing, ticks as f64 * drive.per_step(), phase)
     }
 
-    /// The shape of a swing; `None` where the track moves as a sine.
+    /// Wave of a swing; `None` for a sine.
     #[inline]
     pub fn wave<'w>(&self, swing: &Swing, waves: &'w mut WaveCache) -> Option<&'w Wave> {
         self.upper.and_then(|_| waves.shape(swing.shape))
     }
 
-    /// Phase of the output at a time of the parts, in rad.
+    /// Output phase at a time, in rad.
     pub fn output_phase(&self, time: u64) -> f64 {
         let ticks = (time as i64 - self.time) as u32;
         Phase::from_bits(self.swinging.drive().phase().wrapping_add(ticks)).radians()
     }
 
-    /// A rest from one time to another, on the track as it swings between them.
+    /// A rest between two times, on the moving track.
     pub fn rest(&self, from: u64, until: u64) -> Rest {
         let swing = self.swing(from + until.saturating_sub(from) / 2);
         let middle = self.output_phase(from + until.saturating_sub(from) / 2);
@@ -73,7 +73,7 @@ impl<'a> TrackMotion<'a> {
         }
     }
 
-    /// Where in `from..=end` the track first throws a resting part.
+    /// First lift-off of a part at rest in `from..=end`.
     pub fn thrown(
         &self,
         track: &Track<'_>,
@@ -92,7 +92,7 @@ impl<'a> TrackMotion<'a> {
                 let time = from + (wait / TAU * Phase::TURN) as u64;
                 (time <= end).then_some(time)
             };
-            // Where the present amplitude throws no part, that at the end of the cycle may.
+            // If the present amplitude throws no part, the amplitude at the end of the cycle may.
             let time = after(began, waves).or_else(|| after(self.swing(end), waves))?;
             let time = after(self.swing(time), waves)?;
             return Some((self.swing(time), time));
@@ -101,7 +101,7 @@ impl<'a> TrackMotion<'a> {
         if libm::sin(phase) > k(&began) {
             return Some((began, from));
         }
-        // The crest is thrown first as the amplitude grows; from there back to arcsin k.
+        // A growing amplitude throws first at the crest; from there search back to arcsin k.
         let ahead = |angle: f64| (turned(angle) / TAU * Phase::TURN) as u64;
         let crest = from + ahead(FRAC_PI_2 - phase);
         if crest > end + (1 << 30) {
@@ -118,14 +118,14 @@ impl<'a> TrackMotion<'a> {
             if late > 0.0 {
                 return (time <= end).then_some((swing, time));
             }
-            // Past the crossing of a slowly changing amplitude, never before it.
+            // Move past the crossing of a slowly changing amplitude.
             time += (1 << 20) + (-late / TAU * Phase::TURN).min(Phase::TURN / 16.0) as u64;
         }
         None
     }
 }
 
-/// The wait in rad until a track throws a part that rests at a phase; `None` where it never does.
+/// Delay in rad until lift-off of a part at rest at a phase; `None` without lift-off.
 fn throw(wave: Option<&Wave>, k: f64, phase: f64) -> Option<f64> {
     match wave {
         Some(wave) => {

@@ -1,5 +1,5 @@
-//! The tones of the track above the first from cycle to cycle: one complex envelope for each of them and each of the drive's
-//! modes.
+//! Upper tones of the track in steps of a drive cycle: one slowly varying complex envelope per tone
+//! and mode.
 
 use core::f64::consts::TAU;
 
@@ -12,23 +12,25 @@ use super::scene::DriveModel;
 use crate::arithmetic::Phase;
 use crate::control::{SAMPLE_RATE, Shape, UPPER, UpperTone, phase_of};
 
-/// A mode of the drive under one tone above the first. With the output `Im(U e^(i n phi))` its displacement is
-/// `Im(X e^(i n phi))`, and X goes to the answer times U as the mode decays, seen from the turning phase; what turns
-/// against it is left out.
+/// A mode under one upper tone. Under the output `Im(U e^(i n phi))` its displacement is
+/// `Im(X e^(i n phi))`.
+///
+/// X converges to the response times U at the mode's decay rate, relative to the rotating phase.
+/// The counter-rotating term is neglected.
 #[derive(Clone, Copy, Debug, Default)]
 struct Driven {
-    /// Displacement in m for unit output.
+    /// Displacement in m per unit output.
     answer: Complex,
-    /// `ln` of decay and turn of a sample, against the multiple of the phase.
+    /// Logarithm of decay and rotation per sample, relative to the multiple of the phase.
     drift: Complex,
-    /// X at the sample that began the cycle, where it goes, and what is left of the way.
+    /// X at the first sample of the cycle, its limit, and its remaining difference.
     state: Complex,
     steady: Complex,
     transient: Complex,
 }
 
 impl Driven {
-    /// X a number of samples after the one that began the cycle.
+    /// X, `samples` after the first sample of the cycle.
     fn at(&self, samples: f64) -> Complex {
         self.steady + self.transient * exp(self.drift * samples)
     }
@@ -38,14 +40,14 @@ impl Driven {
 #[derive(Clone, Copy, Debug)]
 struct Mode {
     model: UpperMode,
-    /// Displacement in m for unit output of the first tone.
+    /// Displacement in m per unit output of the first tone.
     answer: Complex,
-    /// Acceleration in 1/s^2 of a unit of a transient.
+    /// Acceleration per unit transient in 1/s^2.
     surge: Complex,
     tones: [Driven; UPPER],
 }
 
-/// A tone's frequency over the drive's.
+/// A tone's frequency over the drive's frequency.
 fn harmonic(tone: usize) -> f64 {
     tone as f64 + 2.0
 }
@@ -57,7 +59,7 @@ impl Mode {
         let answer = |n: f64| {
             let x = n * angular / natural;
             let half = 0.5 * n * angular * per_sample;
-            // An output that is held between samples is half of one late.
+            // The zero-order hold adds half a sample of delay.
             Complex::new(1.0 - x * x, x / self.model.quality).inv()
                 * turn(-half)
                 * (self.model.force * libm::sin(half) / half)
@@ -75,21 +77,21 @@ impl Mode {
     }
 }
 
-/// The tones of a drive above the first, and what its modes above the resonance add to the first one.
+/// The upper tones of a drive, and the contribution of its upper modes to the first tone.
 #[derive(Clone, Debug)]
 pub struct UpperEnvelope {
     modes: Vec<Mode, { 1 + UPPER }>,
-    /// Tones above the first that it makes.
+    /// Number of upper tones.
     tones: usize,
     step: u32,
     angular: f64,
-    /// What the modes above the resonance add to the first tone in this cycle, in m.
+    /// Contribution of the upper modes to the first tone in this cycle, in m.
     added: Complex,
 }
 
 impl UpperEnvelope {
-    /// Of a drive at rest that makes so many tones above the first, at a frequency in Hz; `None` where it makes none and has no
-    /// modes above its resonance.
+    /// For a drive at rest with this number of upper tones, at a frequency in Hz; `None` without
+    /// upper tones and modes.
     pub fn build(model: &DriveModel, frequency: f64, tones: usize) -> Option<Self> {
         let modes = UpperMode::of(model, frequency);
         if tones == 0 && modes.is_empty() {
@@ -117,8 +119,8 @@ impl UpperEnvelope {
         })
     }
 
-    /// Begins a cycle with the output's first tone (real part; the imaginary one leads by a quarter turn), those above
-    /// it likewise, and a step of the phase.
+    /// Begins a cycle with the complex outputs of the first and the upper tones and a phase step.
+    /// Imaginary parts lead by a quarter turn.
     pub fn begin(&mut self, first: Complex, upper: [Complex; UPPER], step: u32) {
         if step != self.step {
             self.step = step;
@@ -137,8 +139,8 @@ impl UpperEnvelope {
         self.added = above.map(|mode| mode.answer * first).sum();
     }
 
-    /// Ends a cycle of a number of samples: what the demodulators find in it beside the first tone of the resonance, as
-    /// cosine and sine parts of the acceleration in m/s^2, at the drive's frequency and at the multiples of it.
+    /// Ends a cycle and returns the demodulated acceleration beside that of the resonance's first
+    /// tone. Values are cosine and sine parts in m/s^2, at the drive's frequency and its multiples.
     pub fn end(&mut self, samples: u32) -> ([f64; 2], [[f64; 2]; UPPER]) {
         let count = f64::from(samples);
         let mut found = [Complex::new(0.0, 0.0); UPPER];
@@ -157,7 +159,7 @@ impl UpperEnvelope {
         ([first.im, first.re], found.map(|tone| [tone.im, tone.re]))
     }
 
-    /// Every mode under every tone, with the tone's number.
+    /// Each mode under each tone, with the tone's index.
     fn driven(&self) -> impl Iterator<Item = (&Mode, usize, &Driven)> {
         self.modes.iter().flat_map(|mode| {
             let tones = mode.tones.iter().take(self.tones).enumerate();
@@ -165,7 +167,7 @@ impl UpperEnvelope {
         })
     }
 
-    /// Largest acceleration in m/s^2 that it may add: a bound.
+    /// Upper bound of the added acceleration in m/s^2.
     pub fn loudest(&self) -> f64 {
         let size = |z: Complex| libm::sqrt(z.norm_sqr());
         let above = self.driven().map(|(mode, n, tone)| {
@@ -175,8 +177,8 @@ impl UpperEnvelope {
         size(self.added) * self.angular * self.angular + above.sum::<f64>()
     }
 
-    /// Acceleration in m/s^2 that it adds, a number of samples after the one that began the cycle, where the output has
-    /// the phase `phase`.
+    /// Added acceleration in m/s^2, `samples` after the first sample of the cycle, at the output
+    /// phase `phase`.
     pub fn acceleration(&self, samples: f64, phase: f64) -> f64 {
         let mut sum = self.added * turn(phase) * (-self.angular * self.angular);
         for (mode, n, tone) in self.driven() {
@@ -187,8 +189,8 @@ impl UpperEnvelope {
         sum.im
     }
 
-    /// The swing of the resonance under the first tone with all that is added to it, a number of samples after the one
-    /// that began the cycle, where the output has the phase `phase`.
+    /// Swing of the resonance with all contributions, `samples` after the first sample of the
+    /// cycle, at the output phase `phase`.
     pub fn complete(&self, swing: Swing, samples: f64, phase: Phase) -> Swing {
         let alone = turn((swing.phase - phase).radians()) * f64::from(swing.amplitude);
         let first = alone + self.added;
@@ -202,7 +204,7 @@ impl UpperEnvelope {
                 *sum += tone.at(samples);
             }
         }
-        // The nth tone is measured against the nth power of the first.
+        // The phase of the nth tone is relative to n times that of the first.
         let (mut power, mut long) = (first, size * size);
         let [second, third] = upper.map(|tone| {
             power *= first;

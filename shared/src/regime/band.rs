@@ -1,4 +1,5 @@
-//! Bands of k where parts lock to the drive, for one restitution and for a lot of parts.
+//! Bands of k in which parts lock to the drive, for one restitution and for a lot, in closed form
+//! (docs/theory-bands.md#t5.2).
 
 use core::f64::consts::PI;
 use core::fmt;
@@ -6,18 +7,19 @@ use core::fmt;
 use super::lock::{accept_order, accept_restitution};
 use crate::feeder::{OutOfRange, Restitution};
 
-/// k where the period-1 orbit of `order` is born in a saddle-node (symbol k1, equation 15).
+/// k of the saddle-node bifurcation that creates the period-1 orbit of `order` (symbol k1, equation
+/// 15).
 ///
-/// Restitution 0..1 (1 excluded), order 1..=100. Within 4 ulp.
+/// Restitution 0..1 (1 excluded), order 1..=100. Error within 4 ulp.
 pub fn birth(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
     let r = accept_order(order)?;
     let restitution = accept_restitution(restitution)?;
     Ok((1.0 + restitution) / ((1.0 - restitution) * PI * r))
 }
 
-/// k where the period-1 orbit of `order` flips to twice its period (symbol k2, equation 17a).
+/// k of the flip bifurcation of the period-1 orbit of `order` (symbol k2, equation 17a).
 ///
-/// Restitution 0..1 (1 excluded), order 1..=100. Within 4 ulp.
+/// Restitution 0..1 (1 excluded), order 1..=100. Error within 4 ulp.
 pub fn flip(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
     let r = accept_order(order)?;
     let restitution = accept_restitution(restitution)?;
@@ -27,29 +29,33 @@ pub fn flip(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
     Ok(1.0 / libm::sqrt(launch * launch + turn * turn))
 }
 
-/// Highest k at which the part flies `order` cycles on the period-1 orbit: `k1`, but less where restitution is
-/// below about 0.02 and the part would touch the track just after launch.
+/// Highest k at which the flight of the period-1 orbit takes `order` cycles.
 ///
-/// Restitution 0..1 (1 excluded), order 1..=100. Relative error below 1e-14.
+/// It is `k1`, or less at restitutions below about 0.02, where the part would touch the track just
+/// after launch. Restitution 0..1 (1 excluded), order 1..=100. Relative error below 1e-14.
 pub fn first_return_edge(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
     let birth = birth(restitution, order)?;
     let slope = touching_slope(restitution, birth).max(0.0);
     Ok(birth / libm::sqrt(1.0 + slope * slope))
 }
 
-/// Restitution above which the flight of the period-1 orbit touches the track at no k. The exact values are
-/// lower: 0.0205 at order 1, about `3 / (16 pi^2 r^2)` at order r.
+/// Restitution above which the flight touches the track at no k. The exact limits are lower: 0.0205
+/// at order 1, about `3 / (16 pi^2 r^2)` at order r.
 const NO_TOUCH: f64 = 0.03;
 
-/// Tangent of the largest launch phase t0 at which the flight touches the track before `r` cycles; negative
-/// where it touches at none.
+/// Tangent of the largest launch phase t0 at which the flight touches the track before `r` cycles;
+/// negative if there is none.
 ///
 /// With `k = k1 cos t0` the height over the track, `s` rad after launch, is
 /// `sin t0 - sin(t0 + s) + k s (pi r - s/2)`. It is zero at `tan t0 = T(s)` with
-/// `T(s) = (sin s - k1 s (pi r - s/2)) / (1 - cos s)`. So the flight touches where `tan t0` is at most the maximum of `T`.
-/// Only `s < pi` counts: after that the parabola stays above the track's next crest.
+/// `T(s) = (sin s - k1 s (pi r - s/2)) / (1 - cos s)`. So the flight touches where `tan t0` is at
+/// most the maximum of `T`. Only `s < pi` matters: later the parabola is above the track's next
+/// crest.
+///
+/// The maximum is found by fixed-point iteration.
 fn touching_slope(restitution: f64, birth: f64) -> f64 {
-    /// Taylor coefficients of (s - sin s)/s^3 in s^2. The next one changes the sum by 1e-15 at s = 0.6.
+    /// Taylor coefficients of (s - sin s)/s^3 in s^2. The next term is below 1e-15 of the sum at s
+    /// = 0.6.
     const SINE: [f64; 6] = [
         1.0 / 6.0,
         -1.0 / 120.0,
@@ -68,7 +74,7 @@ fn touching_slope(restitution: f64, birth: f64) -> f64 {
         -1.0 / 479_001_600.0,
     ];
     if restitution == 0.0 {
-        // The maximum lies at s = 0.
+        // The maximum is at s = 0.
         return birth;
     }
     if restitution > NO_TOUCH {
@@ -78,7 +84,8 @@ fn touching_slope(restitution: f64, birth: f64) -> f64 {
     let excess = 2.0 * restitution / (1.0 - restitution);
     let mut after = libm::sqrt(6.0 * excess);
     let mut slope = 0.0;
-    // T'(s) = 0 is s^2 = excess / weight. Each step divides the error of T by 700 or more, from 6e-5 on.
+    // T'(s) = 0 is s^2 = excess / weight. The first error of T is 6e-5; each step divides it by 700
+    // or more.
     for _ in 0..6 {
         let square = after * after;
         let (sine, sine_slope) = polynomial(&SINE, square);
@@ -100,7 +107,7 @@ fn polynomial(coefficients: &[f64], x: f64) -> (f64, f64) {
         })
 }
 
-/// A band of k in which every part of a lot has a stable period-1 orbit of one order.
+/// Band of k in which every part of a lot has a stable period-1 orbit of one order.
 ///
 /// ```
 /// use kband::feeder::Restitution;
@@ -119,18 +126,18 @@ pub struct Band {
     high: f64,
 }
 
-/// The parts of a lot have no common band of this order.
+/// Error: the parts of a lot have no common band of this order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoBand {
     /// Drive cycles per impact.
     pub order: u32,
-    /// k below which the liveliest part flips (k2 of the high bound).
+    /// k below which the part of highest restitution flips (k2 of the high bound).
     pub flip: f64,
-    /// k above which the deadest part has no such orbit (k1 of the low bound).
+    /// k above which the part of lowest restitution has no such orbit (k1 of the low bound).
     pub birth: f64,
-    /// A high bound of restitution below this one, with the low bound kept, would have a band.
+    /// With the low bound kept, a high bound of restitution below this value gives a band.
     pub high_bound: f64,
-    /// A low bound of restitution above this one, with the high bound kept, would have a band.
+    /// With the high bound kept, a low bound of restitution above this value gives a band.
     pub low_bound: f64,
 }
 
@@ -147,12 +154,12 @@ impl fmt::Display for NoBand {
 
 impl core::error::Error for NoBand {}
 
-/// Why no band was returned.
+/// Reason for a missing band.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BandError {
-    /// The parameters mean nothing.
+    /// A parameter is out of range.
     OutOfRange(OutOfRange),
-    /// They do, but the lot's bands have no common part.
+    /// The parameters are valid, but the bands of the parts do not overlap.
     Empty(NoBand),
 }
 
@@ -176,23 +183,23 @@ impl core::error::Error for BandError {}
 /// Distances of a working point to one edge of a band, positive inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distance {
-    /// In k.
+    /// Distance in k.
     pub k: f64,
-    /// In amplitude b, as a fraction of the amplitude of the working point.
+    /// Distance in amplitude b, over the amplitude of the working point.
     pub amplitude: f64,
 }
 
 /// Distances of a working point to both edges of a band.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Margins {
-    /// To the low edge in k: the amplitude may grow by this much.
+    /// Distance to the low edge in k, the margin for a larger amplitude.
     pub low: Distance,
-    /// To the high edge in k: the amplitude may fall by this much.
+    /// Distance to the high edge in k, the margin for a smaller amplitude.
     pub high: Distance,
 }
 
 impl Margins {
-    /// The smaller of the two distances in amplitude, as a fraction of it; negative outside the band.
+    /// Smaller of the two relative distances in amplitude; negative outside the band.
     #[must_use]
     pub fn smallest(&self) -> f64 {
         self.low.amplitude.min(self.high.amplitude)
@@ -200,10 +207,10 @@ impl Margins {
 }
 
 impl Band {
-    /// The band `k2..k1` that all parts of `restitution` share in lock `order`.
+    /// Common band `k2..k1` of all parts of `restitution` in lock `order`.
     ///
-    /// Both edges grow with R, so the common band runs from `k2` of the high bound to `k1` of the low
-    /// bound, less what [`first_return_edge`] excludes.
+    /// Both edges grow with R. So the band runs from `k2` of the high bound to `k1` of the low
+    /// bound, limited by [`first_return_edge`].
     pub fn common(restitution: Restitution, order: u32) -> Result<Self, BandError> {
         let low = flip(restitution.high(), order)?;
         let high = first_return_edge(restitution.low(), order)?;
@@ -225,13 +232,13 @@ impl Band {
         self.order
     }
 
-    /// Low edge in k: below it the liveliest part flips to twice its period.
+    /// Low edge in k, at which the part of highest restitution flips to twice its period.
     #[must_use]
     pub fn low(&self) -> f64 {
         self.low
     }
 
-    /// High edge in k: above it the deadest part has no such orbit.
+    /// High edge in k, above which the part of lowest restitution has no such orbit.
     #[must_use]
     pub fn high(&self) -> f64 {
         self.high
@@ -243,7 +250,7 @@ impl Band {
         self.low < k && k < self.high
     }
 
-    /// k with the largest margin: the amplitude in the middle between the amplitudes of the edges.
+    /// k with the largest margin: its amplitude is the mean of the amplitudes at the edges.
     #[must_use]
     pub fn setpoint(&self) -> f64 {
         2.0 / (1.0 / self.low + 1.0 / self.high)
@@ -265,7 +272,8 @@ impl Band {
     }
 }
 
-/// The restitution whose k2 is `edge`: below it a high bound shares a band with the low bound.
+/// Restitution whose k2 is `edge`, by bisection: the limit of a high bound that shares a band with
+/// the low bound.
 fn highest_partner(restitution: Restitution, order: u32, edge: f64) -> Result<f64, OutOfRange> {
     let (mut low, mut high) = (restitution.low(), restitution.high());
     for _ in 0..60 {
@@ -282,7 +290,7 @@ fn highest_partner(restitution: Restitution, order: u32, edge: f64) -> Result<f6
     Ok(low)
 }
 
-/// The restitution whose k1 is `edge` (equation 15 solved for R).
+/// Restitution whose k1 is `edge` (equation 15 solved for R).
 fn lowest_partner(order: u32, edge: f64) -> Result<f64, OutOfRange> {
     let launch = PI * accept_order(order)? * edge;
     Ok(((launch - 1.0) / (launch + 1.0)).max(0.0))
@@ -296,7 +304,7 @@ mod tests {
 
     #[test]
     fn edges_are_the_papers_corrected_numbers() {
-        // docs/theory-bands.md#t5.2, six decimals; docs/theory-bands.md#t6.1, 20 digits.
+        // Six decimals from docs/theory-bands.md#t5.2, 20 digits from docs/theory-bands.md#t6.1.
         for (order, k2, k1) in [
             (1, 0.393052, 0.477465),
             (2, 0.225691, 0.238732),
@@ -323,7 +331,7 @@ mod tests {
                 let at = |k| Lock::at(k, restitution, order).unwrap().unwrap().trace();
                 let k2 = flip(restitution, order).unwrap();
                 assert!((at(k2) + 1.0 + square).abs() < 1e-12);
-                // t0 goes like the square root of k1 - k.
+                // t0 varies as the square root of k1 - k.
                 let k1 = birth(restitution, order).unwrap();
                 assert!((at(k1 * (1.0 - 1e-12)) - 1.0 - square).abs() < 1e-5 / k1.min(1.0));
                 for step in 1..20 {
@@ -346,7 +354,7 @@ mod tests {
         let Err(BandError::Empty(none)) = Band::common(wide, 1) else {
             panic!("R in 0.1..0.3 has no common band");
         };
-        // docs/theory-bands.md#t5.4: [0.326, 0.389] against [0.470, 0.591].
+        // The bands are [0.326, 0.389] and [0.470, 0.591] (docs/theory-bands.md#t5.4).
         assert!((none.flip - 0.470).abs() < 1e-3 && (none.birth - 0.389).abs() < 1e-3);
         for (low, high, exists) in [
             (0.1, none.high_bound - 1e-9, true),
@@ -394,7 +402,7 @@ mod tests {
 
     #[test]
     fn only_nearly_dead_parts_touch_the_track_before_they_return() {
-        // At R = 0 the part needs sin t0 > k at launch, so k < (1 + pi^2 r^2)^(-1/2).
+        // At R = 0 a launch needs sin t0 > k, so k < (1 + pi^2 r^2)^(-1/2).
         for order in [1_u32, 2, 3, 100] {
             let r = f64::from(order);
             let edge = first_return_edge(0.0, order).unwrap();
@@ -425,7 +433,8 @@ mod tests {
         let (mut touching, mut worst) = (0, 0.0_f64);
         for order in 1..=100 {
             let r = f64::from(order);
-            // Half of the grid lies where the flight of this order can touch, half over the whole range.
+            // Half of the grid covers the restitutions at which this order can touch, half the
+            // whole range.
             let limit = 0.0205 / (r * r);
             let grid = (0..60).flat_map(|n| [limit * f64::from(n) / 60.0, f64::from(n) / 2000.0]);
             for restitution in grid {
@@ -437,7 +446,7 @@ mod tests {
                         .unwrap()
                         .is_first_return()
                 };
-                // Nearer to k1, the rounding of t0 decides.
+                // Closer to k1 the rounding of t0 dominates.
                 let (mut low, mut high) = (flip(restitution, order).unwrap(), k1 * (1.0 - 1e-9));
                 if flown(high) {
                     assert!(edge > high, "R {restitution} order {order}");

@@ -1,4 +1,8 @@
-//! The period doublings below a band, located on the exact map.
+//! Period-doubling cascade below a band, located by numerical continuation of the doubled orbits.
+//!
+//! Predictor: the derivative of the orbit by k. Corrector: Newton's method on the return map. The
+//! flip condition is solved by the secant method (Yu. A. Kuznetsov, Elements of Applied Bifurcation
+//! Theory, chapter 10; docs/theory-bands.md#t6.1).
 
 use core::f64::consts::TAU;
 
@@ -11,44 +15,45 @@ use super::wave_band::{Bifurcation, WaveBands};
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Impact, Kernel, Map, PartState, Tangent, Wave, WaveMap};
 
-/// Feigenbaum's constant: the limit of the ratio of successive gaps between doublings.
+/// Feigenbaum's constant: the limit of the ratio of successive gaps between flips.
 pub const FEIGENBAUM: f64 = 4.669_201_609_102_99;
 
-/// Most doublings that are located; the gap to the next is then about 1e-7 of the first.
+/// Largest number of flips located; the last gap is about 1e-7 of the first.
 pub const HIGHEST_DOUBLINGS: usize = 10;
 
-/// Why a cascade has no more flips.
+/// Reason for the end of a cascade.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CascadeEnd {
-    /// As many were located as were asked for.
+    /// The requested number of flips was located.
     Complete,
-    /// The doubled orbit could not be followed to its flip: it loses a flight (nearly dead parts come to
-    /// rest within it) or the gaps have come down to rounding.
+    /// The doubled orbit was lost before its flip: it loses a flight (parts of low restitution rest
+    /// within it), or the gaps have reached rounding.
     Lost,
 }
 
-/// An extrapolated value with the error to be expected of it.
+/// An estimated value with its error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// The value.
     pub value: f64,
-    /// Its error, one-sided: a bound that held in every case that was checked.
+    /// Error of the value, one-sided; a bound in each case that was checked.
     pub error: f64,
 }
 
-/// The orbit that a flip gives birth to.
+/// The orbit created at a flip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DoubledOrbit {
     /// k in the middle of its window.
     pub k: f64,
-    /// Impacts after which it repeats.
+    /// Period in impacts.
     pub impacts: u32,
-    /// Floquet multipliers of once around it; their product is R to twice the power of its impacts.
+    /// Floquet multipliers of one period; their product is R to twice the power of its impacts.
     pub multipliers: Multipliers,
 }
 
 impl DoubledOrbit {
-    /// Both Lyapunov exponents per impact, the larger first: `ln |multiplier|` over the impacts; their sum is 2 ln R.
+    /// Both Lyapunov exponents per impact, the larger first: `ln |multiplier|` over the impacts.
+    /// Their sum is 2 ln R.
     #[must_use]
     pub fn exponents(&self) -> [f64; 2] {
         let sizes = match self.multipliers {
@@ -59,7 +64,7 @@ impl DoubledOrbit {
     }
 }
 
-/// The flips 1 -> 2 -> 4 -> ... of the period-1 orbit of one order as k falls.
+/// The flips 1 -> 2 -> 4 -> ... of the period-1 orbit of one order, for falling k.
 ///
 /// ```
 /// use kband::regime::cascade::Cascade;
@@ -72,7 +77,7 @@ impl DoubledOrbit {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cascade {
     flips: Vec<f64, HIGHEST_DOUBLINGS>,
-    /// The orbit at each of them.
+    /// A point of the orbit at each flip.
     states: Vec<PartState, HIGHEST_DOUBLINGS>,
     end: CascadeEnd,
     birth: f64,
@@ -80,14 +85,14 @@ pub struct Cascade {
     order: u32,
 }
 
-/// What parts fly over.
+/// Motion of the track, and restitution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Track {
     Sine { restitution: f64 },
     Tones { wave: Wave, restitution: f64 },
 }
 
-/// The map on it.
+/// Impact map on the track.
 #[expect(
     clippy::large_enum_variant,
     reason = "one at a time lives, and without an allocator there is no box"
@@ -131,12 +136,13 @@ impl Over {
 }
 
 impl Cascade {
-    /// Locates `doublings` flips (1..=10) for a restitution of 0..1 (1 excluded) and an order of 1..=100.
+    /// Locates `doublings` flips (1..=10) for a restitution of 0..1 (1 excluded) and an order of
+    /// 1..=100.
     ///
-    /// The first is equation (17a). Each further orbit is found by Newton with the tangent map and
-    /// carried along k, bordered by the condition that a multiplier is -1, `1 + trace + R^(2N) = 0`, with
-    /// the derivative by k for the orbit and the secant rule for the condition.
-    /// Measured against 40-digit references for R = 0.2 and 0.5: within 2e-14 of k.
+    /// The first flip is equation (17a). Each further orbit is found by Newton's method with the
+    /// tangent map and continued along k. Its flip is the root of `1 + trace + R^(2N) = 0`, where a
+    /// multiplier is -1. The error against 40-digit references for R = 0.2 and 0.5 is within 2e-14
+    /// of k.
     pub fn locate(restitution: f64, order: u32, doublings: usize) -> Result<Self, OutOfRange> {
         accept_order(order)?;
         accept_restitution(restitution)?;
@@ -161,8 +167,8 @@ impl Cascade {
         Ok(cascade.followed(lock.state(), doublings))
     }
 
-    /// The same on a track of several tones, below the band with the highest k of those that end in a flip; `None`
-    /// where no band does.
+    /// As [`Cascade::locate`] on a track of several tones, below the highest band that ends in a
+    /// flip; `None` without such a band.
     pub fn on_tones(
         wave: &Wave,
         restitution: f64,
@@ -199,9 +205,9 @@ impl Cascade {
         Ok(Some(cascade.followed(state, doublings)))
     }
 
-    /// The flips after the first one, on the orbit that `state` is on there.
+    /// Appends the flips after the first; `state` is a point of the orbit at the first.
     fn followed(mut self, mut state: PartState, doublings: usize) -> Self {
-        // There is room for as many as may be asked for.
+        // The lists have the capacity of the largest accepted number.
         let _ = self.states.push(state);
         while self.flips.len() < doublings {
             let inside = self.inside();
@@ -217,17 +223,18 @@ impl Cascade {
         self
     }
 
-    /// How far below the last flip the next orbit is begun: well above its own flip.
+    /// Distance in k below the last flip at which the next continuation starts, well above the next
+    /// flip.
     fn inside(&self) -> f64 {
         match self.flips.as_slice() {
             [.., before, flip] => 0.35 * (before - flip) / FEIGENBAUM,
-            // The first gap is not known: 0.2 % of k is well inside it for every R and order.
+            // The first gap is unknown; for each R and order 0.2 % of k is well within it.
             [flip] => 2e-3 * flip,
             [] => 0.0,
         }
     }
 
-    /// The orbit born at the last flip.
+    /// Continuation of the orbit created at the last flip.
     fn walker(&self) -> Walker {
         self.walker_after(self.flips.len())
     }
@@ -241,12 +248,14 @@ impl Cascade {
         }
     }
 
-    /// The largest scatter of restitution (standard deviation over the mean, symbol sigma) at which each doubling can
-    /// still be seen in the phases, `None` where its orbit could not be followed.
+    /// Largest relative scatter of restitution (standard deviation over the mean, symbol sigma) at
+    /// which each doubling is detectable in the phases. `None` if its orbit was lost.
     ///
-    /// In the middle of its window (the last one's width by Feigenbaum's law) each of the orbit's phases spreads in
-    /// proportion to sigma; seen is a doubling while some two phases that it parted are farther apart than the sum of their standard
-    /// deviations. Each further one needs 6.62 times less (Crutchfield, Nauenberg & Rudnick 1981).
+    /// The orbit is taken in the middle of its window; the last window's width follows from
+    /// Feigenbaum's constant. Each phase has a standard deviation in proportion to sigma. The
+    /// doubling is detectable while two phases that it separated differ by more than the sum of
+    /// their standard deviations. Each further doubling has a limit lower by 6.62 (Crutchfield,
+    /// Nauenberg and Rudnick 1981).
     pub fn visible_below(&self) -> impl Iterator<Item = Option<f64>> + '_ {
         (0..self.flips.len()).map(|n| {
             let (walker, k, state) = self.middle(n)?;
@@ -254,13 +263,14 @@ impl Cascade {
         })
     }
 
-    /// The orbit that each flip gives birth to, in the middle of its window, `None` where it could not be followed.
+    /// The orbit created at each flip, in the middle of its window; `None` if it was lost.
     pub fn doubled(&self) -> impl Iterator<Item = Option<DoubledOrbit>> + '_ {
         (0..self.flips.len()).map(|n| {
             let (walker, k, state) = self.middle(n)?;
             let map = self.track.at(k)?;
             let [[a, _], [_, d]] = walker.around(&map, state)?.jacobian;
-            // Each impact has the determinant R^2 psi/psi' (of which a difference of large products would leave nothing).
+            // Each impact has the determinant R^2 psi/psi'. Computed from the entries it would be
+            // lost in cancellation.
             let impacts = walker.impacts;
             let determinant = libm::pow(self.track.restitution(), 2.0 * f64::from(impacts));
             Some(DoubledOrbit {
@@ -271,7 +281,8 @@ impl Cascade {
         })
     }
 
-    /// The orbit born at a flip in the middle between it and the next, the last one's window by Feigenbaum's law.
+    /// The orbit created at flip `n`, halfway to the next flip; the last gap follows from
+    /// Feigenbaum's constant.
     fn middle(&self, n: usize) -> Option<(Walker, f64, PartState)> {
         let gap = match (self.flips.get(n + 1), n.checked_sub(1)) {
             (Some(next), _) => self.flips[n] - next,
@@ -285,13 +296,13 @@ impl Cascade {
         Some((walker, k, state))
     }
 
-    /// k of the flips, the 1 -> 2 flip first, falling.
+    /// k of the flips in falling order, the 1 -> 2 flip first.
     #[must_use]
     pub fn flips(&self) -> &[f64] {
         &self.flips
     }
 
-    /// Why there are no more.
+    /// Reason for the end of the cascade.
     #[must_use]
     pub fn end(&self) -> CascadeEnd {
         self.end
@@ -304,8 +315,8 @@ impl Cascade {
             .map(|three| (three[0] - three[1]) / (three[1] - three[2]))
     }
 
-    /// k where the doublings accumulate and chaos begins, extrapolated with Feigenbaum's constant;
-    /// `None` below two flips.
+    /// Accumulation point of the flips in k, where chaos begins, extrapolated with Feigenbaum's
+    /// constant; `None` below two flips.
     #[must_use]
     pub fn k_infinity(&self) -> Option<Estimate> {
         let extrapolate = |n: usize| {
@@ -315,7 +326,8 @@ impl Cascade {
         match self.flips.len() {
             0 | 1 => None,
             2 => {
-                // The first gap is out of proportion by 1 % at R = 0.2, by 40 % at R = 0.9.
+                // The first gap differs from the geometric law by 1 % at R = 0.2 and by 40 % at R =
+                // 0.9.
                 let value = extrapolate(2);
                 Some(Estimate {
                     value,
@@ -332,14 +344,14 @@ impl Cascade {
         }
     }
 
-    /// k1 of the order, where the cascade's orbit is born.
+    /// k1 of the order, where the period-1 orbit is created.
     #[must_use]
     pub fn birth(&self) -> f64 {
         self.birth
     }
 }
 
-/// An orbit of `impacts` impacts in `turns` drive cycles, followed over k.
+/// Continuation along k of an orbit of `impacts` impacts in `turns` drive cycles.
 struct Walker {
     track: Track,
     impacts: u32,
@@ -347,21 +359,22 @@ struct Walker {
 }
 
 impl Walker {
-    /// The next flip below `flip` and the orbit there, begun `inside` below it.
+    /// The next flip below `flip` and a point of the orbit there; the continuation starts `inside`
+    /// below `flip`.
     fn next_flip(&self, flip: f64, inside: f64, state: PartState) -> Option<(f64, PartState)> {
         let mut k = flip - inside;
         let mut state = self.solve(k, self.attracted(k, state)?)?;
         let mut condition = self.condition(k, state)?;
-        // At its birth the doubled orbit has a multiplier of 1.
+        // The doubled orbit is created with a multiplier of 1.
         let square = libm::pow(self.track.restitution(), 2.0 * f64::from(self.impacts));
         let mut slope = (2.0 * (1.0 + square) - condition) / inside;
         for _ in 0..60 {
-            // The condition is nearly linear in k, falling to 0 at the flip.
+            // The condition is nearly linear in k and falls to 0 at the flip.
             let most = 0.5 * inside.max(flip - k);
             let mut step = (-condition / slope).clamp(-most, most);
             let drift = self.drift(k, state)?;
-            // A step that lands on another orbit, one on which the condition has not moved towards 0, is
-            // halved.
+            // Damping: halve a step that jumps to another orbit, detected by a condition that did
+            // not approach 0.
             let (next, orbit, value) = loop {
                 let next = k + step;
                 let small = libm::fabs(step) <= 1e-9 * k;
@@ -387,7 +400,7 @@ impl Walker {
             if small || value == 0.0 {
                 return Some((k, state));
             }
-            // Near the end rounding makes nonsense of the difference.
+            // For smaller steps the difference quotient is dominated by rounding.
             if libm::fabs(step) > 1e-9 * k {
                 slope = new_slope;
             }
@@ -395,11 +408,11 @@ impl Walker {
                 return None;
             }
         }
-        // The steps wander within the rounding of the condition.
+        // The steps have reached the rounding of the condition.
         (libm::fabs(condition / slope) < 1e-13 * k).then_some((k, state))
     }
 
-    /// Where the attracting orbit is after long enough, begun near the orbit that flipped.
+    /// A point near the attracting orbit, by iteration from a point near the orbit that flipped.
     fn attracted(&self, k: f64, state: PartState) -> Option<PartState> {
         let map = self.track.at(k)?;
         let mut state =
@@ -414,7 +427,7 @@ impl Walker {
         Some(state)
     }
 
-    /// The orbit at `k` by Newton from `state`.
+    /// The orbit at `k` by Newton's method from `state`.
     fn solve(&self, k: f64, state: PartState) -> Option<PartState> {
         let map = self.track.at(k)?;
         let mut state = state;
@@ -425,7 +438,7 @@ impl Walker {
                 jacobian: [[a, b], [c, d]],
                 ..
             } = self.around(&map, state)?;
-            // (J - 1) (dt, dpsi) = -(x, y)
+            // Newton step: (J - 1) (dt, dpsi) = -(x, y).
             let determinant = (a - 1.0) * (d - 1.0) - b * c;
             let dt = (-x * (d - 1.0) + y * b) / determinant;
             let dv = (-y * (a - 1.0) + x * c) / determinant;
@@ -442,7 +455,7 @@ impl Walker {
         None
     }
 
-    /// How the orbit moves with k: `(1 - J)^-1` times the derivative of once around by k.
+    /// Derivative of the orbit by k: `(1 - J)^-1` times the derivative of the return map by k.
     fn drift(&self, k: f64, state: PartState) -> Option<(f64, f64)> {
         let map = self.track.at(k)?;
         let Around {
@@ -458,7 +471,7 @@ impl Walker {
         (drift.0.is_finite() && drift.1.is_finite()).then_some(drift)
     }
 
-    /// `1 + trace + determinant`: 0 where a multiplier is -1.
+    /// Flip condition `1 + trace + determinant`, 0 where a multiplier is -1.
     fn condition(&self, k: f64, state: PartState) -> Option<f64> {
         let map = self.track.at(k)?;
         let [[a, b], [c, d]] = self.around(&map, state)?.jacobian;
@@ -466,7 +479,8 @@ impl Walker {
         value.is_finite().then_some(value)
     }
 
-    /// The relative scatter of restitution up to which the halves of the orbit are told apart.
+    /// Largest relative scatter of restitution at which the two halves of the orbit are
+    /// distinguishable.
     fn parted(&self, k: f64, start: PartState) -> Option<f64> {
         const MOST: usize = 1 << HIGHEST_DOUBLINGS;
         let map = self.track.at(k)?;
@@ -478,7 +492,7 @@ impl Walker {
             then[1][1] += impact.next.velocity * impact.next.velocity;
             Some((impact.next, then))
         };
-        // What one turn around adds, and its sum over all turns before.
+        // Covariance added in one period, then its sum over all earlier periods.
         let (mut state, mut covariance) = (start, [[0.0; 2]; 2]);
         for _ in 0..self.impacts {
             (state, covariance) = step(state, covariance)?;
@@ -501,7 +515,7 @@ impl Walker {
         (most > 0.0).then_some(most)
     }
 
-    /// Once around.
+    /// Return map: one period of the orbit, with its derivatives.
     fn around(&self, map: &Over, start: PartState) -> Option<Around> {
         let mut state = start;
         let mut product = [[1.0, 0.0], [0.0, 1.0]];
@@ -527,7 +541,7 @@ impl Walker {
             flights += impact.flight;
             state = impact.next;
         }
-        // An orbit that closes after another number of turns is not this one.
+        // An orbit with another number of drive cycles is rejected.
         if libm::fabs(flights - TAU * self.turns) > 1.0 {
             return None;
         }
@@ -543,12 +557,12 @@ impl Walker {
     }
 }
 
-/// An orbit once around.
+/// One period of an orbit.
 struct Around {
-    /// What is missing to closure, in phase and velocity.
+    /// Closure error in phase (rad) and velocity (`b w`).
     missing: (f64, f64),
     jacobian: [[f64; 2]; 2],
-    /// Derivative of the end by k.
+    /// Derivative of the end point by k.
     by_k: [f64; 2],
 }
 
@@ -556,8 +570,8 @@ struct Around {
 mod tests {
     use super::*;
 
-    /// docs/theory-bands.md#t6.1 (40-digit continuation), with the two entries whose last digits are
-    /// misprinted there corrected from (17a) and by recomputation.
+    /// Reference flips of a 40-digit continuation (docs/theory-bands.md#t6.1). Two misprinted
+    /// entries are corrected from (17a) and by recomputation.
     const FLIPS: [(f64, u32, &[f64]); 3] = [
         (
             0.2,
@@ -611,7 +625,7 @@ mod tests {
                     (larger + smaller - 2.0 * libm::log(restitution)).abs() < 1e-6,
                     "{orbit:?}"
                 );
-                // Another way: the mean growth of a tangent along the orbit.
+                // Independent method: mean growth of a tangent vector along the orbit.
                 let map = Map::build(orbit.k, restitution).unwrap();
                 let settings = ExponentSettings {
                     settle: 20_000,
@@ -620,7 +634,8 @@ mod tests {
                 let measured = measure(&map, cascade.states[n], settings)
                     .unwrap()
                     .per_impact;
-                // Multipliers that are a pair turn the tangent, whose growth is a mean over the turns.
+                // Complex multipliers rotate the tangent vector, so its growth is averaged over the
+                // rotation.
                 assert!(
                     (measured.value - larger).abs() < 2e-3 + 5.0 * measured.error,
                     "{orbit:?} {measured:?}"
@@ -654,7 +669,7 @@ mod tests {
         }
         let limit = cascade.k_infinity().unwrap();
         assert!((limit.value - 0.358_723_3).abs() < 1e-7 && limit.error < 1e-9);
-        // The limit from fewer flips is as far off as it says.
+        // The extrapolation from fewer flips is within its stated error.
         for (restitution, order) in [(0.2, 1), (0.5, 1), (0.5, 2), (0.1, 1), (0.7, 1), (0.3, 3)] {
             let best = Cascade::locate(restitution, order, 8).unwrap();
             assert_eq!(
@@ -681,8 +696,8 @@ mod tests {
         let cascade = Cascade::locate(0.2, 1, 7).unwrap();
         let seen: std::vec::Vec<f64> = cascade.visible_below().map(Option::unwrap).collect();
         std::println!("{seen:?}");
-        // Crutchfield, Nauenberg & Rudnick (1981): 6.619 in the mean; which two phases part most differs from window to
-        // window.
+        // Crutchfield, Nauenberg and Rudnick (1981) give 6.619 on average; the pair of phases that
+        // separates most varies between windows.
         let mean = libm::pow(seen[1] / seen[5], 0.25);
         assert!((mean - 6.62).abs() < 0.5, "{mean} {seen:?}");
         assert!(
@@ -691,7 +706,8 @@ mod tests {
         );
     }
 
-    /// The flips of several tones are where a multiplier of the map itself is -1, and one tone's are the sine's.
+    /// With several tones a multiplier of the map is -1 at each flip. With one tone the flips agree
+    /// with those of the sine.
     #[test]
     fn several_tones_double_as_one() {
         let sine = Cascade::on_tones(&Wave::sine(), 0.2, 1, 5)

@@ -1,34 +1,38 @@
-//! The chaotic band below a cascade, measured.
+//! Chaotic band below a cascade, measured by a scan over k with the Lyapunov exponent
+//! (docs/theory-bands.md#t6.3).
 
 use super::cascade::Cascade;
 use super::exponent::{self, Dynamics, ExponentSettings};
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Kernel, Map};
 
-/// A band of k below the cascade in which parts hop on without ever coming to rest, mostly chaotically.
+/// Band of k below the cascade in which parts hop without rest, mostly chaotically.
 ///
-/// It is measured, not derived: no rest within the impacts that were spent, exponent above zero by three
-/// standard errors. Below it the hopping is transient and parts end at rest and relaunch.
+/// The band is measured: no rest within the simulated impacts. Below it the hopping is transient,
+/// and parts rest and relaunch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChaoticBand {
-    /// Lowest k at which no rest was seen.
+    /// Lowest k without a rest.
     pub low: f64,
-    /// Where the doublings accumulate (k_infinity).
+    /// Accumulation point of the doublings (k_infinity).
     pub high: f64,
-    /// Share of the k tried in it whose exponent is positive; the rest are periodic windows.
+    /// Share of the scanned k with an exponent above 0 by three standard errors; the others are
+    /// periodic windows.
     pub chaotic: f64,
-    /// Step of k.
+    /// Step of the scan in k.
     pub step: f64,
-    /// Impacts spent at each k.
+    /// Impacts simulated at each k.
     pub impacts: u32,
 }
 
-/// Steps that must end at rest before the band is taken to be over. With 1 to 5 every test passes.
+/// Number of successive steps with a rest that ends the band.
 const GONE: u32 = 3;
 
 impl ChaoticBand {
-    /// Walks down from k_infinity in steps of `step` (fraction of k, 1e-5..=0.1), `impacts` (320..=1e9) at
-    /// each, until three steps running come to rest; `None` where the first ones do.
+    /// Scans down from k_infinity in steps of `step` (fraction of k, 1e-5..=0.1) with `impacts`
+    /// (320..=1e9) each.
+    ///
+    /// The scan ends after three successive steps with a rest. `None` if no step is without rest.
     pub fn measure(
         restitution: f64,
         order: u32,
@@ -83,8 +87,8 @@ mod tests {
 
     #[test]
     fn the_band_is_as_narrow_as_the_design_says() {
-        // docs/theory-bands.md#t6.3: at R = 0.2 it ends near k = 0.33, at R = 0.5 near 0.57. The edge is a
-        // crisis: the transient below it lengthens towards it, so it is known to a few steps.
+        // At R = 0.2 the band ends near k = 0.33, at R = 0.5 near 0.57 (docs/theory-bands.md#t6.3).
+        // Transients lengthen towards this crisis, so its error is a few steps.
         for (restitution, edge, within) in [(0.2, 0.33, 0.008), (0.5, 0.57, 0.008)] {
             let band = ChaoticBand::measure(restitution, 1, 0.005, 6400)
                 .unwrap()

@@ -1,76 +1,77 @@
-//! Which regime a part is in, told from the phases of its impacts alone.
+//! Regime of a part from the phases of its impacts, by the close-returns method (Lathrop and
+//! Kostelich, Phys. Rev. A 40 (1989) 4028).
 //!
-//! A board hears when a part strikes; it sees neither its velocity nor its rest. The classifier keeps the
-//! times of the last N impacts and asks after how many of them, and how many whole drive cycles, the
-//! pattern repeats; impacts whose intervals shrink towards nothing are a part coming to rest.
+//! A board measures impact times only, neither velocity nor rest. The classifier keeps the last N
+//! times. It tests after which number of impacts, and of whole drive cycles, the pattern repeats.
+//! Intervals that shrink towards zero indicate a part coming to rest.
 
 use core::f64::consts::TAU;
 
 use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept};
 
-/// What a part does.
+/// Long-term motion of a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Regime {
-    /// It lies on the track, or none is there: nothing strikes.
+    /// No impacts: the part rests, or there is none.
     Rest,
-    /// It hops, chatters to rest and is thrown off again, the same every so many cycles.
+    /// It hops, chatters to rest and is thrown off again, in a constant number of cycles.
     HopAndRest {
         /// Drive cycles from rest to rest.
         cycles: u32,
     },
-    /// It strikes once every `order` cycles, at one phase.
+    /// One impact every `order` cycles, at one phase.
     Locked {
         /// Drive cycles per impact (symbol r).
         order: u32,
     },
-    /// It repeats after `2^doublings` impacts of `order` cycles on average.
+    /// The period is `2^doublings` impacts of `order` cycles on average.
     Doubled {
         /// Drive cycles per impact (symbol r).
         order: u32,
-        /// How often the period has doubled.
+        /// Number of period doublings.
         doublings: u32,
     },
-    /// It repeats after `impacts` impacts in `cycles` cycles, which is no doubling of a lock.
+    /// The period is `impacts` impacts in `cycles` cycles, and no doubling of a lock.
     Periodic {
         /// Impacts in a period (symbol p).
         impacts: u32,
         /// Drive cycles in a period.
         cycles: u32,
     },
-    /// It repeats after no number of impacts that the memory holds twice.
+    /// No repetition within the memory.
     Chaotic,
-    /// Too little or too contradictory was heard.
+    /// Too few impacts, or contradictory ones.
     Undecided,
 }
 
-/// A regime and how sure it is.
+/// A regime and its confidence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
     /// The regime.
     pub regime: Regime,
-    /// 0 (a guess) to 1: the share of the evidence that agrees, over what would agree by chance, times
-    /// the share of the evidence that was asked for.
+    /// Confidence, 0..=1: the share of agreeing pairs beyond chance, times the available over the
+    /// required number of pairs.
     pub confidence: f32,
 }
 
-/// How well impacts are heard.
+/// Accuracy of the measured impact times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HearingSettings {
     /// Standard deviation of an impact's phase in rad, 0..=0.5; 0 for computed impacts.
     pub noise: f64,
-    /// Shortest interval at which two impacts are told apart, in rad, 1e-6..=1.
+    /// Shortest interval at which two impacts are resolved, in rad, 1e-6..=1.
     pub resolution: f64,
 }
 
 impl HearingSettings {
-    /// Computed impacts.
+    /// Accuracy of computed impacts.
     pub const COMPUTED: Self = Self {
         noise: 0.0,
         resolution: 1e-3,
     };
 
-    /// What the board hears at an impact-to-noise ratio of 26 dB and 20 kHz.
+    /// Accuracy on the board at an impact-to-noise ratio of 26 dB and 20 kHz.
     #[cfg(any(test, feature = "control"))]
     pub(crate) const BOARD: Self = Self {
         noise: 0.03,
@@ -78,17 +79,17 @@ impl HearingSettings {
     };
 }
 
-/// Drive cycles of silence after which nothing is said to strike, on top of three times the longest recent
-/// interval. With 1 to 10 every test passes.
+/// Drive cycles without impact that indicate rest, beyond three times the longest recent interval.
 const SILENCE: u64 = 4;
 
-/// Rests that must follow each other regularly.
+/// Number of successive rests that must be equidistant.
 const RESTS: usize = 4;
 
-/// A drive cycle in the classifier's time.
+/// Drive cycle in units of the classifier's time.
 const CYCLE: u64 = 1 << 32;
 
-/// The memory of the last N impacts of one part; N of 64 tells periods up to 21 apart, 512 up to 170.
+/// Classifier with the last N impact times of one part; N of 64 resolves periods up to 21 impacts,
+/// 512 up to 170.
 ///
 /// ```
 /// use core::f64::consts::TAU;
@@ -102,26 +103,26 @@ const CYCLE: u64 = 1 << 32;
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Classifier<const N: usize> {
-    /// Deviation of a difference of two times that still counts as none.
+    /// Largest difference of two times that counts as equal, in 2^-32 cycles.
     tolerance: u32,
     noise: f64,
     resolution: u64,
-    /// Times in 2^-32 cycles.
+    /// Impact times in 2^-32 cycles.
     times: [u64; N],
     count: u64,
     now: u64,
     began: u64,
-    /// The last interval, and how many before it shrank in a row.
+    /// Last interval, and the number of successive shrinking intervals before it.
     interval: u64,
     shrinking: u32,
     resting: bool,
-    /// First impacts after the last rests, newest first.
+    /// Times of the first impacts after the last rests, newest first.
     launches: [u64; RESTS],
     rests: u32,
 }
 
 impl<const N: usize> Classifier<N> {
-    /// An empty memory; the refusal names the parameter.
+    /// A classifier without impacts; an error names the parameter out of range.
     pub fn build(settings: HearingSettings) -> Result<Self, OutOfRange> {
         let HearingSettings { noise, resolution } = settings;
         accept("noise", noise, (0.0..=0.5).contains(&noise), "0..0.5 rad")?;
@@ -133,8 +134,8 @@ impl<const N: usize> Classifier<N> {
         )?;
         let steps = |radians: f64| radians * (CYCLE as f64 / TAU);
         Ok(Self {
-            // Three standard deviations of a difference; without noise, rounding and the last of a
-            // settling transient.
+            // Three standard deviations of a difference. Without noise, the bound of rounding and
+            // of the end of a transient.
             tolerance: steps((3.0 * core::f64::consts::SQRT_2 * noise).max(1e-6)) as u32,
             noise: steps(noise),
             resolution: steps(resolution) as u64,
@@ -150,7 +151,7 @@ impl<const N: usize> Classifier<N> {
         })
     }
 
-    /// Forgets all impacts; time goes on.
+    /// Clears all impacts; time continues.
     pub fn forget(&mut self) {
         self.count = 0;
         self.began = self.now;
@@ -159,22 +160,23 @@ impl<const N: usize> Classifier<N> {
         self.rests = 0;
     }
 
-    /// Time has come to the start of drive cycle `cycle`, counted from 0 at the first.
+    /// Advances the time to the start of drive cycle `cycle`, counted from 0.
     pub fn cycle(&mut self, cycle: u32) {
         self.now = self.now.max(u64::from(cycle) << 32);
     }
 
-    /// An impact in drive cycle `cycle` at `phase`. An earlier time than the last impact's is ignored.
+    /// Adds an impact in drive cycle `cycle` at `phase`. A time before the last impact's is
+    /// ignored.
     pub fn impact(&mut self, cycle: u32, phase: Phase) {
         self.impact_at(u64::from(cycle) << 32 | u64::from(phase.bits()));
     }
 
-    /// Lets `duration` rad of drive phase pass without an impact: a rest.
+    /// Advances the time by `duration` rad of drive phase without an impact.
     pub fn wait(&mut self, duration: f64) {
         self.now += libm::round(duration.max(0.0) * (CYCLE as f64 / TAU)) as u64;
     }
 
-    /// An impact after a further `flight` rad of drive phase.
+    /// Adds an impact after a further `flight` rad of drive phase.
     pub fn flight(&mut self, flight: f64) {
         let now = self.now;
         self.wait(flight);
@@ -191,7 +193,7 @@ impl<const N: usize> Classifier<N> {
         self.now = self.now.max(time);
         if self.count > 0 {
             let interval = time - last;
-            // The tail of the chatter may be heard as intervals of about the resolution.
+            // The tail of a chatter may appear as intervals of about the resolution.
             if self.resting && interval > 3 * self.resolution {
                 self.launches.rotate_right(1);
                 self.launches[0] = time;
@@ -200,7 +202,8 @@ impl<const N: usize> Classifier<N> {
             }
             let shrinks = self.count > 1 && interval < self.interval;
             self.shrinking = if shrinks { self.shrinking + 1 } else { 0 };
-            // Chatter shrinks in proportion: has its next interval become too short to hear?
+            // Chatter intervals shrink geometrically; test whether the next one is below the
+            // resolution.
             if self.shrinking >= 2
                 && interval < CYCLE / 4
                 && u128::from(interval) * u128::from(interval)
@@ -220,7 +223,7 @@ impl<const N: usize> Classifier<N> {
         self.times[(index % N as u64) as usize]
     }
 
-    /// The regime as far as the memory shows it.
+    /// The regime indicated by the stored times.
     #[must_use]
     pub fn verdict(&self) -> Verdict {
         let filled = self.count.min(N as u64) as usize;
@@ -266,7 +269,7 @@ impl<const N: usize> Classifier<N> {
         }
     }
 
-    /// Rest, if silence has lasted.
+    /// Rest, if the time without impact is long enough.
     fn silence(&self, filled: usize) -> Option<Verdict> {
         let silent = self.now - if filled > 0 { self.time(0) } else { self.began };
         if silent <= SILENCE * CYCLE {
@@ -286,7 +289,7 @@ impl<const N: usize> Classifier<N> {
         None
     }
 
-    /// Hop and rest, if the last rests follow each other after equal numbers of whole cycles.
+    /// Hop and rest, if the last rests are a constant number of whole cycles apart.
     fn hop_and_rest(&self) -> Option<Verdict> {
         if self.rests < RESTS as u32 {
             return None;
@@ -300,7 +303,7 @@ impl<const N: usize> Classifier<N> {
             .windows(2)
             .filter(|pair| self.is_whole(pair[0] - pair[1], period))
             .count();
-        // One of three may have been misheard.
+        // One of three intervals may be wrong.
         (regular + 1 >= RESTS - 1).then_some(Verdict {
             regime: Regime::HopAndRest {
                 cycles: period as u32,
@@ -314,11 +317,10 @@ impl<const N: usize> Classifier<N> {
         duration.abs_diff(cycles * CYCLE) <= u64::from(self.tolerance)
     }
 
-    /// The share of impacts that are repeated `impacts` later after one number of whole cycles, and that
-    /// number.
+    /// Share of impacts repeated `impacts` later after one number of whole cycles, and this number.
     fn repeats(&self, impacts: usize, filled: usize) -> (f32, u32) {
         let mut best = (0, 0);
-        // The newest pairs propose the number; one of three may have been misheard.
+        // The newest three pairs propose the number, because one may be wrong.
         for newest in 0..3 {
             let duration = self.time(newest) - self.time(newest + impacts);
             let cycles = (duration + CYCLE / 2) / CYCLE;
@@ -335,7 +337,7 @@ impl<const N: usize> Classifier<N> {
         (best.0 as f32 / (filled - impacts) as f32, best.1)
     }
 
-    /// The regime of a pattern that repeats after `impacts` impacts in `cycles` cycles.
+    /// Regime of a pattern with a period of `impacts` impacts in `cycles` cycles.
     fn named(&self, impacts: u32, cycles: u32, filled: usize) -> Regime {
         if !impacts.is_power_of_two() || !cycles.is_multiple_of(impacts) {
             return Regime::Periodic { impacts, cycles };
@@ -351,8 +353,8 @@ impl<const N: usize> Classifier<N> {
         }
     }
 
-    /// Whether a lock heard through noise alternates: a doubling smaller than the noise of one impact,
-    /// found in the alternating mean of all.
+    /// Detects a doubling smaller than the noise of one impact, from the alternating mean of all
+    /// intervals.
     fn alternates(&self, order: u32, filled: usize) -> bool {
         let (mut sum, mut terms) = (0_i64, 0_u32);
         let mut later = self.time(0);
@@ -365,13 +367,14 @@ impl<const N: usize> Classifier<N> {
                 terms += 1;
             }
         }
-        // The alternating sum of differences is twice that of the times: 2 sigma sqrt(n).
+        // Threshold of four standard deviations; the alternating sum of differences has 2 sigma
+        // sqrt(n).
         self.noise > 0.0
             && terms > 15
             && libm::fabs(sum as f64) > 8.0 * self.noise * libm::sqrt(f64::from(terms))
     }
 
-    /// `share` over the share that random phases would reach.
+    /// Share of agreement corrected for chance: 0 for random phases, 1 for full agreement.
     fn over_chance(&self, share: f32) -> f32 {
         let chance = (2.0 * self.tolerance as f32 / CYCLE as f32).min(0.9);
         ((share - chance) / (1.0 - chance)).clamp(0.0, 1.0)
@@ -384,7 +387,7 @@ mod tests {
     use crate::impact::{Kernel, Map, Orbit, OrbitEvent, PartState};
     use crate::regime::{Lock, exponent};
 
-    /// The verdict on an orbit, `settle` events after its start, over `events` more.
+    /// Classifies an orbit over `events` events after a transient.
     fn verdict(k: f64, restitution: f64, start: Option<PartState>, events: usize) -> Verdict {
         let map = Map::build(k, restitution).unwrap();
         let orbit = match start {
@@ -507,7 +510,7 @@ mod tests {
         assert_eq!(classifier.verdict().regime, Regime::Rest);
     }
 
-    /// Normally distributed numbers, by a sum of twelve uniform ones.
+    /// Normal random numbers as the sum of twelve uniform ones.
     struct Noise(u64);
 
     impl Noise {
@@ -524,7 +527,7 @@ mod tests {
         }
     }
 
-    /// The verdict of the board's memory on `cycles` cycles of an orbit heard with noise.
+    /// Classifies `cycles` cycles of an orbit with noise, in the board's memory.
     fn heard(
         k: f64,
         restitution: f64,
@@ -549,7 +552,7 @@ mod tests {
             match event {
                 OrbitEvent::Impact(impact) => {
                     time += impact.flight;
-                    // The onset detector takes what comes within its resolution for one impact.
+                    // Impacts within the resolution merge into one.
                     if time - last > settings.resolution {
                         last = time;
                         let stamp = ((time + noise * random.next()) / TAU).max(0.0);
@@ -574,8 +577,8 @@ mod tests {
             order: 1,
             doublings: 1,
         };
-        // Of 300 starts all but 3 were heard right, in the narrow chaos of the last case 93 %: of 40 at
-        // least 30, by four and a half standard deviations.
+        // Of 300 starts all but 3 were classified right, in the narrow chaos of the last case 93 %.
+        // The bound of 30 in 40 is 4.5 standard deviations below.
         for (k, restitution, regime, least) in [
             (0.43, 0.2, Regime::Locked { order: 1 }, 38),
             (0.75, 0.5, Regime::Locked { order: 1 }, 38),
@@ -585,7 +588,7 @@ mod tests {
         ] {
             let right = (1..=40)
                 .filter(|&seed| {
-                    // Each time another part of the chaos.
+                    // Each start lies in another part of the chaos.
                     let start = locked(k, restitution).map(|start| PartState {
                         phase: start.phase + 1e-7 * seed as f64,
                         ..start

@@ -1,4 +1,7 @@
-//! Lyapunov exponent: how fast neighbouring orbits part.
+//! Largest Lyapunov exponent by propagating a tangent vector, normalized at each impact (Benettin,
+//! Galgani, Giorgilli and Strelcyn, Meccanica 15 (1980) 9).
+//!
+//! Its standard error is estimated from batch means and their autocorrelation time.
 
 use core::f64::consts::TAU;
 
@@ -8,40 +11,41 @@ use super::series::standard_error;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tangent};
 
-/// Most batches, from which the statistical error and the autocorrelation time are told.
+/// Largest number of batches for the standard error and the autocorrelation time.
 const MOST: usize = 512;
 
-/// Fewest batches, of 16 impacts.
+/// Smallest number of batches, of 16 impacts each.
 const FEWEST: u32 = 20;
 
-/// How an exponent is measured.
+/// Length of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExponentSettings {
-    /// Impacts that are left out at the start.
+    /// Impacts discarded at the start.
     pub settle: u32,
-    /// Impacts that are measured, 320..=1e9.
+    /// Impacts measured, 320..=1e9.
     pub impacts: u32,
 }
 
-/// What the orbit turned out to be.
+/// Type of an orbit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Dynamics {
-    /// The exponent is negative by more than three standard errors: periodic.
+    /// Periodic: the exponent is negative by more than three standard errors.
     Regular,
-    /// It is positive by more than three standard errors, and the part never came to rest.
+    /// Chaotic: the exponent is positive by more than three standard errors, and the part never
+    /// rested.
     Chaotic,
-    /// Neither within three standard errors.
+    /// The exponent is within three standard errors of 0.
     Undecided,
-    /// The part came to rest after so many impacts; what looked chaotic until then was transient, for
-    /// an orbit that rests once has forgotten everything.
+    /// The part came to rest, so any chaos before was transient: after a rest each orbit is the
+    /// same.
     Rest {
-        /// Impacts before it, settling included.
+        /// Impacts before the rest, discarded ones included.
         after: u32,
     },
 }
 
 impl Dynamics {
-    /// What an exponent per impact says of an orbit that never rests.
+    /// Type of an orbit without rest, from its exponent per impact.
     #[must_use]
     pub fn of(per_impact: Estimate) -> Self {
         let Estimate { value, error } = per_impact;
@@ -57,22 +61,22 @@ impl Dynamics {
 
 /// Largest Lyapunov exponent of one orbit.
 ///
-/// With rest the values are those of the flight until then.
+/// If the part came to rest, the values are those of the flight before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exponent {
-    /// Per impact, with its standard error by the autocorrelation time.
+    /// Exponent per impact, with its standard error.
     pub per_impact: Estimate,
-    /// Per drive cycle, with its standard error.
+    /// Exponent per drive cycle, with its standard error.
     pub per_cycle: Estimate,
     /// Mean flight in drive cycles.
     pub flight: f64,
-    /// What the orbit is.
+    /// Type of the orbit.
     pub dynamics: Dynamics,
 }
 
-/// Measures the largest Lyapunov exponent of the orbit of `map` from `start` with the tangent map.
+/// Measures the largest Lyapunov exponent of the orbit of `map` from `start`.
 ///
-/// The two exponents of an orbit add up to `2 ln R` per impact exactly (`det J = R^2 psi / psi'`).
+/// The sum of both exponents is `2 ln R` per impact exactly (`det J = R^2 psi / psi'`).
 ///
 /// ```
 /// use kband::impact::{Kernel, Map};
@@ -93,8 +97,8 @@ pub fn measure(
     measure_along(map, Orbit::new(map, start), settings)
 }
 
-/// [`measure`] of a part whose restitution `scatter` draws at each impact: how fast two parts apart that meet the same
-/// restitutions.
+/// [`measure`] for a part with random restitution drawn by `scatter`. It is the divergence of two
+/// parts with the same draws.
 pub fn measure_scattered(
     map: &Map,
     start: PartState,
@@ -116,7 +120,7 @@ fn measure_along(
         (16 * FEWEST..=1_000_000_000).contains(&settings.impacts),
         "320..1000000000",
     )?;
-    // A power of two, so that the bands of the cascade's chaos are each met as often in one batch as in the next.
+    // A power of two, so that each batch visits the chaotic bands of the cascade equally often.
     let batch = (settings.impacts / MOST as u32).next_power_of_two().max(16);
     let batches = settings.impacts / batch;
     let mut sums = Sums::default();
@@ -129,7 +133,7 @@ fn measure_along(
         let before = orbit.state();
         let impact = match orbit.next() {
             Some(OrbitEvent::Impact(impact)) => impact,
-            // A start at rest lifts off; an orbit that comes to rest is over.
+            // A start at rest begins with a lift-off; a later rest ends the orbit.
             Some(OrbitEvent::LiftOff { .. }) if count == 0 => continue,
             Some(OrbitEvent::LiftOff { .. } | OrbitEvent::Rest { .. }) | None => {
                 rest = Some(count);
@@ -137,10 +141,11 @@ fn measure_along(
             }
         };
         count += 1;
-        // A grazing impact has no tangent; its neighbourhood has measure zero, and the direction is kept.
+        // A grazing impact has no tangent. Such states have measure zero, and the direction is
+        // kept.
         if let Some(tangent) = Tangent::of(map, before, &impact) {
             let [[a, b], row] = tangent.jacobian;
-            // What is left of the speed is left of a difference in it.
+            // The restitution scales velocity differences like the velocity.
             let [c, d] = row.map(|entry| entry * orbit.drawn());
             let next = [
                 a * direction[0] + b * direction[1],
@@ -169,8 +174,8 @@ fn measure_along(
     Ok(sums.exponent(rest))
 }
 
-/// A start near the locked orbit of `order` where there is one, else lift-off: from there an orbit of
-/// the cascade or of the chaos behind it is met, which a start from rest mostly is not.
+/// A start near the locked orbit of `order` if it exists, else at lift-off. It leads to the cascade
+/// and its chaos, as a start from rest rarely does.
 #[must_use]
 pub fn start(map: &Map, order: u32) -> PartState {
     match Lock::at(map.k(), map.restitution(), order) {
@@ -192,7 +197,7 @@ struct Batch {
     impacts: u32,
 }
 
-/// Batches in their order, for the mean growth per impact and per cycle.
+/// Successive batches, for the mean growth per impact and per cycle.
 #[derive(Clone, Copy, Debug)]
 struct Sums {
     batches: [Batch; MOST],
@@ -222,7 +227,7 @@ impl Sums {
         let growth = sum(|batch| batch.growth);
         let impacts = sum(|batch| f64::from(batch.impacts));
         let cycles = sum(|batch| batch.cycles);
-        // The mean of a ratio: what each batch's growth is off the ratio, per unit of the mean batch.
+        // Ratio estimator: its error is that of the residuals growth - ratio * unit.
         let estimate = |unit: fn(&Batch) -> f64, units: f64| {
             let value = growth / units;
             let off = |n: usize| batches[n].growth - value * unit(&batches[n]);
@@ -265,8 +270,8 @@ mod tests {
 
     #[test]
     fn exponents_are_the_references() {
-        // docs/theory-reference.md#t11.3: +-0.003; the statistical error of this run comes on top, four of its
-        // standard errors.
+        // Reference values with an error of 0.003 (docs/theory-reference.md#t11.3), plus four
+        // standard errors of this run.
         for (k, restitution, reference) in [
             (0.358, 0.2, 0.0778),
             (0.355, 0.2, 0.0522),
@@ -288,7 +293,8 @@ mod tests {
 
     const IMPACTS: u32 = 100_000;
 
-    /// Runs scatter by their standard errors: neither tighter, as batches of correlated impacts would tell, nor wider.
+    /// The spread of runs agrees with their standard errors. Batches of correlated impacts would
+    /// give too small an error.
     #[test]
     fn standard_errors_are_what_runs_scatter_by() {
         for (k, restitution) in [(0.34, 0.2), (0.35, 0.2), (0.586, 0.5)] {
@@ -311,7 +317,7 @@ mod tests {
             }
             let deviation = libm::sqrt((square - sum * sum / n) / (n - 1.0));
             let ratio = deviation / libm::sqrt(errors / n);
-            // The scatter of 48 runs is itself known to 10 %.
+            // The spread of 48 runs has a relative error of 10 %.
             assert!((0.7..1.3).contains(&ratio), "{k}: {ratio} of {n}");
         }
     }
@@ -322,7 +328,7 @@ mod tests {
             let lock = Lock::at(k, restitution, 1).unwrap().unwrap();
             let found = exponent(k, restitution, 3200);
             let expected = libm::log(lock.multipliers().modulus());
-            // A turning direction averages out like 1 / impacts.
+            // A rotating direction averages out as 1 / impacts.
             assert!(
                 (found.per_impact.value - expected).abs() < 2e-3,
                 "{k} {found:?} {expected}"
@@ -334,7 +340,7 @@ mod tests {
 
     #[test]
     fn transient_chaos_ends_at_rest_and_says_so() {
-        // docs/theory-bands.md#t6.3: at R = 0.5 hopping survives only down to k of about 0.57.
+        // At R = 0.5 hopping persists down to k of about 0.57 only (docs/theory-bands.md#t6.3).
         let map = Map::build(0.5, 0.5).unwrap();
         let found = measure(
             &map,

@@ -1,5 +1,8 @@
-//! In gear: a part that flies once in every r drive periods, whatever its doublings or chaos, and for how
-//! much of the time a part does so whose restitution scatters (docs/theory-real-parts.md#t10.1).
+//! Gear: one flight every r drive periods, also when doubled or chaotic, and the share of time in
+//! it (docs/theory-real-parts.md#t10.1).
+//!
+//! The detector is a run rule: 8 successive flights within a tolerance begin gear, one other flight
+//! or a rest ends it. The share is a Monte Carlo estimate over parts with scattered restitution.
 
 #[cfg(feature = "control")]
 mod draw;
@@ -34,37 +37,39 @@ pub use strikes::StrikeCount;
 #[cfg(feature = "control")]
 pub(crate) use strikes::{GROUPS, PLACES, StrikeProfile, StrikeProfiler, StrikeSettings, WIDE};
 
-/// Shortest and longest flight in gear, as a share of r drive periods.
+/// Shortest and longest flight in gear, over r drive periods.
 pub(crate) const FLIGHTS: [f64; 2] = [0.6, 1.4];
 
-/// Flights in a row that are gear.
+/// Successive flights within [`FLIGHTS`] that begin gear.
 const ROW: u32 = 8;
 
-/// Whether one flight is that of gear, both in the same unit: 0.6 to 1.4 times `period`, the r drive periods of its order.
+/// Whether a flight lies within 0.6 to 1.4 times `period`, the r drive periods of its order, both
+/// in the same unit.
 #[must_use]
 #[inline]
 pub fn is_in_gear(flight: f64, period: f64) -> bool {
     FLIGHTS[0] * period < flight && flight < FLIGHTS[1] * period
 }
 
-/// Whether a part is in gear of one order, told event by event.
+/// Gear detector of one order, fed with flights and rests.
 ///
-/// It is while every flight takes 0.6 to 1.4 times r drive periods, from the first of at least 8 such flights on, with
-/// no rest between. The mean flight is then r periods, and so the impact mean of the speed is the lock's.
+/// Gear lasts from the first of at least 8 successive flights within 0.6 to 1.4 times r drive
+/// periods. It ends at the first other flight or rest. The mean flight is then r periods, so the
+/// mean arrival speed is that of the lock.
 ///
-/// Time is counted in rad of the drive, or, as `Gear<i64>`, in steps of 2^-32 turns.
+/// Times are in rad of the drive, in `Gear<i64>` in steps of 2^-32 turns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Gear<T = f64> {
     shortest: T,
     longest: T,
     row: u32,
-    /// Duration of the row so far.
+    /// Duration of the current run of flights.
     duration: T,
     losses: u64,
 }
 
 impl Gear {
-    /// Gear of an order, 1..=100 drive periods a flight.
+    /// Detector of an order, 1..=100 drive periods a flight.
     pub(crate) fn build(order: u32) -> Result<Self, OutOfRange> {
         let period = TAU * accept_order(order)?;
         Ok(Self::between(FLIGHTS.map(|share| share * period)))
@@ -73,7 +78,7 @@ impl Gear {
 
 #[cfg(any(test, feature = "control"))]
 impl Gear<i64> {
-    /// Gear of an order, 1..=100 drive periods a flight, whose time is counted in steps of 2^-32 turns.
+    /// Detector of an order, 1..=100 drive periods a flight, with times in steps of 2^-32 turns.
     pub(crate) fn in_steps(order: u32) -> Result<Self, OutOfRange> {
         let period = Phase::TURN * accept_order(order)?;
         Ok(Self::between(FLIGHTS.map(|share| (share * period) as i64)))
@@ -91,19 +96,20 @@ impl<T: Copy + Default + PartialOrd + AddAssign> Gear<T> {
         }
     }
 
-    /// Whether the part is in gear now.
+    /// Whether the part is in gear.
     #[must_use]
     pub(crate) fn is_in(&self) -> bool {
         self.row >= ROW
     }
 
-    /// How often it has been lost.
+    /// Number of losses of gear.
     #[must_use]
     pub(crate) fn losses(&self) -> u64 {
         self.losses
     }
 
-    /// Takes a flight; the time in gear that it adds, which for the last of the first 8 is that of all.
+    /// Adds a flight and returns the time in gear that it adds; the eighth adds the duration of all
+    /// eight.
     pub(crate) fn flight(&mut self, flight: T) -> T {
         if !(self.shortest < flight && flight < self.longest) {
             self.lose();
@@ -118,7 +124,7 @@ impl<T: Copy + Default + PartialOrd + AddAssign> Gear<T> {
         }
     }
 
-    /// The part came to rest.
+    /// Adds a rest, which ends gear.
     pub(crate) fn rest(&mut self) {
         self.lose();
     }
@@ -130,19 +136,19 @@ impl<T: Copy + Default + PartialOrd + AddAssign> Gear<T> {
     }
 }
 
-/// How much of its time a part was in gear.
+/// Time in gear and losses of gear over an observation time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Share {
     /// Time in gear in drive periods.
     pub in_gear: f64,
-    /// Time watched in drive periods.
+    /// Observation time in drive periods.
     pub watched: f64,
-    /// How often gear was lost in it.
+    /// Losses of gear in that time.
     pub losses: u64,
 }
 
 impl Share {
-    /// The share of time in gear, 0..=1; 0 where nothing was watched.
+    /// Share of time in gear, 0..=1; 0 without observation time.
     #[must_use]
     pub fn share(&self) -> f64 {
         if self.watched > 0.0 {
@@ -152,13 +158,13 @@ impl Share {
         }
     }
 
-    /// Mean time in gear until it is lost, in drive periods; `None` where it was not lost.
+    /// Mean time in gear before a loss, in drive periods; `None` without a loss.
     #[must_use]
     pub fn time_to_loss(&self) -> Option<f64> {
         (self.losses > 0).then(|| self.in_gear / self.losses as f64)
     }
 
-    /// Both together.
+    /// Sum of two observations.
     #[must_use]
     pub fn and(&self, other: &Self) -> Self {
         Self {
@@ -169,7 +175,8 @@ impl Share {
     }
 }
 
-/// The time that one part is in gear, told flight by flight. Nothing is counted before [`GearWatch::begin`].
+/// Measures one part's time in gear from its flights and rests. It counts from [`GearWatch::begin`]
+/// on.
 ///
 /// ```
 /// use core::f64::consts::TAU;
@@ -195,7 +202,7 @@ pub struct GearWatch {
 }
 
 impl GearWatch {
-    /// Watches gear of an order, 1..=100 drive periods a flight.
+    /// A watch of an order, 1..=100 drive periods a flight.
     pub fn build(order: u32) -> Result<Self, OutOfRange> {
         Ok(Self {
             gear: Gear::build(order)?,
@@ -206,19 +213,19 @@ impl GearWatch {
         })
     }
 
-    /// Counts from time `now` in rad of drive phase on.
+    /// Begins to count at time `now` in rad of drive phase.
     pub fn begin(&mut self, now: f64) {
         self.begin = now;
         self.in_gear = 0.0;
         self.lost_before = self.gear.losses();
     }
 
-    /// Counts up to time `now` in rad of drive phase.
+    /// Ends the count at time `now` in rad of drive phase.
     pub(crate) fn end(&mut self, now: f64) {
         self.end = now;
     }
 
-    /// The part landed at a `time` after a `flight`, both in rad of drive phase.
+    /// Adds a landing at `time` after a `flight`, both in rad of drive phase.
     pub fn landed(&mut self, time: f64, flight: f64) {
         let added = self.gear.flight(flight);
         let from = (time - added).max(self.begin);
@@ -226,7 +233,7 @@ impl GearWatch {
         self.pass(time);
     }
 
-    /// The part lies on the track at a `time` in rad of drive phase.
+    /// Adds a rest that began at `time` in rad of drive phase.
     pub fn rested(&mut self, time: f64) {
         self.gear.rest();
         self.pass(time);
@@ -238,7 +245,7 @@ impl GearWatch {
         }
     }
 
-    /// How much of the time up to `now`, in rad of drive phase, it was in gear.
+    /// Time in gear and losses up to `now` in rad of drive phase.
     #[must_use]
     pub fn share(&self, now: f64) -> Share {
         Share {
@@ -253,8 +260,9 @@ impl GearWatch {
 /// draws; `each` is told the number of each part and for how much of the last three quarters of that time it was in gear of
 /// this order.
 ///
-/// `map` gives the wave and k; its restitution is not used. A chatter is closed at the mean of a scatter. A part that rests for
-/// ever is out of gear.
+/// `each` receives the index of a part and its time in gear of this order over the last three
+/// quarters of the time. `map` gives wave and k; its restitution is unused. A chatter is summed at
+/// the mean restitution. A part at rest for ever is out of gear.
 pub fn shares_from_rest(
     map: &WaveMap,
     scatters: &[Scatter],

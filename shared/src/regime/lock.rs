@@ -1,11 +1,14 @@
-//! The period-1 orbit: one impact every r drive cycles.
+//! Lock: the period-1 orbit with one impact every r drive cycles, in closed form
+//! (docs/theory-bands.md#t5.1).
+//!
+//! Its stability follows from the Floquet multipliers, the eigenvalues of the tangent map.
 
 use core::f64::consts::{PI, TAU};
 
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Kernel, Map, PartState};
 
-/// Highest lock order that is computed; the band of order 100 is narrower than 1e-5 in k up to R = 0.2.
+/// Highest lock order computed; up to R = 0.2 the band of order 100 is narrower than 1e-5 in k.
 pub const HIGHEST_ORDER: u32 = 100;
 
 pub(super) fn accept_order(order: u32) -> Result<f64, OutOfRange> {
@@ -26,14 +29,14 @@ pub(super) fn accept_restitution(restitution: f64) -> Result<f64, OutOfRange> {
     )
 }
 
-/// The two eigenvalues of the tangent map of an orbit.
+/// Floquet multipliers: the eigenvalues of the tangent map of an orbit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Multipliers {
-    /// Both real, the larger in size first.
+    /// Two real multipliers, the larger in size first.
     Real(f64, f64),
-    /// A conjugate pair `modulus exp(+-i angle)`: perturbations turn while they shrink.
+    /// A conjugate pair `modulus exp(+-i angle)`: perturbations rotate and decay.
     Pair {
-        /// Modulus, for an orbit of n impacts R^n.
+        /// Modulus; R^n for an orbit of n impacts.
         modulus: f64,
         /// Angle in rad, 0..pi.
         angle: f64,
@@ -41,7 +44,7 @@ pub enum Multipliers {
 }
 
 impl Multipliers {
-    /// The eigenvalues of a 2x2 matrix with this trace and determinant.
+    /// Multipliers of a 2x2 matrix from its trace and determinant.
     #[must_use]
     pub fn of(trace: f64, determinant: f64) -> Self {
         let half = 0.5 * trace;
@@ -64,7 +67,7 @@ impl Multipliers {
         }
     }
 
-    /// Size of the larger multiplier; below 1 the orbit attracts.
+    /// Spectral radius: the size of the larger multiplier. Below 1 the orbit attracts.
     #[must_use]
     pub fn modulus(self) -> f64 {
         match self {
@@ -74,7 +77,7 @@ impl Multipliers {
     }
 }
 
-/// The period-1 orbit of one order at one k: the part strikes once every r drive cycles at one phase.
+/// The period-1 orbit of one order at one k: one impact every r drive cycles, at one phase.
 ///
 /// ```
 /// use kband::regime::Lock;
@@ -93,10 +96,11 @@ pub struct Lock {
 }
 
 impl Lock {
-    /// The branch with `0 <= t0 <= pi/2` of the period-1 orbit of `order`, `cos t0 = pi r k (1-R)/(1+R)`,
-    /// `psi = 2 pi r k R/(1+R)` (docs/theory-bands.md#t5.1); `None` where k is above `k1`, so that no such orbit
-    /// exists. Whether it attracts is for [`Lock::attracts`], whether it is flown for
-    /// [`Lock::is_first_return`].
+    /// Orbit of `order` with `0 <= t0 <= pi/2`: `cos t0 = pi r k (1-R)/(1+R)`,
+    /// `psi = 2 pi r k R/(1+R)` (docs/theory-bands.md#t5.1).
+    ///
+    /// `None` above `k1`, where no such orbit exists. [`Lock::attracts`] and
+    /// [`Lock::is_first_return`] decide whether a part can follow it.
     pub fn at(k: f64, restitution: f64, order: u32) -> Result<Option<Self>, OutOfRange> {
         Map::accepts(k, restitution)?;
         let r = accept_order(order)?;
@@ -147,30 +151,30 @@ impl Lock {
         1.0 + r * r - libm::sin(self.state.phase) * (1.0 + r) * (1.0 + r) / self.k
     }
 
-    /// The multipliers of the orbit: how a perturbation grows or shrinks per impact.
+    /// Floquet multipliers: growth of a perturbation per impact.
     #[must_use]
     pub fn multipliers(&self) -> Multipliers {
         Multipliers::of(self.trace(), self.restitution * self.restitution)
     }
 
-    /// Whether small perturbations die: both multipliers inside the unit circle.
+    /// Whether the orbit is asymptotically stable: both multipliers are inside the unit circle.
     #[must_use]
     pub fn attracts(&self) -> bool {
         let square = self.restitution * self.restitution;
         libm::fabs(self.trace()) < 1.0 + square
     }
 
-    /// Whether the part really flies r cycles: it does not touch the track earlier.
+    /// Whether the flight takes r cycles without an earlier contact with the track.
     #[must_use]
     pub fn is_first_return(&self) -> bool {
         let period = TAU * f64::from(self.order);
-        // At k1 itself rounding of t0 moves the root by its square root.
+        // At k1 the error of the root is the square root of the rounding of t0.
         Map::build(self.k, self.restitution)
             .is_ok_and(|map| map.impact(self.state).flight > period - 1e-3)
     }
 
-    /// Distance of `state` to the orbit: the larger of the phase difference in rad and the velocity
-    /// difference in units of `b w`.
+    /// Distance of `state` to the orbit: the larger of the differences in phase (rad) and velocity
+    /// (`b w`).
     #[must_use]
     pub fn distance(&self, state: PartState) -> f64 {
         let apart = state.phase - self.state.phase;
@@ -198,7 +202,7 @@ mod tests {
             let lock = Lock::at(k, restitution, order).unwrap().unwrap();
             let map = Map::build(k, restitution).unwrap();
             let impact = map.impact(lock.state());
-            // One impact in f64: a few ulp of the flight, amplified by |dd/dt| < 10.
+            // Error of one impact in f64: a few ulp of the flight, times |dd/dt| < 10.
             assert!(lock.distance(impact.next) < 1e-13 * f64::from(order) * 10.0);
             assert!(lock.attracts() && lock.is_first_return());
             let tangent = Tangent::of(&map, lock.state(), &impact).unwrap();
@@ -211,7 +215,7 @@ mod tests {
     #[test]
     fn lock_above_k_of_one_is_where_the_reference_has_it() {
         let lock = Lock::at(1.2, 0.8, 1).unwrap().unwrap();
-        // The reference gives 15 significant digits.
+        // The reference has 15 significant digits.
         assert!((lock.state().phase - 1.138_585_860_520_52).abs() < 1e-14);
         assert!((lock.state().velocity - 3.351_032_163_829_11).abs() < 1e-14);
     }

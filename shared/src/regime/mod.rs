@@ -1,5 +1,5 @@
-//! Regimes of the impact map: where a part locks to the drive, doubles, goes chaotic or rests, and how it
-//! is brought onto the lock.
+//! Regimes of the impact map: lock, period doubling, chaos and rest, and the capture of a part onto
+//! the lock.
 
 pub mod band;
 #[cfg(any(test, feature = "analysis", feature = "control"))]

@@ -1,21 +1,22 @@
-//! Where in a band a part that starts from rest really locks.
+//! Range of a band in which a part from rest locks, by simulation on a grid of k
+//! (docs/theory-capture.md#t7.2).
 
 use super::lock::Lock;
 use crate::feeder::OutOfRange;
 use crate::impact::{Kernel, Map, Orbit, OrbitEvent};
 
-/// What becomes of a part that starts from rest at a constant amplitude.
+/// Long-term motion of a part from rest at a constant amplitude.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FromRest {
     /// It locks.
     Locks,
-    /// It comes to rest again; as all rests are followed by the same orbit, it does so for ever.
+    /// It rests again. Each rest leads to the same orbit, so it never locks.
     Rests,
-    /// It does neither within 5000 impacts.
+    /// Neither within 5000 events.
     Elsewhere,
 }
 
-/// Follows a part from rest at `k` until it locks in `order` or rests again.
+/// Simulates a part from rest at `k` until it locks in `order` or rests again.
 ///
 /// ```
 /// use kband::regime::reach::{FromRest, from_rest};
@@ -39,7 +40,7 @@ pub fn from_rest(k: f64, restitution: f64, order: u32) -> Result<FromRest, OutOf
             }
         }
     }
-    // k >= 1: the orbit ended at rest for ever.
+    // At k >= 1 the part remains at rest.
     Ok(if k >= 1.0 {
         FromRest::Rests
     } else {
@@ -47,12 +48,13 @@ pub fn from_rest(k: f64, restitution: f64, order: u32) -> Result<FromRest, OutOf
     })
 }
 
-/// The part of a band in which a part from rest locks, measured on a grid of k.
+/// Range of a band in which a part from rest locks, on a grid of k.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reach {
-    /// Highest k of the grid up to which every k from the low edge on locks; `None` if the first does not.
+    /// Highest k of the unbroken range from the low edge that locks; `None` if the first k does
+    /// not.
     pub edge: Option<f64>,
-    /// Highest k of the grid that locks; `None` if none does.
+    /// Highest k of the grid that locks; `None` without any.
     pub highest: Option<f64>,
     /// Share of the grid that locks, 0..=1.
     pub share: f64,
@@ -61,8 +63,8 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// Tries `samples` (at least 1) values of k evenly inside `low..high`, each with every restitution of
-    /// `parts`; k counts only where all parts lock.
+    /// Simulates at `samples` (at least 1) equidistant k inside `low..high`, with every restitution
+    /// of `parts`. A k counts if all parts lock.
     pub fn measure(
         low: f64,
         high: f64,
@@ -116,8 +118,9 @@ mod tests {
 
     #[test]
     fn low_restitution_reaches_the_lower_part_of_the_band() {
-        // docs/theory-capture.md#t7.2: below 0.41136 but for slivers, in patches up to 0.4179.
-        // From a little above k2, where a part locks too slowly to be seen to.
+        // Locks below 0.41136 except for slivers, in patches up to 0.4179
+        // (docs/theory-capture.md#t7.2). The grid starts above k2, where the convergence is too
+        // slow to detect.
         let found = Reach::measure(0.394, 0.42, &[0.2], 1, 2600).unwrap();
         let edge = found.edge.unwrap();
         assert!((edge - 0.409_385).abs() < 1e-6, "{found:?}");
@@ -140,7 +143,7 @@ mod tests {
 
     #[test]
     fn slivers_are_found_where_they_are() {
-        // The first flights from rest end next to the locked orbit for some single k above R = 0.26.
+        // Above R = 0.26 the first flights from rest end near the locked orbit at single k only.
         assert_eq!(from_rest(0.4441, 0.26, 1).unwrap(), FromRest::Locks);
         assert_eq!(from_rest(0.50, 0.26, 1).unwrap(), FromRest::Rests);
         assert_eq!(from_rest(1.2, 0.8, 1).unwrap(), FromRest::Rests);

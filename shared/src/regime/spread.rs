@@ -1,16 +1,17 @@
-//! How far scatter of restitution spreads a locked part, and what its phases then tell
-//! (docs/theory-real-parts.md#t10.2).
+//! Spread of a locked part under scattered restitution, and the estimate of the tangent map from
+//! its phases (docs/theory-real-parts.md#t10.2).
 //!
-//! Near a lock an impact is linear: the deviation x = (phase, velocity) becomes `J x + q`, where q has the velocity
-//! that the impact's own restitution adds, `s` times the speed of arrival. The phases alone then follow
-//! `t'' = tr J t' - R^2 t + 2 pi r dR`: an autoregression of second order.
+//! Near a lock the deviation x = (phase, velocity) is linear: `x' = J x + q`. The noise q has the
+//! velocity `s` times the arrival speed. Its stationary covariance solves a discrete Lyapunov
+//! equation. The phases alone follow the second-order autoregression
+//! `t'' = tr J t' - R^2 t + 2 pi r dR`.
 
 use core::f64::consts::TAU;
 
 use super::lock::Lock;
 use super::wave_band::WaveLock;
 
-/// A lock as its parts scatter about it.
+/// Linear model of a part about its lock.
 ///
 /// ```
 /// use kband::regime::{Lock, spread::Spread};
@@ -24,29 +25,29 @@ use super::wave_band::WaveLock;
 pub struct Spread {
     jacobian: [[f64; 2]; 2],
     turns: f64,
-    /// Speed of arrival.
+    /// Arrival speed in `b w`.
     arrival: f64,
 }
 
 impl Spread {
-    /// About a lock on a sine.
+    /// Model about a lock on a sine.
     #[must_use]
     pub fn of(lock: &Lock) -> Self {
         let push = libm::sin(lock.state().phase);
         Self::about(push, lock.k(), lock.restitution(), lock.order())
     }
 
-    /// About a lock on several tones.
+    /// Model about a lock on several tones.
     #[must_use]
     pub fn on_tones(lock: &WaveLock) -> Self {
         let [_, _, push, _] = lock.wave().motion(lock.state().phase);
         Self::about(push, lock.k(), lock.restitution(), lock.order())
     }
 
-    /// About a lock that strikes where the track's push is `push`.
+    /// Model about a lock at whose phase the track's acceleration is `push`.
     fn about(push: f64, k: f64, r: f64, order: u32) -> Self {
         let turns = f64::from(order);
-        // d/v with the flight d = 2 pi r and the arrival v = 2 pi r k/(1 + R).
+        // Flight over arrival speed: d = 2 pi r, v = 2 pi r k/(1 + R).
         let (ratio, pull) = ((1.0 + r) / k, k - push);
         Self {
             jacobian: [
@@ -58,22 +59,24 @@ impl Spread {
         }
     }
 
-    /// The tangent map J of the lock, rows (phase', velocity'), columns (phase, velocity).
+    /// Tangent map J of the lock: rows (phase', velocity'), columns (phase, velocity).
     #[must_use]
     pub fn jacobian(&self) -> [[f64; 2]; 2] {
         self.jacobian
     }
 
-    /// tr J and det J = R^2: the phases follow `t'' = tr J t' - det J t + 2 pi r dR`.
+    /// Coefficients tr J and det J = R^2 of the autoregression
+    /// `t'' = tr J t' - det J t + 2 pi r dR`.
     #[must_use]
     pub fn recursion(&self) -> [f64; 2] {
         let [[a, b], [c, d]] = self.jacobian;
         [a + d, a * d - b * c]
     }
 
-    /// Standard deviation of the phase of impact in rad for restitution scattered by `scatter` (standard
-    /// deviation, absolute), `None` where the lock does not attract:
-    /// `2 pi r s sqrt((1 + D) / ((1 - D) ((1 + D)^2 - T^2)))` with T = tr J and D = R^2.
+    /// Standard deviation of the impact phase in rad, for restitution with standard deviation
+    /// `scatter`; `None` if the lock does not attract.
+    ///
+    /// With T = tr J and D = R^2 it is `2 pi r s sqrt((1 + D) / ((1 - D) ((1 + D)^2 - T^2)))`.
     #[must_use]
     pub fn phase_deviation(&self, scatter: f64) -> Option<f64> {
         let [trace, determinant] = self.recursion();
@@ -83,8 +86,8 @@ impl Spread {
             .then(|| TAU * self.turns * scatter * libm::sqrt(sum / (rest * margin)))
     }
 
-    /// Covariance S of phase and velocity, `S = J S J^T + Q` with `Q = diag(0, (s arrival)^2)`; `None`
-    /// where the lock does not attract.
+    /// Covariance S of phase and velocity, from `S = J S J^T + Q` with
+    /// `Q = diag(0, (s arrival)^2)`. `None` if the lock does not attract.
     #[must_use]
     pub fn covariance(&self, scatter: f64) -> Option<[[f64; 2]; 2]> {
         self.phase_deviation(scatter)?;
@@ -98,10 +101,11 @@ pub(super) fn carried(jacobian: [[f64; 2]; 2], covariance: [[f64; 2]; 2]) -> [[f
     product(product(jacobian, covariance), transposed(jacobian))
 }
 
-/// S of `S = J S J^T + Q` for a J that contracts.
+/// Solves the discrete Lyapunov equation `S = J S J^T + Q` for a contracting J by doubling (R. A.
+/// Smith, SIAM J. Appl. Math. 16 (1968) 198).
 pub(super) fn summed(jacobian: [[f64; 2]; 2], added: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
     let (mut sum, mut power) = (added, jacobian);
-    // Each round doubles the impacts summed: 2^40 of them, or until nothing is added.
+    // Each round doubles the number of summed terms; at most 2^40.
     for _ in 0..40 {
         let added = carried(power, sum);
         if added[0][0] <= 1e-17 * sum[0][0] && added[1][1] <= 1e-17 * sum[1][1] {
@@ -127,11 +131,12 @@ fn transposed([[a, b], [c, d]]: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
     [[a, c], [b, d]]
 }
 
-/// tr J and R^2 from the autocovariances of heard phases at lags 0, 1 and 2 (Yule and Walker's equations,
-/// `c_1 = T c_0 - D c_1` and `c_2 = T c_1 - D c_0`); `None` where they tell nothing.
+/// Estimates tr J and R^2 from the autocovariances of measured phases at lags 0, 1 and 2; `None` if
+/// they are degenerate.
 ///
-/// Of the covariance at lag 0 the variance of hearing is to be taken off; left in, it draws both towards 0. Of 400
-/// impacts at R = 0.2 they are right to 0.055 (standard deviation). For a board: 12 operations of f32.
+/// The method is the Yule-Walker equations, `c_1 = T c_0 - D c_1` and `c_2 = T c_1 - D c_0`. The
+/// measurement variance must be subtracted from lag 0, else both estimates are biased towards 0. At
+/// R = 0.2, 400 impacts give a standard deviation of 0.055. The cost is 12 operations in f32.
 ///
 /// ```
 /// use kband::regime::spread::heard_recursion;
@@ -155,7 +160,7 @@ mod tests {
     use super::*;
     use crate::impact::{Kernel, Map, PartState, Scatter, Tone, Wave, WaveMap};
 
-    /// Deviations of 40 000 impacts of a part that scatters, from its lock.
+    /// Deviations of 40 000 impacts of a part with scattered restitution from its lock.
     fn simulated<K: Kernel<State = PartState>>(
         build: impl Fn(f64) -> K,
         lock: PartState,
@@ -194,7 +199,7 @@ mod tests {
             let covariance = spread.covariance(0.01).unwrap();
             assert!((covariance[0][0] / (deviation * deviation) - 1.0).abs() < 1e-12);
         }
-        // Beyond its flip a lock spreads without bound.
+        // Beyond its flip a lock has no stationary covariance.
         let lock = Lock::at(0.38, 0.2, 1).unwrap().unwrap();
         assert_eq!(Spread::of(&lock).covariance(0.01), None);
     }
@@ -233,7 +238,7 @@ mod tests {
                 simulated(|r| Map::build(0.43, r).unwrap(), state, 0.2, 0.004, count);
             }
             let [[tt, tv], [_, vv]] = spread.covariance(0.004).unwrap();
-            // 40 000 correlated draws: 2 % of a variance; what is not linear as much again.
+            // 40 000 correlated draws give a variance within 2 %; nonlinearity adds the same.
             let scale = libm::sqrt(tt * vv);
             for (sum, expected, scale) in
                 [(sums[0], tt, tt), (sums[1], tv, scale), (sums[2], vv, vv)]
@@ -263,7 +268,7 @@ mod tests {
                 lagged.map(|(a, b)| a * b).sum::<f32>() / phases.len() as f32
             })
         };
-        // Four hundred impacts a time.
+        // Blocks of 400 impacts.
         let (mut squares, mut count) = ([0.0; 2], 0.0);
         for block in phases.chunks_exact(400) {
             let heard = heard_recursion(covariances(block)).unwrap();

@@ -1,4 +1,7 @@
-//! Locks and their bands on a track of several tones, in closed form (docs/theory-real-parts.md#t10.3).
+//! Locks and their bands on a track of several tones, in closed form
+//! (docs/theory-real-parts.md#t10.3).
+//!
+//! The edges of the bands are found by a scan over the impact phase and bisection.
 
 use core::f64::consts::{PI, TAU};
 
@@ -6,7 +9,7 @@ use super::lock::{Multipliers, accept_order, accept_restitution};
 use crate::feeder::{OutOfRange, Restitution};
 use crate::impact::{Kernel, PartState, Wave, WaveMap, WaveOrbit};
 
-/// The period-1 orbit of one order that strikes at one phase of the track.
+/// The period-1 orbit of one order with a given impact phase.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WaveLock {
     wave: Wave,
@@ -17,9 +20,11 @@ pub struct WaveLock {
 }
 
 impl WaveLock {
-    /// The orbit of `order` that strikes at `phase` (symbol t0) in rad: `k = S'(t0) (1+R)/(pi r (1-R))` and
-    /// `psi = 2 pi r k R/(1+R)`; `None` where the track does not move upwards there, so that none exists. Whether it
-    /// attracts is for [`WaveLock::attracts`], whether it is flown for [`WaveLock::is_first_return`].
+    /// Orbit of `order` with impact phase t0 in rad: `k = S'(t0) (1+R)/(pi r (1-R))`,
+    /// `psi = 2 pi r k R/(1+R)`.
+    ///
+    /// `None` if the track moves downwards at t0. [`WaveLock::attracts`] and
+    /// [`WaveLock::is_first_return`] decide whether a part can follow it.
     pub(crate) fn striking(
         wave: &Wave,
         phase: f64,
@@ -30,7 +35,7 @@ impl WaveLock {
         accept_restitution(restitution)?;
         let [_, speed, ..] = wave.motion(phase);
         let k = speed * (1.0 + restitution) / (PI * r * (1.0 - restitution));
-        // The range of the map.
+        // Range of k of the impact map.
         if !(1e-3..=1e3).contains(&k) {
             return Ok(None);
         }
@@ -46,8 +51,8 @@ impl WaveLock {
         }))
     }
 
-    /// The orbit of `order` at `k` that attracts and is flown; `None` where there is none. With several it is that of
-    /// the band with the highest end.
+    /// Orbit of `order` at `k` that attracts and that a part can follow; `None` without one. Of
+    /// several it is that of the highest band.
     pub fn attracting(
         wave: &Wave,
         k: f64,
@@ -63,8 +68,8 @@ impl WaveLock {
             })
     }
 
-    /// The orbit at `k` of a `band` that [`WaveBands::of`] has found for the same wave, restitution and order; `None` where
-    /// the band does not contain k.
+    /// Orbit at `k` within a `band` from [`WaveBands::of`] for the same wave, restitution and
+    /// order. `None` if the band does not contain k.
     pub fn within(
         band: &WaveBand,
         wave: &Wave,
@@ -75,7 +80,7 @@ impl WaveLock {
         if !band.contains(k) {
             return Ok(None);
         }
-        // Its k falls as the phase grows.
+        // Bisection: k falls with the phase.
         let (mut early, mut late) = band.phases();
         for _ in 0..60 {
             let middle = 0.5 * (early + late);
@@ -125,36 +130,36 @@ impl WaveLock {
         1.0 + r * r - push * (1.0 + r) * (1.0 + r) / self.k
     }
 
-    /// The multipliers of the orbit: how a perturbation grows or shrinks per impact.
+    /// Floquet multipliers: growth of a perturbation per impact.
     #[must_use]
     pub fn multipliers(&self) -> Multipliers {
         Multipliers::of(self.trace(), self.restitution * self.restitution)
     }
 
-    /// Whether small perturbations die: both multipliers inside the unit circle.
+    /// Whether the orbit is asymptotically stable: both multipliers are inside the unit circle.
     #[must_use]
     pub fn attracts(&self) -> bool {
         libm::fabs(self.trace()) < 1.0 + self.restitution * self.restitution
     }
 
-    /// Whether the part really flies r cycles: it does not touch the track earlier.
+    /// Whether the flight takes r cycles without an earlier contact with the track.
     #[must_use]
     pub fn is_first_return(&self) -> bool {
         let period = TAU * f64::from(self.order);
-        // Where it is born rounding of t0 moves the root by its square root.
+        // At the saddle-node the error of the root is the square root of the rounding of t0.
         WaveMap::on(self.wave, self.k, self.restitution)
             .is_ok_and(|map| map.impact(self.state).flight > period - 1e-3)
     }
 
-    /// Whether a part that starts from rest is on this orbit after so many impacts, to 1e-3 in phase (rad) and
-    /// velocity (`b w`).
+    /// Whether a part from rest reaches the orbit within this number of impacts, to 1e-3 in phase
+    /// (rad) and velocity (`b w`).
     #[must_use]
     pub fn is_reached_from_rest(&self, impacts: usize) -> bool {
         let Ok(map) = WaveMap::on(self.wave, self.k, self.restitution) else {
             return false;
         };
         let mut orbit = WaveOrbit::from_rest(&map);
-        // A rest and a lift-off for each impact at most.
+        // At most a rest and a lift-off for each impact.
         for _ in 0..3 * impacts {
             if orbit.next().is_none() {
                 return false;
@@ -167,34 +172,34 @@ impl WaveLock {
     }
 }
 
-/// The bifurcation that ends a band.
+/// Bifurcation at an edge of a band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bifurcation {
-    /// The orbit is born there, together with one that repels.
+    /// Saddle-node: the orbit is created together with an unstable one.
     SaddleNode,
-    /// It flips to twice its period.
+    /// Flip: the period doubles.
     Flip,
-    /// It touches the track before it returns.
+    /// Grazing: the flight touches the track before it returns.
     Grazing,
 }
 
-/// An end of a band.
+/// An edge of a band.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BandEdge {
-    /// k there.
+    /// k at the edge.
     pub k: f64,
-    /// Phase at which the orbit strikes there, in rad.
+    /// Impact phase of the orbit at the edge, in rad.
     pub phase: f64,
-    /// What ends the band.
+    /// Bifurcation at the edge.
     pub bifurcation: Bifurcation,
 }
 
-/// A band of k in which a period-1 orbit attracts and is flown.
+/// Band of k in which a period-1 orbit attracts and a part can follow it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WaveBand {
-    /// Its low end in k, the largest amplitude.
+    /// Low edge in k, at the largest amplitude.
     pub low: BandEdge,
-    /// Its high end in k.
+    /// High edge in k.
     pub high: BandEdge,
 }
 
@@ -205,19 +210,19 @@ impl WaveBand {
         self.low.k < k && k < self.high.k
     }
 
-    /// k with the largest margin: the amplitude in the middle between the amplitudes of the edges.
+    /// k with the largest margin: its amplitude is the mean of the amplitudes at the edges.
     #[must_use]
     pub fn setpoint(&self) -> f64 {
         2.0 / (1.0 / self.low.k + 1.0 / self.high.k)
     }
 
-    /// Phases of the strike at its high and at its low end, the second after the first.
+    /// Impact phases at the high and at the low edge in rad, in rising order.
     fn phases(&self) -> (f64, f64) {
         let (early, late) = (self.high.phase, self.low.phase);
         (early, if late < early { late + TAU } else { late })
     }
 
-    /// The part of it that another has, too.
+    /// Intersection with another band.
     fn shared(&self, other: &Self) -> Option<Self> {
         let low = if self.low.k < other.low.k {
             other.low
@@ -233,28 +238,28 @@ impl WaveBand {
     }
 }
 
-/// Most bands of one order that are told.
+/// Largest number of bands of one order.
 const MOST: usize = 6;
 
-/// The bands of one order, from the highest k down.
+/// Bands of one order in falling k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WaveBands {
     bands: [Option<WaveBand>; MOST],
 }
 
-/// Phases at which a band is looked for: narrower ones than 2 pi/2048 in the phase of the impact are passed over. Of a sine
-/// the band of order r is `2 (1+R^2)/(pi r (1-R^2))` wide there, 0.0064 rad or two of them for the highest order: with 512
-/// `the_narrowest_band_of_a_sine_is_found` fails.
+/// Number of phases of the scan; bands narrower than 2 pi/2048 in phase may be missed. On a sine
+/// the band of order r is `2 (1+R^2)/(pi r (1-R^2))` wide, at order 100 0.0064 rad or two steps.
 const PHASES: u32 = 2048;
 
-/// Restitutions of a lot that have to share a band, the ends of the interval among them. These decide wherever an edge moves
-/// one way with R; those between are for lots in which its bifurcation changes. With the ends alone every test passes.
+/// Number of equidistant restitutions of a lot that must share a band, with both ends. The ends
+/// suffice where an edge is monotonic in R; the others are for a change of its bifurcation.
 const PARTS: u32 = 9;
 
 impl WaveBands {
-    /// The bands of one restitution (0..1, 1 excluded) in lock `order`, 1..=100. Edges within 1e-12.
+    /// Bands of one restitution (0..1, 1 excluded) in lock `order`, 1..=100. Edges within 1e-12.
     ///
-    /// An orbit that strikes at t0 attracts where `0 < A/S' < 2 (1+R^2)/(pi r (1-R^2))`; its k falls as t0 grows.
+    /// An orbit with impact phase t0 attracts where `0 < A/S' < 2 (1+R^2)/(pi r (1-R^2))`; its k
+    /// falls as t0 grows.
     pub fn of(wave: &Wave, restitution: f64, order: u32) -> Result<Self, OutOfRange> {
         let r = accept_order(order)?;
         accept_restitution(restitution)?;
@@ -271,7 +276,7 @@ impl WaveBands {
         };
         let holds =
             |phase: f64| attracts(phase) && lock(phase).is_some_and(|lock| lock.is_first_return());
-        // The end between a phase inside and one outside of a band.
+        // Bisection for the edge between a phase inside and one outside a band.
         let end = |mut inside: f64, mut outside: f64| {
             for _ in 0..60 {
                 let middle = 0.5 * (inside + outside);
@@ -297,7 +302,7 @@ impl WaveBands {
         let step = TAU / f64::from(PHASES);
         let mut found = Self::default();
         let mut count = 0;
-        // From a phase at which the track moves down no band reaches over the turn.
+        // Start outside any band, so that none spans the ends of the scan.
         let start = (0..PHASES)
             .find(|&n| !holds(f64::from(n) * step))
             .unwrap_or(0);
@@ -321,7 +326,7 @@ impl WaveBands {
         Ok(found)
     }
 
-    /// The bands that all parts of a lot share: nine of its restitutions, both ends among them.
+    /// Bands shared by all parts of a lot, checked at nine restitutions with both ends.
     pub fn common(wave: &Wave, lot: Restitution, order: u32) -> Result<Self, OutOfRange> {
         let mut shared = Self::of(wave, lot.low(), order)?;
         if lot.low() == lot.high() {
@@ -343,12 +348,12 @@ impl WaveBands {
         Ok(shared)
     }
 
-    /// The bands, from the highest k down.
+    /// Bands in falling k.
     pub fn iter(&self) -> impl Iterator<Item = WaveBand> + '_ {
         self.bands.iter().flatten().copied()
     }
 
-    /// The widest band in k.
+    /// The band widest in k.
     #[must_use]
     pub fn widest(&self) -> Option<WaveBand> {
         let width = |band: &WaveBand| band.high.k - band.low.k;
@@ -406,7 +411,7 @@ mod tests {
 
     #[test]
     fn bands_of_two_tones_are_the_references() {
-        // docs/theory-real-parts.md#t10.3, three decimals.
+        // Three decimals from docs/theory-real-parts.md#t10.3.
         for (e, th, k2, k1) in [
             (0.05, 2.487, 0.339, 0.445),
             (0.10, 2.487, 0.274, 0.429),
@@ -448,7 +453,8 @@ mod tests {
                     let (flight, velocity) = at(0.0, 0.0);
                     assert!((flight - TAU * f64::from(order)).abs() < 1e-11);
                     assert!((velocity - lock.state().velocity).abs() < 1e-11);
-                    // Central differences: third derivatives below 1e3 times the square of the step.
+                    // Central differences; the error is below 1e3, the largest third derivative,
+                    // times the squared step.
                     const STEP: f64 = 1e-5;
                     let trace = (at(STEP, 0.0).0 - at(-STEP, 0.0).0 + at(0.0, STEP).1
                         - at(0.0, -STEP).1)

@@ -1,52 +1,53 @@
-//! Way and time of an orbit.
+//! Displacement and time of an orbit (equations 10 and 11).
 
 use crate::impact::{Along, Contact, Impact, Lain, Observer, PartState, Tangential};
 
-/// What an orbit conveyed.
+/// Displacement and time of an orbit along the track.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Conveyed {
-    /// Impacts seen; the endless impacts of a chatter beyond its closure are not counted.
+    /// Number of impacts; the unlimited impacts of a chatter after its closure are not counted.
     pub impacts: u64,
-    /// Rests seen.
+    /// Number of rests.
     pub rests: u64,
-    /// Way along the track in units of b.
+    /// Displacement along the track in units of b.
     pub distance: f64,
     /// Time in flight, chatter included, in rad of drive phase.
     pub flying: f64,
     /// Time at rest in rad of drive phase, sliding included.
     pub resting: f64,
-    /// Time in which it slid up the track in rad of drive phase.
+    /// Time of sliding up the track in rad of drive phase.
     pub forward: f64,
-    /// Time in which it slid down the track in rad of drive phase.
+    /// Time of sliding down the track in rad of drive phase.
     pub backward: f64,
     /// Sum of the mean velocities of the flights (symbol W, equation 11) in units of `b w`.
     velocities: f64,
 }
 
 impl Conveyed {
-    /// Time mean of the velocity along the track in units of `b w`: distance over time, rests included.
-    /// `None` before any time has passed.
+    /// Time mean of the velocity along the track in units of `b w`: displacement over time, rests
+    /// included. `None` before any time has passed.
     #[must_use]
     pub fn time_mean(&self) -> Option<f64> {
         let time = self.flying + self.resting;
         (time > 0.0).then(|| self.distance / time)
     }
 
-    /// Impact mean of the velocity in units of `b w`: the mean of W over flights, the paper's `<W>`.
-    /// `None` where the part comes to rest, as infinitely many hops then weigh the mean down to that of
-    /// the last ones.
+    /// Impact mean of the velocity in units of `b w`: the mean of W over flights, the paper's
+    /// `<W>`.
+    ///
+    /// `None` if the part came to rest, because infinitely many short hops then dominate the mean.
     #[must_use]
     pub fn impact_mean(&self) -> Option<f64> {
         (self.impacts > 0 && self.rests == 0).then(|| self.velocities / self.impacts as f64)
     }
 
-    /// Mean time between impacts (symbol D) in rad; `None` where the part comes to rest.
+    /// Mean time between impacts (symbol D) in rad; `None` if the part came to rest.
     #[must_use]
     pub fn mean_interval(&self) -> Option<f64> {
         (self.impacts > 0 && self.rests == 0).then(|| self.flying / self.impacts as f64)
     }
 
-    /// Both together.
+    /// Sum of both.
     #[must_use]
     pub(crate) fn and(&self, other: &Self) -> Self {
         Self {
@@ -61,7 +62,7 @@ impl Conveyed {
         }
     }
 
-    /// A flight of so many rad.
+    /// Adds a flight of a duration in rad.
     pub(super) fn fly(&mut self, distance: f64, flight: f64) {
         self.distance += distance;
         self.flying += flight;
@@ -69,14 +70,14 @@ impl Conveyed {
         self.impacts += 1;
     }
 
-    /// A chatter of so many rad, to rest. Sliding in it is hopping still.
+    /// Adds a chatter of a duration in rad, up to rest. Sliding within it counts as hopping.
     pub(super) fn settle(&mut self, lain: &Lain, chatter: f64) {
         self.distance += lain.distance;
         self.flying += chatter;
         self.rests += 1;
     }
 
-    /// So many rad on the track.
+    /// Adds a rest of a duration in rad.
     pub(super) fn lie(&mut self, lain: &Lain, time: f64) {
         self.distance += lain.distance;
         self.forward += lain.forward;
@@ -84,7 +85,7 @@ impl Conveyed {
         self.resting += time;
     }
 
-    /// One drive cycle of a part that lies on the track for ever.
+    /// One drive cycle of a part that never leaves the track.
     #[must_use]
     pub(super) fn lying(cycle: &Lain) -> Self {
         let mut conveyed = Self::default();
@@ -93,12 +94,12 @@ impl Conveyed {
     }
 }
 
-/// The observer that sums distance and time of an orbit.
+/// Observer that sums displacement and time of an orbit.
 ///
-/// The velocity along the track (symbol phi) goes with the orbit, by the law that carries parts along ([`Along`]). With
-/// the paper's it is 0 at rest, and the whole orbit begins anew at lift-off; so what comes
-/// after the first lift-off is also summed apart, and where a run ends at the second that is exactly
-/// one period. With friction it is one once the velocity at lift-off has settled.
+/// The velocity along the track (symbol phi) follows the law of the motion along it ([`Along`]).
+/// With tangential restitution it is 0 at rest, so each lift-off starts the same orbit. The sums
+/// after the first lift-off are kept apart: up to the second they are exactly one period. With
+/// friction that holds once the velocity at lift-off has converged.
 ///
 /// ```
 /// use kband::impact::{Contact, Kernel, Map, Orbit, Tangential, TangentialSettings};
@@ -127,17 +128,18 @@ pub struct Conveying<A = Tangential> {
     along: A,
     contact: Contact,
     velocity: f64,
-    /// Where the part came to rest.
+    /// Phase of the last rest.
     rested: f64,
-    /// Up to the first lift-off.
+    /// Sums up to the first lift-off.
     before: Conveyed,
     lifted: bool,
-    /// Since the first lift-off; everything where there was none.
+    /// Sums since the first lift-off; all sums if there was none.
     conveyed: Conveyed,
 }
 
 impl<A: Along> Conveying<A> {
-    /// An observer of parts with this motion along the track and this contact, at rest along it.
+    /// Observer with this motion along the track and this contact, initially without velocity along
+    /// the track.
     #[must_use]
     pub fn new(along: A, contact: Contact) -> Self {
         Self {
@@ -151,19 +153,19 @@ impl<A: Along> Conveying<A> {
         }
     }
 
-    /// What was conveyed so far.
+    /// Sums so far.
     #[must_use]
     pub fn conveyed(&self) -> Conveyed {
         self.before.and(&self.conveyed)
     }
 
-    /// What was conveyed since the first lift-off, or so far if there was none.
+    /// Sums since the first lift-off, or so far if there was none.
     #[must_use]
     pub(crate) fn since_lift_off(&self) -> Conveyed {
         self.conveyed
     }
 
-    /// Whether any motion along the track can be steady.
+    /// Whether a steady motion along the track exists.
     pub(super) fn is_held(&self) -> bool {
         self.along.is_held()
     }
@@ -174,7 +176,7 @@ impl<A: Along> Conveying<A> {
         self.velocity
     }
 
-    /// Forgets the sums, not the velocity: what came before was settling.
+    /// Clears the sums of the transient; the velocity remains.
     pub fn restart(&mut self) {
         *self = Self {
             velocity: self.velocity,
@@ -235,7 +237,8 @@ mod tests {
             assert_eq!(ended, Ended::Repeats);
             let period = once.since_lift_off();
             let cycles = (period.flying + period.resting) / core::f64::consts::TAU;
-            // Lift-off to lift-off: a whole number of drive cycles, summed over at most 100 events.
+            // From lift-off to lift-off the time is a whole number of drive cycles, summed over at
+            // most 100 events.
             assert!((cycles - libm::round(cycles)).abs() < 1e-13, "{cycles}");
             Orbit::from_rest(&map)
                 .with(Skips {
@@ -257,7 +260,7 @@ mod tests {
         }
     }
 
-    /// The distance of a chatter against the hops that the closure stands for.
+    /// Displacement of a chatter in closed form and as the sum of its hops.
     #[test]
     fn a_closed_chatter_carries_the_part_as_far_as_its_hops() {
         let map = Map::build(0.9, 0.6).unwrap();
@@ -275,7 +278,7 @@ mod tests {
             state = impact.next;
         }
         let (closed, hops) = (closed.conveyed(), hops.conveyed());
-        // Second order: the shaking (1.5) over the chatter squared (1e-11).
+        // Second order: the track's motion (1.5) over the chatter squared (1e-11).
         assert!((closed.distance - hops.distance).abs() < 2.0 * chatter * chatter);
         assert!(closed.distance > 1e3 * chatter * chatter);
         assert!((closed.flying / hops.flying - 1.0).abs() < 1e-9);

@@ -1,10 +1,11 @@
-//! The limit of dead parts, R and Rt to 0: a one-dimensional map (equation 38; docs/theory-transport.md#t8.9).
+//! Perfectly inelastic limit, R and Rt to 0: a one-dimensional map (equation 38;
+//! docs/theory-transport.md#t8.9).
 
 use crate::feeder::OutOfRange;
 use crate::impact::{Contact, Kernel, Map, PartState};
 
-/// Parts that neither bounce nor keep any velocity: each flight begins with psi = 0 and phi = 0 at a
-/// phase where the track throws, and the phase of launch is all that the next flight depends on.
+/// Map of parts without restitution. Each flight begins with psi = 0 and phi = 0, so the launch
+/// phase is the only state.
 ///
 /// ```
 /// use kband::transport::Inelastic;
@@ -22,21 +23,21 @@ pub struct Inelastic {
     contact: Contact,
 }
 
-/// One flight of a dead part.
+/// One flight of a part without restitution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeadFlight {
     /// Duration of the flight in rad.
     pub flight: f64,
-    /// Phase where it lands, in rad, 0..2 pi.
+    /// Landing phase in rad, 0..2 pi.
     pub landing: f64,
-    /// Time at rest before the next launch in rad, 0 where the track throws it at once.
+    /// Rest before the next launch in rad; 0 if the track throws at once.
     pub wait: f64,
     /// Phase of the next launch in rad, `arcsin k ..= pi - arcsin k`.
     pub next: f64,
 }
 
 impl Inelastic {
-    /// The map of dead parts at `k` (0.001..=1000).
+    /// Map at `k` (0.001..=1000); an error for a value out of range.
     pub fn build(k: f64) -> Result<Self, OutOfRange> {
         let map = Map::build(k, 0.0)?;
         Ok(Self {
@@ -45,13 +46,13 @@ impl Inelastic {
         })
     }
 
-    /// Phase where a resting part is thrown off in rad, `arcsin k`; `None` for k >= 1.
+    /// Lift-off phase of a part at rest in rad, `arcsin k`; `None` for k >= 1.
     #[must_use]
     pub fn lift_off(&self) -> Option<f64> {
         self.contact.lift_off()
     }
 
-    /// The flight launched at `phase`; `None` where the track does not throw the part there.
+    /// Flight launched at `phase`; `None` if the track does not throw the part there.
     #[must_use]
     pub fn flight(&self, phase: f64) -> Option<DeadFlight> {
         let lift_off = self.contact.lift_off()?;
@@ -85,8 +86,8 @@ mod tests {
 
     #[test]
     fn it_is_the_limit_of_the_full_map() {
-        // Above the phases where the track throws at once, one flight later a nearly dead part is where
-        // the dead one is, off by its own psi ~ R.
+        // Where the track throws at once, a part of small R deviates after one flight by its own
+        // psi, of order R.
         for k in [0.2, 0.5, 0.8] {
             let dead = Inelastic::build(k).unwrap();
             let nearly = Map::build(k, 1e-7).unwrap();
@@ -122,8 +123,8 @@ mod tests {
                 OrbitEvent::Impact(impact) => Some(impact.flight),
                 _ => None,
             });
-            // At lift-off itself the rounding of arcsin k decides whether the track throws; from the
-            // first landing on both follow the same phases.
+            // At lift-off the rounding of arcsin k decides whether the track throws. From the first
+            // landing on both have the same phases.
             let first = seen.next().unwrap();
             let nudged = dead.flight(phase + 1e-9).unwrap();
             assert!((first - nudged.flight).abs() < 1e-6);
@@ -139,7 +140,8 @@ mod tests {
                 phase = next.landing;
                 flights += 1;
             }
-            // Hardly thrown, a dead part rests after its first flight; thrown high, it may never rest.
+            // At low amplitude such a part rests after its first flight; at high amplitude it may
+            // never rest.
             let ended = Orbit::from_rest(&map).watch(10_000, &mut ());
             assert!(k < 0.5 || (flights, ended) == (0, Ended::Repeats));
         }
@@ -169,7 +171,7 @@ mod tests {
                 };
                 let distance = tangential.distance(launch, &impact, 0.0);
                 let expected = dead.velocity(flight.flight, 1.7, 0.08);
-                // It follows from u(d) = 0, which the flight solves to rounding.
+                // The identity follows from u(d) = 0, which the flight solves to rounding.
                 assert!(
                     (distance / flight.flight - expected).abs() < 1e-13,
                     "{k} {phase}"

@@ -1,12 +1,11 @@
-//! The times between impacts: their distribution and how far they are from independent (the renewal
-//! picture of equations 28 to 32).
+//! Times between impacts: their histogram and autocorrelation, a test of the renewal model
+//! (equations 28 to 32).
 
 use crate::impact::{Impact, Observer, PartState};
 
-/// Histogram and autocorrelation of the times between impacts (symbol z, in rad), an observer.
+/// Observer of the times between impacts (symbol z, in rad): histogram and autocorrelation.
 ///
-/// Rests are not intervals between impacts in the paper's sense; they are left out, and a lift-off
-/// breaks the sequence.
+/// As in the paper, rests are no intervals between impacts; a lift-off begins a new sequence.
 ///
 /// ```
 /// use core::f64::consts::TAU;
@@ -35,17 +34,17 @@ pub struct Intervals<const BINS: usize, const LAGS: usize> {
     longest: f64,
     sum: f64,
     squares: f64,
-    /// The last `LAGS` intervals less the centre, newest at `count - 1` modulo `LAGS`.
+    /// The last `LAGS` intervals minus the centre, newest at `count - 1` modulo `LAGS`.
     recent: [f64; LAGS],
-    /// How many of them belong to the present sequence.
+    /// Number of them in the present sequence.
     held: usize,
     products: [f64; LAGS],
     pairs: [u64; LAGS],
 }
 
 impl<const BINS: usize, const LAGS: usize> Intervals<BINS, LAGS> {
-    /// An observer with a histogram over `low..high` rad, equal bins. `centre` is a rough mean of the
-    /// intervals, subtracted so that their scatter keeps its digits; 0 does.
+    /// Observer with a histogram of equal bins over `low..high` rad. `centre` is a rough mean of
+    /// the intervals, subtracted against cancellation; 0 is allowed.
     #[must_use]
     pub fn new(low: f64, high: f64, centre: f64) -> Self {
         Self {
@@ -65,52 +64,52 @@ impl<const BINS: usize, const LAGS: usize> Intervals<BINS, LAGS> {
         }
     }
 
-    /// Intervals seen.
+    /// Number of intervals.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.count
     }
 
-    /// Their mean (symbol D) in rad.
+    /// Mean (symbol D) in rad.
     #[must_use]
     pub fn mean(&self) -> Option<f64> {
         (self.count > 0).then(|| self.centre + self.sum / self.count as f64)
     }
 
-    /// Their standard deviation in rad.
+    /// Standard deviation in rad.
     #[must_use]
     pub fn deviation(&self) -> Option<f64> {
         self.variance().map(libm::sqrt)
     }
 
-    /// The longest in rad.
+    /// Longest interval in rad.
     #[must_use]
     pub fn longest(&self) -> f64 {
         self.longest
     }
 
-    /// How many fell into each bin of `low..high`.
+    /// Number of intervals in each bin of `low..high`.
     #[must_use]
     pub fn bins(&self) -> &[u64; BINS] {
         &self.bins
     }
 
-    /// How many fell outside `low..high`.
+    /// Number of intervals outside `low..high`.
     #[must_use]
     pub fn outside(&self) -> u64 {
         self.outside
     }
 
-    /// Autocorrelation at `lag` 1..=LAGS impacts, -1..1; `None` beyond, or where all intervals are
-    /// alike (a locked part), so that there is nothing to correlate.
+    /// Autocorrelation at `lag` 1..=LAGS impacts, -1..1; `None` beyond, or for constant intervals
+    /// (a locked part).
     ///
-    /// A renewal process, whose intervals are independent, has 0 at every lag.
+    /// A renewal process has independent intervals, with autocorrelation 0 at each lag.
     #[must_use]
     pub fn autocorrelation(&self, lag: usize) -> Option<f64> {
         let n = lag.checked_sub(1)?;
         let (products, pairs) = (*self.products.get(n)?, *self.pairs.get(n)?);
         let (mean, variance) = (self.mean()?, self.variance()?);
-        // Below this the scatter is the rounding of phases.
+        // Below this bound the variance is the rounding of phases.
         if pairs == 0 || variance <= 1e-20 * mean * mean {
             return None;
         }
@@ -205,8 +204,8 @@ mod tests {
         assert_eq!((seen.autocorrelation(1), seen.bins()[2]), (None, 500));
     }
 
-    /// Flights in chaos are not a renewal process (docs/theory-transport.md#t8.7): the lag-1 correlation differs
-    /// from 0 by many standard errors, and its sign depends on the regime.
+    /// Chaotic flights are no renewal process (docs/theory-transport.md#t8.7): the lag-1
+    /// correlation differs from 0 by many standard errors. Its sign depends on the regime.
     #[test]
     fn chaotic_flights_are_correlated() {
         for (k, restitution, sign) in [(0.05, 0.9, 1.0), (0.34, 0.2, -1.0)] {

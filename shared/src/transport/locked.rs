@@ -1,4 +1,5 @@
-//! Closed forms of conveying in the locked regime (equations 20 to 23 and 37; docs/theory-transport.md#t8.3).
+//! Conveying speed of locked parts in closed form (equations 20 to 23 and 37;
+//! docs/theory-transport.md#t8.3).
 
 use core::f64::consts::PI;
 
@@ -9,17 +10,17 @@ use crate::regime::Lock;
 /// Velocity along the track of a locked part in units of `b w` (equation 20):
 /// `W = eta cos(t0 + gamma) - pi r k tan(alpha) (1 + Rt)/(1 - Rt)`.
 ///
-/// Every flight is alike, so this is time mean and impact mean at once.
+/// All flights are equal, so time mean and impact mean agree.
 #[must_use]
 pub fn velocity(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
     let shaken = settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead);
     shaken - fall(lock.order(), k, settings)
 }
 
-/// Velocity at gamma = 0 written without the phase (equation 21), in units of `b w`:
+/// Velocity at gamma = 0 without the phase (equation 21), in units of `b w`:
 /// `W = pi r k { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }`. Restitution 0..1.
 ///
-/// It is proportional to k, so `W b w` does not depend on the amplitude at all.
+/// It is proportional to k, so `W b w` does not depend on the amplitude.
 ///
 /// ```
 /// use kband::impact::TangentialSettings;
@@ -46,10 +47,11 @@ pub fn velocity_in_phase(
     PI * f64::from(order) * k * drive - fall(order, k, settings)
 }
 
-/// Mean of [`velocity_in_phase`] over a lot in which every restitution is as frequent, in units of `b w`:
-/// `W = pi r k { eta (2 ln((1+R2)/(1+R1))/(R2-R1) - 1) - tan(alpha) (1+Rt)/(1-Rt) }` for R1..R2.
+/// Mean of [`velocity_in_phase`] over a lot with uniformly distributed restitution R1..R2, in units
+/// of `b w`.
 ///
-/// In gear each part has the speed of its lock in the mean, whatever k is (docs/theory-real-parts.md#t10.1).
+/// It is `W = pi r k { eta (2 ln((1+R2)/(1+R1))/(R2-R1) - 1) - tan(alpha) (1+Rt)/(1-Rt) }`. In gear
+/// each part has the mean speed of its lock at any k (docs/theory-real-parts.md#t10.1).
 #[must_use]
 pub fn mean_velocity_in_phase(
     order: u32,
@@ -65,8 +67,8 @@ pub fn mean_velocity_in_phase(
     PI * f64::from(order) * k * settings.amplitude_ratio * share - fall(order, k, settings)
 }
 
-/// Tangent of the slope on which a locked part stands still (equation 23; at gamma = 0 equation 22):
-/// `eta cos(t0 + gamma) (1 - Rt) / (pi r k (1 + Rt))`.
+/// Tangent of the incline at which a locked part has speed 0 (equation 23; at gamma = 0 equation
+/// 22): `eta cos(t0 + gamma) (1 - Rt) / (pi r k (1 + Rt))`.
 #[must_use]
 pub fn critical_slope(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
     let rt = settings.restitution;
@@ -74,8 +76,8 @@ pub fn critical_slope(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64
         / (PI * f64::from(lock.order()) * k * (1.0 + rt))
 }
 
-/// Tangent of the critical slope at gamma = 0 (equation 22):
-/// `eta (1-R)(1-Rt) / ((1+R)(1+Rt))`, the same for every order and every k. Restitution 0..1.
+/// Tangent of the critical incline at gamma = 0 (equation 22): `eta (1-R)(1-Rt) / ((1+R)(1+Rt))`.
+/// It is the same for each order and k. Restitution 0..1.
 #[must_use]
 pub fn critical_slope_in_phase(restitution: f64, settings: &TangentialSettings) -> f64 {
     let rt = settings.restitution;
@@ -83,9 +85,9 @@ pub fn critical_slope_in_phase(restitution: f64, settings: &TangentialSettings) 
 }
 
 /// Largest impact mean at gamma = 0 in units of `b w` (equation 37):
-/// `eta (1 - tan(alpha)/tan(alpha_c))`, reached by a locked part at k1. Restitution 0..1, below 1.
+/// `eta (1 - tan(alpha)/tan(alpha_c))`. A locked part reaches it at k1. Restitution 0..1, below 1.
 ///
-/// It bounds the locked velocity and the impact mean, not the time mean, which can exceed it.
+/// It bounds locked velocity and impact mean; the time mean can exceed it.
 #[must_use]
 pub fn bound(restitution: f64, settings: &TangentialSettings) -> f64 {
     let rt = settings.restitution;
@@ -93,7 +95,7 @@ pub fn bound(restitution: f64, settings: &TangentialSettings) -> f64 {
     settings.amplitude_ratio - settings.incline_tangent * loss
 }
 
-/// What the incline takes: `pi r k tan(alpha) (1 + Rt)/(1 - Rt)`.
+/// Velocity lost to the incline: `pi r k tan(alpha) (1 + Rt)/(1 - Rt)`.
 fn fall(order: u32, k: f64, settings: &TangentialSettings) -> f64 {
     let rt = settings.restitution;
     PI * f64::from(order) * k * settings.incline_tangent * (1.0 + rt) / (1.0 - rt)
@@ -151,10 +153,11 @@ mod tests {
                 orbit.watch(50, &mut conveying);
                 let conveyed = conveying.conveyed();
                 let expected = velocity(&lock, k, &settings);
-                // 0.3^100 of the settling is left; phases on a stable orbit are known to 1e-14.
+                // The transient has decayed to 0.3^100; phases on a stable orbit have an error of
+                // 1e-14.
                 assert!((conveyed.time_mean().unwrap() - expected).abs() < 1e-12);
                 assert!((conveyed.impact_mean().unwrap() - expected).abs() < 1e-12);
-                // Just after an impact: -2 pi r k tan(alpha) Rt/(1 - Rt).
+                // Just after an impact the velocity is -2 pi r k tan(alpha) Rt/(1 - Rt).
                 let rt = settings.restitution;
                 let launch = -2.0 * PI * f64::from(order) * k * 0.05 * rt / (1.0 - rt);
                 assert!((conveying.velocity() - launch).abs() < 1e-12);

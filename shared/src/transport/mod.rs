@@ -1,9 +1,9 @@
-//! Conveying speed: how fast parts travel along the track, in every regime.
+//! Conveying speed of parts along the track, in each regime (docs/theory-transport.md#t8).
 //!
-//! The speed that a user sees is the TIME mean, distance over time, rests included. The paper's mean is per
-//! impact, which weighs a short hop like a long one; it is named impact mean here and is not a speed of
-//! anything. Velocities are relative to the track in units of `b w`, ways in units of b; a velocity
-//! times [`crate::feeder::Track::velocity_unit`] is in m/s.
+//! The observed speed is the TIME mean: displacement over time, rests included. The paper's mean is
+//! per impact, which weighs short and long hops equally; here it is the impact mean. Velocities are
+//! relative to the track in units of `b w`, displacements in units of b. A velocity times
+//! [`crate::feeder::Track::velocity_unit`] is in m/s.
 //!
 //! | module | holds |
 //! |---|---|

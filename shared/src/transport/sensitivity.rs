@@ -1,10 +1,10 @@
-//! How the conveying speed answers a change of amplitude (docs/theory-transport.md#t8.4).
+//! Sensitivity of the conveying speed to the amplitude (docs/theory-transport.md#t8.4).
 
 /// Relative change of the speed over relative change of the amplitude, `(dV/V)/(db/b)`.
 ///
-/// `V = W b w` and b goes like 1/k, so it is `1 - d ln W / d ln k`: 1 where W does not depend on k (the
-/// speed grows like b), 0 where W is proportional to k (locked in phase: the speed does not depend on b
-/// at all).
+/// With `V = W b w` and b proportional to 1/k it is `1 - d ln W / d ln k`. It is 1 where W does not
+/// depend on k. It is 0 where W is proportional to k, as in lock at gamma = 0: there the speed does
+/// not depend on b.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensitivity {
     /// The value.
@@ -14,8 +14,8 @@ pub struct Sensitivity {
 }
 
 impl Sensitivity {
-    /// From the velocities W (in `b w`, with standard errors) at two values of k, `low < high`. `None`
-    /// where the two do not have the same sign: a relative change then has no meaning.
+    /// Sensitivity from the velocities W (in `b w`, with standard errors) at two values of k,
+    /// `low < high`. `None` if they differ in sign.
     ///
     /// ```
     /// use kband::transport::Sensitivity;
@@ -80,14 +80,14 @@ mod tests {
     #[test]
     fn in_the_lock_the_speed_does_not_depend_on_the_amplitude() {
         let lock = sensitivity(0.42, 0.44, 0.2, (0.457, 0.45), 200);
-        // W is proportional to k to the rounding of phases.
+        // W is proportional to k within the rounding of phases.
         assert!(lock.value.abs() < 1e-9 && lock.error < 1e-9, "{lock:?}");
     }
 
     #[test]
     fn in_wide_chaos_the_speed_grows_like_the_amplitude() {
         let chaos = sensitivity(0.035, 0.07, 0.9, (0.4, 4.0), 6000);
-        // The long soak found 1.000 +- 0.002.
+        // Reference of a long run: 1.000 +- 0.002.
         assert!(
             chaos.error < 0.05 && (chaos.value - 1.0).abs() < 5.0 * chaos.error + 0.01,
             "{chaos:?}"

@@ -1,6 +1,7 @@
-//! Mean and standard error of independent values.
+//! Mean and standard error of independent values, by Welford's recurrence (Technometrics 4 (1962)
+//! 419).
 
-/// Mean and scatter of values that come one at a time (Welford's recurrence).
+/// Mean and variance of successive values.
 ///
 /// ```
 /// use kband::transport::Spread;
@@ -18,7 +19,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// The spread of these values.
+    /// Statistics of these values.
     #[must_use]
     pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let mut spread = Self::default();
@@ -28,7 +29,7 @@ impl Spread {
         spread
     }
 
-    /// Takes one more value.
+    /// Adds a value.
     pub fn add(&mut self, value: f64) {
         self.count += 1;
         let apart = value - self.mean;
@@ -42,13 +43,13 @@ impl Spread {
         self.count
     }
 
-    /// Their mean; `None` without a value.
+    /// Mean; `None` without a value.
     #[must_use]
     pub fn mean(&self) -> Option<f64> {
         (self.count > 0).then_some(self.mean)
     }
 
-    /// Standard error of the mean, if the values are independent; `None` with fewer than two.
+    /// Standard error of the mean for independent values; `None` with fewer than two.
     #[must_use]
     pub fn error(&self) -> Option<f64> {
         let count = self.count as f64;
@@ -68,7 +69,7 @@ mod tests {
         assert!((spread.error().unwrap() - libm::sqrt(32.0 / 56.0)).abs() < 1e-15);
         assert_eq!(Spread::default().mean(), None);
         assert_eq!(Spread::of([1.0]).error(), None);
-        // A large offset costs no digits of the scatter.
+        // A large offset does not reduce the precision of the variance.
         let far = Spread::of([1e9 + 1.0, 1e9 + 2.0, 1e9 + 3.0]);
         assert!((far.error().unwrap() - libm::sqrt(1.0 / 3.0)).abs() < 1e-9);
     }

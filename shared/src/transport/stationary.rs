@@ -1,14 +1,15 @@
-//! The exact impact mean of any hopping regime, locked or chaotic (equation 34, corrected; docs/theory-transport.md#t8.5).
+//! Exact impact mean of any hopping regime, locked or chaotic (equation 34, corrected;
+//! docs/theory-transport.md#t8.5).
 
 use crate::impact::{Impact, Observer, PartState, TangentialSettings};
 
-/// Impact mean of the velocity along the track in units of `b w`, at gamma = 0, for parts that hop
-/// without rest at a mean interval D (in rad):
-/// `<W> = (k D/2) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }`.
+/// Impact mean of the velocity along the track in units of `b w`, at gamma = 0 (equation 34).
 ///
-/// Exact in any stationary state: the means of psi, phi and cos t are the same before and after an
-/// impact, which is all that the derivation uses. `None` where gamma is not 0, as the mean then
-/// depends on more than D.
+/// It is `<W> = (k D/2) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }`. Parts hop without rest at
+/// a mean interval D in rad.
+///
+/// It is exact in any stationary state, because the means of psi, phi and cos t are equal before
+/// and after an impact. `None` if gamma is not 0, as the mean then depends on more than D.
 #[must_use]
 pub fn impact_mean(
     k: f64,
@@ -22,8 +23,8 @@ pub fn impact_mean(
     (settings.phase_lead == 0.0).then_some(0.5 * k * mean_interval * (drive - fall))
 }
 
-/// What the impact mean of any hopping regime depends on at any gamma: an observer of the mean interval (symbol D) and
-/// of two means over the phases of impact.
+/// Observer of the quantities that determine the impact mean at any gamma: the mean interval
+/// (symbol D) and two means over the impact phases.
 ///
 /// ```
 /// use kband::impact::{Contact, Kernel, Map, Orbit, Tangential, TangentialSettings};
@@ -54,14 +55,15 @@ pub struct PhaseMeans {
 }
 
 impl PhaseMeans {
-    /// Impact mean of the velocity along the track in units of `b w`, for parts that hop without rest:
+    /// Impact mean of the velocity along the track in units of `b w`, for parts that hop without
+    /// rest:
     ///
     /// ```text
     /// <W> = (k D/2) { eta cos(gamma) (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }
     ///       - eta sin(gamma) { <sin tau> + <(cos tau' - cos tau)/d> }
     /// ```
     ///
-    /// That is equation 29 with the stationary means of phi and psi. `None` before any impact.
+    /// It is equation 29 with the stationary means of phi and psi. `None` before any impact.
     #[must_use]
     pub fn impact_mean(
         &self,
@@ -126,8 +128,8 @@ mod tests {
         }
     }
 
-    /// The sums that the derivation takes for zero telescope: what is left is what the two ends of the
-    /// run differ by, whatever the orbit does between.
+    /// The terms that the derivation sets to zero are telescoping sums. Their remainder depends on
+    /// both ends of the run only.
     #[test]
     fn the_residual_is_that_of_the_ends() {
         for (k, restitution) in [
@@ -148,7 +150,7 @@ mod tests {
             let mut conveying = Conveying::new(tangential, Contact::new(&map));
             let mut orbit = Orbit::new(&map, Map::state(0.5, 0.45).unwrap());
             orbit.watch(50, &mut conveying);
-            // A run in which the part came to rest, as wide chaos does now and then, has no impact mean.
+            // A run with a rest, which wide chaos has now and then, has no impact mean.
             let mut residuals = 0;
             for _ in 0..10 {
                 conveying.restart();
@@ -159,8 +161,8 @@ mod tests {
                     continue;
                 };
                 let exact = impact_mean(k, restitution, &settings, interval).unwrap();
-                // psi stays below 2.5 R/(1-R), phi below (2 eta + k d tan alpha) Rt/(1-Rt) < 3: twice
-                // their sum over the number of impacts, with eta = 2.
+                // Bounds: psi below 2.5 R/(1-R), phi below (2 eta + k d tan alpha) Rt/(1-Rt) < 3.
+                // The remainder is twice their sum over the number of impacts, with eta = 2.
                 let ends = 4.0 * (5.0 + 2.5 * restitution / (1.0 - restitution)) / 1000.0;
                 let residual = conveyed.impact_mean().unwrap() - exact;
                 assert!(

@@ -1,55 +1,55 @@
-//! Measuring one orbit after it has settled.
+//! Measurement of the conveying speed of one orbit after its transient.
 
 use super::conveyed::{Conveyed, Conveying};
 use crate::feeder::OutOfRange;
 use crate::impact::{Along, Contact, Ended, Map, Observer, Orbit, PartState, Scatter};
 
-/// Rad between rests from which on a part counts as hopping: a rest is shorter than a drive period, so that less than a
-/// hundredth of its time is spent in them. At 2 pi `motion_is_told_apart` fails.
+/// Mean time between rests, in rad, from which a part counts as hopping. A rest is shorter than a
+/// drive period, so below 1 % of the time is spent at rest.
 const RARELY: f64 = 100.0 * core::f64::consts::TAU;
 
-/// How long an orbit is followed.
+/// Length of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Effort {
-    /// Impacts left out while it settles.
+    /// Impacts discarded as transient.
     pub settle: u64,
     /// Impacts measured.
     pub impacts: u64,
 }
 
-/// Where an orbit begins.
+/// Start of an orbit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Origin {
     /// The part lies on the track.
     Rest,
-    /// The part has just struck the track.
+    /// The part has just hit the track.
     Hop(PartState),
 }
 
-/// What a part does once it has settled, as far as conveying goes.
+/// Long-term motion of a part, as far as conveying is concerned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
-    /// It hops, for at least 100 drive cycles between rests. In wide chaos a part chatters to rest now
-    /// and then (at R = 0.9, k = 0.05 once in about 40 000 impacts), which ends nothing.
+    /// It hops, for at least 100 drive cycles between rests. In wide chaos rare rests occur (at R =
+    /// 0.9, k = 0.05 one in about 40 000 impacts) without effect.
     Hopping,
-    /// It hops, rests, and is thrown off again, every few drive cycles.
+    /// It hops, rests and is thrown off again, every few drive cycles.
     HopAndRest,
-    /// It lies on the track for ever, still or sliding.
+    /// It never leaves the track, with or without sliding.
     Rest,
 }
 
-/// One orbit, measured.
+/// Result of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// What the part does.
+    /// Motion of the part.
     pub motion: Motion,
-    /// What was conveyed: over exactly one period where the part came to rest twice, else over the
-    /// impacts asked for; nothing where it lies still for ever, or slides ever faster.
+    /// Sums over exactly one period if the part came to rest twice, else over the requested
+    /// impacts. Zero for a part that stays or accelerates for ever.
     pub conveyed: Conveyed,
 }
 
-/// Follows the orbit from `start` while it settles, then measures what it conveys; `also` watches the
-/// measured part too.
+/// Simulates the orbit from `start` through its transient and measures its conveying; `also`
+/// observes the measured part too.
 ///
 /// ```
 /// use kband::impact::{Kernel, Map, Tangential, TangentialSettings};
@@ -88,7 +88,8 @@ pub fn measure(
     measure_along(map, from(map, start), along, effort, also)
 }
 
-/// [`measure`] of a part whose restitution `scatter` draws at each impact, over the impacts asked for: it repeats nothing.
+/// [`measure`] with random restitution drawn by `scatter`, over the requested impacts, because
+/// nothing repeats.
 pub fn measure_scattered(
     map: &Map,
     along: impl Along,
@@ -126,7 +127,7 @@ fn measure_along(
     told(ended, conveyed, steady, along)
 }
 
-/// What a run tells that ended so; `steady` says whether its velocity along the track had settled.
+/// Result of a run; `steady` means that its velocity along the track has converged.
 pub(super) fn told(ended: Ended, conveyed: Conveyed, steady: bool, along: impl Along) -> Measured {
     if ended == Ended::RestsForEver {
         return Measured {
@@ -142,7 +143,7 @@ pub(super) fn told(ended: Ended, conveyed: Conveyed, steady: bool, along: impl A
     } else {
         Motion::Hopping
     };
-    // Ever faster: there is no speed to tell.
+    // A part that accelerates for ever has no speed.
     let steady = steady && along.is_held();
     Measured {
         motion,
@@ -154,15 +155,15 @@ pub(super) fn told(ended: Ended, conveyed: Conveyed, steady: bool, along: impl A
     }
 }
 
-/// Watches the measured part. Where parts remember at lift-off how they slid, their flights repeat before their velocity
-/// along the track does: it is watched again until that has settled; `false` where it never does.
+/// Observes the measured run; returns whether the velocity along the track has converged. With
+/// friction it converges later than the flights, so the run is repeated.
 fn settled<A: Along>(
     orbit: &mut Orbit<'_>,
     conveying: &mut Conveying<A>,
     effort: Effort,
     also: &mut impl Observer,
 ) -> (Ended, bool) {
-    /// Periods until a velocity has settled that nothing but friction damps.
+    /// Periods within which a velocity damped by friction alone converges.
     const PERIODS: usize = 500;
     let mut steady = true;
     if !A::FORGETS && conveying.is_held() {
@@ -220,7 +221,8 @@ mod tests {
         let per_impact = Spread::of(runs.iter().filter_map(|run| run.conveyed.impact_mean()));
         for (spread, printed, rounding) in [(per_impact, 0.0463, 5e-5), (per_time, 0.272, 5e-4)] {
             let (mean, error) = (spread.mean().unwrap(), spread.error().unwrap());
-            // docs/theory-transport.md#t8.2, rounded as printed there; 6 standard errors of 12 runs.
+            // Values as printed in docs/theory-transport.md#t8.2, within 6 standard errors of 12
+            // runs.
             assert!(
                 (mean - printed).abs() < rounding + 6.0 * error,
                 "{mean} +- {error}"
@@ -241,8 +243,8 @@ mod tests {
             settle: 200,
             impacts: 1000,
         };
-        // docs/theory-capture.md#t7.1: at k = 0.43 a part from rest chatters to rest every three cycles, one
-        // that starts on the lock stays there.
+        // At k = 0.43 a part from rest chatters to rest every three cycles; one that starts on the
+        // lock stays there (docs/theory-capture.md#t7.1).
         let lying = measure(&map, tangential, Origin::Rest, effort, &mut ());
         assert_eq!(lying.motion, Motion::HopAndRest);
         let locked = Origin::Hop(Map::state(0.457, 0.45).unwrap());

@@ -1,16 +1,17 @@
-//! Measuring one orbit on a track of several tones, on which parts rub.
+//! Measurement of the conveying speed on a track with several tones and friction.
 
 use super::conveyed::Conveyed;
 use super::survey::{Effort, Measured, Origin, told};
 use crate::impact::{AlongLaw, Ended, Friction, OrbitEvent, WaveMap, WaveOrbit};
 
-/// Most phases of a turn at which the track throws a part off: after as many lift-offs they follow each other in a circle.
+/// Largest number of lift-off phases in a turn; after as many lift-offs the phases repeat.
 const LIFT_OFFS: usize = 3;
 
-/// [`measure`](super::measure) on the track of `map`, for parts that rub on it: with `along` built for the same track and k.
+/// [`measure`](super::measure) on the track of `map` with friction; `along` must be built for the
+/// same track and k.
 ///
-/// A part may be thrown off at several phases of a cycle. One that comes to rest is measured from one of its lift-offs until the
-/// next at the same phase, once its velocity there has settled.
+/// A part may have several lift-off phases in a cycle. If it comes to rest, it is measured between
+/// two lift-offs at the same phase, once its velocity there has converged.
 ///
 /// ```
 /// use kband::impact::{Friction, FrictionSettings, Tone, Wave, WaveMap};
@@ -56,17 +57,18 @@ pub fn measure_on_tones(map: &WaveMap, along: Friction, start: Origin, effort: E
 struct Run {
     orbit: WaveOrbit,
     along: Friction,
-    /// Along the track, after the last event (symbol phi) in `b w`.
+    /// Velocity along the track after the last event (symbol phi) in `b w`.
     velocity: f64,
-    /// Where the part came to rest.
+    /// Phase of the last rest.
     rested: f64,
     conveyed: Conveyed,
 }
 
 impl Run {
-    /// Settles, then measures; whether the velocity along the track has settled too.
+    /// Runs the transient, then the measurement; returns whether the velocity along the track has
+    /// converged.
     fn settled(&mut self, effort: Effort) -> (Ended, bool) {
-        /// Periods until a velocity has settled that nothing but friction damps.
+        /// Periods within which a velocity damped by friction alone converges.
         const PERIODS: usize = 500;
         self.follow(effort.settle, |_| false);
         self.conveyed = Conveyed::default();
@@ -89,7 +91,7 @@ impl Run {
         (ended, false)
     }
 
-    /// Follows it for so many impacts, or until it is thrown off at such a phase.
+    /// Simulates this number of impacts, or until a lift-off at a selected phase.
     fn follow(&mut self, impacts: u64, until: impl Fn(f64) -> bool) -> Ended {
         let last = self.conveyed.impacts + impacts;
         while self.conveyed.impacts < last {
@@ -161,7 +163,7 @@ mod tests {
             assert_eq!(one.motion, same.motion, "{k}");
             motions[one.motion as usize] += 1;
             let (one, same) = (one.conveyed, same.conveyed);
-            // Where an orbit is long rounding tells which of its flights are counted.
+            // For long orbits rounding decides which flights are counted.
             let long = one.impacts > 50 * one.rests && one.impacts > 0;
             let within = if long { 2e-3 } else { 1e-9 };
             let told = |of: &Conveyed| {
@@ -177,8 +179,8 @@ mod tests {
         assert!(motions.iter().all(|count| *count > 4), "{motions:?}");
     }
 
-    /// A part that is thrown off twice a cycle is measured over whole cycles: neither more impacts nor where they begin
-    /// change a thing.
+    /// A part with two lift-offs a cycle is measured over whole cycles. More impacts or another
+    /// start give the same result.
     #[test]
     fn a_period_is_one_whatever_is_counted() {
         let mut twice = 0;
@@ -208,7 +210,8 @@ mod tests {
         assert!(twice > 3, "{twice}");
     }
 
-    /// While a part slides in one direction v' + c mu u' feels no contact force, through slides and impacts, on every wave.
+    /// While a part slides in one direction, v' + c mu u' is independent of the contact force,
+    /// through slides and impacts, on any wave.
     #[test]
     fn what_friction_and_impact_share_is_conserved_on_every_wave() {
         let mut runs = 0;
@@ -241,7 +244,7 @@ mod tests {
                 rested: 0.0,
                 conveyed: Conveyed::default(),
             };
-            // The track's own velocity at a phase, and its part of what is shared.
+            // Velocity of the track at a phase, and its part of the invariant.
             let carried = |phase: f64| {
                 let along = wave.motion(phase + rub.phase_lead)[1];
                 rub.amplitude_ratio * along + c * mu * wave.motion(phase)[1]
@@ -255,7 +258,7 @@ mod tests {
             };
             let begun = shared(&run);
             for _ in 0..30 {
-                // An event at a time: an impact, or a lift-off after a rest.
+                // One event at a time: an impact, or a lift-off after a rest.
                 let ended = run.follow(1, |_| true);
                 if ended == Ended::RestsForEver || run.velocity * c <= 0.0 {
                     break;
@@ -301,7 +304,7 @@ mod tests {
             assert_eq!(moves(hops * (1.0 - 1e-6)).flying, 0.0);
             assert!(moves(hops * (1.0 + 1e-3)).flying > 0.0);
         }
-        // On one tone it is the closed form.
+        // On one tone it agrees with the closed form.
         for upwards in [true, false] {
             let rub = settings(0.3);
             let closed = rub.slides_above(upwards).unwrap();

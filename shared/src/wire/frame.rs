@@ -1,4 +1,4 @@
-//! Frames: written into a buffer ready for the line, read from one that the receiver took off it.
+//! Encoding and decoding of frames (docs/link.md).
 
 use serde::{Deserialize, Serialize};
 
@@ -6,67 +6,67 @@ use super::message::{Request, Response};
 use super::receiver::{FRAME_MOST, Unreadable};
 use super::{SCHEMA, VERSION};
 
-/// Most bytes inside a frame: COBS adds one in 254.
+/// Largest number of bytes inside a frame; COBS adds one in 254.
 const INSIDE_MOST: usize = FRAME_MOST - 3;
 const HEAD: usize = 4;
 const CHECK: usize = 4;
-/// Version of the question and the answer who is there.
+/// Version of the identity request and its response.
 const IDENTIFY: u8 = 0;
 
-/// A message too long for a frame.
+/// Error: a message too long for a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unsendable;
 
-/// What a board reads.
+/// Frame received by a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Incoming<'a> {
-    /// The question who is there.
+    /// The identity request.
     Question {
-        /// To answer with.
+        /// Sequence of the response.
         sequence: u8,
     },
     /// A request.
     Request {
-        /// To answer with.
+        /// Sequence of the response.
         sequence: u8,
-        /// What is asked.
+        /// The request.
         request: Request<'a>,
     },
 }
 
-/// Who is there.
+/// Identity of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity<'a> {
-    /// The [`VERSION`] that the board speaks.
+    /// [`VERSION`] of the board.
     pub version: u8,
-    /// The [`SCHEMA`] that the board speaks.
+    /// [`SCHEMA`] of the board.
     pub schema: u32,
-    /// Name, version and build of its image.
+    /// Name, version and build of the image.
     pub image: &'a str,
 }
 
-/// What a desk reads.
-// It lives as long as one frame is read, by a desk, and nothing keeps many; there is no heap to box a response on.
+/// Frame received by a desk.
+// A value lives during the decoding of one frame only, and there is no heap for a box.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outgoing<'a> {
-    /// Who is there.
+    /// The response to the identity request.
     Identity {
-        /// That of the question.
+        /// Sequence of the request.
         sequence: u8,
-        /// The answer.
+        /// The identity.
         identity: Identity<'a>,
     },
     /// A response.
     Response {
-        /// That of the request; 0 unasked.
+        /// Sequence of the request; 0 for telemetry.
         sequence: u8,
-        /// What is said.
+        /// The response.
         response: Response<'a>,
     },
 }
 
-/// The frame of a request.
+/// Encodes a request.
 pub fn write_request<'b>(
     buffer: &'b mut [u8; FRAME_MOST],
     sequence: u8,
@@ -75,7 +75,7 @@ pub fn write_request<'b>(
     write_message(buffer, sequence, request)
 }
 
-/// The frame of a response.
+/// Encodes a response.
 pub fn write_response<'b>(
     buffer: &'b mut [u8; FRAME_MOST],
     sequence: u8,
@@ -84,7 +84,7 @@ pub fn write_response<'b>(
     write_message(buffer, sequence, response)
 }
 
-/// The frame of the question who is there; frozen.
+/// Encodes the identity request; its format never changes.
 pub fn write_question(buffer: &mut [u8; FRAME_MOST], sequence: u8) -> Result<&[u8], Unsendable> {
     let mut inside = [0; INSIDE_MOST];
     inside[0] = IDENTIFY;
@@ -92,7 +92,7 @@ pub fn write_question(buffer: &mut [u8; FRAME_MOST], sequence: u8) -> Result<&[u
     finish(buffer, &mut inside, 2)
 }
 
-/// The frame of the answer who is there; frozen.
+/// Encodes the response to the identity request; its format never changes.
 pub fn write_identity<'b>(
     buffer: &'b mut [u8; FRAME_MOST],
     sequence: u8,
@@ -112,7 +112,7 @@ pub fn write_identity<'b>(
     finish(buffer, &mut inside, length)
 }
 
-/// What is inside a frame that the receiver took off the line of a board.
+/// Decodes the content of a frame received by a board.
 pub fn read_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
     match open(inside)? {
         (IDENTIFY, [sequence]) => Ok(Incoming::Question {
@@ -126,7 +126,7 @@ pub fn read_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
     }
 }
 
-/// What is inside a frame that the receiver took off the line of a desk.
+/// Decodes the content of a frame received by a desk.
 pub fn read_answer(inside: &[u8]) -> Result<Outgoing<'_>, Unreadable> {
     match open(inside)? {
         (IDENTIFY, [sequence, version, a, b, c, d, image @ ..]) => Ok(Outgoing::Identity {
@@ -178,7 +178,7 @@ fn read_message<'a, M: Deserialize<'a>>(
     }
 }
 
-/// Adds the check to the first `length` bytes and encodes them.
+/// Appends the CRC to the first `length` bytes and encodes them by COBS.
 fn finish<'b>(
     buffer: &'b mut [u8; FRAME_MOST],
     inside: &mut [u8; INSIDE_MOST],
@@ -216,7 +216,7 @@ fn finish<'b>(
     buffer.get(..=end).ok_or(Unsendable)
 }
 
-/// A frame around arbitrary bytes, with a sound check.
+/// A frame with arbitrary content and a valid CRC.
 #[cfg(test)]
 pub(super) fn write_inside<'b>(buffer: &'b mut [u8; FRAME_MOST], plain: &[u8]) -> &'b [u8] {
     let mut inside = [0; INSIDE_MOST];
@@ -224,7 +224,7 @@ pub(super) fn write_inside<'b>(buffer: &'b mut [u8; FRAME_MOST], plain: &[u8]) -
     finish(buffer, &mut inside, plain.len()).unwrap()
 }
 
-/// The version of a sound frame and what follows it.
+/// Checks the CRC; returns the version and the bytes after it.
 fn open(inside: &[u8]) -> Result<(u8, &[u8]), Unreadable> {
     let (sound, check) = inside
         .split_last_chunk::<CHECK>()
@@ -236,7 +236,8 @@ fn open(inside: &[u8]) -> Result<(u8, &[u8]), Unreadable> {
     Ok((*version, rest))
 }
 
-/// CRC-32 of IEEE 802.3, four bits at a time: a table of 64 bytes for some twelve instructions a byte.
+/// CRC-32 (IEEE 802.3) by half-byte table lookup: 64 bytes of table, some twelve instructions a
+/// byte.
 #[must_use]
 pub fn crc32(bytes: &[u8]) -> u32 {
     const TABLE: [u32; 16] = {
@@ -267,7 +268,7 @@ mod tests {
 
     #[test]
     fn the_check_is_the_one_of_ieee_802_3() {
-        // The check value of the catalogue of CRC algorithms.
+        // Check value in the catalogue of CRC algorithms.
         assert_eq!(crc32(b"123456789"), 0xcbf4_3926);
     }
 }

@@ -1,22 +1,21 @@
-//! The link between board and desk: messages in checked frames.
+//! Link protocol between board and desk: messages in frames with a checksum (docs/link.md).
 //!
-//! A frame on the line is COBS (Cheshire & Baker 1997) with a zero at its end, so that a receiver finds
-//! the next frame after any garbage. Inside are, in this order:
-//!
-//! | bytes | what |
+//! A frame is encoded by COBS (Cheshire and Baker 1997) and ends with a zero, so a receiver
+//! resynchronizes after any garbage. It contains in this order:
 //! |---|---|
-//! | 1 | version: [`VERSION`], or 0 for the question and the answer who is there |
+//! | 1 | version: [`VERSION`], or 0 for the identity request and its response |
 //! | 2 | schema: the low half of [`SCHEMA`]; absent with version 0 |
-//! | 1 | sequence: the board answers with the one it was asked with; telemetry has 0 |
+//! | 1 | sequence: a response repeats that of its request; telemetry has 0 |
 //! | | the message: postcard of [`Request`] or [`Response`] |
-//! | 4 | CRC-32 (IEEE 802.3) of all before it |
+//! | 4 | CRC-32 (IEEE 802.3) of all bytes before it |
 //!
-//! The question who is there is a frame of version 0 without a message; its answer is [`Identity`] as
-//! version, schema (4 bytes) and the name of the image. These two never change, so that any desk can
-//! tell any board what it speaks. Everything else may change with [`VERSION`] and [`SCHEMA`], and is
-//! refused where they differ.
+//! The identity request is a frame of version 0 without a message. Its response is [`Identity`]:
+//! version, schema (4 bytes) and name of the image. These two never change, so any desk can
+//! identify any board. Everything else may change with [`VERSION`] and [`SCHEMA`], and is rejected
+//! where they differ.
 //!
-//! Whatever cannot be read is refused and counted ([`Counters`]); nothing is guessed, clipped or
+//! Unreadable frames are rejected and counted ([`Counters`]). Values are never guessed, clipped or
+//! applied in part.
 //! half done.
 
 mod frame;
@@ -38,10 +37,10 @@ pub use report::{
     Identification, Identified, Load, Margin, Report, Shape, Unidentified, UpperTone,
 };
 
-/// Version of everything but the question who is there.
+/// Protocol version of all frames except the identity request and its response.
 pub const VERSION: u8 = 1;
 
-/// Hash of the golden frames: it changes with every message.
+/// Hash of the golden frames; it changes with every message.
 pub const SCHEMA: u32 = 0x46b7_6982;
 
 #[cfg(test)]

@@ -1,25 +1,25 @@
-//! Frames taken off the line, byte by byte.
+//! Receiver of frames, byte by byte.
 
 use super::message::Counters;
 
-/// Longest frame on the line in bytes, the zero at its end included.
+/// Largest size of a frame on the line in bytes, with its final zero.
 pub const FRAME_MOST: usize = 320;
 
-/// Why a frame was not read.
+/// Reason for a rejected frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unreadable {
     /// Longer than any message.
     Oversized,
-    /// Shorter than any message, not COBS, or with a wrong check.
+    /// Shorter than any message, not COBS, or with a wrong CRC.
     Corrupt,
-    /// Of another version or schema.
+    /// Another version or schema.
     Foreign,
-    /// Sound, but no known message.
+    /// Valid, with an unknown message.
     Unknown,
 }
 
 impl Counters {
-    /// Counts a frame that was not read.
+    /// Counts a rejected frame.
     pub fn count(&mut self, why: Unreadable) {
         let counter = match why {
             Unreadable::Oversized => &mut self.oversized,
@@ -31,7 +31,7 @@ impl Counters {
     }
 }
 
-/// Collects bytes until a frame is whole; never more than [`FRAME_MOST`] of them.
+/// Collects the bytes of one frame, at most [`FRAME_MOST`].
 #[derive(Clone, Debug)]
 pub struct Receiver {
     buffer: [u8; FRAME_MOST],
@@ -46,7 +46,7 @@ impl Default for Receiver {
 }
 
 impl Receiver {
-    /// A receiver with nothing in it.
+    /// An empty receiver.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -56,8 +56,8 @@ impl Receiver {
         }
     }
 
-    /// Takes a byte off the line; what is inside the frame that it ends, or why that cannot be read.
-    /// Zeros between frames are nothing.
+    /// Adds a byte; at the end of a frame returns its content or the reason for its rejection.
+    /// Zeros between frames are ignored.
     pub fn take(&mut self, byte: u8) -> Option<Result<&[u8], Unreadable>> {
         if byte != 0 {
             match self.buffer.get_mut(self.length) {
@@ -82,7 +82,7 @@ impl Receiver {
     }
 }
 
-/// Decodes COBS in place; the length of what is inside.
+/// Decodes COBS in place; returns the length of the content.
 fn decode(frame: &mut [u8]) -> Option<usize> {
     let (mut from, mut to) = (0, 0);
     while let Some(&code) = frame.get(from) {

@@ -1,4 +1,4 @@
-//! The golden frames, and what is done with frames that are none.
+//! Golden frames, and rejection of invalid frames.
 
 use std::format;
 use std::string::{String, ToString};
@@ -223,9 +223,9 @@ fn responses() -> Vec<Response<'static>> {
     ]
 }
 
-/// A report of each regime: what it is called on the line is its place among them.
+/// A report of each regime; the index of a regime is its code on the line.
 fn regimes() -> impl Iterator<Item = Response<'static>> {
-    // The compiler asks for a new one here.
+    // The compiler requires an entry for each new variant.
     let after = |regime: &Regime| match regime {
         Regime::Rest => Some(Regime::HopAndRest { cycles: 2 }),
         Regime::HopAndRest { .. } => Some(Regime::Locked { order: 2 }),
@@ -253,7 +253,7 @@ fn regimes() -> impl Iterator<Item = Response<'static>> {
     })
 }
 
-/// Bytes of the golden frames without version, schema and check, which follow from them.
+/// Bytes of the golden frames without version, schema and CRC, which follow from them.
 fn golden() -> Vec<(String, String)> {
     let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect();
     let mut buffer = [0; 256];
@@ -310,7 +310,7 @@ fn the_frozen_frames_never_change() {
     );
 }
 
-// Computed apart from this code, with the CRC-32 of another library.
+// Computed by an independent program, with another library's CRC-32.
 const QUESTION: &[u8] = &[0x01, 0x06, 0x2a, 0x29, 0xdb, 0x62, 0x9a, 0x00];
 const ANSWER: &[u8] = &[
     0x01, 0x10, 0x2a, 0x01, 0x04, 0x03, 0x02, 0x01, 0x6b, 0x62, 0x61, 0x6e, 0x64, 0xca, 0xd5, 0xfd,
@@ -365,7 +365,7 @@ fn no_frame_of_telemetry_is_longer_than_the_line_plans_for() {
         load: Some(control::Load::default()),
         ..control::Report::default()
     };
-    // Numbers of variable length at their longest.
+    // Numbers of variable length at their largest size.
     let telemetry = Telemetry {
         cycle: u32::MAX,
         k: f32::MAX,
@@ -419,7 +419,7 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
     }
     let long = [&[1; FRAME_MOST + 1][..], &[0]].concat();
     assert_eq!(refusal(&long), Some(Unreadable::Oversized));
-    // Of another version, of another schema, with a trailing byte, with no such message.
+    // Another version, another schema, a trailing byte, an unknown message.
     let inside = receive(&frame).remove(0).unwrap();
     let plain = &inside[..inside.len() - 4];
     let foreign = |at: usize| {
@@ -442,7 +442,7 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
         let bytes = frame::write_inside(&mut buffer, &plain).to_vec();
         assert_eq!(refusal(&bytes), Some(why), "{plain:x?}");
     }
-    // After any garbage the next frame is read.
+    // The receiver resynchronizes after any garbage.
     let resynchronised = [&long[..], &[3, 1, 0][..], &frame[..]].concat();
     assert_eq!(refusal(&resynchronised), None);
 }

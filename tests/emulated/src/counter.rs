@@ -1,23 +1,23 @@
-//! Counting instructions by SysTick, under the emulator's clock that gives each one nanosecond.
+//! Instruction counter by SysTick. The emulator's clock takes 1 ns for each instruction.
 
 use cortex_m::Peripherals;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 
-/// Instructions in each round of [`spin`].
+/// Number of instructions in each round of [`spin`].
 const PER_ROUND: u64 = 4;
 
 /// A counter of instructions.
 pub struct Counter {
-    /// SysTick's ticks in 400 000 instructions: its rate differs from machine to machine.
+    /// SysTick ticks for 400 000 instructions; the rate depends on the machine.
     ticks: u64,
 }
 
 impl Counter {
-    /// The counter, calibrated against a loop of known length.
+    /// Starts the counter and calibrates it with a loop of known length.
     ///
     /// # Panics
-    /// Where it has been started before.
+    /// It was started before.
     #[must_use]
     pub fn start() -> Self {
         let mut system = Peripherals::take()
@@ -34,7 +34,7 @@ impl Counter {
         }
     }
 
-    /// Instructions that `work` takes, below about 80 million.
+    /// Number of instructions of `work`, up to about 80 million.
     pub fn count(&self, work: impl FnOnce()) -> u64 {
         ticks(work) * (100_000 * PER_ROUND) / self.ticks
     }

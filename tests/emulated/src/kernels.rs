@@ -1,4 +1,4 @@
-//! The kernels for microcontrollers: the work that all machines do alike.
+//! Workloads for the kernels that every machine runs alike.
 
 use kband::impact::{
     Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState, Tone, WaveKernel,
@@ -7,7 +7,7 @@ use kband::impact::{
 
 /// A kernel with its step in machine units.
 pub trait Machine: Kernel + Copy {
-    /// One flight and the impact that ends it.
+    /// Computes one flight and the impact that ends it.
     fn land(&self, state: Self::State) -> Landing<Self::State>;
     /// The bits of a state.
     fn bits(state: Self::State) -> [u32; 2];
@@ -68,13 +68,14 @@ pub const ORBITS: [[f64; 4]; 11] = [
     [0.05, 0.9, 2.0, 3.0],
 ];
 
-/// Impacts over which the cost of an orbit is told.
+/// Number of impacts over which the cost of an orbit is averaged.
 pub const IMPACTS: u32 = 500;
 
-/// Chatter: from lift-off to rest and again.
+/// A chattering orbit from lift-off to rest: k, restitution, phase and velocity.
 pub const CHATTER: [f64; 4] = [0.9, 0.5, 1.119_769_515, 0.0];
 
-/// The same of orbits in gear, and of two that are not, with amplitude and angle (rad) of the second tone of their tracks.
+/// Orbits in gear, and two that are not: k, restitution, phase, velocity, amplitude and angle (rad)
+/// of the second tone.
 pub const WAVES: [[f64; 6]; 9] = [
     [0.35, 0.2, 0.5, 0.45, 0.15, 2.356],
     [0.3, 0.2, 0.4, 0.35, 0.10, 2.487],
@@ -87,13 +88,13 @@ pub const WAVES: [[f64; 6]; 9] = [
     [0.05, 0.9, 2.0, 3.0, 0.15, 2.356],
 ];
 
-/// Chatter on two tones, two humps a turn.
+/// A chattering orbit on two tones, with two humps a turn.
 pub const WAVE_CHATTER: [f64; 6] = [0.9, 0.5, 1.119_769_515, 0.5, 0.3, 1.0];
 
-/// The kernel and the first state of an orbit on two tones.
+/// Kernel and first state of an orbit on two tones.
 ///
 /// # Panics
-/// Where the kernel refuses them.
+/// The kernel refuses them.
 pub fn begin_on_tones<K: Machine + WaveKernel>(
     [k, restitution, phase, velocity, amplitude, angle]: [f64; 6],
 ) -> (K, K::State) {
@@ -104,10 +105,10 @@ pub fn begin_on_tones<K: Machine + WaveKernel>(
     )
 }
 
-/// The kernel and the first state of an orbit.
+/// Kernel and first state of an orbit.
 ///
 /// # Panics
-/// Where the kernel refuses them.
+/// The kernel refuses them.
 pub fn begin<K: Machine>([k, restitution, phase, velocity]: [f64; 4]) -> (K, K::State) {
     (
         K::build(k, restitution).expect("parameters within range"),
@@ -115,7 +116,7 @@ pub fn begin<K: Machine>([k, restitution, phase, velocity]: [f64; 4]) -> (K, K::
     )
 }
 
-/// `count` impacts, from the start again after each rest.
+/// State after `count` impacts; after each rest the orbit restarts.
 #[inline(never)]
 pub fn fly<K: Machine>(kernel: &K, start: K::State, count: u32) -> K::State {
     let mut state = start;
@@ -130,7 +131,7 @@ pub fn fly<K: Machine>(kernel: &K, start: K::State, count: u32) -> K::State {
     state
 }
 
-/// A hash (FNV-1a) over the bits of every state of an orbit.
+/// Hash (FNV-1a) of the bits of every state of an orbit.
 #[inline(never)]
 fn hash<K: Machine>(kernel: &K, start: K::State, count: u32, mut hash: u32) -> u32 {
     let mut state = start;
@@ -150,8 +151,8 @@ fn hash<K: Machine>(kernel: &K, start: K::State, count: u32, mut hash: u32) -> u
     hash
 }
 
-/// The name of each kernel and the hash of its orbits: eleven that stay, one that chatters, 10 000
-/// impacts each.
+/// Name of each kernel and hash of its orbits: eleven that stay, one that chatters, 10 000 impacts
+/// each.
 pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
     [
         (Hybrid::NAME, hash_orbits::<Hybrid> as fn(u32) -> u32),
@@ -173,7 +174,7 @@ fn hash_orbits<K: Machine>(count: u32) -> u32 {
     })
 }
 
-/// Those on two tones, and each of them with a third.
+/// Hash of the orbits on two tones, each also with a third tone.
 fn hash_waves<K: Machine + WaveKernel>(count: u32) -> u32 {
     let orbits = WAVES.iter().chain([&WAVE_CHATTER]);
     orbits.fold(2_166_136_261, |sum, &orbit| {
@@ -194,7 +195,7 @@ fn hash_waves<K: Machine + WaveKernel>(count: u32) -> u32 {
     })
 }
 
-/// Numbers for states (splitmix64).
+/// Random number generator for states (splitmix64).
 pub struct Random(pub u64);
 
 impl Random {
@@ -211,18 +212,18 @@ impl Random {
 /// k of eight tracks.
 pub const TRACKS: [f64; 8] = [0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85];
 
-/// The map of a track for one that keeps 0.8 of its speed.
+/// Map of a track with restitution 0.8.
 ///
 /// # Panics
-/// Where the kernel refuses it.
+/// The kernel refuses it.
 pub fn track<K: Kernel>(k: f64) -> K {
     K::build(k, 0.8).expect("parameters within range")
 }
 
-/// The same on two tones.
+/// The same map on two tones.
 ///
 /// # Panics
-/// Where the kernel refuses it.
+/// The kernel refuses it.
 pub fn track_on_tones<K: WaveKernel>(k: f64) -> K {
     let second = Tone {
         amplitude: 0.15,
@@ -231,10 +232,10 @@ pub fn track_on_tones<K: WaveKernel>(k: f64) -> K {
     K::on_tones([second, Tone::default()], k, 0.8).expect("parameters within range")
 }
 
-/// 256 states on [`TRACKS`], velocities up to `top`.
+/// 256 states on [`TRACKS`], with velocities up to `top`.
 ///
 /// # Panics
-/// Where the kernel refuses them.
+/// The kernel refuses them.
 pub fn states<K: Machine>(top: f64) -> [(K::State, u8); 256] {
     let mut random = Random(1);
     core::array::from_fn(|i| {
@@ -245,7 +246,7 @@ pub fn states<K: Machine>(top: f64) -> [(K::State, u8); 256] {
     })
 }
 
-/// One impact from each state; their bits folded so that none is skipped.
+/// Runs one impact from each state. Folds their bits, so that the compiler can skip none.
 #[inline(never)]
 pub fn fall<K: Machine>(kernels: &[K; 8], states: &[(K::State, u8)]) -> u32 {
     let mut sum = 0_u32;

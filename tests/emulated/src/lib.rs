@@ -1,7 +1,8 @@
-//! What every image for the emulated CPU shares: its entry, its output, its verdict.
+//! Common part of the images for the emulated CPU: entry, output, verdict.
 //!
-//! An image is one function. It passes by returning and fails by a panic; a hard fault fails too. The
-//! verdict is the emulator's exit status. On the desk the same function runs as an ordinary program.
+//! An image is one function. It passes by returning and fails by a panic; a hard fault fails too.
+//! The verdict is the emulator's exit status. On the desk the same function runs as an ordinary
+//! program.
 //!
 //! ```ignore
 //! #![cfg_attr(target_os = "none", no_std, no_main)]

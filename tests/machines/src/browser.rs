@@ -1,4 +1,4 @@
-//! A real browser without a window, driven as the W3C's WebDriver has it: HTTP with JSON to Chromium's own driver.
+//! A headless browser, driven by the W3C WebDriver protocol: HTTP with JSON to Chromium's driver.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -8,12 +8,12 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value as Json, json};
 
-/// Longest wait for the driver, or for anything that a page is asked for.
+/// Longest wait for the driver, or for a request to a page.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Name under which an element is handed over (WebDriver, section 12).
+/// Key that identifies an element in the protocol (WebDriver, section 12).
 const ELEMENT: &str = "element-6066-11e4-a52e-4f735466cecf";
 
-/// Keys that are no characters (WebDriver, section 17.4.2).
+/// Keys without a character (WebDriver, section 17.4.2).
 pub mod keys {
     /// End.
     pub const END: char = '\u{E010}';
@@ -25,7 +25,7 @@ pub mod keys {
     pub const RIGHT: char = '\u{E014}';
 }
 
-/// The browser; it ends with this.
+/// The browser; dropping it ends the browser.
 pub struct Browser {
     driver: Child,
     port: u16,
@@ -33,10 +33,10 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// Starts it, with nothing open.
+    /// Starts it without a page.
     ///
     /// # Panics
-    /// Where it does not come up.
+    /// It does not start.
     #[must_use]
     pub fn start() -> Self {
         let mut driver = Command::new("chromedriver")
@@ -55,7 +55,7 @@ impl Browser {
                 .parse()
                 .ok()
         });
-        // What else it says must not fill the pipe.
+        // Reads further output, so that the pipe cannot fill up.
         std::thread::spawn(move || lines.count());
         let mut browser = Self {
             driver,
@@ -88,7 +88,7 @@ impl Browser {
         self.wait_for("Object.keys(document.documentElement.dataset).length > 0");
     }
 
-    /// Waits until this holds on the page.
+    /// Waits until this condition holds on the page.
     pub fn wait_for(&self, condition: &str) {
         let end = Instant::now() + PATIENCE;
         while self.script(&format!("return {condition}")) != true {
@@ -97,13 +97,13 @@ impl Browser {
         }
     }
 
-    /// What a script on the page returns.
+    /// Runs a script on the page and returns its result.
     #[must_use]
     pub fn script(&self, script: &str) -> Json {
         self.command("/execute/sync", &json!({"script": script, "args": []}))
     }
 
-    /// The words that an element shows.
+    /// The text that an element shows.
     #[must_use]
     pub fn text(&self, selector: &str) -> String {
         let text = self.get(&format!("/element/{}/text", self.element(selector)));
@@ -125,7 +125,7 @@ impl Browser {
         self.command(&format!("/element/{element}/click"), &json!({}));
     }
 
-    /// Moves the pointer to so many pixels right of and below an element's middle.
+    /// Moves the pointer to `x` pixels right of and `y` below an element's middle.
     pub fn point(&self, selector: &str, x: i32, y: i32) {
         let origin = json!({ ELEMENT: self.element(selector) });
         let moved = json!({"type": "pointerMove", "duration": 0, "x": x, "y": y, "origin": origin});
@@ -135,19 +135,19 @@ impl Browser {
         );
     }
 
-    /// Gives the window a size.
+    /// Sets the size of the window, pixels.
     pub fn resize(&self, width: u32, height: u32) {
         self.command("/window/rect", &json!({"width": width, "height": height}));
     }
 
-    /// The page on paper, as base64 of a PDF.
+    /// The printed page as base64 of a PDF.
     #[must_use]
     pub fn print(&self) -> String {
         let pdf = self.command("/print", &json!({}));
         pdf.as_str().expect("a PDF").into()
     }
 
-    /// What the browser complained about.
+    /// Warnings and errors of the browser's log.
     #[must_use]
     pub fn complaints(&self) -> Vec<String> {
         let log = self.command("/se/log", &json!({"type": "browser"}));
@@ -188,7 +188,7 @@ impl Browser {
         ))
     }
 
-    /// The value of an answer; an error of the driver ends the test with its words.
+    /// Value of an answer; an error of the driver panics with its message.
     fn ask(&self, request: &str) -> Json {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).expect("the driver listens");
         stream
@@ -228,7 +228,7 @@ impl Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        // Closed by its driver; where that is gone, so is the browser.
+        // Its driver closes it; without a driver the browser has ended too.
         if let Ok(mut stream) = TcpStream::connect(("127.0.0.1", self.port)) {
             let request = format!(
                 "DELETE {} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n",

@@ -1,21 +1,24 @@
-//! How many instructions of each class the calls of a function take, executed on the emulated core.
+//! Instruction counts by class of each call of a function, executed on the emulated core.
 
 use std::path::Path;
 
 use crate::chip::core::{Bus, COUNTER, Class, Code, Core, Fault, LINK};
 use crate::images;
 
+/// First address of the RAM.
 const MEMORY: u32 = 0x2000_0000;
+/// Size of the RAM, bytes.
 const MEMORY_SIZE: usize = 128 * 1024;
-/// From here on the core's own peripherals, of which an image without interrupts asks nothing.
+/// First address of the core's own peripherals. An image without interrupts does not need them:
+/// reads return 0, writes have no effect.
 const OWN: u32 = 0xe000_0000;
-/// What an image asks its host for in register 0, by a breakpoint, as it ends.
+/// Semihosting operation (register 0 at a breakpoint) by which an image ends.
 const EXIT: u32 = 0x18;
 
 /// Instructions of each class, in the order of [`Class::ALL`].
 pub type Counts = [u64; Class::ALL.len()];
 
-/// The image's flash, and RAM.
+/// Flash of the image, and RAM.
 struct Flat {
     start: u32,
     flash: Vec<u8>,
@@ -66,10 +69,10 @@ impl Bus for Flat {
     }
 }
 
-/// The counts of each call, one after the other, of the functions of this name until the image ends.
+/// Counts of each call of the functions with this name, in order, until the image ends.
 ///
 /// # Panics
-/// Where the image has no such function or does what it may not.
+/// The image has no such function, or makes an access that is not allowed.
 #[must_use]
 pub fn calls(image: &Path, function: &str) -> Vec<Counts> {
     let entries = images::places(image, function);
@@ -103,7 +106,7 @@ pub fn calls(image: &Path, function: &str) -> Vec<Counts> {
         match core.step(&mut code, &mut memory) {
             Ok(_) => {}
             Err(Fault::Breakpoint) if core.r[0] == EXIT => return counts,
-            // What it prints is nobody's here: all was written.
+            // Its output is not needed: report all of it as written.
             Err(Fault::Breakpoint) => {
                 core.r[0] = 0;
                 core.r[COUNTER] += 2;

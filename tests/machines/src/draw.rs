@@ -1,42 +1,42 @@
-//! Machines drawn at random over what the settings accept, and sensors that fail.
+//! Random machines over the range of the settings, and failing sensors.
 
 use kband::control::{Settings, Target};
 use kband::plant::{Change, Noise, Scene};
 
-/// Draws from ranges.
+/// Random numbers from ranges.
 #[derive(Clone, Debug)]
 pub struct Draw(Noise);
 
 impl Draw {
-    /// Draws of a seed.
+    /// Starts with a seed.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         Self(Noise::new(seed))
     }
 
-    /// From 0 to 1.
+    /// A number from 0 to 1.
     pub fn unit(&mut self) -> f32 {
         (self.0.bits() >> 8) as f32 / 16_777_216.0
     }
 
-    /// Evenly from `low` to `high`.
+    /// Uniform from `low` to `high`.
     pub fn between(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) * self.unit()
     }
 
-    /// Evenly over the logarithm.
+    /// Uniform in the logarithm from `low` to `high`.
     pub fn scale(&mut self, low: f32, high: f32) -> f32 {
         low * (high / low).powf(self.unit())
     }
 
-    /// A whole number below `limit`.
+    /// An integer below `limit`.
     pub fn below(&mut self, limit: u32) -> u32 {
         self.0.bits() % limit
     }
 }
 
-/// A machine at its resonance: 5 to 500 Hz, quality 5 to 200, gain 0.3 to 5 mm, limits within its reach, a sensor that
-/// fits.
+/// A machine at its resonance: 5 to 500 Hz, quality 5 to 200, gain 0.3 to 5 mm. Its limits are
+/// within its reach, and its sensor fits.
 ///
 /// # Panics
 /// Never: its settings are accepted.
@@ -58,45 +58,46 @@ pub fn machine(draw: &mut Draw) -> Scene {
     scene.drive.resonance = settings.frequency;
     scene.drive.quality = settings.quality;
     scene.drive.gain = settings.gain;
-    // Some steps of the converter.
+    // Two counts of the converter.
     scene.sensor.noise = 2.0 * 3.3 / 4096.0 / settings.sensitivity * 9.8;
     scene.seed = draw.0.bits().into();
     settings.check().expect("they fit each other");
     scene
 }
 
-/// The square of the angular frequency.
+/// Squared angular frequency, 1/s^2.
 #[must_use]
 pub fn square(settings: &Settings) -> f32 {
     (core::f32::consts::TAU * settings.frequency).powi(2)
 }
 
-/// The hard limits in m.
+/// Hard limits as an amplitude, m.
 #[must_use]
 pub fn ceiling(settings: &Settings) -> f32 {
     (settings.amplitude_limit * 1e-3).min(settings.acceleration_limit / square(settings))
 }
 
-/// Seconds in which such a machine is at its setpoint: the start, and eight time constants of its envelope.
+/// Time until the machine is at its setpoint, s: the start, eight time constants of its envelope
+/// and 60 cycles.
 #[must_use]
 pub fn settled(settings: &Settings) -> f64 {
     let envelope = settings.quality / (core::f32::consts::PI * settings.frequency);
     f64::from(settings.soft_start + 8.0 * envelope + 60.0 / settings.frequency)
 }
 
-/// A machine whose sensor fails.
+/// A machine with a failing sensor.
 #[derive(Clone, Debug)]
 pub struct Failure {
-    /// The machine, at its target.
+    /// The machine and its target.
     pub scene: Scene,
-    /// When it is at its setpoint, in s from its start.
+    /// Time from the start at which it is at its setpoint, s.
     pub ready: f64,
-    /// How its sensor fails, in s from its start: lost, weak, turned, a contact that bounces, fading, lost for a moment and
-    /// weak.
+    /// Times from the start in s and changes of the sensor. It is lost, weak, turned, bouncing,
+    /// fading, or lost for a moment and weak.
     pub changes: Vec<(f64, Change)>,
 }
 
-/// A [`machine`] whose sensor fails at any time from its start on.
+/// A [`machine`] whose sensor fails at a random time after its start.
 #[must_use]
 pub fn failure(draw: &mut Draw) -> Failure {
     let mut scene = machine(draw);
@@ -111,7 +112,7 @@ pub fn failure(draw: &mut Draw) -> Failure {
         0 => vec![(at, Change::SensorLost(true))],
         1 => vec![(at, Change::Sensitivity(low))],
         2 => vec![(at, Change::SensorInverted(true))],
-        // For half a cycle to some cycles at a time.
+        // Each change comes after 0.5 to 20 cycles.
         3 => {
             let period = f64::from(draw.scale(0.5, 20.0) / scene.settings.frequency);
             let share = |n| if n % 2 == 0 { low } else { 1.0 };

@@ -1,4 +1,4 @@
-//! One image on the emulated CPU, under a wall-clock limit.
+//! Runs an image on the emulated CPU with a wall-clock limit.
 
 use std::io::{Read, Seek};
 use std::os::unix::process::ExitStatusExt;
@@ -18,7 +18,7 @@ pub enum Machine {
 }
 
 impl Machine {
-    /// The Rust target that it runs.
+    /// Rust target of the machine.
     #[must_use]
     pub fn target(self) -> &'static str {
         match self {
@@ -35,27 +35,27 @@ impl Machine {
     }
 }
 
-/// What the emulated clock follows.
+/// Reference of the emulated clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Clock {
-    /// The desk's clock: fastest, not repeatable in time.
+    /// The desk's clock: fastest, with times that are not reproducible.
     Free,
-    /// Instructions executed, waiting skipped: every run gives the same output.
+    /// Executed instructions; waiting is skipped. Every run gives the same output.
     Steady,
-    /// One nanosecond for one instruction, so that SysTick counts instructions.
+    /// One nanosecond an instruction, so that SysTick counts instructions.
     Instructions,
 }
 
-/// How an image is run.
+/// Options of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// The machine.
     pub machine: Machine,
     /// Its clock.
     pub clock: Clock,
-    /// What the image is asked to do, by its semihosting command line.
+    /// Argument of the image on its semihosting command line.
     pub word: Option<&'static str>,
-    /// Whether what the serial port sends (USART2 of the Cortex-M4F) is kept.
+    /// Whether to keep the serial port's output (USART2 of the Cortex-M4F).
     pub serial: bool,
 }
 
@@ -70,14 +70,14 @@ impl Default for Options {
     }
 }
 
-/// What became of a run.
+/// Result of a run.
 #[derive(Clone, Debug)]
 pub struct Output {
-    /// Exit status of the image, 0 if it passed; `None` where the limit cut it.
+    /// Exit status of the image, 0 if it passed; `None` where the limit ended it.
     pub status: Option<i32>,
-    /// What it printed by semihosting.
+    /// Its semihosting output.
     pub text: String,
-    /// What its serial port sent.
+    /// Its serial port's output.
     pub serial: String,
 }
 
@@ -85,7 +85,7 @@ impl Output {
     /// The text of an image that passed.
     ///
     /// # Panics
-    /// Where the image failed or was cut.
+    /// The image failed or reached the limit.
     #[must_use]
     pub fn passed(self) -> String {
         match self.status {
@@ -98,7 +98,7 @@ impl Output {
 
 /// The command that runs an image for at most `limit`; standard input is empty unless `input`.
 ///
-/// It ends by itself at the limit even if the test that started it is gone.
+/// It ends at the limit even where the test that started it is gone.
 #[must_use]
 pub fn command(image: &Path, options: Options, limit: Duration, input: bool) -> Command {
     let mut command = Command::new(root().join("tests/emulator"));
@@ -128,10 +128,10 @@ pub fn command(image: &Path, options: Options, limit: Duration, input: bool) -> 
 /// Runs an image for at most `limit` of wall-clock time.
 ///
 /// # Panics
-/// Where there is no emulator: one line that names the command which brings it.
+/// There is no emulator; one line names the command that installs it.
 #[must_use]
 pub fn run(image: &Path, options: Options, limit: Duration) -> Output {
-    // Files, not pipes: nothing that outlives the emulator can keep this from ending.
+    // Files instead of pipes: a process that outlives the emulator cannot block the end.
     let mut text = scratch_file();
     let mut serial = scratch_file();
     let mut child = command(image, options, limit, false)
@@ -139,11 +139,11 @@ pub fn run(image: &Path, options: Options, limit: Duration) -> Output {
         .stderr(text.try_clone().expect("a file handle is copied"))
         .spawn()
         .expect("tests/emulator starts");
-    // The emulator's own limit comes first; this one is for a broken `timeout` command.
+    // The emulator's own limit comes first; this one covers a broken `timeout` command.
     let last = Instant::now() + limit + Duration::from_secs(15);
     let status = loop {
         if let Some(status) = child.try_wait().expect("the emulator can be waited for") {
-            // Ended by a signal, it crashed: reported as the shell does.
+            // Ended by a signal: reported as the shell does.
             break status.code().or(status.signal().map(|signal| 128 + signal));
         }
         if Instant::now() > last {
@@ -163,7 +163,7 @@ pub fn run(image: &Path, options: Options, limit: Duration) -> Output {
     let (text, serial) = (read(&mut text), read(&mut serial));
     match status {
         Some(127) => panic!("no QEMU (qemu-system-arm) here; run tests/setup.sh"),
-        // 124: the limit; 137: it had to be killed.
+        // 124: the limit; 137: killed after it.
         Some(124 | 137) | None => Output {
             status: None,
             text,
@@ -177,7 +177,7 @@ pub fn run(image: &Path, options: Options, limit: Duration) -> Output {
     }
 }
 
-/// A file without a name: gone with its last handle.
+/// A temporary file without a name; its last handle deletes it.
 fn scratch_file() -> std::fs::File {
     tempfile::tempfile().expect("a temporary file can be made")
 }

@@ -1,4 +1,4 @@
-//! What may go wrong with a machine, as it is played to an image on the emulated chip: the scenarios of `docs/safety.md`.
+//! Fault scenarios of `docs/safety.md` for an image on the emulated chip.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,54 +12,54 @@ use kband::control::Settings;
 use kband::plant::{Change, Scene};
 use kband::wire::{Request, Target};
 
-/// When the enable input is given, in s: the board has its settings, and what its first start without them was is
-/// acknowledged.
+/// Time at which the enable input comes on, s. The settings are saved, and the fault of the first
+/// start without them is acknowledged.
 pub const ENABLED: f64 = 1.1;
-/// When a board has its settings, in s.
+/// Time at which a board has its settings, s.
 const COMMISSIONED: f64 = 1.0;
-/// When something goes wrong, in s.
+/// Time of the first failure, s.
 const GOES_WRONG: f64 = 2.5;
 
-/// A scenario: a machine that works, then what goes wrong.
+/// A scenario: a working machine, then a failure.
 #[derive(Clone, Debug)]
 pub struct Hazard {
-    /// Its name.
+    /// Name of the scenario.
     pub name: &'static str,
-    /// The machine, with the settings that the board is told.
+    /// The machine and the configured settings.
     pub scene: Scene,
-    /// The target that the board is told.
+    /// The requested target.
     pub target: Target,
-    /// When the desk falls silent, in s.
+    /// Time after which the desk is silent, s.
     pub heard: f64,
-    /// What goes wrong, and when, in s.
+    /// Times in s and the failures.
     pub acts: Vec<(f64, Act)>,
-    /// When the first of it happens, in s.
+    /// Time of the first failure, s.
     pub from: f64,
-    /// The end, in s.
+    /// End of the scenario, s.
     pub until: f64,
 }
 
-/// What came of it.
+/// Result of a scenario.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Amplitude of the track in mm where all was well still.
+    /// Amplitude of the track before the failure, mm.
     pub before: f64,
-    /// Largest displacement of the track in mm from then on.
+    /// Largest displacement of the track after the failure, mm.
     pub largest: f64,
-    /// Amplitude at the end in mm.
+    /// Amplitude at the end, mm.
     pub after: f64,
-    /// When the bridge opened, in s after the first act.
+    /// Time from the first failure until the bridge opens, s.
     pub opens: Option<f64>,
-    /// When the lamp FAULT came on, in s after it.
+    /// Time from the first failure until the lamp FAULT is on, s.
     pub fault: Option<f64>,
-    /// When the lamp READY came on for the first time, in s.
+    /// Time at which the lamp READY is first on, s.
     pub ready: Option<f64>,
-    /// The board.
+    /// The board at the end.
     pub rig: Rig,
 }
 
 impl Hazard {
-    /// A machine of a frequency and its target, with no parts on the track and nothing that goes wrong.
+    /// A machine with this frequency in Hz and target, without parts and without a failure.
     #[must_use]
     pub fn of(name: &'static str, frequency: f32, target: Target) -> Self {
         let mut scene = Scene::default();
@@ -83,7 +83,7 @@ impl Hazard {
         self
     }
 
-    /// With these acts, from the first of them on.
+    /// Sets the failures; the first one gives the start.
     #[must_use]
     pub fn acts(mut self, acts: impl IntoIterator<Item = (f64, Act)>) -> Self {
         self.acts = acts.into_iter().collect();
@@ -96,14 +96,14 @@ impl Hazard {
         self
     }
 
-    /// With this end in s.
+    /// Sets the end, s.
     #[must_use]
     pub fn until(mut self, seconds: f64) -> Self {
         self.until = seconds;
         self
     }
 
-    /// The hard limits of the machine, as an amplitude in mm.
+    /// Hard limit of the amplitude, mm.
     #[must_use]
     pub fn limit(&self) -> f64 {
         let Settings {
@@ -116,22 +116,22 @@ impl Hazard {
         f64::from(amplitude_limit.min(1e3 * acceleration_limit / square))
     }
 
-    /// The board with an image, told of the machine, its settings saved; `schema`, where the image speaks another than
-    /// this desk.
+    /// A board with an image, its machine's settings set and saved. `schema`: schema of the image
+    /// where it differs from this desk's.
     #[must_use]
     pub fn commission(&self, image: &Path, schema: Option<u16>) -> Rig {
         let mut rig = Rig::with(holding(image), &self.scene);
         rig.schema = schema;
         rig.tolerant = schema.is_some();
         if schema.is_some() {
-            // To an older image all of the supply is full output.
+            // An older image uses the whole supply as full output.
             rig.chip.board.world.full = 1.0;
         }
         rig.chip.power_on();
         rig.run(0.3);
         let told = self.scene.settings.values();
         let defaults = Settings::default().values();
-        // Twice: a value may be refused until its partners are there.
+        // Two passes: a value may be refused until related values are set.
         for _ in 0..2 {
             for ((key, value), default) in Settings::KEYS.iter().zip(told).zip(defaults) {
                 if value != default {
@@ -148,8 +148,7 @@ impl Hazard {
         rig
     }
 
-    /// The board with this desk's image where something is about to go wrong: what scenarios have in common is
-    /// played once.
+    /// A board with this desk's image at the first failure. The common part of scenarios runs once.
     #[must_use]
     pub fn before(&self, image: &Path) -> Rig {
         let Self { scene, target, .. } = self;
@@ -164,7 +163,7 @@ impl Hazard {
         )
     }
 
-    /// The board with this desk's image, commissioned; once for each machine and target.
+    /// A commissioned board with this desk's image; made once for each machine and target.
     #[must_use]
     pub fn commissioned(&self, image: &Path) -> Rig {
         let Self { scene, target, .. } = self;
@@ -173,7 +172,7 @@ impl Hazard {
         })
     }
 
-    /// The desk is heard from a time to a time, each 0.3 s from its last word on.
+    /// Sends a frame of the desk every 0.3 s between two times, as long as the desk is not silent.
     fn speaks(&self, rig: &mut Rig, from: f64, to: f64) {
         let times = (0..).map(|n| COMMISSIONED + 0.3 * f64::from(n));
         for time in times.skip_while(|time| *time < from) {
@@ -185,13 +184,13 @@ impl Hazard {
         }
     }
 
-    /// All that is before something goes wrong.
+    /// Runs the board up to the first failure.
     fn goes_well(&self, rig: &mut Rig) {
         self.speaks(rig, COMMISSIONED, self.from);
         rig.at(ENABLED, Act::Enable(true)).run(self.from);
     }
 
-    /// Plays it to a board that was commissioned, or has come to where something goes wrong.
+    /// Runs the scenario from a commissioned board, or from one at the first failure.
     #[must_use]
     pub fn play(&self, mut rig: Rig) -> Outcome {
         if rig.time() < self.from {
@@ -217,7 +216,7 @@ impl Hazard {
     }
 }
 
-/// The board of this name, made by whoever asks for it first.
+/// A cached board by its name; the first caller makes it.
 fn once(name: String, make: impl FnOnce() -> Rig) -> Rig {
     static MADE: Mutex<BTreeMap<String, Arc<OnceLock<Rig>>>> = Mutex::new(BTreeMap::new());
     let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -226,12 +225,12 @@ fn once(name: String, make: impl FnOnce() -> Rig) -> Rig {
     place.get_or_init(make).clone()
 }
 
-/// Steps of a converter of 12 bits in m/s^2, by the settings.
+/// Converter counts as an acceleration, m/s^2, by the settings.
 fn steps(count: f32, settings: &Settings) -> f32 {
     count * settings.converter_reference / 4096.0 / settings.sensitivity * 9.806_65
 }
 
-/// A strong drive with a narrow limit, as the one that was followed to 1.21 mm.
+/// A strong drive with a narrow limit.
 fn strong(name: &'static str) -> Hazard {
     Hazard::of(name, 50.0, Target::Amplitude(0.242)).with(|scene| {
         scene.settings.gain = 5.0;
@@ -240,7 +239,7 @@ fn strong(name: &'static str) -> Hazard {
     })
 }
 
-/// A machine of 500 Hz, k 0.41: steps of the converter are large against it.
+/// A machine of 500 Hz, k 0.41, for which a converter count is a large acceleration.
 fn fast(name: &'static str) -> Hazard {
     Hazard::of(name, 500.0, Target::K(0.41)).with(|scene| {
         scene.settings.safe_amplitude = 0.005;
@@ -248,13 +247,13 @@ fn fast(name: &'static str) -> Hazard {
     })
 }
 
-/// Something happens to track or sensor at a time in s.
+/// A change of track or sensor at a time in s.
 #[must_use]
 pub fn plant(time: f64, change: Change) -> (f64, Act) {
     (time, Act::Plant(change))
 }
 
-/// Sensor, its cable and its supply.
+/// Failures of the sensor, its cable and its supply.
 #[must_use]
 pub fn of_the_sensor() -> Vec<Hazard> {
     let bounces = (0..20).flat_map(|n| {
@@ -286,8 +285,8 @@ pub fn of_the_sensor() -> Vec<Hazard> {
     ]
 }
 
-/// A machine that works at half of its hard limit, whose sensor sees so much of 1 g at rest; commissioned (`kband settings
-/// commission --sensor`), or not.
+/// A machine at half its hard limit whose sensor measures the share `seen` of 1 g at rest.
+/// Commissioned with `kband settings commission --sensor`, or not.
 #[must_use]
 pub fn of_sensitivity(name: &'static str, commissioned: bool, seen: f32) -> Hazard {
     Hazard::of(name, 50.0, Target::Amplitude(0.5)).with(|scene| {
@@ -299,10 +298,11 @@ pub fn of_sensitivity(name: &'static str, commissioned: bool, seen: f32) -> Haza
     })
 }
 
-/// A time in s at rest, just before the enable input is given.
+/// Time at rest, just before the enable input comes on, s.
 pub const AT_REST: f64 = 1.05;
 
-/// What a healthy sensor does over temperature: sensitivity and voltage, before the start and once more while the drive runs.
+/// Temperature drift of a healthy sensor: sensitivity and voltage, before the start and once more
+/// in the run.
 #[must_use]
 pub fn drifts(sensitivity: f32, volts: f32) -> Hazard {
     let drift = |time: f64, share: f32| {
@@ -318,7 +318,7 @@ pub fn drifts(sensitivity: f32, volts: f32) -> Hazard {
         .until(5.0)
 }
 
-/// A machine drawn at random whose sensor fails; `None` where it takes longer than `seconds`.
+/// A random machine with a failing sensor; `None` where it takes longer than `seconds`.
 #[must_use]
 pub fn of_any_sensor(draw: &mut Draw, seconds: f64) -> Option<Hazard> {
     let failure = failure(draw);
@@ -336,7 +336,7 @@ pub fn of_any_sensor(draw: &mut Draw, seconds: f64) -> Option<Hazard> {
     Some(hazard)
 }
 
-/// Link, setpoint and sweep: what may not raise the amplitude.
+/// Failures of link, setpoint and sweep that must not raise the amplitude.
 #[must_use]
 pub fn of_the_setpoint() -> Vec<Hazard> {
     let silent = |mut hazard: Hazard| {
@@ -353,7 +353,7 @@ pub fn of_the_setpoint() -> Vec<Hazard> {
         )),
         silent(Hazard::of("link lost, 120 Hz", 120.0, Target::K(0.41))),
         silent(
-            // As large as is accepted here.
+            // The largest amplitude accepted here.
             Hazard::of("link lost, 300 Hz", 300.0, Target::K(0.41))
                 .with(|scene| scene.settings.safe_amplitude = 0.033),
         ),
@@ -368,8 +368,8 @@ pub fn of_the_setpoint() -> Vec<Hazard> {
     ]
 }
 
-/// Healthy machines that are to start with any `tracking` that is accepted. A search of 7 and 8 Hz at 50 Hz takes 20 s, of
-/// which the first are played; the same share of 200 Hz is searched to its end.
+/// Healthy machines that must start with any accepted `tracking`. A search of 7 or 8 Hz at 50 Hz
+/// takes 20 s; only its start is run. The same share of 200 Hz is searched to its end.
 #[must_use]
 pub fn bands() -> Vec<Hazard> {
     let band = |name, half_width: f32| {
@@ -395,13 +395,13 @@ pub fn bands() -> Vec<Hazard> {
     ]
 }
 
-/// The enable input withdrawn from a time to a time.
+/// Withdraws the enable input between two times, s.
 fn withdrawn(from: f64, to: f64) -> [(f64, Act); 2] {
     [(from, Act::Enable(false)), (to, Act::Enable(true))]
 }
 
-/// A sensor that is lost three times: after the first a contact of the enable input bounces at 3 s, then it is withdrawn for
-/// 0.6 s at 3.5 and 5.4 s and for more than a second at 7.3 s.
+/// A sensor that is lost three times. After the first loss the enable input bounces at 3 s. It is
+/// then withdrawn for 0.6 s at 3.5 and 5.4 s, and for more than a second at 7.3 s.
 #[must_use]
 pub fn bounce() -> Hazard {
     let lost = |from: f64| {
@@ -424,7 +424,7 @@ pub fn bounce() -> Hazard {
         .until(9.5)
 }
 
-/// An over-current that passes after 0.1 s, and is acknowledged from 3.0 to 3.6 s.
+/// An over-current that lasts for 0.1 s and is acknowledged from 3.0 to 3.6 s.
 #[must_use]
 pub fn over_current() -> Hazard {
     let passes = [
@@ -436,7 +436,8 @@ pub fn over_current() -> Hazard {
         .until(4.2)
 }
 
-/// Target gear: of parts that scatter, and from 4 s on scatter so much that they hop about; and without a part.
+/// Target gear: with parts whose scatter is so large from 4 s on that they hop irregularly, and
+/// without parts.
 #[must_use]
 pub fn of_gear() -> [Hazard; 2] {
     const LOST: f64 = 4.0;
@@ -453,14 +454,15 @@ pub fn of_gear() -> [Hazard; 2] {
     ]
 }
 
-/// A program that goes astray at [`GOES_WRONG`], by the addresses of a function that panics and of its stack's far end.
+/// Program errors at [`GOES_WRONG`]. `panics` is the address of a function that panics, `stack`
+/// that of the stack's far end.
 #[must_use]
 pub fn of_the_program(panics: u32, stack: u32) -> Vec<Hazard> {
-    // The converter's interrupt in the enable register of the NVIC, the converter itself, the timer.
+    // The converter's interrupt in the clear-enable register of the NVIC, the converter, the timer.
     const MASKED: Act = Act::Store(0xe000_e180, 1 << 18);
     const CONVERTER_OFF: Act = Act::Store(0x4001_2008, 0);
     const TIMER_OFF: Act = Act::Store(0x4001_0000, 0);
-    // Its repetition counter, and its period: an update each 25 us, and each 33.
+    // Repetition counter and period of the timer: an update every 25 us, and every 33 us.
     const TWICE: Act = Act::Store(0x4001_0030, 0);
     const HALF_AS_OFTEN_AGAIN: Act = Act::Store(0x4001_002c, 2_800);
     const ERASED: u32 = 0x080f_0000;
@@ -475,7 +477,7 @@ pub fn of_the_program(panics: u32, stack: u32) -> Vec<Hazard> {
         ("samples come twice as often", TWICE),
         ("samples come half as often again", HALF_AS_OFTEN_AGAIN),
     ];
-    // That of a timer which nobody uses (TIM2, 28): enabled, and pending.
+    // Enable and pend the interrupt of an unused timer (TIM2, 28).
     let stray = [
         Act::Store(0xe000_e100, 1 << 28),
         Act::Store(0xe000_e200, 1 << 28),

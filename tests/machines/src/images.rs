@@ -1,6 +1,6 @@
-//! The images: built on demand for a target, in a target folder of their own.
+//! Builds the images on demand for a target, in a target folder of their own.
 //!
-//! A folder of their own, because the cargo that runs the tests may hold the lock of its folder.
+//! The cargo that runs the tests may hold the lock of its own folder.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -15,25 +15,24 @@ use object::{Object, ObjectSymbol};
 use crate::emulator::Machine;
 use crate::root;
 
-// The name that tests/setup.sh gives Debian's toolchain where rustup cannot bring the targets.
+// Name that tests/setup.sh gives Debian's toolchain where rustup cannot install the targets.
 const LINKED: &str = "kband-thumb";
 
-/// Package, binary, machine, and the features in place of the default ones.
+/// Package, binary, machine, and the features that replace the default ones.
 type Key = (String, String, Machine, Option<String>);
 
 static BUILT: Mutex<Option<HashMap<Key, PathBuf>>> = Mutex::new(None);
 
-/// The binary `bin` of `package` for a machine, built if it is not up to date.
+/// Builds the binary `bin` of `package` for a machine, if it is not up to date.
 ///
 /// # Panics
-/// Where the target is missing (one line that names the command which brings it) or where the
-/// build fails.
+/// The target is missing (one line names the command that installs it), or the build fails.
 #[must_use]
 pub fn build(package: &str, bin: &str, machine: Machine) -> PathBuf {
     built(package, bin, machine, None)
 }
 
-/// The binary `bin` of `package` with these features in place of the default ones.
+/// Builds the binary `bin` of `package` with these features instead of the default ones.
 ///
 /// # Panics
 /// As [`build`].
@@ -57,31 +56,30 @@ fn built(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> 
         .clone()
 }
 
-/// Builds an image and copies it to a place of its own: cargo leaves those of all features in one, while other tests run
-/// what lies there.
+/// Builds an image and copies it to a place of its own. Cargo writes all feature sets to one file,
+/// while other tests may run it.
 fn keep(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let kept = target_folder()
         .join("kept")
         .join(machine.target())
         .join(features.unwrap_or("default"));
     std::fs::create_dir_all(&kept).expect("a folder for the images");
-    // From the build to the copy no other test builds.
+    // The lock covers build and copy: no other test builds meanwhile.
     let lock = File::create(target_folder().join("kept/lock")).expect("a file to lock");
     lock.lock().expect("the lock");
     let image = compile(package, bin, machine, features);
     let (new, kept) = (kept.join(format!("{bin}.new")), kept.join(bin));
-    // In one step, as the one from before may be running.
+    // Atomic: the previous copy may be running.
     std::fs::copy(image, &new)
         .and_then(|_| std::fs::rename(&new, &kept))
         .expect("a copy of the image");
     kept
 }
 
-/// The folder in which a build for `machine` left a file of this name for its linker; the newest, where
-/// there are several.
+/// The folder in which a build for `machine` wrote this file for its linker; the newest of several.
 ///
 /// # Panics
-/// Where nothing was built yet.
+/// Nothing was built yet.
 #[must_use]
 pub fn script_folder(name: &str, machine: Machine) -> PathBuf {
     let builds = target_folder()
@@ -102,10 +100,10 @@ pub fn script_folder(name: &str, machine: Machine) -> PathBuf {
         .unwrap_or_else(|| panic!("no {name} in {}", builds.display()))
 }
 
-/// The address of a symbol of an image.
+/// Address of a symbol of an image.
 ///
 /// # Panics
-/// Where the file is no image, or has no such symbol.
+/// The file is no image or has no such symbol.
 #[must_use]
 pub fn symbol(image: &Path, name: &str) -> u32 {
     let bytes = std::fs::read(image).expect("the image is read");
@@ -116,10 +114,10 @@ pub fn symbol(image: &Path, name: &str) -> u32 {
         .address() as u32
 }
 
-/// What an image's flash holds: pieces by their addresses, in their order.
+/// Content of an image's flash: segments in order of their addresses.
 ///
 /// # Panics
-/// Where the file is no image.
+/// The file is no image.
 #[must_use]
 pub fn segments(image: &Path) -> Vec<(u32, Vec<u8>)> {
     let bytes = std::fs::read(image).expect("the image is read");
@@ -140,7 +138,7 @@ pub fn segments(image: &Path) -> Vec<(u32, Vec<u8>)> {
     segments
 }
 
-/// Where a static of an image's program lies, by its name without its modules.
+/// Addresses of a static of an image's program, by its name without modules.
 ///
 /// # Panics
 /// As [`symbol`].
@@ -150,15 +148,16 @@ pub fn place(image: &Path, name: &str) -> std::ops::Range<u32> {
     found.unwrap_or_else(|| panic!("no {name} in {}", image.display()))
 }
 
-/// Where the statics or functions of this name lie, without their modules; a generic function has several.
+/// Addresses of the statics or functions of this name, without modules; a generic function has
+/// several.
 ///
 /// # Panics
-/// Where the file is no image.
+/// The file is no image.
 #[must_use]
 pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
     let bytes = std::fs::read(image).expect("the image is read");
     let file = object::File::parse(&*bytes).expect("an ELF file");
-    // A mangled name has each part's length before it.
+    // A mangled name has the length of each part before it.
     let part = format!("{}{name}", name.len());
     file.symbols()
         .filter(|symbol| symbol.size() > 0 && symbol.name().is_ok_and(|full| full.contains(&part)))
@@ -166,11 +165,11 @@ pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
         .collect()
 }
 
-/// Compiles one source file for `machine` and links it with these scripts, looked for in `folders` in
-/// their order.
+/// Compiles one source file for `machine` and links it with these scripts, searched for in
+/// `folders` in order.
 ///
 /// # Panics
-/// Where the target is missing: one line that names the command which brings it.
+/// The target is missing; one line names the command that installs it.
 #[must_use]
 pub fn link(source: &Path, machine: Machine, folders: &[PathBuf], scripts: &[&str]) -> Output {
     limited("120", "rustc", |rustc| {
@@ -188,7 +187,7 @@ pub fn link(source: &Path, machine: Machine, folders: &[PathBuf], scripts: &[&st
     })
 }
 
-/// The words that choose a toolchain which compiles for `target`.
+/// Arguments that choose a toolchain with `target`.
 fn toolchain(target: &str) -> Option<String> {
     if compiles_for(&[], target) {
         return None;
@@ -225,7 +224,7 @@ fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -
     }
     let output = limited("900", "cargo", |cargo| {
         cargo.args(&arguments).arg("--target-dir").arg(&folder);
-        // Flags meant for the desk's CPU do not fit this one.
+        // Flags for the desk's CPU do not fit this one.
         for flags in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
             cargo.env_remove(flags);
         }
@@ -258,7 +257,7 @@ fn target_folder() -> PathBuf {
     root().join(shared).join("emulated")
 }
 
-/// Runs a command of the toolchain at the workspace's root, at most so many seconds, on empty input.
+/// Runs a command of the toolchain at the workspace's root on empty input, limited in time.
 fn limited(seconds: &str, program: &str, arguments: impl FnOnce(&mut Command)) -> Output {
     let mut command = Command::new("timeout");
     command

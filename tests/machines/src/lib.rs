@@ -1,5 +1,6 @@
-//! What the tests run programs on: an emulated CPU, a chip on a board and before a debug probe, a terminal, a browser; and the
-//! images for them. The desk's tests use it as the tests that cross crates do; it knows of the desk nothing.
+//! Machines for the tests: an emulated CPU, a chip on a board and behind a debug probe, a terminal,
+//! a browser, and the images. The desk's tests and the tests across crates use it; it does not
+//! depend on the desk.
 
 pub mod browser;
 pub mod chip;
@@ -15,7 +16,7 @@ pub mod terminal;
 
 use std::path::{Path, PathBuf};
 
-/// The workspace's folder.
+/// Root folder of the workspace.
 #[must_use]
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))

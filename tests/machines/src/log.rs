@@ -1,8 +1,9 @@
-//! What an image said in its log, out of the memory of its chip.
+//! Reader of an image's log from the memory of its chip.
 //!
-//! defmt-rtt puts frames into a ring in the RAM that the image calls `_SEGGER_RTT`: stuffed without a zero but for their end
-//! (<https://github.com/Dirbaio/rzcobs>), two bytes that number the text, eight of time, then the arguments. The texts are
-//! symbols of the image. The desk's own decoder reads the same ring through a probe, in `host/tests/probe.rs`.
+//! defmt-rtt writes frames into a ring buffer at the symbol `_SEGGER_RTT`. A frame is stuffed, so
+//! that zeros occur only at its end (<https://github.com/Dirbaio/rzcobs>). It has two bytes for the
+//! number of the text, eight for the time, then the arguments. The texts are symbols of the image.
+//! The desk's decoder reads the same ring through a probe, in `host/tests/probe.rs`.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -15,22 +16,24 @@ use crate::images;
 /// A line of a log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Line {
-    /// Its text, arguments not filled in.
+    /// Text with unfilled placeholders.
     pub text: String,
-    /// Milliseconds since the start.
+    /// Time since the start, ms.
     pub time: u64,
-    /// Bytes of its arguments; zeros at the end may be more than were written.
+    /// Bytes of the arguments; there may be extra zeros at the end.
     pub arguments: Vec<u8>,
 }
 
-/// Bytes of the ring's head, with its mark.
+/// Size of the ring's header with its mark, bytes.
 const HEAD: usize = 48;
+/// Mark at the start of the ring's header.
 const MARK: &[u8] = b"SEGGER RTT\0";
 
-/// What is in the ring of the chip that runs an image, oldest first; nothing where the image made no ring yet.
+/// Lines in the ring of the chip that runs an image, oldest first; empty where there is no ring
+/// yet.
 ///
 /// # Panics
-/// Where the file is no image with a log, or a frame is none.
+/// The file is no image with a log, or a frame is invalid.
 #[must_use]
 pub fn said(chip: &Chip, image: &Path) -> Vec<Line> {
     let ram = &chip.board.ram;
@@ -63,7 +66,7 @@ pub fn said(chip: &Chip, image: &Path) -> Vec<Line> {
         .collect()
 }
 
-/// The image's texts by their numbers.
+/// Texts of the image by their numbers.
 fn texts(image: &Path) -> HashMap<u16, String> {
     let bytes = std::fs::read(image).expect("the image is read");
     let file = object::File::parse(&*bytes).expect("an ELF file");
@@ -76,8 +79,7 @@ fn texts(image: &Path) -> HashMap<u16, String> {
         .collect()
 }
 
-/// A frame as it was before zeros were taken out of it: read from its end, each mark tells where zeros stood among the bytes
-/// before it.
+/// Decodes a stuffed frame from its end: each mark lists the zeros among the bytes before it.
 fn unstuffed(frame: &[u8]) -> Vec<u8> {
     let mut rest = frame.iter().rev().copied();
     let mut bytes = Vec::new();

@@ -1,7 +1,8 @@
-//! A debug probe that a desk reaches by its address: a Black Magic Probe on a network, before an emulated chip.
+//! A debug probe on a network, in front of an emulated chip: a Black Magic Probe.
 //!
-//! It speaks that probe's remote protocol, version 3, and wire by wire as much of SWD as finds the debug port
-//! (<https://github.com/blackmagic-debug/blackmagic>, `src/remote.c`; ARM IHI 0031, chapters B2 and B4).
+//! It implements the probe's remote protocol, version 3, and the part of SWD that detects the debug
+//! port. Sources: <https://github.com/blackmagic-debug/blackmagic>, `src/remote.c`; ARM IHI 0031,
+//! chapters B2 and B4.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
@@ -12,17 +13,18 @@ use std::time::{Duration, Instant};
 
 use crate::chip::Chip;
 
-/// The debug port of an STM32F4, and the port to its memory.
+/// Identity of an STM32F4's debug port.
 const PORT: u32 = 0x2ba0_1477;
+/// Identity of its memory access port.
 const MEMORY_PORT: u32 = 0x2477_0011;
-/// Requests for power, which it grants at once.
+/// Power requests, granted at once.
 const POWER: u32 = 0x5000_0000;
-/// Between two looks whether the test is over.
+/// Interval between two checks for the end of the test.
 const LOOK: Duration = Duration::from_millis(20);
-/// The longest message of the protocol.
+/// Longest message of the protocol, bytes.
 const LONGEST_MESSAGE: usize = 1024;
 
-/// The probe and its chip; it goes with this.
+/// The probe and its chip; dropping it ends the server.
 pub struct Probe {
     address: SocketAddr,
     chip: Arc<Mutex<Chip>>,
@@ -31,10 +33,10 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// Puts a probe before a chip.
+    /// Starts a probe in front of a chip.
     ///
     /// # Panics
-    /// Where there is no network, not even to this machine.
+    /// There is no network, not even to this machine.
     #[must_use]
     pub fn before(chip: Chip) -> Self {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port of this machine");
@@ -45,7 +47,7 @@ impl Probe {
         let server = std::thread::spawn(move || {
             while !end.load(Ordering::Relaxed) {
                 match listener.accept() {
-                    // A desk that is gone in the middle of a word is no fault of the probe.
+                    // A desk that disconnects within a message is no fault of the probe.
                     Ok((stream, _)) => _ = serve(stream, &its, &end),
                     Err(_) => std::thread::sleep(LOOK),
                 }
@@ -59,7 +61,7 @@ impl Probe {
         }
     }
 
-    /// Its name for a desk.
+    /// Address of the probe for a desk.
     #[must_use]
     pub fn name(&self) -> String {
         format!("1d50:6018:{}", self.address)
@@ -75,7 +77,7 @@ impl Drop for Probe {
     fn drop(&mut self) {
         self.over.store(true, Ordering::Relaxed);
         if let Some(server) = self.server.take() {
-            // Its panic was printed.
+            // Its panic was printed already.
             let _ = server.join();
         }
     }
@@ -123,7 +125,7 @@ fn serve(mut stream: TcpStream, chip: &Mutex<Chip>, over: &AtomicBool) -> std::i
     Ok(())
 }
 
-/// What the probe answers; `None` is an error.
+/// Answer of the probe; `None` is an error.
 fn answer(text: &str, wire: &mut Wire, port: &mut Port, chip: &mut Chip) -> Option<String> {
     let (name, rest) = text.split_at_checked(2)?;
     let mut words = Words(rest);
@@ -186,7 +188,7 @@ fn answer(text: &str, wire: &mut Wire, port: &mut Port, chip: &mut Chip) -> Opti
     }
 }
 
-/// Numbers in hexadecimal digits, one behind the other.
+/// Successive numbers in hexadecimal digits.
 struct Words<'a>(&'a str);
 
 impl Words<'_> {
@@ -206,23 +208,23 @@ impl Words<'_> {
     }
 }
 
-/// What follows a request that is granted, the first bit below.
+/// Acknowledgement of a request (OK), lowest bit first.
 const GRANTED: u64 = 0b001;
-/// So many ones reset the line.
+/// Number of ones that reset the line.
 const RESET: u32 = 50;
-/// Bits of a word with its parity.
+/// Number of bits in a word with its parity.
 const WORD: u32 = 33;
 
-/// The two wires: every request is granted; who asks for the identity of the debug port hears it.
+/// The two wires of SWD. Every request is granted; a read of the identity is answered.
 #[derive(Default)]
 struct Wire {
-    /// The last eight bits that were heard, the newest on top.
+    /// The last eight bits received, the newest on top.
     heard: u8,
-    /// Ones without a zero between.
+    /// Number of successive ones.
     ones: u32,
-    /// Bits of a word that is being written.
+    /// Number of bits left of a word being written.
     written: u32,
-    /// Bits to be said.
+    /// Bits to be sent.
     answer: u64,
 }
 
@@ -238,7 +240,7 @@ impl Wire {
             return;
         }
         self.heard = self.heard >> 1 | u8::from(bit) << 7;
-        // Start, port, read, two of the address, parity, stop, park.
+        // Start, port, read, two address bits, parity, stop, park.
         let even = (self.heard & 0b0011_1110).count_ones().is_multiple_of(2);
         if self.heard & 0b1100_0001 != 0b1000_0001 || !even {
             return;
@@ -260,7 +262,7 @@ impl Wire {
     }
 }
 
-/// The debug port, and the port to the memory behind it.
+/// The debug port, and the access port to the memory behind it.
 #[derive(Default)]
 struct Port {
     control: u32,

@@ -1,4 +1,5 @@
-//! A board on a test rig: the flashed image on its chip, the track on its bridge, and what is done to them.
+//! Test rig for a board: the flashed image on its chip, the track on its bridge, and actions on
+//! them.
 //!
 //! ```no_run
 //! use kband_machines::rig::{Act, Rig};
@@ -24,7 +25,7 @@ use crate::chip::world::{Seen, World};
 use crate::chip::{Chip, Hang, flash};
 use crate::images;
 
-/// What is done to a board.
+/// Actions on a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Act {
     /// The enable input (PB0), wired to 3.3 V or to 0 V.
@@ -33,35 +34,35 @@ pub enum Act {
     Cool(bool),
     /// The over-current signal (PB12).
     OverCurrent(bool),
-    /// Any pin: port, number, what is wired to it.
+    /// Any pin: port, number, level.
     Wire(usize, usize, Wire),
-    /// Something happens to track or sensor.
+    /// A change of track or sensor.
     Plant(Change),
-    /// Conversions are triggered, or not any more.
+    /// Whether conversions are triggered.
     Converts(bool),
     /// The crystal stops.
     CrystalStops,
-    /// The supply, in volts.
+    /// The supply, V.
     Volts(f64),
     /// The desk sends these bytes.
     Link(Vec<u8>),
-    /// The program goes on the spot.
+    /// Hangs the program.
     Hang(Hang),
     /// A debugger halts the core.
     Halt,
-    /// The program goes on at another address.
+    /// Continues the program at another address.
     Jump(u32),
-    /// The stack pointer is another.
+    /// Sets the stack pointer.
     Stack(u32),
     /// A stray write of the program.
     Store(u32, u32),
-    /// Share of its supply that the sensor has.
+    /// Supply of the sensor over its nominal one.
     SensorSupply(f32),
-    /// Drift of the sensor's voltage, in V.
+    /// Drift of the sensor's voltage, V.
     SensorOffset(f32),
 }
 
-/// Ticks of a time in seconds.
+/// Ticks for a time in s.
 #[must_use]
 pub fn ticks(seconds: f64) -> u64 {
     (seconds * TICKS as f64) as u64
@@ -70,32 +71,32 @@ pub fn ticks(seconds: f64) -> u64 {
 /// A board on the rig.
 #[derive(Clone, Debug)]
 pub struct Rig {
-    /// Its chip.
+    /// The emulated chip.
     pub chip: Chip,
     acts: VecDeque<(u64, Act)>,
-    /// Bytes of the board that the desk has read, and the number of its last request.
+    /// Number of sent bytes that the desk has read; sequence number of its last request.
     read: usize,
     sequence: u8,
-    /// Whether what no program may do is kept without a panic.
+    /// Whether a forbidden access is only recorded, without a panic.
     pub tolerant: bool,
-    /// The low half of the schema that the board's image speaks, where it is not this desk's.
+    /// Low half of the image's schema where it differs from this desk's.
     pub schema: Option<u16>,
 }
 
-/// What the start-up code paints the stack with.
+/// Fill pattern of the start-up code for the stack.
 const PAINT: [u8; 4] = [0xcc; 4];
-/// Longest wait for an answer, in s.
+/// Longest wait for an answer, s.
 const PATIENCE: f64 = 5.0;
-/// Time between two questions where the first was not answered, as at the desk: the port's interrupt reads the status and then
-/// the data, and a byte that is complete between the two is lost.
+/// Time until an unanswered request is repeated, s, as at the desk. The port's interrupt reads the
+/// status, then the data; a byte that ends in between is lost.
 const KNOCK: f64 = 0.5;
 
 impl Rig {
-    /// A chip on the rig, its supply still off: the scene's track, nothing wired but a cool thermal switch and an
-    /// over-current signal that is low.
+    /// Puts a chip on the rig without supply. Wired are the scene's track, a cool thermal switch
+    /// and a low over-current signal.
     ///
     /// # Panics
-    /// Where the scene is refused.
+    /// The scene is refused.
     #[must_use]
     pub fn with(chip: Chip, scene: &Scene) -> Self {
         let mut rig = Self {
@@ -115,10 +116,10 @@ impl Rig {
         rig
     }
 
-    /// An image in the flash of a chip without settings, on the track of the default scene, powered on.
+    /// Powers on a chip with this image and without settings, on the track of the default scene.
     ///
     /// # Panics
-    /// Where the file is no image.
+    /// The file is no image.
     #[must_use]
     pub fn boot(image: &Path) -> Self {
         let mut rig = Self::with(holding(image), &Scene::default());
@@ -126,7 +127,7 @@ impl Rig {
         rig
     }
 
-    /// Something is done at a time in s.
+    /// Schedules an action at a time in s.
     pub fn at(&mut self, seconds: f64, act: Act) -> &mut Self {
         let time = ticks(seconds);
         let place = self.acts.partition_point(|(other, _)| *other <= time);
@@ -134,7 +135,7 @@ impl Rig {
         self
     }
 
-    /// Time since the beginning in s.
+    /// Time since the start, s.
     #[must_use]
     pub fn time(&self) -> f64 {
         self.chip.board.now as f64 / TICKS as f64
@@ -143,7 +144,7 @@ impl Rig {
     /// Runs to a time in s.
     ///
     /// # Panics
-    /// Where the program did what no program may: see [`World::violations`].
+    /// The program made a forbidden access: see [`World::violations`].
     pub fn run(&mut self, seconds: f64) -> &mut Self {
         let end = ticks(seconds);
         while self.chip.board.now < end {
@@ -162,7 +163,7 @@ impl Rig {
         self
     }
 
-    /// Does it now.
+    /// Executes an action now.
     pub fn act(&mut self, act: &Act) {
         let board = &mut self.chip.board;
         let high = |on: bool| if on { Wire::High } else { Wire::Low };
@@ -209,7 +210,7 @@ impl Rig {
         }
     }
 
-    /// When the bridge opens at or after a time in s, in s from then on; 0 where it is open already.
+    /// Time in s from `seconds` until the bridge opens; 0 where it is open already.
     #[must_use]
     pub fn opens_after(&self, seconds: f64) -> Option<f64> {
         let from = ticks(seconds);
@@ -225,7 +226,7 @@ impl Rig {
         opened.map(|(time, _)| (time - from) as f64 / TICKS as f64)
     }
 
-    /// When something was first seen at or after a time in s.
+    /// Time in s of the first such event at or after `seconds`.
     #[must_use]
     pub fn seen_after(&self, seconds: f64, seen: &Seen) -> Option<f64> {
         let from = ticks(seconds);
@@ -236,7 +237,7 @@ impl Rig {
         found.map(|(time, _)| *time as f64 / TICKS as f64)
     }
 
-    /// Causes of the resets since the beginning, and when.
+    /// Times in s and causes of the resets since the start.
     #[must_use]
     pub fn resets(&self) -> Vec<(f64, Cause)> {
         let trace = self.chip.board.world.trace.iter();
@@ -248,28 +249,28 @@ impl Rig {
             .collect()
     }
 
-    /// Amplitude of the track now in mm.
+    /// Amplitude of the track, mm.
     #[must_use]
     pub fn amplitude(&self) -> f64 {
         f64::from(self.chip.board.world.amplitude()) * 1e3
     }
 
-    /// Largest displacement of the track in mm since this was last asked.
+    /// Largest displacement of the track since the last call, mm.
     pub fn peak(&mut self) -> f64 {
         f64::from(std::mem::take(&mut self.chip.board.world.peak)) * 1e3
     }
 
-    /// Bytes of the stack, which lies at the bottom of the RAM, that were never used since the start.
+    /// Number of stack bytes, at the bottom of the RAM, that were never used since the start.
     #[must_use]
     pub fn stack_free(&self) -> usize {
         let words = self.chip.board.ram.chunks_exact(4);
         4 * words.take_while(|word| *word == PAINT).count()
     }
 
-    /// The bytes of a request, as the board's image is spoken to.
+    /// Frame of a request with the image's schema.
     ///
     /// # Panics
-    /// Where the request does not fit a frame.
+    /// The request does not fit a frame.
     pub fn frame(&mut self, request: &Request<'_>) -> Vec<u8> {
         self.sequence = self.sequence % 255 + 1;
         let mut buffer = [0; FRAME_MOST];
@@ -280,17 +281,17 @@ impl Rig {
         }
     }
 
-    /// The desk says something and waits for no answer but 10 ms.
+    /// Sends a request and runs for 10 ms without reading the answer.
     pub fn tell(&mut self, request: &Request<'_>) -> &mut Self {
         let frame = self.frame(request);
         self.act(&Act::Link(frame));
         self.run(self.time() + 0.01)
     }
 
-    /// The desk asks over the link, and the board answers.
+    /// Sends a request and passes the board's answer to `look`.
     ///
     /// # Panics
-    /// Where it does not, within five seconds of its own.
+    /// No answer within five seconds of the board's time.
     pub fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
         let frame = self.frame(request);
         self.act(&Act::Link(frame.clone()));
@@ -318,10 +319,10 @@ impl Rig {
         panic!("no answer to {request:?}");
     }
 
-    /// The desk asks for something that the board does.
+    /// Sends a request that the board must accept.
     ///
     /// # Panics
-    /// Where it refuses, or does not answer.
+    /// It refuses, or does not answer.
     pub fn done(&mut self, request: &Request<'_>) -> &mut Self {
         self.ask(request, |response| {
             assert_eq!(response, Response::Done, "{request:?}");
@@ -329,7 +330,7 @@ impl Rig {
         self
     }
 
-    /// What the board sent over its link so far.
+    /// Bytes that the board has sent over its link.
     #[must_use]
     pub fn sent(&self) -> Vec<u8> {
         let sent = self.chip.board.serials[1].sent.iter();
@@ -337,7 +338,7 @@ impl Rig {
     }
 }
 
-/// A frame with another schema: version, schema, then the rest, under its check, stuffed (COBS) without zeros.
+/// A frame with another schema: version, schema, rest, checksum, stuffed without zeros (COBS).
 fn respoken(frame: &[u8], schema: u16) -> Vec<u8> {
     let mut inside = Vec::new();
     let mut rest = frame;
@@ -364,10 +365,10 @@ fn respoken(frame: &[u8], schema: u16) -> Vec<u8> {
     stuffed
 }
 
-/// A chip without supply that holds an image, its check filled in as `kband flash` does.
+/// A chip without supply with an image whose checksum is filled in as `kband flash` does.
 ///
 /// # Panics
-/// Where the file is no image for this chip.
+/// The file is no image for this chip.
 #[must_use]
 pub fn holding(image: &Path) -> Chip {
     let mut chip = Chip::default();

@@ -1,4 +1,4 @@
-//! An image on the emulated CPU whose serial port is a pseudo-terminal, as a board's is on a desk.
+//! An image on the emulated CPU with its serial port on a pseudo-terminal, as a board's at a desk.
 
 use std::fs::File;
 use std::io::Read;
@@ -11,17 +11,17 @@ use crate::root;
 /// Longest wait for the emulator to name its terminal.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// The emulated board; it ends with this.
+/// The emulated board; dropping it ends the emulator.
 pub struct Terminal {
     emulator: Child,
     port: PathBuf,
 }
 
 impl Terminal {
-    /// Starts the image, asked to do what `word` says, for at most `limit`.
+    /// Starts the image with the argument `word`, for at most `limit`.
     ///
     /// # Panics
-    /// Where it does not come up.
+    /// It does not start.
     #[must_use]
     pub fn start(image: &Path, word: &str, limit: Duration) -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
@@ -42,7 +42,7 @@ impl Terminal {
         let end = Instant::now() + PATIENCE;
         while Instant::now() < end {
             let mut text = String::new();
-            // Not yet readable is not yet there.
+            // A file that cannot be read yet counts as empty.
             let _ = File::open(&said).and_then(|mut file| file.read_to_string(&mut text));
             if let Some(port) = text
                 .split_whitespace()
@@ -56,7 +56,7 @@ impl Terminal {
         panic!("the emulator names no terminal; is there a QEMU? run tests/setup.sh");
     }
 
-    /// The serial port that a desk opens.
+    /// The serial port for a desk.
     #[must_use]
     pub fn port(&self) -> &Path {
         &self.port
@@ -65,7 +65,7 @@ impl Terminal {
 
 impl Drop for Terminal {
     fn drop(&mut self) {
-        // Asked to, `timeout` ends the emulator with itself; killed, it could not.
+        // On SIGTERM `timeout` ends the emulator too; on SIGKILL it could not.
         let _ = Command::new("kill")
             .args(["-TERM", &self.emulator.id().to_string()])
             .stderr(Stdio::null())

@@ -1,5 +1,6 @@
-//! The table of `docs/safety.md` on the flashed image: each hazard is played to it, and ends with less, or with the bridge
-//! open. What the image of before did in the same scenario is told beside it; `replay` plays it again.
+//! Fault scenarios of `docs/safety.md` on the flashed image. Each must end with a smaller amplitude
+//! or with the bridge open. The table's column "before" gives an earlier image's result; `replay`
+//! repeats it.
 
 use std::path::PathBuf;
 
@@ -40,7 +41,7 @@ fn play(hazard: &Hazard) -> Outcome {
     outcome
 }
 
-/// The output "drive on" is as the bridge a sample after each change of either.
+/// "drive on" must equal the bridge's state one sample after each change of either.
 fn drive_on_follows_the_bridge(rig: &Rig) {
     let trace = &rig.chip.board.world.trace;
     let (mut bridge, mut output) = ((false, 0), (false, 0));
@@ -59,12 +60,12 @@ fn drive_on_follows_the_bridge(rig: &Rig) {
     }
 }
 
-/// A machine that works at an amplitude of 0.2 mm.
+/// A machine that runs at an amplitude of 0.2 mm.
 fn machine() -> Hazard {
     Hazard::of("running", 50.0, Target::Amplitude(0.2))
 }
 
-/// A board that runs it, at 3 s; the desk is heard up to 6 s.
+/// A board that runs this machine, at 3 s; the desk is on the link until 6 s.
 fn running() -> Rig {
     let mut rig = machine().before(&image());
     for n in 0..12 {
@@ -76,8 +77,8 @@ fn running() -> Rig {
     rig
 }
 
-/// Before: of these eight, weaker, fading, bouncing and half the supply never opened the bridge, at up to 1.21 mm; at
-/// 500 Hz it opened after 96 ms at 1.68 times the limit.
+/// Eight failures of the sensor, its cable or its supply on machines with little margin to their
+/// limit.
 #[test]
 fn no_sensor_raises_the_amplitude() {
     for hazard in of_the_sensor() {
@@ -102,14 +103,14 @@ fn newest_fault(rig: &mut Rig) -> Option<u8> {
     })
 }
 
-/// 45 % of the sensitivity lost, before the start and while the drive runs. Before: 0.91 mm of 0.5, READY on, without an end;
-/// so it is still where the sensor was not commissioned.
+/// 45 % of the sensitivity lost, at rest and in the run. Without commissioning the loss is not
+/// detected.
 #[test]
 fn a_commissioned_sensor_that_loses_45_percent_is_found() {
     const LOST: Change = Change::Sensitivity(0.55);
     let at_rest = [plant(AT_REST, LOST)];
     let running = [plant(2.5, LOST)];
-    // What happens, the largest amplitude in mm, the latest fault in s after it.
+    // Failure, largest amplitude in mm, latest fault in s after it.
     for (hazard, most, latest) in [
         (
             of_sensitivity("45 % lost at rest, 1 g seen", true, 1.0).acts(at_rest.clone()),
@@ -196,7 +197,7 @@ fn no_sensor_raises_the_amplitude_of_any_machine() {
     }
 }
 
-/// Before: 0 -> 0.0500, 0.0420 -> 0.0501, 0.0067 -> 0.0331, no setpoint at 0.0500 mm; the sweep at 1.06 times the limit.
+/// Lost link, missing setpoint and sweep must not raise the amplitude.
 #[test]
 fn less_is_done_where_it_is_not_known_what_is_wanted() {
     for hazard in of_the_setpoint() {
@@ -215,11 +216,11 @@ fn less_is_done_where_it_is_not_known_what_is_wanted() {
     }
 }
 
-/// A strong drive whose sensor has 0.6 of its sensitivity, its settings at the largest values that the board takes. Before:
-/// with `output_minimum`, which is gone, 1.20 mm at a target of 0.2 mm, also after the link was lost.
+/// A strong drive whose sensor has 0.6 of its sensitivity, with each setting at its largest
+/// accepted value. The amplitude must follow target and safe amplitude, also without the link.
 #[test]
 fn no_setting_overrides_a_limit() {
-    // Settings that describe the machine, or that lengthen the test.
+    // Settings that describe the machine or would lengthen the test.
     const KEPT: [&str; 14] = [
         "frequency",
         "resonance",
@@ -271,7 +272,7 @@ fn no_setting_overrides_a_limit() {
     assert!((lost / 0.05 - 1.0).abs() < 0.05, "{lost}");
 }
 
-/// Before: fault 4 at 7 Hz after 10.4 s and at 8 Hz after 0.7 s.
+/// A wide search with `tracking` must not cause a fault of a healthy machine.
 #[test]
 fn a_search_for_the_resonance_is_no_fault() {
     for hazard in bands() {
@@ -285,7 +286,7 @@ fn a_search_for_the_resonance_is_no_fault() {
     }
 }
 
-/// Before: 25 ms of the enable input withdrawn acknowledged a dead sensor, and the bridge was on 40 ms later.
+/// A bounce of the enable input (25 ms) must not acknowledge a fault; 0.6 s does.
 #[test]
 fn a_fault_is_acknowledged_deliberately_and_not_for_ever() {
     let rig = play(&bounce()).rig;
@@ -299,7 +300,7 @@ fn a_fault_is_acknowledged_deliberately_and_not_for_ever() {
     assert_eq!(closes(7.1), None, "three faults in a minute lock it out");
 }
 
-/// Before: READY from 0.99 s on, before any part was there, and for 0.4 s after an over-current.
+/// READY must be off without a part on the track and after an over-current.
 #[test]
 fn ready_is_the_wanted_regime_and_nothing_else() {
     let mut hazard = Hazard::of("lock without a part", 50.0, Target::Locked(1));
@@ -319,8 +320,7 @@ fn ready_is_the_wanted_regime_and_nothing_else() {
     );
 }
 
-/// Before: the voltage swung on until the cycle's end, 15 ms at 50 Hz and up to 200 ms at 5 Hz, as the next sample
-/// overwrote what the interrupt of the supply had set.
+/// The voltage must return to its middle within a sample of an over-current or a low supply.
 #[test]
 fn the_voltage_goes_to_its_middle_with_the_bridge() {
     for frequency in [5.0, 50.0, 500.0] {
@@ -332,7 +332,7 @@ fn the_voltage_goes_to_its_middle_with_the_bridge() {
         let rig = hazard.before(&image());
         let from = rig.time();
         for act in [Act::OverCurrent(true), Act::Volts(2.8)] {
-            // At any phase of the drive.
+            // At different phases of the drive.
             for n in 0..5 {
                 let mut rig = rig.clone();
                 let at = from + 1e-3 + f64::from(n) / f64::from(5.3 * frequency);
@@ -350,7 +350,8 @@ fn the_voltage_goes_to_its_middle_with_the_bridge() {
     }
 }
 
-/// In target gear READY comes once the share heard, less its error, is above 0.5, and goes where it is under 0.4.
+/// In target gear READY is on once the estimated share in gear, less its error, is above 0.5. It is
+/// off below 0.4.
 #[test]
 fn ready_in_gear_is_what_is_heard_of_the_parts() {
     let [parts, none] = of_gear();
@@ -373,7 +374,7 @@ fn ready_in_gear_is_what_is_heard_of_the_parts() {
     assert_eq!(outcome.ready, None);
 }
 
-/// A desk that takes over a board in service, and a converter of 13 bits. Before: both were accepted.
+/// A simulation on a board in service, and a converter of 13 bits: both must be refused.
 #[test]
 fn the_link_takes_no_machine_out_of_service() {
     let mut rig = running();
@@ -400,7 +401,7 @@ fn the_link_takes_no_machine_out_of_service() {
     });
 }
 
-/// Before: what stops the samples left the bridge driven for 0.8 s, at a constant duty.
+/// Errors of the program, also those that stop the samples, must open the bridge within 5 ms.
 #[test]
 fn a_program_that_goes_astray_lets_go_of_the_bridge() {
     let image = image();
@@ -414,7 +415,7 @@ fn a_program_that_goes_astray_lets_go_of_the_bridge() {
         rig.tolerant = true;
         let Outcome { opens, mut rig, .. } = hazard.play(rig);
         println!("{name}: bridge open after {opens:?} s");
-        // The handlers of the core's faults open it before they do anything else.
+        // The handlers of the core's faults open the bridge first.
         let handled = [
             "an interrupt that nobody handles",
             "a panic",
@@ -423,7 +424,7 @@ fn a_program_that_goes_astray_lets_go_of_the_bridge() {
         ];
         let most = if handled.contains(&name) { 5e-6 } else { 5e-3 };
         assert!(opens.is_some_and(|time| time <= most), "{name}: {opens:?}");
-        // It comes back, shows a fault, and waits.
+        // The board restarts, shows a fault and stays at rest.
         assert!(rig.resets().len() > 1, "{name}: {:?}", rig.resets());
         let from = hazard.from;
         assert!(rig.seen_after(from, &Seen::Fault(true)).is_some(), "{name}");
@@ -439,8 +440,7 @@ fn a_program_that_goes_astray_lets_go_of_the_bridge() {
     }
 }
 
-/// The independent watchdog's oscillator at both ends of its spread (DS8626, table 40). Before: the bridge was driven all
-/// the time until then.
+/// The independent watchdog's oscillator at both ends of its spread (DS8626, table 40).
 #[test]
 fn tasks_that_hang_are_a_reset_at_any_clock_of_the_watchdog() {
     let rig = running();
@@ -461,7 +461,7 @@ fn tasks_that_hang_are_a_reset_at_any_clock_of_the_watchdog() {
     }
 }
 
-/// The log of the image that was flashed, out of the memory of its chip: a start, an enable that is given, a fault.
+/// The log in the chip's memory: a start, an enable input coming on, a fault.
 #[test]
 fn the_log_tells_the_start_and_what_came_after() {
     let image = image();
@@ -489,7 +489,8 @@ fn the_log_tells_the_start_and_what_came_after() {
     assert!((1900..2200).contains(&fault.time), "{fault:?}");
 }
 
-/// What a pin does that the machine's wiring has to bear: all of them float until the program has them.
+/// Pins of the outputs must float until the program has configured them; the machine's wiring
+/// relies on it.
 #[test]
 fn outputs_float_in_reset_and_are_off_from_the_start_on() {
     let image = image();
@@ -509,18 +510,19 @@ fn outputs_float_in_reset_and_are_off_from_the_start_on() {
     assert_eq!(output, Some(0.5), "an external amplifier gets its middle");
     assert_eq!(rig.chip.board.ports[2].output(2), Some(false), "READY");
     assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None);
-    // A reset lets go of them again.
+    // A reset makes them float again.
     rig.chip.reset(Cause::Window);
     assert!(floats(&rig.chip));
 }
 
-/// Pins that ST's bootloaders drive push-pull with BOOT0 high (AN2606, tables 73, 75 and 117): ports by number, A being 0.
-/// Before: the low gate on PB13 (CAN2), READY on PB10 (USART3).
+/// Pins that ST's bootloaders drive push-pull with BOOT0 high (AN2606, tables 73, 75 and 117).
+/// Ports by number, A is 0.
 #[test]
 fn no_bootloader_drives_an_output_of_the_machine() {
     let f405 = [(0, 6), (0, 9), (0, 11), (0, 12), (1, 10), (1, 13), (2, 10)];
     let g474 = [(0, 2), (0, 6), (0, 9), (0, 11), (0, 12), (1, 14), (2, 10)];
-    // The high side: I2C2_SDA of the STM32G474 is open drain, with a pull-up that the gate's resistor outweighs.
+    // High side: I2C2_SDA of the STM32G474 is open drain. The gate's resistor overrides its
+    // pull-up.
     let link = (0, 2);
     let mut rig = Rig::boot(&image());
     rig.run(0.5);
@@ -541,10 +543,10 @@ fn no_bootloader_drives_an_output_of_the_machine() {
     }
 }
 
-/// Before: a period of 8398 counts, 238 ppm fast, and at large outputs an edge within the sample.
+/// The timer's period must be exactly 8400 counts, and no edge may fall within a sample.
 #[test]
 fn samples_keep_clear_of_the_edges_and_their_rate_is_the_crystals() {
-    // Beyond its reach: the output is at its end.
+    // Beyond the drive's reach: its output is at the end of the range.
     let mut hazard = Hazard::of("a drive too weak", 50.0, Target::Amplitude(0.9));
     hazard.scene.settings.gain = 1.0;
     hazard.scene.drive.gain = 0.7;
@@ -580,7 +582,8 @@ fn samples_keep_clear_of_the_edges_and_their_rate_is_the_crystals() {
     }
 }
 
-/// A supply that sags at any instruction, from power-on to the running drive, to any level, for any time.
+/// A supply that sags at any instruction from power-on to the running drive, to any level, for any
+/// time.
 #[test]
 fn no_sag_of_the_supply_drives_the_bridge_out_of_its_specification() {
     let mut draw = Draw::new(31);
@@ -593,7 +596,7 @@ fn no_sag_of_the_supply_drives_the_bridge_out_of_its_specification() {
     for n in 0..16 {
         let mut rig = off.clone();
         let (volts, time) = sag(&mut draw);
-        // Power comes with the enable input given, and sags while the program starts.
+        // Power returns with the enable input on, and sags while the program starts.
         let at = 1.2 + f64::from(draw.unit()) * 0.1;
         rig.at(1.1, Act::Enable(true))
             .at(1.1, Act::Volts(0.0))
@@ -604,7 +607,7 @@ fn no_sag_of_the_supply_drives_the_bridge_out_of_its_specification() {
         assert_eq!(rig.chip.board.world.outside, 0, "{n}: {volts} V at {at}");
         let driven = rig.seen_after(1.0, &Seen::Bridge(true));
         assert_eq!(driven, None, "{n}: {volts} V at {at} s for {time} s");
-        // It is alive.
+        // The board must still answer.
         seen[rig.resets().len().min(3)] += 1;
         rig.done(&Request::Alive);
     }
@@ -626,7 +629,8 @@ fn no_sag_of_the_supply_drives_the_bridge_out_of_its_specification() {
     }
 }
 
-/// Times in s at which an enable input opens and closes, from a gap on: it is high for a share of each period.
+/// Times in s at which an enable input opens and closes, starting with a gap. It is high for the
+/// share `duty` of each period.
 fn chatter(frequency: f64, duty: f64, from: f64, until: f64) -> impl Iterator<Item = (f64, Act)> {
     let gaps = (0..).map(move |n| from + f64::from(n) / frequency);
     let gaps = gaps.take_while(move |gap| *gap < until);
@@ -636,7 +640,7 @@ fn chatter(frequency: f64, duty: f64, from: f64, until: f64) -> impl Iterator<It
     })
 }
 
-/// How often the board reports that the enable input chatters.
+/// Number of chatter events that the board reports.
 fn reported_chatter(rig: &mut Rig) -> usize {
     let mut records = Vec::new();
     while let Some(record) =
@@ -654,7 +658,7 @@ fn reported_chatter(rig: &mut Rig) -> usize {
     records.iter().filter(|event| **event == chatters).count()
 }
 
-/// Frequencies in Hz and shares of time of an enable input that chatters.
+/// Frequencies in Hz and duties of a chattering enable input.
 fn chatters() -> impl Iterator<Item = (f64, f64)> {
     const FREQUENCIES: [f64; 11] = [
         10.0, 33.0, 50.0, 50.3, 100.0, 200.0, 222.0, 500.0, 1000.0, 2000.0, 5000.0,
@@ -663,16 +667,16 @@ fn chatters() -> impl Iterator<Item = (f64, f64)> {
     FREQUENCIES.into_iter().flat_map(with)
 }
 
-/// Before: at 1 kHz drive and READY stayed on, at 50.3 Hz the drive stopped and started by itself.
+/// A chattering enable input must open the bridge and keep it open.
 #[test]
 fn an_enable_input_that_chatters_stops_a_drive_for_good() {
     let running = running();
     let mut latest = 0.0_f64;
-    // Gaps between two samples at several phases of them.
+    // Gaps that lie between two samples, at several phases.
     let narrow = std::iter::repeat_n((5000.0, 0.9), 5);
     for (n, (frequency, duty)) in chatters().chain(narrow).enumerate() {
         let mut rig = running.clone();
-        // At any phase of drive and samples.
+        // At different phases of drive and samples.
         let from = 3.0 + 1.237e-3 * n as f64;
         let until = from + 0.04 + 1.2 / frequency;
         for (time, act) in chatter(frequency, duty, from, until) {
@@ -692,7 +696,7 @@ fn an_enable_input_that_chatters_stops_a_drive_for_good() {
         assert_eq!(rig.seen_after(from, &Seen::Fault(true)), None);
         drive_on_follows_the_bridge(&rig);
         assert_eq!(reported_chatter(&mut rig), 1, "{frequency} Hz, {duty}");
-        // The track is at rest first; a high input alone starts nothing, a press does.
+        // The track is at rest first. A high input alone starts nothing; a press does.
         if n % 11 == 4 {
             rig.act(&Act::Enable(true));
             rig.run(from + 1.5);
@@ -713,7 +717,7 @@ fn an_enable_input_that_chatters_stops_a_drive_for_good() {
     );
 }
 
-/// Before: the bridge opened at the end of a soft stop, which began within a cycle.
+/// The bridge must open at once, without a soft stop.
 #[test]
 fn a_withdrawn_enable_input_opens_the_bridge_within_2_ms() {
     let running = running();
@@ -722,7 +726,7 @@ fn a_withdrawn_enable_input_opens_the_bridge_within_2_ms() {
         let mut rig = running.clone();
         let from = 3.0 + 3.71e-3 * f64::from(n);
         rig.at(from, Act::Enable(false));
-        // Its contact bounces.
+        // The contact bounces.
         for (time, act) in chatter(400.0, 0.5, from + 5e-3, from + 15e-3) {
             rig.at(time, act);
         }
@@ -741,7 +745,8 @@ fn a_withdrawn_enable_input_opens_the_bridge_within_2_ms() {
     );
 }
 
-/// A high phase of 20 ms after a long low one is a press: such chatter starts the drive once, and never again.
+/// Chatter with a high phase of 20 ms after a long low one contains a press: it starts the drive
+/// once.
 #[test]
 fn an_enable_input_that_chatters_starts_nothing() {
     let resting = machine().commissioned(&image());
@@ -771,7 +776,8 @@ fn an_enable_input_that_chatters_starts_nothing() {
     }
 }
 
-/// Without the guard in the sample that closes the bridge it is closed for up to a cycle: the control saw a good supply.
+/// The guard in the sample that closes the bridge must act: the control has still read a good
+/// supply.
 #[test]
 fn a_supply_that_falls_as_the_bridge_closes_keeps_it_open() {
     let resting = machine().commissioned(&image());
@@ -780,7 +786,8 @@ fn a_supply_that_falls_as_the_bridge_closes_keeps_it_open() {
         rig.seen_after(ENABLED, &Seen::Bridge(true))
     };
     let closes = starts(&mut resting.clone()).expect("it starts");
-    // The longest before the control has looked; the shortest within the sample that closes the bridge.
+    // The longest time is before the control's last reading; the shortest is within the sample that
+    // closes the bridge.
     for (before, time) in [40e-6, 10e-6, 2e-6, 1.5e-6, 1e-6, 0.5e-6]
         .map(|before| (before, 20e-3))
         .into_iter()
@@ -794,7 +801,7 @@ fn a_supply_that_falls_as_the_bridge_closes_keeps_it_open() {
     }
 }
 
-/// The faults that a board keeps, the newest first: their numbers.
+/// Numbers of the faults that a board keeps, the newest first.
 fn kept_faults(rig: &mut Rig) -> Vec<u8> {
     let mut faults = Vec::new();
     while let Some(fault) = rig.ask(
@@ -809,7 +816,7 @@ fn kept_faults(rig: &mut Rig) -> Vec<u8> {
     faults
 }
 
-/// Before: fault 14 was programmed, and a sector erased for 1.5 s, while the supply was low.
+/// While the supply is low nothing may be programmed or erased.
 #[test]
 fn the_flash_is_left_alone_until_the_supply_was_good_for_a_tenth_of_a_second() {
     let before = kept_faults(&mut machine().commissioned(&image()));
@@ -823,7 +830,7 @@ fn the_flash_is_left_alone_until_the_supply_was_good_for_a_tenth_of_a_second() {
     let save = |rig: &mut Rig| rig.ask(&Request::Save, |response| format!("{response:?}"));
     let refused = format!("{:?}", Response::Refused(Refusal::SupplyLow));
     assert_eq!(save(&mut low), refused);
-    // The supply returns, falls again for a moment, or the chip is reset meanwhile.
+    // The supply returns, falls again briefly, or the chip is reset meanwhile.
     for (name, blip, reset) in [
         ("returns", None, false),
         ("falls again", Some(0.06), false),
@@ -864,8 +871,8 @@ fn the_flash_is_left_alone_until_the_supply_was_good_for_a_tenth_of_a_second() {
     }
 }
 
-/// A supply that falls while a sector is erased, or goes in its last moments, in which all of it reads as erased. Before: the
-/// records went to a sector whose erasure had not ended.
+/// A supply that falls during an erasure, or fails near its end, when all bytes read as erased. No
+/// record may go to a sector whose erasure was not completed.
 #[test]
 fn an_erasure_that_was_cut_short_is_repeated() {
     for volts in [2.6, 0.0] {
@@ -897,14 +904,16 @@ fn an_erasure_that_was_cut_short_is_repeated() {
     }
 }
 
-/// Where the settings lie, the size of their record and of a bank of records.
+/// Offset of the settings in the flash, bytes.
 const SETTINGS: usize = 0x080c_0000 - flash::START as usize;
+/// Size of a settings record, bytes.
 const RECORD: usize = 256;
+/// Number of slots in a bank.
 const BANK: usize = 512;
-/// Records of a bank beside its mark, which takes the first place.
+/// Number of records in a bank, whose first slot holds its mark.
 const ROOM: usize = BANK - 1;
 
-/// A board with its settings saved, and the records of its first bank filled up to `records` with that one.
+/// A board with saved settings, whose first bank holds `records` copies of their record.
 fn worn(records: usize) -> Rig {
     let mut rig = machine().commissioned(&image());
     rig.act(&Act::Volts(0.0));
@@ -933,7 +942,7 @@ fn kept(rig: &mut Rig) -> Kept {
     })
 }
 
-/// Soft start and soft stop as the board has them, in ms.
+/// Soft start and soft stop of the board, ms.
 fn pair(rig: &mut Rig) -> [u32; 2] {
     ["soft_start", "soft_stop"].map(|key| {
         rig.ask(&Request::Get(key), |response| match response {
@@ -949,7 +958,7 @@ fn set_pair(rig: &mut Rig, values: [f32; 2]) {
     }
 }
 
-/// Before: a save of 22 keys was 22 records, and a cut left a mix of two machines.
+/// A cut must not leave a mix of old and new settings.
 #[test]
 fn a_save_cut_at_any_word_keeps_the_old_settings_or_the_new_ones() {
     let mut old_or_new = [0; 2];
@@ -963,7 +972,7 @@ fn a_save_cut_at_any_word_keeps_the_old_settings_or_the_new_ones() {
         let before = whole.chip.operations();
         whole.done(&Request::Save);
         let operations = whole.chip.operations() - before;
-        // The erasure, and two words each to clear the mark before it and to set it after it.
+        // The erasure, and two words each for clearing the mark before it and setting it after it.
         let wanted = RECORD as u64 / 4 + 5 * u64::from(records == ROOM);
         assert_eq!(operations, wanted);
         let cuts = (1..=operations).filter(|n| n % 8 == 1 || n + 7 > operations);
@@ -983,7 +992,7 @@ fn a_save_cut_at_any_word_keeps_the_old_settings_or_the_new_ones() {
             let new = now == [700, 900];
             assert!(new || now == old, "{records}, {cut}: {now:?}");
             old_or_new[usize::from(new)] += 1;
-            // The next save is not hindered by what the cut left.
+            // The remains of the cut must not hinder the next save.
             if cut == 1 || cut == operations {
                 set_pair(&mut rig, [1.1, 1.3]);
                 rig.done(&Request::Save);
@@ -998,11 +1007,11 @@ fn a_save_cut_at_any_word_keeps_the_old_settings_or_the_new_ones() {
     assert!(old_or_new.iter().all(|count| *count > 2));
 }
 
-/// Before: from two thirds of a page of 6553 records on, each save was a reset by the watchdog, for ever.
+/// A save into a nearly full bank must end before the watchdog resets the chip.
 #[test]
 fn a_full_area_of_settings_is_saved_to_in_time() {
     let mut rig = worn(ROOM - 1);
-    // The slowest flash and the fastest watchdog that the data sheets allow.
+    // Slowest flash and fastest watchdog of the data sheets.
     rig.chip.board.flash.slow = true;
     rig.chip.board.watchdog.clock = 47e3;
     let resets = rig.resets().len();
@@ -1029,7 +1038,7 @@ fn a_full_area_of_settings_is_saved_to_in_time() {
             .all(|time| *time < 0.1 || (2.0..2.2).contains(time))
     );
     assert_eq!(rig.resets().len(), resets, "{:?}", rig.resets());
-    // The start reads all of it within its watchdog.
+    // The start must read the whole bank within the watchdog's period.
     rig.act(&Act::Volts(0.0));
     rig.run(rig.time() + 0.01);
     rig.act(&Act::Volts(3.3));
@@ -1042,8 +1051,8 @@ fn a_full_area_of_settings_is_saved_to_in_time() {
     assert_eq!(rig.resets().len(), resets + 1, "power-on alone");
 }
 
-/// An erasure that ends at any time of the window watchdog's round. Before: where it had been fed in the erasure just
-/// before a round of samples ended, the next feed came too early, and the chip was reset.
+/// An erasure may end at any time in the window watchdog's round. A feed during the erasure must
+/// not make the next one too early.
 #[test]
 fn an_erasure_that_ends_at_any_time_is_no_reset() {
     let rig = worn(ROOM);
@@ -1059,19 +1068,19 @@ fn an_erasure_that_ends_at_any_time_is_no_reset() {
     }
 }
 
-/// Before: an erasure by bytes took up to 4 s, and the board heard nothing of the link meanwhile.
+/// One erasure may block the link for at most 2 s.
 #[test]
 fn a_board_whose_memories_hold_garbage_hears_the_link_again_after_one_erasure() {
     let mut rig = Rig::boot(&image());
     rig.act(&Act::Volts(0.0));
     rig.chip.board.flash.slow = true;
-    // What an older program left where faults and settings are kept.
+    // Data of an earlier program in the pages of faults and settings.
     rig.chip.flash_mut()[SETTINGS - 2 * BANK * RECORD..].fill(0);
     rig.run(0.1);
     rig.act(&Act::Volts(3.3));
-    // The erasure begins once the supply has been good for 100 ms.
+    // The erasure begins once the supply was good for 100 ms.
     rig.run(0.4);
-    // A desk asks again and again.
+    // The desk repeats its request.
     let mut asked = 0;
     let heard = rig.sent().len();
     while rig.sent().len() == heard {
@@ -1086,12 +1095,12 @@ fn a_board_whose_memories_hold_garbage_hears_the_link_again_after_one_erasure() 
         rig.time() - 0.1
     );
     assert!(rig.time() > 2.0, "nothing was erased");
-    // What was cut off by the erasure spoils the frame behind it: the desk asks once more.
+    // Bytes lost in the erasure spoil the next frame: the desk sends it again.
     let frame = rig.frame(&Request::Alive);
     rig.act(&Act::Link(frame));
     rig.run(rig.time() + 0.1);
     assert_eq!(kept(&mut rig), Kept::Damaged);
-    // What is saved goes to a bank that is erased first, and the other one is erased after it.
+    // The save goes to a bank that is erased first; the other bank is erased after it.
     rig.chip.board.flash.erases_in = Some(ticks(0.2));
     let began = rig.time();
     rig.done(&Request::Save);
@@ -1105,12 +1114,12 @@ fn a_board_whose_memories_hold_garbage_hears_the_link_again_after_one_erasure() 
     );
 }
 
-/// Every word that the sample interrupt has is overwritten by what is no number, one at a time; where the output is made of it
-/// the bridge opens with that sample. Before: such an output was given to the bridge.
+/// Overwrites each word of the sample interrupt's state with NaN, one at a time. Where the output
+/// depends on the word, the bridge must open with that sample.
 #[test]
 fn an_output_that_is_no_number_opens_the_bridge() {
     let mut rig = running();
-    // Nothing is planned any more: what the core does is less.
+    // By now the planning has ended: the core does less.
     rig.run(4.0);
     let place = images::place(&image(), "SAMPLER");
     let (mut at_once, mut later) = (Vec::new(), 0);
@@ -1132,7 +1141,7 @@ fn an_output_that_is_no_number_opens_the_bridge() {
         at_once.len(),
     );
     let told = at_once.into_iter().filter_map(|(word, mut rig)| {
-        // No reset: the program itself saw that it is no number.
+        // Without a reset the program itself detected the NaN.
         let resets = rig.resets().len();
         rig.run(4.1);
         let fault = rig.seen_after(4.0, &Seen::Fault(true));
@@ -1146,7 +1155,7 @@ fn an_output_that_is_no_number_opens_the_bridge() {
     }
 }
 
-/// What the firmware's stack takes, by a start, new settings, a lock that is planned and a fault.
+/// Stack use of a start, new settings, the planning of a lock and a fault.
 #[test]
 fn the_stack_of_the_image_is_what_the_manual_says() {
     let mut hazard = Hazard::of("stack", 50.0, Target::Locked(1));
@@ -1193,21 +1202,21 @@ fn a_damaged_image_never_closes_the_bridge() {
         rig.run(on + 0.5);
         (on, rig)
     };
-    // The program bears this bit: with a check of its own it drives.
+    // This bit is not essential: with a matching checksum the program drives.
     let (on, mut rig) = damaged(check - 8, 0, true);
     for enable in [false, true] {
         rig.act(&Act::Enable(enable));
         rig.run(rig.time() + 0.5);
     }
     assert!(rig.seen_after(on, &Seen::Bridge(true)).is_some());
-    // Two constants and the check itself.
+    // Two constants, and the checksum itself.
     for (address, bit) in [(check - 8, 0), (check - 0x2000, 7), (check, 31)] {
         let (on, mut rig) = damaged(address, bit, false);
         let lamp = rig.seen_after(on, &Seen::Fault(true)).unwrap() - on;
         println!("bit {bit} of {address:#010x}: FAULT after {lamp:.3} s");
         assert!(lamp < 0.2, "{lamp}");
         assert!(kept_faults(&mut rig).contains(&Fault::ImageDamaged.number()));
-        // Neither an edge of the input nor an acknowledgement starts it.
+        // Neither an edge of the input nor an acknowledgement may start it.
         for enable in [true, false, true] {
             rig.act(&Act::Enable(enable));
             rig.run(rig.time() + 1.0);
@@ -1219,7 +1228,8 @@ fn a_damaged_image_never_closes_the_bridge() {
     }
 }
 
-/// The independent watchdog is fed before and after the check, and bites after 0.53 s at the earliest.
+/// The independent watchdog is fed before and after the check; it resets after 0.53 s at the
+/// earliest.
 #[test]
 fn the_check_of_the_image_is_short() {
     let mut rig = Rig::boot(&image());
@@ -1238,7 +1248,8 @@ fn the_check_of_the_image_is_short() {
     assert!(lasted < 0.05, "{lasted}");
 }
 
-/// Here memory answers below the RAM, as system memory may: the guard alone makes the access a fault.
+/// Memory below the RAM accepts accesses here, as system memory may: only the guard makes them a
+/// fault.
 #[test]
 fn a_stack_below_the_ram_is_a_fault_at_every_depth() {
     let ready = running();
@@ -1252,7 +1263,7 @@ fn a_stack_below_the_ram_is_a_fault_at_every_depth() {
         let opens = rig.opens_after(from);
         let written = |rig: &Rig| rig.chip.board.below.iter().any(|byte| *byte != 0);
         assert!(!written(&rig), "{depth}: no access is let through");
-        // Without the guard the memory there is written to.
+        // Without the guard that memory is written.
         let mut unguarded = ready.clone();
         unguarded.chip.board.below = vec![0; 64 * 1024];
         unguarded.act(&Act::Store(0xe000_ed94, 0));

@@ -1,5 +1,5 @@
-//! What the link may do to a drive: a flood, much telemetry, a stuck line and requests that would
-//! start a machine, each played to the flashed image.
+//! Effects of the link on a drive, on the flashed image: a flood, much telemetry, a stuck line, and
+//! requests that could start a machine.
 
 use std::path::PathBuf;
 
@@ -18,21 +18,21 @@ fn image() -> PathBuf {
     images::build("kband-firmware", "feeder", Machine::CortexM4F)
 }
 
-/// A machine of a frequency, its settings saved and its drive at rest; the link may be silent.
+/// A machine of this frequency in Hz with saved settings, at rest; no link timeout.
 fn machine(frequency: f32, target: Target) -> Rig {
     let mut hazard = Hazard::of("line", frequency, target);
     let settings = &mut hazard.scene.settings;
     settings.link_timeout = 0.0;
-    // Within the acceleration limit at any of these frequencies.
+    // Within the acceleration limit at each of these frequencies.
     settings.safe_amplitude = 0.005;
     hazard.scene.sensor.noise = 0.04;
     hazard.commissioned(&image())
 }
 
-// A frame fits the ring of the port.
+// A frame fits the ring buffer of the port.
 const _: () = assert!(FRAME_MOST <= 512);
 
-/// What a machine of a frequency is to hold.
+/// Target of a machine of this frequency in Hz.
 fn target(frequency: f32) -> Target {
     if frequency < 30.0 {
         Target::Amplitude(0.9)
@@ -41,7 +41,7 @@ fn target(frequency: f32) -> Target {
     }
 }
 
-/// The machine that has run for some seconds.
+/// The machine after some seconds in the run.
 fn running(frequency: f32, target: Target, seconds: f64) -> Rig {
     let mut rig = machine(frequency, target);
     rig.at(1.1, Act::Enable(true)).run(1.1 + seconds);
@@ -49,7 +49,7 @@ fn running(frequency: f32, target: Target, seconds: f64) -> Rig {
     rig
 }
 
-/// One request of every kind that does not change what the drive does.
+/// One request of each kind that does not change the drive.
 fn requests() -> Vec<Request<'static>> {
     vec![
         Request::Setting(3),
@@ -84,7 +84,7 @@ fn requests() -> Vec<Request<'static>> {
     ]
 }
 
-/// Amplitude of the track in mm each 0.1 s, so many times.
+/// Amplitudes of the track every 0.1 s, mm.
 fn amplitudes(rig: &mut Rig, times: u32) -> Vec<f64> {
     let began = rig.time();
     let seen = (1..=times).map(|n| {
@@ -97,14 +97,14 @@ fn amplitudes(rig: &mut Rig, times: u32) -> Vec<f64> {
     seen.collect()
 }
 
-/// Largest relative difference of two amplitudes, each to each.
+/// Largest relative difference between corresponding amplitudes.
 fn apart(one: &[f64], other: &[f64]) -> f64 {
     assert_eq!(one.len(), other.len());
     let ratios = one.iter().zip(other).map(|(a, b)| (a / b - 1.0).abs());
     ratios.fold(0.0, f64::max)
 }
 
-/// Responses that came since some byte.
+/// Responses received from byte `from` on.
 fn responses(rig: &Rig, from: usize) -> Vec<(u8, String)> {
     let mut receiver = Receiver::new();
     let mut found = Vec::new();
@@ -150,8 +150,7 @@ fn report(rig: &mut Rig) -> (State, Option<Fault>, Limits) {
     )
 }
 
-/// Before: twenty `Setting` requests in a row hung the link task, and 0.8 s later the independent
-/// watchdog reset the running machine.
+/// A flood of requests must neither hang the link nor delay the control.
 #[test]
 fn a_thousand_pipelined_requests_are_answered() {
     for frequency in [5.0, 50.0, 130.0, 500.0] {
@@ -171,8 +170,8 @@ fn a_thousand_pipelined_requests_are_answered() {
         let answers = responses(&rig, before).len() as u32;
         let counters = counters(&mut rig);
         println!("{frequency} Hz: {answers} frames came back, {counters:?}");
-        // A drive cycle answers 32 requests and counts the others. Of what comes faster than answers
-        // leave, some is lost in the port's ring.
+        // A drive cycle answers 32 requests and counts the others. The port's ring loses some of
+        // those that arrive faster than answers leave.
         assert!(answers >= 190, "{frequency} Hz: {answers}");
         assert!(
             answers + 12 >= counters.requests,
@@ -189,7 +188,7 @@ fn a_thousand_pipelined_requests_are_answered() {
     }
 }
 
-/// Before: `Telemetry(1)` hung the link in gear at 100 Hz, and otherwise at 130 and 300 Hz.
+/// The fastest telemetry that the line carries must not affect the drive.
 #[test]
 fn telemetry_as_fast_as_the_line_carries_does_not_move_b() {
     for frequency in [5.0, 20.0, 60.0, 67.0, 100.0, 130.0, 300.0, 500.0] {
@@ -204,7 +203,7 @@ fn telemetry_as_fast_as_the_line_carries_does_not_move_b() {
         assert_eq!(fewest > 1, frequency > 67.5, "{frequency} Hz: {fewest}");
         rig.done(&Request::Telemetry(fewest));
         let (from, first) = (rig.sent().len(), rig.time());
-        // Requests beside it that are answered.
+        // Requests that must be answered meanwhile.
         for n in 1..=25 {
             let frame = rig.frame(&Request::Setting(4));
             rig.at(first + 0.1 * f64::from(n), Act::Link(frame));
@@ -227,7 +226,8 @@ fn telemetry_as_fast_as_the_line_carries_does_not_move_b() {
     }
 }
 
-/// In gear a row has margin and load, and more rows than the line carries are dropped, not waited for.
+/// In gear a telemetry frame has margin and load. Frames beyond the line's rate must be dropped,
+/// not waited for.
 #[test]
 fn rows_with_margin_and_load_are_dropped_where_the_line_is_full() {
     let mut hazard = Hazard::of("line in gear", 50.0, Target::Gear(1));
@@ -239,7 +239,7 @@ fn rows_with_margin_and_load_are_dropped_where_the_line_is_full() {
     let silent = amplitudes(&mut rig.clone(), 40);
     rig.done(&Request::Telemetry(1));
     let from = rig.sent().len();
-    // Answers take what is left of the line, and more.
+    // The answers take the line's remaining rate, and more.
     let mut bytes = Vec::new();
     for _ in 0..600 {
         bytes.extend(rig.frame(&Request::Setting(4)));
@@ -261,13 +261,13 @@ fn rows_with_margin_and_load_are_dropped_where_the_line_is_full() {
     let counted = counters(&mut rig);
     println!("{} rows came, {counted:?}", rows.len());
     assert!(counted.rows_dropped > 0);
-    // What is planned in idle time comes later under load, so that b has other bits.
+    // Under load the planning in idle time runs later, so that b has other bits.
     println!("in gear b differs by {:.1e}", apart(&flooded, &silent));
     assert!(apart(&flooded, &silent) < 0.02);
     assert_eq!(rig.resets().len(), 1);
 }
 
-/// The port sends nothing any more, as where its transmitter fails. Then it is dead altogether.
+/// The port sends nothing, as with a failed transmitter. Then it is dead completely.
 #[test]
 fn a_hung_link_is_a_limit_and_never_a_reset() {
     let mut hazard = Hazard::of("hung", 50.0, Target::Amplitude(0.2));
@@ -292,7 +292,7 @@ fn a_hung_link_is_a_limit_and_never_a_reset() {
     alive(&mut rig, 6.0, 6.5);
     rig.run(6.6);
     assert!(counters(&mut rig).answers_dropped > 5);
-    // The port's interrupt is masked: nothing comes and nothing goes.
+    // The port's interrupt is masked: it neither receives nor sends.
     let interrupt = 38;
     rig.act(&Act::Store(
         0xe000_e180 + 4 * (interrupt / 32),
@@ -310,8 +310,7 @@ fn a_hung_link_is_a_limit_and_never_a_reset() {
     assert_eq!(rig.seen_after(3.0, &Seen::Bridge(false)), None);
 }
 
-/// Before: with the input on since power-on, any `Set` or `Defaults` closed the bridge 22 ms later,
-/// and so did the link's enable.
+/// With the input on since power-on no request may close the bridge.
 #[test]
 fn no_request_starts_a_machine_whose_input_is_on() {
     let mut rig = machine(50.0, Target::Amplitude(0.2));
@@ -340,13 +339,14 @@ fn no_request_starts_a_machine_whose_input_is_on() {
     }
     rig.run(rig.time() + 2.0);
     assert_eq!(rig.seen_after(on, &Seen::Bridge(true)), None);
-    // An edge of the input starts it, once half a second without it has acknowledged the fault after `Defaults`.
+    // Half a second without the input acknowledges the fault after `Defaults`. Then an edge of the
+    // input starts it.
     rig.act(&Act::Enable(false));
     rig.run(rig.time() + 0.6);
     rig.act(&Act::Enable(true));
     rig.run(rig.time() + 0.2);
     assert!(rig.seen_after(on, &Seen::Bridge(true)).is_some());
-    // What the link withheld it gives back.
+    // The link may restore the enable that it withheld.
     rig.done(&Request::Enable(false));
     rig.run(rig.time() + 1.5);
     let stopped = rig.time();
@@ -356,7 +356,7 @@ fn no_request_starts_a_machine_whose_input_is_on() {
     assert!(rig.seen_after(stopped, &Seen::Bridge(true)).is_some());
 }
 
-/// Before: the link's enable, withdrawn and given back, acknowledged any fault in half a second.
+/// Withdrawing and restoring the link's enable must not acknowledge a fault.
 #[test]
 fn the_link_acknowledges_no_fault() {
     let mut rig = running(50.0, Target::Amplitude(0.2), 1.0);
@@ -384,7 +384,7 @@ fn the_link_acknowledges_no_fault() {
     }
 }
 
-/// Before: a `Set` between two faults erased the times of the faults.
+/// A `Set` between two faults must not clear their times.
 #[test]
 fn the_third_fault_in_a_minute_locks_out_in_spite_of_settings() {
     let mut rig = running(50.0, Target::Amplitude(0.2), 0.5);
@@ -408,7 +408,7 @@ fn the_third_fault_in_a_minute_locks_out_in_spite_of_settings() {
     }
 }
 
-/// Before: 121 resets in 3 s with the lamp dark, and nothing on the line but greetings.
+/// Three successive resets must end at rest, not in a loop of resets.
 #[test]
 fn repeated_resets_end_at_rest_with_the_lamp_on_and_the_link_up() {
     let mut rig = running(50.0, Target::Amplitude(0.2), 1.0);
@@ -422,12 +422,12 @@ fn repeated_resets_end_at_rest_with_the_lamp_on_and_the_link_up() {
     let lamp = rig.seen_after(rest, &Seen::Fault(true));
     assert!(lamp.is_some_and(|time| time < rest + 0.2), "{lamp:?}");
     assert_eq!(rig.seen_after(from + 0.01, &Seen::Bridge(true)), None);
-    // The link answers, and telemetry comes by the clock.
+    // The link answers, and the clock paces the telemetry.
     let (state, fault, _) = report(&mut rig);
     assert_eq!((state, fault), (State::Fault, Some(Fault::RepeatedResets)));
     rig.run(rig.time() + 12.0);
     assert_eq!(rig.resets().len(), resets, "{:?}", rig.resets());
-    // Repaired and acknowledged it starts as after power-on.
+    // After repair and acknowledgement it starts as after power-on.
     rig.act(&Act::Converts(true));
     rig.act(&Act::Enable(false));
     let off = rig.time();
@@ -441,7 +441,7 @@ fn repeated_resets_end_at_rest_with_the_lamp_on_and_the_link_up() {
     assert!((rig.amplitude() - 0.2).abs() < 0.01, "{}", rig.amplitude());
 }
 
-/// PC1 to ground makes the link read-only; the drive is stopped and given back as before.
+/// PC1 to ground makes the link read-only; it may still withhold the drive.
 #[test]
 fn the_strap_makes_the_link_read_only() {
     let mut rig = machine(50.0, Target::Amplitude(0.2));

@@ -1,4 +1,4 @@
-//! The board: its pins and peripherals joined to the application.
+//! The board: connects pins and peripherals to the application.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -42,7 +42,7 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
 
 defmt::timestamp!("{=u64:ms}", Instant::now().as_millis());
 
-/// Priority of what may wait for a sample: half way down.
+/// Priority of interrupts that may wait for a sample: the middle of the range.
 const LATER: u8 = 0x80;
 
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
@@ -55,10 +55,10 @@ bind_interrupts!(struct Interrupts {
 
 static EXCHANGE: Exchange = Exchange::new();
 static SAMPLER: Owned<Sampler<Converter, HalfBridge>> = Owned::new();
-/// Resets in a row, in RAM that they leave alone.
+/// Count of successive resets, in RAM that a reset does not change.
 #[unsafe(link_section = ".uninit.resets")]
 static RESETS: Resets = Resets::none();
-/// Most cycles of the core that a sample took.
+/// Longest sample interrupt, core cycles.
 static LONGEST_SAMPLE: AtomicU32 = AtomicU32::new(0);
 
 #[unsafe(no_mangle)]
@@ -71,9 +71,10 @@ extern "Rust" fn kband_halt() -> ! {
     SCB::sys_reset()
 }
 
-/// One sample, in the interrupt that ends its conversion.
+/// Takes one sample, in the interrupt that ends its conversion.
 ///
-/// Deadline: 50 us, the next sample; measured 171 instructions in the mean, 700 where a cycle ends.
+/// Deadline: 50 us, the next sample. Measured: 171 instructions in the mean, 700 where a cycle
+/// ends.
 ///
 /// # Safety
 /// For the converter's interrupt handler only.
@@ -91,7 +92,7 @@ pub unsafe fn sample() {
     }
 }
 
-/// Counts milliseconds for the time driver; deadline 1 ms, a missed one makes the clock late.
+/// Counts milliseconds for the time driver. Deadline: 1 ms; a missed one delays the clock.
 #[exception]
 fn SysTick() {
     TIME.systick_interrupt();
@@ -124,8 +125,9 @@ async fn supervise(mut guard: Guard) {
     }
 }
 
-/// Stays at rest after repeated resets or with a damaged image, without samples: the controller runs by the clock, so that
-/// link, lamps and the acknowledgement work. Once the fault is acknowledged the board starts anew.
+/// Stays at rest, without samples, after repeated resets or with a damaged image. The controller
+/// runs by the clock, so that link, lamps and acknowledgement work. An acknowledged fault restarts
+/// the board.
 #[embassy_executor::task]
 async fn stay_at_rest(
     station: &'static Station,
@@ -149,8 +151,9 @@ async fn stay_at_rest(
     }
 }
 
-/// The station in its place. Controller, station and signal path are large: each is made in a call of its own, on a
-/// stack that is empty again before the next, and takes no room in the future of `main`.
+/// Builds the station in its place. Controller, station and signal path are large. Each is built in
+/// a call of its own, so that their stack use does not add up. None takes space in the future of
+/// `main`.
 #[inline(never)]
 fn place(found: &Found, start: StartCause, last_words: LastWords) -> Option<&'static Station> {
     match &Station::controller(found, start) {
@@ -172,7 +175,7 @@ fn place_station(
     ))
 }
 
-/// The sample interrupt's work in its place.
+/// Builds the sample interrupt in its place.
 #[inline(never)]
 fn place_sampler(settings: &Settings, converter: Converter, bridge: HalfBridge) -> Option<()> {
     let signal = Signal::build(settings).ok()?;
@@ -185,7 +188,7 @@ fn place_sampler(settings: &Settings, converter: Converter, bridge: HalfBridge) 
 async fn main(spawner: Spawner) {
     let cause = ResetCause::of(Board::signs());
     let mut start = RESETS.start(cause);
-    // Before anything that is waited for.
+    // Before the first wait.
     let mut guard = Guard::start();
     let Some(mut core) = cortex_m::Peripherals::take() else {
         defmt::panic!("the core's peripherals are taken");
@@ -234,7 +237,8 @@ async fn main(spawner: Spawner) {
         Condition::Never => defmt::warn!("settings: none were ever saved"),
         Condition::Lost => defmt::error!("settings: damaged, or another firmware's"),
     }
-    // A target that another firmware accepted, and this one does not, is lost settings and no reason to stay silent.
+    // A target that only an older firmware accepted counts as lost settings; the link must still
+    // answer.
     let (found, station) = match place(&found, start, last_words) {
         Some(station) => (found, Some(station)),
         None => {
@@ -261,7 +265,7 @@ async fn main(spawner: Spawner) {
     if !rests {
         // SAFETY: no critical section relies on the mask of this interrupt.
         unsafe { NVIC::unmask(Board::CONVERTED) };
-        // From here on a sample that does not come is a reset.
+        // From here a missing sample resets the chip.
         Board::start_window();
     }
     let image = Image {

@@ -3,7 +3,7 @@
 
 #[cfg(target_os = "none")]
 mod board;
-// One line a board; exactly one feature is on.
+// One line per board; exactly one feature is on.
 #[cfg(target_os = "none")]
 #[cfg_attr(feature = "stm32f405rg", path = "stm32f405rg.rs")]
 #[cfg_attr(feature = "stm32g474re", path = "stm32g474re.rs")]

@@ -1,4 +1,4 @@
-//! STM32F405RG with a crystal of 8 MHz: Olimex STM32-H405 and its like.
+//! Chip STM32F405RG with a crystal of 8 MHz: Olimex STM32-H405 and similar boards.
 
 use cortex_m::peripheral::NVIC;
 use embassy_stm32::Peri;
@@ -26,10 +26,11 @@ mod crystal;
 #[path = "stm32f405rg/flash.rs"]
 mod flash;
 
-/// The board's crystal in Hz.
+/// Frequency of the board's crystal, Hz.
 const CRYSTAL: u32 = 8_000_000;
-/// The supply monitor's highest level, 2.9 V (DS8626, table 19), and its line of interrupts.
+/// Highest level of the supply monitor: 2.9 V (DS8626, table 19).
 const HIGHEST_LEVEL: u8 = 7;
+/// EXTI line of the supply monitor.
 const SUPPLY_LINE: usize = 16;
 
 static SUPPLY: Supply = Supply::new();
@@ -39,13 +40,13 @@ fn is_below() -> bool {
     pac::PWR.csr1().read().pvdo()
 }
 
-/// Whether the supply was good for long enough to work on the flash.
+/// Whether the supply was good for the settling time.
 fn supply_settled() -> bool {
     SUPPLY.is_settled(is_below(), Instant::now().as_millis() as u32)
 }
 
-/// The supply crossed the monitor's level: the bridge opens before anything else, and stays open until the control
-/// has seen it.
+/// Interrupt at each crossing of the monitor's level. It opens the bridge first; the bridge stays
+/// open until the control has read the fault.
 #[interrupt]
 fn PVD() {
     drive_off();
@@ -65,8 +66,8 @@ impl Chip for Board {
 
     const CONVERTED: pac::Interrupt = pac::Interrupt::ADC;
 
-    /// From the crystal where it swings at its frequency, from the internal oscillator where not: a board with
-    /// another crystal would run its core far beyond what it bears.
+    /// Selects the crystal where it oscillates at its frequency, else the internal oscillator. With
+    /// another crystal the core would run far above its largest frequency.
     fn clocks() -> ChipClocks {
         use embassy_stm32::rcc::*;
         let sound = crystal::swings(CRYSTAL);
@@ -95,9 +96,9 @@ impl Chip for Board {
         ChipClocks { config, sound }
     }
 
-    /// Where the crystal stops, the bridge opens by the break of TIM1, which needs no clock, and an interrupt without
-    /// a handler resets the board. Where the supply falls below 2.9 V, an interrupt opens the bridge: at 168 MHz the core
-    /// needs 2.7 V.
+    /// A crystal that stops opens the bridge by the break of TIM1, which needs no clock. Its
+    /// interrupt has no handler and resets the board. A supply below 2.9 V opens the bridge by
+    /// interrupt: at 168 MHz the core needs 2.7 V.
     fn watch(clocks_sound: bool) {
         pac::RCC
             .cr()
@@ -109,14 +110,15 @@ impl Chip for Board {
         pac::EXTI
             .rtsr(0)
             .modify(|lines| lines.set_line(SUPPLY_LINE, true));
-        // The return of the supply too: the time from then on counts.
+        // Both edges: the settling time starts at the return of the supply.
         pac::EXTI
             .ftsr(0)
             .modify(|lines| lines.set_line(SUPPLY_LINE, true));
         pac::EXTI
             .imr(0)
             .modify(|lines| lines.set_line(SUPPLY_LINE, true));
-        // SAFETY: no critical section relies on this interrupt's mask; its handler uses atomics and registers.
+        // SAFETY: no critical section relies on this interrupt's mask; its handler uses atomics and
+        // registers.
         unsafe { NVIC::unmask(pac::Interrupt::PVD) };
         flash::read_ahead();
     }
@@ -138,7 +140,7 @@ impl Chip for Board {
     fn set_up() -> SetUp {
         let options = pac::FLASH.optcr().read();
         SetUp {
-            // DS8626, table 19: typical, of a falling supply.
+            // Typical thresholds for a falling supply (DS8626, table 19).
             brown_out: match options.bor_lev() {
                 0 => 2830,
                 1 => 2500,
@@ -150,12 +152,13 @@ impl Chip for Board {
         }
     }
 
-    /// The converter and the time it takes to sample: 28 cycles at 21 MHz, 1.3 us, enough for 27 kOhm.
+    /// Sets up the converter with a sampling time of 28 cycles at 21 MHz, 1.3 us, enough for 27
+    /// kOhm.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
         (Adc::new(converter), SampleTime::CYCLES28)
     }
 
-    /// The settings lie in the last two sectors of 128 KiB, the faults in the two before them.
+    /// Settings in the last two sectors of 128 KiB, faults in the two before them.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
         let region = Flash::new_blocking(flash)
             .into_blocking_regions()
@@ -176,14 +179,14 @@ impl Chip for Board {
         Signs {
             watchdog: flags.wdgrstf() || flags.wwdgrstf(),
             software: flags.sftrstf(),
-            // Power-on sets both.
+            // Power-on sets both flags.
             sag: flags.borrstf() && !flags.porrstf(),
             remembered: remembers_running(),
         }
     }
 }
 
-/// A sample was converted: see [`crate::board::sample`].
+/// End of a conversion: see [`crate::board::sample`].
 #[interrupt]
 fn ADC() {
     pac::ADC1.sr().modify(|status| status.set_jeoc(false));

@@ -1,4 +1,4 @@
-//! STM32G474RE on its Nucleo, from the internal oscillator.
+//! Chip STM32G474RE on its Nucleo board, on the internal oscillator.
 
 use cortex_m::peripheral::NVIC;
 use embassy_stm32::Peri;
@@ -23,10 +23,10 @@ use flash::Pages;
 #[path = "stm32g474re/flash.rs"]
 mod flash;
 
-/// The supply monitor's highest level, 2.9 V (DS12288, table 21).
+/// Highest level of the supply monitor: 2.9 V (DS12288, table 21).
 const HIGHEST_LEVEL: u8 = 6;
 
-/// The monitor's line of interrupts.
+/// EXTI line of the supply monitor.
 const SUPPLY_LINE: usize = 16;
 
 static SUPPLY: Supply = Supply::new();
@@ -36,12 +36,13 @@ fn is_below() -> bool {
     pac::PWR.sr2().read().pvdo()
 }
 
-/// Whether the supply was good for long enough to work on the flash.
+/// Whether the supply was good for the settling time.
 fn supply_settled() -> bool {
     SUPPLY.is_settled(is_below(), Instant::now().as_millis() as u32)
 }
 
-/// The supply crossed the monitor's level. The break of TIM1 opens the bridge.
+/// Interrupt at each crossing of the monitor's level. The break of TIM1 opens the bridge in
+/// hardware.
 #[interrupt]
 fn PVD_PVM() {
     SUPPLY.falls();
@@ -80,8 +81,9 @@ impl Chip for Board {
         }
     }
 
-    /// The chip's own oscillator starts and stops with it. A supply below 2.9 V, a core that locks up and an error of
-    /// the flash open the bridge by the break of TIM1, without the program.
+    /// The internal oscillator starts and stops with the chip. Three failures open the bridge by
+    /// the break of TIM1, without the program. They are a supply below 2.9 V, a core lock-up and a
+    /// flash error.
     fn watch(_clocks_sound: bool) {
         pac::PWR.cr2().modify(|control| {
             control.set_pls(HIGHEST_LEVEL);
@@ -98,14 +100,15 @@ impl Chip for Board {
         pac::EXTI
             .rtsr(0)
             .modify(|lines| lines.set_line(SUPPLY_LINE, true));
-        // The return of the supply too: the time from then on counts.
+        // Both edges: the settling time starts at the return of the supply.
         pac::EXTI
             .ftsr(0)
             .modify(|lines| lines.set_line(SUPPLY_LINE, true));
         pac::EXTI
             .imr(0)
             .modify(|lines| lines.set_line(SUPPLY_LINE, true));
-        // SAFETY: no critical section relies on this interrupt's mask; its handler uses atomics and registers.
+        // SAFETY: no critical section relies on this interrupt's mask; its handler uses atomics and
+        // registers.
         unsafe { NVIC::unmask(pac::Interrupt::PVD_PVM) };
         pac::FLASH.acr().modify(|access| access.set_prften(true));
     }
@@ -114,7 +117,7 @@ impl Chip for Board {
         SUPPLY.take_low(is_below(), Instant::now().as_millis() as u32)
     }
 
-    /// The break holds the bridge open by itself.
+    /// The break holds the bridge open in hardware.
     fn supply_allows() -> bool {
         true
     }
@@ -128,7 +131,8 @@ impl Chip for Board {
     fn set_up() -> SetUp {
         let options = pac::FLASH.optr().read();
         SetUp {
-            // DS12288, table 21: typical, of a falling supply; level 0 is the power-on reset.
+            // Typical thresholds for a falling supply (DS12288, table 21); level 0 is the power-on
+            // reset.
             brown_out: match options.bor_lev() {
                 1 => 2000,
                 2 => 2200,
@@ -141,7 +145,7 @@ impl Chip for Board {
         }
     }
 
-    /// The converter and the time it takes to sample: 47.5 cycles at 42.5 MHz, 1.1 us.
+    /// Sets up the converter with a sampling time of 47.5 cycles at 42.5 MHz, 1.1 us.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
         (
             Adc::new(converter, AdcConfig::default()),
@@ -149,7 +153,7 @@ impl Chip for Board {
         )
     }
 
-    /// The settings lie in the last two pages of 2 KiB of the second bank, the faults in the two before them.
+    /// Settings in the last two pages of 2 KiB of the second bank, faults in the two before them.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
         let region = Flash::new_blocking(flash)
             .into_blocking_regions()
@@ -177,7 +181,7 @@ impl Chip for Board {
     }
 }
 
-/// A sample was converted: see [`crate::board::sample`].
+/// End of a conversion: see [`crate::board::sample`].
 #[interrupt]
 fn ADC1_2() {
     pac::ADC1.isr().write(|status| status.set_jeos(true));

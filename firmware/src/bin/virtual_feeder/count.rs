@@ -1,5 +1,6 @@
-//! How many instructions the sample interrupt, the control of a cycle, the plan of the capture, the search for
-//! the lock of a speed and the plan for gear take.
+//! Instruction counts of the sample interrupt, the control of a cycle and the planning.
+//!
+//! Three plans are counted: the capture, the search for the lock of a speed, and gear.
 
 use core::fmt;
 use core::hint::black_box;
@@ -17,20 +18,20 @@ use kband_firmware::exchange::Exchange;
 use kband_firmware::station::Station;
 use kband_firmware::watch::{Roll, Watched};
 
-/// SysTick's full range; one pass of it is 16.7 million ticks, 99 million instructions.
+/// Full range of SysTick: 16.7 million ticks, 99 million instructions.
 const FULL: u32 = 0x00ff_ffff;
-/// Slices of the search for the lock of a speed: an order of lock each.
+/// Number of slices in the search for the lock of a speed, one per order of lock.
 const ORDERS: u32 = 8;
-/// Cycles of the drive that are counted, after as many that are not.
+/// Number of drive cycles that are counted, after as many that are not.
 const CYCLES: u32 = 20;
 
 static EXCHANGE: Exchange = Exchange::new();
 static ROLL: Roll = Roll::of(&[Watched::Samples]);
 
-/// The reading that the bench gave before the count.
+/// The reading of the bench from before the count.
 static READING: AtomicU16 = AtomicU16::new(0);
 
-/// Gives that reading.
+/// A converter that returns that reading.
 struct Reading;
 
 impl Sense for Reading {
@@ -39,7 +40,7 @@ impl Sense for Reading {
     }
 }
 
-/// The last output.
+/// Power stage that keeps the last output.
 struct Taken(f32);
 
 impl Drive for Taken {
@@ -52,7 +53,8 @@ impl Drive for Taken {
     }
 }
 
-/// Instructions in hundredths for a difference of the counter: one is a nanosecond, a tick 1000/168.
+/// Instructions in hundredths for a difference of the counter. An instruction takes 1 ns, a tick
+/// 1000/168 ns.
 pub fn instructions(ticks: u32) -> u64 {
     u64::from(ticks) * 100_000 / 168
 }
@@ -65,15 +67,15 @@ pub fn begin(timer: &mut SYST) {
     timer.enable_counter();
 }
 
-/// Ticks that some work takes.
+/// Number of ticks that `work` takes.
 pub fn lap(work: &mut dyn FnMut()) -> u32 {
     let before = SYST::get_current();
     work();
     before.wrapping_sub(SYST::get_current()) & FULL
 }
 
-/// Counts the search for the lock of a speed, slice by slice: for the lot of the trial, and for one so narrow
-/// that each order has a band.
+/// Counts the search for the lock of a speed slice by slice: for the trial's lot, and for a narrow
+/// lot with a band in each order.
 #[inline(never)]
 fn count_speed(station: &Station) {
     let (settings, target) = (station.settings(), station.target());
@@ -109,12 +111,13 @@ fn count_speed(station: &Station) {
             instructions(longest) / 100
         );
     }
-    // A trial whose own settings were taken once is taken again.
+    // The trial's settings were accepted before and are accepted again.
     let _ = station.set_settings(&settings);
     let _ = station.set_target(target);
 }
 
-/// Counts the plan for gear, slice by slice: for the lot of the trial, and for parts that lose gear soonest.
+/// Counts the plan for gear slice by slice: for the trial's lot, and for the parts that lose gear
+/// soonest.
 #[inline(never)]
 fn count_gear(station: &Station) {
     let (settings, target) = (station.settings(), station.target());
@@ -148,7 +151,7 @@ fn count_gear(station: &Station) {
     let _ = station.set_target(target);
 }
 
-/// What a search took, slice by slice as the control task does it.
+/// Cost of a search, slice by slice as the control task runs it.
 struct Searched {
     instructions: u64,
     slices: u32,
@@ -188,17 +191,18 @@ impl fmt::Display for Searched {
     }
 }
 
-/// Counts the search for a speed and the plan of the capture, then the control of each cycle on the way to a lively state, then the
-/// sample interrupt over whole cycles of the drive; prints mean and most.
+/// Counts the search for a speed and the plan of the capture. Then it counts the control of each
+/// cycle on the way to a lively state, and the sample interrupt over whole cycles. Prints mean and
+/// maximum.
 ///
-/// Each sample is counted by itself, so that the bench between two is not; the most is exact to the
-/// counter's step of six instructions, the mean to a sixtieth of one.
+/// Each sample is counted alone, without the bench. The maximum is exact to the counter's step of
+/// six instructions, the mean to a sixtieth of one.
 pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench: Bench) {
     begin(timer);
     count_speed(station);
     count_gear(station);
     heprintln!("capture plan: {}", Searched::count(station));
-    // Closed loop to a lively state: drive up, parts in flight.
+    // Closed loop to a lively state: drive on, parts in flight.
     let mut cycles = 0_u32;
     let (mut control, mut dearest) = (0_u64, 0);
     while cycles < 60 {
@@ -234,7 +238,7 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
     }
 }
 
-/// A signal path of two tones, or three, that makes them all.
+/// A signal path that makes two or three tones.
 fn toned(station: &Station, third_tone: f32) -> Option<Signal> {
     let settings = Settings {
         second_tone: 0.15,
@@ -254,7 +258,7 @@ fn toned(station: &Station, third_tone: f32) -> Option<Signal> {
     Some(path)
 }
 
-/// Counts what the control looks at of the stack in each cycle.
+/// Counts the stack check of each cycle.
 fn count_stack() {
     let (mut sum, mut most) = (0, 0);
     for _ in 0..CYCLES {

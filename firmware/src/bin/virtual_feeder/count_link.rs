@@ -1,4 +1,4 @@
-//! How many instructions the requests of the link take, and how long they keep a sample waiting.
+//! Instruction counts of the link's requests, and the delay that they cause to a sample.
 
 use core::hint::black_box;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -15,15 +15,18 @@ use kband_firmware::store::Store;
 
 use crate::count::{begin, instructions, lap};
 
-/// Ticks of SysTick between two samples of the trial: a prime, so that they meet every instruction.
+/// Number of SysTick ticks between two samples of the trial: a prime, so that samples hit every
+/// instruction.
 const APART: u32 = 499;
 
-/// Whether SysTick stands for the sample, and the most ticks that one came late.
+/// Whether SysTick acts as the sample interrupt.
 static SAMPLES: AtomicBool = AtomicBool::new(false);
+/// Largest delay of a sample, ticks.
 static LATE: AtomicU32 = AtomicU32::new(0);
+/// Number of samples.
 static TAKEN: AtomicU32 = AtomicU32::new(0);
 
-/// The interrupt of the trial; whether it was one.
+/// Handles the trial's interrupt; returns whether it was one.
 #[inline]
 pub fn sample() -> bool {
     if !SAMPLES.load(Ordering::Relaxed) {
@@ -35,7 +38,7 @@ pub fn sample() -> bool {
     true
 }
 
-/// One of each kind of request, the costliest of its kind where the kind has several.
+/// One request of each kind, the most expensive of its kind.
 fn requests() -> [(&'static str, Request<'static>); 24] {
     let set = |key, value| Request::Set { key, value };
     [
@@ -93,7 +96,7 @@ fn requests() -> [(&'static str, Request<'static>); 24] {
     ]
 }
 
-/// The end of a drive cycle: the link may answer again.
+/// Ends a drive cycle, so that the link may answer again.
 fn end_cycle(service: &mut Service<impl Store>, station: &Station) {
     station.cycle(&Cycle::default(), Inputs::default());
     service.tick(station);
@@ -106,8 +109,9 @@ fn take(service: &mut Service<impl Store>, station: &Station, frame: &[u8]) {
     }
 }
 
-/// Counts each kind of request from its first byte to its answer, then floods the link with all of them and
-/// with frames that are none, while SysTick asks for a sample again and again: how late the latest was.
+/// Counts each kind of request from its first byte to its answer. Then floods the link with all of
+/// them and with invalid frames, while SysTick requests samples. Prints the largest delay of a
+/// sample.
 pub fn count(
     timer: &mut SYST,
     image: Image,
@@ -144,7 +148,7 @@ pub fn count(
     counted("corrupt", &mut service, &corrupt);
     timer.set_reload(APART);
     timer.clear_current();
-    // At rest, where settings may change, and then with the drive on.
+    // At rest, where settings may change, then with the drive on.
     for (state, enable) in [("at rest", false), ("while the drive runs", true)] {
         LATE.store(0, Ordering::Relaxed);
         TAKEN.store(0, Ordering::Relaxed);
@@ -171,7 +175,7 @@ pub fn count(
     }
 }
 
-/// One cycle of the drive.
+/// Runs one drive cycle.
 fn drive(signal: &mut Signal, bench: &mut Bench, station: &Station, enable: bool) -> Report {
     loop {
         let before = signal.phase();

@@ -1,4 +1,4 @@
-//! The emulated board: the bench in place of converter and power stage, semihosting in place of pins.
+//! The emulated board: the bench replaces converter and power stage, semihosting replaces pins.
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -43,15 +43,16 @@ use crate::flash::FlashFile;
 use crate::logger;
 use crate::serial::{self, Serial};
 
-/// QEMU clocks the machine's SysTick at 168 MHz.
+/// SysTick's clock in QEMU's machine, Hz.
 const CORE_CLOCK: u64 = 168_000_000;
-/// QEMU clocks the machine's timers at 1 GHz: 25 us, for the emulated time is not what samples count.
+/// Reload of the sample timer: 25 us at QEMU's 1 GHz. The emulated time does not affect the
+/// samples.
 const SAMPLE_TICKS: u16 = 25_000 - 1;
-/// Samples in a millisecond where the desk talks to the board: as many as the board takes.
+/// Largest number of samples in a millisecond with a desk on the link: the board's sample rate.
 const SAMPLES_A_MILLISECOND: u32 = 20;
-/// Interrupts after which the emulated watchdog bites: half a second of emulated time.
+/// Number of interrupts until the emulated watchdog resets: half a second of emulated time.
 const WATCHDOG_SAMPLES: u32 = 20_000;
-/// Semihosting operation that gives the command line.
+/// Semihosting operation that returns the command line.
 const GET_CMDLINE: usize = 0x15;
 
 embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
@@ -65,15 +66,18 @@ static SAMPLER: Owned<Sampler<Bed, Bed>> = Owned::new();
 static BENCH: Mutex<CriticalSectionRawMutex, RefCell<Option<(Bench, f32)>>> =
     Mutex::new(RefCell::new(None));
 
-/// The emulated reset cause, in RAM that a reset leaves alone as the chip's register would be.
+/// The emulated reset cause, in RAM that a reset leaves unchanged like the chip's register.
 #[unsafe(link_section = ".uninit.cause")]
 static CAUSE: AtomicU32 = AtomicU32::new(0);
+/// Value of the cause after a watchdog reset.
 const CAUSE_WATCHDOG: u32 = 0x5744_4f47;
+/// Value of the cause after a reset by the firmware.
 const CAUSE_SOFTWARE: u32 = 0x534f_4654;
 
 #[unsafe(no_mangle)]
 extern "Rust" fn kband_drive_off() {
-    // Where a sample may still come, the drive is not off for good; the hard fault lets none through.
+    // While a sample may still come, the drive could be switched on again. The hard fault masks
+    // all.
     let masked = !primask::read().is_active()
         || SCB::vect_active() == VectActive::Exception(Exception::HardFault);
     let words: &[u8] = if masked {
@@ -81,9 +85,9 @@ extern "Rust" fn kband_drive_off() {
     } else {
         b"drive off until the next sample\n"
     };
-    // A stream of its own: the one of `heprintln` has state that a fault may have left half-way.
+    // A stream of its own: a fault may have left the state of `heprintln` inconsistent.
     if let Ok(mut stream) = hio::hstderr() {
-        // Nothing can be done about an emulator that does not listen.
+        // A failed write has no remedy.
         let _ = stream.write_all(words);
     }
 }
@@ -98,7 +102,7 @@ const IMAGE: Image = Image {
     identity: IDENTITY,
     stack_free,
     set_up: SetUp::default,
-    // The emulated line takes each byte at once.
+    // The emulated line accepts each byte at once.
     line_rate: u32::MAX,
     strapped: || false,
 };
@@ -140,7 +144,7 @@ impl Panel for Bed {
     }
 }
 
-/// Prints the trace and does what comes at its end, or prints nothing and goes on.
+/// Prints the trace and ends the run at its end, or prints nothing and runs on.
 struct Trace {
     left: Option<u32>,
     end: fn() -> !,
@@ -159,11 +163,11 @@ impl Monitor for Trace {
     }
 }
 
-/// The memory of the settings: a file of the desk, or none, where each start is the first.
+/// Memory of the settings: a file of the desk, or none, where each start is the first.
 struct Memory(Option<Records<FlashFile, Waiting>>);
 
 impl Memory {
-    /// The memory in the file of this name, none without a name.
+    /// Opens the file of this name; no memory for an empty name.
     fn open(name: &str) -> Result<Self, StoreFailed> {
         if name.is_empty() {
             return Ok(Self(None));
@@ -216,7 +220,7 @@ impl Store for Memory {
     }
 }
 
-/// The watchdog as samples count it.
+/// A watchdog that counts samples.
 struct SampleWatchdog;
 
 impl Watchdog for SampleWatchdog {
@@ -225,14 +229,14 @@ impl Watchdog for SampleWatchdog {
     }
 }
 
-/// One sample; deadline in the emulator: none, for the next one waits.
+/// Takes one sample. No deadline in the emulator: the next sample waits.
 #[interrupt]
 fn TIM3() {
     pac::TIM3.sr().modify(|status| status.set_uif(false));
     sample();
 }
 
-/// Whether SysTick is what samples follow: without -icount QEMU's TIM3 stops for seconds now and then.
+/// Whether samples follow SysTick. Without `-icount` QEMU's TIM3 stops for seconds at times.
 static BY_MILLISECOND: AtomicBool = AtomicBool::new(false);
 
 fn sample() {
@@ -243,7 +247,7 @@ fn sample() {
         CAUSE.store(CAUSE_WATCHDOG, Ordering::Relaxed);
         SCB::sys_reset();
     }
-    // Standing still is being alive.
+    // A pause of the samples is no failure: the interrupt checks in.
     ROLL.check_in(Watched::Samples);
     if EXCHANGE.owed() {
         return;
@@ -296,7 +300,7 @@ fn passed() -> ! {
     finish(true)
 }
 
-/// The chip starts anew with no flag of a reset but that of power-on, as it does where its supply sags.
+/// Restarts the chip with the reset flag of power-on only, as after a sag of its supply.
 fn sag() -> ! {
     SCB::sys_reset()
 }
@@ -321,7 +325,7 @@ fn deepen(depth: u32) -> u32 {
     deepen(depth + 1).wrapping_add(core::hint::black_box(room)[7])
 }
 
-/// The words after the image's name on the semihosting command line.
+/// Arguments after the image's name on the semihosting command line.
 fn arguments(buffer: &mut [u8; 256]) -> &str {
     let mut request = [buffer.as_mut_ptr() as usize, buffer.len()];
     // SAFETY: SYS_GET_CMDLINE takes the address and length of a buffer that outlives the call, and
@@ -352,8 +356,8 @@ async fn main(spawner: Spawner) {
     core::future::pending::<()>().await;
 }
 
-/// The station in its place, and the signal path that goes with it. These parts are large: each is made on a
-/// stack that is empty again before the next.
+/// Builds the station in its place, and its signal path. Each large part is built in a call of its
+/// own, so that their stack use does not add up.
 #[inline(never)]
 fn place(found: &Found, cause: ResetCause) -> Result<(&'static Station, Signal), OutOfRange> {
     let start = cause.start();
@@ -363,7 +367,7 @@ fn place(found: &Found, cause: ResetCause) -> Result<(&'static Station, Signal),
     Ok((station, Signal::build(&found.settings)?))
 }
 
-/// The bench in its place.
+/// Builds the bench in its place.
 #[inline(never)]
 fn place_bench(scene: &Scene) -> Result<(), OutOfRange> {
     let bench = Bench::build(scene)?;
@@ -380,7 +384,7 @@ fn count_with_bench(core: &mut cortex_m::Peripherals, signal: Signal, station: &
     finish(true)
 }
 
-/// Counts what the requests of the link take, and ends the run.
+/// Counts the requests of the link, and ends the run.
 #[inline(never)]
 fn count_link_with_bench(
     core: &mut cortex_m::Peripherals,
@@ -394,14 +398,15 @@ fn count_link_with_bench(
     finish(true)
 }
 
-/// The interrupt's work in its place.
+/// Builds the sample interrupt in its place.
 #[inline(never)]
 fn place_sampler(signal: Signal) {
     // SAFETY: the sample interrupt is still masked.
     unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE, &ROLL)) };
 }
 
-/// Starts everything. Not within `main`, whose future would keep the room of each local for good.
+/// Starts everything. Not in `main`: its future would hold the space of each local for the whole
+/// run.
 #[inline(never)]
 fn begin(spawner: Spawner) {
     let mut buffer = [0; 256];
@@ -470,7 +475,7 @@ fn begin(spawner: Spawner) {
     let (station, signal) = match built {
         Ok(placed) => placed,
         Err(refusal) => {
-            // Without the value: writing a number of the desk's costs 15 KiB of flash.
+            // The rejected value is left out: printing a float costs 15 KiB of flash.
             heprintln!("{}: {} is accepted", refusal.parameter, refusal.accepted);
             finish(false);
         }
@@ -483,7 +488,7 @@ fn begin(spawner: Spawner) {
     }
     place_sampler(signal);
     let linked = matches!(word, "link" | "run");
-    // QEMU's TIM3 does not outlive a reset of its machine.
+    // QEMU's TIM3 does not survive a reset of its machine.
     let by_millisecond = linked || word == "sag";
     BY_MILLISECOND.store(by_millisecond, Ordering::Relaxed);
     TIME.start(&mut core.SYST);

@@ -1,16 +1,16 @@
-//! Flash in a file of the desk, by semihosting: what is kept there outlives the emulator.
+//! NOR flash in a file of the desk, by semihosting. Its content outlives the emulator.
 
 use cortex_m_semihosting::{nr, syscall};
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 
-/// Bytes that are erased together.
+/// Size of an erasable page, bytes.
 const PAGE: usize = 4096;
-/// What semihosting answers where a call failed.
+/// Result of a failed semihosting call.
 const FAILED: usize = usize::MAX;
 
-/// The file did not take or give all of it.
+/// The file could not be read or written completely.
 #[derive(Clone, Copy, Debug)]
 pub struct FileFailed;
 
@@ -20,19 +20,19 @@ impl NorFlashError for FileFailed {
     }
 }
 
-/// A file as NOR flash: writing clears bits, erasing sets a page's. Ending the emulator in the middle is
-/// a cut of its power.
+/// A file as NOR flash: writing clears bits, erasing sets the bits of a page. Ending the emulator
+/// in between is a power cut.
 pub struct FlashFile {
     handle: usize,
     length: usize,
 }
 
 impl FlashFile {
-    /// The flash in the file of this name, as long as the file.
+    /// Opens the file as flash of the file's size.
     pub fn open(name: &str) -> Result<Self, FileFailed> {
         let mut room = [0; 257];
         let bytes = name.as_bytes();
-        // The zero at its end stays.
+        // The terminating zero stays.
         room[..256]
             .get_mut(..bytes.len())
             .ok_or(FileFailed)?
@@ -50,7 +50,7 @@ impl FlashFile {
         Ok(Self { handle, length })
     }
 
-    /// Its pages for the settings, and those for the faults.
+    /// Pages for the settings, and pages for the faults.
     pub fn ranges(&self) -> [core::ops::Range<u32>; 2] {
         let (half, whole) = (self.length as u32 / 2, self.length as u32);
         [0..half, half..whole]

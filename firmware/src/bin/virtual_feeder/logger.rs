@@ -1,4 +1,4 @@
-//! The log on USART1, as the board has it in the memory that a probe reads.
+//! The log on USART1. The board keeps it in memory that a debug probe reads.
 
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicBool, Ordering};

@@ -1,26 +1,28 @@
 //! The application on QEMU's `olimex-stm32-h405`, with the plant compiled in.
 //!
-//! The timer's interrupt stands still while the control of a cycle is owed, so that the emulator's
-//! speed has no say in the result: the trace equals the desk's, bit for bit.
+//! The timer's interrupt pauses while the control of a cycle is not finished. So the emulator's
+//! speed does not affect the result: the trace equals the desk's, bit for bit.
 //!
-//! The word on the semihosting command line says what to do:
+//! The first word on the semihosting command line selects the run:
 //!
-//! | word | does |
-//! |---|---|
-//! | the name of a trial | runs it and prints its trace |
-//! | `link` | runs the default scene, enable withdrawn, and answers on USART2 until it is ended from outside |
-//! | `run` | the same with the enable input given, at the board's speed where the desk is fast enough |
-//! | `count` | counts the instructions of the sample interrupt, the control and the plan of the capture; needs a clock that counts them |
-//! | `count-link` | counts those of each request of the link, and how long a flood of them keeps a sample waiting; needs the same clock |
-//! | `identity` | prints what image this is |
-//! | `panic`, `fault`, `overflow`, `stray` | runs into a panic, a hard fault, the end of the stack, an unexpected interrupt |
-//! | `sag` | runs a while, is reset as by a sag of its supply, and runs on |
-//! | `hang` | a task never returns: the watchdog has to bite |
+//! - The name of a trial: runs it and prints its trace.
+//! - `link`: runs the default scene with the enable input off. Answers on USART2 until it is ended
+//!   from outside.
+//! - `run`: the same with the enable input on, at the board's speed where the desk is fast enough.
+//! - `count`: counts the instructions of the sample interrupt, the control and the plan of the
+//!   capture. It needs a clock that counts them.
+//! - `count-link`: counts those of each request of the link, and the delay that a flood of them
+//!   causes to a sample. It needs the same clock.
+//! - `identity`: prints the image's version and commit.
+//! - `panic`, `fault`, `overflow`, `stray`: causes a panic, a hard fault, a stack overflow, an
+//!   unexpected interrupt.
+//! - `sag`: runs for a while, is reset as by a sag of its supply, and runs on.
+//! - `hang`: a task never returns; the watchdog must reset.
 //!
-//! Its log goes to USART1, in every case.
+//! The log always goes to USART1.
 //!
-//! After `link` and `run` the name of a file may follow that is the flash of settings and faults: four pages
-//! of 4096 bytes, 0xff where nothing was written yet.
+//! After `link` and `run` a file name may follow: the flash of settings and faults. It has four
+//! pages of 4096 bytes, 0xff where nothing was written yet.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]

@@ -1,4 +1,4 @@
-//! USART2 by its registers: received by interrupt, sent by waiting.
+//! USART2 by its registers: receives by interrupt, sends by polling.
 
 use cortex_m::peripheral::NVIC;
 use embassy_futures::yield_now;
@@ -8,7 +8,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use kband_firmware::link::Line;
 
-/// Bytes received and not yet taken; what comes beyond is lost, and its frame refused by its check.
+/// Received bytes not yet read. Further bytes are lost, and the checksum refuses their frame.
 static RECEIVED: Pipe<CriticalSectionRawMutex, 384> = Pipe::new();
 
 /// The serial port.
@@ -26,7 +26,7 @@ pub fn start() {
     unsafe { NVIC::unmask(pac::Interrupt::USART2) };
 }
 
-/// A byte came. Deadline at 115200 baud: 87 us, or the byte is lost.
+/// Receives a byte. Deadline at 115200 baud: 87 us, or the byte is lost.
 #[interrupt]
 fn USART2() {
     if pac::USART2.sr().read().rxne() {

@@ -1,12 +1,13 @@
-//! What no request may do: start a machine, or clear a fault, a latch or a lock-out.
+//! No request may start a machine, or clear a fault, a latch or a lock-out.
 
 use kband::control::{Fault, Inputs};
 use kband::plant::Noise;
 
 use super::*;
 
-/// Random sequences of requests, and the longest of them.
+/// Number of random request sequences.
 const SEQUENCES: u32 = 100_000;
+/// Largest number of requests in a sequence.
 const LONGEST: u32 = 40;
 
 fn below(noise: &mut Noise, limit: u32) -> u32 {
@@ -69,14 +70,15 @@ fn request(noise: &mut Noise) -> Request<'static> {
     }
 }
 
-/// A board whose enable input is on, and the fault that it has.
+/// A board with its enable input on, and whether it has a fault.
 fn board_with_the_input_on(noise: &mut Noise) -> (Board, bool) {
     let condition = [Condition::Whole, Condition::Never, Condition::Lost];
     let found = FOUND(condition[(below(noise, 5) as usize).min(2)]);
     let starts = [StartCause::PowerOn, StartCause::Reset];
     let start = starts[below(noise, 2) as usize];
     let mut board = Board::started(found, start);
-    // Some boards run first, after an edge of the input, until their track is found not to move.
+    // Some boards run first, after an edge of the input, until the controller detects that the
+    // track does not move.
     let runs = found.condition == Condition::Whole && below(noise, 4) == 0;
     if runs {
         for cycle in 0..90 {
@@ -108,7 +110,7 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
                     done += u64::from(response == Response::Done);
                 });
             }
-            // A simulation ends after 10 s without the desk: now and then a cycle of a second.
+            // A simulation ends after 10 s without requests: one step in twenty lasts a second.
             let second = below(&mut noise, 20) == 0;
             let inputs = Inputs {
                 enable: true,
@@ -143,7 +145,7 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
     assert!(faults > SEQUENCES / 2 && done > u64::from(SEQUENCES));
 }
 
-/// Three faults within a minute lock the drive out, also where settings are changed between them.
+/// Three faults within a minute lock the drive out, even when settings are changed in between.
 #[test]
 fn a_setting_between_faults_does_not_end_the_lock_out() {
     let mut board = Board::started(FOUND(Condition::Whole), StartCause::PowerOn);
@@ -172,7 +174,7 @@ fn a_setting_between_faults_does_not_end_the_lock_out() {
     }
 }
 
-/// A fault outlives a simulation by the desk, which begins where the input is off.
+/// A fault outlives a simulation by the desk, which starts with the input off.
 #[test]
 fn a_simulation_leaves_the_fault_as_it_was() {
     for (found, start) in [
@@ -231,7 +233,7 @@ fn a_strap_and_a_pin_make_the_link_read_only() {
     );
     board.done(&Request::Unlock(pin));
     board.done(&set);
-    // After its next start it is locked again; the strap is stronger than the PIN.
+    // The next start locks it again; the strap overrides the PIN.
     let mut board = Board::with(board.service.store.found);
     board.refused(&set, Refusal::ReadOnly(Access::Locked));
     board.done(&Request::Unlock(pin));

@@ -1,4 +1,4 @@
-//! Four f64 side by side: AVX2.
+//! Lanes of four f64 in AVX2 registers.
 //!
 //! Its methods are sound only where the CPU has AVX2, which nothing here checks: the type is named in
 //! `batch` alone, in functions that are called where [`Simd`](super::simd::Simd) has asked the CPU.
@@ -13,7 +13,7 @@ use crate::arithmetic::node;
 #[derive(Clone, Copy)]
 pub(crate) struct Avx2(__m256d);
 
-/// Four decisions, all bits of an f64 set where it holds.
+/// Four conditions: all bits of an f64, set where it holds.
 #[derive(Clone, Copy)]
 pub(crate) struct Mask(__m256d);
 
@@ -74,7 +74,7 @@ impl Not for Mask {
 }
 
 impl Avx2 {
-    /// The number of the node in the low bits of each lane.
+    /// Index of the node in the low bits of each lane.
     #[inline(always)]
     fn index(self) -> __m256i {
         // SAFETY: the CPU has AVX2, see the module.
@@ -150,7 +150,7 @@ impl Lane for Avx2 {
     #[inline(always)]
     fn node_at(rounded: &[f64], at: usize) -> (Self, Self) {
         let [a, b, c, d] = *apart(&rounded[at..at + Self::WIDTH]);
-        // SAFETY: the CPU has AVX2, see the module; a pair is as long as what is loaded from it.
+        // SAFETY: the CPU has AVX2, see the module; a pair is as long as the loaded vector.
         unsafe {
             let (a, b) = (_mm_loadu_pd(pair(a)), _mm_loadu_pd(pair(b)));
             let (c, d) = (_mm_loadu_pd(pair(c)), _mm_loadu_pd(pair(d)));
@@ -169,7 +169,7 @@ impl Lane for Avx2 {
     }
     #[inline(always)]
     fn within_turn(rounded: Self) -> (Self, Self) {
-        // An integer below 2^52 under the exponent of 2^52 is 2^52 more than itself.
+        // An integer below 2^52 with the exponent bits of 2^52 is 2^52 plus itself.
         const LIFT: f64 = 4_503_599_627_370_496.0;
         const _: () = assert!(ROUNDER > LIFT);
         // SAFETY: the CPU has AVX2, see the module.
@@ -206,8 +206,8 @@ impl Lane for Avx2 {
     }
     #[inline(always)]
     fn store_only(self, mask: Mask, values: &mut [f64], at: usize) {
-        // Were it told that the load is from where the store goes, the compiler would make a masked store of both, with which a
-        // block of tall flights takes a sixth longer on an AMD EPYC.
+        // Without this barrier the compiler merges load and store into masked stores. A block of
+        // tall flights then takes a sixth longer on an AMD EPYC.
         let last = Self::load(apart::<4>(&values[at..at + Self::WIDTH]), 0);
         Self::select(mask, self, last).store(values, at);
     }
@@ -239,7 +239,7 @@ impl Lane for Avx2 {
     }
 }
 
-/// Sine and cosine of the nodes with these numbers, each below the table's length.
+/// Sine and cosine of the nodes with these indices, each below the table's length.
 #[inline(always)]
 pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
     // SAFETY: the CPU has AVX2, see the module; an index is below the table's length.
@@ -259,20 +259,20 @@ pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
     }
 }
 
-/// The same numbers, of which the compiler does not know where they are from: it would take a register apart, which costs
-/// more than a load of each.
+/// The same numbers, hidden from the compiler. It would extract them from a register, which costs
+/// more than loading each.
 #[inline(always)]
 fn apart<const N: usize>(numbers: &[f64]) -> &[f64; N] {
     assert!(numbers.len() == N);
     let mut first = numbers.as_ptr().cast::<[f64; N]>();
-    // SAFETY: no instruction; the pointer stays what it is, and there are as many numbers.
+    // SAFETY: there is no instruction; the pointer is unchanged, and there are as many numbers.
     unsafe {
         core::arch::asm!("/* {0} */", inout(reg) first, options(pure, readonly, nostack, preserves_flags));
         &*first
     }
 }
 
-/// Sine and cosine, one after the other, of the node that this [`ROUNDER`](super::ROUNDER) sum names.
+/// Sine and cosine, in this order, of the node of this [`ROUNDER`](super::ROUNDER) sum.
 #[inline(always)]
 fn pair(rounded: f64) -> *const f64 {
     node::DOUBLE[rounded.to_bits() as usize % node::COUNT].as_ptr()

@@ -1,7 +1,7 @@
-//! What a kernel computes with: one f64, or several side by side in a SIMD register.
+//! Number type of the kernels: one f64, or several in a SIMD register.
 //!
-//! A kernel written over [`Lane`] gives the same bits in every width: each operation is the IEEE one of
-//! its own lane, nothing is contracted, and a decision is a mask of that lane alone.
+//! A kernel written over [`Lane`] gives the same bits in each width. Every operation is the IEEE
+//! operation of its lane, nothing is fused, and a condition is a mask per lane.
 
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
@@ -18,19 +18,20 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
 use super::node;
 
-/// Adding it to a number below 2^51 rounds that number to an integer, which then stands in the low bits.
+/// Constant whose addition rounds a number below 2^51 to an integer, held in the low bits of the
+/// sum.
 pub(crate) const ROUNDER: f64 = 6_755_399_441_055_744.0;
 
 /// Lanes of the widest register, or two side by side.
 pub(crate) const WIDEST: usize = 8;
 
-/// Lanes of a column.
+/// Number of lanes of a column.
 pub(crate) const COLUMN: usize = 256;
 
-/// One quantity of many orbits; eight bits number them.
+/// One quantity of many orbits, indexed by eight bits.
 pub(crate) type Column = [f64; COLUMN];
 
-/// One or several f64 that go through the same operations.
+/// One or several f64 processed alike.
 pub(crate) trait Lane:
     Copy
     + Add<Output = Self>
@@ -39,7 +40,7 @@ pub(crate) trait Lane:
     + Div<Output = Self>
     + Neg<Output = Self>
 {
-    /// Yes or no for each lane.
+    /// One condition per lane.
     type Mask: Copy
         + BitAnd<Output = Self::Mask>
         + BitOr<Output = Self::Mask>
@@ -52,7 +53,8 @@ pub(crate) trait Lane:
     fn splat(value: f64) -> Self;
     /// Square root.
     fn sqrt(self) -> Self;
-    /// Square root in f32, of what f32 can hold: relative error 6e-8, in a third of the time.
+    /// Square root in f32, for numbers within its range: relative error 6e-8, in a third of the
+    /// time.
     fn rough_sqrt(self) -> Self;
     /// `self > other ? self : other`, so that a NaN gives `other`.
     fn max(self, other: Self) -> Self;
@@ -60,62 +62,62 @@ pub(crate) trait Lane:
     fn min(self, other: Self) -> Self;
     /// Magnitude.
     fn abs(self) -> Self;
-    /// `self < other`; no for a NaN.
+    /// `self < other`; false for NaN.
     fn below(self, other: Self) -> Self::Mask;
     /// `yes` where the mask holds, else `no`.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
     /// `self` where the mask holds, else 0.
     fn only(self, mask: Self::Mask) -> Self;
-    /// The mask, one bit for each lane.
+    /// The mask as one bit per lane.
     fn bits(mask: Self::Mask) -> u32;
     /// Whether the mask holds in any lane.
     #[inline(always)]
     fn any(mask: Self::Mask) -> bool {
         Self::bits(mask) != 0
     }
-    /// The same number. A lone f64 is hidden from the compiler's search for pairs of operations: packing
-    /// these kernels' pairs into half-filled registers costs more than it saves.
+    /// The same number. For one f64 it prevents the compiler from pairing operations: packing pairs
+    /// of these kernels' numbers costs more than it saves.
     #[inline(always)]
     fn lone(self) -> Self {
         self
     }
-    /// Sine and cosine at the node whose number stands in the low bits of a [`ROUNDER`] sum.
+    /// Sine and cosine at the node whose index is in the low bits of a [`ROUNDER`] sum.
     fn node(rounded: Self) -> (Self, Self);
-    /// [`Lane::node`] of the sums that stand from number `at` on.
+    /// [`Lane::node`] for the sums from index `at` on.
     #[inline(always)]
     fn node_at(rounded: &[f64], at: usize) -> (Self, Self) {
         Self::node(Self::load(rounded, at))
     }
-    /// Where two [`ROUNDER`] sums name the same node of a turn.
+    /// Whether two [`ROUNDER`] sums have the same node of a turn.
     fn is_same_node(rounded: Self, other: Self) -> Self::Mask;
-    /// The phase of that node within its turn, as a sum: its number times [`node::SPACING_HIGH`], and
+    /// Phase of that node within its turn as a sum: its index times [`node::SPACING_HIGH`], and
     /// times [`node::SPACING_LOW`].
     fn within_turn(rounded: Self) -> (Self, Self);
-    /// Yes where the bit of the lane is set.
+    /// True in each lane whose bit is set.
     fn mask(bits: u32) -> Self::Mask;
-    /// As many of the values as there are lanes, from number `at` on.
+    /// Loads one value per lane from index `at` on.
     fn load(values: &[f64], at: usize) -> Self;
-    /// Puts the lanes where [`Lane::load`] had them from.
+    /// Stores the lanes to the place of [`Lane::load`].
     fn store(self, values: &mut [f64], at: usize);
-    /// Puts those lanes that the mask holds for where [`Lane::load`] had them from.
+    /// Stores the lanes selected by the mask to the place of [`Lane::load`].
     #[inline(always)]
     fn store_only(self, mask: Self::Mask, values: &mut [f64], at: usize) {
         Self::select(mask, self, Self::load(values, at)).store(values, at);
     }
-    /// The first of these numbers of a column.
+    /// Values of a column at the first of these indices.
     fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self;
-    /// The bytes at these places, a byte each.
+    /// Bytes at these positions.
     #[inline(always)]
     fn choose(bytes: [u8; WIDEST], places: u64) -> [u8; WIDEST] {
         places
             .to_le_bytes()
             .map(|place| bytes[usize::from(place) % WIDEST])
     }
-    /// The lanes, followed by 0.
+    /// The lanes, followed by zeros.
     fn to_array(self) -> [f64; WIDEST];
 }
 
-/// The largest integer not above `x`, for |x| < 2^51.
+/// Largest integer not above `x`, for |x| < 2^51.
 #[inline(always)]
 pub(crate) fn floor<L: Lane>(x: L) -> L {
     let rounder = L::splat(ROUNDER);
@@ -123,24 +125,24 @@ pub(crate) fn floor<L: Lane>(x: L) -> L {
     nearest - L::splat(1.0).only(x.below(nearest))
 }
 
-/// The track at a node of the table.
+/// A node of the table.
 #[derive(Clone, Copy)]
 pub(crate) struct Node<L> {
     /// Sine of the node.
     pub sine: L,
     /// Cosine of the node.
     pub cosine: L,
-    /// How far the node lies ahead of the origin that was given to [`Node::near`], in rad.
+    /// Phase from the origin given to [`Node::near`] to the node, in rad.
     pub distance: L,
-    /// The [`ROUNDER`] sum that names the node.
+    /// [`ROUNDER`] sum with the index of the node.
     pub rounded: L,
 }
 
 impl<L: Lane> Node<L> {
-    /// The node nearest to phase `origin + ahead`.
+    /// Node nearest to phase `origin + ahead`.
     ///
-    /// Its distance from `origin` is exact to an ulp for up to 2^24 nodes (6 600 turns): the reduction of
-    /// the phase is an integer mask.
+    /// Its distance from `origin` is exact to an ulp for up to 2^24 nodes (6 600 turns). The phase
+    /// is reduced by an integer mask.
     #[inline(always)]
     pub fn near(origin: L, ahead: L) -> Self {
         let rounded = name(origin + ahead);
@@ -155,8 +157,8 @@ impl<L: Lane> Node<L> {
         }
     }
 
-    /// [`sine_cosine`] of a phase in 0..2 pi to which this node is most often the nearest: then its sine and
-    /// cosine need not be fetched. Lanes that `which` does not hold for are not asked, and get anything.
+    /// [`sine_cosine`] of a phase in 0..2 pi, reusing this node's values if it is the nearest one.
+    /// Lanes outside `which` are undefined.
     #[inline(always)]
     pub fn sine_cosine(&self, phase: L, which: L::Mask) -> (L, L) {
         let rounded = name(phase);
@@ -168,13 +170,13 @@ impl<L: Lane> Node<L> {
         }
     }
 
-    /// The phase `offset` past the node, in 0..2 pi; `offset` at most a node spacing.
+    /// Phase `offset` after the node, in 0..2 pi; `offset` is at most a node spacing.
     #[inline(always)]
     pub fn phase(&self, offset: L) -> L {
         let (high, low) = L::within_turn(self.rounded);
         let phase = high + (low + offset);
         let phase = phase + L::splat(TAU).only(phase.below(L::splat(0.0)));
-        // A hair below zero rounds up to the whole turn.
+        // A phase just below zero would round up to a full turn.
         phase.min(L::splat(TAU.next_down()))
     }
 }
@@ -191,7 +193,7 @@ pub(crate) struct Arc<L> {
 }
 
 impl<L: Lane> Arc<L> {
-    /// For |d| up to a node spacing; relative error 2e-14 of `sagitta`, 3e-16 of the others.
+    /// For |d| up to a node spacing; relative error 2e-14 for `sagitta`, 3e-16 for the others.
     #[inline(always)]
     pub fn of(d: L) -> Self {
         let z = d * d;
@@ -213,7 +215,7 @@ pub(crate) fn sine_cosine<L: Lane>(phase: L) -> (L, L) {
     between(phase, rounded, L::node(rounded))
 }
 
-/// The [`ROUNDER`] sum that names the node nearest to `phase`.
+/// [`ROUNDER`] sum with the index of the node nearest to `phase`.
 #[inline(always)]
 pub(crate) fn name<L: Lane>(phase: L) -> L {
     phase * L::splat(node::COUNT as f64 / TAU) + L::splat(ROUNDER)

@@ -1,8 +1,8 @@
-//! Lanes that go the same way, in a row.
+//! Compaction of lanes that take the same branch.
 
 use super::{COLUMN, Lane, WIDEST};
 
-/// Lanes in a row, and room to fill the last register.
+/// Indices of lanes, with space to fill the last register.
 #[derive(Clone, Debug)]
 pub(crate) struct Queue {
     lanes: [u8; COLUMN + WIDEST],
@@ -19,7 +19,7 @@ impl Queue {
         self.count = 0;
     }
 
-    /// Adds those lanes of a register whose bits are set.
+    /// Adds the lanes of a register whose bits are set.
     #[inline(always)]
     pub fn push_chosen<L: Lane>(&mut self, lanes: [u8; WIDEST], bits: u32) {
         let chosen = L::choose(lanes, PLACES[bits as usize % PLACES.len()]);
@@ -39,7 +39,7 @@ impl Queue {
         }
     }
 
-    /// Leaves those out that are not kept.
+    /// Removes the lanes that are not kept.
     #[cfg(any(test, feature = "analysis"))]
     pub fn retain(&mut self, keeps: impl Fn(usize) -> bool) {
         let mut kept = 0;
@@ -66,7 +66,7 @@ impl Queue {
     }
 }
 
-/// The places of the bits that are set in the index, lowest first, a byte each.
+/// Positions of the set bits of the index, lowest first, a byte each.
 const PLACES: [u64; 256] = {
     let mut places = [0; 256];
     let mut bits = 0;

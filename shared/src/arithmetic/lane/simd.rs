@@ -1,21 +1,21 @@
-//! What the CPU offers, asked at run time.
+//! Detection of the CPU's SIMD extensions at run time.
 
-/// Width of the registers that a block of orbits is computed in. The results are the same bits.
+/// Register width for a block of orbits; the results have the same bits in each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
 pub enum Simd {
-    /// One orbit at a time: any CPU.
+    /// One orbit at a time, on any CPU.
     None,
-    /// Four orbits at a time (AVX2, with POPCNT, BMI1 and BMI2, which come with it).
+    /// Four orbits at a time: AVX2, with POPCNT, BMI1 and BMI2.
     Avx2,
 }
 
 impl Simd {
-    /// Every width, narrowest first.
+    /// All widths, narrowest first.
     #[cfg(any(test, feature = "unstable"))]
     pub const ALL: [Self; 2] = [Self::None, Self::Avx2];
 
-    /// The widest that this CPU and its operating system support.
+    /// Widest one supported by CPU and operating system.
     #[must_use]
     pub fn widest() -> Self {
         #[cfg(target_arch = "x86_64")]
@@ -32,13 +32,13 @@ mod x86 {
 
     use super::Simd;
 
-    /// The answer once it is known, as a place in `KNOWN`; `KNOWN.len()` before. A hypervisor traps each question to
-    /// the CPU: asked with every register of impacts they took nine tenths of a map of gear.
+    /// Cached result as an index of `KNOWN`; `KNOWN.len()` before the first query. A hypervisor
+    /// traps each CPUID: a query per register of impacts took nine tenths of a map of gear.
     static ANSWER: AtomicU8 = AtomicU8::new(KNOWN.len() as u8);
     const KNOWN: [Simd; 2] = [Simd::None, Simd::Avx2];
 
     pub(super) fn widest() -> Simd {
-        // Two threads that ask at once store the same answer.
+        // Concurrent queries store the same result.
         let answer = usize::from(ANSWER.load(Ordering::Relaxed));
         KNOWN.get(answer).copied().unwrap_or_else(|| {
             let simd = asked();
@@ -60,7 +60,7 @@ mod x86 {
             return Simd::None;
         }
         let extended = __cpuid_count(7, 0).ebx;
-        // SAFETY: the operating system offers xgetbv.
+        // SAFETY: the operating system provides xgetbv.
         let saved = unsafe { saved() };
         if saved & YMM != YMM || extended & AVX2_BMI != AVX2_BMI {
             Simd::None
@@ -69,7 +69,7 @@ mod x86 {
         }
     }
 
-    /// Which registers the operating system keeps for a thread.
+    /// Registers saved by the operating system for a thread.
     #[target_feature(enable = "xsave")]
     fn saved() -> u64 {
         // SAFETY: register 0 always exists.
@@ -92,7 +92,7 @@ mod tests {
         } else {
             Simd::None
         };
-        // The first answer and the kept one.
+        // First and cached result.
         assert_eq!([Simd::widest(), Simd::widest()], [expected; 2]);
     }
 }

@@ -1,4 +1,4 @@
-//! One f64: what the lanes of a wider register do, alone.
+//! Scalar lane: the operations of a wider register on one f64.
 
 use super::{Column, Lane, WIDEST};
 use crate::arithmetic::{node, square_root, square_root_single};
@@ -93,15 +93,15 @@ impl Lane for f64 {
     }
 }
 
-/// Decisions as all bits of a register set or clear: a choice between two numbers by a `bool` is a
-/// branch there, and one that no CPU predicts.
+/// Conditions as all bits of a register set or clear. A choice by `bool` would compile to a branch
+/// that CPUs cannot predict.
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
 mod decision {
     use core::arch::x86_64::*;
     use core::ops::{BitAnd, BitOr, Not};
 
-    /// All bits of an f64 set where it holds.
+    /// All bits of an f64, set if the condition holds.
     #[derive(Clone, Copy)]
     pub(crate) struct Mask(__m128d);
 

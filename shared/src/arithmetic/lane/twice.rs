@@ -1,4 +1,4 @@
-//! Two registers side by side: what one waits for is hidden behind the other.
+//! Two registers processed together, which hides the latency of each behind the other.
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
@@ -40,7 +40,7 @@ impl<T: Not<Output = T>> Not for Twice<T> {
     }
 }
 
-/// The upper half of these bytes, first.
+/// Upper half of these bytes, moved to the front.
 #[inline(always)]
 fn upper<L: Lane>(bytes: [u8; WIDEST]) -> [u8; WIDEST] {
     (u64::from_le_bytes(bytes) >> (8 * L::WIDTH)).to_le_bytes()

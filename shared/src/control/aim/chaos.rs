@@ -1,4 +1,8 @@
-//! Where the parts of a lot are chaotic: a search with the map on board, slice by slice.
+//! The search for k at which a lot is chaotic (docs/theory-bands.md#t6.3), slice by slice, by the
+//! board's impact map.
+//!
+//! The method is a scan of k from high to low on a geometric grid. At each k the board's own regime
+//! classifier judges three simulated parts.
 
 use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
@@ -6,29 +10,27 @@ use crate::impact::{Hybrid, Kernel};
 use crate::regime::classify::{Classifier, HearingSettings, Regime};
 use crate::regime::{Lock, band};
 
-/// Impacts that one slice computes. At 300 instructions an impact 38 000.
+/// Impacts that one slice computes: 38 000 instructions at 300 an impact.
 const SLICE: u32 = 128;
-/// Step in k, as a share of it: both ends of a stretch are then known to 0.4 %, its middle to 0.2 %, a fifth of the 1 %
-/// that an amplitude may be off. With 0.05 `what_it_finds_is_chaotic_by_the_exponent_too` fails.
+/// Relative step of the scan in k: the middle of a stretch errs by 0.2 %, a fifth of the permitted
+/// amplitude error of 1 %.
 const STEP: f64 = 0.004;
-/// Highest k that is tried, over the flip of the deadest part: the doublings accumulate at 0.87 to 0.92 of it. At
-/// 0.87 `a_search_that_is_spared_ends_with_the_same_at_the_same_slice` finds none.
+/// Highest k of the scan over the flip at the lot's lowest restitution; the doublings accumulate at
+/// 0.87 to 0.92 of it.
 const HIGHEST: f64 = 0.935;
-/// Lowest k that is tried, over the flip of the liveliest part: below, its hopping is transient. At 0.9
-/// `what_it_finds_is_chaotic_by_the_exponent_too` fails; from 0.7 to 0.85 it passes.
+/// Lowest k of the scan over the flip at the lot's highest restitution; below it the hopping is
+/// transient.
 const LOWEST: f64 = 0.80;
-/// Impacts after which a part is judged, by the last [`HEARD`] of them. In the 536 before, an orbit that draws a part by 1 %
-/// an impact has brought it from 1 rad to 0.005 rad, which the classifier takes for the orbit; what settles slower is chaos to the
-/// board's own hearing too. From 264 to 1700 every test passes.
+/// Impacts after which a part is classified, by the last [`HEARD`]; an attraction of 1 % per impact
+/// shrinks 1 rad to 0.005 rad before.
 const IMPACTS: u32 = 600;
-/// Impacts that the classifier remembers, as that of the board.
+/// Impacts in the classifier's memory, as on the board.
 const HEARD: usize = 64;
-/// Velocity in b w below which a part counts as coming to rest: its hops then end within `2e-3/(P (1 - R))`
-/// (docs/theory-impacts.md#t4.1) wherever the pull P of the track is not as small itself. It spares the impacts up to the
-/// judgement, which calls such parts no chaos as well: from 0 to 0.2 every test passes.
+/// Velocity in b w below which a part comes to rest: its hops end within `2e-3/(P (1 - R))`, pull P
+/// (docs/theory-impacts.md#t4.1).
 const RESTING: f64 = 1e-3;
 
-/// One part at one k being listened to.
+/// One simulated part at one k.
 #[derive(Clone, Copy, Debug)]
 struct Trial {
     map: Hybrid,
@@ -43,18 +45,20 @@ impl Trial {
         let state = lock.state();
         Some(Self {
             map: Hybrid::build(k, restitution).ok()?,
-            // Off the orbit, which repels here.
+            // Beside the orbit, which repels here.
             state: Hybrid::state(state.phase + 0.02, state.velocity).ok()?,
             impacts: 0,
             classifier: Classifier::build(HearingSettings::BOARD).ok()?,
         })
     }
 
-    /// One impact; whether the part is chaotic, once it is known.
+    /// Computes one impact. Whether the part is chaotic, once it is classified.
     fn step(&mut self) -> Option<bool> {
         let impact = self.map.impact(self.state);
         self.state = impact.next;
         self.impacts += 1;
+        // The hops end unless the track's pull is as small. The classification would also call such
+        // a part not chaotic; this saves its impacts.
         if Hybrid::observe(impact.next).velocity < RESTING {
             return Some(false);
         }
@@ -65,22 +69,25 @@ impl Trial {
     }
 }
 
-/// A search for chaos that has come to its end: for which lot, what came, after how many slices.
+/// A finished search for chaos: its lot, its k, its number of slices.
 ///
-/// Two controllers with the same lot come to the same k after as many slices, so that one that is told
-/// need not search ([`Controller::chaos_known`](crate::control::Controller::chaos_known)).
+/// Equal lots give the same k after the same number of slices. A controller that gets the result of
+/// another one skips the search
+/// ([`Controller::chaos_known`](crate::control::Controller::chaos_known)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chaos {
     /// Lowest and highest restitution of the lot.
     pub lot: [f32; 2],
-    /// k in the middle of the widest stretch, `None` where the lot has none.
+    /// k in the middle of the widest stretch; `None` where the lot has none.
     pub k: Option<f64>,
-    /// Slices that it took.
+    /// Number of slices it needed.
     pub slices: u32,
 }
 
-/// The search for the widest stretch of k where the deadest, the middle and the liveliest part of a
-/// lot hop chaotically without coming to rest, as far as the board's own classifier can tell.
+/// The search for the widest stretch of k that is chaotic for the lot's lowest, middle and highest
+/// restitution.
+///
+/// Chaotic means here: so classified by the board's own classifier, without coming to rest.
 #[derive(Clone, Copy, Debug)]
 pub struct ChaosSearch {
     parts: [f64; 3],
@@ -88,23 +95,24 @@ pub struct ChaosSearch {
     lowest: f64,
     part: usize,
     trial: Option<Trial>,
-    /// The stretch that is growing and the longest so far, as (high k, low k).
+    /// The present stretch and the longest so far, as (high k, low k).
     growing: Option<(f64, f64)>,
     longest: Option<(f64, f64)>,
     done: bool,
     lot: [f32; 2],
     slices: u32,
-    /// What came of it, or of another search for the same lot.
+    /// The result of this search, or of another one for the same lot.
     known: Option<Chaos>,
 }
 
 impl ChaosSearch {
-    /// The search for a lot; the refusal names the parameter.
+    /// Begins the search for a lot. The error names the parameter.
     pub fn begin(settings: &Settings) -> Result<Self, OutOfRange> {
         let lot = settings.lot()?;
         let (low, high) = (lot.low(), lot.high());
         Ok(Self {
-            // The liveliest part comes to rest first, the deadest is periodic longest.
+            // The part of highest restitution comes to rest first; that of lowest stays periodic
+            // longest.
             parts: [high, low, lot.middle()],
             k: HIGHEST * band::flip(low, 1)?,
             lowest: LOWEST * band::flip(high, 1)?,
@@ -119,7 +127,7 @@ impl ChaosSearch {
         })
     }
 
-    /// One slice; whether more are to be done.
+    /// Computes one slice. Whether more remain.
     pub fn step(&mut self) -> bool {
         if self.done {
             return false;
@@ -164,7 +172,7 @@ impl ChaosSearch {
         true
     }
 
-    /// Goes on to the next k; `chaotic` is whether all parts were at this one.
+    /// Goes on to the next k. `chaotic`: all parts were chaotic at this one.
     fn next(&mut self, chaotic: bool) {
         let width = |stretch: Option<(f64, f64)>| stretch.map_or(0.0, |(high, low)| high / low);
         self.growing = chaotic.then(|| (self.growing.map_or(self.k, |(high, _)| high), self.k));
@@ -175,14 +183,15 @@ impl ChaosSearch {
         self.k *= 1.0 - STEP;
     }
 
-    /// The lot that is being searched for; `None` once its chaos is known or found.
+    /// The lot of the running search; `None` once a result is supplied or found.
     #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn asked(&self) -> Option<[f32; 2]> {
         (!self.done && self.known.is_none()).then_some(self.lot)
     }
 
-    /// Spares the search, if it is for this lot: what came of it then comes after as many slices.
+    /// Supplies the result of a search for an equal lot. It appears after the same number of
+    /// slices.
     #[cfg(any(test, feature = "unstable"))]
     pub fn know(&mut self, known: Chaos) {
         if self.asked() == Some(known.lot) {
@@ -190,7 +199,7 @@ impl ChaosSearch {
         }
     }
 
-    /// What came of it, once it is over.
+    /// The result, once the search is over.
     #[must_use]
     pub fn found(&self) -> Option<&Chaos> {
         self.known.as_ref().filter(|_| self.done)

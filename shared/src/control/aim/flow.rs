@@ -1,39 +1,45 @@
-//! The order of gear at which the track gives so many grams per second.
+//! The order of gear that gives a wanted mass flow, in g/s.
+//!
+//! In gear the parts' speed is proportional to the order and does not depend on the amplitude
+//! (docs/theory-transport.md#t8.3). The method is exhaustive: the order whose predicted flow is
+//! nearest wins, debounced.
 
 use super::setpoint::ORDERS;
 
-/// Deviation of a flow from the wanted one that still serves: that of a speed. A neighbouring order is at least a ninth away.
+/// Relative deviation from the wanted flow that is accepted, as for a speed; a neighbouring order
+/// is at least a ninth away.
 const TOLERANCE: f32 = 0.1;
-/// Cycles for which another order has to be the better one, or none to serve: eight times the memory of the weight.
+/// Cycles in a row for which another order, or none, must be the best: eight times the memory of
+/// the weight estimate.
 const PATIENCE: u32 = 512;
 
-/// The orders of gear held against a wanted flow: in gear the speed of the parts does not depend on the amplitude, and is
-/// proportional to the order.
+/// Comparison of the orders of gear with a wanted flow.
 #[derive(Clone, Copy, Debug)]
 pub struct FlowChoice {
     wanted: f32,
-    /// Cycles for which what is now does not serve.
+    /// Cycles in a row in which the present order was not the best.
     amiss: u32,
 }
 
-/// What is to be done for a flow.
+/// Result of the comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FlowStep {
-    /// It is as wanted, or not long enough otherwise.
+    /// The present order stays.
     Stay,
-    /// Another order serves it better.
+    /// Another order is nearer to the flow.
     Order(u8),
-    /// None serves it; the nearest, in g/s.
+    /// No order gives the flow; the nearest one's flow, in g/s.
     None(f32),
 }
 
 impl FlowChoice {
-    /// For a flow in g/s.
+    /// For a wanted flow in g/s.
     pub fn new(wanted: f32) -> Self {
         Self { wanted, amiss: 0 }
     }
 
-    /// A cycle in which the flow in gear of an order is `flow` g/s; `None` where that is not known.
+    /// Processes a cycle with the estimated flow of the present order, in g/s; `None` without an
+    /// estimate.
     pub fn cycle(&mut self, order: u8, flow: Option<f32>) -> FlowStep {
         let Some(flow) = flow else {
             return FlowStep::Stay;
@@ -68,7 +74,7 @@ impl FlowChoice {
 mod tests {
     use super::*;
 
-    /// What comes of a flow that stays.
+    /// Result for a constant flow.
     fn comes_of(wanted: f32, order: u8, flow: f32) -> FlowStep {
         let mut choice = FlowChoice::new(wanted);
         (0..PATIENCE)
@@ -84,7 +90,7 @@ mod tests {
         assert_eq!(comes_of(50.0, 3, 150.0), FlowStep::Order(1));
         assert_eq!(comes_of(70.0, 1, 48.0), FlowStep::None(48.0));
         assert_eq!(comes_of(1000.0, 1, 48.0), FlowStep::None(384.0));
-        // What is not weighed is not judged.
+        // Without an estimate there is no decision.
         let mut choice = FlowChoice::new(50.0);
         assert!((0..2 * PATIENCE).all(|_| choice.cycle(1, None) == FlowStep::Stay));
     }

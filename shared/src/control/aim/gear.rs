@@ -1,4 +1,7 @@
-//! The amplitude at which the parts stay in gear the longest, planned slice by slice.
+//! The amplitude at which the parts stay in gear the longest (docs/theory-real-parts.md#t10.8).
+//!
+//! The search itself is the planner of `regime::gear`; here are its limits in k, and its slices for
+//! idle time.
 
 use super::setpoint::{Choice, Level, NoSetpoint};
 use crate::control::drive::{Answer, Scale, Shape, size};
@@ -9,27 +12,27 @@ use crate::regime::gear::{GearLimits, GearPlan, GearPlanSettings, GearPlanner};
 
 /// Impacts that one slice computes.
 const SLICE: u32 = 64;
-/// Lowest k that is tried, times the order: below 0.28 no restitution has a band of order 1, nor had any lot its best
-/// k there.
+/// Lowest k of the search, times the order: below 0.28 no restitution has a band of order 1, and no
+/// lot had its best k.
 const LOWEST: f64 = 0.28;
-/// Highest k that is tried over the birth of the liveliest part's lock; above, only what is transient is in gear.
-/// From 0.95 to 1.1 every test and scene passes.
+/// Highest k of the search over the birth of the lock at the lot's highest restitution; above it
+/// gear is only transient.
 const HIGHEST: f64 = 1.02;
-/// Highest k that is tried, whatever the lot: at 1 and above the track throws no part that rests. From 0.9 to 1
-/// every test and scene passes.
+/// Highest k of the search for any lot: from k = 1 the track throws no resting part.
 const THROWS: f64 = 0.98;
 
-/// The search for the k at which the lot is in gear the longest, within what the drive reaches.
+/// The search for the k at which the lot stays in gear the longest, within the drive's reach.
 #[derive(Clone, Debug)]
 pub struct GearSearch {
     planner: GearPlanner,
     plan: Option<GearPlan>,
-    /// Whether the last slice found it.
+    /// Whether the last slice found a new plan.
     fresh: bool,
 }
 
 impl GearSearch {
-    /// The search for an order, or why there is no setpoint for it; the refusal names the parameter.
+    /// Begins the search for an order, or gives the reason for no setpoint. The error names the
+    /// parameter.
     pub fn begin(
         order: u8,
         settings: &Settings,
@@ -66,7 +69,7 @@ impl GearSearch {
         }))
     }
 
-    /// One slice; whether more are to be done.
+    /// Computes one slice. Whether more remain.
     pub fn step(&mut self) -> bool {
         let more = self.planner.advance(SLICE);
         let found = self.planner.plan().copied();
@@ -74,33 +77,33 @@ impl GearSearch {
         more
     }
 
-    /// Takes what a slice found.
+    /// Stores the plan of a slice, if it found one.
     pub(super) fn take(&mut self, found: Option<GearPlan>) {
         self.fresh = found.is_some();
         self.plan = found.or(self.plan);
     }
 
-    /// What is searched for.
+    /// The settings of the search.
     pub fn settings(&self) -> &GearPlanSettings {
         self.planner.settings()
     }
 
-    /// Whether there is nothing more to find.
+    /// Whether the plan is settled and the search over.
     pub fn is_over(&self) -> bool {
         self.plan.is_some_and(|plan| plan.settled)
     }
 
-    /// What was found so far.
+    /// The best plan so far.
     pub fn plan(&self) -> Option<&GearPlan> {
         self.plan.as_ref()
     }
 
-    /// What the last slice found, where it found anything.
+    /// The plan of the last slice, if it found a new one.
     pub fn fresh(&self) -> Option<&GearPlan> {
         self.plan().filter(|_| self.fresh)
     }
 
-    /// The choice so far.
+    /// The setpoint of the best plan so far.
     pub fn choice(&self) -> Choice {
         let Some(plan) = self.plan() else {
             return Choice::level(Level::Sought);

@@ -1,4 +1,7 @@
-//! The search for the kicks that throw parts onto the wanted orbit.
+//! The search for the kicks that bring parts from rest onto the wanted lock
+//! (docs/theory-capture.md#t7.3).
+//!
+//! The planner of `regime::capture` simulates the lot; here it runs in slices of idle time.
 
 use core::task::Poll;
 
@@ -8,27 +11,28 @@ use crate::feeder::OutOfRange;
 use crate::impact::Hybrid;
 use crate::regime::capture::{DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner};
 
-/// Impacts that one slice of planning computes: at most 0.2 million instructions, which 300 drive cycles a
-/// second leave time for.
+/// Impacts that one slice computes: at most 0.2 million instructions, for which 300 drive cycles
+/// per second leave time.
 const SLICE: u32 = 20;
-/// Highest amplitude of a kick over the setpoint that is planned.
+/// Highest amplitude of a planned kick over the setpoint.
 const HIGHEST: f32 = 2.5;
 
-/// A search that has come to its end: what was asked, what came, after how many slices.
+/// A finished search: its settings, its plan, its number of slices.
 ///
-/// Two controllers with the same question come to the same plan after as many slices, so that one that
-/// is told need not search ([`Controller::plan_known`](crate::control::Controller::plan_known)).
+/// Equal settings give the same plan after the same number of slices. A controller that gets the
+/// plan of another one skips the search
+/// ([`Controller::plan_known`](crate::control::Controller::plan_known)).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Planned {
-    /// What was asked.
+    /// Settings of the search.
     pub settings: PlanSettings,
-    /// The plan.
+    /// The plan found.
     pub plan: Plan,
-    /// Slices that it took.
+    /// Number of slices it needed.
     pub slices: u32,
 }
 
-/// The search for kicks, slice by slice; by default there is nothing to search.
+/// The search for kicks in slices; the default searches for nothing.
 #[derive(Clone, Debug, Default)]
 pub struct Search {
     planner: Option<Planner<Hybrid>>,
@@ -40,8 +44,8 @@ pub struct Search {
 }
 
 impl Search {
-    /// A search for the kicks that bring the lot onto a lock whose amplitude a kick may exceed `reserve`
-    /// times.
+    /// Begins the search for kicks that bring the lot onto a lock. `reserve` is the largest
+    /// amplitude of a kick over the lock's. The error names the parameter.
     pub fn begin(settings: &Settings, lock: &LockWindow, reserve: f32) -> Result<Self, OutOfRange> {
         let envelope = f64::from(settings.envelope);
         let settings = PlanSettings {
@@ -67,7 +71,7 @@ impl Search {
         })
     }
 
-    /// One slice; whether more are to be done.
+    /// Computes one slice. Whether more remain.
     pub fn step(&mut self) -> bool {
         let Some(planner) = &mut self.planner else {
             return false;
@@ -88,7 +92,7 @@ impl Search {
         }
     }
 
-    /// What is being searched; `None` once it is known or found.
+    /// Settings of the running search; `None` once a plan is supplied or found.
     #[cfg(any(test, feature = "unstable"))]
     pub fn asked(&self) -> Option<&PlanSettings> {
         self.settings
@@ -96,7 +100,7 @@ impl Search {
             .filter(|_| self.planner.is_some() && self.known.is_none())
     }
 
-    /// Spares the search, if it is for this: the plan then comes after as many slices as it took.
+    /// Supplies the plan of an equal search. It appears after the same number of slices.
     #[cfg(any(test, feature = "unstable"))]
     pub fn know(&mut self, known: Planned) {
         if self.asked() == Some(&known.settings) {
@@ -104,7 +108,7 @@ impl Search {
         }
     }
 
-    /// The search that came to its end.
+    /// The finished search.
     #[cfg(any(test, feature = "unstable"))]
     pub fn planned(&self) -> Option<Planned> {
         Some(Planned {
@@ -114,7 +118,7 @@ impl Search {
         })
     }
 
-    /// The plan, once it is there.
+    /// The plan, once found.
     #[must_use]
     pub fn plan(&self) -> Option<&Plan> {
         self.plan.as_ref()

@@ -1,29 +1,30 @@
-//! Whether the plan for gear is to be made anew: for parts that are heard to be others, or without a tone that the drive
-//! does not make.
+//! Test of whether gear must be planned anew, for other parts or without a tone that the drive
+//! fails to make.
+//!
+//! The method is a test of the estimates against the plan's values, with a tolerance of three to
+//! four standard errors, debounced over consecutive cycles.
 
 use crate::control::drive::UPPER;
 use crate::control::hear::GearMargin;
 use crate::control::settings::Settings;
 use crate::regime::gear::GearPlanSettings;
 
-/// Cycles in a row in which the plan must be wrong before it is made anew: twice the impacts on which what is heard rests,
-/// so that the same few are not doubted twice. From 25 to 2500 every test passes.
+/// Cycles in a row in which the plan must be wrong: twice the impacts behind an estimate, so that
+/// no impacts count twice.
 const PATIENCE: u16 = 250;
-/// Cycles from a plan to the next one, in which the parts settle and what is heard of them is of the new setpoint: eight times
-/// those impacts. With 10 000 `only_what_is_surely_heard_to_be_other_is_planned_for` fails; with a quarter and with four
-/// times of each of those below it does as well.
+/// Minimum number of cycles between two plans, in which the parts settle: eight times the impacts
+/// behind an estimate.
 const APART: u16 = 1000;
-/// Largest standard error of a heard restitution that is believed.
+/// Largest standard error of an estimated restitution that is used.
 const SURE: f32 = 0.02;
-/// Half of the lot that parts of one heard restitution are planned as.
+/// Half width in restitution of the lot that is planned for one estimated restitution.
 const HALF: f32 = 0.02;
-/// How far an end of that lot, and the scatter, must be from those of the plan: three and four times what the heard ones err
-/// by (0.0045 and 0.005). While R went from 0.25 to 0.4 in ten minutes, 0.03 let the share of a minute in gear fall to 0.53, this to
-/// 0.66 (`a_lot_that_drifts_is_followed_and_stays_in_gear`).
+/// Tolerance between restitutions estimated and planned: three standard errors (0.0045).
 const FAR: f32 = 0.015;
+/// Tolerance between scatters estimated and planned: four standard errors (0.005).
 const SCATTERED: f32 = 0.02;
 
-/// What is seen of a plan that is followed.
+/// Counters of the test for the present plan.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Retuning {
     doubted: u16,
@@ -31,8 +32,9 @@ pub struct Retuning {
 }
 
 impl Retuning {
-    /// Takes a cycle at the setpoint of a settled plan: what is heard of the parts, and of which tones above the
-    /// first the drive makes less than is wanted. The settings to plan with, once it is to be made anew.
+    /// Processes a cycle at the setpoint of a settled plan. `margin` holds the estimates of the
+    /// parts; `lacks` marks the upper tones that the drive makes too weak. The result is the
+    /// settings of a new plan, once it is due.
     pub fn cycle(
         &mut self,
         planned: &GearPlanSettings,
@@ -49,7 +51,7 @@ impl Retuning {
         let mut wrong = false;
         let [second, third] = planned.most;
         if lacks[0] && second > 0.0 {
-            // A third tone is none without a second.
+            // A third tone requires a second.
             (wanted.second_tone, wanted.third_tone) = (0.0, 0.0);
             wrong = true;
         } else if lacks[1] && third > 0.0 {
@@ -61,7 +63,7 @@ impl Retuning {
             let low = (heard.restitution - HALF).clamp(0.0, 0.95);
             let high = (heard.restitution + HALF).max(low).min(0.99);
             let scatter = heard.scatter.clamp(0.0, 0.3);
-            // A lot that is narrower than what one is planned for by what is heard is not wrong for that.
+            // A planned lot that lies within the estimated one is not wrong.
             wrong = wanted.restitution_low < low - FAR
                 || wanted.restitution_high > high + FAR
                 || heard.restitution < wanted.restitution_low - FAR
@@ -99,7 +101,7 @@ mod tests {
         }
     }
 
-    /// Cycles until the plan is made anew, and with what.
+    /// Cycles until a new plan is due, and its settings.
     fn anew(margin: Option<GearMargin>, lacks: [bool; UPPER]) -> Option<(u32, Settings)> {
         let mut retuning = Retuning::default();
         let settings = Settings::default();

@@ -1,4 +1,4 @@
-//! Setpoint selection: the target, the setpoint chosen for it, and the searches that belong to it.
+//! Setpoint selection: the target, its setpoint, and the searches that belong to it.
 
 use super::GearSearch;
 use super::chaos::{Chaos, ChaosSearch};
@@ -15,10 +15,11 @@ use crate::control::target::Target;
 use crate::feeder::{OutOfRange, Restitution};
 use crate::regime::gear::GearPlan;
 
-/// Share of time in gear to expect below which a lot counts as served by nothing, which is said; the best is held all the same.
+/// Smallest predicted share of time in gear that serves a lot; below it an event is reported and
+/// the best amplitude held.
 pub const POOR: f32 = 0.7;
 
-/// The target, with what was chosen for it and what is still searched for.
+/// The target, its setpoint, and the searches that still run.
 #[derive(Clone, Debug)]
 pub struct Selection {
     target: Target,
@@ -26,12 +27,12 @@ pub struct Selection {
     lock: Option<LockWindow>,
     shape: Shape,
     speed: Option<SpeedSearch>,
-    /// The search for the k at which the lot stays in gear, where that is the target.
+    /// The search for the k of the longest gear, where gear is the target.
     pub gear: Option<GearSearch>,
-    /// The flow that is wanted, and the order of gear, where that is wanted or found for it.
+    /// The wanted flow, and the order of gear that is requested or found for it.
     flow: Option<FlowChoice>,
     order: u8,
-    /// The plan that the setpoint is of.
+    /// The plan that gave the setpoint.
     plan: Option<GearPlan>,
     retuning: Retuning,
     /// The search for the kicks that bring the parts onto the lock.
@@ -41,7 +42,7 @@ pub struct Selection {
 }
 
 impl Selection {
-    /// At a target; the refusal names the number that is out of range.
+    /// The selection for a target. The error names the number out of range.
     pub fn at(target: Target, settings: &Settings, scale: &Scale) -> Result<Self, OutOfRange> {
         let mut choice = Choice::of(target, settings)?.within(settings, scale);
         let gear = match target {
@@ -84,22 +85,22 @@ impl Selection {
         self.target
     }
 
-    /// The lock that is wanted, also as the way to chaos or for a speed.
+    /// The wanted lock, also on the way to chaos or for a speed.
     pub fn lock(&self) -> Option<&LockWindow> {
         self.lock.as_ref()
     }
 
-    /// The shape that is wanted of the track's motion.
+    /// The wanted shape of the track's motion.
     pub fn shape(&self) -> Shape {
         self.shape
     }
 
-    /// Whether the setpoint is known, or that there is none.
+    /// Whether the search for the setpoint is over, with or without a result.
     pub fn chosen(&self) -> bool {
         self.level != Level::Sought
     }
 
-    /// Why there is no setpoint, where there is none.
+    /// The reason for having no setpoint, if so.
     pub fn no_setpoint(&self) -> Option<NoSetpoint> {
         match self.level {
             Level::None(why) => Some(why),
@@ -107,7 +108,7 @@ impl Selection {
         }
     }
 
-    /// The amplitude that was chosen, in m; 0 where there is none.
+    /// The setpoint's amplitude, in m; 0 where there is none.
     pub fn setpoint(&self, scale: &Scale) -> f32 {
         match self.level {
             Level::K(k) => scale.amplitude(k as f32),
@@ -116,35 +117,36 @@ impl Selection {
         }
     }
 
-    /// Goes to another k, on the way to the target.
+    /// Sets another k, on the way to the target.
     pub fn go(&mut self, k: f64) {
         self.level = Level::K(k);
     }
 
-    /// Goes back to the lock.
+    /// Sets the setpoint back to the lock.
     pub fn go_to_lock(&mut self) {
         if let Some(lock) = self.lock {
             self.level = Level::K(lock.k);
         }
     }
 
-    /// There is no chaos for the lot.
+    /// Records that the lot has no chaos.
     pub fn give_up_chaos(&mut self) {
         self.lock = None;
         self.level = Level::None(NoSetpoint::Chaos);
     }
 
-    /// Where the lot is chaotic, once the search for it is over.
+    /// The result of the search for chaos, once it is over.
     pub fn found_chaos(&self) -> Option<&Chaos> {
         self.chaos.as_ref().and_then(ChaosSearch::found)
     }
 
-    /// What the plan for gear has found so far.
+    /// The best plan for gear so far.
     pub fn gear_plan(&self) -> Option<&GearPlan> {
         self.plan.as_ref()
     }
 
-    /// Restitutions and scatter of the lot: as told, or as a plan for gear has it since it was heard to be another.
+    /// Restitutions and scatter of the lot: as configured, or as estimated for the present plan of
+    /// gear.
     pub fn lot(&self, settings: &Settings) -> Option<(Restitution, f32)> {
         if let Some(gear) = &self.gear {
             let asked = gear.settings();
@@ -153,8 +155,9 @@ impl Selection {
         Some((settings.lot().ok()?, settings.scatter))
     }
 
-    /// Takes a cycle at the setpoint: plans anew where the parts are heard to be others than those planned for, or the
-    /// drive does not make a tone of its motion. The setpoint stays until that plan is settled.
+    /// Processes a cycle at the setpoint. It starts a new plan where the parts differ from the
+    /// planned ones, or where the drive fails to make a tone. The setpoint stays until that plan is
+    /// settled.
     pub fn retune(
         &mut self,
         margin: Option<&GearMargin>,
@@ -178,12 +181,13 @@ impl Selection {
         }
     }
 
-    /// Order of the gear that is wanted, or that a flow takes.
+    /// The requested order of gear, or the one found for a flow.
     pub fn gear_order(&self) -> Option<u8> {
         matches!(self.target, Target::Gear { .. } | Target::Flow(_)).then_some(self.order)
     }
 
-    /// Goes to the order of gear that serves the wanted flow, where the parts on the track are weighed; `flow` in g/s is what they give now.
+    /// Selects the order of gear that gives the wanted flow; `flow` is the estimated present one,
+    /// in g/s.
     pub fn serve_flow(
         &mut self,
         flow: Option<f32>,
@@ -214,7 +218,7 @@ impl Selection {
         news.push(Event::NoSetpoint);
     }
 
-    /// One slice of what is searched for; whether more is to be done.
+    /// Computes one slice of the searches. Whether more remain.
     pub fn step(&mut self, settings: &Settings, scale: &Scale, news: &mut Events) -> bool {
         if let Some(speed) = &mut self.speed {
             if let Some(choice) = speed.step(settings) {
@@ -227,7 +231,7 @@ impl Selection {
             && !gear.is_over()
         {
             let more = gear.step();
-            // Of the first plan whatever is found, of a later one what is settled.
+            // Every plan of the first search is used; of a later search only the settled one.
             let better = gear
                 .fresh()
                 .filter(|plan| plan.settled || self.plan.is_none_or(|plan| !plan.settled));
@@ -247,12 +251,12 @@ impl Selection {
         self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)
     }
 
-    /// Takes the choice that was searched for.
+    /// Adopts the result of a search.
     fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, news: &mut Events) {
         (self.level, self.lock, self.shape) = (choice.level, choice.lock, choice.shape);
         match kicks(&choice, settings, scale) {
             Ok(search) => self.search = search,
-            // A lock whose kicks cannot be planned is none to go to.
+            // A lock without a plan of kicks is no setpoint.
             Err(_) => (self.level, self.lock) = (Level::None(NoSetpoint::Speed(None)), None),
         }
         if self.no_setpoint().is_some() {
@@ -261,7 +265,7 @@ impl Selection {
     }
 }
 
-/// Order of gear that a target begins with.
+/// The order of gear that a target begins with.
 fn first_order(target: Target) -> u8 {
     match target {
         Target::Gear { order } => order,

@@ -1,4 +1,6 @@
 //! The amplitude for a target, chosen for the whole lot.
+//!
+//! For a lock it is the k with the largest margin in the common band (docs/theory-bands.md#t5.4).
 
 use core::fmt;
 
@@ -13,28 +15,29 @@ use crate::regime::Lock;
 use crate::regime::band::BandError;
 use crate::regime::band::{Band, NoBand};
 
-/// Why a target has no setpoint.
+/// Reason why a target has no setpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoSetpoint {
     /// The lot has no common band of the wanted order.
     Band(NoBand),
     /// The drive does not reach an amplitude at which a part of the lot is in gear.
     Gear {
-        /// The least amplitude b that would serve, in mm.
+        /// The smallest sufficient amplitude b, in mm.
         needed: f32,
     },
-    /// The output does not reach the amplitude b that the target asks for.
+    /// The output does not reach the target's amplitude b.
     Output {
         /// That amplitude, in mm.
         needed: f32,
-        /// The largest one that the output makes, by the drive as told, in mm.
+        /// The largest amplitude of the configured drive, in mm.
         reach: f32,
     },
     /// The lot has no common chaotic stretch.
     Chaos,
-    /// No lock conveys at this speed within 10 %; the nearest one's speed in mm/s, if there is any.
+    /// No lock conveys at this speed within 10 %. The speed of the nearest lock in mm/s, if there
+    /// is one.
     Speed(Option<f32>),
-    /// In no gear do the parts on the track leave it at this flow within 10 %; the nearest one's in g/s.
+    /// In no gear do the parts leave the track at this flow within 10 %. The nearest flow in g/s.
     Flow(f32),
 }
 
@@ -69,39 +72,38 @@ impl fmt::Display for NoSetpoint {
     }
 }
 
-/// How the setpoint of a target is given.
+/// Form of a target's setpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Level {
-    /// As k, whatever the frequency.
+    /// As k, at any frequency.
     K(f64),
     /// As an amplitude in m.
     Amplitude(f32),
-    /// Not yet: the lock that conveys at the wanted speed, or the k for gear, is still searched for.
+    /// Not found yet: the search for the lock of a speed, or for the k of gear, still runs.
     Sought,
-    /// Not at all.
+    /// None, for this reason.
     None(NoSetpoint),
 }
 
-/// The choice for a target.
+/// The setpoint of a target, with its lock and shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
     /// The setpoint.
     pub level: Level,
-    /// The lock that is wanted at it, if one is.
+    /// The wanted lock at it, if there is one.
     pub lock: Option<LockWindow>,
-    /// The shape of the motion that is wanted with it.
+    /// The wanted shape of the motion.
     pub shape: Shape,
 }
 
-/// Half width of the phases that a lock is heard at, beyond those that the interval of restitution explains, in
-/// rad: amplitude error, doubling not yet resolved, error of the stamps. Tuned: at 0.5 the scene `lock_comes_back`
-/// fails, at 0.8 `lock_lost`; down to 0.05 all pass.
+/// Half width in rad of a lock's phase window beyond the lot's own phases, for amplitude error,
+/// unresolved doubling, and errors of the phase stamps.
 const LOCK_WIDTH: f32 = 0.35;
-/// Orders of lock that may be wanted.
+/// Permitted orders of lock and gear.
 pub(super) const ORDERS: core::ops::RangeInclusive<u8> = 1..=8;
 
 impl Choice {
-    /// The choice for a target; the refusal names a number that is out of range.
+    /// The choice for a target. The error names a number out of range.
     pub fn of(target: Target, settings: &Settings) -> Result<Self, OutOfRange> {
         let within = |parameter, value: f32, accepts, accepted| {
             accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
@@ -159,7 +161,8 @@ impl Choice {
                 Ok(Self::level(Level::Amplitude(b * 1e-3)))
             }
             Target::Flow(flow) => {
-                // Parts are weighed by the power that they take from one tone of a track of known mass.
+                // Parts are weighed by the power that they absorb on a track of known mass with one
+                // tone.
                 let Settings {
                     track_mass,
                     track_length,
@@ -200,8 +203,9 @@ impl Choice {
         }
     }
 
-    /// The choice without its amplitude where the output cannot make that, by the drive as told: less would be another
-    /// motion of the parts than the one asked for. What is beyond a hard limit is held at this.
+    /// Refuses an amplitude that the configured drive's output cannot reach: a smaller one would
+    /// give another motion of the parts. An amplitude beyond a hard limit is kept and limited
+    /// there.
     pub fn within(self, settings: &Settings, scale: &Scale) -> Self {
         let needed = match self.level {
             Level::K(k) => scale.amplitude(k as f32),
@@ -216,7 +220,7 @@ impl Choice {
         Self::level(Level::None(NoSetpoint::Output { needed, reach }))
     }
 
-    /// The choice of a level without a lock.
+    /// A choice of this level without a lock.
     pub fn level(level: Level) -> Self {
         Self {
             level,

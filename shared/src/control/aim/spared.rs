@@ -1,4 +1,4 @@
-//! A plan for gear that another controller has made: the desk runs many, and each asks the same.
+//! A plan for gear from another controller: the desk runs many with equal settings (memoization).
 
 use core::ops::Deref;
 
@@ -11,28 +11,29 @@ use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 use crate::regime::gear::{GearPlan, GearPlanSettings};
 
-/// Most plans, each better than the one before, that a search finds.
+/// Largest number of plans of one search, each better than the one before.
 const FOUND: usize = 8;
 
-/// A plan for gear that has come to its end: what was asked, and what was found after how many slices.
+/// A finished search for gear: its settings, and its plans with the slices that found them.
 ///
-/// Two controllers with the same question find the same after as many slices, so that one that is told need not search
+/// Equal settings give the same plans after the same numbers of slices. A controller that gets the
+/// result of another one skips the search
 /// ([`Controller::gear_known`](crate::control::Controller::gear_known)).
 #[derive(Clone, Debug, PartialEq)]
 pub struct GearPlanned {
-    /// What was asked.
+    /// Settings of the search.
     pub settings: GearPlanSettings,
-    /// What was found, and the slice after which it was, the last one settled.
+    /// Each plan with the number of the slice that found it; the last one is settled.
     pub found: Vec<(u32, GearPlan), FOUND>,
 }
 
-/// A [`GearSearch`] that keeps what it found, and may be told what another one did.
+/// A [`GearSearch`] that records its plans, or replays those of another one.
 #[derive(Clone, Debug)]
 pub struct SparedGear {
     search: GearSearch,
     slices: u32,
     planned: GearPlanned,
-    /// Whether `planned` was told.
+    /// Whether `planned` was supplied.
     known: bool,
 }
 
@@ -75,18 +76,18 @@ impl SparedGear {
         }
         let more = self.search.step();
         if let Some(plan) = self.fresh().copied() {
-            // One for each round at most, and there are no more rounds.
+            // At most one per round, and there are no more rounds.
             let _ = self.planned.found.push((self.slices, plan));
         }
         more
     }
 
-    /// What is being searched; `None` once it is known or found.
+    /// Settings of the running search; `None` once a result is supplied or found.
     pub fn asked(&self) -> Option<&GearPlanSettings> {
         Some(&self.planned.settings).filter(|_| !self.is_over() && !self.known)
     }
 
-    /// Spares the search, if it is for this: the same is then found after as many slices.
+    /// Supplies the result of an equal search. Its plans appear after the same numbers of slices.
     pub fn know(&mut self, known: GearPlanned) {
         if self.asked() == Some(&known.settings) {
             self.planned = known;
@@ -94,7 +95,7 @@ impl SparedGear {
         }
     }
 
-    /// The search that has come to its end.
+    /// The finished search.
     pub fn planned(&self) -> Option<&GearPlanned> {
         Some(&self.planned).filter(|_| self.is_over())
     }
@@ -120,7 +121,7 @@ mod tests {
         }
         let planned = first.planned().unwrap().clone();
         assert!(planned.found.len() > 3);
-        // Of another lot nothing is taken.
+        // The result of another lot is refused.
         let mut other = search(&Settings {
             restitution_high: 0.3,
             ..settings

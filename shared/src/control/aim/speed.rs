@@ -1,4 +1,7 @@
-//! The lock that conveys at a wanted speed, searched order by order.
+//! The lock that conveys at a wanted speed: an exhaustive search over the orders of lock.
+//!
+//! A locked part's speed does not depend on the amplitude (docs/theory-transport.md#t8.3), so only
+//! the order remains to choose.
 
 use super::setpoint::{Choice, Level, NoSetpoint, ORDERS};
 use crate::control::hear::LockWindow;
@@ -7,24 +10,22 @@ use crate::impact::TangentialSettings;
 use crate::regime::{Lock, band};
 use crate::transport::locked;
 
-/// Deviation of a lock's speed from the wanted one that still serves. At 0.05 and at 0.5
-/// `a_speed_is_that_of_the_lock_that_serves_it_or_is_refused_with_the_nearest` fails.
+/// Relative deviation of a lock's speed from the wanted one that is accepted.
 const TOLERANCE: f32 = 0.1;
 
-/// The search for the lock whose speed is nearest to a wanted one: a locked part's speed does not depend
-/// on the amplitude, so the orders of lock are the choice there is.
+/// The search for the lock whose speed is nearest to a wanted one.
 #[derive(Clone, Copy, Debug)]
 pub struct SpeedSearch {
     /// The wanted speed in mm/s.
     wanted: f32,
-    /// The order of lock that comes next.
+    /// The next order of lock.
     order: u8,
     /// The nearest lock so far, with its speed in mm/s.
     nearest: Option<(f32, Choice)>,
 }
 
 impl SpeedSearch {
-    /// The search for a speed in mm/s.
+    /// Begins the search for a speed in mm/s.
     pub fn begin(wanted: f32) -> Self {
         Self {
             wanted,
@@ -33,7 +34,7 @@ impl SpeedSearch {
         }
     }
 
-    /// One slice, which is one order of lock; the choice, once every order was looked at.
+    /// Computes one slice, which is one order of lock. The choice, after the last order.
     pub fn step(&mut self, settings: &Settings) -> Option<Choice> {
         if let Some((speed, choice)) = lock_speed(self.order, settings)
             && self
@@ -46,7 +47,7 @@ impl SpeedSearch {
         (self.order > *ORDERS.end()).then(|| self.choice())
     }
 
-    /// How far a speed is from the wanted one, in mm/s.
+    /// Distance of a speed from the wanted one, in mm/s.
     fn misses(&self, speed: f32) -> f32 {
         (speed - self.wanted).abs()
     }
@@ -64,7 +65,8 @@ impl SpeedSearch {
 /// The lot's lock of an order and its conveying speed in mm/s; `None` where the lot has none.
 fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
     let lot = settings.lot().ok()?;
-    // What a lot without a band would need for one takes longest to compute, and is not needed here.
+    // Without a band, `Choice::lock` computes the narrower lot that would have one; that is slow
+    // and not needed.
     let (flip, birth) = (
         band::flip(lot.high(), u32::from(order)).ok()?,
         band::birth(lot.low(), u32::from(order)).ok()?,
@@ -99,7 +101,8 @@ mod tests {
 
     #[test]
     fn a_speed_is_that_of_the_lock_that_serves_it_or_is_refused_with_the_nearest() {
-        // Equation 21: pi r (g cos(alpha) / w) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) } = 88.4 r mm/s.
+        // Equation 21: `pi r (g cos(alpha) / w) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }` =
+        // 88.4 r mm/s.
         let settings = Settings {
             restitution_low: 0.199,
             restitution_high: 0.201,
@@ -121,7 +124,8 @@ mod tests {
 
     #[test]
     fn a_lot_without_any_band_has_no_speed_at_all() {
-        // docs/theory-bands.md#t5.4: no common band of order 1; those of higher orders are narrower.
+        // docs/theory-bands.md#t5.4: no common band of order 1; those of higher orders are
+        // narrower.
         let settings = Settings {
             restitution_low: 0.1,
             restitution_high: 0.3,

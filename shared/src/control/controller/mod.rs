@@ -1,4 +1,8 @@
-//! The controller: one call per drive cycle decides what the drive does next.
+//! Supervisory control of one drive: once per drive cycle, from measurements to the next command.
+//!
+//! A state machine (`supervise`) selects the reference, and the amplitude loop (`drive`) tracks it.
+//! The textbook pattern is supervisory control of a servo loop. ARCHITECTURE.md walks through one
+//! cycle.
 
 use core::f32::consts::TAU;
 
@@ -26,29 +30,29 @@ use crate::control::settings::Settings;
 use crate::control::state::{Event, Events, Fault, Limits, State};
 use crate::feeder::OutOfRange;
 
-/// Slices of planning ([`Controller::plan_step`]) that a drive cycle gets.
+/// Slices of planning ([`Controller::plan_step`]) per drive cycle.
 pub const PLAN_SLICES: usize = 16;
-/// Cycles in which the amplitude glides by a quarter of the setpoint, from a lock to chaos: slow enough that each
-/// doubling is followed (docs/theory-capture.md#t7.4). Tuned: in 50 the scene `chaotic` is not reached; in 400 it
-/// is.
+/// Cycles per quarter of the setpoint while the amplitude glides from a lock to chaos, slow enough
+/// to follow each doubling (docs/theory-capture.md#t7.4).
 const GLIDE: f32 = 150.0;
-/// How near to the setpoint the amplitude has reached it, as a share: half of the default amplitude error that
-/// kicks are planned for. At 0.002 `the_table_is_what_the_controller_does` fails, at 0.05 two identifications do.
+/// Relative error of the amplitude at which the setpoint counts as reached: half of the default
+/// amplitude error that kicks are planned for.
 const NEAR: f32 = 0.01;
-/// Amplitude of a track at rest over the hard limit: what noise is measured as. At 0.002 the scene `stop_in_sweep`
-/// fails; up to 0.5 all pass.
+/// Amplitude over the hard limit below which the track counts as at rest: about the reading of
+/// sensor noise.
 const AT_REST: f32 = 0.02;
-/// Amplitude in m over the safe one in mm from which on the lead is followed, 30 % of it: less does not tell the
-/// phase from noise. From 0 to 1e-3 every scene passes.
+/// Amplitude, in m per mm of the safe one (30 % of it), above which the resonance is tracked;
+/// below, noise hides the phase.
 const FOLLOWED: f32 = 0.3e-3;
-/// Amplitude over what the converter tells from rest from which on the upper tones are held to the first one's phase.
+/// Amplitude over the smallest detectable one above which the upper tones are phase-locked to the
+/// first.
 const FIRST_TELLS: f32 = 4.0;
 
 /// The controller of one drive.
 ///
-/// [`Controller::cycle`] runs once per drive cycle, at the latest before the next one ends: its
-/// command is latched at the next wrap of the phase. [`Controller::plan_step`] does one bounded slice
-/// of planning and belongs in idle time.
+/// [`Controller::cycle`] runs once per drive cycle, at the latest before the next one ends. The
+/// signal path latches its command at the next wrap of the phase. [`Controller::plan_step`]
+/// computes one bounded slice of planning and belongs in idle time.
 ///
 /// ```
 /// use kband::control::{Controller, Cycle, Inputs, Settings, StartCause, State, Target};
@@ -105,21 +109,22 @@ pub struct Controller {
     listener: Listener,
     deafness: Deafness,
     identifier: Identifier,
-    /// Lead of the track at the last cycle that could be trusted, in rad.
+    /// Phase lead of the track in the last trusted cycle, in rad.
     lead: f32,
-    /// Events that happened between two cycles.
+    /// Events since the last cycle.
     news: Events,
     limits: LimitMonitor,
     reference: Reference,
     output: f32,
-    /// How far it leads, in rad.
+    /// Phase lead of the output before the drive's phase, in rad.
     ahead: f32,
     tones: Tones,
-    /// What weighs the parts, where the mass of the track is told.
+    /// Estimator of the parts' load; `None` without `track_mass`.
     meter: Option<LoadMeter>,
     weighing: Weighing,
-    /// Envelope that the outputs should give at the ends of cycles, over the one that full output comes to hold: of the one that
-    /// the last output will drive, the one before, and the two that the last reading is the mean of.
+    /// Predicted envelope at the ends of three cycles, newest first, over the steady envelope at
+    /// full output. The first is of the cycle that the last output drives. The last reading is the
+    /// mean of the other two.
     expected: [Complex; 3],
     faults: FaultDetector,
     rest_test: RestTest,
@@ -128,10 +133,10 @@ pub struct Controller {
     seen: Seen,
 }
 
-/// What was seen in a cycle.
+/// Measurements of the last cycle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
-    /// Amplitude in m.
+    /// Amplitude b, in m.
     amplitude: f32,
     /// Phase lead of the track before the output.
     lead: Phase,
@@ -141,7 +146,7 @@ struct Seen {
 }
 
 impl Controller {
-    /// The controller for these settings and this target; the refusal names the parameter.
+    /// Builds the controller. The error names the parameter that is out of range.
     pub fn build(
         settings: &Settings,
         target: Target,
@@ -151,8 +156,8 @@ impl Controller {
         Self::resume(settings, target, &interlock)
     }
 
-    /// As [`Controller::build`], with the interlock of another controller: what kept the drive off
-    /// keeps it off.
+    /// As [`Controller::build`], with another controller's interlock, which keeps the drive off for
+    /// the same causes.
     pub fn resume(
         settings: &Settings,
         target: Target,
@@ -192,12 +197,16 @@ impl Controller {
         Ok(controller)
     }
 
-    /// Takes a new target; refused, with the old one kept, where its number is out of range or the drive's output does not
-    /// reach its amplitude. A target that the settings have put out of reach since then, or that the controller is built with,
-    /// has [no setpoint](Controller::no_setpoint).
+    /// Sets a new target.
     ///
-    /// The lock for a speed is searched for by [`Controller::plan_step`]: until it is
-    /// [chosen](Controller::chosen) a running drive keeps its amplitude, and one that is off does not start.
+    /// The error names a number out of range, or an amplitude beyond the drive's output; the old
+    /// target then stays. A target can lose its setpoint later, by new settings; a target of
+    /// [`Controller::build`] can lack one from the start. See [no
+    /// setpoint](Controller::no_setpoint).
+    ///
+    /// [`Controller::plan_step`] searches for the lock that gives a requested speed. Until it is
+    /// [chosen](Controller::chosen), a running drive keeps its amplitude, and a drive at rest does
+    /// not start.
     pub fn set_target(&mut self, target: Target) -> Result<(), OutOfRange> {
         let selection = Selection::at(target, &self.settings, &self.scale)?;
         if let Some(NoSetpoint::Output { .. }) = selection.no_setpoint() {
@@ -212,7 +221,8 @@ impl Controller {
         Ok(())
     }
 
-    /// The settings in use were saved: a fault for invalid settings may be acknowledged.
+    /// Records that the settings in use were saved. A fault for invalid settings can then be
+    /// acknowledged.
     pub fn settings_saved(&mut self) {
         self.machine.settings_saved();
     }
@@ -233,17 +243,18 @@ impl Controller {
         }
     }
 
-    /// Takes a cycle of the signal path and the board's inputs; what was seen, and what the drive is to do.
+    /// Processes one cycle's measurements and the board's inputs. The report holds the next
+    /// command.
     pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
         self.advance(cycle, inputs);
         self.report()
     }
 
-    /// As [`Controller::cycle`], for who does not read each report.
+    /// As [`Controller::cycle`], without the report.
     pub(crate) fn advance(&mut self, cycle: &Cycle, inputs: &Inputs) {
         let mut events = core::mem::take(&mut self.news);
         self.count = self.count.wrapping_add(1);
-        // After 99 days at 500 Hz the count begins anew, and with it the classifier's time.
+        // The counter wraps after 99 days at 500 Hz; the classifier's clock restarts with it.
         if self.count == 0 {
             self.listener.begin();
         }
@@ -276,7 +287,7 @@ impl Controller {
         } else if self.resonance.sweeps() {
             self.sweep(measured, &mut events);
         } else {
-            // A sensor that may be lost is not followed: the output waits for the verdict.
+            // The reading of a sensor that may be lost is not used: the output is held.
             if !blind {
                 let reference = self.reference.now;
                 let most = self.most_output();
@@ -332,7 +343,7 @@ impl Controller {
             events.push(Event::Freed);
         }
         if !(sound && self.commands_finite()) {
-            // An error of the firmware: no output, and what the loops have learned is dropped.
+            // An error of the firmware: switch the drive off and drop what the loops estimated.
             self.machine.fail(Fault::ControlLate, &mut events);
             self.amplitude.forget();
             self.meter = LoadMeter::build(&self.settings);
@@ -340,10 +351,10 @@ impl Controller {
             self.expected = [Complex::default(); 3];
             self.rest();
         }
-        // Also where the output is held because the reading is not trusted.
+        // The limit also holds while an untrusted reading freezes the output.
         self.output = self.output.min(self.most_output());
         let [newest, before, _] = self.expected;
-        // What is missing may be taken for a load only where parts are heard.
+        // Missing amplitude counts as load only while impacts are detected.
         let load = if self.listener.phases.rate() > 0.0 {
             self.amplitude.load()
         } else {
@@ -371,7 +382,8 @@ impl Controller {
         self.output.is_finite() && self.ahead.is_finite() && numbers.all(|part| part.is_finite())
     }
 
-    /// Weighs the parts; the track's motion along sine and cosine of the output's phase, with what they push of it, in m.
+    /// Estimates the parts' load. Gives the track's motion along sine and cosine of the output's
+    /// phase, in m, corrected for the impacts that the demodulator blanks.
     fn weigh(&mut self, cycle: &Cycle, sine: f32, cosine: f32) -> [f32; 2] {
         if self.meter.is_none() {
             return [sine, cosine];
@@ -409,9 +421,9 @@ impl Controller {
         }
     }
 
-    /// What the demodulators found of the track's motion.
+    /// Converts the demodulated acceleration to the track's motion, in m.
     fn motion(&self, cycle: &Cycle, first: Complex) -> TrackMotion {
-        // Displacement for an acceleration at twice and three times the frequency.
+        // Displacement over acceleration at twice and three times the frequency.
         let scales = [-1.0 / 4.0, -1.0 / 9.0];
         let mut upper = [Complex::default(); UPPER];
         for ((tone, [cosine, sine]), scale) in upper.iter_mut().zip(cycle.upper).zip(scales) {
@@ -420,8 +432,8 @@ impl Controller {
         TrackMotion { first, upper }
     }
 
-    /// A cycle of the tones above the first, where the drive affords any. They are made at the chosen setpoint alone: not while
-    /// the link is lost, no setpoint serves the target, or the drive stops.
+    /// Controls the upper tones, where the settings allow any. They run at the chosen setpoint
+    /// only: never while the link is lost, no setpoint exists, or the drive stops.
     fn make_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
         if !self.tones.allowed() {
             return;
@@ -451,7 +463,7 @@ impl Controller {
         }
     }
 
-    /// Looks for faults; whether this cycle's reading may not be trusted.
+    /// Detects faults. Whether this cycle's reading is untrusted.
     fn watch(
         &mut self,
         cycle: &Cycle,
@@ -504,7 +516,7 @@ impl Controller {
         }
         match self.swing.cycle(measured, expected.amplitude) {
             SwingResult::Pending => {}
-            // The swing moves no part: what is usual under load is learned from here on.
+            // The test swing moves no part, so the usual ratio under load is estimated from here.
             SwingResult::Passed => self.faults.forget_usual(),
             SwingResult::Failed => self.machine.fail(Fault::SensorImplausible, events),
         }
@@ -551,7 +563,7 @@ impl Controller {
         }
     }
 
-    /// Watches for deafness: the target depends on hearing the parts, and none is heard.
+    /// Detects a target that depends on impacts while none are detected.
     fn listen(&mut self, cycle: &Cycle, goal: f32, measured: f32) {
         let limits = self.limits.limits();
         let settled = match self.machine.state() {
@@ -581,7 +593,7 @@ impl Controller {
         });
     }
 
-    /// What holds the drive back in this cycle.
+    /// Determines the limits that hold the drive back in this cycle.
     fn limit(&mut self, inputs: &Inputs) {
         let timeout = self.settings.link_timeout;
         self.limits.cycle(&LimitInputs {
@@ -589,7 +601,7 @@ impl Controller {
             link_heard: inputs.link_heard,
             link_timeout: (timeout > 0.0).then_some(timeout * self.settings.frequency),
             no_setpoint: self.selection.no_setpoint().is_some(),
-            // The frequencies of a sweep are not those of the setpoint.
+            // The frequencies of a sweep differ from that of the setpoint.
             cut: !self.resonance.sweeps()
                 && self.selection.setpoint(&self.scale) > self.scale.ceiling,
             ceiling_limit: self.scale.ceiling_limit,
@@ -599,7 +611,7 @@ impl Controller {
         });
     }
 
-    /// Moves the reference by one cycle; where it goes, in m.
+    /// Moves the reference by one cycle; its goal, in m.
     fn move_reference(&mut self) -> f32 {
         let (settings, setpoint) = (&self.settings, self.selection.setpoint(&self.scale));
         let limits = self.limits.limits();
@@ -612,7 +624,7 @@ impl Controller {
         let (goal, pace) = match (self.machine.state(), self.machine.kick()) {
             (State::Off | State::Fault, _) => (0.0, Move::Step),
             (State::Stopping, _) => (0.0, down),
-            // Where it is not known what is wanted, less is done, never more.
+            // Without a certain target the amplitude falls or stays, and never rises.
             _ if limits.contains(Limits::LINK_LOST) => {
                 (safe.min(setpoint).min(self.reference.now), down)
             }
@@ -631,20 +643,22 @@ impl Controller {
         goal
     }
 
-    /// What the test swing of a start allows reference and outputs, in m; nothing is tested while the resonance is searched for.
+    /// Limits of a start's test swing on the reference and on the output's amplitude, in m. `None`
+    /// during a resonance search, and after the test.
     fn swing_limits(&self) -> Option<[f32; 2]> {
         let Scale { ceiling, least, .. } = self.scale;
         let limits = self.swing.limits(self.reference.now, ceiling, least);
         limits.filter(|_| !self.resonance.sweeps())
     }
 
-    /// Largest output for the next cycle, as a share of full output, whatever the accelerometer says.
+    /// Upper limit of the next output, as a share of full output. It does not depend on the
+    /// accelerometer.
     fn most_output(&self) -> f32 {
         let amplitude = self.swing_limits().map(|[_, most]| most);
         self.scale.most_output(self.expected[0], amplitude)
     }
 
-    /// Everything at rest, drive off.
+    /// Switches the drive off and resets every loop.
     fn rest(&mut self) {
         (self.output, self.ahead) = (0.0, 0.0);
         self.reference.now = 0.0;
@@ -658,7 +672,7 @@ impl Controller {
         self.identifier.interrupt();
     }
 
-    /// The bridge is open already: no output while the track comes to rest.
+    /// Switches the output off while the track comes to rest; the bridge is open already.
     fn coast(&mut self) {
         (self.output, self.ahead) = (0.0, 0.0);
         self.reference.now = 0.0;
@@ -666,14 +680,15 @@ impl Controller {
         self.tones.rest();
     }
 
-    /// Amplitude in m that the search for the resonance has at its peak.
+    /// Amplitude at the peak of the resonance search, in m.
     fn sweep_amplitude(&self) -> f32 {
         (self.settings.safe_amplitude * 1e-3)
             .min(self.selection.setpoint(&self.scale))
             .min(self.scale.ceiling)
     }
 
-    /// A cycle of the search for the resonance, at the output that gives the safe amplitude there.
+    /// One cycle of the resonance search. The output is constant and gives the safe amplitude at
+    /// the resonance.
     fn sweep(&mut self, measured: f32, events: &mut Events) {
         let output = self.sweep_amplitude() / self.scale.strength;
         self.output = output.min(self.settings.output_maximum);
@@ -694,13 +709,14 @@ impl Controller {
         }
     }
 
-    /// What depends on the drive's frequency.
+    /// Updates the numbers that depend on the drive's frequency.
     fn retune(&mut self) {
         self.scale
             .retune(&self.settings, self.resonance.frequency());
     }
 
-    /// Confidence that the parts are in the lock that is wanted: none where a part alone would not be heard.
+    /// Confidence, 0..1, that the parts are in the wanted lock; 0 where the impact of a single part
+    /// would not be detected.
     fn confidence(&self) -> f32 {
         if self.deafness.hears_crowds_only() {
             return 0.0;
@@ -726,7 +742,7 @@ impl Controller {
         self.carry_out(decision);
     }
 
-    /// Follows parts that change, where gear is the target.
+    /// Plans gear anew where the parts have changed.
     fn retune_gear(&mut self) {
         if self.machine.settled() {
             self.selection.retune(
@@ -738,7 +754,7 @@ impl Controller {
         }
     }
 
-    /// Does what the state machine decided.
+    /// Carries out a decision of the state machine.
     #[inline(always)]
     fn carry_out(&mut self, decision: Decision) {
         match decision {
@@ -750,7 +766,7 @@ impl Controller {
         }
     }
 
-    /// A cycle of the identification, where one is under way.
+    /// One cycle of the identification, if one runs.
     fn identify(&mut self, cycle: &Cycle, goal: f32, measured: f32, events: &mut Events) {
         if !self.identifier.listens() {
             return;
@@ -788,8 +804,8 @@ impl Controller {
         }
     }
 
-    /// One bounded slice of planning; whether more is to be done. Call it in idle time, at most
-    /// as often per cycle as it says that there is more.
+    /// Computes one bounded slice of planning. Whether more remain. Call it in idle time, at most
+    /// as often per cycle as it returns true.
     pub fn plan_step(&mut self) -> bool {
         self.selection
             .step(&self.settings, &self.scale, &mut self.news)
@@ -798,7 +814,7 @@ impl Controller {
     }
 }
 
-/// The refusal of a target's number, for what would be accepted.
+/// The refusal of a target's number, with the accepted range.
 fn refused(target: Target, accepted: &'static str) -> OutOfRange {
     let (parameter, value) = match target {
         Target::Locked { order } => ("target locked order", f64::from(order)),
@@ -817,7 +833,8 @@ fn refused(target: Target, accepted: &'static str) -> OutOfRange {
     }
 }
 
-/// The hearing of gear: for the lot as told, or for parts of any restitution where that is to be found out.
+/// The estimator of gear: for the configured lot, or for any restitution where the identification
+/// is to estimate it.
 fn gear_hearing(settings: &Settings, any: bool) -> GearHearing {
     let Settings {
         restitution_low,

@@ -1,4 +1,4 @@
-//! What a controller tells of itself.
+//! Queries of a controller: its report, its readiness, its estimates.
 
 use super::Controller;
 use crate::control::aim::NoSetpoint;
@@ -13,7 +13,7 @@ use crate::control::supervise::Interlock;
 use crate::control::target::Target;
 
 impl Controller {
-    /// What was seen and done in the last cycle.
+    /// Report of the last cycle.
     #[must_use]
     pub fn report(&self) -> Report {
         let (seen, phases) = (&self.seen, &self.listener.phases);
@@ -48,7 +48,7 @@ impl Controller {
         }
     }
 
-    /// What the drive is to do.
+    /// The next command.
     #[must_use]
     pub(crate) fn command(&self) -> Command {
         let overtones = self.tones.output();
@@ -63,8 +63,8 @@ impl Controller {
         }
     }
 
-    /// Whether what is wanted is so: the lock, the chaos or the gear is heard, or the amplitude that was asked for is held.
-    /// Gear is where the parts are heard to be in it for more than half of their time. Not while the amplitude oscillates.
+    /// Whether the target is met and the amplitude is steady: the lock, chaos or gear is detected,
+    /// or the requested amplitude is held. Gear counts where its estimated share exceeds one half.
     #[must_use]
     pub fn ready(&self) -> bool {
         self.faults.is_steady() && self.wanted_is_so()
@@ -80,31 +80,31 @@ impl Controller {
         }
     }
 
-    /// What the controller is doing.
+    /// State of the controller.
     #[must_use]
     pub fn state(&self) -> State {
         self.machine.state()
     }
 
-    /// What keeps the drive off, for [`Controller::resume`].
+    /// The causes that keep the drive off, for [`Controller::resume`].
     #[must_use]
     pub fn interlock(&self) -> &Interlock {
         self.machine.interlock()
     }
 
-    /// What happened in the last cycle.
+    /// Events of the last cycle.
     #[must_use]
     pub fn events(&self) -> Events {
         self.seen.events
     }
 
-    /// Normal amplitude of the track in m that the outputs so far should have given.
+    /// Predicted normal amplitude of the track under the outputs so far, in m.
     #[must_use]
     pub fn expected(&self) -> f32 {
         0.5 * self.scale.strength * size(self.expected[1] + self.expected[2])
     }
 
-    /// Share of the parts' time in gear as heard ([`Report::in_gear`]), 0..=1.
+    /// Estimated share of the parts' time in gear ([`Report::in_gear`]), 0..=1.
     #[must_use]
     pub fn in_gear(&self) -> f32 {
         if self.is_deaf() {
@@ -113,12 +113,12 @@ impl Controller {
         self.listener.in_gear_at_least()
     }
 
-    /// Whether no part can be heard: then nothing is reported of the parts.
+    /// Whether no part would be detected: then nothing is reported of the parts.
     fn is_deaf(&self) -> bool {
         self.limits.limits().contains(Limits::DEAF)
     }
 
-    /// That share with its error; `None` where what is told is only a least.
+    /// That share with its error; `None` where it is only a lower bound.
     #[must_use]
     pub(crate) fn gear_share(&self) -> Option<GearShare> {
         self.listener.in_gear().filter(|_| !self.is_deaf())
@@ -130,13 +130,14 @@ impl Controller {
         self.listener.in_gear()
     }
 
-    /// Standard error of that share; infinite where it is only a least ([`Report::in_gear_error`]).
+    /// Standard error of that share; infinite where it is only a lower bound
+    /// ([`Report::in_gear_error`]).
     #[must_use]
     pub fn in_gear_error(&self) -> f32 {
         self.gear_share().map_or(f32::INFINITY, |heard| heard.error)
     }
 
-    /// The parts on the track as weighed ([`Report::load`]).
+    /// Estimated load of the parts on the track ([`Report::load`]).
     #[must_use]
     pub fn load(&self) -> Option<Load> {
         let weighs = !self.is_deaf() && !self.listener.empty;
@@ -149,7 +150,7 @@ impl Controller {
         self.seen.amplitude
     }
 
-    /// Amplitude that the loop follows at the end of the next cycle but one, in m.
+    /// Reference amplitude at the end of the cycle after next, in m.
     #[must_use]
     pub fn reference(&self) -> f32 {
         self.reference.now
@@ -167,32 +168,32 @@ impl Controller {
         self.selection.target()
     }
 
-    /// Order of the lock that is wanted, also as the way to chaos or for a speed, or of the gear.
+    /// Order of the wanted lock, also on the way to chaos or for a speed, or of the wanted gear.
     #[must_use]
     pub fn order(&self) -> Option<u8> {
         (self.selection.gear_order()).or_else(|| self.selection.lock().map(|lock| lock.order))
     }
 
-    /// Amplitude chosen for the target in m, before any limit; 0 where there is none.
+    /// Amplitude of the target's setpoint in m, before any limit; 0 where there is none.
     #[must_use]
     pub fn setpoint(&self) -> f32 {
         self.selection.setpoint(&self.scale)
     }
 
-    /// Whether the setpoint for the target is known, or that it has none: the lock for a speed and the k for gear are
-    /// searched for.
+    /// Whether the search for the setpoint is over, with or without a result. The lock for a speed
+    /// and the k for gear need a search.
     #[must_use]
     pub fn chosen(&self) -> bool {
         self.selection.chosen()
     }
 
-    /// Why the target has no setpoint, and what would allow one.
+    /// The reason for having no setpoint, and a remedy.
     #[must_use]
     pub fn no_setpoint(&self) -> Option<NoSetpoint> {
         self.selection.no_setpoint()
     }
 
-    /// Largest amplitude in m that the settings let the drive reach.
+    /// Largest amplitude in m that the settings allow the drive.
     #[must_use]
     pub fn reach(&self) -> f32 {
         self.scale.reach(&self.settings)
@@ -204,15 +205,15 @@ impl Controller {
         self.scale.k(amplitude)
     }
 
-    /// How far the identification of the parts' restitution has come ([`Target::Identify`]). A result is
-    /// offered here and applied nowhere; it stays until the next identification.
+    /// Progress of the identification of the parts' restitution ([`Target::Identify`]). The result
+    /// is offered here and applied nowhere. It stays until the next identification.
     #[must_use]
     pub fn identification(&self) -> Identification {
         self.identifier.result()
     }
 
-    /// Whether the regime is judged where the controller does not act on it, for [`Report::regime`]: it is,
-    /// unless this says otherwise.
+    /// Sets whether the regime is classified for [`Report::regime`] where the controller does not
+    /// need it. Default: yes.
     #[cfg(feature = "plant")]
     pub(crate) fn watch_regime(&mut self, watched: bool) {
         self.listener.watched = watched;

@@ -1,3 +1,5 @@
+//! Tests of the controller on an ideal drive: targets, searches, refusals, bad readings.
+
 use super::*;
 use crate::control::{Heard, Report};
 use crate::regime::classify::Regime;
@@ -42,7 +44,7 @@ fn the_parts_are_heard_beyond_the_last_count_of_cycles() {
     assert_eq!(heard(true), (209, Some(Regime::Rest)));
 }
 
-/// A controller at a target, with its drive following, and what it reports.
+/// A controller at a target with its drive, and their reports.
 fn driven(target: Target) -> (Controller, Report) {
     let settings = Settings {
         restitution_low: 0.199,
@@ -57,7 +59,7 @@ fn driven(target: Target) -> (Controller, Report) {
     (controller, report)
 }
 
-/// Amplitude in m that the next cycle of a drive shows that does as it is told.
+/// Amplitude in m of the next cycle of an ideal drive.
 fn obeyed(controller: &Controller) -> f32 {
     let [next, running, _] = controller.expected;
     0.5 * controller.scale.strength * size(next + running)
@@ -83,7 +85,8 @@ fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
     report
 }
 
-/// While the bridge is held open the output is 0 at once; the drive starts again once it is let go and the track is at rest.
+/// While the bridge is held open the output is 0 at once. The drive starts again once it is
+/// released and the track at rest.
 #[test]
 fn a_drive_that_is_held_off_stops_without_a_ramp() {
     let (mut controller, held) = driven(Target::K(0.5));
@@ -125,7 +128,9 @@ fn a_drive_that_is_held_off_stops_without_a_ramp() {
     assert_eq!(cycle(&mut controller, false).state, State::Starting);
 }
 
-/// Whatever number of a cycle is none, or of no size that a converter reads: no output from that cycle on, fault 13, and no number of the
+/// Any number of a cycle may be no number, or too large for a converter. From that cycle on there
+/// is no output, and the fault is 13. No number of the report is NaN. After the acknowledgement the
+/// drive starts as before.
 /// report is NaN. After the fault is acknowledged the drive starts as before.
 #[test]
 fn a_reading_that_is_no_number_stops_the_drive_and_leaves_no_trace() {
@@ -230,7 +235,7 @@ fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
     let mut controller =
         Controller::build(&weaker, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
     assert!(controller.set_target(Target::Identify).is_err());
-    // What a hard limit holds back is held at it, and said by the limit.
+    // A hard limit holds the amplitude, and the limit is reported.
     let limited = Settings {
         amplitude_limit: 0.15,
         ..weak()

@@ -1,10 +1,17 @@
-//! The amplitude loop: track amplitude b to its reference, cycle by cycle.
+//! The amplitude loop: it holds the track's amplitude b at its reference, cycle by cycle.
 //!
-//! Where the drive runs at its resonance the amplitude is of first order, and the loop is PI with feedforward through the
-//! inverse of that. Elsewhere the envelope turns against the output and beats: a PI loop at six cycles swings for
-//! ever from 2.5 half widths of the resonance on. There the output is the reference through the inverse of the turning envelope
-//! over the gain as learned, and learning the gain is the only feedback: an integral loop. `margins` gives
-//! the margins of both.
+//! At its resonance the drive's amplitude is a first-order lag. There the loop is a PI controller
+//! with feedforward through the inverse of that lag. Its integral time equals the envelope's time
+//! constant (pole cancellation, or lambda tuning: Astrom and Hagglund, Advanced PID Control, 2006).
+//! Anti-windup is conditional integration. A saturated output also moves the reference to the value
+//! that the output can realize (conditioning technique: Hanus, Kinnaert and Henrotte 1987).
+//!
+//! Off the resonance the envelope turns against the output and beats. From 2.5 half widths of the
+//! resonance on, a PI loop of six cycles would oscillate without end. There the output is the
+//! reference through the inverse of the turning envelope, over the estimated gain. Estimating the
+//! gain, by exponential forgetting, is then the only feedback: an integral loop.
+//!
+//! `margins` computes the stability margins of both loops.
 
 use num_complex::Complex32 as Complex;
 
@@ -15,74 +22,73 @@ use crate::control::saturate::saturate;
 use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 
-/// Time constant of the closed loop in cycles. The loop's dead time is two cycles (half a cycle of averaging, one
-/// of latching, half of output), so six leave a phase margin of 70 degrees and a gain margin above four. With 4 the
-/// scene `identification` fails, with 9 `settles_to_a_percent_within_a_second_whatever_the_gain`.
+/// Time constant of the closed loop in cycles, three times the dead time of 2: phase margin 70
+/// degrees, gain margin above 4.
 const CLOSED_LOOP: f32 = 6.0;
-/// Weight of a cycle in the running estimate of the drive's gain: a memory of 25 cycles, four times that of the
-/// closed loop, so that neither follows the other. At 0.01 `settles_to_a_percent_within_a_second_whatever_the_gain`
-/// fails, at 0.4 identifications do.
+/// Weight of a cycle in the gain estimate (exponential forgetting): memory of 25 cycles, four
+/// closed-loop time constants, so that the two loops stay separate.
 const LEARNING: f32 = 0.04;
-/// Cycles from a command to the middle of the first cycle that shows it: one in which it is computed, one that is
-/// driven, half of averaging.
+/// Dead time from a command to the middle of the first cycle that shows it, in cycles: computing 1,
+/// driving 1, averaging 0.5.
 const DEAD_TIME: f32 = 2.5;
-/// Time constant of the learning over dead time and envelope, off the resonance. The loop's gain where the envelope turns
-/// is at most half the envelope's time constant over that of the loop, so that three leave a gain margin of five at any
-/// detuning, and of 2.6 where the resonance told is any other than the true one: both of them turn.
+/// Time constant of the gain estimate off the resonance, over dead time plus envelope: gain margin
+/// 5, or 2.6 under a wrongly configured resonance.
 const SLOWNESS: f32 = 3.0;
-/// How far the estimate of the drive's gain may go from its setting: a drive weaker than that is none (see the
-/// fault detector), a stronger one is out of its scale. From 1.2 to 16 every scene passes.
+/// Largest factor between the estimated and the configured gain; a weaker drive is a fault, a
+/// stronger one is out of scale.
 const GAIN_RANGE: f32 = 4.0;
-/// Share of the full envelope from which on the gain is learned: at default settings and 50 Hz, 2 m/s^2 of
-/// acceleration, 13 times the noise of a reading. At 0 and at 0.1 identifications fail.
+/// Share of the full envelope above which the gain is estimated: 2 m/s^2 by default at 50 Hz, 13
+/// times a reading's noise.
 const TELLING: f32 = 0.02;
-/// Share of the gain by which a cycle's is another, from which on at the resonance the start's first cycles count as much as all
-/// before: a loop that is fast needs no better, and less is noise. At 0 three identifications fail, at 1
-/// `every_drive_comes_to_its_amplitude_and_stays`.
+/// Relative deviation of a cycle's gain above which, at the resonance, the estimate is a mean over
+/// the start and not exponential forgetting.
 const DOUBTED: f32 = 0.1;
-/// Fewest cycles of a soft start: in fewer a gain that was told wrong by a factor of two is not learned, and its first
-/// amplitude is 1.07 (12 cycles) to 1.25 (8) of the setpoint: `every_drive_comes_to_its_amplitude_and_stays` fails at 8.
+/// Minimum duration of a soft start in cycles: in fewer, a gain configured wrong by a factor of 2
+/// overshoots before it is estimated.
 const SHORTEST: f32 = 16.0;
-/// The same off the resonance: in 44 a gain told wrong by a factor of two has the amplitude 2.2 % over its hard limit, in 60
-/// 1.8 %: `no_start_goes_over_the_hard_limit_by_more_than_a_fiftieth` fails at 30.
+/// Minimum duration of a soft start off the resonance in cycles: a gain configured wrong by 2 then
+/// overshoots the hard limit by 1.8 %.
 const SHORTEST_DETUNED: f32 = 60.0;
-/// Cycles that have to tell the gain before a start off the resonance goes at its pace, and the share of it that it begins with,
-/// over as many: a gain that is learned at full pace has the amplitude beat by 14 %. At 6 cycles the test of the hard limit fails, at
-/// 100 none; of the share from 0.1 to 5 none of the 1785 starts does.
+/// Cycles of gain estimation, off the resonance, before a start runs at full pace; at full pace
+/// from the beginning the amplitude beats by 14 %.
 const SURE: f32 = 16.0;
+/// Cycles added to those of gain estimation: a start off the resonance begins at 1/16 of its pace.
 const FIRST: f32 = 1.0;
-/// Length of a start off the resonance over the time by which the envelope's phase lags behind it, so that the phase is off by a
-/// sixth of a radian at most, which is 1.4 % of the size; and over what the inverse asks for of output at its begin. At a
-/// `PHASE` of 3 the test of the hard limit fails, at 12 none does; of `OUTPUT` from 0.3 to 6 none.
+/// Minimum duration of a start off the resonance over the lag of the envelope's phase: the phase
+/// errs by 1/6 rad at most.
 const PHASE: f32 = 6.0;
+/// Minimum duration of a start off the resonance in cycles, over the output that the inverse
+/// requests at its beginning.
 const OUTPUT: f32 = 1.5;
 
-/// Fixed values of the loop, from settings.
+/// Fixed values of the loop, derived from the settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Tuning {
-    /// Share of the envelope that survives one cycle: exp(-pi / Q).
+    /// Share of the envelope that survives one cycle: exp(-pi w0 / (Q w)).
     keep: f32,
     /// Integral gain over proportional gain, per cycle.
     integral: f32,
     /// Proportional gain times the drive's gain.
     proportional: f32,
-    /// Least weight of a cycle in the estimate of the gain.
+    /// Smallest weight of a cycle in the gain estimate.
     learning: f32,
-    /// Share of the full envelope from which on the gain is learned.
+    /// Share of the full envelope above which the gain is estimated.
     telling: f32,
     high: f32,
     nominal: f32,
-    /// Fewest cycles of a soft start.
+    /// Minimum duration of a soft start in cycles.
     shortest: f32,
 }
 
-/// The inverse of an envelope that turns: `(z - pole)(z - pole*) / (z (z - forget))` over its value at rest, in steps of
-/// one cycle. The amplitude's own inverse has its pole where the amplitude has its zero, `pole.re - |pole|^2` over `1 -
-/// pole.re`; where that is negative it would have the output alternate, and 0 takes its place.
+/// The inverse of an envelope that turns, `(z - pole)(z - pole*) / (z (z - forget))`, normalized to
+/// gain 1 at rest, in steps of one cycle.
+///
+/// The exact inverse has its pole `forget` at the amplitude's zero, `(pole.re - |pole|^2) / (1 -
+/// pole.re)`. A negative pole would make the output alternate; it is replaced by 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Inverse {
     forget: f32,
-    /// Of the reference a cycle and two ago.
+    /// Weights of the reference one and two cycles ago.
     weights: [f32; 2],
     scale: f32,
 }
@@ -98,46 +104,46 @@ impl Inverse {
         }
     }
 
-    /// The next value, from the one before and the reference, newest first.
+    /// The next value, from the one before and the references, newest first.
     fn next(&self, before: f32, [newest, second, third, _]: [f32; 4]) -> f32 {
         let [one, two] = self.weights;
         self.forget * before + (newest + one * second + two * third) * self.scale
     }
 }
 
-/// The loop that holds the amplitude, with anti-windup and a running estimate of the drive's gain.
+/// The loop that holds the amplitude, with anti-windup and an estimate of the drive's gain.
 ///
-/// The reference itself is the model: a reference that moves as the drive's envelope can follow is
-/// tracked by the feedforward alone, and the feedback only sees what the model does not explain. What the output cannot
-/// do of it is no reference: where the output stands at a limit the reference goes on from what the output makes of it.
+/// The reference is the model. The feedforward alone tracks a reference that the drive's envelope
+/// can follow; the feedback acts on the rest. At a limit of the output the reference continues from
+/// the amplitude that the output realizes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AmplitudeLoop {
     tuning: Tuning,
     envelope: Envelope,
     inverse: Inverse,
-    /// Estimated track amplitude for full output, in m.
+    /// Estimated track amplitude at full output, in m.
     gain: f32,
-    /// Cycles since the start that told the gain, and all of them, four counted as one.
+    /// Cycles since the start in which the gain was estimated, and a quarter of all cycles.
     learned: f32,
     since: f32,
-    /// Share of full output.
+    /// Integral term of the output, as a share of full output.
     integral_term: f32,
-    /// Reference at the ends of the last cycles, newest first, in m: the cycle that the output
-    /// computed now will drive, the one running, the one measured, and the one before.
+    /// References at the ends of four cycles, newest first, in m. The first cycle is the one that
+    /// the present output will drive, then the running one, the measured one, the one before.
     reference: [f32; 4],
-    /// That through the inverse, in m.
+    /// The reference through the inverse, in m.
     inverted: f32,
-    /// Outputs of the same cycles, newest first.
+    /// Outputs of the first three of these cycles, newest first.
     output: [f32; 3],
-    /// Envelope of the measured cycle's end for unit gain.
+    /// Predicted envelope at the measured cycle's end, for unit gain.
     model: Complex,
     saturated: bool,
-    /// Where parts load the track: what takes the place of the feedback.
+    /// Load observer, which replaces the feedback on a track of configured mass.
     observer: Option<Observer>,
 }
 
 impl AmplitudeLoop {
-    /// The loop for these settings, at rest.
+    /// Builds the loop at rest. The error names a setting out of range.
     pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
         settings.check()?;
         let envelope = Envelope::at(settings);
@@ -179,9 +185,10 @@ impl AmplitudeLoop {
             output: [0.0; 3],
             model: Complex::default(),
             saturated: false,
-            // The observer compensates a load within a cycle. Its gain at high frequencies, about Q/2 over the drive's gain,
-            // makes the loop unstable where a mode at a multiple of the frequency answers with half of the resonance's
-            // force. A drive of several tones has such modes: there the PI loop holds the amplitude.
+            // The observer compensates a load within a cycle. Its gain at high frequencies is about
+            // Q/2 over the drive's gain. A mode at a multiple of the frequency with half of the
+            // resonance's force makes that unstable. A drive of several tones has such modes, so
+            // the PI loop holds its amplitude.
             observer: (settings.track_mass > 0.0
                 && envelope.first_order
                 && settings.upper_tones() == 0)
@@ -189,26 +196,26 @@ impl AmplitudeLoop {
         })
     }
 
-    /// Share of full output that parts take off the drive; 0 where they are taken for light.
+    /// Load of the parts as a share of full output; 0 without a configured track mass.
     #[must_use]
     pub fn load(&self) -> f32 {
         self.observer
             .map_or(0.0, |observer| observer.load(self.tuning.keep) / self.gain)
     }
 
-    /// Whether the output is to take effect at once, not only where the phase wraps.
+    /// Whether the output takes effect at once and not at the next wrap of the phase.
     #[must_use]
     pub fn at_once(&self) -> bool {
         self.observer.is_some()
     }
 
-    /// Forgets all, the estimate of the gain too.
+    /// Resets the loop, the gain estimate included.
     pub fn forget(&mut self) {
         self.gain = self.tuning.nominal;
         self.reset();
     }
 
-    /// Forgets all but the estimate of the gain: the drive is at rest.
+    /// Resets the loop, but keeps the gain estimate: the drive is at rest.
     pub fn reset(&mut self) {
         self.learned = 0.0;
         self.since = 0.0;
@@ -221,7 +228,7 @@ impl AmplitudeLoop {
         self.observer = self.observer.map(|_| Observer::at(0.0, 0.0, 0.0));
     }
 
-    /// Takes over at an amplitude (m) that an output has brought about and holds.
+    /// Resumes at an amplitude (m) that an output (share of full output) holds.
     pub fn resume(&mut self, amplitude: f32, output: f32) {
         self.reset();
         self.reference = [amplitude; 4];
@@ -236,7 +243,8 @@ impl AmplitudeLoop {
         self.observer = (self.observer).map(|_| Observer::at(amplitude, driven, self.tuning.keep));
     }
 
-    /// Fewest cycles that a soft start may take, and the share of its pace that it may have now.
+    /// Minimum duration of a soft start in cycles, and the share of its pace that it may have now,
+    /// 0..1.
     #[must_use]
     pub fn start(&self) -> (f32, f32) {
         let pace = if self.envelope.first_order {
@@ -247,8 +255,9 @@ impl AmplitudeLoop {
         (self.tuning.shortest, pace)
     }
 
-    /// Takes the amplitude measured in the cycle that just ended and the reference at the end of the
-    /// cycle after next, both in m; gives the output for that cycle as a share of full output, `most` at most.
+    /// Processes the amplitude measured in the last cycle. `reference` is for the end of the cycle
+    /// after next. Both are in m. The result is the output of that cycle as a share of full output,
+    /// at most `most`.
     pub fn cycle(&mut self, measured: f32, reference: f32, most: f32) -> f32 {
         let high = self.tuning.high.min(most);
         let [newest, before, oldest, _] = self.reference;
@@ -257,7 +266,7 @@ impl AmplitudeLoop {
         let old = self.gain;
         self.learn(measured);
         let (raw, output) = if self.envelope.first_order {
-            // What the feedforward now does, the integral term need not do any more.
+            // The integral term drops the part that the feedforward now gives.
             self.integral_term += self.reference[2] * (1.0 / old - 1.0 / self.gain);
             self.at_resonance(measured, high)
         } else {
@@ -277,8 +286,9 @@ impl AmplitudeLoop {
         output
     }
 
-    /// As [`AmplitudeLoop::cycle`] where parts load the track, of its motion along sine and cosine of the output's phase; gives how far the output
-    /// leads in rad, too. What a load takes is no gain that is lost: the gain is the one told.
+    /// As [`AmplitudeLoop::cycle`], with the load observer. `motion` is along sine and cosine of
+    /// the output's phase, in m. The results are output and phase lead of the output (rad). The
+    /// load is compensated, so the configured gain stays.
     pub fn under_load(
         &mut self,
         motion: Complex,
@@ -298,8 +308,8 @@ impl AmplitudeLoop {
         Some([(driven / self.gain).min(largest), lead])
     }
 
-    /// Learns the gain from the cycle that ended, where the output is large enough to tell it: the mean of the start's
-    /// first cycles, the running one of the later ones.
+    /// Estimates the gain from the cycle that ended, if its output was large enough. The estimate
+    /// is the mean over the start's first cycles, then an exponentially weighted one.
     fn learn(&mut self, measured: f32) {
         let Tuning {
             nominal,
@@ -328,7 +338,7 @@ impl AmplitudeLoop {
         }
     }
 
-    /// The output of the PI loop with feedforward, before its limits and after.
+    /// The output of the PI loop with feedforward, before and after its limits.
     fn at_resonance(&mut self, measured: f32, high: f32) -> (f32, f32) {
         let Tuning {
             keep,
@@ -344,20 +354,22 @@ impl AmplitudeLoop {
         let raw = feedforward + proportional_term + self.integral_term;
         let output = saturate(raw, 0.0, high);
         if raw != output {
-            // What the output leaves of the reference is what is wanted.
+            // Reference that the limited output realizes (conditioning technique).
             let left = output - proportional_term - self.integral_term;
             let [goal, before, ..] = self.reference;
             let made = keep * before + (1.0 - keep) * self.gain * left;
             self.reference[0] = saturate(made, goal.min(before), goal.max(before));
         }
-        // Anti-windup: the integral term stops where it would push further into the limit.
+        // Conditional integration: the integral term stops where it would push further into the
+        // limit.
         if (raw <= high || error < 0.0) && (raw >= 0.0 || error > 0.0) {
             self.integral_term += integral * proportional_term;
         }
         (raw, output)
     }
 
-    /// Proportional gain and the integral one over it, or the weight of a cycle in the learned gain: what the feedback is.
+    /// Feedback gains for the margins: proportional gain, integral over proportional gain, or the
+    /// weight of a cycle in the gain estimate.
     #[cfg(any(test, feature = "unstable"))]
     pub(super) fn gains(&self) -> [f32; 3] {
         let Tuning {
@@ -373,7 +385,7 @@ impl AmplitudeLoop {
         }
     }
 
-    /// Whether the last output stood at its upper limit.
+    /// Whether the last output was at its upper limit.
     #[must_use]
     pub fn saturated(&self) -> bool {
         self.saturated
@@ -384,7 +396,7 @@ impl AmplitudeLoop {
 mod tests {
     use super::*;
 
-    /// The drive's envelope, exactly, with gain as a factor on the nominal one; mean of each cycle.
+    /// The drive's exact envelope, averaged over each cycle; `gain` is over the configured one.
     struct SimulatedDrive {
         envelope: f32,
         latched: f32,
@@ -467,7 +479,7 @@ mod tests {
         }
     }
 
-    /// Too little for the gain to be learned: the feedforward alone.
+    /// The amplitude is too small to estimate the gain: only the feedforward acts.
     #[test]
     fn off_the_resonance_the_reference_goes_on_from_what_the_output_made_of_it() {
         let settings = Settings {
@@ -510,18 +522,19 @@ mod tests {
             output = control.cycle(b, 0.5e-3, 1.0);
             cycles += 1;
         }
-        // From 0.95 mm the free decay alone takes 5 cycles to 0.55 mm.
+        // From 0.95 mm the free decay alone needs 5 cycles to 0.55 mm.
         assert!(cycles < 20, "{cycles}");
     }
 
-    /// A resonance and one mode above it, sample by sample; frequencies in turns a cycle, displacements over the gain.
+    /// A resonance and one mode above it, by samples. Frequencies are in turns per cycle,
+    /// displacements over the gain.
     struct TwoModes {
         modes: [Oscillator; 2],
-        /// Output of the cycle under way, and of the next.
+        /// Outputs of the running cycle and of the next.
         outputs: [f64; 2],
     }
 
-    /// Samples of a cycle.
+    /// Samples per cycle.
     const SAMPLES: usize = 100;
 
     /// `x'' + w0/Q x' + w0^2 x = w0^2 F u` with the output held between samples.
@@ -555,7 +568,8 @@ mod tests {
             }
         }
 
-        /// Acceleration over the square of the drive's angular frequency, under an output; then a sample on.
+        /// Acceleration over the square of the drive's angular frequency; then advances by a
+        /// sample.
         fn step(&mut self, before: f64, output: f64) -> f64 {
             let [x, y] = self.state;
             let turns = self.natural / core::f64::consts::TAU;
@@ -570,7 +584,8 @@ mod tests {
     }
 
     impl TwoModes {
-        /// A cycle under an output that the next cycle has: the amplitude as the demodulator finds it.
+        /// Simulates a cycle. The output applies in the next one. The result is the demodulated
+        /// amplitude.
         fn cycle(&mut self, gain: f64) -> f64 {
             let (mut sine, mut cosine) = (0.0, 0.0);
             let [output, _] = self.outputs.map(|output| output * gain);
@@ -588,9 +603,11 @@ mod tests {
         }
     }
 
-    /// Largest error of the amplitude 125 to 175 cycles after a step of the drive's gain by a tenth, over that of the first 50 cycles.
+    /// Error of the amplitude 125 to 175 cycles after a 10 % drop of the drive's gain, over its
+    /// error in the first 50.
     ///
-    /// The loop's proportional gain is multiplied by `stronger`, and its command comes `later` cycles late.
+    /// `stronger` multiplies the loop's proportional gain, and `later` delays its command by
+    /// cycles.
     fn growth(settings: &Settings, mode: Oscillator, stronger: f32, later: usize) -> f64 {
         let quality = f64::from(settings.quality);
         let mut control = AmplitudeLoop::build(settings).unwrap();
@@ -630,9 +647,10 @@ mod tests {
         }
     }
 
-    /// Modes within 10 % of twice and of three times the drive frequency, Q 5 to 100, that move with the resonance or against it. Up to a
-    /// static displacement of the resonance's the loop has a gain margin of 2; up to twice that it is stable, also with a cycle of
-    /// delay more. The load's observer is unstable from two thirds on.
+    /// Modes within 10 % of twice and three times the drive frequency, Q 5 to 100, in phase with
+    /// the resonance or against it. Up to the resonance's static displacement the loop has a gain
+    /// margin of 2. Up to twice that it is stable, also with one more cycle of delay. The load
+    /// observer is unstable from two thirds on.
     #[test]
     fn modes_near_twice_and_three_times_the_frequency_leave_the_loop_its_margins() {
         let mut worst = 0.0_f64;

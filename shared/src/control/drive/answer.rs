@@ -1,4 +1,6 @@
-//! What the drive answers to an output: the track's motion at its frequency and at the multiples of it.
+//! Frequency response of the drive: the track's motion at its frequency and at multiples of it.
+//!
+//! Each value is configured, or that of a second-order resonance.
 
 use core::f32::consts::PI;
 
@@ -8,15 +10,15 @@ use super::shape::UPPER;
 use crate::control::angle::SAMPLE_RATE;
 use crate::control::settings::Settings;
 
-/// The track's displacement in m for full output, against the output's phase: `x = Im(answer e^(i phi))`.
+/// The track's displacement in m at full output, by the output's phase: `x = Im(answer e^(i phi))`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer {
-    /// At twice and three times the drive's frequency, against as many times its phase.
+    /// At twice and three times the drive's frequency, by as many times its phase.
     pub upper: [Complex; UPPER],
 }
 
 impl Answer {
-    /// The answer that the settings tell of.
+    /// The response of the configured drive.
     pub fn at(settings: &Settings) -> Self {
         let told = |gain: f32, lag: f32, frequency: f32| {
             if gain > 0.0 {
@@ -36,7 +38,8 @@ impl Answer {
     }
 }
 
-/// The answer of the drive's one resonance at a frequency in Hz, with the output held between samples.
+/// Response of the drive's resonance at a frequency in Hz, in m, with the output held between
+/// samples.
 pub fn resonant(settings: &Settings, frequency: f32) -> Complex {
     let x = frequency / settings.resonance;
     let denominator = Complex::new(1.0 - x * x, x / settings.quality);

@@ -1,8 +1,10 @@
-//! How the track's amplitude follows the output from cycle to cycle, at the drive's frequency.
+//! Envelope of the track's amplitude under the output, from cycle to cycle (slowly varying
+//! amplitude).
 //!
-//! The resonance has the poles `-w0/(2 Q) +- i w0 sqrt(1 - 1/(4 Q^2))`. Against the drive's own turning its envelope, a
-//! phasor over the one that the output comes to hold, decays and turns in a cycle by `pole = e^(-pi w0/(Q w) + i 2 pi
-//! (w0 sqrt(1 - 1/(4 Q^2))/w - 1))`; what turns the other way is left out: 1/(4 Q) of a change, for half a cycle.
+//! The resonance has the poles `-w0/(2 Q) +- i w0 sqrt(1 - 1/(4 Q^2))`. In the frame that turns
+//! with the drive the envelope is a phasor, here over its steady value. In a cycle it decays and
+//! turns by `pole = e^(-pi w0/(Q w) + i 2 pi (w0 sqrt(1 - 1/(4 Q^2))/w - 1))`. The counter-rotating
+//! part is neglected (rotating-wave approximation): 1/(4 Q) of a change, for half a cycle.
 
 use core::f32::consts::{PI, TAU};
 
@@ -11,30 +13,30 @@ use num_complex::Complex32 as Complex;
 use crate::arithmetic::square_root_single;
 use crate::control::settings::Settings;
 
-/// Turn of the envelope within its time constant, in rad, up to which it is taken for one that does not turn: three tenths of
-/// the half width of the resonance. There the loop of a first-order drive keeps a gain margin of 4.6 and a phase margin
-/// of 66 degrees, and a start at the hard limit stays below 1.02 of it; up to 0.4 it does not.
+/// Turn of the envelope within its time constant, in rad, below which it is a first-order lag: gain
+/// margin 4.6, phase margin 66 degrees.
 const FIRST_ORDER: f32 = 0.3;
 
 /// The envelope from cycle to cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Envelope {
-    /// What a cycle leaves of the way to the envelope that an output comes to hold.
+    /// Share of the distance to the steady envelope that remains after a cycle.
     pub pole: Complex,
-    /// What it leaves of that way in the mean of the cycle.
+    /// Mean of that share over the cycle.
     mean: Complex,
     /// Time constant in cycles.
     pub cycles: f32,
-    /// Whether it is of first order, so that a phasor is its length.
+    /// Whether the envelope is a first-order lag, so that its phase stays.
     pub first_order: bool,
     /// Steady amplitude over the one at resonance.
     pub response: f32,
-    /// Lead of the steady track before the output, in rad, -pi..0; the half sample of the held output not counted.
+    /// Phase lead of the steady track before the output, in rad, -pi..0, without the half sample of
+    /// the held output.
     pub lead: f32,
 }
 
 impl Envelope {
-    /// The envelope of the settings' drive; where its frequency follows the resonance, that at the resonance.
+    /// The envelope of the configured drive; the one at resonance where the frequency tracks it.
     pub fn at(settings: &Settings) -> Self {
         let x = settings.frequency / settings.resonance;
         if settings.tracking > 0.0 || x == 1.0 {
@@ -53,7 +55,7 @@ impl Envelope {
         let turn = TAU * (square_root_single(damped) / x - 1.0);
         let left = libm::expf(-1.0 / cycles);
         let pole = Complex::new(libm::cosf(turn), libm::sinf(turn)) * left;
-        // The mean of e^(t ln pole) over a cycle.
+        // The mean of `e^(t ln pole)` over a cycle.
         let mean = (pole - 1.0) / Complex::new(-1.0 / cycles, turn);
         let (detuned, width) = (1.0 - x * x, x / settings.quality);
         Self {
@@ -67,7 +69,7 @@ impl Envelope {
         }
     }
 
-    /// The envelope after a cycle at an output, over what full output comes to hold.
+    /// The envelope after a cycle at an output, over the steady one at full output.
     pub fn after(&self, before: Complex, output: f32) -> Complex {
         if self.pole.im == 0.0 {
             let keep = self.pole.re;
@@ -76,18 +78,19 @@ impl Envelope {
         (before - output) * self.pole + output
     }
 
-    /// Its mean over the cycle that begins at `before`.
+    /// Mean of the envelope over the cycle that begins at `before`.
     pub fn mean(&self, before: Complex, output: f32) -> Complex {
         (before - output) * self.mean + output
     }
 
-    /// Largest output that takes the envelope no further than to a size within a cycle; 0 where it is further already.
+    /// Largest output that keeps the envelope within `size` at the cycle's end; 0 where no output
+    /// does.
     pub fn most_output(&self, before: Complex, size: f32) -> f32 {
         if self.pole.im == 0.0 {
             let keep = self.pole.re;
             return ((size - keep * before.re) / (1.0 - keep)).max(0.0);
         }
-        // |p z + (1 - p) u| = size, a square in u.
+        // `|p z + (1 - p) u| = size`, a square in u.
         let (left, step) = (self.pole * before, Complex::new(1.0, 0.0) - self.pole);
         let square = step.norm_sqr();
         let half = (left.conj() * step).re / square;
@@ -100,7 +103,7 @@ impl Envelope {
     }
 }
 
-/// The length of a phasor; that of a real number to the last bit.
+/// Absolute value of a phasor; exact to the last bit for a real one.
 pub fn size(phasor: Complex) -> f32 {
     if phasor.im == 0.0 {
         phasor.re.abs()

@@ -1,9 +1,10 @@
-//! Gain and phase margin of the amplitude loop, on a drive as it is.
+//! Gain and phase margin of the amplitude loop on a given drive, from its Nyquist curve (Astrom and
+//! Murray, Feedback Systems, 2008).
 //!
-//! The amplitude near a steady one is linear in the output: of the envelope's change the part along the steady
-//! envelope counts, `P = (E(z) + E*(z)) / 2`, with `E` the envelope that turns by its pole and `E*` the one that turns by the
-//! conjugate. `E` holds the whole dead time: a cycle in which the output is computed, one in which it drives, and the mean of the
-//! measured one.
+//! Near a steady amplitude the amplitude is linear in the output. Only the part of a change along
+//! the steady envelope counts: `P = (E(z) + E*(z)) / 2`. `E` is the envelope that turns by its
+//! pole, `E*` the one that turns by the conjugate. `E` includes the dead time: computing 1 cycle,
+//! driving 1 cycle, and the mean of the measured one.
 
 use core::f64::consts::PI;
 
@@ -13,22 +14,26 @@ use super::amplitude::AmplitudeLoop;
 use crate::control::settings::Settings;
 use crate::feeder::OutOfRange;
 
-/// Angles per cycle at which the loop is looked at: evenly over the logarithm, and as many around the envelope's turn.
+/// Number of angles per cycle on the curve: evenly over the logarithm, and as many around the
+/// envelope's turn.
 const ANGLES: i32 = 1500;
+/// Smallest angle of the curve, in rad per cycle.
 const LOWEST: f64 = 1e-5;
 
-/// Margins of a loop.
+/// Stability margins of a loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopMargins {
-    /// Factor on the loop's gain at which it swings.
+    /// Factor on the loop's gain at which it oscillates.
     pub gain: f64,
-    /// Phase lag more, in degrees, at which it swings; 180 where its gain is below 1 at all frequencies.
+    /// Additional phase lag, in degrees, at which it oscillates; 180 where its gain is below 1 at
+    /// all frequencies.
     pub phase: f64,
-    /// Least distance of the open loop from -1: one over the largest factor by which it raises what disturbs it.
+    /// Smallest distance of the open loop from -1: one over the largest amplification of a
+    /// disturbance.
     pub distance: f64,
 }
 
-/// The amplitude's answer to the output, at a drive.
+/// Frequency response of a drive's amplitude to its output.
 #[derive(Clone, Copy, Debug)]
 struct Plant {
     pole: Complex,
@@ -55,8 +60,8 @@ impl Plant {
         }
     }
 
-    /// At an angle per cycle, as a phasor: amplitude measured over output, both over their steady values. The angle is given as what it
-    /// turns.
+    /// Measured amplitude over output as a phasor, both over their steady values. `turned` is `e^(i
+    /// angle)` of the angle per cycle.
     fn at(&self, turned: Complex) -> Complex {
         let late = turned.conj();
         let of = |pole: Complex, mean: Complex| {
@@ -75,11 +80,13 @@ fn length(z: Complex) -> f64 {
 }
 
 impl LoopMargins {
-    /// Of the loop that is built for the settings as told, on the drive that is; `gain` and `resonance` may be others.
+    /// Margins of the loop built for the settings `told`, on the drive `is`; `gain` and `resonance`
+    /// may differ. The error names a setting out of range.
     ///
-    /// At the resonance that is the PI loop at the gain as told, before it has learned. Off the resonance feedback comes by the learned
-    /// gain alone, whose loop is that of an integral gain times the drive less what the model explains of it: nothing is left
-    /// where the drive is as told. What is given is the loop where the model explains nothing.
+    /// At the resonance it is the PI loop at the configured gain, before it was estimated. Off the
+    /// resonance the gain estimate is the only feedback. Its loop is an integral gain times the
+    /// difference of drive and model, which is zero for a correctly configured drive. The margins
+    /// are those of the loop without the model.
     pub fn of(told: &Settings, is: &Settings) -> Result<Self, OutOfRange> {
         let control = AmplitudeLoop::build(told)?;
         is.check()?;
@@ -99,8 +106,8 @@ impl LoopMargins {
         Ok(Self::around(open, plant.pole))
     }
 
-    /// Of the loop off the resonance with what its model explains, on a drive whose resonance is another than the one told; `None` for
-    /// a loop of first order.
+    /// Margins of the loop off the resonance with its model, on a drive of another resonance than
+    /// configured; `None` for a first-order loop. The error names a setting out of range.
     pub fn explained(told: &Settings, is: &Settings) -> Result<Option<Self>, OutOfRange> {
         let control = AmplitudeLoop::build(told)?;
         is.check()?;
@@ -121,10 +128,11 @@ impl LoopMargins {
         Ok(found)
     }
 
-    /// Of an open loop over the angle per cycle, which changes quickly where a pole turns.
+    /// Margins of an open loop over the angle per cycle, which changes quickly near the turn of a
+    /// pole.
     fn around(open: impl Fn(Complex) -> Complex, pole: Complex) -> Self {
         let turn = libm::fabs(libm::atan2(pole.im, pole.re));
-        // What decays within a few cycles is smooth enough for the even angles.
+        // A decay within a few cycles is smooth enough for the even angles.
         let width = (-libm::log(length(pole))).min(0.2);
         let mut found = Self {
             gain: f64::INFINITY,
@@ -136,7 +144,7 @@ impl LoopMargins {
             for angle in angles.filter(|angle| (LOWEST..=PI).contains(angle)) {
                 let now = open(turned(angle));
                 if let Some(before) = before {
-                    // Where the loop crosses the real axis below 0, and where the unit circle.
+                    // Crossings of the negative real axis and of the unit circle.
                     if (now.im < 0.0) != (before.im < 0.0) && now.re < 0.0 && before.re < 0.0 {
                         found.gain = found.gain.min(1.0 / length(now).max(length(before)));
                     }
@@ -183,14 +191,14 @@ mod tests {
         }
     }
 
-    /// Detunings of 0 to 20 % to either side, dense where the resonance is.
+    /// Detunings of 0 to 20 % to either side, dense near the resonance.
     fn detunings() -> impl Iterator<Item = f32> {
         let fine = (0..40).map(|n| 0.0002 * n as f32);
         let coarse = (0..49).map(|n| 0.008 + 0.004 * n as f32);
         fine.chain(coarse).flat_map(|off| [off, -off])
     }
 
-    /// In cycles of the drive the loop is the same at every frequency, 5 to 500 Hz.
+    /// In drive cycles the loop is the same at every frequency, 5 to 500 Hz.
     #[test]
     fn the_loop_has_margins_at_every_quality_detuning_and_gain() {
         for wrong in [1.0, 0.5, 2.0] {
@@ -219,7 +227,7 @@ mod tests {
         }
     }
 
-    /// Any frequency on any resonance, and the least quality, that the settings accept.
+    /// Any frequency on any resonance, and the smallest quality, within the settings' ranges.
     #[test]
     fn far_from_the_resonance_the_margins_stay() {
         let mut least = [f64::INFINITY; 2];

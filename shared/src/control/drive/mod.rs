@@ -1,17 +1,18 @@
-//! The track's amplitude, brought to where it is wanted.
+//! Control of the track's amplitude, tones and frequency.
 //!
 //! | file | holds |
 //! |---|---|
-//! | `scale` | what an amplitude means for the parts, for the hard limits, for the output |
-//! | `reference` | the amplitude that the loop follows, from cycle to cycle |
-//! | `envelope` | how the amplitude follows the output from cycle to cycle, at the resonance and off it |
+//! | `scale` | conversion between amplitude, k and output; the hard limits |
+//! | `reference` | the reference of the amplitude loop, from cycle to cycle |
+//! | `envelope` | model of the amplitude under the output, at the resonance and off it |
 //! | `amplitude` | the loop that holds the amplitude |
-//! | `margins` | the margins of that loop |
-//! | `answer` | what the drive answers at its frequency and at the multiples of it |
-//! | `shape` | the tones of the motion above the first |
+//! | `observer` | the observer that estimates and compensates the parts' load |
+//! | `margins` | the stability margins of the amplitude loop |
+//! | `answer` | the drive's response at its frequency and at multiples of it |
+//! | `shape` | the upper tones of the motion |
 //! | `tone` | the loop that holds one of them |
-//! | `tones` | these loops together, and what output and hard limits leave them |
-//! | `resonance` | the drive's frequency: a sweep that finds the resonance, a loop that follows it |
+//! | `tones` | these loops together, within output and hard limits |
+//! | `resonance` | the drive's frequency: a sweep that finds the resonance, a loop that tracks it |
 
 mod amplitude;
 mod answer;

@@ -1,9 +1,18 @@
-//! The loop's second form, for tracks that parts load: it tells by what the motion lacks how much they take.
+//! Observer of the parts' load on the track, with deadbeat compensation of it.
 //!
-//! Parts of a twentieth of the track's mass take as much power as a drive of Q = 25 does without them (docs/theory-real-parts.md#t10.5). A
-//! hopper that opens changes that within some cycles, too fast for a loop that learns it over thirty. The observer goes along with the
-//! envelope, puts down what is missing to a load and to its rate, and the output makes up for it in the next cycle: it must not wait for
-//! the phase's wrap. Parts push against the track's phase too, and strike with it: it is held as the amplitude is, by an output that leads.
+//! Parts of a twentieth of the track's mass absorb as much power as a drive of Q = 25 needs without
+//! them (docs/theory-real-parts.md#t10.5). A hopper that opens changes that within some cycles,
+//! faster than the gain estimate follows. The observer is of Luenberger's kind (1971), with the
+//! load and its rate as disturbance states. Its input is the prediction error of the envelope, as a
+//! phasor. The next output compensates the estimated load within one cycle (deadbeat control). For
+//! that it takes effect before the phase wraps. Parts also shift the track's phase, and impacts
+//! follow it. The phase is therefore held as the amplitude is, by an output that leads.
+//!
+//! The gains differ along the held motion and across it. An impact at a third of the cycle shows
+//! two thirds of its effect in the cycle's mean, and all of it at the end. A growing load acts
+//! along the motion. Across it, more of the error is scatter of early and late impacts, which does
+//! not repeat. An envelope gain of 1.4 would be the best for exact readings. With blanked impacts
+//! the reading alternates from 1.1 on.
 
 use core::f32::consts::{PI, TAU};
 
@@ -11,40 +20,40 @@ use num_complex::Complex32 as Complex;
 
 use super::envelope::size;
 
-/// How much of what a cycle's motion was off its prediction, along the held motion and across it, goes into the envelope, into what the load takes of
-/// it in a cycle, and into the change of that. Of an impact at a third of the cycle the cycle's mean shows two thirds, and its end all. A load
-/// that comes takes along the motion; what is across it is by more of it the scatter of parts that strike early or late, which the next cycle has
-/// another way. At 1.4 of the envelope a true motion would be held best, but the reading of what blanked impacts leave alternates from 1.1 on.
+/// Observer gains, over the prediction error along and across the held motion: for envelope, load
+/// per cycle, and its change per cycle.
 const CORRECTS: [[f32; 2]; 3] = [[1.0, 0.9], [0.6, 0.4], [0.04, 0.02]];
-/// Share of the output's lead that the held phase gives way by in a cycle: the track comes to where the output need not lead.
+/// Share of the output's lead by which the held phase yields per cycle, so that the lead decays
+/// over 200 cycles.
 const GIVES_WAY: f32 = 1.0 / 200.0;
 
-/// When in the cycle the parts strike.
+/// Phase of the impacts in the cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Struck {
-    /// Mean of `e^(-i phase)` of the output at the impacts.
+    /// Mean of `e^(-i phase)` over the impacts, with the phase of the output.
     pub at: Complex,
-    /// Whether no part strikes: the motion is then the acceleration's, over the square of the frequency.
+    /// Whether no part strikes: the motion is then acceleration over the square of the frequency.
     pub silent: bool,
 }
 
-/// Envelope and load as the readings have them: phasors in m, a quarter turn before the motion, so that a drive at its resonance
-/// brings about the real number that its output stands for.
+/// Estimates of envelope and load: phasors in m, a quarter turn ahead of the motion. A drive at its
+/// resonance then has a real envelope under a real output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observer {
-    /// The envelope at the end of the last cycle.
+    /// Envelope at the end of the last cycle.
     envelope: Complex,
-    /// What the load adds to it in a cycle, and the change of that.
+    /// Load: its change of the envelope in a cycle, and the change of that per cycle.
     jump: Complex,
     rate: Complex,
-    /// What the output stands for in the cycle under way.
+    /// Steady envelope of the running cycle's output.
     driven: Complex,
-    /// Where the phase is held: a number of size 1.
+    /// Phasor of size 1 at which the phase is held.
     held: Complex,
 }
 
 impl Observer {
-    /// An envelope that stands at an amplitude in m under an output that stands for `driven`.
+    /// The observer of a steady envelope, `amplitude` in m, under an output whose unloaded
+    /// amplitude is `driven`.
     pub fn at(amplitude: f32, driven: f32, keep: f32) -> Self {
         let real = |number: f32| Complex::new(number, 0.0);
         Self {
@@ -56,17 +65,19 @@ impl Observer {
         }
     }
 
-    /// What the load takes, in m of the amplitude that the drive would have without it.
+    /// Load, in m of the amplitude that the drive would have without it.
     pub fn load(&self, keep: f32) -> f32 {
         -(self.jump * self.held.conj()).re / (1.0 - keep)
     }
 
-    /// Takes the mean motion of a cycle of a drive that keeps so much of its envelope over one; gives what the output has to stand for, so that
-    /// the next cycle has `goal` for its mean amplitude. All in m.
+    /// Processes the mean motion of a cycle. `keep` is the share of the envelope that survives a
+    /// cycle, 0..1. The result is the unloaded envelope (m) that gives the next cycle the mean
+    /// amplitude `goal` (m).
     pub fn cycle(&mut self, motion: Complex, struck: Struck, goal: f32, keep: f32) -> Complex {
-        // A cycle's fundamental has of a drift half, and of a jump what is left of the cycle; the ends of the cycle add the rest.
+        // A cycle's fundamental has half of a drift, and of a jump the rest of the cycle after it.
+        // The ends of the cycle add the conjugate term.
         let ends = Complex::new(0.0, 0.25 / PI);
-        // From the impact to half a turn.
+        // Angle from the impact to half a turn.
         let since = libm::atan2f(struck.at.im, -struck.at.re);
         let early = Complex::new(-since / TAU, 0.25 / PI) * size(struck.at);
         let mean = |drift: Complex, jump: Complex| {
@@ -76,7 +87,7 @@ impl Observer {
         let drift = (self.driven - self.envelope) * (1.0 - keep);
         let mut missed = motion - self.envelope - mean(drift, self.jump);
         if struck.silent {
-            // A motion that drifts is accelerated by as much more.
+            // A motion that drifts has a larger acceleration, by this.
             missed += (drift + self.jump) * Complex::new(0.0, 1.0 / PI);
         }
         let missed = missed * self.held.conj();
@@ -89,7 +100,8 @@ impl Observer {
         (goal - self.envelope * keep - self.jump) / (1.0 - keep)
     }
 
-    /// The part of that which is driven: up to a size, never against the track; gives its size and how far it leads.
+    /// Limits the requested envelope to the size `high` and to the track's own direction. The
+    /// results are its size (m) and its phase lead (rad).
     pub fn drive(&mut self, wanted: Complex, high: f32) -> [f32; 2] {
         let against = wanted * self.held.conj();
         let mut driven = if against.re > 0.0 {
@@ -116,13 +128,13 @@ impl Observer {
 mod tests {
     use super::*;
 
-    /// Samples of a cycle.
+    /// Samples per cycle.
     const SAMPLES: usize = 200;
-    /// Phase of the track at the impacts.
+    /// Phase of the track at the impacts, in rad.
     const STRUCK: f32 = 0.45;
 
-    /// A cycle of a drive whose envelope goes towards `driven`, thrown by `jump` where the track has the phase of the impacts; its
-    /// fundamental, sample by sample, and the envelope at its end.
+    /// A cycle of a drive whose envelope relaxes to `driven`, with a `jump` at the impacts' phase.
+    /// The results are its fundamental, by samples, and the envelope at its end.
     fn cycle(mut envelope: Complex, driven: Complex, keep: f32, jump: Complex) -> [Complex; 2] {
         let left = libm::powf(keep, 1.0 / SAMPLES as f32);
         let (mut sum, at) = (Complex::default(), (STRUCK + 0.5 * PI) / TAU);
@@ -142,8 +154,8 @@ mod tests {
         [sum * Complex::new(0.0, 2.0 / SAMPLES as f32), envelope]
     }
 
-    /// A drive of each Q that is loaded within a second by `most` of the track's mass in 24 parts, locked at k = 0.43: how far the amplitude
-    /// gets from its setpoint, before and after.
+    /// Loads a drive within a second by 24 parts of `most` of the track's mass, locked at k = 0.43.
+    /// The results are the amplitude's largest relative errors during and after that.
     fn dumped(quality: f32, most: f32, gain: f32) -> [f32; 2] {
         let keep = libm::expf(-PI / quality);
         let mut observer = Observer::at(1.0, 1.0, keep);
@@ -180,7 +192,8 @@ mod tests {
     fn the_amplitude_is_held_under_a_load_that_comes() {
         for quality in [10.0, 25.0, 50.0] {
             for gain in [0.7, 1.0, 1.4] {
-                // What one part takes before the loop can answer; where the gain is told wrong, what was learned of it is learned anew.
+                // The bound is the effect of one part before the loop responds; a wrongly
+                // configured gain adds its error to each load.
                 let held = if gain == 1.0 {
                     [0.0027, 0.0067, 0.0133, 0.0267]
                 } else {

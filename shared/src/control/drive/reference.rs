@@ -1,13 +1,13 @@
-//! The amplitude that the loop follows, moved from cycle to cycle.
+//! Reference of the amplitude loop: a ramp, a first-order lag or a step, advanced once per cycle.
 
 use core::f32::consts::TAU;
 
 use crate::control::saturate::saturate;
 
-/// How the reference moves to its goal.
+/// Way of the reference to its goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Move {
-    /// By at most this much a cycle, in m.
+    /// By at most this much per cycle, in m.
     Ramp(f32),
     /// With the first-order lag of a kick.
     Lag,
@@ -18,15 +18,15 @@ pub enum Move {
 /// The reference.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Reference {
-    /// Amplitude that the loop follows now, in m.
+    /// Reference amplitude now, in m.
     pub now: f32,
-    /// Amplitude commanded for the last cycle of a kick, in m.
+    /// Command of the last cycle of a kick, in m.
     commanded: f32,
 }
 
 impl Reference {
-    /// A cycle on to a goal in m, with the lead of the track in rad and the time constant of a kick's
-    /// lag in cycles.
+    /// Advances one cycle towards a goal in m. `lead` is the track's phase lead in rad,
+    /// `time_constant` that of a kick's lag in cycles.
     pub fn go(&mut self, goal: f32, pace: Move, lead: f32, time_constant: f32) {
         self.now = match pace {
             Move::Step => goal,
@@ -36,9 +36,9 @@ impl Reference {
         self.commanded = goal;
     }
 
-    /// The reference a cycle on, with the first-order lag of kicks. A kick's cycles begin at phase 0 of the
-    /// track, where the plan has them, so the first part of the output's cycle still belongs to the
-    /// command before.
+    /// The reference one cycle on, with the first-order lag of kicks. The plan counts a kick's
+    /// cycles from phase 0 of the track. The first part of the output's cycle therefore still has
+    /// the previous command.
     fn after_a_cycle(&self, goal: f32, lead: f32, time_constant: f32) -> f32 {
         let before = -lead * (1.0 / TAU);
         let before = before - libm::floorf(before);
@@ -46,7 +46,7 @@ impl Reference {
             to + (from - to) * libm::expf(-cycles / time_constant)
         };
         let next = along(along(self.now, self.commanded, before), goal, 1.0 - before);
-        // The last thousandth is no use to the parts.
+        // A last thousandth makes no difference to the parts.
         if (next - goal).abs() < 1e-3 * goal {
             goal
         } else {
@@ -61,7 +61,7 @@ mod tests {
 
     #[test]
     fn a_track_that_lags_follows_the_command_before_for_as_long() {
-        // A quarter turn behind its output: a quarter of the cycle belongs to the command before.
+        // A quarter turn behind its output: a quarter of the cycle has the previous command.
         let quarter = -0.25 * TAU;
         let mut reference = Reference {
             now: 1.0,

@@ -1,4 +1,7 @@
-//! The drive's resonance: a sweep that finds it, and a phase loop that follows it.
+//! The drive's resonance: a stepped-sine sweep that finds it, and a phase loop that tracks it.
+//!
+//! At the peak a resonance lags its force by a quarter turn. An integral controller moves the
+//! frequency until that phase is measured (phase-locked loop).
 
 use core::f32::consts::{FRAC_PI_2, PI};
 
@@ -6,18 +9,18 @@ use crate::control::angle::SAMPLE_RATE;
 use crate::control::saturate::saturate;
 use crate::control::settings::Settings;
 
-/// Most points of a sweep; the settings refuse a band that needs more.
+/// Largest number of points of a sweep; the settings refuse a band that needs more.
 const POINTS: u16 = 400;
-/// Time constants of the envelope at each point before its amplitude counts: 2 % of the last point's is left. From
-/// 1 to 8 every scene passes.
+/// Settling time at each point in time constants of the envelope: 2 % of the last point's amplitude
+/// remains.
 const DWELL: f32 = 4.0;
-/// Cycles more, for the dead time from a command to its measured amplitude.
+/// Additional settling cycles, for the dead time from a command to its measured amplitude.
 const DEAD_TIME: f32 = 4.0;
-/// Time constant of the phase loop over that of the envelope: slower by as much, it sees the envelope settled. From
-/// 0.5 to 10 the scene `resonance_tracking` passes.
+/// Time constant of the phase loop over that of the envelope, so that each phase is measured on a
+/// settled envelope.
 const SLOWNESS: f32 = 4.0;
 
-/// The drive's frequency, where it may follow the resonance.
+/// The drive's frequency, and its tracking of the resonance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Resonance {
     low: f32,
@@ -33,14 +36,14 @@ struct Sweep {
     intervals: u16,
     point: u16,
     cycles: u16,
-    /// Largest amplitude so far in m, and its frequency.
+    /// Largest amplitude so far in m, and its frequency in Hz.
     best: (f32, f32),
-    /// Whether the drive has gone back to the peak, and comes to stand there.
+    /// Whether the drive is back at the peak and settles there.
     back: bool,
 }
 
 impl Resonance {
-    /// The drive at its set frequency; it stays there where `tracking` is 0.
+    /// The drive at its configured frequency; it stays there where `tracking` is 0.
     #[must_use]
     pub fn new(settings: &Settings) -> Self {
         Self {
@@ -58,19 +61,19 @@ impl Resonance {
         self.frequency
     }
 
-    /// Whether the frequency may follow the resonance.
+    /// Whether the frequency may track the resonance.
     #[must_use]
     pub fn tracks(&self) -> bool {
         self.high > self.low
     }
 
-    /// Whether a sweep is going on.
+    /// Whether a sweep runs.
     #[must_use]
     pub fn sweeps(&self) -> bool {
         self.sweep.is_some()
     }
 
-    /// Begins a sweep from the low end, in steps of half the width that a resonance has there.
+    /// Begins a sweep from the low end, in steps of half a resonance's width there.
     pub fn begin(&mut self) {
         let step = 0.5 * self.low / self.quality;
         let intervals = libm::ceilf((self.high - self.low) / step) as u16;
@@ -84,12 +87,13 @@ impl Resonance {
         });
     }
 
-    /// Gives the sweep up where it is.
+    /// Stops the sweep at its present frequency.
     pub fn stop(&mut self) {
         self.sweep = None;
     }
 
-    /// Takes the amplitude of a cycle of the sweep in m; whether that ended it, with the track at its peak.
+    /// Processes the amplitude of a sweep's cycle, in m. Whether the sweep ended, with the track
+    /// settled at its peak.
     pub fn swept(&mut self, amplitude: f32) -> bool {
         let Some(sweep) = &mut self.sweep else {
             return false;
@@ -117,12 +121,12 @@ impl Resonance {
         false
     }
 
-    /// Follows the resonance by the lead of the track (rad): a quarter turn late at the peak, and half a
-    /// sample more for the output that is held.
+    /// Moves the frequency towards the resonance by the phase lead of the track (rad). At the peak
+    /// it lags a quarter turn, and half a sample more for the held output.
     pub fn follow(&mut self, lead: f32) {
         let hold = PI * self.frequency / SAMPLE_RATE as f32;
         let error = lead + FRAC_PI_2 + hold;
-        // Near the peak the lead falls by 2 Q for a relative change of frequency.
+        // Near the peak the lead falls by 2 Q per relative change of frequency.
         let towards = self.frequency * error / (2.0 * self.quality);
         let share = PI / (SLOWNESS * self.quality);
         self.frequency = saturate(self.frequency + share * towards, self.low, self.high);

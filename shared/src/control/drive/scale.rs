@@ -1,4 +1,4 @@
-//! What an amplitude means at the drive's frequency: for the parts, for the hard limits, for the output.
+//! Conversion between amplitude, k and output at the drive's frequency; the hard limits.
 
 use core::f32::consts::{PI, TAU};
 
@@ -11,20 +11,20 @@ use crate::control::settings::Settings;
 use crate::control::state::Limits;
 use crate::feeder::STANDARD_GRAVITY;
 
-/// Steps of the converter that a swing has to have to be told from rest: noise of 1.5 steps RMS leaves an error of 0.34 of them
-/// in the amplitude of a cycle of 40 samples, at 500 Hz, so that its phase is then known to 0.04 rad.
+/// Smallest detectable swing in converter steps: noise of 1.5 steps RMS leaves the phase an error
+/// of 0.04 rad at 500 Hz.
 const TELLS: f32 = 8.0;
-/// How far the envelope that the outputs should give may go over the hard limits: further than the fault of too large an
-/// amplitude, so that a gain told wrong is found by that fault. Other values fail `no_output_takes_the_envelope_further`.
+/// Largest predicted envelope over the hard limits, above the over-amplitude fault, so that this
+/// fault detects a wrongly configured gain.
 const OVER: f32 = 1.2;
 
-/// Amplitude in m that the converter tells from rest at the set frequency.
+/// Smallest detectable amplitude at the configured frequency, in m.
 pub fn least(settings: &Settings) -> f32 {
     let angular = TAU * settings.frequency;
     tells(settings) / (angular * angular)
 }
 
-/// Acceleration in m/s^2 that it tells.
+/// Smallest detectable acceleration, in m/s^2.
 fn tells(settings: &Settings) -> f32 {
     let step = settings.converter_reference
         / (libm::exp2f(settings.converter_bits) * settings.sensitivity)
@@ -32,11 +32,11 @@ fn tells(settings: &Settings) -> f32 {
     TELLS * step
 }
 
-/// The numbers that amplitude, k and output hang together by.
+/// The factors between amplitude, k and output.
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
-    /// Gravity normal to the track (symbol g cos alpha) in m/s^2, as [`Track::normal_gravity`] in single
-    /// precision.
+    /// Gravity normal to the track (symbol g cos alpha) in m/s^2, as [`Track::normal_gravity`] in
+    /// single precision.
     ///
     /// [`Track::normal_gravity`]: crate::feeder::Track::normal_gravity
     pub normal_gravity: f32,
@@ -46,21 +46,21 @@ pub struct Scale {
     pub step: u32,
     /// Largest amplitude that both hard limits allow, in m.
     pub ceiling: f32,
-    /// The hard limit that it is.
+    /// The hard limit that sets the ceiling.
     pub ceiling_limit: Limits,
-    /// How the track follows the output.
+    /// Model of the track's amplitude under the output.
     pub envelope: Envelope,
-    /// Share of its size that a cycle leaves.
+    /// Share of the envelope's size that survives a cycle, 0..1.
     keep: f32,
-    /// Amplitude for full output at the drive's frequency, in m; where the frequency follows the resonance, the
-    /// one at resonance.
+    /// Amplitude at full output and the drive's frequency, in m. Where the frequency tracks the
+    /// resonance, it is the one there.
     pub strength: f32,
-    /// Amplitude in m that the converter tells from rest.
+    /// Smallest detectable amplitude, in m.
     pub least: f32,
 }
 
 impl Scale {
-    /// The numbers at a frequency in Hz.
+    /// The factors at a frequency in Hz.
     pub fn at(settings: &Settings, frequency: f32) -> Self {
         let envelope = Envelope::at(settings);
         let mut scale = Self {
@@ -78,7 +78,7 @@ impl Scale {
         scale
     }
 
-    /// What depends on the drive's frequency, in Hz.
+    /// Updates the factors that depend on the drive's frequency, in Hz.
     pub fn retune(&mut self, settings: &Settings, frequency: f32) {
         let angular = TAU * frequency;
         self.square = angular * angular;
@@ -104,21 +104,22 @@ impl Scale {
         self.normal_gravity / (k * self.square)
     }
 
-    /// Largest amplitude in m that the settings let the drive reach.
+    /// Largest amplitude in m that the settings allow the drive.
     pub fn reach(&self, settings: &Settings) -> f32 {
         (settings.output_maximum * self.strength).min(self.ceiling)
     }
 
-    /// Largest output for the next cycle, as a share of full output: with the drive's set gain, whatever the
-    /// accelerometer says, it takes an envelope (over the one that full output comes to hold) no further than a fifth over
-    /// the hard limits, or to an amplitude in m.
+    /// Largest output for the next cycle, as a share of full output. It keeps the predicted
+    /// envelope within a fifth over the hard limits, or within `amplitude` (m). The prediction uses
+    /// the configured gain and not the accelerometer. `envelope` is over the steady one at full
+    /// output.
     pub fn most_output(&self, envelope: Complex, amplitude: Option<f32>) -> f32 {
         let amplitude = amplitude.unwrap_or(OVER * self.ceiling);
         self.envelope
             .most_output(envelope, amplitude / self.strength)
     }
 
-    /// The envelope after a cycle at an output.
+    /// The envelope after a cycle at an output, over the steady one at full output.
     pub fn after(&self, envelope: Complex, output: f32) -> Complex {
         self.envelope.after(envelope, output)
     }
@@ -129,9 +130,10 @@ impl Scale {
         envelope.re * cosine + envelope.im * sine < 0.0
     }
 
-    /// How far a kick may go over an amplitude within the drive's output and hard limits.
+    /// Largest amplitude of a kick over an amplitude (m), within the drive's output and hard
+    /// limits.
     pub fn reserve(&self, settings: &Settings, amplitude: f32) -> f32 {
-        // The first cycle of a step of the command from 1 to f needs an output of 1 + s (f - 1), with s
+        // The first cycle of a command step from 1 to f needs an output of 1 + s (f - 1). Here s is
         // the step of the reference over the step of the drive's own envelope.
         let steeper = (1.0 - libm::expf(-1.0 / settings.envelope)) / (1.0 - self.keep);
         let strength = settings.output_maximum * settings.gain * 1e-3 / amplitude;
@@ -152,7 +154,8 @@ mod tests {
             };
             let single = f64::from(Scale::at(&settings, 50.0).normal_gravity);
             let double = settings.track().unwrap().normal_gravity();
-            // Roundings of the angle (60 degrees in rad times the tangent there: 1.8), of the cosine and of the product.
+            // Roundings of the angle (60 degrees in rad times the tangent there: 1.8), of the
+            // cosine and of the product.
             assert!(
                 (single / double - 1.0).abs() < 2.5e-7,
                 "{n}: {single} {double}"

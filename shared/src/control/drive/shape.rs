@@ -1,4 +1,5 @@
-//! The shape of the track's motion: the tones above the first that a drive may make.
+//! Shape of the track's motion: its upper tones, relative to the first
+//! (docs/theory-real-parts.md#t10.3).
 
 use core::f32::consts::TAU;
 
@@ -9,20 +10,21 @@ use crate::control::angle::phase_of;
 use crate::feeder::{OutOfRange, accept};
 use crate::regime::gear;
 
-/// Tones above the first: the second and the third.
+/// Number of upper tones: the second and the third.
 pub const UPPER: usize = 2;
 
-/// A tone of the track's motion above the first: `e sin(n tau + th)` over the first tone's amplitude, tau the track's phase.
+/// Upper tone of the track's motion: `e sin(n tau + th)` over the first tone's amplitude, tau the
+/// track's phase.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct UpperTone {
-    /// Amplitude over that of the first tone (symbol e), 0..0.5; 0: none.
+    /// Amplitude over that of the first tone (symbol e), 0..0.5; 0 means none.
     pub ratio: f32,
     /// Phase angle (symbol th) in rad, -2 pi..2 pi.
     pub phase: f32,
 }
 
 impl UpperTone {
-    /// None.
+    /// No tone.
     pub const NONE: Self = Self {
         ratio: 0.0,
         phase: 0.0,
@@ -51,12 +53,12 @@ impl UpperTone {
 pub struct Shape {
     /// The second tone.
     pub second: UpperTone,
-    /// The third tone; there is none without a second.
+    /// The third tone; it requires a second.
     pub third: UpperTone,
 }
 
 impl Shape {
-    /// One tone.
+    /// A sine.
     pub const SINE: Self = Self {
         second: UpperTone::NONE,
         third: UpperTone::NONE,
@@ -71,7 +73,7 @@ impl Shape {
         }
     }
 
-    /// The shape of amplitudes over the first and angles in rad.
+    /// The shape of amplitudes over the first tone's and phase angles in rad.
     pub(crate) fn of([second, third]: gear::Tones) -> Self {
         let tone = |[ratio, phase]: [f32; 2]| UpperTone { ratio, phase };
         Self {
@@ -80,18 +82,18 @@ impl Shape {
         }
     }
 
-    /// Its tones above the first, with the lowest first.
+    /// The upper tones, lowest first.
     #[must_use]
     pub fn tones(&self) -> [UpperTone; UPPER] {
         [self.second, self.third]
     }
 
-    /// Amplitudes over the first and angles in rad.
+    /// Amplitudes over the first tone's and phase angles in rad.
     pub(crate) fn numbers(&self) -> gear::Tones {
         self.tones().map(|tone| [tone.ratio, tone.phase])
     }
 
-    /// `e cos th` and `e sin th` of each tone; 0 where there is none.
+    /// `e cos th` and `e sin th` of each tone; 0 for an absent one.
     pub(crate) fn mixed(&self) -> [[f32; 2]; UPPER] {
         self.tones().map(|tone| {
             if tone.ratio == 0.0 {
@@ -102,13 +104,13 @@ impl Shape {
         })
     }
 
-    /// Whether there is no tone above the first.
+    /// Whether the shape has no upper tone.
     #[must_use]
     pub fn is_sine(&self) -> bool {
         self.tones().iter().all(|tone| tone.ratio == 0.0)
     }
 
-    /// Refused where a number is out of range.
+    /// The error names a number out of range.
     pub(crate) fn check(&self) -> Result<(), OutOfRange> {
         let names = [
             ("second tone, ratio", "second tone, phase"),
@@ -146,25 +148,27 @@ impl Shape {
     }
 }
 
-/// What the demodulators found in a cycle, as phasors of the displacement in m: `x = Im(first e^(i phi)) + Im(upper[0] e^(2 i
-/// phi)) + Im(upper[1] e^(3 i phi))` with the output's phase phi.
+/// Demodulated motion of a cycle, as phasors of the displacement in m.
+///
+/// `x = Im(first e^(i phi)) + Im(upper[0] e^(2 i phi)) + Im(upper[1] e^(3 i phi))`, phi the
+/// output's phase.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrackMotion {
     /// The first tone.
     pub first: Complex,
-    /// Those above it.
+    /// The upper tones.
     pub upper: [Complex; UPPER],
 }
 
 impl TrackMotion {
-    /// The tones above the first over it, as `e (cos th + i sin th)`; 0 at rest.
+    /// The upper tones over the first, as `e (cos th + i sin th)`; 0 at rest.
     pub fn phasors(&self) -> [Complex; UPPER] {
         let size = self.first.norm_sqr();
-        // Of less than 0.1 nm the powers below come to 0.
+        // Below 0.1 nm the powers underflow to 0.
         if size < 1e-20 {
             return [Complex::default(); UPPER];
         }
-        // The nth tone is measured against the nth power of the first.
+        // The phase of the nth tone is measured against the nth power of the first.
         let root = square_root_single(size);
         let (mut power, mut long) = (self.first, size);
         self.upper.map(|tone| {
@@ -174,7 +178,7 @@ impl TrackMotion {
         })
     }
 
-    /// The shape as it was measured.
+    /// The measured shape.
     pub fn shape(&self) -> Shape {
         let [second, third] = self.phasors().map(UpperTone::of);
         Shape { second, third }

@@ -1,5 +1,8 @@
-//! One tone of the track's motion above the first: an output at a multiple of the drive's frequency, held in amplitude
-//! and phase.
+//! Control of one upper tone of the track's motion, at a multiple of the drive's frequency, in
+//! amplitude and phase.
+//!
+//! The method is an integral loop on a phasor, as in adaptive feedforward cancellation of harmonics
+//! (Bodson, Sacks and Khosla 1994). Its state is one complex correction of the configured response.
 
 use core::f32::consts::PI;
 
@@ -9,54 +12,55 @@ use super::envelope::size;
 use super::shape::UpperTone;
 use crate::control::settings::Settings;
 
-/// Cycles from a command to the middle of the first cycle that shows it: one in which it is computed, one that is
-/// driven, half of averaging.
+/// Dead time from a command to the middle of the first cycle that shows it, in cycles: computing 1,
+/// driving 1, averaging 0.5.
 const DEAD_TIME: f32 = 2.5;
-/// Time constant of the loop over its dead time and the tone's envelope: an integral loop four times slower
-/// than both has a gain margin above four at any detuning, for the loop's gain where the envelope turns is at most
-/// the envelope's time constant over that of the loop.
+/// Time constant of the loop over its dead time plus the tone's envelope: gain margin above 4 at
+/// any detuning.
 const SLOWNESS: f32 = 4.0;
-/// How far the track's answer may be from the one told, as a factor and in rad, before the user is told: springs age
-/// and drives warm up by a third.
+/// Deviation of the track's response from the configured one that is reported, as a factor and in
+/// rad: aging and warm-up cause a third.
 const NOTED: (f32, f32) = (1.5, 0.35);
-/// How far, before the tone is given up: what the loop's margins bear.
+/// Deviation, as a factor and in rad, at which the tone is given up: the limit of the loop's
+/// margins.
 const BORNE: (f32, f32) = (3.0, 1.05);
 
 /// The loop that holds one tone.
 ///
-/// What is learnt is one complex number, the track's answer over the one told: the output is the wanted motion
-/// through the answer as learnt, so that a change of amplitude brings its tone along, and the loop only
-/// corrects the answer. That is an integral loop, whose plant is the envelope of this tone alone.
+/// It estimates one complex number: the track's response over the configured one. The output is the
+/// wanted motion through the estimated response, so a change of amplitude moves its tone along. The
+/// loop corrects only the response. That is an integral loop, whose plant is the envelope of this
+/// tone alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToneLoop {
-    /// Which tone: its frequency over the drive's.
+    /// Frequency of the tone over the drive's.
     harmonic: u8,
-    /// Largest ratio that the drive affords; 0: there is no such tone.
+    /// Largest ratio that the settings allow; 0 means no such tone.
     most: f32,
-    /// Output for a metre of the tone, as told.
+    /// Output for a metre of the tone, by the configured response.
     inverse: Complex,
-    /// Share of the error that a cycle takes over.
+    /// Share of the error that a cycle corrects.
     learning: f32,
-    /// Change of the ratio a cycle: of the first start, of a later one, and downwards.
+    /// Change of the ratio per cycle: in the first start, in a later one, and downwards.
     pace: [f32; 3],
-    /// What was learnt: the answer as told over the one that is.
+    /// Estimate: the configured response over the true one.
     correction: Complex,
-    /// The tone that the loop makes now, as `e (cos th + i sin th)`, and the one that it goes to.
+    /// Present tone of the loop as `e (cos th + i sin th)`, and its goal.
     shape: Complex,
     goal: Complex,
-    /// Wanted motion of the last cycles, newest first.
+    /// Wanted motion of the last cycles, newest first, in m.
     wanted: [Complex; 3],
-    /// Cycles in which the answer was learnt.
+    /// Cycles in which the response was estimated.
     learnt: u16,
     noted: bool,
     given_up: bool,
 }
 
 impl ToneLoop {
-    /// The loop of the tone at a multiple of the drive's frequency, at rest; `answer` is what full output of it moves the track
-    /// by, in m, as told.
+    /// The loop of the tone at `harmonic` times the drive's frequency, at rest. `answer` is the
+    /// configured motion at full output, in m.
     pub fn new(settings: &Settings, harmonic: u8, most: f32, answer: Complex) -> Self {
-        // The envelope of the tone is taken for no slower than a mode as sharp as the drive's own.
+        // The slowest envelope assumed is that of a mode as sharp as the drive's own.
         let envelope = settings.quality / (f32::from(harmonic) * PI);
         let slow = SLOWNESS * (DEAD_TIME + envelope);
         let cycles = |seconds: f32| (seconds * settings.frequency).max(1.0);
@@ -84,19 +88,19 @@ impl ToneLoop {
         }
     }
 
-    /// Whether the drive affords it at all.
+    /// Whether the settings allow the tone.
     #[inline]
     pub fn allowed(&self) -> bool {
         self.most > 0.0
     }
 
-    /// Silence, with what was learnt of the track's answer kept.
+    /// Switches the tone off and keeps the estimate.
     pub fn rest(&mut self) {
         self.shape = Complex::default();
         self.wanted = [Complex::default(); 3];
     }
 
-    /// Silence, and a new try with the answer as told.
+    /// Switches the tone off and restarts from the configured response.
     pub fn restart(&mut self) {
         self.rest();
         self.correction = Complex::new(1.0, 0.0);
@@ -105,32 +109,32 @@ impl ToneLoop {
         self.given_up = false;
     }
 
-    /// Makes it no more, until it is started anew.
+    /// Switches the tone off until the next start.
     pub fn give_up(&mut self) {
         self.given_up = true;
     }
 
-    /// Whether it was given up.
+    /// Whether the tone was given up.
     pub fn is_given_up(&self) -> bool {
         self.given_up
     }
 
-    /// Whether it has reached its goal.
+    /// Whether the tone has reached its goal.
     pub fn arrived(&self) -> bool {
         self.given_up || size(self.goal - self.shape) < 1e-3
     }
 
-    /// Whether none of it is made.
+    /// Whether the tone is off.
     pub fn is_silent(&self) -> bool {
         self.shape == Complex::default()
     }
 
-    /// As much of a ratio as the drive affords.
+    /// A ratio, limited to the allowed one.
     pub fn within(&self, ratio: f32) -> f32 {
         ratio.min(self.most)
     }
 
-    /// Sets where it goes: what is wanted, of which the hard limits leave a share.
+    /// Sets the goal: the wanted tone times the share that the hard limits leave.
     pub fn aim(&mut self, tone: &UpperTone, share: f32) {
         let wanted = self.within(tone.ratio);
         self.goal = if self.given_up || wanted <= 0.0 {
@@ -140,11 +144,11 @@ impl ToneLoop {
         };
     }
 
-    /// Learns the track's answer from the motion of the first tone and of this one in the cycle that ended; whether it was found
-    /// to be none as told, which is said once.
+    /// Estimates the track's response from the motion of the first tone and of this one, in m, in
+    /// the last cycle. Whether it deviates from the configured one, reported once.
     pub fn learn(&mut self, first: Complex, seen: Complex) -> bool {
         let [_, driven, _] = self.wanted;
-        // A full tone tells most of the answer; a smaller one counts by its square.
+        // A full tone has the most information; the weight is the square of the amplitude.
         let full = self.goal.norm_sqr() * first.norm_sqr();
         let square = driven.norm_sqr();
         if self.given_up || full <= 0.0 || 16.0 * square < full {
@@ -164,10 +168,11 @@ impl ToneLoop {
         news
     }
 
-    /// A cycle on towards the goal; the output that it takes, along the sine and i times the cosine of its multiple of the
-    /// phase, as shares of full output.
+    /// Advances one cycle towards the goal. The output is along the sine and i times the cosine of
+    /// the tone's phase, as shares of full output.
     ///
-    /// `long` is the size of the first tone's motion; `None` where that is too small to tell the phase to hold a tone to.
+    /// `long` is the amplitude of the first tone in m; `None` where it is too small for a phase
+    /// reference.
     pub fn advance(&mut self, first: Complex, long: Option<f32>) -> Complex {
         let step = self.goal - self.shape;
         let pace = match (self.goal.norm_sqr() > self.shape.norm_sqr(), self.learnt) {
@@ -203,8 +208,8 @@ mod tests {
 
     use super::*;
 
-    /// Gain margin, phase margin in degrees and least distance to -1 of the loop, on a track whose mode has its frequency
-    /// at the tone's times `1 + off`.
+    /// Gain margin, phase margin in degrees and least distance to -1 of the loop. The mode's
+    /// frequency is that of the tone times `1 + off`.
     fn margins(harmonic: u8, quality: f32, off: f64) -> [f64; 3] {
         let settings = Settings {
             quality,
@@ -213,7 +218,7 @@ mod tests {
         let answer = Complex::new(0.0, -5e-4);
         let learning = f64::from(ToneLoop::new(&settings, harmonic, 0.2, answer).learning);
         let turn = |angle: f64| Complex64::new(angle.cos(), angle.sin());
-        // Decay and turn of the envelope in a cycle of the drive, as the nth tone's turns by n pi (1 + off) / Q and 2 n pi off.
+        // Decay and turn of the envelope per drive cycle: n pi (1 + off) / Q and 2 n pi off.
         let half = core::f64::consts::PI * f64::from(harmonic);
         let decay = half * (1.0 + off) / f64::from(quality);
         let pole = turn(2.0 * half * off) * (-decay).exp();
@@ -242,7 +247,7 @@ mod tests {
         [gain, phase, distance]
     }
 
-    /// In cycles of the drive the loop is the same at every frequency, 5 to 500 Hz.
+    /// In drive cycles the loop is the same at every frequency, 5 to 500 Hz.
     #[test]
     fn the_loop_has_margins_at_every_quality_and_detuning() {
         for harmonic in [2, 3] {
@@ -257,7 +262,8 @@ mod tests {
             }
             std::println!("{harmonic}: {least:?}");
             let [gain, phase, distance] = least;
-            // A gain told wrong by a factor of 2 and a phase by 30 degrees leave a factor of 2 and 30 degrees.
+            // A gain wrong by a factor of 2 and a phase wrong by 30 degrees leave a factor of 2 and
+            // 30 degrees.
             assert!(gain > 4.0 && phase > 60.0 && distance > 0.7, "{least:?}");
         }
     }

@@ -1,4 +1,4 @@
-//! The tones of the track's motion above the first: a loop for each, and what output and hard limits leave them.
+//! The upper tones of the track's motion: one loop for each, within output and hard limits.
 
 use num_complex::Complex32 as Complex;
 
@@ -10,33 +10,34 @@ use super::tone::ToneLoop;
 use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, accept};
 
-/// Acceleration over the hard limit at which the upper tones are given up at once, as the first tone's fault.
+/// Acceleration over the hard limit that gives the upper tones up at once, as for the first tone's
+/// fault.
 const EXCESS: f32 = 1.15;
-/// Least share of the wanted tones: where less is made, they count as held back. The noise of an amplitude at its hard
-/// limit takes off less than the rest.
+/// Smallest share of the wanted tones that does not count as held back; noise at the hard limit
+/// costs less than the rest.
 const LEAST: f32 = 0.95;
-/// Cycles of that before it counts as a limit, as of the output's own.
+/// Cycles of a smaller share before a limit is reported, as for the output.
 const SHORT: u16 = 25;
 
-/// What a cycle asks of the upper tones.
+/// Inputs of the upper tones' loops in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Asked {
-    /// What the demodulators found.
+    /// The demodulated motion.
     pub motion: TrackMotion,
-    /// The shape wanted.
+    /// The wanted shape.
     pub wanted: Shape,
-    /// Amplitude b in m that the first tone goes to.
+    /// Reference amplitude b of the first tone, in m.
     pub reference: f32,
     /// Square of the angular frequency of the first tone in 1/s^2.
     pub square: f32,
     /// Output that the first tone leaves, as a share of full output.
     pub room: f32,
-    /// Amplitude of the first tone in m that tells its phase.
+    /// Smallest amplitude of the first tone with a usable phase, in m.
     pub least: f32,
 }
 
-/// Largest second and third tone (symbols e and e3) that the output leaves room for at a k, where the settings' drive makes the
-/// first tone too, and for the third the second tone that the settings tell of; 0..0.5.
+/// Largest second and third tone (symbols e and e3) for which the configured output suffices at a
+/// k; 0..0.5. The output also makes the first tone, and for the third the configured second one.
 ///
 /// ```
 /// use kband::control::{Settings, affordable_tones};
@@ -61,7 +62,7 @@ pub fn affordable_tones(settings: &Settings, k: f32) -> [f32; UPPER] {
     let mut affords = [0.0; UPPER];
     for ((affords, answer), told) in affords.iter_mut().zip(answers).zip(told) {
         let most = room * answer / amplitude;
-        // No amplitude at all (k infinite) leaves nothing to measure a tone against: none.
+        // No amplitude (k infinite) leaves no reference for a tone: none.
         *affords = if most.is_nan() {
             0.0
         } else {
@@ -72,26 +73,26 @@ pub fn affordable_tones(settings: &Settings, k: f32) -> [f32; UPPER] {
     affords
 }
 
-/// The loops that hold the tones above the first.
+/// The loops that hold the upper tones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tones {
     loops: [ToneLoop; UPPER],
     acceleration_limit: f32,
     amplitude_limit: f32,
-    /// The shape that the loops go to, and its [peaks](Shape::peaks).
+    /// The loops' goal, and its [peaks](Shape::peaks).
     shape: Shape,
     peaks: [f32; 2],
     output: [Complex; UPPER],
-    /// Cycles in which less was made than is wanted, and whether the output was short in the last one.
+    /// Cycles in a row with too small tones, and whether the output was too small in the last one.
     cut_for: u16,
     short: bool,
-    /// Share of the wanted tones that the hard limits leave.
+    /// Share of the wanted tones within the hard limits, 0..1.
     share: f32,
 }
 
 impl Tones {
-    /// The loops for these settings, at rest. Refused where the drive cannot make the tones even on a track that
-    /// only just throws parts (k = 1).
+    /// Builds the loops at rest. The error names a tone that the drive cannot make even where the
+    /// track only just throws parts (k = 1).
     pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
         let told = [settings.second_tone, settings.third_tone];
         let names = [
@@ -125,7 +126,7 @@ impl Tones {
         })
     }
 
-    /// Whether the drive affords a tone above the first at all.
+    /// Whether the settings allow an upper tone.
     #[inline]
     pub fn allowed(&self) -> bool {
         let [second, _] = &self.loops;
@@ -136,7 +137,7 @@ impl Tones {
         self.loops.iter_mut().filter(|tone| tone.allowed())
     }
 
-    /// Silence, with what was learnt of the track's answers kept.
+    /// Switches the tones off and keeps the estimates.
     pub fn rest(&mut self) {
         self.loops().for_each(ToneLoop::rest);
         self.output = [Complex::default(); UPPER];
@@ -145,20 +146,20 @@ impl Tones {
         self.share = 1.0;
     }
 
-    /// Silence, and a new try with the answers as told.
+    /// Switches the tones off and restarts from the configured responses.
     pub fn restart(&mut self) {
         self.rest();
         self.loops().for_each(ToneLoop::restart);
     }
 
-    /// The output's tones above the first along the sine and the cosine of their multiples of its phase, as shares of full
-    /// output.
+    /// Outputs of the upper tones along sine and cosine of their multiples of the output's phase,
+    /// as shares of full output.
     pub fn output(&self) -> [[f32; 2]; UPPER] {
         self.output.map(|output| [output.re, output.im])
     }
 
-    /// Of which tones less is made than is wanted: one that was given up; where output or hard limits leave less of all, the
-    /// highest.
+    /// Tones that are smaller than wanted: those given up, and the highest one while output or hard
+    /// limits cut all.
     pub fn held_back(&self) -> [bool; UPPER] {
         let cut = self.cut_for > SHORT;
         let [second, third] = &self.loops;
@@ -169,12 +170,13 @@ impl Tones {
         ]
     }
 
-    /// Whether they have reached their goals.
+    /// Whether every tone has reached its goal.
     pub fn arrived(&self) -> bool {
         self.loops.iter().all(ToneLoop::arrived)
     }
 
-    /// A cycle on; which tones the track was found not to answer as told, which is said once of each.
+    /// Advances one cycle. Which tones were found to deviate from the configured response, reported
+    /// once each.
     pub fn cycle(&mut self, asked: &Asked) -> [bool; UPPER] {
         if asked.wanted != self.shape {
             self.shape = asked.wanted;
@@ -195,7 +197,7 @@ impl Tones {
             }
         }
         self.watch(asked, long);
-        // An amplitude too small to tell the first tone's phase gives none to hold the others to.
+        // Below the smallest usable amplitude the first tone gives no phase reference.
         let told = (long > asked.least).then_some(long);
         let mut all = 0.0;
         for (tone, output) in self.loops.iter_mut().zip(&mut self.output) {
@@ -221,8 +223,9 @@ impl Tones {
         news
     }
 
-    /// The share of the wanted tones that the hard limits leave. max |S| and max |S''| are convex in the tones and 1 without
-    /// any: a chord bounds them.
+    /// Share of the wanted tones within the hard limits.
+    ///
+    /// max |S| and max |S''| are convex in the tones, and 1 without any: a chord bounds them.
     fn left(&self, asked: &Asked, first: f32) -> f32 {
         let wanted = |(tone, shape): (&ToneLoop, UpperTone)| tone.within(shape.ratio) > 0.0;
         if !self.loops.iter().zip(self.shape.tones()).any(wanted) {
@@ -240,7 +243,7 @@ impl Tones {
         share
     }
 
-    /// Gives the upper tones up where the track is accelerated beyond the hard limit with them.
+    /// Gives the upper tones up where they accelerate the track beyond the hard limit.
     fn watch(&mut self, asked: &Asked, first: f32) {
         let mut excess = 0.0_f32;
         for ((tone, wanted), seen) in

@@ -1,6 +1,6 @@
 //! The numbered lists of the controller: states, faults, limits, events. Numbers never change.
 
-/// What the controller is doing.
+/// State of the controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum State {
@@ -9,13 +9,13 @@ pub enum State {
     Off = 0,
     /// Soft start towards the setpoint.
     Starting = 1,
-    /// At the setpoint; no lock asked for, or not captured.
+    /// At the setpoint; no lock is wanted, or it was not captured.
     Holding = 2,
-    /// Planning, executing or judging a kick.
+    /// Planning, executing or testing a kick.
     Capturing = 3,
-    /// The parts are heard in the wanted lock.
+    /// The wanted lock is detected.
     Locked = 4,
-    /// The lock was heard and is no longer.
+    /// The lock was detected before and is lost.
     Lost = 5,
     /// Held back by a limit.
     Limiting = 6,
@@ -25,13 +25,13 @@ pub enum State {
     Stopping = 8,
 }
 
-/// Why the controller stopped the drive.
+/// Cause for which the controller stopped the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Fault {
-    /// The accelerometer's reading does not move at all.
+    /// The accelerometer's reading does not change.
     SensorLost = 1,
-    /// The accelerometer's reading stands at an end of the converter's range.
+    /// The accelerometer's reading is at an end of the converter's range.
     SensorSaturated = 2,
     /// The accelerometer's reading has the wrong sign.
     SensorInverted = 3,
@@ -49,41 +49,44 @@ pub enum Fault {
     StackLow = 10,
     /// The over-current input opened the bridge.
     OverCurrent = 11,
-    /// The amplitude measured and the one that the output should give differ by more than a factor of two.
+    /// Measured and predicted amplitude differ by more than a factor of two.
     SensorImplausible = 12,
-    /// The control of several cycles came too late.
+    /// The control of several cycles was too late.
     ControlLate = 13,
     /// The supply of the board is below what its chip needs.
     SupplyLow = 14,
-    /// The crystal does not swing, or not at its frequency.
+    /// The crystal does not oscillate, or not at its frequency.
     ClockFailed = 15,
-    /// The amplitude oscillates about a reference that stands still.
+    /// The amplitude oscillates about a constant reference.
     AmplitudeOscillates = 16,
     /// The board was reset three times in a row.
     RepeatedResets = 18,
-    /// The program in the flash is not the one that was written.
+    /// The program in the flash differs from the written one.
     ImageDamaged = 19,
 }
 
-/// What holds the controller back, as a set.
+/// The set of limits that hold the controller back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Limits(u16);
 
 impl Limits {
-    /// 1: the output stands at `output_maximum`.
+    /// 1: the output is at `output_maximum`.
     pub const OUTPUT: Self = Self(1 << 1);
     /// 2: the reference was cut to `amplitude_limit`.
     pub const AMPLITUDE: Self = Self(1 << 2);
     /// 3: the reference was cut to `acceleration_limit`.
     pub const ACCELERATION: Self = Self(1 << 3);
-    /// 4: no amplitude serves the target for the whole interval of restitution; at the safe amplitude.
+    /// 4: no amplitude serves the target for the whole interval of restitution; the amplitude is
+    /// the safe one.
     pub const NO_SETPOINT: Self = Self(1 << 4);
-    /// 5: less is made of the second or third tone than is wanted: the drive affords less, or does not answer as told.
+    /// 5: the second or third tone is smaller than wanted: the output is too small, or the response
+    /// deviates from the configured one.
     pub const SECOND_TONE: Self = Self(1 << 5);
-    /// 7: the link was silent for `link_timeout`; at the safe amplitude.
+    /// 7: the link was silent for `link_timeout`; the amplitude is the safe one.
     pub const LINK_LOST: Self = Self(1 << 7);
 
-    /// 8: nothing is heard where parts must be heard; the setpoint is held and nothing is kicked.
+    /// 8: no impact is detected where impacts are required; the setpoint is held and no kick
+    /// begins.
     pub const DEAF: Self = Self(1 << 8);
 
     /// Every limit, in the order of their numbers.
@@ -97,13 +100,13 @@ impl Limits {
         Self::DEAF,
     ];
 
-    /// Its number, for one limit alone.
+    /// Its number, for a single limit.
     #[must_use]
     pub fn number(self) -> u8 {
         self.0.trailing_zeros() as u8
     }
 
-    /// Its name in traces and the manual, for one limit alone.
+    /// Its name in traces and the manual, for a single limit.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -124,7 +127,7 @@ impl Limits {
         self.0
     }
 
-    /// The set of these bits; `None` where one of them is no limit's.
+    /// The set of these bits; `None` where a bit belongs to no limit.
     #[must_use]
     pub fn from_bits(bits: u16) -> Option<Self> {
         let known = Self::ALL.iter().fold(0, |all, limit| all | limit.0);
@@ -137,7 +140,7 @@ impl Limits {
         self.0 & other.0 != 0
     }
 
-    /// Whether nothing holds the controller back.
+    /// Whether no limit holds the controller back.
     #[must_use]
     pub(crate) fn is_empty(self) -> bool {
         self.0 == 0
@@ -152,15 +155,15 @@ impl Limits {
     }
 }
 
-/// What happened in a cycle.
+/// Event of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Event {
-    /// The enable input was given and the soft start began.
+    /// The enable input came on and the soft start began.
     Started = 1,
     /// The amplitude came to within 1 % of the setpoint.
     SetpointReached = 2,
-    /// A target was taken.
+    /// A target was accepted.
     TargetSet = 3,
     /// No amplitude serves the target for the whole interval of restitution.
     NoSetpoint = 4,
@@ -170,19 +173,19 @@ pub enum Event {
     KickUncertain = 6,
     /// A kick began.
     KickBegun = 7,
-    /// A kick ended and judging began.
+    /// A kick ended and the test for the lock began.
     KickEnded = 8,
-    /// The wanted lock is heard.
+    /// The wanted lock is detected.
     Locked = 9,
-    /// The lock is no longer heard.
+    /// The lock is lost.
     LockLost = 10,
-    /// The kicks allowed are used up.
+    /// The permitted kicks are used up.
     NotCaptured = 11,
-    /// Chaos is heard where it is wanted.
+    /// The wanted chaos is detected.
     Chaotic = 12,
     /// A limit began to hold the controller back.
     Limited = 13,
-    /// No limit holds the controller back any more.
+    /// No limit holds the controller back any longer.
     Freed = 14,
     /// A fault stopped the drive.
     Faulted = 15,
@@ -200,15 +203,16 @@ pub enum Event {
     NotIdentified = 21,
     /// The third fault within a minute locked the drive out.
     LockedOut = 22,
-    /// The track does not answer at twice the drive's frequency as the settings say.
+    /// The track's response at twice the drive's frequency deviates from the configured one.
     SecondToneUnlike = 23,
-    /// The track does not answer at three times the drive's frequency as the settings say.
+    /// The track's response at three times the drive's frequency deviates from the configured one.
     ThirdToneUnlike = 24,
-    /// No amplitude holds the lot in gear; the best one is held, with the share of time that is expected there.
+    /// No amplitude holds the lot in gear; the best one is held, with the predicted share of time.
     GearPoor = 25,
-    /// The parts on the track are weighed, for the first time or by a tenth other than told last.
+    /// The mass of the parts is estimated for the first time, or it changed by a tenth since the
+    /// last event.
     Weighed = 26,
-    /// The parts on the track can no longer be weighed.
+    /// The mass of the parts can no longer be estimated.
     NotWeighed = 27,
     /// The enable input chatters: the drive stays off until it was low and is high again.
     EnableChatters = 28,
@@ -219,7 +223,7 @@ pub enum Event {
 pub struct Events([Option<Event>; Events::MOST]);
 
 impl Events {
-    /// Most events that one cycle reports.
+    /// Largest number of events that one cycle reports.
     pub(crate) const MOST: usize = 6;
 
     /// The events in the order in which they happened.
@@ -234,11 +238,11 @@ impl Events {
     }
 }
 
-/// A numbered item of a list with the words that tools and manual use.
+/// Number and name of each item of a list, for tools and the manual.
 macro_rules! named {
     ($kind:ident: $($item:ident = $name:literal),+) => {
         impl $kind {
-            /// Every one, in the order of their numbers.
+            /// All items, in the order of their numbers.
             pub const ALL: &'static [Self] = &[$(Self::$item),+];
 
             /// Its stable number.
@@ -247,7 +251,7 @@ macro_rules! named {
                 self as u8
             }
 
-            /// The one of a number; `None` where no item has it.
+            /// The item of a number; `None` where there is none.
             #[must_use]
             pub fn numbered(number: u8) -> Option<Self> {
                 let mut all = Self::ALL.iter().copied();

@@ -1,4 +1,4 @@
-//! The drawn state table: every change of state that the controller makes, and when.
+//! The state table: every change of state that the controller makes, and its cause.
 
 use super::lists::State;
 
@@ -9,7 +9,7 @@ pub struct Transition {
     pub from: State,
     /// The state after.
     pub to: State,
-    /// What brings it about, in the words of the manual.
+    /// Its cause, in the words of the manual.
     pub when: &'static str,
 }
 
@@ -17,7 +17,7 @@ const fn on(from: State, to: State, when: &'static str) -> Transition {
     Transition { from, to, when }
 }
 
-/// Every change of state; there is no other (random walks of a controller make each one, and no other).
+/// Every change of state; random walks of a controller make each one, and no other.
 pub const TRANSITIONS: [Transition; 37] = {
     use State::{Capturing, Fault, Holding, Limiting, Locked, Lost, Off, Starting, Stopping};
     const ENABLED: &str = "enable given";

@@ -1,21 +1,26 @@
-//! Capture: kicks that throw parts onto the wanted orbit, one attempt after the other.
+//! Capture: kicks that bring parts onto the wanted orbit, one attempt after the other
+//! (docs/theory-capture.md#t7.3).
+//!
+//! A token bucket limits the rate of kicks. A kick and its test need 80 cycles, in which the parts
+//! are thrown higher and conveyed worse. Kicks cannot hold parts that are lost more often than
+//! every hundred seconds.
 
 use crate::regime::capture::{Kick, Plan};
 
-/// Share of the lot below which a plan is called uncertain. All but one part in twenty. It names an event and
-/// decides nothing.
+/// Predicted share of captured parts below which a plan is called uncertain; it only selects an
+/// event.
 const SURE: f64 = 0.95;
 
-/// Kicks that an hour brings, and most that are saved up. A kick and the judging of it take 80 cycles in which the parts
-/// are thrown higher and conveyed worse: sixty of them in an hour at 50 Hz are 2.7 % of it. Parts that are lost oftener
-/// than every hundred seconds are not won by kicks; two whole captures in a row are.
+/// Kicks per hour that the token bucket gains: with the saved ones, 60 in an hour cost 2.7 % of the
+/// time at 50 Hz.
 const HOURLY: f32 = 40.0;
+/// Largest number of saved kicks: two complete captures in a row.
 const SAVED: f32 = 20.0;
 
-/// What the capture does in a cycle.
+/// Stage of a capture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stage {
-    /// Nothing: the parts are not to be captured, or not now.
+    /// No capture runs.
     Idle,
     /// Waiting for the plan.
     Planning,
@@ -23,13 +28,12 @@ pub enum Stage {
     Ready,
     /// In the kick's n-th cycle.
     Kicking(Kick, u32),
-    /// Listening to what became of it, for n cycles.
+    /// Testing for the lock after a kick, for n cycles.
     Judging(u32),
 }
 
-/// Cycles of listening after the kick's amplitude has come back, before it counts as failed: parts may hop for a
-/// while before the orbit takes them. As many as the plan gives a part after its kick. Between 15 and 120 every
-/// scene passes.
+/// Cycles after a kick, at the setpoint's amplitude, before it counts as failed: as many as the
+/// plan simulates after its kick.
 const PATIENCE: u32 = 60;
 
 /// The attempts at capturing the parts.
@@ -38,31 +42,32 @@ pub struct Capture {
     stage: Stage,
     attempts: u8,
     allowed: u8,
-    /// Kicks that may be made now, and how many a cycle brings.
+    /// Kicks in the token bucket, and the gain of it per cycle.
     left: f32,
     gain: f32,
 }
 
-/// What happened in a cycle of the capture.
+/// Event of the capture in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CaptureEvent {
-    /// The plan is ready; whether its best kick captured the whole lot.
+    /// The plan is ready.
     Planned {
-        /// Whether it captured all but one part in twenty.
+        /// Whether its best kick captures all but one part in twenty.
         sure: bool,
     },
     /// A kick begins.
     Begun,
-    /// The kick is over and listening begins.
+    /// The kick is over and the test for the lock begins.
     Ended,
-    /// The parts are heard in the wanted lock.
+    /// The wanted lock is detected.
     Captured,
-    /// The attempts are used up, those of this capture or those of the hour.
+    /// The attempts are used up: those of this capture, or those of the hour.
     Failed,
 }
 
 impl Capture {
-    /// A capture that may try `allowed` kicks, at so many cycles a second; in an hour at most sixty.
+    /// A capture of at most `allowed` kicks; `pace` in cycles per second. An hour allows 60 at
+    /// most.
     #[must_use]
     pub fn new(allowed: u8, pace: f32) -> Self {
         Self {
@@ -74,18 +79,18 @@ impl Capture {
         }
     }
 
-    /// Begins anew, with every attempt ahead.
+    /// Begins a capture with all its attempts.
     pub fn begin(&mut self) {
         self.attempts = 0;
         self.stage = Stage::Planning;
     }
 
-    /// A cycle on.
+    /// Counts a cycle.
     pub fn count(&mut self) {
         self.left = (self.left + self.gain).min(SAVED);
     }
 
-    /// Gives up what it was doing.
+    /// Stops the capture.
     pub fn stop(&mut self) {
         self.stage = Stage::Idle;
     }
@@ -96,7 +101,7 @@ impl Capture {
         self.attempts
     }
 
-    /// Amplitude commanded for the coming cycle over the setpoint.
+    /// Amplitude of the next cycle over the setpoint.
     #[must_use]
     pub fn command(&self) -> f32 {
         match self.stage {
@@ -105,8 +110,8 @@ impl Capture {
         }
     }
 
-    /// One cycle on; `plan` is there once the search for kicks is over, `locked` is whether the wanted lock is heard, `settled` whether the amplitude is
-    /// back at the setpoint.
+    /// Advances one cycle. `plan` is the result of the search for kicks. `locked`: the wanted lock
+    /// is detected. `settled`: the amplitude is back at the setpoint.
     pub fn cycle(
         &mut self,
         plan: Option<&Plan>,

@@ -1,83 +1,95 @@
-//! The fault detector: what looks like a fault, and is one where it persists.
+//! Fault detector: signs of a fault in the sensor's readings, each debounced.
+//!
+//! Method: limit checks on measured signals and on residuals against a model of the drive
+//! (Isermann, Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is
+//! detected by counting reversals with hysteresis.
 
 use core::f32::consts::PI;
 
 use crate::control::hear::Cycle;
 use crate::control::state::Fault;
 
-// At a fraction and at a multiple of each of these one of the tests below fails.
-
-/// Steps of the converter that a dead reading may move by: the last one, between two of them.
+/// Peak-to-peak range of a dead reading, in converter steps: a constant voltage between two steps
+/// toggles the last one.
 const STILL_STEPS: u16 = 1;
-/// Cycles of that: from [`Expected::least`] on, the default sensor's noise alone moves over more steps in each.
+/// Cycles of a dead reading that are a fault: from [`Expected::least`] on, the default sensor's
+/// noise alone spans more steps in each.
 const STILL: u8 = 3;
-/// Steps that a cut wire spans: a converter's own noise of 1.5 steps RMS comes to 9 in the 400 samples of a cycle at 50 Hz.
+/// Peak-to-peak range of a cut wire, in converter steps: noise of 1.5 steps RMS spans 9 in 400
+/// samples, a cycle at 50 Hz.
 const NOISE_STEPS: u16 = 10;
-/// Cycles of that and no answer: half of those in which any drive that does not answer is a fault.
+/// Cycles of a cut wire without a response that are a fault: half of [`UNANSWERED`].
 const NOISE: u8 = 8;
-/// Readings of a cycle at the ends of the converter's range. Fewer may be the crest of one ringing: two
-/// readings of 2.4 kHz at 20 kHz, on each side.
+/// Readings per cycle at the ends of the converter's range; one ringing of 2.4 kHz has two on each
+/// side, at 20 kHz.
 const CLIPPED: u16 = 4;
-/// Cycles of that: the time constant of a kick ([`Settings`](crate::control::Settings)), whose crest alone is none.
+/// Cycles of saturation that are a fault: the time constant of a kick
+/// ([`Settings`](crate::control::Settings)), whose crest alone is none.
 const SATURATED: u8 = 5;
-/// Least share of the expected amplitude that is an answer: a third of the least that is plausible.
+/// Smallest amplitude over the expected one that is a response: a third of the smallest plausible
+/// one.
 const ANSWER: f32 = 0.15;
-/// Cycles without one: two time constants of the envelope at Q = 25, in which a drive that was switched on
-/// or retuned has come to 86 % of what is expected.
+/// Cycles without a response that are a fault: two time constants at Q = 25, after which a drive
+/// reaches 86 % of the expected amplitude.
 const UNANSWERED: u8 = 15;
-/// How far, as a factor, they may be apart from how far they usually are in this run: a sensor that loses half of what it
-/// gives, or whose supply falls to half, is not one whose gain was told wrong. A narrower tolerance of the settings replaces it.
+/// Largest factor between the amplitude's ratio to the expected one and its usual value in this
+/// run; it detects halved sensitivity or supply.
 const CHANGED: f32 = 1.9;
-/// Cycles after which that is known, and the memory for it in cycles: drives change by a third as they warm up, in minutes.
+/// Cycles after which the usual ratio counts as estimated.
 const KNOWN: f32 = 16.0;
+/// Memory of the usual ratio in cycles (exponential forgetting): drives change by a third as they
+/// warm up, in minutes.
 const USUAL: f32 = 500.0;
-/// Cycles beyond either: a second at 50 Hz, in which the loop has learned a gain twice over.
+/// Cycles of an implausible amplitude that are a fault: a second at 50 Hz, twice what the gain
+/// estimate needs.
 const IMPLAUSIBLE: u8 = 50;
-/// Distance in rad of a wrong lead from both ends of the half turn where it is wrong. A track lags behind its
-/// output by 0 to pi, an inverted sensor says pi more; within this of the ends are the held output (0.008 rad at
-/// 50 Hz), noise and transients, and only drives further off their resonance than 1/(2 Q tan 0.4), 4.7 % at
-/// Q = 25.
+/// Distance of a wrong lead from both ends of its half turn, in rad, for noise and detuning up to
+/// 4.7 % at Q = 25.
 const WRONG_LEAD: f32 = 0.4;
-/// Cycles of it: as many, for a kick moves the phase too.
+/// Cycles of a wrong lead that are a fault: as many as of saturation, for a kick moves the phase
+/// too.
 const INVERTED: u8 = 5;
-/// Amplitude over the hard limit that is a fault. The reference never goes beyond the limit, and the loop never
-/// more than 3 % beyond its reference ([`AmplitudeLoop`](crate::control::AmplitudeLoop)): five times that.
+/// Amplitude over the hard limit that is a fault: five times the overshoot (3 %) of the
+/// [`AmplitudeLoop`](crate::control::AmplitudeLoop) over a reference within it.
 const EXCESS: f32 = 1.15;
-/// Cycles of it: the least of more than one, for a single one may have been struck.
+/// Cycles of excessive amplitude that are a fault: two, because an impact can raise a single one.
 const EXCESSIVE: u8 = 2;
 
-/// Peak-to-peak swing of the amplitude, over its reference, at which the amplitude has turned. A fifth of the track's mass in
-/// parts moves it by 0.075 to one side in single cycles.
+/// Peak-to-peak swing of the amplitude, over its reference, that counts as a reversal; parts of a
+/// fifth of the track's mass cause 0.075.
 const SWING: f32 = 0.1;
-/// The same swing in standard errors of the amplitude's reading: four standard errors to either side.
+/// Smallest swing in standard errors of the amplitude: four to either side.
 const SWING_NOISE: f32 = 8.0;
-/// Turns that are a fault: three periods. A step of the drive's gain by 1.8 turns the amplitude five times at most.
+/// Reversals that are a fault: three periods; a step of the drive's gain by 1.8 causes five at
+/// most.
 const OSCILLATING: u8 = 6;
-/// Turns from which on the amplitude is not steady, and from which on one beyond [`PEAK`] is a fault: one period.
+/// Reversals from which the amplitude is unsteady, and from which one beyond [`PEAK`] is a fault:
+/// one period.
 const UNSTEADY: u8 = 2;
-/// Amplitude over the hard limit that an oscillation may not reach.
+/// Largest amplitude of an oscillation, over the hard limit.
 const PEAK: f32 = 1.04;
-/// Cycles without a turn after which the amplitude is steady again.
+/// Cycles without a reversal after which the amplitude is steady again.
 const STEADY: u8 = 64;
-/// Change of the reference, as a share of it, after which turns are counted anew.
+/// Relative change of the reference that restarts the count of reversals.
 const MOVED: f32 = 0.05;
 
-/// Turns of the amplitude about a reference that stands still: reversals by more than a threshold (a zigzag filter).
+/// Reversals of the amplitude about a constant reference, counted with hysteresis (a zigzag
+/// filter).
 #[derive(Clone, Copy, Debug, Default)]
 struct Turns {
     reference: f32,
-    /// Highest or lowest amplitude since the last turn, in m.
+    /// Highest or lowest amplitude since the last reversal, in m.
     extreme: f32,
     rising: bool,
     count: u8,
-    /// Cycles since the last turn.
+    /// Cycles since the last reversal.
     since: u8,
 }
 
 impl Turns {
-    /// Takes the amplitude of a cycle and the standard error of its reading, in m; whether it oscillates.
+    /// Adds a cycle's amplitude and its standard error, in m. Whether the amplitude oscillates.
     fn cycle(&mut self, measured: f32, reference: f32, ceiling: f32, error: f32) -> bool {
-        // Also where either is no number.
+        // A reference that is not a number restarts the count.
         let stands = (reference - self.reference).abs() <= MOVED * self.reference;
         if !stands || reference <= 0.0 {
             *self = Self {
@@ -107,13 +119,13 @@ impl Turns {
     }
 }
 
-/// Cycles in which a sign of a fault was seen: each that shows it adds two, each that does not takes one off, so that a
-/// contact that bounces is found as well.
+/// Leaky counter of a fault's sign: each cycle with it adds 2, each without subtracts 1. It also
+/// detects a contact that bounces.
 #[derive(Clone, Copy, Debug, Default)]
 struct Persistence(u8);
 
 impl Persistence {
-    /// Whether `present` has been true for `cycles` cycles.
+    /// Adds a cycle. Whether the sign has persisted for `cycles` cycles.
     fn lasts(&mut self, present: bool, cycles: u8) -> bool {
         self.0 = if present {
             self.0.saturating_add(2)
@@ -124,7 +136,7 @@ impl Persistence {
     }
 }
 
-/// Amplitude measured over amplitude expected, as it usually is in a run.
+/// Ratio of measured to expected amplitude, averaged over the run.
 #[derive(Clone, Copy, Debug, Default)]
 struct Usual {
     ratio: f32,
@@ -132,8 +144,8 @@ struct Usual {
 }
 
 impl Usual {
-    /// Whether an amplitude is too weak and whether it is too strong for one that is expected, by a factor; one that is neither is
-    /// learned.
+    /// Whether an amplitude is too weak and whether it is too strong, by a factor, against the
+    /// expected one and its usual ratio. A plausible one updates that ratio.
     fn judge(&mut self, measured: f32, expected: f32, tolerance: f32) -> (bool, bool) {
         let apart = |factor: f32, usual: f32| {
             (
@@ -155,32 +167,32 @@ impl Usual {
     }
 }
 
-/// What a cycle's reading is held against.
+/// Predictions and limits against which a cycle's reading is checked.
 #[derive(Clone, Copy, Debug)]
 pub struct Expected {
     /// Whether the drive runs.
     pub running: bool,
-    /// Whether the drive's response at its frequency is known: it is not while the resonance is searched for.
+    /// Whether the drive's response at its frequency is predictable: not during a resonance search.
     pub known: bool,
-    /// Amplitude that the outputs so far should have given in this cycle, in m.
+    /// Predicted amplitude of this cycle under the outputs so far, in m.
     pub amplitude: f32,
-    /// Whether the track's lead is more than a quarter turn from the one that the outputs should have given.
+    /// Whether the track's lead is more than a quarter turn from the predicted one.
     pub opposed: bool,
-    /// Amplitude in m that the converter tells from rest.
+    /// Smallest amplitude that the converter detects, in m.
     pub least: f32,
-    /// Largest amplitude that the hard limits allow, in m.
+    /// Largest amplitude within the hard limits, in m.
     pub ceiling: f32,
-    /// Amplitude that the loop follows, in m.
+    /// Reference of the amplitude loop, in m.
     pub reference: f32,
-    /// Standard error of the amplitude's reading, in m.
+    /// Standard error of the measured amplitude, in m.
     pub error: f32,
-    /// How far, as a factor, amplitude measured and amplitude expected may be apart.
+    /// Largest factor between measured and expected amplitude.
     pub tolerance: f32,
-    /// Whether the mean reading deviates from the one at rest that was commissioned.
+    /// Whether the mean reading deviates from the one at rest at commissioning.
     pub shifted: bool,
 }
 
-/// What the reading of the accelerometer is suspected of.
+/// Counters of every sign of a fault.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FaultDetector {
     still: Persistence,
@@ -196,13 +208,13 @@ pub struct FaultDetector {
 }
 
 impl FaultDetector {
-    /// Forgets what is usual of amplitude measured over amplitude expected in this run.
+    /// Resets the usual ratio of measured to expected amplitude.
     pub fn forget_usual(&mut self) {
         self.usual = Usual::default();
     }
 
-    /// Takes a cycle with the amplitude (m) and the lead (rad) measured in it; the fault that it proves, and
-    /// whether its reading may not be trusted.
+    /// Processes a cycle with its measured amplitude (m) and lead (rad). The results are a detected
+    /// fault, and whether the reading is untrusted.
     pub fn cycle(
         &mut self,
         cycle: &Cycle,
@@ -216,7 +228,10 @@ impl FaultDetector {
         let still = moving && span <= STILL_STEPS;
         let saturated = running && !still && cycle.saturated >= CLIPPED;
         let unanswered = moving && !still && measured < ANSWER * expected.amplitude;
-        // A track beside its resonance turns against its output while its amplitude changes: that is expected.
+        // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Near the ends are
+        // the held output (0.008 rad at 50 Hz), noise, transients, and drives further off their
+        // resonance than 1/(2 Q tan 0.4). Beside its resonance a track turns against its output
+        // while its amplitude changes; the prediction includes that.
         let wrong = expected.opposed && lead > WRONG_LEAD && lead < PI - WRONG_LEAD;
         let inverted = moving && !unanswered && wrong;
         if !running {
@@ -230,7 +245,7 @@ impl FaultDetector {
         };
         let shifted = running && expected.shifted;
         let excessive = running && measured > EXCESS * expected.ceiling;
-        // A reading that may not be trusted is no turn of the amplitude.
+        // An untrusted reading is no reversal of the amplitude.
         let trusted = !(still || saturated || unanswered);
         let oscillates = if !running || !expected.known {
             self.turns = Turns::default();
@@ -283,7 +298,7 @@ impl FaultDetector {
         )
     }
 
-    /// Whether the amplitude has not turned back and forth about its reference.
+    /// Whether the amplitude has not reversed back and forth about its reference.
     pub fn is_steady(&self) -> bool {
         self.turns.count < UNSTEADY
     }
@@ -318,7 +333,7 @@ mod tests {
         }
     }
 
-    /// What the detector says of a number of cycles alike.
+    /// Fault that the detector finds in a number of equal cycles.
     fn after(cycles: usize, cycle: &Cycle, measured: f32, lead: f32) -> Option<Fault> {
         let mut detector = FaultDetector::default();
         (0..cycles).fold(None, |found, _| {
@@ -347,7 +362,7 @@ mod tests {
         ] {
             let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &EXPECTED);
             assert_eq!(seen, (None, blind), "{measured}");
-            // Nothing is suspected of a drive whose response is not known, but the converter's own ends.
+            // Without a predictable response only the converter's own ends raise suspicion.
             let searching = Expected {
                 known: false,
                 ..EXPECTED
@@ -430,7 +445,7 @@ mod tests {
         for (ill, sound, (b, lead), (sound_b, sound_lead), cycles, fault) in cases {
             assert_eq!(after(cycles, &ill, b, lead), Some(fault));
             assert_eq!(after(cycles - 1, &ill, b, lead), None, "{fault:?}");
-            // Not so long that it becomes implausible.
+            // Short enough to be no implausible amplitude.
             assert_eq!(after(49, &sound, sound_b, sound_lead), None, "{fault:?}");
         }
     }
@@ -464,12 +479,12 @@ mod tests {
             for _ in 0..200 {
                 assert_eq!(usual.judge(told * 1e-4, 1e-4, 2.5), (false, false));
             }
-            // For as long as it takes to be a fault, and longer.
+            // As long as a fault takes to be detected, and longer.
             let suspected =
                 (0..100).all(|_| usual.judge(changed * 1e-4, 1e-4, 2.5) != (false, false));
             assert_eq!(suspected, found, "{told} {changed}");
         }
-        // As slowly as drives warm up, it is none.
+        // A change as slow as warming up is no fault.
         let mut usual = Usual::default();
         for n in 0..6000 {
             let ratio = 1.0 - 0.5 * n as f32 / 6000.0;
@@ -479,12 +494,12 @@ mod tests {
 
     #[test]
     fn a_narrower_tolerance_bounds_ratio_and_change() {
-        // Against what the gain lets expect.
+        // Against the configured gain.
         for (ratio, found) in [(0.76, true), (0.78, false), (1.29, false), (1.31, true)] {
             let suspected = Usual::default().judge(ratio, 1.0, 1.3) != (false, false);
             assert_eq!(suspected, found, "{ratio}");
         }
-        // Against what is usual.
+        // Against the usual ratio.
         let mut usual = Usual {
             ratio: 1.2,
             cycles: KNOWN,
@@ -530,7 +545,8 @@ mod tests {
         assert_eq!(found, Some(Fault::SensorLost));
     }
 
-    /// The cycle in which an amplitude that swings to both sides of 0.1 mm by a share of it, with a period in cycles, is a fault.
+    /// Cycle at which an amplitude oscillating about 0.1 mm is a fault; its swing is relative, its
+    /// period in cycles.
     fn oscillating(swing: f32, period: f32, ceiling: f32, error: f32) -> Option<usize> {
         let mut turns = Turns::default();
         (0..400).find(|n| {
@@ -545,11 +561,11 @@ mod tests {
         for period in [2.9_f32, 7.0, 20.0, 100.0] {
             let found = oscillating(0.07, period, 1e-3, 0.0).unwrap();
             assert!(found as f32 <= 4.0 * period, "{period}: {found}");
-            // At its limit.
+            // At the hard limit.
             let found = oscillating(0.07, period, 1e-4, 0.0).unwrap();
             assert!(found as f32 <= 2.2 * period + 4.0, "{period}: {found}");
             assert_eq!(oscillating(0.045, period, 1e-4, 0.0), None, "{period}");
-            // What the reading's own error explains.
+            // Within the reading's own error.
             assert_eq!(oscillating(0.07, period, 1e-4, 1e-6), None, "{period}");
         }
         // Too slow to be an oscillation of the loop.
@@ -563,7 +579,7 @@ mod tests {
             let moved = if n % 8 < 4 { 1e-4 } else { 1.3e-4 };
             assert!(!turns.cycle(moved, moved, 1e-4, 0.0));
         }
-        // A few turns, then a pause, and a few more.
+        // A few reversals, then a pause, then a few more.
         for _ in 0..2 {
             for n in 0..4 {
                 let swing = if n % 2 == 0 { 1.08e-4 } else { 0.92e-4 };
@@ -577,7 +593,7 @@ mod tests {
         }
     }
 
-    /// The fault that stops a scene within some cycles, in the envelope.
+    /// Fault that stops a scene in the envelope plant within some cycles.
     fn fault(scene: &Scene, cycles: usize) -> Option<Fault> {
         let mut closed = EnvelopeLoop::build(scene).unwrap();
         (0..cycles).find_map(|_| closed.cycle().report.fault)

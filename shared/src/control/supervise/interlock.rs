@@ -1,25 +1,25 @@
-//! The interlock: what keeps the drive off until somebody acts at the machine.
+//! The interlock: it keeps the drive off until somebody acts at the machine.
 //!
-//! It holds the fault, the latch and the lock-out. No request over the link changes them: they end
-//! by the enable input alone (IEC 60204-1, 9.2.5.4.2), and survive every renewal of the controller.
+//! It holds the fault, the latch and the lock-out. No request over the link changes them. They end
+//! by the enable input alone (IEC 60204-1, 9.2.5.4.2), and outlast every new controller.
 
 use crate::control::inputs::{Inputs, StartCause};
 use crate::control::state::{Event, Events, Fault};
 
-/// Time in s for which the enable input must be off before a fault is acknowledged: no contact
-/// bounces so long.
+/// Time in s for which the enable input must be off to acknowledge a fault, longer than any contact
+/// bounces.
 const ACKNOWLEDGE_SECONDS: f32 = 0.5;
-/// Window in s in which the third fault locks the drive out, and time in s for which the enable
-/// input must then be off.
+/// Window in s in which the third fault locks the drive out, and time off that then acknowledges
+/// it.
 const LOCKOUT_SECONDS: f32 = 60.0;
 
-/// What keeps the drive off.
+/// The causes that keep the drive off.
 #[derive(Clone, Debug)]
 pub struct Interlock {
     fault: Option<Fault>,
     /// Whether the enable input must be off once before the drive may start.
     latched: bool,
-    /// Whether faults came so often that a short withdrawal does not acknowledge them.
+    /// Whether the third fault in the window locked the drive out.
     locked_out: bool,
     /// Drive cycles since the beginning, and those of the last two faults, newest first.
     now: u32,
@@ -35,7 +35,7 @@ pub struct Interlock {
 }
 
 impl Interlock {
-    /// The interlock of a drive that starts for a reason and makes `pace` cycles per second.
+    /// The interlock of a drive that starts for this cause; `pace` in cycles per second.
     #[must_use]
     pub fn begin(start: StartCause, pace: f32) -> Self {
         Self {
@@ -57,7 +57,7 @@ impl Interlock {
         }
     }
 
-    /// The same interlock at another number of cycles per second: times keep their seconds.
+    /// The same interlock at another number of cycles per second; times keep their seconds.
     pub(crate) fn at_pace(&self, pace: f32) -> Self {
         let scale = pace / self.pace;
         let rescaled = |cycles: u32| (cycles as f32 * scale) as u32;
@@ -70,7 +70,8 @@ impl Interlock {
         }
     }
 
-    /// The same interlock after the drive was out of its hands: the enable input must be off once.
+    /// The same interlock after a simulation replaced the controller: the enable input must be off
+    /// once.
     #[must_use]
     pub fn latched(&self) -> Self {
         Self {
@@ -80,8 +81,7 @@ impl Interlock {
         }
     }
 
-    /// The same interlock with settings that belong to no machine: the drive stays off until
-    /// settings were saved.
+    /// The same interlock with invalid settings: the drive stays off until settings are saved.
     #[must_use]
     pub fn without_settings(&self) -> Self {
         Self {
@@ -101,7 +101,7 @@ impl Interlock {
         self.now = self.now.wrapping_add(1);
     }
 
-    /// Takes a fault, unless there is one; whether it was taken.
+    /// Stores a fault, unless there is one. Whether it was stored.
     pub(crate) fn fail(&mut self, fault: Fault, events: &mut Events) -> bool {
         if self.fault.is_some() {
             return false;
@@ -119,12 +119,13 @@ impl Interlock {
         true
     }
 
-    /// The settings in use were saved: a fault for invalid settings may be acknowledged.
+    /// Records that the settings in use were saved. A fault for invalid settings can then be
+    /// acknowledged.
     pub(crate) fn settings_saved(&mut self) {
         self.settings_saved = true;
     }
 
-    /// Takes the inputs of a drive cycle, before anything else looks at them.
+    /// Processes the inputs of a drive cycle, before any other function uses them.
     pub(crate) fn watch(&mut self, inputs: &Inputs) {
         if inputs.enable {
             self.withdrawn = 0;
@@ -136,10 +137,10 @@ impl Interlock {
         }
     }
 
-    /// Takes the inputs of a cycle at rest; whether the drive may start.
+    /// Processes the inputs of a cycle at rest. Whether the drive may start.
     ///
-    /// An enable input that comes on while the link withholds the drive is latched: the link gives
-    /// back only what it stopped itself.
+    /// An enable input that comes on while the link withholds the drive is latched: the link may
+    /// only return a drive that it stopped itself.
     pub(crate) fn may_start(&mut self, inputs: &Inputs) -> bool {
         if !inputs.enable {
             self.latched = false;
@@ -149,16 +150,16 @@ impl Interlock {
         inputs.enable && !inputs.held_off && !inputs.withheld && !self.latched
     }
 
-    /// The running drive begins to stop.
+    /// Records that the running drive begins to stop.
     pub(crate) fn stopping(&mut self, inputs: &Inputs) {
         self.stopped_by_link = inputs.enable && inputs.withheld;
     }
 
-    /// Whether the enable input acknowledges the fault, which is then gone.
+    /// Whether the enable input acknowledges the fault, which this call then clears.
     pub(crate) fn acknowledges(&mut self, inputs: &Inputs, events: &mut Events) -> bool {
         let lasting = match self.fault {
             Some(Fault::SettingsInvalid) => !self.settings_saved,
-            // It ends with the next start.
+            // Only the next start clears it.
             Some(Fault::ImageDamaged) => true,
             Some(Fault::OverTemperature) => inputs.over_temperature,
             Some(Fault::StackLow) => inputs.stack_low,
@@ -221,7 +222,7 @@ mod tests {
         let mut later = interlock.at_pace(100.0);
         wait(&mut later, 4000);
         assert!(later.fail(Fault::SensorLost, &mut events) && !later.locked_out);
-        // Half a second of withdrawal is 25 cycles at 50 Hz and 50 at 100 Hz.
+        // Half a second off is 25 cycles at 50 Hz and 50 at 100 Hz.
         let mut half = Interlock::begin(StartCause::Reset, PACE);
         wait(&mut half, 20);
         let mut half = half.at_pace(100.0);
@@ -233,7 +234,7 @@ mod tests {
 
     #[test]
     fn the_link_gives_back_only_what_it_stopped() {
-        // Stopped by the link: it may give the drive back.
+        // Stopped by the link, which may therefore start it again.
         let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
         interlock.stopping(&inputs(true, true));
         assert!(!interlock.may_start(&inputs(true, true)));
@@ -245,7 +246,7 @@ mod tests {
         assert!(!interlock.may_start(&inputs(true, false)));
         assert!(!interlock.may_start(&inputs(false, false)));
         assert!(interlock.may_start(&inputs(true, false)));
-        // The sample interrupt held the drive off meanwhile: the input was withdrawn.
+        // Meanwhile the sample interrupt held the drive off: the input was off.
         let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
         interlock.stopping(&inputs(true, true));
         interlock.watch(&Inputs {

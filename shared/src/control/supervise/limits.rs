@@ -1,31 +1,31 @@
-//! The limit monitor: what holds the drive back, and since when.
+//! Limit monitor: the limits that hold the drive back; some count only after a delay.
 
 use crate::control::state::Limits;
 
-/// Cycles that the output may stand at its limit: short stays there belong to every start and kick, whose default
-/// time constant is a fifth of this. Tuned: with 10 and with 60 the scene `output_limit` fails.
+/// Cycles of a saturated output that are a limit: five default time constants of a kick, since
+/// starts and kicks saturate briefly.
 const SATURATION: u32 = 25;
 
-/// What the limits depend on in a cycle.
+/// Inputs of the limit monitor in a cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct LimitInputs {
     /// Whether the drive runs.
     pub running: bool,
-    /// Whether the link brought a valid frame.
+    /// Whether the link received a valid frame.
     pub link_heard: bool,
-    /// Cycles for which the link may be silent, where its silence counts.
+    /// Timeout of the link in cycles; `None` where its silence is permitted.
     pub link_timeout: Option<f32>,
     /// Whether there is no setpoint.
     pub no_setpoint: bool,
     /// Whether the setpoint is beyond a hard limit.
     pub cut: bool,
-    /// That hard limit.
+    /// The hard limit that sets the ceiling.
     pub ceiling_limit: Limits,
-    /// Whether the output stands at its limit.
+    /// Whether the output is at its limit.
     pub saturated: bool,
-    /// Whether nothing is heard where parts must be heard.
+    /// Whether no impact is detected where impacts are required.
     pub deaf: bool,
-    /// Whether less is made of a tone above the first than is wanted.
+    /// Whether an upper tone is smaller than wanted.
     pub tones: bool,
 }
 
@@ -33,19 +33,19 @@ pub struct LimitInputs {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LimitMonitor {
     limits: Limits,
-    /// Cycles that the output has stood at its limit.
+    /// Cycles in a row with the output at its limit.
     saturated_for: u32,
     link_silence: u32,
     link_known: bool,
 }
 
 impl LimitMonitor {
-    /// What holds the drive back.
+    /// The limits that hold the drive back.
     pub fn limits(&self) -> Limits {
         self.limits
     }
 
-    /// Takes a cycle.
+    /// Processes a cycle.
     pub fn cycle(&mut self, inputs: &LimitInputs) {
         if inputs.link_heard {
             self.link_known = true;
@@ -75,7 +75,7 @@ impl LimitMonitor {
             .set(Limits::OUTPUT, running && self.saturated_for > SATURATION);
     }
 
-    /// The drive is off: nothing holds it back.
+    /// The drive is off, so no limit holds it back.
     pub fn rest(&mut self) {
         self.saturated_for = 0;
         self.limits = Limits::default();
@@ -98,7 +98,7 @@ mod tests {
         tones: false,
     };
 
-    /// Cycles alike after which a limit holds, of 1000.
+    /// Number of equal cycles after which a limit holds, of 1000.
     fn after(monitor: &mut LimitMonitor, inputs: &LimitInputs, limit: Limits) -> Option<u32> {
         (1..=1000).find(|_| {
             monitor.cycle(inputs);

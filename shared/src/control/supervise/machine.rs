@@ -1,4 +1,8 @@
-//! The state machine of a drive: a cycle's facts in, the next state and a decision out.
+//! The state machine of a drive: one cycle's observations in, next state and decision out.
+//!
+//! The method is a finite-state machine (Mealy 1955) with hysteresis and debouncing. One threshold
+//! of the confidence enters the lock; a lower one leaves it, if it lasts for some cycles in a row.
+//! The permitted transitions are the table of `control/state/transition.rs`.
 
 use super::capture::{Capture, CaptureEvent};
 use super::interlock::Interlock;
@@ -8,47 +12,42 @@ use crate::control::state::{Event, Events, Fault, Limits, State};
 use crate::regime::capture::Plan;
 use crate::regime::classify::{Regime, Verdict};
 
-/// Cycles at the setpoint before the controller takes parts that are not heard in lock for not locked: five times
-/// what the confidence needs to rise (8 cycles), for parts that hop into the lock by themselves. With 20
-/// `the_table_is_what_the_controller_does` fails, with 80 the scene `lock_lost`.
+/// Cycles at the setpoint before a missing lock starts a capture: five rise times of the confidence
+/// (8 cycles), for parts that lock by themselves.
 const PATIENCE: u32 = 40;
-/// Confidence from which a lock is believed: of the 16 cycles that the phase statistics remember, the impacts of
-/// one may be missing, or elsewhere. And confidence below which it is no longer: of parts that have doubled their
-/// period half of the impacts leave the lock's window. At 0.97 `the_table_is_what_the_controller_does` fails, at
-/// 0.5 the scene `not_captured`.
+/// Confidence, 0..1, at which a lock is detected: of the 16 cycles in memory one may lack its
+/// impact.
 const BELIEVED: f32 = 0.9;
-/// At 0.4 the scene `lock_lost` fails.
+/// Confidence, 0..1, below which a lock is doubted: of period-doubled parts half the impacts are
+/// outside the lock's window.
 const DOUBTED: f32 = 0.6;
-/// Cycles in a row of such doubt: most of that memory, so that one gap of it is not doubted twice. With 4
-/// `the_table_is_what_the_controller_does` fails, with 30 the scene `lock_comes_back`.
+/// Cycles of doubt in a row that lose the lock: most of the memory, so that no single gap counts
+/// twice.
 const DOUBTS: u8 = 10;
-/// Cycles in a row near the setpoint before it is reached: the loop's dead time is two, so that the third shows
-/// what the first led to. With 1 the scene `identification` fails, with 2 and with 8
-/// `it_goes_back_to_a_k_just_above_the_one_at_which_parts_cease_to_rest`.
+/// Cycles in a row near the setpoint that reach it: the dead time is two, so the third shows the
+/// effect of the first.
 const ARRIVED: u8 = 3;
-/// Confidence from which a regime that is heard is believed: more likely than not. At 0.8 the scene `chaotic`
-/// fails.
+/// Confidence, 0..1, at which a regime is detected: more likely than not.
 const SURE: f32 = 0.5;
-/// Cycles in lock before the glide to chaos begins: three times the memory of the phase statistics. From 5 to 200
-/// every scene passes.
+/// Cycles in lock before the glide to chaos: three times the memory of the phase statistics.
 const SETTLED: u32 = 50;
-/// Where the way to chaos stands.
+/// Progress on the way to chaos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Glide {
     /// Chaos is not wanted.
     Unwanted,
-    /// First the lock.
+    /// The lock comes first.
     Ahead,
-    /// On the way.
+    /// The amplitude glides.
     Going,
-    /// At the amplitude; whether chaos was heard.
+    /// The amplitude is reached.
     There {
-        /// Whether it was heard.
+        /// Whether chaos was detected.
         heard: bool,
     },
 }
 
-/// What a turn of the enable input asks of the drive.
+/// Response of the drive to the enable input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EnableResponse {
     /// The fault is acknowledged.
@@ -66,52 +65,52 @@ pub enum Clearance {
     Pending,
     /// It may.
     Granted,
-    /// It must not, for this fault.
+    /// It must not, because of this fault.
     Refused(Fault),
 }
 
-/// What a cycle shows of a drive that is to stop.
+/// Observations of a drive that stops.
 #[derive(Clone, Copy, Debug)]
 pub struct Standstill {
     /// Whether the track is at rest.
     pub reached: bool,
-    /// Cycles after which it is taken for at rest.
+    /// Cycles after which the track counts as at rest.
     pub patience: f32,
 }
 
-/// What a cycle shows of a running drive.
+/// Observations of a running drive in one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Observation<'a> {
     /// Whether the amplitude is at the setpoint.
     pub near: bool,
-    /// What holds the drive back.
+    /// Limits that hold the drive back.
     pub limits: Limits,
     /// Confidence that the parts are in the wanted lock, 0..1; `None` where no lock is wanted.
     pub lock: Option<f32>,
-    /// What the parts were last heard to do.
+    /// The last verdict on the parts' regime.
     pub regime: Option<&'a Verdict>,
-    /// The kicks that bring the parts onto the lock, once they are planned.
+    /// The planned kicks that bring the parts onto the lock.
     pub plan: Option<&'a Plan>,
-    /// Where the parts are chaotic, once the search for it is over.
+    /// Result of the search for chaos, once it is over.
     pub chaos: Option<&'a Chaos>,
 }
 
-/// What a cycle's progress asks of what is around the state machine.
+/// Decision that the state machine leaves to the controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Decision {
     /// Nothing.
     Stay,
-    /// What was heard belongs to the past: it is forgotten.
+    /// Forget the impacts so far: they are of an earlier setpoint.
     ListenAnew,
-    /// The setpoint goes to this k, in the chaos of the lot.
+    /// Set the setpoint to this k, in the lot's chaos.
     GoToChaos(f64),
-    /// The setpoint goes back to the lock, from which chaos is reached.
+    /// Set the setpoint back to the lock, from which chaos is reached.
     GoToLock,
-    /// The lot has no chaos: there is no setpoint.
+    /// The lot has no chaos, so there is no setpoint.
     NoChaos,
 }
 
-/// The state, and what the way to the next one depends on.
+/// The state, and the counters on which the next one depends.
 #[derive(Clone, Debug)]
 pub struct StateMachine {
     state: State,
@@ -119,18 +118,18 @@ pub struct StateMachine {
     in_state: u32,
     arrived: u8,
     doubts: u8,
-    /// Whether every kick allowed has failed for the present target.
+    /// Whether every permitted kick has failed for the present target.
     given_up: bool,
     glide: Glide,
-    /// Falls out of chaos since the target was set, and how many are borne.
+    /// Falls out of chaos since the target was set, and the largest permitted number.
     falls: u8,
     borne: f32,
     capture: Capture,
 }
 
 impl StateMachine {
-    /// The state machine of a drive at rest that makes `pace` cycles per second and may be kicked
-    /// `attempts` times; its interlock says whether there is a fault.
+    /// The state machine of a drive at rest: `pace` in cycles per second, `attempts` permitted
+    /// kicks. The interlock holds an earlier fault.
     pub fn begin(interlock: Interlock, pace: f32, attempts: f32) -> Self {
         Self {
             state: if interlock.fault().is_some() {
@@ -150,22 +149,22 @@ impl StateMachine {
         }
     }
 
-    /// What keeps the drive off.
+    /// The interlock, which holds the causes that keep the drive off.
     pub fn interlock(&self) -> &Interlock {
         &self.interlock
     }
 
-    /// The settings in use were saved.
+    /// Records that the settings in use were saved.
     pub fn settings_saved(&mut self) {
         self.interlock.settings_saved();
     }
 
-    /// What the controller is doing.
+    /// The present state.
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// What stopped it.
+    /// The fault that stopped the drive.
     pub fn fault(&self) -> Option<Fault> {
         self.interlock.fault()
     }
@@ -175,12 +174,12 @@ impl StateMachine {
         !matches!(self.state, State::Off | State::Fault)
     }
 
-    /// Whether the regime decides what is done next.
+    /// Whether the detected regime decides the next step.
     pub fn listens_for_chaos(&self) -> bool {
         matches!(self.glide, Glide::Going | Glide::There { .. })
     }
 
-    /// Whether the parts are heard in the chaos that is wanted.
+    /// Whether the wanted chaos is detected.
     pub fn in_chaos(&self) -> bool {
         self.state == State::Holding && self.glide == Glide::There { heard: true }
     }
@@ -195,12 +194,12 @@ impl StateMachine {
         self.capture.attempts()
     }
 
-    /// Amplitude of a kick over the setpoint, in a capture.
+    /// Amplitude of a kick over the setpoint, during a capture.
     pub fn kick(&self) -> Option<f32> {
         (self.state == State::Capturing).then(|| self.capture.command())
     }
 
-    /// Begins the way to a new target; `chaotic` is whether it leads through a lock to chaos.
+    /// Begins the way to a new target. `chaotic`: the way leads through a lock to chaos.
     pub fn pursue(&mut self, chaotic: bool) {
         self.glide = if chaotic {
             Glide::Ahead
@@ -216,14 +215,14 @@ impl StateMachine {
         }
     }
 
-    /// A cycle on.
+    /// Counts a cycle.
     pub fn count(&mut self) {
         self.in_state = self.in_state.saturating_add(1);
         self.interlock.count();
         self.capture.count();
     }
 
-    /// Whether the setpoint was reached since the drive started.
+    /// Whether the setpoint was reached since the start.
     pub fn settled(&self) -> bool {
         matches!(
             self.state,
@@ -236,20 +235,20 @@ impl StateMachine {
         self.in_state = 0;
     }
 
-    /// A fault stops the drive, unless one has.
+    /// Stops the drive with a fault; an earlier fault stays.
     pub fn fail(&mut self, fault: Fault, events: &mut Events) {
         if self.interlock.fail(fault, events) {
             self.enter(State::Fault);
         }
     }
 
-    /// Everything at rest, drive off: the way to chaos begins anew.
+    /// The drive is off and everything at rest; the way to chaos begins anew.
     pub fn rest(&mut self) -> Decision {
         self.capture.stop();
         self.back_to_lock()
     }
 
-    /// Follows the enable input.
+    /// Follows the enable input: starts, stops, or acknowledges a fault.
     pub fn obey(
         &mut self,
         inputs: &Inputs,
@@ -312,7 +311,7 @@ impl StateMachine {
             return Decision::Stay;
         }
         match self.state {
-            // On the way to a setpoint that is not to be gone to.
+            // The setpoint on the way is not permitted.
             State::Starting
                 if limits.contains(Limits::LINK_LOST) || limits.contains(Limits::NO_SETPOINT) =>
             {
@@ -396,7 +395,7 @@ impl StateMachine {
         Decision::Stay
     }
 
-    /// Leaves the lock for chaos, once the search for it is over.
+    /// Leaves the lock for chaos once the search for chaos is over.
     fn leave_lock(&mut self, chaos: Option<&Chaos>, events: &mut Events) -> Decision {
         match chaos.map(|chaos| chaos.k) {
             None => Decision::Stay,
@@ -413,7 +412,7 @@ impl StateMachine {
         }
     }
 
-    /// Goes back to the amplitude of the lock, from which chaos is reached.
+    /// Returns to the amplitude of the lock, from which chaos is reached.
     fn back_to_lock(&mut self) -> Decision {
         if !self.listens_for_chaos() {
             return Decision::Stay;
@@ -422,7 +421,7 @@ impl StateMachine {
         Decision::GoToLock
     }
 
-    /// On the way to chaos, and there: listens whether the parts are in it.
+    /// On the way to chaos and there: tests whether the parts are chaotic.
     fn glide_on(&mut self, seen: &Observation<'_>, events: &mut Events) -> Decision {
         match self.glide {
             Glide::Going if seen.near => {
@@ -445,7 +444,7 @@ impl StateMachine {
         Decision::Stay
     }
 
-    /// The parts fell out of chaos to rest: the way begins anew, as often as kicks are allowed.
+    /// The parts fell out of chaos to rest. The way begins anew, as often as kicks are permitted.
     fn fall(&mut self, events: &mut Events) -> Decision {
         self.falls = self.falls.saturating_add(1);
         let decision = self.back_to_lock();
@@ -478,7 +477,7 @@ mod tests {
         StateMachine::begin(Interlock::begin(start, PACE), PACE, 8.0)
     }
 
-    /// The state after so many cycles with these inputs.
+    /// The state after a number of cycles with these inputs.
     fn after(machine: &mut StateMachine, cycles: u32, inputs: &Inputs) -> State {
         for _ in 0..cycles {
             machine.count();
@@ -550,7 +549,7 @@ mod tests {
         assert_eq!(after(&mut machine, 1, &given), State::Starting);
         assert_eq!(after(&mut machine, 1, &held), State::Stopping);
         assert_eq!(after(&mut machine, 100, &held), State::Off);
-        // An input that chatters acknowledges no fault.
+        // A chattering input acknowledges no fault.
         machine.fail(Fault::SensorLost, &mut Events::default());
         assert_eq!(after(&mut machine, 1000, &held), State::Fault);
     }

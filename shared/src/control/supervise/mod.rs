@@ -1,13 +1,13 @@
-//! What the drive does next: from state to state, up to its limits, until a fault.
+//! Supervision: states, captures, faults, limits.
 //!
 //! | file | holds |
 //! |---|---|
-//! | `interlock` | what keeps the drive off until somebody acts at the machine |
+//! | `interlock` | the causes that keep the drive off until somebody acts at the machine |
 //! | `machine` | the state machine of a drive |
 //! | `capture` | the attempts at capturing the parts, kick by kick |
-//! | `faults` | what looks like a fault of the sensor or the drive, and is one where it lasts |
-//! | `sensor` | tests of the accelerometer itself: its mean at rest, a small swing at each start |
-//! | `limits` | what holds the drive back |
+//! | `faults` | detection of faults of the sensor and the drive |
+//! | `sensor` | tests of the accelerometer: its mean at rest, a small swing at each start |
+//! | `limits` | the limits that hold the drive back |
 
 mod capture;
 mod faults;

@@ -1,39 +1,46 @@
-//! Tests of the accelerometer itself: its mean against the one commissioned, and a small swing at each start.
+//! Tests of the accelerometer: its mean against the commissioned one, and a small swing at each
+//! start.
+//!
+//! The methods are limit checks: on a block average, and on the ratio of measured to predicted
+//! amplitude (Isermann, Fault-Diagnosis Systems, 2006).
 
 use crate::control::hear::Cycle;
 use crate::control::settings::Settings;
 use crate::feeder::STANDARD_GRAVITY;
 
-/// Time in s over which the mean reading is averaged: at 50 Hz the converter's noise leaves 0.03 mV of it.
+/// Averaging time of the mean reading, in s: at 50 Hz the converter's noise leaves 0.03 mV.
 const REST_SECONDS: f32 = 0.1;
-/// Drift in V of the accelerometer's voltage at zero acceleration that is no fault: temperature, supply, age.
+/// Permitted drift of the voltage at zero acceleration, in V: temperature, supply, age.
 const OFFSET_DRIFT: f32 = 0.02;
-/// Drift of its sensitivity that is no fault, as a share of it.
+/// Permitted relative drift of the sensitivity.
 const SENSITIVITY_DRIFT: f32 = 0.05;
 
 /// Amplitude of the test swing over the hard limit.
 const SWING_SHARE: f32 = 0.05;
-/// Its least amplitude over the one that the converter distinguishes from rest: 24 steps of the converter.
+/// Smallest amplitude of the test swing over the smallest detectable one: 24 steps of the
+/// converter.
 const SWING_RESOLUTION: f32 = 3.0;
-/// Time constants of the drive's envelope, and cycles of dead time, before the test swing counts.
+/// Settling time of the test swing in time constants of the drive's envelope.
 const SETTLING: f32 = 2.0;
+/// Additional settling cycles of the test swing, for the dead time.
 const SETTLING_CYCLES: f32 = 3.0;
 /// Cycles over which the test swing is averaged.
 const SWING_CYCLES: f32 = 8.0;
-/// Setting `gain_tolerance` from which on no test swing is made: it was not commissioned.
+/// Value of the setting `gain_tolerance` from which no test swing runs: it was not commissioned.
 pub const UNCOMMISSIONED: f32 = 2.5;
 
-/// The mean reading against the one at rest that commissioning stored: at rest and while the drive runs, as the track's own
-/// acceleration has no mean.
+/// Compares the mean reading with the one at rest at commissioning, at rest and in operation. The
+/// track's own acceleration has no mean.
 #[derive(Clone, Copy, Debug)]
 pub struct RestTest {
-    /// Mean acceleration commissioned and largest deviation from it, in m/s^2; `None` where none was.
+    /// Commissioned mean acceleration and largest deviation from it, in m/s^2; `None` without a
+    /// commissioned one.
     commissioned: Option<[f32; 2]>,
-    /// Drive cycles of an average.
+    /// Drive cycles per average.
     length: f32,
     cycles: f32,
     sum: f32,
-    /// Whether the last whole average deviates.
+    /// Whether the last complete average deviates.
     deviates: Option<bool>,
 }
 
@@ -51,7 +58,8 @@ impl RestTest {
         let per_volt = STANDARD_GRAVITY as f32 / sensitivity;
         let step = converter_reference / libm::exp2f(converter_bits);
         let rest = (sensor_rest - sensor_zero) * per_volt;
-        // Of all gravity, whatever the axis sees of it: a sensor_zero that is wrong does not narrow it.
+        // The sensitivity drifts by a share of full gravity, whatever share the axis measures. A
+        // wrong `sensor_zero` does not narrow the bound.
         let bound = (OFFSET_DRIFT + step) * per_volt + SENSITIVITY_DRIFT * STANDARD_GRAVITY as f32;
         Self {
             commissioned: (sensor_rest > 0.0).then_some([rest, bound]),
@@ -62,12 +70,12 @@ impl RestTest {
         }
     }
 
-    /// Forgets what was averaged.
+    /// Restarts the average.
     pub fn restart(&mut self) {
         (self.sum, self.cycles, self.deviates) = (0.0, 0.0, None);
     }
 
-    /// Takes the mean of a cycle.
+    /// Adds the mean of a cycle.
     pub fn cycle(&mut self, cycle: &Cycle) {
         let Some([rest, bound]) = self.commissioned else {
             return;
@@ -91,36 +99,37 @@ impl RestTest {
     }
 }
 
-/// What a cycle of the test swing showed.
+/// Result of the test swing after a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SwingResult {
-    /// There is none, or it goes on.
+    /// There is no swing, or it still runs.
     Pending,
-    /// Amplitude measured over amplitude expected is within the tolerance.
+    /// Measured amplitude over predicted amplitude is within the tolerance.
     Passed,
-    /// It is not.
+    /// It is outside.
     Failed,
 }
 
-/// A small swing at each start, in which the amplitude measured is compared with the one that the output and the commissioned
-/// gain let expect.
+/// A small swing at each start. It compares the measured amplitude with the prediction from output
+/// and commissioned gain.
 #[derive(Clone, Copy, Debug)]
 pub struct TestSwing {
-    /// Largest factor between the two; `None` where it was not commissioned.
+    /// Largest factor between the two; `None` without commissioning.
     tolerance: Option<f32>,
-    /// Cycles before the swing counts.
+    /// Settling cycles before the average begins.
     settling: f32,
     passed: bool,
     /// Whether the reference is held at the swing, and for how many cycles.
     held: bool,
     cycles: f32,
-    /// Sums of the amplitudes measured and expected, in m.
+    /// Sums of the measured and predicted amplitudes, in m.
     measured: f32,
     expected: f32,
 }
 
 impl TestSwing {
-    /// The swing for these settings and a drive whose envelope has this time constant in cycles.
+    /// The swing for these settings. `envelope` is the time constant of the drive's envelope, in
+    /// cycles.
     pub fn build(settings: &Settings, envelope: f32) -> Self {
         let tolerance = settings.gain_tolerance;
         Self {
@@ -134,7 +143,7 @@ impl TestSwing {
         }
     }
 
-    /// The drive starts.
+    /// Begins the test of a start.
     pub fn begin(&mut self) {
         *self = Self {
             passed: false,
@@ -148,9 +157,9 @@ impl TestSwing {
         (self.cycles, self.measured, self.expected) = (0.0, 0.0, 0.0);
     }
 
-    /// Until the swing is passed: amplitude in m up to which the reference may rise from where it is `now`, and amplitude up to
-    /// which the outputs may take the drive, whatever the accelerometer says. The hard limits allow `ceiling`, the converter
-    /// distinguishes `least` from rest.
+    /// Limits until the swing has passed: for the reference, now at `now`, and for the amplitude
+    /// that the outputs may drive without the accelerometer. All are in m. `ceiling` is the hard
+    /// limit, `least` the smallest detectable amplitude.
     pub fn limits(&self, now: f32, ceiling: f32, least: f32) -> Option<[f32; 2]> {
         let tolerance = self.tolerance.filter(|_| !self.passed)?;
         let swing = (SWING_SHARE * ceiling).max(SWING_RESOLUTION * least);
@@ -158,12 +167,12 @@ impl TestSwing {
         Some([swing, tolerance * swing])
     }
 
-    /// Whether the reference is held at the swing from now on.
+    /// Sets whether the reference is held at the swing.
     pub fn hold(&mut self, held: bool) {
         self.held = held;
     }
 
-    /// Takes the amplitudes of a cycle that were measured and expected, in m.
+    /// Adds the measured and predicted amplitudes of a cycle, in m.
     pub fn cycle(&mut self, measured: f32, expected: f32) -> SwingResult {
         let Some(tolerance) = self.tolerance.filter(|_| self.held && !self.passed) else {
             self.restart();
@@ -180,7 +189,7 @@ impl TestSwing {
         }
         let ratio = self.measured / self.expected;
         self.restart();
-        // Also where the ratio is no number.
+        // A ratio that is not a number fails too.
         if !(1.0..=tolerance * tolerance).contains(&(ratio * tolerance)) {
             return SwingResult::Failed;
         }
@@ -196,7 +205,7 @@ mod tests {
     use crate::control::target::Target;
     use crate::plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Scene};
 
-    /// A commissioned machine whose sensor sees so much of 1 g at rest.
+    /// A commissioned machine whose sensor measures the share `seen` of 1 g at rest.
     fn commissioned(seen: f32) -> Scene {
         let mut scene = Scene {
             target: Target::Amplitude(0.5),
@@ -209,7 +218,7 @@ mod tests {
         scene
     }
 
-    /// What the test at rest says after a time in s of a reading that deviates by so many V.
+    /// Result of the test at rest after a time in s, for a reading that deviates by a voltage.
     fn after(settings: &Settings, seconds: f32, volts: f32) -> Option<bool> {
         let mut test = RestTest::build(settings);
         let rest = settings.sensor_rest + volts - settings.sensor_zero;
@@ -240,7 +249,8 @@ mod tests {
         assert_eq!(after(&uncommissioned, 1.0, 1.0), Some(false));
     }
 
-    /// The fault of a scene within a time in s, the amplitude so far over the hard limit, and the time of the fault.
+    /// The fault of a scene within a time in s, the largest amplitude so far over the hard limit,
+    /// and the time of the fault.
     fn run(scene: &Scene, seconds: f64) -> (Option<Fault>, f64, f64) {
         let mut closed = EnvelopeLoop::build(scene).unwrap();
         let limit = f64::from(scene.settings.amplitude_limit) * 1e-3;
@@ -270,7 +280,7 @@ mod tests {
             assert_eq!(fault, expected, "{seen} {sensitivity}");
             assert_eq!(largest == 0.0, refused);
         }
-        // An inverted sensor sees gravity from the other side.
+        // An inverted sensor measures gravity with the other sign.
         let mut scene = commissioned(1.0);
         let inverted = Disturbance {
             at: 0.0,
@@ -319,7 +329,7 @@ mod tests {
 
     #[test]
     fn a_test_swing_finds_what_the_tolerance_excludes() {
-        // The sensor sees nothing of gravity: only the swing can tell.
+        // The sensor measures nothing of gravity: only the swing can detect it.
         for (sensitivity, gain, excluded) in [
             (1.0, 1.0, false),
             (0.8, 1.0, false),

@@ -1,4 +1,6 @@
-//! Following one part from rest through a kick.
+//! Event-driven simulation of one part from rest through a kick (docs/theory-capture.md#t7.4).
+//!
+//! The amplitude is quasi-static: constant during each flight.
 
 use core::f32::consts::{PI, TAU};
 
@@ -8,54 +10,52 @@ use crate::feeder::OutOfRange;
 use crate::impact::{Kernel, LATE, PartState, SingleImpact};
 use crate::regime::Lock;
 
-/// One part on one drive: what a kick is tried on.
+/// One part on one drive, for which a kick is tried.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
-    /// k of the part at the target amplitude, the amplitude's error included.
+    /// k at the target amplitude, with the error of the amplitude.
     pub k: f64,
     /// Restitution of the part.
     pub restitution: f64,
-    /// Lock order that is wanted.
+    /// Requested lock order.
     pub order: u32,
 }
 
-/// How a trial ended.
+/// Result of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// The part is on the locked orbit, at the target amplitude.
+    /// The part is on the locked orbit at the target amplitude.
     Locked,
-    /// It is not: it rests again and again, or it is still elsewhere when patience ends.
+    /// The part rests repeatedly, or is off the orbit 60 cycles after the kick.
     Missed,
 }
 
-/// Cycles after the kick after which a part that is not locked counts as missed. With 30
-/// `from_rest_a_part_locks_only_where_the_design_says` fails, with 120 it passes.
+/// Time after the kick in cycles after which a part that is not locked counts as missed.
 const PATIENCE: f32 = 60.0;
 
-/// Velocity in `b w` below which chattering is closed to rest by its series; the error in the time of rest is below
-/// 2 % of the chatter that was closed. From 1e-3 to 0.1 every test passes.
+/// Launch velocity in `b w` below which the rest of a chatter is summed as a series. The error in
+/// the time of rest is below 2 % of that chatter.
 const CHATTER: f32 = 0.01;
 
-/// Amplitude over target below which rests after the kick are counted. From 1.005 to 1.1 every test passes.
+/// Amplitude over target below which rests after the kick are counted.
 const NEARLY: f32 = 1.02;
 
-/// Distance to the locked orbit, in rad and `b w`, within which the orbit has the part. At 0.01
-/// `from_rest_a_part_locks_only_where_the_design_says` fails; at 0.1 it passes.
+/// Distance to the locked orbit, in rad and `b w`, within which the part counts as locked. Orbits
+/// that start within it converge to the lock.
 const HELD: f32 = 0.03;
 
-/// Steps of the amplitude over target at which the map is set up anew, 1/128: small against any drive's error, and
-/// several impacts of a slow descent share one set-up. With 512
-/// `planned_kicks_capture_where_the_band_alone_does_not` fails, with 32 the scene `speed` fails.
+/// Resolution of the amplitude over target, in steps per unit; a new step sets the map up anew. It
+/// is small against any drive's error.
 const STEPS: f32 = 128.0;
 
-/// k above which a part may be taken to be at rest for ever; the kernels end there.
+/// Largest k of the map, at which a part rests for ever; the kernels accept none above.
 const HIGHEST: f32 = 4.0;
 
-/// A part that starts at rest when the kick starts, phase 0 of cycle 0, followed impact by impact.
+/// Simulation state of a part that starts at rest with the kick, at phase 0 of cycle 0.
 ///
-/// The map is taken with the amplitude at each launch, in steps of 1/128, for the whole flight that
-/// follows (quasi-static); at each impact the velocity is carried over in m/s, so psi is scaled by the
-/// ratio of amplitudes. A part at rest leaves where `sin t = k` for the amplitude of that moment.
+/// Each flight uses the amplitude at its launch, in steps of 1/128. When the amplitude changes, psi
+/// is scaled by the ratio of amplitudes, so that the velocity in m/s is unchanged. A part at rest
+/// leaves where `sin t = k` at the current amplitude.
 ///
 /// ```
 /// # #[cfg(feature = "unstable")] {
@@ -80,13 +80,13 @@ const HIGHEST: f32 = 4.0;
 #[derive(Clone, Copy, Debug)]
 pub struct Follow<K: Kernel> {
     trial: Trial,
-    /// The trial in f32, in which all but the map is computed: a board does f64 in software.
+    /// Trial in f32, for all computations except the map; the board has no f64 hardware.
     k: f32,
     restitution: f32,
-    /// Phase, velocity and cycles per impact of the locked orbit, where there is one that attracts.
+    /// Phase, velocity and cycles per impact of the attracting locked orbit; `None` without one.
     lock: Option<(f32, f32, f32)>,
     envelope: KickEnvelope,
-    /// Amplitude over target that `map` is set up for.
+    /// Amplitude over target for which `map` is set up.
     amplitude: f32,
     map: K,
     state: Option<K::State>,
@@ -99,7 +99,7 @@ pub struct Follow<K: Kernel> {
 }
 
 impl<K: Kernel> Follow<K> {
-    /// The part of `trial`, at rest, at the start of `kick` on `drive`.
+    /// The part of `trial` at rest, at the start of `kick` on `drive`.
     pub fn new(trial: Trial, drive: DriveLag, kick: Kick) -> Result<Self, OutOfRange> {
         Ok(Self {
             trial,
@@ -130,19 +130,19 @@ impl<K: Kernel> Follow<K> {
         self.time
     }
 
-    /// Impacts, and waits of a resting part for the next cycle, computed so far.
+    /// Number of impacts and of waits of a resting part so far.
     #[must_use]
     pub fn steps(&self) -> u32 {
         self.steps
     }
 
-    /// Set-ups of the map so far.
+    /// Number of set-ups of the map so far.
     #[must_use]
     pub fn set_ups(&self) -> u32 {
         self.set_ups
     }
 
-    /// One impact, or one wait for the next cycle; the outcome once it is known.
+    /// Simulates one impact or one wait for the next cycle; returns the outcome once it is decided.
     pub fn step(&mut self) -> Option<Outcome> {
         self.steps += 1;
         let Some((lock_phase, lock_velocity, order)) = self.lock else {
@@ -163,7 +163,7 @@ impl<K: Kernel> Follow<K> {
         };
         let settled = self.envelope.is_settled();
         let Some(launch) = launch else {
-            // A part that stays at rest at the target amplitude stays for ever.
+            // A part at rest at the target amplitude remains at rest.
             return settled.then_some(Outcome::Missed);
         };
         let SingleImpact {
@@ -180,7 +180,7 @@ impl<K: Kernel> Follow<K> {
             if self.time - since > PATIENCE {
                 return Some(Outcome::Missed);
             }
-            // The orbit strikes in 0..pi/2; phases just before 2 pi are next to those.
+            // The locked phase lies in 0..pi/2; a phase just below 2 pi is adjacent.
             let apart = phase - lock_phase;
             let apart = if apart > PI { apart - TAU } else { apart };
             if libm::fabsf(flight - order) < 0.02
@@ -193,18 +193,18 @@ impl<K: Kernel> Follow<K> {
         if velocity < CHATTER {
             self.close(phase, velocity);
         }
-        // At constant amplitude all rests are followed by the same orbit: if it did not lock once, it
-        // never will.
+        // At constant amplitude each rest leads to the same orbit, so a second rest excludes the
+        // lock.
         (self.rests > 1).then_some(Outcome::Missed)
     }
 
-    /// Amplitude at `time`, in the steps for which the map is set up.
+    /// Amplitude over target at `time`, rounded to the steps of the map.
     fn sample(&mut self, time: f32) -> f32 {
-        // Rounded by the conversion, which the FPU does.
+        // The conversion truncates, in one FPU instruction.
         (self.envelope.amplitude(time) * STEPS + 0.5) as i32 as f32 / STEPS
     }
 
-    /// Sets the map up for an amplitude, if that is another.
+    /// Sets the map up for an amplitude over target, if it changed.
     fn tune(&mut self, amplitude: f32) {
         if amplitude == self.amplitude {
             return;
@@ -226,7 +226,8 @@ impl<K: Kernel> Follow<K> {
         self.k / amplitude
     }
 
-    /// Sums the chatter of a slow part whose pull outlasts it, and leaves it at rest.
+    /// Sums a decaying chatter as a series if the pull outlasts it (docs/theory-impacts.md#t4.1).
+    /// The part is at rest afterwards.
     fn close(&mut self, phase: f32, velocity: f32) {
         if velocity > 0.0 {
             let (sine, cosine) =
@@ -244,14 +245,15 @@ impl<K: Kernel> Follow<K> {
         }
     }
 
-    /// Waits at rest for lift-off at the amplitude of that moment; `None` where that is not in this
-    /// cycle, and the next one begins.
+    /// Waits at rest for lift-off; `None` if there is none in this cycle, and time moves to the
+    /// next.
     fn lift_off(&mut self) -> Option<K::State> {
         let cycle = self.time as u32 as f32;
         let mut phase = (self.time - cycle) * TAU;
         let mut amplitude = 0.0;
         let mut leaves = PI;
-        // Lift-off moves with the amplitude while the part waits; three rounds find it within a step.
+        // Fixed-point iteration: lift-off depends on the amplitude, which changes during the wait.
+        // Three rounds reach a step of the amplitude.
         for _ in 0..3 {
             let sampled = self.sample(cycle + phase / TAU);
             if sampled == amplitude {
@@ -306,8 +308,8 @@ mod tests {
 
     #[test]
     fn from_rest_a_part_locks_only_where_the_design_says() {
-        // docs/theory-capture.md#t7.2: at R = 0.2 below 0.41136 without exception and never above
-        // 0.4178; at R = 0.3 never.
+        // Basin of the lock from rest (docs/theory-capture.md#t7.2): at R = 0.2 below 0.41136
+        // always, above 0.4178 never; at R = 0.3 never.
         for step in 0..40 {
             let part = f64::from(step) / 40.0;
             assert!(locks(0.395 + 0.015 * part, 0.2, Kick::NONE), "{part}");
@@ -333,10 +335,12 @@ mod tests {
             }
             f64::from(held) / 200.0
         };
-        // R = 0.3, k = 0.55: factors 1.25 to 2.3 held for more than 12 cycles "almost always".
+        // At R = 0.3 and k = 0.55, factors of 1.25 to 2.3 held for more than 12 cycles capture
+        // almost always.
         assert!(share(0.55, 0.3, (1.3, 2.3), (14, 50)) > 0.9);
-        // R = 0.5, k = 0.75: a factor of 1.35 held for 18 to 29 cycles locks; how the amplitude is
-        // sampled moves that patch by some per cent and cycles. Above 1.5 only patches.
+        // At R = 0.5 and k = 0.75, a factor of 1.35 held for 18 to 29 cycles captures. The sampling
+        // of the amplitude moves this patch by some per cent and cycles. Above 1.5 there are only
+        // patches.
         let wide = (0..14).any(|step| {
             let factor = 1.32 + 0.005 * step as f32;
             (26..=35).all(|hold| locks(0.75, 0.5, Kick::rectangle(factor, hold).unwrap()))

@@ -1,25 +1,25 @@
-//! The shape of a kick (docs/theory-capture.md#t7.4).
+//! Shape of a kick: a hold followed by a linear descent (docs/theory-capture.md#t7.4).
 
 use crate::feeder::{OutOfRange, accept};
 
-/// A kick: the amplitude commanded over the cycles of a capture, in units of the target amplitude.
+/// Commanded amplitude over the target amplitude during a capture.
 ///
-/// `factor` for `hold` cycles, then straight to `release` within `descent` cycles, then 1. A rectangular
-/// kick (no descent) throws the part straight onto the orbit; a slow descent carries a hopping part
-/// through the cascade until its attractor takes it.
+/// It is `factor` for `hold` cycles, a straight line to `release` over `descent` cycles, then 1.
+/// A rectangular kick (no descent) throws the part onto the orbit. A slow descent moves a hopping
+/// part through the cascade until the lock attracts it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KickSettings {
     /// Highest commanded amplitude over the target amplitude, 1..=10.
     pub factor: f32,
-    /// Cycles at it, 0..=10000.
+    /// Duration at `factor` in cycles, 0..=10000.
     pub hold: u16,
-    /// Cycles of the straight line that follows, 0..=10000.
+    /// Duration of the descent in cycles, 0..=10000.
     pub descent: u16,
-    /// Where that line ends, over the target amplitude, 1..=`factor`.
+    /// Amplitude at the end of the descent over the target amplitude, 1..=`factor`.
     pub release: f32,
 }
 
-/// A kick within its ranges.
+/// A kick with validated settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kick {
     settings: KickSettings,
@@ -36,7 +36,7 @@ impl Kick {
         },
     };
 
-    /// The kick these settings describe; the refusal names the parameter.
+    /// Builds the kick; an error names the parameter out of range.
     pub fn build(settings: KickSettings) -> Result<Self, OutOfRange> {
         let KickSettings {
             factor,
@@ -77,19 +77,19 @@ impl Kick {
         })
     }
 
-    /// What it was built from.
+    /// Settings of the kick.
     #[must_use]
     pub fn settings(&self) -> KickSettings {
         self.settings
     }
 
-    /// Cycles until the command is at the target for good.
+    /// Duration in cycles until the command remains at the target.
     #[must_use]
     pub(crate) fn length(&self) -> u32 {
         u32::from(self.settings.hold) + u32::from(self.settings.descent)
     }
 
-    /// The commanded amplitude over the target amplitude in drive cycle `cycle`, counted from 0.
+    /// Commanded amplitude over the target amplitude in drive cycle `cycle`, counted from 0.
     #[must_use]
     pub(crate) fn command(&self, cycle: u32) -> f32 {
         let KickSettings {

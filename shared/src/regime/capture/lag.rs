@@ -1,21 +1,26 @@
-//! How a drive's amplitude follows its command.
+//! Amplitude of a first-order drive through a kick.
+//!
+//! The model is the exact discretization of a first-order lag with zero-order hold (K. J. Åström
+//! and B. Wittenmark, Computer-Controlled Systems, 1997), one sample a drive cycle, with linear
+//! interpolation between samples.
 
 use super::Kick;
 use crate::feeder::{OutOfRange, accept};
 
-/// What the planner must know of a drive.
+/// Inputs of the drive model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveLagSettings {
-    /// Time constant of the amplitude in drive cycles, 0..=1000; `Q / pi` for an uncontrolled resonance.
+    /// Time constant of the amplitude in drive cycles, 0..=1000; `Q / pi` for an uncontrolled
+    /// resonance.
     pub time_constant: f64,
-    /// Amplitude before the kick over the target amplitude, 0..=1. Below the target k the part rests.
+    /// Amplitude before the kick over the target amplitude, 0..=1. Below the target the part rests.
     pub start: f64,
-    /// Highest amplitude the drive may be asked for, over the target amplitude, 1..=10.
+    /// Highest commanded amplitude over the target amplitude, 1..=10.
     pub limit: f64,
 }
 
 impl DriveLagSettings {
-    /// The design's drive: 5 cycles, from standstill, 2.5 times the target at most.
+    /// The reference drive: 5 cycles, from standstill, at most 2.5 times the target.
     pub const DEFAULT: Self = Self {
         time_constant: 5.0,
         start: 0.0,
@@ -23,7 +28,7 @@ impl DriveLagSettings {
     };
 }
 
-/// A drive of first order: after a step of the command the amplitude error falls as
+/// A first-order drive: after a step of the command the error falls as
 /// `exp(-cycles / time constant)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveLag {
@@ -33,7 +38,7 @@ pub struct DriveLag {
 }
 
 impl DriveLag {
-    /// The drive these settings describe; the refusal names the parameter.
+    /// Builds the drive; an error names the parameter out of range.
     pub fn build(settings: DriveLagSettings) -> Result<Self, OutOfRange> {
         let DriveLagSettings {
             time_constant,
@@ -66,14 +71,13 @@ impl DriveLag {
     }
 }
 
-/// Below this distance from a constant command the amplitude counts as arrived. At 0.01
-/// `the_envelope_is_the_exponential_of_its_time_constant` fails.
+/// Distance of amplitude over target from a constant command below which it is set to the command.
 const SETTLED: f32 = 2e-3;
 
-/// The amplitude of the track over the target amplitude through one kick.
+/// Amplitude of the track over the target amplitude through one kick.
 ///
-/// The command changes once a cycle, at phase 0; the amplitude between two cycle starts is the straight
-/// line between their exact values, which is within `step / (8 tau^2)` of the exponential.
+/// The command changes once a cycle, at phase 0. Between cycle starts the amplitude is interpolated
+/// linearly; the error is below `step / (8 tau^2)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KickEnvelope {
     drive: DriveLag,
@@ -84,8 +88,8 @@ pub struct KickEnvelope {
 }
 
 impl KickEnvelope {
-    /// The envelope of `kick` on `drive`, at the start of cycle 0; the command is held at the limit of
-    /// the drive.
+    /// Envelope of `kick` on `drive` at the start of cycle 0. The command is limited to the drive's
+    /// limit.
     #[must_use]
     pub fn new(drive: DriveLag, kick: Kick) -> Self {
         let mut envelope = Self {
@@ -109,8 +113,8 @@ impl KickEnvelope {
         }
     }
 
-    /// Amplitude over target at `time` in drive cycles since the start of the kick; `time` must not run
-    /// backwards by more than the cycle it is in.
+    /// Amplitude over target at `time` in drive cycles since the start of the kick. Times must not
+    /// fall below the current cycle.
     pub fn amplitude(&mut self, time: f32) -> f32 {
         let cycle = time as u32;
         while self.cycle < cycle && !self.is_settled() {
@@ -125,13 +129,13 @@ impl KickEnvelope {
         self.now + (self.next - self.now) * part
     }
 
-    /// Whether the command is back at the target for good.
+    /// Whether the command remains at the target from now on.
     #[must_use]
     pub(crate) fn is_over(&self) -> bool {
         self.cycle >= self.kick.length()
     }
 
-    /// Whether the kick is over and the amplitude has arrived at the target.
+    /// Whether the kick is over and the amplitude has reached the target.
     #[must_use]
     pub(crate) fn is_settled(&self) -> bool {
         self.is_over() && self.now == 1.0
@@ -161,7 +165,8 @@ mod tests {
                 1.0 + (rise(20.0) - 1.0) * libm::exp(-(f64::from(time) - 20.0) / 5.0)
             };
             let amplitude = f64::from(envelope.amplitude(time));
-            // The chord of the exponential over one cycle: step / (8 tau^2) = 1/200; then SETTLED.
+            // Error bound: the chord of the exponential over one cycle, step / (8 tau^2) = 1/200,
+            // plus SETTLED.
             assert!(
                 (amplitude - exact).abs() < 0.0051,
                 "{time} {amplitude} {exact}"

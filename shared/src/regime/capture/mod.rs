@@ -1,9 +1,9 @@
-//! Capture: bringing a part from rest onto the locked orbit by a kick of the amplitude.
+//! Capture: bringing a part from rest onto the locked orbit by a temporary rise of the amplitude (a
+//! kick).
 //!
-//! A band is not enough: from rest a part reaches the locked orbit only in a small piece of the band at
-//! low restitution, and nowhere above R = 0.26 (docs/theory-capture.md#t7.2). A kick raises the amplitude for
-//! some cycles and lets it come back; which kick works is computed with the impact map itself, for every
-//! part of a lot, by the desk and by the board alike.
+//! In the band alone, a part at rest reaches the lock only at low restitution, and nowhere above
+//! R = 0.26 (docs/theory-capture.md#t7.2). A kick is chosen by simulating parts of the whole lot
+//! with the impact map. Desk and board use the same code.
 
 mod follow;
 mod kick;

@@ -1,4 +1,8 @@
-//! Which kick captures the parts of a lot: a search bounded in time and memory.
+//! Search for the kick that captures the largest share of a lot (docs/theory-capture.md#t7.4).
+//!
+//! The method is ranking and selection over a list of candidate kicks (Bechhofer, Santner and
+//! Goldsman 1995). A screen on few parts drops weak kicks early; confirmation and a recount on more
+//! parts follow. Time and memory are bounded.
 
 use core::task::Poll;
 
@@ -9,22 +13,22 @@ use crate::feeder::{OutOfRange, Restitution, accept};
 use crate::impact::Kernel;
 use crate::regime::band;
 
-/// The parts that one kick must capture, and how well their amplitude is known.
+/// Parts that one kick must capture, and the error of their amplitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lot {
     /// k at the target amplitude.
     pub k: f64,
     /// Restitution of the parts.
     pub restitution: Restitution,
-    /// Lock order that is wanted, 1..=100.
+    /// Requested lock order, 1..=100.
     pub order: u32,
-    /// The true amplitude is within this fraction of the one commanded, 0..=0.2.
+    /// Largest relative error of the amplitude, 0..=0.2.
     pub amplitude_error: f64,
 }
 
 impl Lot {
-    /// Part number `index` of the lot: the four corners of restitution and amplitude error first, then
-    /// an evenly filling sequence (Roberts' R2, additive recurrence of the plastic number).
+    /// Part number `index` of the lot. The four corners of restitution and amplitude error come
+    /// first, then Roberts' R2 low-discrepancy sequence.
     #[cfg_attr(not(feature = "unstable"), doc(hidden))]
     #[must_use]
     pub fn part(&self, index: u32) -> Trial {
@@ -50,72 +54,72 @@ impl Lot {
     }
 }
 
-/// What a planner is given.
+/// Inputs of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlanSettings {
     /// The parts.
     pub lot: Lot,
     /// The drive.
     pub drive: DriveLag,
-    /// Time constant of the drive in cycles, which scales the holds that are tried.
+    /// Time constant of the drive in cycles; it scales the holds of the candidates.
     pub time_constant: f64,
-    /// Effort after which the search ends with the best kick so far, in impacts; a set-up of the map
+    /// Work in impacts after which the search ends with the best kick so far. A set-up of the map
     /// counts as [`SET_UP`] impacts.
     pub effort: u32,
 }
 
 impl PlanSettings {
-    /// A search that needs all of it takes 20 million instructions of a Cortex-M4F, 495 for each impact's worth.
+    /// Default work in impacts. It takes 20 million instructions on a Cortex-M4F, 495 an impact.
     pub const EFFORT: u32 = 40_000;
 }
 
-/// What a set-up of the map for another amplitude costs, in impacts: an arcsine, a square root and a
-/// division in integers.
+/// Cost of a set-up of the map, in impacts: an arcsine, a square root and a division in integers.
 pub const SET_UP: u32 = 3;
 
-/// A kick and how it did.
+/// A kick and its count of captures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scored {
     /// The kick.
     pub kick: Kick,
-    /// Parts it was tried on.
+    /// Number of parts tried.
     pub tried: u32,
-    /// Parts it captured.
+    /// Number of parts captured.
     pub locked: u32,
 }
 
 impl Scored {
-    /// Share of the parts that it captured, 0..=1.
+    /// Share of the tried parts that it captured, 0..=1.
     #[must_use]
     pub fn share(&self) -> f64 {
         f64::from(self.locked) / f64::from(self.tried.max(1))
     }
 
-    /// Expected share on further parts (Laplace's rule), which does not trust a few lucky trials.
+    /// Expected share on further parts by Laplace's rule of succession, which discounts short
+    /// samples.
     fn expected(&self) -> f64 {
         f64::from(self.locked + 1) / f64::from(self.tried + 2)
     }
 }
 
-/// Kicks that are kept for further attempts.
+/// Number of kicks kept for later attempts.
 const KEPT: usize = 4;
 
-/// The kicks of a finished search, best first.
+/// Result of a search: the kept kicks, best first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     ranked: Vec<Scored, KEPT>,
-    /// Impacts computed, waits of resting parts included.
+    /// Number of impacts computed, waits of resting parts included.
     pub impacts: u32,
-    /// Set-ups of the map for another amplitude or part.
+    /// Number of set-ups of the map for another amplitude or part.
     pub set_ups: u32,
-    /// Kicks tried.
+    /// Number of kicks tried.
     pub kicks: u32,
 }
 
 impl Plan {
-    /// Brings the kept kicks into the order of what they are expected to capture.
+    /// Sorts the kept kicks by expected share, largest first.
     fn sort(&mut self) {
-        // Stable, without allocation.
+        // Bubble sort: stable and without allocation.
         for end in (1..self.ranked.len()).rev() {
             for rank in 0..end {
                 if let Some([first, second]) = self.ranked.get_mut(rank..rank + 2)
@@ -127,20 +131,20 @@ impl Plan {
         }
     }
 
-    /// What the search cost, in impacts.
+    /// Cost of the search, in impacts.
     #[must_use]
     pub fn effort(&self) -> u32 {
         self.impacts + SET_UP * self.set_ups
     }
 
-    /// The best kick; `None` where no kick captured anything.
+    /// The best kick; `None` if no kick captured a part.
     #[must_use]
     pub fn best(&self) -> Option<Scored> {
         self.ranked.first().copied()
     }
 
-    /// The kick for attempt number `attempt`, counted from 0: each the next best, and held some cycles
-    /// longer once all have had their turn, so that no attempt repeats an earlier one.
+    /// Kick for attempt number `attempt`, counted from 0. Attempts cycle through the kept kicks;
+    /// each further cycle holds the kick one drive cycle longer, so no attempt repeats.
     #[must_use]
     pub fn attempt(&self, attempt: u32) -> Option<Kick> {
         let known = self.ranked.len() as u32;
@@ -154,12 +158,12 @@ impl Plan {
     }
 }
 
-/// A search for kicks, resumable in slices.
+/// Search for kicks, resumable in slices.
 ///
-/// It tries rectangular kicks and slow descents, those that suit the restitution and shorter ones first,
-/// gives a kick up as soon as it cannot beat the ones that are kept, and ends with the first that captures
-/// 48 parts of 48. Without such a one it spends two fifths of the effort on recounting the best, whose
-/// first count was partly luck. All its memory is in itself.
+/// Candidates are rectangular kicks and slow descents, the more suitable and shorter ones first. A
+/// kick that cannot reach the kept ones is dropped. The search ends at the first kick that captures
+/// 48 of 48 parts. Otherwise two fifths of the work recount the kept kicks, whose first counts are
+/// biased upwards by selection. Memory is fixed.
 ///
 /// ```
 /// use kband::feeder::Restitution;
@@ -191,61 +195,59 @@ pub struct Planner<K: Kernel> {
     flip: f64,
     candidate: u16,
     running: Option<(Scored, Option<Follow<K>>)>,
-    /// Rank of the kept kick whose next part runs, once the search is over.
+    /// Rank of the kept kick that is recounted next; `None` during the search.
     recounted: Option<usize>,
     plan: Plan,
     done: bool,
 }
 
-/// Parts on which a kick is screened. With 4 to 32 `planned_kicks_capture_where_the_band_alone_does_not` passes.
+/// Number of parts of the screen of a kick.
 const SCREENED: u32 = 16;
 
-/// Misses among them that end the screening of a kick while there is nothing to compare it with. With 1 the scene
-/// `speed` fails; with 6 it passes.
+/// Largest number of misses in the screen while fewer than four kicks are kept.
 const ALLOWED: u32 = 3;
 
-/// Parts on which a kick that passed the screen is confirmed.
+/// Number of parts on which a kick that passed the screen is confirmed.
 const CONFIRMED: u32 = 48;
 
-/// Fifths of the effort that the search may take; the rest recounts the kept kicks. With 1 or 2
-/// `planned_kicks_capture_where_the_band_alone_does_not` fails.
+/// Share of the work spent on the search, in fifths; the rest is for the recount.
 const SEARCH_FIFTHS: u32 = 3;
 
-/// Parts on which the kept kicks are recounted at most. With 24 every test passes.
+/// Largest number of parts of the recount of a kick.
 const RECOUNTED: u32 = 96;
 
-/// What came of one impact of a trial.
+/// Result of one impact of a trial.
 enum Tried {
     Flying,
     Ended(Scored),
     Refused,
 }
 
-/// Impacts of one trial after which it counts as missed, so that no trial eats the budget. With 300 every test
-/// passes.
+/// Number of impacts after which a trial counts as missed; it bounds the work of one trial.
 const MOST_IMPACTS: u32 = 6_000;
 
-/// Commanded k of rectangular kicks over the lot's highest flip.
+/// Commanded k of the rectangular kicks over the lot's highest flip.
 const DEPTHS: [f64; 8] = [0.93, 0.88, 0.82, 0.75, 0.65, 0.55, 0.45, 0.35];
 
-/// Holds of rectangular kicks in time constants of the drive.
+/// Holds of the rectangular kicks, in time constants of the drive.
 const HOLDS: [f64; 3] = [2.5, 4.0, 6.5];
 
-/// Descents after them in cycles.
+/// Descents of the rectangular kicks, in cycles.
 const SHORT_DESCENTS: [u16; 2] = [0, 30];
 
-/// Cycles of the slow descents.
+/// Lengths of the slow descents, in cycles.
 const SLOW_DESCENTS: [u16; 4] = [60, 120, 240, 400];
 
-/// High bounds of restitution for which slow descents are tried first in order 1: below, rectangular
-/// kicks are surer and shorter; above, both capture by luck and the shorter ones buy more attempts.
+/// Upper bound of restitution at which slow descents come first, in order 1. Below, rectangular
+/// kicks are more reliable and shorter; above, neither is reliable and shorter kicks allow more
+/// attempts.
 const LIVELY: core::ops::Range<f64> = 0.35..0.58;
 
-/// Commanded k, over the lot's highest flip, where a slow descent begins and where it ends.
+/// Commanded k at the start and end of a slow descent, over the lot's highest flip.
 const SLOW_SPANS: [(f64, f64); 4] = [(0.82, 1.0), (0.80, 0.90), (0.82, 0.88), (0.70, 0.90)];
 
 impl<K: Kernel> Planner<K> {
-    /// The planner for these settings; the refusal names the parameter.
+    /// Begins a search; an error names the parameter out of range.
     pub fn new(settings: PlanSettings) -> Result<Self, OutOfRange> {
         let lot = settings.lot;
         accept(
@@ -271,7 +273,7 @@ impl<K: Kernel> Planner<K> {
         })
     }
 
-    /// Kick number `index`; `Err` past the last, `Ok(None)` where the drive cannot give it.
+    /// Candidate number `index`; `Err` past the last, `Ok(None)` beyond the drive's limit.
     fn candidate(&self, index: u16) -> Result<Option<Kick>, ()> {
         let mut index = usize::from(index);
         if index == 0 {
@@ -317,7 +319,7 @@ impl<K: Kernel> Planner<K> {
         })
     }
 
-    /// Computes at most `slice` further impacts; the plan, once the search is over.
+    /// Computes at most `slice` further impacts and returns the plan at the end of the search.
     pub fn advance(&mut self, slice: u32) -> Poll<Plan> {
         for _ in 0..slice {
             if self.done || !self.step() {
@@ -331,7 +333,7 @@ impl<K: Kernel> Planner<K> {
         Poll::Pending
     }
 
-    /// One impact; `false` when the plan is made.
+    /// Computes one impact; returns `false` at the end of the search.
     fn step(&mut self) -> bool {
         let effort = self.plan.effort();
         if effort >= self.settings.effort {
@@ -346,14 +348,14 @@ impl<K: Kernel> Planner<K> {
         }
     }
 
-    /// Ends the search: the rest of the effort goes into trying the kept kicks on more parts, because the
-    /// best of many short trials was partly lucky.
+    /// Ends the search and begins the recount, which removes the selection bias of the kept kicks.
     fn recount(&mut self) {
         self.running = None;
         self.recounted = Some(0);
     }
 
-    /// One impact of the recount; `false` when all kept kicks were tried on enough parts.
+    /// Computes one impact of the recount; returns `false` once each kept kick has [`RECOUNTED`]
+    /// trials.
     fn step_recount(&mut self, rank: usize) -> bool {
         let open = |rank: usize| {
             let kept = self.plan.ranked.get(rank).copied();
@@ -379,7 +381,8 @@ impl<K: Kernel> Planner<K> {
         }
     }
 
-    /// One impact of the search; `false` when a sure kick was found.
+    /// Computes one impact of the search; returns `false` once a kick captured each of
+    /// [`CONFIRMED`] parts.
     fn step_search(&mut self) -> bool {
         let Some(scored) = self.running.as_ref().map(|(scored, _)| *scored) else {
             match self.candidate(self.candidate) {
@@ -406,7 +409,7 @@ impl<K: Kernel> Planner<K> {
         };
         let missed = scored.tried - scored.locked;
         let enough = if missed > 1 { SCREENED } else { CONFIRMED };
-        // Even if it captured all the rest of the screen it would not be kept.
+        // Bound: even with no further miss in the screen this kick would not be kept.
         let hopeless = match self.plan.ranked.get(KEPT - 1) {
             None => missed > ALLOWED,
             Some(last) => {
@@ -426,7 +429,7 @@ impl<K: Kernel> Planner<K> {
         missed > 0 || scored.tried < CONFIRMED
     }
 
-    /// One impact of the next part of `scored`.
+    /// Computes one impact of the next part of `scored`.
     fn try_part(&mut self, mut scored: Scored) -> Tried {
         let lot = &self.settings.lot;
         let drive = self.settings.drive;
@@ -458,7 +461,7 @@ impl<K: Kernel> Planner<K> {
         Tried::Ended(scored)
     }
 
-    /// Puts a scored kick into its rank; of equals the earlier, shorter one stays ahead.
+    /// Inserts a kick by rank; at equal rank the earlier, shorter one stays ahead.
     fn keep(&mut self, scored: Scored) {
         if scored.locked == 0 {
             return;
@@ -469,7 +472,7 @@ impl<K: Kernel> Planner<K> {
                 core::mem::swap(held, &mut next);
             }
         }
-        // The worst has no room once enough are kept.
+        // The lowest-ranked kick is dropped when the list is full.
         let _ = self.plan.ranked.push(next);
     }
 }
@@ -525,7 +528,8 @@ mod tests {
         false
     }
 
-    /// Parts captured out of `runs` other than those the plan was made on, with `attempts` kicks.
+    /// Share of `runs` parts captured within `attempts` kicks, on parts other than those of the
+    /// plan.
     fn rate(settings: PlanSettings, plan: &Plan, runs: u32, attempts: u32) -> f64 {
         let mut held = 0;
         for run in 0..runs {
@@ -542,8 +546,8 @@ mod tests {
 
     #[test]
     fn planned_kicks_capture_where_the_band_alone_does_not() {
-        // The controller's goals are 0.99, 0.99, 0.97 and 0.90; measured with 1000 runs and 6 attempts:
-        // 1.000, 1.000, 1.000, 0.991. With 100 runs two standard deviations of 0.9 are 0.06.
+        // The controller's goals are 0.99, 0.99, 0.97 and 0.90; 1000 runs with 6 attempts gave
+        // 1.000, 1.000, 1.000, 0.991. At 0.9 the standard error of 100 runs is 0.03.
         for (low, high, time_constant, least) in [
             (0.18, 0.22, 5.0, 0.99),
             (0.28, 0.32, 5.0, 0.99),
@@ -552,7 +556,7 @@ mod tests {
         ] {
             let settings = settings(low, high, time_constant);
             let plan = plan(settings);
-            // The last step may set the map up once or twice beyond the limit.
+            // The last step may add up to three set-ups.
             assert!(plan.effort() <= settings.effort + 3 * SET_UP);
             let captured = rate(settings, &plan, 100, 6);
             assert!(captured >= least, "{low}..{high}: {captured}");

@@ -1,12 +1,15 @@
-//! Restitution that scatters, drawn in single precision: what a plan on the board tries its parts with.
+//! Random restitutions in single precision for the simulations of a plan on the board.
+//!
+//! The generator is SplitMix (Steele, Lea and Flood, OOPSLA 2014) in 32 bits: a Weyl sequence
+//! through a mixing function.
 
 use crate::arithmetic::gauss;
 
-/// Largest restitution that is drawn.
+/// Largest restitution drawn, one rounding step below 1.
 const HIGHEST: f32 = 1.0 - f32::EPSILON;
 
-/// A seeded stream of restitutions in f32: Gaussian about a mean, clipped to [0, 1), as
-/// [`Scatter`](crate::impact::Scatter) draws them in f64.
+/// Seeded stream of restitutions: Gaussian, clipped to [0, 1), as
+/// [`Scatter`](crate::impact::Scatter) in f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Draw {
     mean: f32,
@@ -15,22 +18,23 @@ pub struct Draw {
 }
 
 impl Draw {
-    /// Restitutions about a mean with a standard deviation (symbol s), both within what the plan's settings allow.
+    /// Restitutions with a mean and a standard deviation (symbol s), both within the ranges of the
+    /// plan's settings.
     pub fn new(mean: f32, deviation: f32, seed: u32) -> Self {
         Self {
             mean,
             deviation,
-            // Streams of neighbouring seeds begin far apart.
+            // Mixing separates the streams of neighbouring seeds.
             state: mixed(seed.wrapping_mul(0x9E37_79B9) ^ 0x5851_F42D),
         }
     }
 
-    /// The mean before clipping.
+    /// Mean before clipping.
     pub fn mean(&self) -> f32 {
         self.mean
     }
 
-    /// The restitution of the next impact.
+    /// Draws the restitution of the next impact.
     #[inline]
     pub fn draw(&mut self) -> f32 {
         if self.deviation == 0.0 {
@@ -45,14 +49,15 @@ impl Draw {
         mixed(self.state)
     }
 
-    /// Uniform in 0..1, 0 excluded, in steps of 2^-24.
+    /// Uniform in 0..1 without 0, in steps of 2^-24.
     #[inline]
     fn uniform(&mut self) -> f32 {
         ((self.bits() >> 8) as f32 + 0.5) * (1.0 / 16_777_216.0)
     }
 }
 
-/// A bijection of 32 bits whose every output bit depends on every input bit (C. Wellons, hash-prospector: bias 0.17).
+/// Mixing function: a bijection of 32 bits in which each input bit affects each output bit (C.
+/// Wellons, hash-prospector, bias 0.17).
 #[inline]
 fn mixed(mut z: u32) -> u32 {
     z = (z ^ (z >> 16)).wrapping_mul(0x21f0_aaad);
@@ -79,7 +84,7 @@ mod tests {
                 *count += u32::from(x > limit);
             }
         }
-        // Five standard errors of each over so many draws.
+        // Each bound is five standard errors.
         for (moment, (expected, error)) in
             moments
                 .iter()
@@ -115,7 +120,7 @@ mod tests {
         for seed in 0..20 {
             let (a, b) = (draws(seed), draws(seed + 1));
             let product: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
-            // Five standard errors of a correlation over 1000 draws, 0.16.
+            // Five standard errors of a correlation over 1000 draws are 0.16.
             assert!((product / (1000.0 * 0.05 * 0.05)).abs() < 0.16, "{seed}");
         }
     }

@@ -1,11 +1,16 @@
-//! A smooth share fitted to many short runs about a place: what single runs err by averages out.
+//! Response surface of the share of time in gear, fitted to short simulated runs by ridge
+//! regression.
+//!
+//! Sources: local regression (W. S. Cleveland, J. Am. Stat. Assoc. 74 (1979) 829) with equal
+//! weights, and ridge regression (Hoerl and Kennard, Technometrics 12 (1970) 55). Averaging over
+//! runs makes the error of the fit smaller than that of a run.
 
-/// Coefficients: of a place's three coordinates up to second order and the first one's third, and of the part's place in
-/// the lot up to second order.
+/// Number of coefficients: a quadratic in three coordinates, the cube of the first, and a quadratic
+/// of the part's restitution within the lot.
 const TERMS: usize = 13;
 const TRIANGLE: usize = TERMS * (TERMS + 1) / 2;
 
-/// The rows of a lower triangle that stand whole in a list; each ends on the diagonal.
+/// Rows of a packed lower triangle; each ends on the diagonal.
 fn rows(triangle: &[f32]) -> impl Iterator<Item = &[f32]> {
     let mut rest = triangle;
     (1..=TERMS).map_while(move |length| {
@@ -15,7 +20,7 @@ fn rows(triangle: &[f32]) -> impl Iterator<Item = &[f32]> {
     })
 }
 
-/// Solves the equations of a lower triangle, in place of their right side.
+/// Solves `L x = b` by forward substitution, in place.
 fn solve_down(triangle: &[f32], right: &mut [f32]) {
     for (n, row) in rows(triangle).enumerate() {
         let (Some((before, [value, ..])), Some((diagonal, row))) =
@@ -30,10 +35,10 @@ fn solve_down(triangle: &[f32], right: &mut [f32]) {
     }
 }
 
-/// Solves the equations of the same triangle turned over.
+/// Solves `L^T x = b` by back substitution, in place.
 fn solve_up(triangle: &[f32], right: &mut [f32; TERMS]) {
     for n in (0..TERMS).rev() {
-        // Rows above have no such column: it begins on the diagonal.
+        // Row n is the first with column n, on the diagonal.
         let mut column = rows(triangle).filter_map(|row| row.get(n));
         let (Some((_, [value, after @ ..])), Some(diagonal)) =
             (right.split_at_mut_checked(n), column.next())
@@ -47,31 +52,32 @@ fn solve_up(triangle: &[f32], right: &mut [f32; TERMS]) {
     }
 }
 
-/// Weighted least squares of the share of time in gear over k, e and th about a centre (W. S. Cleveland, J. Am. Stat.
-/// Assoc. 74 (1979) 829, with one window), in coordinates of -1..1 within the region.
+/// Normal equations of the fit over k, e and th about a centre, in coordinates of -1..1 within the
+/// region.
 ///
-/// The part's place in the lot has terms of its own, with the mean 0 over the lot: which parts happened to be drawn does
-/// then not count.
+/// The restitution within the lot has terms of its own, with mean 0 over the lot. They remove the
+/// effect of the restitutions that happened to be drawn.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
-    /// Lower triangle of the normal equations, row by row, and their right side.
+    /// Packed lower triangle of the normal equations, and their right side.
     normal: [f32; TRIANGLE],
     right: [f32; TERMS],
 }
 
 impl Fit {
-    /// Of no run yet.
+    /// No run yet.
     pub const EMPTY: Self = Self {
         normal: [0.0; TRIANGLE],
         right: [0.0; TERMS],
     };
 
-    /// Takes the share of a run at a place, whose part lies at -1..1 of the lot; `None` of a lot of one restitution.
+    /// Adds a run: its place, its part's normalized restitution in the lot (-1..1, `None` for a
+    /// single restitution), its share.
     pub fn take(&mut self, place: [f32; 3], lot: Option<f32>, share: f32) {
         let terms = terms(place, lot);
         let mut sums = self.normal.iter_mut();
         for (n, (term, right)) in terms.iter().zip(&mut self.right).enumerate() {
-            // The terms first, whose end takes no sum of the next row.
+            // The terms come first in the zip, so that its end consumes no sum of the next row.
             for (other, sum) in terms.iter().take(n + 1).zip(&mut sums) {
                 *sum += term * other;
             }
@@ -79,13 +85,13 @@ impl Fit {
         }
     }
 
-    /// The share over the place, of a lot all of whose parts count alike.
+    /// Solves for the mean share over the lot.
     pub fn solve(&self) -> FittedShare {
-        // A ridge of so many runs holds what no run told, as the second tone where there is none, at zero; from a tenth
-        // to three times of it the plans are as good.
+        // Ridge in runs. It keeps coefficients without data at 0, such as those of an absent second
+        // tone.
         const RIDGE: f32 = 0.3;
         let mut factor = self.normal;
-        // Cholesky's factor, each row by those above it, then both triangles.
+        // Cholesky factorization by rows, then both substitutions.
         let mut begin = 0;
         for n in 0..TERMS {
             let Some((above, [row @ .., diagonal])) = factor
@@ -109,14 +115,15 @@ impl Fit {
     }
 }
 
-/// A share over the region.
+/// Coefficients of the fitted share.
 #[derive(Clone, Copy, Debug)]
 pub struct FittedShare([f32; TERMS]);
 
 impl FittedShare {
-    /// The share at a place whose first coordinate is off by up to `error` either way, each as likely.
+    /// Mean share at a place whose first coordinate has an error uniform within +-`error`.
     pub fn at(&self, place: [f32; 3], error: f32) -> f32 {
-        // Mean of (x + d)^2 over it is x^2 + error^2/3, of (x + d)^3 x^3 + x error^2.
+        // With a uniform error d, the mean of (x + d)^2 is x^2 + error^2/3, of (x + d)^3 it is x^3
+        // + x error^2.
         let spread = error * error / 3.0;
         let terms = terms(place, None);
         let Self(shape) = self;
@@ -128,7 +135,8 @@ impl FittedShare {
     }
 }
 
-/// Terms of the place, before those of the lot; and where the first coordinate's square and cube stand.
+/// Number of terms of the place, which precede those of the lot; indices of the first coordinate's
+/// square and cube.
 const PLACES: usize = 11;
 const SQUARE: usize = 4;
 const CUBE: usize = 10;
@@ -156,7 +164,7 @@ fn terms([x, y, z]: [f32; 3], lot: Option<f32>) -> [f32; TERMS] {
 mod tests {
     use super::*;
 
-    /// Places and noise of so many runs.
+    /// Fit to `runs` points with uniform noise.
     fn fitted(runs: u32, noise: f32, lots: bool) -> FittedShare {
         let mut fit = Fit::EMPTY;
         for n in 0..runs {
@@ -184,7 +192,8 @@ mod tests {
                 assert!(error.abs() < 3e-3, "{lots} {place:?} {error}");
             }
         }
-        // Noise of 0.17 RMS in 400 runs leaves 0.17 sqrt(13/400) = 0.03 in the mean over the region, of which four times.
+        // Noise of 0.17 RMS in 400 runs leaves a standard error of 0.17 sqrt(13/400) = 0.03. The
+        // bound is four of them.
         let error = fitted(400, 0.3, true).at([0.3, 0.0, 0.0], 0.0) - truth([0.3, 0.0, 0.0]);
         assert!(error.abs() < 0.12, "{error}");
     }

@@ -1,9 +1,10 @@
-//! What a drive affords of the tones above the first.
+//! Limits of a drive on k when the track moves with several tones
+//! (docs/theory-real-parts.md#t10.3).
 
 use super::rider::Tones;
 use crate::arithmetic::{Phase, sine_cosine_single};
 
-/// The lowest k that each of a drive's limits allows with one tone, and what the tones above it take of its output.
+/// Lowest k at each limit of the drive with one tone, and output per upper tone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearLimits {
     /// k of one tone at the hard limit of displacement; 0: no limit.
@@ -12,12 +13,12 @@ pub struct GearLimits {
     pub acceleration: f32,
     /// k of one tone at the largest output; 0: no limit.
     pub output: f32,
-    /// Output that a second and a third tone of e = 1 take, over that of the first.
+    /// Output per amplitude ratio e of the second and third tone, over the output of the first.
     pub overtones: [f32; 2],
 }
 
 impl GearLimits {
-    /// A drive that affords everything.
+    /// A drive without limits.
     #[cfg(test)]
     pub const NONE: Self = Self {
         displacement: 0.0,
@@ -26,13 +27,13 @@ impl GearLimits {
         overtones: [0.0; 2],
     };
 
-    /// Whether the drive affords these tones at a k.
+    /// Whether all limits hold with these tones at this k.
     #[must_use]
     pub fn afford(&self, k: f32, tones: Tones) -> bool {
         k >= self.least(tones)
     }
 
-    /// The least k at which the drive affords these tones.
+    /// Lowest k at which all limits hold with these tones.
     #[must_use]
     pub fn least(&self, tones: Tones) -> f32 {
         let [displacement, acceleration] = peaks(tones);
@@ -44,8 +45,8 @@ impl GearLimits {
     }
 }
 
-/// Largest displacement of a track over b, and largest acceleration over b w^2: max |S| and max |S''|, from 64 places of
-/// the turn, with what may lie between them.
+/// Upper bounds of displacement over b and acceleration over b w^2: max |S| and max |S''|. They are
+/// the largest of 64 samples plus the largest remainder between samples.
 #[must_use]
 pub fn peaks(tones: Tones) -> [f32; 2] {
     const PLACES: u32 = 64;
@@ -66,7 +67,8 @@ pub fn peaks(tones: Tones) -> [f32; 2] {
         displacement = displacement.max(height.abs());
         acceleration = acceleration.max(push.abs());
     }
-    // Half a step from the nearest place, squared, times half the largest second derivative.
+    // Taylor's remainder about the peak: half the largest second derivative times the squared
+    // distance of half a sample.
     let half = core::f32::consts::PI / PLACES as f32;
     let between = 0.5 * half * half;
     [

@@ -1,5 +1,8 @@
-//! At which k, and with which tones above the first, the parts of a lot stay in gear: a search bounded in time and memory,
-//! for the board.
+//! Search for the k and the upper tones at which a lot is in gear for the largest share of time.
+//!
+//! The method is the response surface method (Box and Wilson, J. R. Stat. Soc. B 13 (1951) 1;
+//! docs/theory-real-parts.md#t10.8). Its objective is the share of time in gear, estimated by
+//! simulated runs. Impacts and memory are bounded, so the search runs on the board.
 
 use core::f32::consts::{FRAC_PI_2, PI};
 
@@ -12,119 +15,119 @@ use super::limits::GearLimits;
 use super::rider::{Rider, Span, Surface, Tones};
 use crate::feeder::{OutOfRange, Restitution, accept};
 
-/// What a plan for gear is asked.
+/// Inputs of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearPlanSettings {
     /// Mean restitution of the parts of the lot.
     pub restitution: Restitution,
-    /// Standard deviation of a part's restitution from impact to impact (symbol s), 0..=0.3.
+    /// Standard deviation of the restitution from impact to impact (symbol s), 0..=0.3.
     pub scatter: f32,
-    /// Largest error of the amplitude at which the track stands, over it, 0..=0.2.
+    /// Largest relative error of the amplitude, 0..=0.2.
     pub amplitude_error: f32,
     /// Drive periods in a flight (symbol r), 1..=100.
     pub order: u32,
     /// Lowest and highest k that may be chosen, 0.005..=4.
     pub k: [f32; 2],
-    /// Largest second and third tone that may be chosen (symbols e, e3), 0..=0.5; below 0.01 there is none, and no third
-    /// without a second.
+    /// Largest amplitudes of the second and third tone (symbols e, e3) over the first, 0..=0.5. A
+    /// value below 0.01 excludes the tone; without a second tone there is no third.
     pub most: [f32; 2],
-    /// What the drive affords of them.
+    /// Limits of the drive.
     pub limits: GearLimits,
 }
 
-/// What a plan has found so far.
+/// Result of the search so far.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearPlan {
-    /// The k at which the lot's parts are in gear the longest.
+    /// The k with the largest share of time in gear.
     pub k: f32,
-    /// Amplitude over the first (symbol e) and angle in rad (symbol th) of the second and the third tone there; 0 and 0: none.
+    /// Amplitude over the first tone (symbol e) and angle in rad (symbol th) of the second and
+    /// third tone; 0 and 0 without one.
     pub tones: Tones,
-    /// The share of time in gear to expect there, the mean over the lot, 0..=1.
+    /// Predicted share of time in gear at this k and these tones, mean over the lot, 0..=1.
     pub share: f32,
-    /// Whether the search is over.
+    /// Whether the search has ended.
     pub settled: bool,
 }
 
-/// Most candidates of the first round.
+/// Largest number of candidates of the first round.
 const CANDIDATES: usize = 36;
 
-/// A k and tones that are tried, by their number.
+/// A grid point of the first round; its index gives k and tones.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
-    /// Share of the row's tones that the drive affords.
+    /// Factor on the tones' amplitudes at which the drive's limits hold, 0..=1.
     afforded: f32,
-    /// Sum of the shares of its runs, and their number.
+    /// Sum of the shares in gear of its runs, and the number of runs.
     sum: f32,
     runs: u16,
 }
 
-/// A k, and amplitudes over the first (symbol e) and angles (symbol th, rad) of a second and a third tone.
+/// A point of the search: k, and amplitude over the first (symbol e) and angle (symbol th, rad) of
+/// two upper tones.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     k: f32,
     tones: Tones,
 }
 
-/// Runs that each candidate of the first round gets, of one tone, of two and of three; one that was never in gear in the first
-/// two gets no third. Of two runs `the_share_at_the_chosen_k_is_that_of_a_fine_grid_and_is_told` fails; three to fifteen pass.
+/// Runs of a candidate of the first round, with one, two and three tones. A candidate with share 0
+/// after two runs gets no third.
 const RUNS: [u16; 3] = [5, 3, 3];
 
-/// Drive periods of a run of the first round, and of those about the best place, and how many of them do not count.
+/// Drive periods of a run and of its discarded transient, in the first round and in the later
+/// regions.
 const PERIODS: [[u16; 2]; 2] = [[130, 25], [300, 30]];
 
-/// Up to which share of the effort the first round goes, the runs about its best place, those about the best of these, with a
-/// third tone those that vary it, and those that tell the share. Tuned: with little of it for the first (0.1) or for all that
-/// follow (from 0.8 on) the three tests fail that hold the plan against a fine grid, a random and a dense search.
+/// Cumulative share of [`EFFORT`] at which each stage ends, with one, two and three tones. The
+/// stages are first round, regions and verification.
 const UNTIL: [&[f32]; 3] = [
     &[0.38, 0.57, 0.82, 0.97],
     &[0.38, 0.57, 0.82, 0.97],
     &[0.36, 0.52, 0.68, 0.87, 0.97],
 ];
 
-/// What is left of the effort pays for a run that is under way.
+/// Cumulative share of [`EFFORT`] at which a stage beyond the lists ends; the rest completes the
+/// run in progress.
 const LAST: f32 = 0.97;
 
-/// From this share on the places differ too little to be told apart: they are then tried with so much more scatter, and the
-/// one that bears it best is wanted. Measured of the three lots that come to it, R 0.2 and 0.5 at s 0.05 and R 0.1..0.3 at s 0.03,
-/// e up to 0.15: with half as much scatter again than was planned for the share is 0.980, 0.961 and 0.999; without the strain (from 1.1 on) 0.958,
-/// 0.941 and 0.980, with k 3 % lower down to 0.992 instead of 0.999 and above; strained to 1.2 between the two, to 3 0.986, 0.912, 0.997.
+/// Predicted share in gear from which the scatter of the simulated parts is multiplied by
+/// [`STRAIN`]. Above it places differ by less than the error of the fit; more scatter separates
+/// them.
 const ENOUGH: f32 = 0.985;
 const STRAIN: f32 = 1.5;
 
-/// How much less than a run that tells the share of the chosen place one counts that chose it: what was chosen for being good is told
-/// too good. Over fourteen lots the share told is 0.009 (root of mean square) off; 0.007 at 1, but up to 0.015 too good, and 0.010 at 100.
+/// Weight of a verification run over a selection run in the predicted share. Selection runs are
+/// biased upwards, because they chose the place (winner's curse).
 const CHOSE: f32 = 6.0;
 
-/// Half of the region about the best of the first round: in k over the distance between candidates, in e over the
-/// largest tried, in th in rad. The next one is [`NARROWER`]; the last of three tones varies the third. Tuned: at half and at four
-/// times as much `a_third_tone_buys_what_a_random_search_says` and the fine grid's test fail, the third's at a seventh and at four times,
-/// [`NARROWER`] at 0.4 and at 2.
+/// Half-widths of the first region: in k in candidate spacings, in e over the largest tried, in th
+/// in rad. The next region is [`NARROWER`] times as wide. The last region of a search with three
+/// tones uses [`HALF_OF_THIRD`].
 const HALF: [f32; 3] = [1.3, 0.25, 0.2];
 const HALF_OF_THIRD: [f32; 3] = [0.7, 0.6, 0.6];
 const NARROWER: f32 = 0.75;
 
-/// k tried at first of one tone, and in each row of a second one.
+/// Grid points in k of the first round: with one tone, and in each row with two or three.
 const STEPS: usize = 20;
 const STEPS_OF_TWO: usize = 12;
 
-/// Rows of the second tone tried at first: e over the largest that is tried, and th in rad. Of order 1 the best of 32
-/// angles around the circle lay between them for every lot that was asked (docs/theory-real-parts.md#t10.2); else
-/// around the circle, of three and more.
+/// Upper tones of the rows of the first round: e over the largest tried, th in rad. For order 1 the
+/// best of 32 angles lay between these for each lot tried (docs/theory-real-parts.md#t10.2). From
+/// order 3 on [`ROUND`] spans the circle.
 const ROWS: [Tones; 3] = [[[1.0, 2.4], NONE], [[1.0, 2.65], NONE], [[0.7, 2.5], NONE]];
 const ROUND: [Tones; 3] = [
     [[1.0, FRAC_PI_2], NONE],
     [[1.0, PI], NONE],
     [[1.0, 2.4], NONE],
 ];
-/// Of order 2 the best of a dense search lay at 2.88 to 3.14 rad, and the amplitudes are larger by [`MORE_OF_ORDER_TWO`]: at 0.5 the test
-/// of that search fails; at 1 it
-/// passes with 0.912, 0.890 and 0.706 where 0.942, 0.900 and 0.726 are found at R 0.2, 0.4 and 0.6, and 2 finds no more.
+/// Rows for order 2, with amplitudes larger by [`MORE_OF_ORDER_TWO`]. A dense search found its best
+/// angles at 2.88 to 3.14 rad.
 const ROWS_OF_ORDER_TWO: [Tones; 3] =
     [[[1.0, 2.75], NONE], [[1.0, 3.0], NONE], [[0.75, 2.9], NONE]];
 const MORE_OF_ORDER_TWO: f32 = 1.3;
 const NONE: [f32; 2] = [0.0; 2];
-/// As many with a third tone, of the angle that was the best of some thousand random shapes wherever it bought anything at all
-/// (docs/theory-real-parts.md#t10.3): from 2 to 5.3 every test passes, at 6.1 one fails.
+/// Rows with a third tone, at the angle th3 = [`THIRD`] rad. A random search over some thousand
+/// shapes found its best there (docs/theory-real-parts.md#t10.3).
 const ROWS_OF_THREE: [Tones; 3] = [
     [[1.0, 2.6], [1.0, THIRD]],
     [[0.8, 2.6], [0.5, THIRD]],
@@ -132,49 +135,49 @@ const ROWS_OF_THREE: [Tones; 3] = [
 ];
 const THIRD: f32 = 5.3;
 
-/// Largest second tone tried of a lot of mean restitution R is LEAST_TRIED + TRIED R: the best of order 1 lay between
-/// 0.13 at R = 0.15 and 0.25 at 0.6, for scatter of 0.03 to 0.15. With a third tone it is larger, and that is at most
-/// [`MOST_OF_THIRD`]: what the random searches used. Tuned: at 0.01, at 0.15 and at 0.3 of the first, at 0.15 and 0.5 of the
-/// second, at 0.2 and 0.8 of the third, and at 0.03 of the last a test of the plan fails.
+/// Largest second tone tried over the first, as LEAST_TRIED + TRIED R at mean restitution R. The
+/// best for order 1 lay between 0.13 at R = 0.15 and 0.25 at R = 0.6, for scatter of 0.03 to 0.15.
+///
+/// With a third tone the slope is [`TRIED_OF_THREE`]. The third tone is at most [`MOST_OF_THIRD`],
+/// the bound of the random search.
 const LEAST_TRIED: f32 = 0.08;
 const TRIED: f32 = 0.3;
 const TRIED_OF_THREE: f32 = 0.4;
 const MOST_OF_THIRD: f32 = 0.07;
 
-/// Places in e and in th, and in k, at which the fitted share is looked at.
+/// Grid points at which the fitted share is evaluated: in each of e and th, and in k.
 const LOOKED: u8 = 5;
 const LOOKED_K: u8 = 17;
 
-/// What a place at the border of the region must be better by than its centre: where nothing is ever lost, the place
-/// farthest from any loss is wanted. Tuned: at 0 and at 0.5 `of_order_two_the_plan_comes_near_a_dense_search` fails, at 0.1 no test does.
+/// Penalty on the share per squared normalized distance from the region's centre. It breaks ties
+/// where the share saturates at 1.
 const AWAY: f32 = 0.03;
 
-/// Tones below this are none.
+/// Amplitude over the first below which a tone counts as absent.
 const LEAST: f32 = 0.01;
 
-/// Impacts after which the search of one tone, of two and of three ends with what it has: within what 84 million instructions
-/// buy on a Cortex-M4F, where one takes 416 to 452 of one tone with all that belongs to it, and 708 of two (73.9 and 69.4
-/// million were counted of the liveliest parts).
+/// Largest number of impacts of a search with one, two and three tones. It bounds the search to 84
+/// million instructions on a Cortex-M4F, at 416 to 452 an impact of one tone and 708 of two.
 const EFFORT: [u32; 3] = [170_000, 101_000, 115_000];
 
-/// Impacts that take as long as the peaks of a second tone do, and the set-up of a track.
+/// Cost, in impacts, of the peak search of upper tones and of the set-up of a run.
 const PEAKS: u32 = 8;
 const SET_UP: u32 = 30;
 
-/// Where the search is.
+/// Stage of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
-    /// Candidates over the whole range.
+    /// Runs on the grid over the whole range of k.
     Wide,
-    /// Runs about the best place.
+    /// Runs in the region about the best point.
     Near,
-    /// Which place of the region is the best: the next row of it to look at.
+    /// Maximization of the fitted share on a grid; holds the next row.
     Choice(u8),
-    /// Runs that tell the share of the place chosen.
+    /// Verification runs at the chosen point.
     Verdict,
 }
 
-/// What the runs of a stage have come to: one of these at a time.
+/// Results of the runs of the current stage.
 #[derive(Clone, Debug)]
 enum Tried {
     Candidates(Vec<Candidate, CANDIDATES>),
@@ -182,24 +185,24 @@ enum Tried {
     Share(FittedShare),
 }
 
-/// Where runs are set: k, and amplitude and angle of one of the tones, vary.
+/// A box of the search space in k and in amplitude and angle of one upper tone.
 #[derive(Clone, Copy, Debug)]
 struct Region {
     centre: Place,
     half: [f32; 3],
-    /// Whether it is the third tone that varies.
+    /// Whether the third tone varies instead of the second.
     of_third: bool,
 }
 
 impl Region {
-    /// What varies of a place.
+    /// The three coordinates that vary.
     fn varied(&self, place: Place) -> [f32; 3] {
         let [second, third] = place.tones;
         let [ratio, angle] = if self.of_third { third } else { second };
         [place.k, ratio, angle]
     }
 
-    /// A place of the region with what varies.
+    /// The point with these three coordinates; the other tone is the centre's.
     fn place(&self, [k, ratio, angle]: [f32; 3]) -> Place {
         let [second, third] = self.centre.tones;
         let varied = [ratio, angle];
@@ -213,10 +216,10 @@ impl Region {
         }
     }
 
-    /// Coordinates of -1..1 within the region.
+    /// Coordinates normalized to -1..1 within the region.
     fn inside(&self, place: Place) -> [f32; 3] {
         let ([k, ratio, angle], centre) = (self.varied(place), self.varied(self.centre));
-        // A tone that is turned by half counts as one below 0.
+        // An amplitude below 0 is the same tone with its angle turned by half a turn.
         let place = if self.of_third && angle < centre[2] - FRAC_PI_2 {
             [k, -ratio, angle + PI]
         } else {
@@ -232,45 +235,49 @@ impl Region {
     }
 }
 
-/// The search for the k, and the tones above the first, with which parts of a lot are in gear for the largest share of time, from
-/// rest and without a kick.
+/// Searches k and upper tones for the largest share of time in gear, for parts that start at rest
+/// without a kick.
 ///
-/// A few parts of the whole lot, whose restitution scatters, are tried over the whole range; then ever new ones, each at
-/// another place about the best, with a smooth share [fitted](Fit) to them: one run errs by far more than places differ
-/// by, their fit does not, and what it tells at its highest place is hardly the luck of a draw. Everything is integers and
-/// f32 without fused operations: the same bits at the desk, in the emulator and on the board.
+/// 1. Grid search: a few short runs at each candidate over the whole range.
+/// 2. Response surface: runs at low-discrepancy points of a region about the best, and a polynomial
+///   [fitted](Fit) to their shares. The next region is narrower, about the maximum of the fit.
+/// 3. Verification runs at the chosen point estimate its share.
+///
+/// Each run draws a part of the lot and an error of the amplitude. Integers and unfused f32 give
+/// the same bits at the desk, in the emulator and on the board.
 #[derive(Clone, Debug)]
 pub struct GearPlanner {
     settings: GearPlanSettings,
     tried: Tried,
-    /// Tones above the first that are tried.
+    /// Number of upper tones searched, 0..=2.
     upper: usize,
-    /// Distance of the first candidates in k, and largest second and third tone tried.
+    /// Lowest candidate and spacing in k, and largest second and third tone tried.
     low: f32,
     step: f32,
     most: [f32; 2],
     stage: Stage,
-    /// Regions left behind, and the one that is searched.
+    /// Number of regions begun, and the current region.
     regions: usize,
     region: Region,
-    /// The candidate under way, and how many runs each has had.
+    /// Index of the current candidate, and the round of runs.
     candidate: usize,
     round: u16,
-    /// Runs begun so far.
+    /// Number of runs begun.
     runs: u32,
     rider: Option<(Surface, Rider, Run)>,
     gear: Gear<i64>,
     best: Option<(f32, Place)>,
-    /// How much more than the parts' own scatter is tried.
+    /// Factor on the lot's scatter in the simulated runs.
     strain: f32,
-    /// Sum of the shares of the runs that tell, and how many they are, or those that choose.
+    /// Sum of the shares of the runs that estimate the result, and their weight; while a region is
+    /// searched, its number of runs.
     told: [f32; 2],
     plan: Option<GearPlan>,
     impacts: u32,
 }
 
-/// A run under way: its part's place in the lot, -1..1, if that is of more than one restitution, and where it is tried in the
-/// region.
+/// A run in progress: the normalized restitution of its part within the lot, -1..1, and its
+/// normalized point in the region. `None` for a lot of one restitution.
 #[derive(Clone, Copy, Debug)]
 struct Run {
     lot: Option<f32>,
@@ -278,7 +285,7 @@ struct Run {
 }
 
 impl GearPlanner {
-    /// The search; the refusal names the parameter.
+    /// Begins a search; an error names the parameter out of range.
     pub fn new(settings: GearPlanSettings) -> Result<Self, OutOfRange> {
         let [low, high] = settings.k;
         let within = |parameter, value: f32, accepts, accepted| {
@@ -373,7 +380,7 @@ impl GearPlanner {
         })
     }
 
-    /// The share of a place's tones that the drive affords; 0 where it affords none.
+    /// Largest factor on the tones' amplitudes at which the drive's limits hold; 0 if none does.
     fn afforded(&mut self, place: Place) -> f32 {
         for part in [1.0, 0.85, 0.7, 0.55, 0.4, 0.2] {
             let tones = scaled(place.tones, part);
@@ -389,26 +396,26 @@ impl GearPlanner {
         0.0
     }
 
-    /// What was asked.
+    /// Inputs of the search.
     #[must_use]
     pub fn settings(&self) -> &GearPlanSettings {
         &self.settings
     }
 
-    /// What was found so far; `None` before the first round is over.
+    /// Result so far; `None` before the first round ends.
     #[must_use]
     pub fn plan(&self) -> Option<&GearPlan> {
         self.plan.as_ref()
     }
 
-    /// Impacts computed so far, with what took as long as some.
+    /// Work done so far, in impacts.
     #[must_use]
     #[cfg(test)]
     pub fn impacts(&self) -> u32 {
         self.impacts
     }
 
-    /// Goes on by about so many impacts; whether more are to be done.
+    /// Works for about this number of impacts and returns whether the search continues.
     pub fn advance(&mut self, impacts: u32) -> bool {
         let until = self.impacts.saturating_add(impacts);
         while self.impacts < until && !self.is_over() {
@@ -421,7 +428,7 @@ impl GearPlanner {
         self.plan.is_some_and(|plan| plan.settled)
     }
 
-    /// Of three lists, that for as many tones as are tried.
+    /// Selects the entry for the number of upper tones.
     fn of<T: Copy>(&self, [one, two, three]: [T; 3]) -> T {
         match self.upper {
             0 => one,
@@ -430,12 +437,12 @@ impl GearPlanner {
         }
     }
 
-    /// The share of the effort that is spent.
+    /// Work done over [`EFFORT`].
     fn spent(&self) -> f32 {
         self.impacts as f32 / self.of(EFFORT) as f32
     }
 
-    /// One impact of the run under way, or what lies between two runs.
+    /// Computes one impact of the current run, or begins the next run or stage.
     fn step(&mut self) {
         self.impacts += 1;
         if let Some((surface, rider, run)) = &mut self.rider {
@@ -475,13 +482,13 @@ impl GearPlanner {
         }
     }
 
-    /// The row of a candidate; past the last there are no tones.
+    /// Upper tones of a candidate's row; none beyond the last row.
     fn row(&self, number: usize) -> Tones {
         let row = self.rows().get(number / self.steps());
         row.copied().unwrap_or_default()
     }
 
-    /// The place of a candidate with a share of its tones.
+    /// Point of a candidate, its tones' amplitudes multiplied by `part`.
     fn place(&self, number: usize, part: f32) -> Place {
         let [second, third] = self.row(number);
         let [of_second, of_third] = self.most;
@@ -519,7 +526,7 @@ impl GearPlanner {
                 runs: 0,
             };
             if let Tried::Candidates(candidates) = &mut self.tried {
-                // There are at least as many places as rows have steps.
+                // CANDIDATES is the largest product of steps and rows.
                 let _ = candidates.push(candidate);
             }
         }
@@ -537,9 +544,9 @@ impl GearPlanner {
         );
     }
 
-    /// Begins a run somewhere in the region.
+    /// Begins a run at the next low-discrepancy point of the region.
     fn try_about(&mut self) {
-        // The additive recurrence of three dimensions that fills a cube the most evenly (M. Roberts 2018), by 2^-32.
+        // R3 sequence, the additive recurrence of M. Roberts (2018), in units of 2^-32.
         const STEP: [u32; 3] = [0xD1B5_4A33, 0xABC9_8388, 0x8CB9_2BA7];
         let run = self.runs;
         let (centre, half) = (self.region.varied(self.region.centre), self.region.half);
@@ -550,14 +557,14 @@ impl GearPlanner {
         self.begin_run(place, run);
     }
 
-    /// Begins a run at the place chosen.
+    /// Begins a verification run at the chosen point.
     fn try_chosen(&mut self) {
         if let Some(plan) = self.plan {
             self.begin_run(plan.place(), self.runs);
         }
     }
 
-    /// A place within what may be chosen.
+    /// Clamps a point to the configured ranges and to the drive's limits.
     fn within(&mut self, Place { k, tones }: Place) -> Place {
         let [low, high] = self.settings.k;
         let k = k.max(low).min(high);
@@ -569,7 +576,7 @@ impl GearPlanner {
         }
         let ([second, third], most) = (tones, self.settings.most);
         let tone = |[ratio, angle]: [f32; 2], most: f32| [ratio.max(0.0).min(most), angle];
-        // A third tone below 0 is one turned by half.
+        // A third tone below 0 is one turned by half a turn.
         let tones = [tone(second, most[0]), tone(upright(third), most[1])];
         let afforded = self.afforded(Place { k, tones });
         Place {
@@ -578,8 +585,8 @@ impl GearPlanner {
         }
     }
 
-    /// Begins a run whose part and error of amplitude are those of a number: they fill lot and errors evenly (additive
-    /// recurrence of two dimensions, M. Roberts 2018), whatever the number of runs.
+    /// Begins a run; its number gives restitution and amplitude error by the R2 sequence (M.
+    /// Roberts 2018). Any number of runs covers lot and errors evenly.
     fn begin_run(&mut self, place: Place, number: u32) {
         self.runs += 1;
         self.impacts += SET_UP;
@@ -613,7 +620,7 @@ impl GearPlanner {
         }
     }
 
-    /// The share of the run that has ended.
+    /// Records the share in gear of the run that ended.
     fn take(&mut self, share: f32, run: &Run) {
         match &mut self.tried {
             Tried::Candidates(candidates) => {
@@ -634,7 +641,7 @@ impl GearPlanner {
         }
     }
 
-    /// Chooses among what a stage has tried.
+    /// Evaluates the runs of a stage and begins the next stage.
     fn end_stage(&mut self) {
         match self.stage {
             Stage::Wide => {
@@ -663,7 +670,7 @@ impl GearPlanner {
         }
     }
 
-    /// Sets the region that is searched next.
+    /// Begins a region.
     fn look_about(&mut self, centre: Place, half: [f32; 3], of_third: bool) {
         let half = if self.upper > 0 {
             half
@@ -681,8 +688,9 @@ impl GearPlanner {
         self.stage = Stage::Near;
     }
 
-    /// The candidate with the largest share, each taken with its two neighbours in k: of many that are never out of gear it is
-    /// the one that is farthest from where they are. That of the middle where none was ever in gear.
+    /// The candidate with the largest share, smoothed over k with weights 1/4, 1/2, 1/4. Smoothing
+    /// prefers the middle of a range in which no run left gear. If all shares are 0, it is the
+    /// middle of the range of k without tones.
     fn best_candidate(&self) -> (f32, Place) {
         let share = |candidate: &Candidate| {
             if candidate.runs == 0 {
@@ -714,7 +722,7 @@ impl GearPlanner {
         best
     }
 
-    /// Looks at a row of the region's places, one tone and every k, and ends with the best of all.
+    /// Evaluates the fitted share at one row of the grid, for each k, and keeps the best point.
     fn look(&mut self, row: u8) {
         let rows = if self.upper > 0 { LOOKED * LOOKED } else { 1 };
         if row >= rows {
@@ -782,7 +790,7 @@ impl GearPlanner {
         if let Some((_, place)) = self.best.take() {
             self.settle_for((self.fitted(place), place));
         }
-        // Else the drive affords none of these places, and what was found before stays.
+        // If no point meets the drive's limits, the former plan remains.
         let Some(plan) = self.plan else {
             return;
         };
@@ -818,7 +826,7 @@ impl GearPlanner {
         }
     }
 
-    /// The share fitted at a place.
+    /// Fitted share at a point; 0 before the fit is solved.
     fn fitted(&self, place: Place) -> f32 {
         match &self.tried {
             Tried::Share(shape) => shape.at(self.region.inside(place), self.error()),
@@ -826,7 +834,7 @@ impl GearPlanner {
         }
     }
 
-    /// The amplitude's error in the region's coordinate of k.
+    /// Error of k from the error of the amplitude, in the region's normalized coordinate.
     fn error(&self) -> f32 {
         let Region { centre, half, .. } = &self.region;
         if half[0] > 0.0 {
@@ -863,7 +871,7 @@ impl GearPlan {
     }
 }
 
-/// A tone with its amplitude above 0.
+/// The same tone with an amplitude of at least 0.
 fn upright([ratio, angle]: [f32; 2]) -> [f32; 2] {
     if ratio < 0.0 {
         [-ratio, angle - PI]
@@ -872,12 +880,12 @@ fn upright([ratio, angle]: [f32; 2]) -> [f32; 2] {
     }
 }
 
-/// Tones of a share of these amplitudes.
+/// Tones with their amplitudes multiplied by `part`.
 fn scaled(tones: Tones, part: f32) -> Tones {
     tones.map(|[ratio, angle]| [ratio * part, angle])
 }
 
-/// A number of 0..1 from 32 bits.
+/// A uniform number in 0..1 from the upper 24 of 32 bits.
 fn part(bits: u32) -> f32 {
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
@@ -889,7 +897,7 @@ mod tests {
     use crate::regime::band;
     use crate::regime::gear::{Share, shares_from_rest};
 
-    /// The share in f64, by other draws, over 20 parts of 2000 periods.
+    /// Share in f64 from other random draws, over 20 parts of 2000 periods.
     fn truth(plan: &GearPlan, lot: Restitution, scatter: f32) -> f64 {
         truth_of(1, plan, lot, scatter)
     }
@@ -934,8 +942,8 @@ mod tests {
         .unwrap()
     }
 
-    /// What a grid of 60 values of k and 40 parts of 3000 periods each, or a random search, found at best in f64. Plan and truth
-    /// err by 0.01 each where the share is 0.4, by less else.
+    /// Reference shares: the best over 60 values of k, with 40 parts of 3000 periods each, or over
+    /// a random search, in f64. At a share of 0.4 plan and reference each have an error of 0.01.
     #[test]
     fn the_share_at_the_chosen_k_is_that_of_a_fine_grid_and_is_told() {
         for (low, high, scatter, second_tone, best) in [
@@ -969,8 +977,8 @@ mod tests {
         }
     }
 
-    /// The shares that a random search of some thousand shapes found under the same peak acceleration
-    /// (docs/theory-real-parts.md#t10.3), of two tones and of three; the plan comes to within 0.03 of them.
+    /// Best shares of a random search over some thousand shapes of two and of three tones, at the
+    /// same peak acceleration (docs/theory-real-parts.md#t10.3).
     #[test]
     fn a_third_tone_buys_what_a_random_search_says() {
         for (restitution, scatter, peak, two, three) in [
@@ -1002,8 +1010,8 @@ mod tests {
         }
     }
 
-    /// Best of `kband gear --order 2 --largest-second-tone 0.3 --runs 12`, a dense map over k, e and th in f64 whose best are
-    /// followed anew: one tone holds next to nothing of order 2, two tones most of it.
+    /// Best shares of `kband gear --order 2 --largest-second-tone 0.3 --runs 12`: a dense map over
+    /// k, e and th in f64. The map is refined at its best points.
     #[test]
     fn of_order_two_the_plan_comes_near_a_dense_search() {
         for (restitution, scatter, one, two) in [
@@ -1043,7 +1051,7 @@ mod tests {
                 scatter: 0.3,
                 amplitude_error: 0.0,
                 order: 1,
-                // No part that rests is ever thrown.
+                // No part at rest is ever thrown at these k.
                 k: [1.4, 2.0],
                 most,
                 limits: GearLimits {
@@ -1058,7 +1066,7 @@ mod tests {
             assert!((1.4..=2.0).contains(&plan.k));
         }
         let mut spent = plan_of(lot, 0.05, [0.0; 2]);
-        // As a board that hops and chatters for all its effort before each candidate had a run.
+        // As if the effort were spent before each candidate had a run.
         spent.impacts = EFFORT[0];
         while spent.advance(64) {}
         let plan = spent.plan().unwrap();

@@ -1,4 +1,7 @@
-//! One part followed on one track in single precision.
+//! Event-driven simulation of one part on one track, in single precision: flights by the impact
+//! map, rests in closed form.
+//!
+//! Equations: docs/theory-impacts.md#t2 (impact map), #t4.1 (chatter), #t4.2 (lift-off).
 
 use super::Gear;
 use super::draw::Draw;
@@ -6,21 +9,21 @@ use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::OutOfRange;
 use crate::impact::{LATE, Landing, SingleState, Tone, WaveKernel, WaveSingle};
 
-/// The second and the third tone, each as its amplitude over the first (symbol e) and its angle (symbol th) in rad.
+/// Second and third tone: amplitude over the first (symbol e) and angle in rad (symbol th) of each.
 pub type Tones = [[f32; 2]; 2];
 
-/// A track in single precision, as a part that is followed on it meets it.
+/// Motion of the track and its impact map, in single precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     map: WaveSingle,
     k: f32,
-    /// Amplitudes of the tones above the first, and their angles.
+    /// Amplitudes over the first and angles of the upper tones.
     ratios: [f32; 2],
     angles: [Phase; 2],
 }
 
 impl Surface {
-    /// The track of these tones at a k; the refusal names what is out of range.
+    /// Builds the track from k and tones; an error names the parameter out of range.
     pub fn at(k: f32, tones: Tones) -> Result<Self, OutOfRange> {
         let built = tones.map(|[ratio, angle]| Tone {
             amplitude: f64::from(ratio),
@@ -34,8 +37,7 @@ impl Surface {
         })
     }
 
-    /// How much gravity exceeds the track's downward acceleration at a phase (symbol k - A), and the slope of that
-    /// acceleration.
+    /// Pull `k - A` towards the track at a phase, and the slope of the acceleration A.
     #[inline]
     fn pull(&self, phase: Phase) -> (f32, f32) {
         let (sine, cosine) = sine_cosine_single(phase);
@@ -57,7 +59,7 @@ impl Surface {
         (self.k - pushed, surge)
     }
 
-    /// Steps of the phase until the track throws a part that rests at a phase; `None` where it never does.
+    /// Delay in steps of 2^-32 turns until lift-off of a part at rest; `None` without lift-off.
     #[inline]
     fn wait(&self, phase: Phase) -> Option<u32> {
         if self.map.throws(phase) {
@@ -68,30 +70,30 @@ impl Surface {
     }
 }
 
-/// A lift-off is taken so much after it began, in steps of 2^-32 turns, as in every arithmetic coarser than f64.
+/// Delay of a launch after lift-off, in steps of 2^-32 turns, as in each arithmetic coarser than
+/// f64.
 const AFTER: u32 = (LATE * Phase::STEPS_PER_RADIAN) as u32;
 
-/// Velocity in `b w` below which a chatter is closed to rest by its series. From 1e-3 to 0.1 every test passes.
+/// Launch velocity in `b w` below which the rest of a chatter is summed as a series.
 const CHATTER: f32 = 0.01;
 
-/// Wait of a part whose throw leads to no flight, in steps of 2^-32 turns: 1.5e-3 rad. From an eighth to eight
-/// times of it every test passes.
+/// Delay after a launch without a flight, in steps of 2^-32 turns; 1.5e-3 rad.
 const STAYS: i64 = 1 << 20;
 
 /// Steps of a phase in a radian.
 const STEPS_PER_RADIAN: f32 = Phase::STEPS_PER_RADIAN as f32;
 
-/// How long a part is followed, in steps of 2^-32 turns.
+/// Simulated time, in steps of 2^-32 turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
-    /// From when on the time in gear counts.
+    /// Start of the counted time.
     pub begin: i64,
-    /// The end.
+    /// End of the simulation.
     pub end: i64,
 }
 
 impl Span {
-    /// So many drive periods, of which the first ones do not count.
+    /// A span of `all` drive periods, the first `before` of which are not counted.
     pub fn periods(all: u16, before: u16) -> Self {
         Self {
             begin: i64::from(before) << 32,
@@ -100,24 +102,24 @@ impl Span {
     }
 }
 
-/// An impact of a part that is followed.
+/// An impact of the simulated part.
 #[derive(Clone, Copy, Debug)]
 pub struct FollowedImpact {
     launch: SingleState,
-    /// Phase of the track.
+    /// Phase of the drive at the impact.
     pub phase: Phase,
     restitution: f32,
     velocity: f32,
-    /// The flight that it ended, in steps of 2^-32 turns.
+    /// Flight before the impact, in steps of 2^-32 turns.
     pub steps: i64,
-    /// Whether the part lay on the track before that flight.
+    /// Whether the flight began from rest.
     pub rested: bool,
-    /// Whether the part is in gear.
+    /// Whether the part is in gear after the impact.
     pub in_gear: bool,
 }
 
 impl FollowedImpact {
-    /// Speed of arrival in `b w`.
+    /// Arrival speed in `b w`.
     pub fn speed(&self, surface: &Surface) -> f32 {
         if self.restitution > TELLS {
             return self.velocity / self.restitution;
@@ -125,16 +127,17 @@ impl FollowedImpact {
         surface.map.land_at(self.launch, 1.0).next.velocity
     }
 
-    /// The track's downward acceleration (symbol A) where the flight that it ended began.
+    /// Downward acceleration of the track (symbol A) at the launch of the flight.
     pub fn bend(&self, surface: &Surface) -> f32 {
         surface.k - surface.pull(self.launch.phase).0
     }
 }
 
-/// Restitution from which on the speed of arrival follows from that of the launch: below, rounding would tell.
+/// Restitution from which the arrival speed is the launch speed over the restitution. Below it
+/// rounding dominates.
 const TELLS: f32 = 0.01;
 
-/// A part that begins at rest at phase 0 and whose restitution scatters.
+/// Simulation state of one part with scattered restitution; it starts at rest at phase 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Rider {
     draw: Draw,
@@ -148,7 +151,7 @@ pub struct Rider {
 }
 
 impl Rider {
-    /// At rest, with the span for which it is followed and a gear that it has not been in yet.
+    /// A part at rest, for a time span, with a gear detector in its initial state.
     pub fn new(draw: Draw, gear: Gear<i64>, span: Span) -> Self {
         Self {
             draw,
@@ -162,7 +165,7 @@ impl Rider {
         }
     }
 
-    /// Just thrown from a phase with a velocity over the track's, in `b w`.
+    /// Starts in flight instead, at a phase with a launch velocity in `b w` over the track's.
     pub fn thrown(self, phase: Phase, velocity: f32) -> Self {
         Self {
             phase,
@@ -172,24 +175,24 @@ impl Rider {
         }
     }
 
-    /// Time followed so far, in steps of 2^-32 turns.
+    /// Simulated time so far, in steps of 2^-32 turns.
     pub fn time(&self) -> i64 {
         self.time
     }
 
-    /// The share of the time that counts in which it was in gear, 0..=1.
+    /// Share of the counted time in gear, 0..=1.
     pub fn share(&self) -> f32 {
         let watched = self.span.end - self.span.begin;
         self.in_gear as f32 / watched as f32
     }
 
-    /// One flight, and the rest before it; whether the end is reached.
+    /// Simulates one flight, with a rest before it, and returns whether the end is reached.
     #[inline]
     pub fn step(&mut self, surface: &Surface) -> bool {
         self.step_heard(surface, |_| {})
     }
 
-    /// As [`Rider::step`]; `heard` is told the impact that ended the flight.
+    /// As [`Rider::step`]; passes the impact that ended the flight to `heard`.
     #[inline]
     pub fn step_heard(&mut self, surface: &Surface, heard: impl FnOnce(FollowedImpact)) -> bool {
         let rested = self.rests;
@@ -208,7 +211,7 @@ impl Rider {
         let restitution = self.draw.draw();
         let Landing { steps, next, .. } = surface.map.land_at(launch, restitution);
         if steps <= 0 {
-            // A hop shorter than a step of time: it stays where it is, and time goes on.
+            // The hop is shorter than one step of time: the part rests, and time advances.
             self.rest();
             self.go_on(STAYS);
             return self.time >= self.span.end;
@@ -243,8 +246,8 @@ impl Rider {
         self.gear.rest();
     }
 
-    /// Sums the chatter of a slow part whose pull outlasts it (as [`Follow`](crate::regime::capture::Follow) does), and
-    /// leaves it at rest.
+    /// Sums a decaying chatter as a series if the pull outlasts it (docs/theory-impacts.md#t4.1),
+    /// as [`Follow`](crate::regime::capture::Follow) does. The part is at rest afterwards.
     fn close(&mut self, surface: &Surface) {
         let (pull, slope) = surface.pull(self.phase);
         let x = 2.0 * self.velocity / (pull * (1.0 - self.draw.mean()));

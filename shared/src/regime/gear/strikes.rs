@@ -1,4 +1,7 @@
-//! Where in the turn the parts of a lot strike and how loudly, in gear and out of it.
+//! Histograms of impact energy over the drive phase, for parts in gear and out of it.
+//!
+//! The method is Monte Carlo simulation: parts across the lot, with scattered restitution, on one
+//! track (docs/theory-real-parts.md#t10.7).
 
 use core::f32::consts::TAU;
 
@@ -8,28 +11,28 @@ use super::{Gear, ROW};
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::{OutOfRange, Restitution};
 
-/// Places of a turn at which strikes are counted: 0.1 rad each.
+/// Bins of the histogram in a turn; 0.1 rad each.
 pub const PLACES: usize = 64;
-/// Groups of the lot by restitution, each with a profile in gear of its own.
+/// Groups of the lot by restitution; each has its own histogram in gear.
 pub const GROUPS: usize = 4;
-/// Parts that are followed, half from rest and half from the lock.
+/// Number of simulated parts: half start at rest, half on the lock.
 const PARTS: u32 = 32;
-/// Drive periods that each is followed for, over the order of the gear.
+/// Simulated drive periods of each part.
 const PERIODS: u16 = 768;
-/// Impacts of all parts together, at most: parts that chatter have twice that many in all.
+/// Largest number of impacts of all parts. Chattering parts would have up to twice as many.
 const MOST: u32 = 600_000;
-/// What is followed beyond either end of the lot: where a part in gear strikes depends on `k (1 - R)/(1 + R)`, so that an
-/// amplitude that is 2 % off moves it as `0.02 (1 - R^2)/2` does.
+/// Margin in restitution beyond both ends of the lot. It covers an amplitude error of 2 %, which
+/// shifts the phase in gear as `0.02 (1 - R^2)/2` does.
 pub const WIDE: f32 = 0.01;
-/// How near in steps of 2^-32 turns to where the first part from rest lands others do: 3e-3 rad.
+/// Tolerance of the landing phase after rest, in steps of 2^-32 turns; 3e-3 rad.
 const NEAR: i32 = 1 << 21;
 
-/// What strikes are counted of.
+/// Inputs of the simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StrikeSettings {
-    /// Restitutions of the lot, and their scatter from impact to impact.
+    /// Restitutions of the lot.
     pub restitution: Restitution,
-    /// See above.
+    /// Standard deviation of the restitution from impact to impact (symbol s).
     pub scatter: f32,
     /// Order of the gear.
     pub order: u32,
@@ -39,24 +42,24 @@ pub struct StrikeSettings {
     pub tones: Tones,
 }
 
-/// Squares of the speeds of arrival, in `(b w)^2`, summed by the phase of the track and divided by the drive periods.
+/// Impact energy, as squared arrival speed in `(b w)^2` per drive period, over the drive phase.
 #[derive(Clone, Copy, Debug)]
 pub struct StrikeProfile {
-    /// By parts in gear, in one period of one of them, for each group of the lot.
+    /// Energy of a part in gear, by group of the lot and phase.
     pub in_gear: [[f32; PLACES]; GROUPS],
-    /// By parts out of gear, in one period of one of them, without [`StrikeProfile::landed`].
+    /// Energy of a part out of gear by phase, without [`StrikeProfile::landed`].
     pub out: [f32; PLACES],
-    /// By those of them that land after having been thrown from rest: all at one phase.
+    /// Energy of the first landings after rest, all at one phase.
     pub landed: f32,
-    /// How often they do in a period.
+    /// Number of those landings per drive period.
     pub landings: f32,
-    /// That phase; `None` where none was thrown from rest.
+    /// Phase of those landings; `None` without any.
     pub landing: Option<Phase>,
-    /// Drive periods followed in gear and out of it, for each group.
+    /// Simulated drive periods in gear and out of it, by group.
     pub periods: [[f32; GROUPS]; 2],
-    /// Losses of gear in them.
+    /// Losses of gear in those periods.
     pub losses: f32,
-    /// For each group the track's mean downward acceleration (symbol A) where its flights in gear begin, from the eighth in a row on.
+    /// Mean downward acceleration of the track (symbol A) at the launches in gear, by group.
     pub bends: [f32; GROUPS],
 }
 
@@ -86,14 +89,14 @@ impl StrikeProfile {
     }
 }
 
-/// Strikes counted to the end: of what, in how many steps, and what came of it.
+/// Result of a completed count, with its inputs and its number of steps.
 ///
-/// Two counts of the same take as many steps and find the same, so that one that is told need not count
+/// A count is deterministic, so a stored result replaces a repetition
 /// ([`Controller::strikes_known`](crate::control::Controller::strikes_known)).
 #[cfg(any(test, feature = "unstable"))]
 #[derive(Clone, Copy, Debug)]
 pub struct StrikeCount {
-    /// What was counted.
+    /// Inputs of the count.
     pub settings: StrikeSettings,
     steps: u32,
     profile: StrikeProfile,
@@ -113,7 +116,7 @@ impl StrikeCount {
     }
 }
 
-/// A strike that is not known yet to be in gear.
+/// An impact of a run of flights that is still too short for gear.
 #[derive(Clone, Copy, Debug, Default)]
 struct Waiting {
     place: u8,
@@ -122,7 +125,7 @@ struct Waiting {
     turns: f32,
 }
 
-/// Follows parts of a lot, impact by impact, and counts their strikes.
+/// Simulates the parts of a lot and accumulates their impact energies.
 #[derive(Clone, Copy, Debug)]
 pub struct StrikeProfiler {
     settings: StrikeSettings,
@@ -131,21 +134,21 @@ pub struct StrikeProfiler {
     rider: Option<Rider>,
     part: u32,
     impacts: u32,
-    /// Steps taken, and those after which a count that was told of ends.
+    /// Steps so far, and the number of steps of a stored result.
     steps: u32,
     known: Option<u32>,
     row: [Waiting; ROW as usize],
     waiting: usize,
     was_in: bool,
-    /// Drive periods in gear of the part under way.
+    /// Drive periods in gear of the current part.
     turns: f32,
-    /// Flights in gear that [`StrikeProfile::bends`] is the mean of.
+    /// Number of flights in [`StrikeProfile::bends`], by group.
     bent: [f32; GROUPS],
     profile: StrikeProfile,
 }
 
 impl StrikeProfiler {
-    /// The count for these settings; the refusal names what is out of range.
+    /// Begins a count; an error names the parameter out of range.
     pub fn new(settings: StrikeSettings) -> Result<Self, OutOfRange> {
         Ok(Self {
             settings,
@@ -165,7 +168,7 @@ impl StrikeProfiler {
         })
     }
 
-    /// What is counted.
+    /// Inputs of the count.
     #[must_use]
     pub fn settings(&self) -> &StrikeSettings {
         &self.settings
@@ -178,7 +181,7 @@ impl StrikeProfiler {
         low + (high - low) * (group as f32 + 0.5) * (1.0 / GROUPS as f32)
     }
 
-    /// Lowest and highest restitution that is followed.
+    /// Lowest and highest simulated restitution.
     fn followed(&self) -> [f32; 2] {
         let lot = self.settings.restitution;
         [
@@ -187,20 +190,21 @@ impl StrikeProfiler {
         ]
     }
 
-    /// What was counted; `None` before its end.
+    /// Result; `None` before the end.
     #[must_use]
     pub fn profile(&self) -> Option<&StrikeProfile> {
         (self.part > PARTS).then_some(&self.profile)
     }
 
-    /// What is being counted; `None` once it is counted or known.
+    /// Inputs of a count in progress; `None` once it has ended or a stored result is set.
     #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn asked(&self) -> Option<&StrikeSettings> {
         Some(&self.settings).filter(|_| self.part <= PARTS && self.known.is_none())
     }
 
-    /// Spares the count, if it is this one: the same is then found after as many steps.
+    /// Sets a stored result if its inputs agree. It becomes available after the same number of
+    /// steps.
     #[cfg(any(test, feature = "unstable"))]
     pub fn know(&mut self, count: &StrikeCount) {
         if self.asked() == Some(&count.settings) {
@@ -209,7 +213,7 @@ impl StrikeProfiler {
         }
     }
 
-    /// Follows the parts for so many impacts; whether more are to be done.
+    /// Simulates at most this number of impacts and returns whether the count continues.
     pub fn advance(&mut self, impacts: u32) -> bool {
         if let Some(last) = self.known {
             let left = last.saturating_sub(self.steps);
@@ -271,7 +275,7 @@ impl StrikeProfiler {
             }
         }
         if over || self.impacts >= MOST {
-            // What ended is the time that it is followed for, not its gear.
+            // The end of the simulation is no loss of gear.
             self.was_in = false;
             self.lose();
             let time = self.rider.take().map_or(0, |rider| rider.time());
@@ -283,7 +287,7 @@ impl StrikeProfiler {
         }
     }
 
-    /// Group of the part under way.
+    /// Group of the current part.
     fn group(&self) -> usize {
         (self.part as usize).saturating_sub(1) * GROUPS / PARTS as usize % GROUPS
     }
@@ -292,7 +296,7 @@ impl StrikeProfiler {
         super::is_in_gear(f64::from(turns), f64::from(self.settings.order))
     }
 
-    /// The row is over; what waits was none.
+    /// Ends a run of flights; impacts of a run too short for gear count as out of gear.
     fn lose(&mut self) {
         for strike in self.row.into_iter().take(self.waiting) {
             self.count_out(strike);
@@ -321,14 +325,14 @@ impl StrikeProfiler {
         }
     }
 
-    /// The next part, or the end.
+    /// Begins the next part, or ends the count.
     fn begin(&mut self) {
         self.part += 1;
         if self.part > PARTS || self.impacts >= MOST {
             self.end();
             return;
         }
-        // They fill the lot evenly, each restitution from rest and from the lock.
+        // The restitutions are evenly spaced; each is simulated from rest and from the lock.
         let pair = (self.part - 1) / 2;
         let place = (pair as f32 + 0.5) * (2.0 / PARTS as f32);
         let [low, high] = self.followed();
@@ -358,7 +362,8 @@ impl StrikeProfiler {
         profile.landings *= without;
     }
 
-    /// Phase and launch velocity of the lock of a restitution (docs/theory-real-parts.md#t10.3); `None` where there is none.
+    /// Phase and launch velocity of the lock (docs/theory-real-parts.md#t10.3); `None` without one.
+    /// A scan and a bisection solve `C(t0) = pi r k (1 - R)/(1 + R)`.
     fn lock(&self, restitution: f32) -> Option<(Phase, f32)> {
         let StrikeSettings {
             order, k, tones, ..
@@ -391,7 +396,7 @@ impl StrikeProfiler {
         if most <= wanted {
             return None;
         }
-        // It is stable where the velocity falls.
+        // The stable root lies where the velocity falls.
         let mut phase = fastest;
         while rises(phase + step) > wanted {
             phase += step;
@@ -421,7 +426,8 @@ mod tests {
             tones: [[0.0; 2]; 2],
         };
         let count = StrikeCount::of(settings).unwrap();
-        // Slices that the count is a multiple of, and that it is none of; told at the begin and later.
+        // Slice sizes that divide the number of steps, and one that does not; stored result set at
+        // the start and later.
         let factor = (2..64)
             .find(|n| count.steps.is_multiple_of(*n))
             .unwrap_or(1);
@@ -444,7 +450,7 @@ mod tests {
             let [own, told] = [own, told].map(|of| std::format!("{:?}", of.profile().unwrap()));
             assert_eq!(own, told);
         }
-        // Of another k nothing is taken.
+        // A result at another k is rejected.
         let mut other = StrikeProfiler::new(StrikeSettings {
             k: 0.45,
             ..settings

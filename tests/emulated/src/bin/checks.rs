@@ -14,7 +14,8 @@ fn run() {
     sine_and_cosine();
 }
 
-// 25 digits in `reference/`; the error allowed is 1e-12 where the condition number is below 100.
+// Reference values with 25 digits in `reference/`. Allowed error: 1e-12 where the condition number
+// is below 100.
 fn golden_impacts() {
     let (mut worst, mut count) = (0.0_f64, 0);
     for line in include_str!("../../../reference/impacts.csv")
@@ -82,6 +83,6 @@ fn sine_and_cosine() {
             .max((f64::from(c) / unit - cosine).abs());
     }
     say!("sine and cosine: largest error {single:e} single, {fixed:e} fixed");
-    // The largest errors their documentation gives.
+    // The largest errors in their documentation.
     assert!(single <= 6.0e-8 && fixed <= 2.7e-9);
 }

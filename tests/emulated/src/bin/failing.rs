@@ -1,4 +1,4 @@
-//! Fails: the proof that a failing check makes the run fail.
+//! Fails: a failing check must make the run fail.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 kband_emulated::image!(run);

@@ -1,4 +1,4 @@
-//! Never ends: the proof that the time limit cuts an image.
+//! Never ends: the time limit must cut the image.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 kband_emulated::image!(run);

@@ -1,8 +1,8 @@
 //! Instructions per impact of the kernels for microcontrollers, one line per kernel and workload:
-//! `instructions KERNEL WORKLOAD m4f|m0 COUNT`. To be run with the emulator's clock on instructions.
+//! `instructions KERNEL WORKLOAD m4f|m0 COUNT`. Run it with the emulator's clock on instructions.
 //!
-//! A kernel on the CPU that it is meant for is also tried on orbits all over the range of k and
-//! restitution; the worst of those that never rest is printed with the launch that leads to it.
+//! A kernel on its intended CPU also runs orbits over the whole range of k and restitution. The
+//! most expensive orbit that never rests is printed with its launch.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 kband_emulated::image!(run);
@@ -20,7 +20,7 @@ fn run() {
     let hybrid = cost::measure::<Hybrid>(&counter);
     let single = cost::measure::<Single>(&counter);
     let integer = cost::measure::<Integer>(&counter);
-    // The bounds are for the CPU that the kernel is meant for: what was counted, and 3 % for another compiler.
+    // Bounds for the kernel's intended CPU: the counted value, and 3 % for another compiler.
     if cfg!(target_abi = "eabihf") {
         let worst = hybrid.worst.max(cost::sweep::<Hybrid>(&counter));
         hybrid.is_held("hybrid", [298, 563]);
@@ -56,7 +56,7 @@ mod cost {
 
     /// Instructions per impact.
     pub struct Cost {
-        /// Of the worst orbit that stays locked or chaotic.
+        /// Of the most expensive orbit that stays locked or chaotic.
         pub worst: u64,
         orbits: u64,
         set_up: u64,
@@ -65,13 +65,13 @@ mod cost {
     }
 
     impl Cost {
-        /// The mean of an impact on the orbits, and a set-up.
+        /// Checks the mean cost of an impact on the orbits, and that of a set-up.
         pub fn is_held(&self, name: &str, [orbits, set_up]: [u64; 2]) {
             assert!(self.orbits <= orbits, "{name}: {}", self.orbits);
             assert!(self.set_up <= set_up, "{name}: {}", self.set_up);
         }
 
-        /// A second tone may cost as much again, with the same 3 %.
+        /// A second tone may double the cost, with the same 3 %.
         pub fn is_held_on_tones(&self, one: &Self) {
             for (two, one) in [
                 (self.orbits, one.orbits),
@@ -83,7 +83,7 @@ mod cost {
         }
     }
 
-    /// Counts every workload.
+    /// Counts each workload.
     #[inline(never)]
     pub fn measure<K: Machine>(counter: &Counter) -> Cost {
         let (name, mut orbits, mut worst) = (K::NAME, 0, 0);
@@ -113,7 +113,7 @@ mod cost {
         }
     }
 
-    /// The same on two tones.
+    /// Counts each workload on two tones.
     #[inline(never)]
     pub fn measure_on_tones<K: Machine + WaveKernel>(counter: &Counter) -> Cost {
         let (name, mut orbits, mut worst) = (K::NAME, 0, 0);
@@ -141,7 +141,7 @@ mod cost {
         }
     }
 
-    /// The mean of one impact from each state.
+    /// Mean cost of one impact from each state.
     #[inline(never)]
     fn falls<K: Machine>(counter: &Counter, workload: &str, top: f64, track: fn(f64) -> K) -> u64 {
         let kernels = TRACKS.map(track);
@@ -153,8 +153,8 @@ mod cost {
         cost
     }
 
-    /// The worst of many orbits that do not rest: from next to each lock of the first three orders and
-    /// from one more state, for 49 values of k and 18 of restitution.
+    /// Largest cost over many orbits that do not rest, for 49 values of k and 18 of restitution.
+    /// They start near each lock of the first three orders and at one more state.
     #[inline(never)]
     pub fn sweep<K: Machine>(counter: &Counter) -> u64 {
         let (mut worst, mut at, mut orbits) = (0, [0.0; 4], 0);
@@ -182,7 +182,7 @@ mod cost {
         worst
     }
 
-    /// Phase and velocity next to a lock, where the flight takes `order` turns.
+    /// Phase and velocity near a lock whose flight takes `order` turns.
     fn lock(k: f64, restitution: f64, order: u32) -> Option<[f64; 2]> {
         let turns = core::f64::consts::TAU * f64::from(order);
         let velocity = k * turns * restitution / (1.0 + restitution);
@@ -190,8 +190,9 @@ mod cost {
         (cosine < 1.0 && velocity < 29.0).then(|| [libm::acos(cosine) + 1e-3, velocity])
     }
 
-    /// The cost of an impact of an orbit that has settled; `None` where it comes to rest.
+    /// Cost of an impact on a settled orbit; `None` where it comes to rest.
     fn tireless<K: Machine>(counter: &Counter, values: [f64; 4]) -> Option<u64> {
+        /// Number of impacts over which the cost is averaged.
         const COUNT: u32 = 200;
         let (kernel, start) = begin::<K>(values);
         let settled = fly(&kernel, start, COUNT);
@@ -211,7 +212,7 @@ mod cost {
 
     fn orbit<K: Machine>(counter: &Counter, (kernel, start): (K, K::State)) -> u64 {
         let count = 500;
-        // The first impacts bring the orbit to where it stays.
+        // The first impacts are the transient.
         let settled = fly(&kernel, start, 100);
         counter.count(|| {
             black_box(fly(&kernel, settled, count));

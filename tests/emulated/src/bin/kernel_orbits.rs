@@ -1,5 +1,5 @@
-//! The orbits whose instructions are counted by class: of each kernel for this CPU each orbit twice, the first impacts,
-//! which bring it to where it stays, and as many more.
+//! Orbits for counting instructions by class. Each kernel for this CPU runs each orbit twice: first
+//! the transient, then as many impacts again.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 use core::hint::black_box;

@@ -1,4 +1,5 @@
-//! The scenarios of `docs/safety.md` on any image of the STM32F405, an older one too: what the table's "before" is.
+//! Runs the scenarios of `docs/safety.md` on any image of the STM32F405, also an older one: the
+//! table's column "before".
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -31,7 +32,7 @@ fn main() -> ExitCode {
     let read = |text: &String| u32::from_str_radix(text.strip_prefix("0x")?, 16).ok();
     let schema = match schema.map(|text| (text, read(text))) {
         None => None,
-        // An image that speaks as this desk does is no older one.
+        // An image with this desk's schema is not an older one.
         Some((_, Some(schema))) => {
             Some(schema as u16).filter(|low| *low != kband::wire::SCHEMA as u16)
         }

@@ -1,4 +1,5 @@
-//! The chip but for its core: memory, peripherals and what is wired to them (RM0090, chapter 2).
+//! Model of the chip without its core: memory, peripherals and external connections (RM0090,
+//! chapter 2).
 
 use super::bridge::{Bridge, Came};
 use super::check::Check;
@@ -14,59 +15,62 @@ use super::voltage::Voltage;
 use super::watchdog::{Independent, WINDOW_CONTROL, Window};
 use super::world::{STEP, Seen, World};
 
-/// Where the RAM lies.
+/// First address of the RAM.
 pub const MEMORY: u32 = 0x2000_0000;
+/// Size of the RAM, bytes.
 const MEMORY_SIZE: usize = 128 * 1024;
+/// First address of the core-coupled RAM.
 const COUPLED: u32 = 0x1000_0000;
+/// Size of the core-coupled RAM, bytes.
 const COUPLED_SIZE: usize = 64 * 1024;
-/// Identity of the chip, what stops with the core (38.16), flash size (39.2).
+/// Addresses: identity of the chip, debug freeze registers (38.16), flash size (39.2).
 const IDENTITY: u32 = 0xe004_2000;
 const STOPS_LOWER: u32 = 0xe004_2008;
 const STOPS_UPPER: u32 = 0xe004_200c;
 const FLASH_SIZE: u32 = 0x1fff_7a20;
-/// Interrupts (12.2, table 62).
+/// Interrupt numbers (12.2, table 62).
 const WINDOW: u16 = 0;
 const MONITOR: u16 = 1;
-/// That of line 0, of the lines that a pin may have.
+/// Interrupt number of EXTI line 0.
 const EDGE: u16 = 6;
 const CONVERTED: u16 = 18;
 const TIMER_BREAK: u16 = 24;
 const TIMER_UPDATE: u16 = 25;
 const SERIAL: u16 = 37;
-/// The line of the supply monitor in EXTI (12.2.5).
+/// EXTI line of the supply monitor (12.2.5).
 const MONITOR_LINE: u32 = 1 << 16;
 
-/// Everything but the core.
+/// The chip without its core.
 #[derive(Clone, Debug)]
 pub struct Board {
-    /// Ticks since the beginning.
+    /// Time since the start, ticks.
     pub now: u64,
-    /// Cycles of the core since the beginning.
+    /// Number of core cycles since the start.
     pub cycles: u64,
-    /// When something happens next.
+    /// Tick of the next event.
     pub next: u64,
-    /// Ticks that a cycle of the core takes; 0: it has no clock.
+    /// Duration of a core cycle, ticks; 0 without a clock.
     pub cycle: u64,
-    /// Cycles that the core waits for a memory, on top of its own.
+    /// Core cycles spent waiting for memory, beyond an instruction's own.
     pub stall: u32,
-    /// An interrupt may be due.
+    /// Whether an interrupt may be due.
     pub attention: bool,
-    /// Looks in a row at the status of the busy flash, with nothing written and nothing else read of registers between but the
-    /// count of the window watchdog.
+    /// Number of successive reads of the busy flash's status. Any write or other register read ends
+    /// the count, except the window watchdog's count.
     pub looks: u32,
     /// Whether the floating-point unit is on.
     pub float: bool,
-    /// A reset that is due.
+    /// A pending reset.
     pub reset: Option<Cause>,
-    /// Whether the supply is there.
+    /// Whether the supply is present.
     pub supplied: bool,
-    /// Identity of the chip and its flash in KiB.
+    /// Identity of the chip, and its flash size in KiB.
     pub identity: (u32, u32),
     /// Whether the core is halted by a debugger.
     pub halted: bool,
-    /// Whether conversions are triggered; a converter that fails has none.
+    /// Whether conversions are triggered; false for a failed converter.
     pub converts: bool,
-    /// The supply goes with this operation of the flash, counted from 1.
+    /// Number of the flash operation, from 1, at which the supply fails.
     pub cut_at: Option<u64>,
     /// Clocks.
     pub clocks: Clocks,
@@ -87,7 +91,7 @@ pub struct Board {
     pub voltage: Voltage,
     /// CRC.
     pub check: Check,
-    /// Memory that answers below the RAM; none on this chip.
+    /// Memory below the RAM; this chip has none.
     pub below: Vec<u8>,
     /// USART1 to USART3.
     pub serials: [Serial; 3],
@@ -97,13 +101,13 @@ pub struct Board {
     pub window: Window,
     /// The core's own peripherals.
     pub system: System,
-    /// External interrupts: masks, edges, pending.
+    /// EXTI registers: masks, edges, pending.
     lines: [u32; 6],
     monitor: bool,
     configuration: [u32; 8],
-    /// What stops with the core.
+    /// Debug freeze registers.
     stops: [u32; 3],
-    /// What is around.
+    /// The chip's surroundings.
     pub world: World,
 }
 
@@ -149,7 +153,7 @@ impl Default for Board {
 }
 
 impl Board {
-    /// The registers as a reset leaves them; the RAM and what a debugger set stay.
+    /// Resets the registers; the RAM and the debugger's settings stay.
     pub fn reset(&mut self, cause: Cause) {
         self.world.see(self.now, Seen::Reset(cause));
         self.clocks.reset();
@@ -178,7 +182,7 @@ impl Board {
         self.refresh();
     }
 
-    /// What the RAM holds where the supply was gone: noise.
+    /// Fills the RAM with noise, as after a loss of the supply.
     pub fn scramble(&mut self, seed: u64) {
         let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
         for byte in self.ram.iter_mut().chain(&mut self.coupled) {
@@ -189,13 +193,13 @@ impl Board {
         }
     }
 
-    /// The core's clock in Hz.
+    /// Frequency of the core's clock, Hz.
     #[must_use]
     pub fn clock(&self) -> u32 {
         self.clocks.core(self.now)
     }
 
-    /// Follows what was changed: clocks, lines, what is seen, when something happens next.
+    /// Updates clocks, lines, trace and the next event after a change.
     pub fn refresh(&mut self) {
         self.clock_tree();
         self.interrupts();
@@ -227,7 +231,7 @@ impl Board {
         }
     }
 
-    /// Ticks of a cycle of APB1.
+    /// Duration of an APB1 cycle, ticks.
     fn lower(&self) -> u64 {
         self.cycle * u64::from(self.clocks.divider(false))
     }
@@ -254,7 +258,7 @@ impl Board {
         self.attention = true;
     }
 
-    /// The track gets what the bridge gives from `at` on; whether that is driven.
+    /// Drives the track with the bridge's output from tick `at`; returns whether it is driven.
     fn drive(&mut self, at: u64) -> bool {
         let gates = [8, 7].map(|pin| self.ports[0].mode(pin) == Mode::Function(1));
         let driven = self.supplied && self.bridge.driven() && gates.contains(&true);
@@ -263,7 +267,7 @@ impl Board {
         driven
     }
 
-    /// What is seen from outside, and what must not be.
+    /// Updates the trace of bridge, "drive on" and lamps.
     fn look(&mut self) {
         let lamp = |port: usize, pin: usize| self.ports[port].output(pin) == Some(true);
         let outputs = [lamp(2, 3), lamp(2, 2), lamp(1, 11)];
@@ -293,8 +297,8 @@ impl Board {
         self.next = next;
     }
 
-    /// Everything that is due happens, in the order of time up to `now`. An instruction ends later than what is due within
-    /// it: track, bridge and converter go by the time at which each is due, whatever the core executes.
+    /// Executes all events up to `now` in order of time. An instruction may end after an event:
+    /// track, bridge and converter use the event's own time.
     pub fn happen(&mut self) {
         let now = self.now;
         loop {
@@ -335,7 +339,7 @@ impl Board {
         self.refresh();
     }
 
-    /// The conversions that are due at `at` end.
+    /// Ends the conversions that are due at tick `at`.
     fn convert(&mut self, at: u64) {
         let (reading, others) = (self.world.reading, self.world.analogue);
         let reference = (1.21 / self.power.volts * 4096.0) as u16;
@@ -372,8 +376,8 @@ impl Board {
         }
     }
 
-    /// A pin is wired to something else. An edge at a line that listens to it is pending (12.2.4), where the line is
-    /// not masked: the manual's figure leaves open whether a masked line remembers.
+    /// Changes the external level of a pin. An edge at an unmasked EXTI line becomes pending
+    /// (12.2.4). The manual leaves open whether a masked line latches edges; here it does not.
     pub fn wire(&mut self, port: usize, pin: usize, wire: Wire) {
         let before = self.ports[port].level(pin);
         self.ports[port].wires[pin] = wire;
@@ -385,9 +389,9 @@ impl Board {
         }
     }
 
-    /// The level at the break input is looked at.
+    /// Updates the break input.
     pub fn break_input(&mut self, clock_failed: bool) {
-        // A pin that is not the timer's gives it nothing.
+        // A pin without the timer's function does not reach the timer.
         let ours = self.ports[1].mode(12) == Mode::Function(1);
         let high = ours && self.ports[1].level(12);
         if self.bridge.break_input(high, clock_failed) {
@@ -395,7 +399,7 @@ impl Board {
         }
     }
 
-    /// The crystal stops.
+    /// Stops the crystal.
     pub fn crystal_stops(&mut self) {
         let seen = self.clocks.crystal_stops(self.now);
         self.clock_tree();
@@ -405,7 +409,7 @@ impl Board {
         self.refresh();
     }
 
-    /// The supply is another from now on.
+    /// Sets the supply, V.
     pub fn set_volts(&mut self, volts: f64) {
         self.power.volts = volts;
         let below = self.power.look();
@@ -425,7 +429,7 @@ impl Board {
         self.refresh();
     }
 
-    /// Cycles of the core pass.
+    /// Advances the time by core cycles.
     #[inline]
     pub fn spend(&mut self, cycles: u32) {
         let cycles = u64::from(cycles + std::mem::take(&mut self.stall));
@@ -433,7 +437,7 @@ impl Board {
         self.now += cycles * self.cycle;
     }
 
-    /// Time passes in which the core does nothing, up to `until`, or a reset.
+    /// Advances the time without the core, to tick `until` or to a reset.
     pub fn pass(&mut self, until: u64) {
         while self.now < until && self.reset.is_none() {
             self.now = self.next.clamp(self.now, until);
@@ -443,7 +447,7 @@ impl Board {
         }
     }
 
-    /// Time passes with the core halted, up to `until`: what the debugger stops stands still.
+    /// Advances the time with the core halted, to tick `until`; frozen peripherals stop.
     pub fn stand(&mut self, until: u64) {
         let from = self.now;
         self.pass(until);
@@ -458,21 +462,22 @@ impl Board {
         self.schedule();
     }
 
-    /// The core is outside its specification with the bridge driven: so many ticks more.
+    /// Adds ticks with the bridge driven and the core outside its specification.
     fn check_supply(&mut self, ticks: u64) {
         if self.power.volts < LOWEST && self.clock() > 60_000_000 && self.bridge.driven() {
             self.world.outside += ticks;
         }
     }
 
-    /// How long nothing changes that a core sees which looks at nothing but the flash's status and the window watchdog's count.
+    /// Tick until which nothing changes for a core that reads only the flash status and the window
+    /// watchdog's count.
     #[must_use]
     pub fn is_still_until(&self) -> u64 {
         let counts = self.window.counts_at(self.now, self.lower());
         self.next.min(self.flash.busy()).min(counts)
     }
 
-    /// The flash is busy: whoever reads it waits.
+    /// Makes a read of the busy flash wait.
     fn wait_for_flash(&mut self) {
         if self.flash.busy() > self.now && self.cycle > 0 {
             let until = self.flash.busy();
@@ -603,7 +608,7 @@ impl Board {
         self.refresh();
     }
 
-    /// An operation of the flash was begun, beyond the `before` that there were: the supply may go with it.
+    /// Detects a new flash operation beyond the `before` earlier ones; the supply may fail with it.
     fn operated(&mut self, before: u64) {
         if self.flash.operations == before {
             return;
@@ -652,7 +657,7 @@ impl Board {
         Asks::Nothing
     }
 
-    /// What lies outside the RAM.
+    /// Reads outside the RAM.
     #[inline(never)]
     fn load_elsewhere(&mut self, address: u32, size: u32) -> Option<u32> {
         match address >> 28 {
@@ -713,7 +718,8 @@ impl Board {
                 let value = if size == 4 {
                     value
                 } else {
-                    // A part of a register is written with the rest as it is, but where a write of 0 does nothing.
+                    // A partial write of a register keeps the rest, except where writing 0 has no
+                    // effect.
                     let shift = 8 * (address & 3);
                     let mask = (1_u32 << (8 * size)).wrapping_sub(1) << shift;
                     self.register(word) & !mask | value << shift & mask
@@ -733,12 +739,12 @@ impl Board {
         }
     }
 
-    /// Where the memory below the RAM begins.
+    /// First address of the memory below the RAM.
     fn lowest(&self) -> u32 {
         MEMORY - self.below.len() as u32
     }
 
-    /// An instruction: what it waits for its line is counted with the line.
+    /// Fetches an instruction outside the RAM; the wait is counted with its line.
     #[inline(never)]
     fn fetch_elsewhere(&mut self, address: u32) -> Option<u32> {
         if address < 0x0010_0000 || flash::RANGE.contains(&address) {
@@ -749,7 +755,7 @@ impl Board {
     }
 }
 
-/// Bytes of a memory as a number.
+/// A number from bytes of a memory.
 #[inline]
 fn number(bytes: &[u8], at: usize, size: u32) -> Option<u32> {
     let bytes = bytes.get(at..)?;

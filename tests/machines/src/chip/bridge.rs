@@ -1,4 +1,4 @@
-//! TIM1 as the timer of a half bridge (RM0090, chapter 17).
+//! Model of TIM1 as the timer of a half bridge (RM0090, chapter 17).
 
 /// Bits of CR1, SR, EGR, BDTR.
 const ENABLE: u32 = 1;
@@ -13,10 +13,10 @@ const AUTOMATIC: u32 = 1 << 14;
 /// Main output enable (17.4.18).
 pub const MAIN_OUTPUT: u32 = 1 << 15;
 
-/// What an event of the timer does beyond the timer.
+/// Effects of a timer event beyond the timer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Came {
-    /// An update: its trigger output, where it is that (CR2.MMS = 2).
+    /// An update on the trigger output (CR2.MMS = 2).
     pub trigger: bool,
 }
 
@@ -24,16 +24,16 @@ pub struct Came {
 #[derive(Clone, Debug)]
 pub struct Bridge {
     words: [u32; 20],
-    /// What counts: prescaler, reload, comparison, as the last update took them.
+    /// Active values of prescaler, reload and comparison, taken over at the last update.
     prescaler: u32,
     reload: u32,
     compare: u32,
     repetition: u32,
-    /// Where the counter stood, and whether downwards, at `since`.
+    /// Count and direction (downwards) at tick `since`.
     count: u32,
     down: bool,
     since: u64,
-    /// Ticks a count of the timer's clock; 0: no clock.
+    /// Duration of a timer clock cycle, ticks; 0 without a clock.
     cycle: u64,
 }
 
@@ -56,7 +56,7 @@ impl Default for Bridge {
 }
 
 impl Bridge {
-    /// The registers as a reset leaves them.
+    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self {
             cycle: self.cycle,
@@ -78,7 +78,7 @@ impl Bridge {
         self.word(0) >> 5 & 3 != 0
     }
 
-    /// Its clock is another from now on: so many ticks a count, 0 for none.
+    /// Sets the duration of a timer clock cycle, ticks; 0 for no clock.
     pub fn set_cycle(&mut self, cycle: u64, now: u64) {
         if cycle != self.cycle {
             self.catch_up(now);
@@ -86,12 +86,12 @@ impl Bridge {
         }
     }
 
-    /// Ticks a count.
+    /// Duration of a count, ticks.
     fn count_ticks(&self) -> u64 {
         self.cycle * u64::from(self.prescaler + 1)
     }
 
-    /// The counter's place now.
+    /// Count at tick `now`.
     fn place(&self, now: u64) -> u32 {
         if !self.runs() {
             return self.count;
@@ -104,7 +104,8 @@ impl Bridge {
         }
     }
 
-    /// Counts up to `now`. The part of a count that has passed stays: whoever writes a register shifts no edge.
+    /// Advances the count to tick `now`. The fraction of a count is kept, so that a register write
+    /// shifts no edge.
     fn catch_up(&mut self, now: u64) {
         self.count = self.place(now);
         if self.runs() {
@@ -114,7 +115,7 @@ impl Bridge {
         }
     }
 
-    /// When the counter next turns.
+    /// Tick at which the counter next turns.
     #[must_use]
     pub fn due(&self) -> u64 {
         if !self.runs() || self.reload == 0 {
@@ -128,7 +129,7 @@ impl Bridge {
         self.since + u64::from(steps) * self.count_ticks()
     }
 
-    /// The counter turns.
+    /// Turns the counter.
     pub fn turn(&mut self) -> Came {
         self.since = self.due();
         if self.centred() {
@@ -154,7 +155,7 @@ impl Bridge {
         }
     }
 
-    /// An update takes what was written (17.3.1).
+    /// Takes over the preloaded values at an update (17.3.1).
     fn update(&mut self) {
         self.prescaler = self.word(0x28) & 0xffff;
         self.reload = self.word(0x2c) & 0xffff;
@@ -163,7 +164,7 @@ impl Bridge {
         self.count = self.count.min(self.reload);
     }
 
-    /// A register.
+    /// Reads a register.
     #[must_use]
     pub fn read(&self, offset: u32, now: u64) -> u32 {
         match offset {
@@ -174,7 +175,7 @@ impl Bridge {
         }
     }
 
-    /// Writes a register; what an event by hand does beyond the timer.
+    /// Writes a register; returns the effects of a software event.
     pub fn write(&mut self, offset: u32, value: u32, now: u64) -> Came {
         let Some(&old) = self.words.get(offset as usize / 4) else {
             return Came::default();
@@ -201,7 +202,7 @@ impl Bridge {
                 return Came::default();
             }
             0x44 => {
-                // What a lock level keeps (17.4.18); the level itself is written once.
+                // Bits that a lock level protects (17.4.18); the level itself is written once.
                 let kept = match lock {
                     0 => 0,
                     1 => 0x73ff,
@@ -225,13 +226,14 @@ impl Bridge {
         Came::default()
     }
 
-    /// A break: the outputs are disabled without any clock (17.3.12).
+    /// A break: disables the outputs without any clock (17.3.12).
     fn fail(&mut self) {
         self.words[0x44 / 4] &= !MAIN_OUTPUT;
         self.words[0x10 / 4] |= BREAK;
     }
 
-    /// The break input has this level, or the clock security asks for a break; whether it opened the bridge.
+    /// Applies the level of the break input and the clock security's break; returns whether they
+    /// opened the bridge.
     pub fn break_input(&mut self, high: bool, clock_failed: bool) -> bool {
         let word = self.word(0x44);
         let active = word & BREAK_ON != 0 && high == (word & BREAK_HIGH != 0);
@@ -250,7 +252,7 @@ impl Bridge {
         self.word(0x44) & MAIN_OUTPUT != 0
     }
 
-    /// Whether the outputs are enabled and their two channels: one of the gates is high at any time.
+    /// Whether the outputs and both their channels are enabled: one of the gates is always high.
     #[must_use]
     pub fn driven(&self) -> bool {
         self.enabled() && self.word(0x20) & 5 != 0
@@ -272,7 +274,7 @@ impl Bridge {
         self.words[0x44 / 4] |= MAIN_OUTPUT;
     }
 
-    /// Mean voltage at the bridge over its supply, -1..1; a counter that stands leaves one switch on.
+    /// Mean bridge voltage over its supply, -1..1; a stopped counter leaves one switch on.
     #[must_use]
     pub fn output(&self, now: u64) -> f32 {
         if !self.driven() {
@@ -289,8 +291,8 @@ impl Bridge {
             as f32
     }
 
-    /// Counts between the nearest edge of the outputs, the dead time included, and the first `sampled` counts after the
-    /// bottom; the compare value is that of the periods around it.
+    /// Number of counts between the nearest edge, dead time included, and the first `sampled`
+    /// counts after the bottom. The compare value is that of the periods around it.
     #[must_use]
     pub fn clear(&self, sampled: u32) -> u32 {
         let (_, compare, dead) = self.period();
@@ -298,14 +300,14 @@ impl Bridge {
         compare.saturating_sub(sampled.max(dead))
     }
 
-    /// The interrupts that are asked for: update, break.
+    /// Requested interrupts: update, break.
     #[must_use]
     pub fn interrupts(&self) -> [bool; 2] {
         let both = self.word(0x10) & self.word(0x0c);
         [both & UPDATE != 0, both & BREAK != 0]
     }
 
-    /// Counts of the timer's clock in a period, its share that is high, and the dead time in counts.
+    /// Period in timer counts, its high part, and the dead time in counts.
     #[must_use]
     pub fn period(&self) -> (u32, u32, u32) {
         let turns = if self.centred() { 2 } else { 1 };
@@ -327,7 +329,8 @@ impl Bridge {
 mod tests {
     use super::*;
 
-    /// As the firmware sets it: centre-aligned, 4200, an update where the counter turns at its bottom.
+    /// The firmware's set-up: centre-aligned, 4200, an update where the counter turns at its
+    /// bottom.
     fn board() -> Bridge {
         let mut bridge = Bridge::default();
         bridge.set_cycle(6, 0);
@@ -355,7 +358,7 @@ mod tests {
         assert_eq!(bridge.period(), (8400, 2100, 0));
     }
 
-    /// Before, each write within a count delayed the next edge by up to a count.
+    /// A write within a count must not delay the next edge.
     #[test]
     fn a_write_shifts_no_edge() {
         let mut bridge = board();
@@ -385,7 +388,7 @@ mod tests {
         assert!(bridge.break_input(true, false));
         assert!(!bridge.driven() && bridge.output(0) == 0.0);
         assert_eq!(bridge.read(0x10, 0) & BREAK, BREAK);
-        // It is not enabled again by itself.
+        // It is not enabled again automatically.
         bridge.break_input(false, false);
         bridge.turn();
         bridge.turn();

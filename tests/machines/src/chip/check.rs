@@ -1,5 +1,6 @@
-//! The CRC unit (RM0090, chapter 4): CRC-32 of words, the highest bit first, in four cycles each.
+//! Model of the CRC unit (RM0090, chapter 4): CRC-32 of words, highest bit first, four cycles each.
 
+/// Generator polynomial of CRC-32.
 const POLYNOMIAL: u32 = 0x04c1_1db7;
 
 /// The registers.
@@ -16,7 +17,7 @@ impl Default for Check {
 }
 
 impl Check {
-    /// A register.
+    /// Reads a register.
     #[must_use]
     pub fn read(&self, offset: u32) -> u32 {
         match offset {

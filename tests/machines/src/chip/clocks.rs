@@ -1,13 +1,14 @@
-//! Clocks and resets (RM0090, chapter 7, RCC of the STM32F405).
+//! Model of clocks and resets (RM0090, chapter 7, RCC of the STM32F405).
 
-/// Ticks of the emulated time a second: every clock of the board has a whole number of them.
+/// Ticks of emulated time per second: every clock of the board has a whole number of them.
 pub const TICKS: u64 = 1_008_000_000;
-/// The internal oscillator in Hz.
+/// Frequency of the internal oscillator, Hz.
 const INTERNAL: u32 = 16_000_000;
-/// Time that crystal and PLL take to start (DS8626, tables 37 and 41): 2 ms, 0.2 ms.
+/// Start-up time of the crystal, ticks: 2 ms (DS8626, table 37).
 const CRYSTAL_START: u64 = TICKS / 500;
+/// Start-up time of the PLL, ticks: 0.2 ms (DS8626, table 41).
 const PLL_START: u64 = TICKS / 5000;
-/// The core's highest clock in Hz (DS8626, table 14).
+/// Highest frequency of the core, Hz (DS8626, table 14).
 pub const FASTEST: u32 = 168_000_000;
 
 /// Bits of CR (7.3.1).
@@ -20,7 +21,7 @@ const PLLON: u32 = 1 << 24;
 const PLLRDY: u32 = 1 << 25;
 /// The source of the PLL (7.3.2).
 const FROM_CRYSTAL: u32 = 1 << 22;
-/// The security system's flag and its acknowledgement (7.3.4).
+/// Flag of the clock security system and its acknowledgement (7.3.4).
 const CSSF: u32 = 1 << 7;
 const CSSC: u32 = 1 << 23;
 /// Bits of CSR (7.3.21).
@@ -28,10 +29,10 @@ const LSION: u32 = 1;
 const LSIRDY: u32 = 1 << 1;
 const REMOVE: u32 = 1 << 24;
 
-/// Why the chip was reset (7.3.21).
+/// Cause of a reset (7.3.21).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// The supply came: power-on, which sets brown-out and pin as well.
+    /// Power-on, which sets the flags of brown-out and pin too.
     Power,
     /// The supply fell below the brown-out level that the option bytes set.
     BrownOut,
@@ -46,7 +47,7 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// Its flags in CSR.
+    /// Flags of this cause in CSR.
     fn flags(self) -> u32 {
         const PIN: u32 = 1 << 26;
         match self {
@@ -60,17 +61,17 @@ impl Cause {
     }
 }
 
-/// The registers, and the crystal as it is.
+/// The registers, and the crystal.
 #[derive(Clone, Debug)]
 pub struct Clocks {
-    /// Frequency of the crystal in Hz; 0: it does not swing.
+    /// Frequency of the crystal, Hz; 0: it does not oscillate.
     pub crystal: u32,
     control: u32,
     pll: u32,
     configuration: u32,
     interrupts: u32,
     status: u32,
-    /// The other registers by their word: resets, enables, backup domain.
+    /// Other registers by word: resets, enables, backup domain.
     others: [u32; 36],
     crystal_ready: u64,
     pll_ready: u64,
@@ -95,7 +96,7 @@ impl Default for Clocks {
 }
 
 impl Clocks {
-    /// The registers as a reset leaves them; the flags of its causes stay.
+    /// Resets the registers; the flags of the causes stay.
     pub fn reset(&mut self) {
         self.control = 0x83;
         self.pll = 0x2400_3010;
@@ -108,18 +109,18 @@ impl Clocks {
         self.pll_ready = u64::MAX;
     }
 
-    /// Keeps why the chip was reset.
+    /// Sets the flags of a reset's cause.
     pub fn note(&mut self, cause: Cause) {
         self.status |= cause.flags();
     }
 
-    /// A register at `now`.
+    /// Reads a register at tick `now`.
     #[must_use]
     pub fn read(&self, offset: u32, now: u64) -> u32 {
         match offset {
             0x00 => self.control(now),
             0x04 => self.pll,
-            // What was asked for is in use at once.
+            // A requested clock switch takes effect at once.
             0x08 => self.configuration & !0xc | (self.configuration & 3) << 2,
             0x0c => self.interrupts,
             0x74 => self.status,
@@ -141,11 +142,11 @@ impl Clocks {
         value
     }
 
-    /// Writes a register at `now`.
+    /// Writes a register at tick `now`.
     pub fn write(&mut self, offset: u32, value: u32, now: u64) {
         match offset {
             0x00 => self.set_control(value, now),
-            // It can be written with the PLL off only (7.3.2).
+            // It is writable only with the PLL off (7.3.2).
             0x04 if self.control & PLLON == 0 => self.pll = value,
             0x08 => self.configuration = value,
             0x0c => {
@@ -185,8 +186,9 @@ impl Clocks {
         }
     }
 
-    /// The crystal stops; whether the security system sees it: then the core goes on from the internal
-    /// oscillator, TIM1 gets its break and the core an NMI (7.2.7). Where nothing sees it, there is no clock.
+    /// Stops the crystal; returns whether the security system detects it. Then the internal
+    /// oscillator clocks the core, TIM1 gets its break and the core an NMI (7.2.7). Otherwise there
+    /// is no clock.
     pub fn crystal_stops(&mut self, now: u64) -> bool {
         let ran = now >= self.crystal_ready;
         self.crystal = 0;
@@ -213,7 +215,7 @@ impl Clocks {
         self.interrupts & CSSF != 0
     }
 
-    /// The core's clock in Hz at `now`; 0: none.
+    /// Frequency of the core at tick `now`, Hz; 0: none.
     #[must_use]
     pub fn core(&self, now: u64) -> u32 {
         let system = match self.configuration & 3 {
@@ -241,14 +243,14 @@ impl Clocks {
         (u64::from(source) * u64::from(n) / u64::from(m.max(2) * p)) as u32
     }
 
-    /// By what the clock of a bus is divided: `upper` is APB2.
+    /// Divider of a bus clock; `upper` is APB2.
     #[must_use]
     pub fn divider(&self, upper: bool) -> u32 {
         let code = self.configuration >> if upper { 13 } else { 10 } & 7;
         if code < 4 { 1 } else { 2 << (code - 4) }
     }
 
-    /// By what the core's clock is divided to give that of a bus's timers (7.2).
+    /// Divider from the core's clock to that of a bus's timers (7.2).
     #[must_use]
     pub fn timer_divider(&self, upper: bool) -> u32 {
         match self.divider(upper) {
@@ -257,8 +259,8 @@ impl Clocks {
         }
     }
 
-    /// Whether the peripheral at `address` has its clock (7.3.10 to 7.3.14); of what has none to be switched, it
-    /// has.
+    /// Whether the peripheral at `address` has its clock (7.3.10 to 7.3.14); true for those without
+    /// a clock enable.
     #[must_use]
     pub fn enabled(&self, address: u32) -> bool {
         let enabled = |register: usize, bit: u32| self.others[register / 4] >> bit & 1 == 1;
@@ -285,7 +287,7 @@ impl Clocks {
 mod tests {
     use super::*;
 
-    /// 8 MHz / 4 * 168 / 2, APB1 by 4, APB2 by 2: the board's.
+    /// The board's clocks: 8 MHz / 4 * 168 / 2, APB1 by 4, APB2 by 2.
     fn board() -> Clocks {
         let mut clocks = Clocks::default();
         clocks.write(0x00, 0x83 | HSEON, 0);

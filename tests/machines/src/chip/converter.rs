@@ -1,4 +1,5 @@
-//! A converter: one group of injected conversions by a trigger, regular ones by the program (RM0090, chapter 13).
+//! Model of a converter: one triggered group of injected conversions, regular ones by software
+//! (RM0090, chapter 13).
 
 /// Bits of SR and CR2.
 const REGULAR_END: u32 = 1 << 1;
@@ -9,15 +10,15 @@ const ON: u32 = 1;
 const RIGHT_TO_LEFT: u32 = 1 << 11;
 const START_INJECTED: u32 = 1 << 22;
 const START: u32 = 1 << 30;
-/// Cycles to sample, by code (13.13.5), and to convert.
+/// Sampling times by code (13.13.5) and conversion time, cycles.
 const SAMPLING: [u32; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 
-/// The registers of ADC1 and of what the three share.
+/// Registers of ADC1 and those that the three converters share.
 #[derive(Clone, Debug)]
 pub struct Converter {
     words: [u32; 20],
     prescaler: u32,
-    /// When the group that is under way ends, and the regular conversion.
+    /// End ticks of the running injected group and of the regular conversion.
     injected: u64,
     regular: u64,
 }
@@ -34,12 +35,12 @@ impl Default for Converter {
 }
 
 impl Converter {
-    /// The registers as a reset leaves them.
+    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// A register; `offset` from 0x300 on is of what the three share.
+    /// Reads a register; from `offset` 0x300 on those that the three converters share.
     pub fn read(&mut self, offset: u32) -> u32 {
         match offset {
             0x304 => self.prescaler,
@@ -51,7 +52,7 @@ impl Converter {
         }
     }
 
-    /// Writes a register at `now`; a cycle of APB2 takes `cycle` ticks.
+    /// Writes a register at tick `now`; an APB2 cycle takes `cycle` ticks.
     pub fn write(&mut self, offset: u32, value: u32, now: u64, cycle: u64) {
         match offset {
             0x00 => self.words[0] &= value,
@@ -76,7 +77,7 @@ impl Converter {
         }
     }
 
-    /// Ticks of one conversion.
+    /// Duration of one conversion, ticks.
     fn time(&self, channel: u32, cycle: u64) -> u64 {
         let (word, shift) = if channel >= 10 {
             (self.words[3], 3 * (channel - 10))
@@ -89,8 +90,8 @@ impl Converter {
         u64::from((sampling + bits) * divider) * cycle
     }
 
-    /// Ticks from a trigger to the end of the first sample of the group: three of the converter's cycles for the trigger
-    /// (DS8626, table 67), then its time to sample.
+    /// Ticks from a trigger to the end of the group's first sample. Three converter cycles for the
+    /// trigger (DS8626, table 67), then the sampling time.
     #[must_use]
     pub fn samples(&self, cycle: u64) -> u64 {
         let channel = self.group().first().copied().unwrap_or(0);
@@ -100,7 +101,7 @@ impl Converter {
             - u64::from(bits * divider) * cycle
     }
 
-    /// Channels of the injected group, in order (13.13.12).
+    /// Channels of the injected group in order (13.13.12).
     fn group(&self) -> Vec<u32> {
         let word = self.words[0x38 / 4];
         let last = word >> 20 & 3;
@@ -118,7 +119,7 @@ impl Converter {
         self.injected = now + times.sum::<u64>();
     }
 
-    /// TIM1's trigger comes: a group begins where it is asked for and none is under way.
+    /// Handles TIM1's trigger: starts the group where it is enabled and none is running.
     pub fn trigger(&mut self, now: u64, cycle: u64) {
         let control = self.words[2];
         let asked = control >> 16 & 0xf == 1 && control >> 20 & 1 == 1;
@@ -127,14 +128,14 @@ impl Converter {
         }
     }
 
-    /// When a conversion ends.
+    /// Tick at which a conversion ends.
     #[must_use]
     pub fn due(&self) -> u64 {
         self.injected.min(self.regular)
     }
 
-    /// What is due by `now` ends, with what `level` gives for each channel, 0 to 4095; whether the injected group
-    /// did.
+    /// Ends the conversions due by `now` with the readings `level` of each channel, 0 to 4095.
+    /// Returns whether the injected group ended.
     pub fn end(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) -> bool {
         let cut = 2 * (self.words[1] >> 24 & 3);
         let mut convert = |control: u32, channel: u32| {
@@ -173,7 +174,7 @@ impl Converter {
         true
     }
 
-    /// Whether its interrupt is asked for: end of a regular conversion, of the injected group.
+    /// Whether it requests its interrupt: end of a regular conversion, or of the injected group.
     #[must_use]
     pub fn interrupts(&self) -> bool {
         let (status, control) = (self.words[0], self.words[1]);
@@ -193,7 +194,7 @@ mod tests {
         converter.write(0x304, 1 << 16, 0, cycle);
         converter.write(0x04, 1 << 7 | 1 << 8, 0, cycle);
         converter.write(0x10, 3 << 3, 0, cycle);
-        // One conversion: the last place of the sequence.
+        // One conversion: the last entry of the sequence.
         converter.write(0x38, 1 << 15, 0, cycle);
         converter.trigger(0, cycle);
         assert_eq!(converter.due(), u64::MAX, "it is off");

@@ -1,21 +1,24 @@
-//! Flash, its controller and its accelerator (RM0090, chapter 3; DS8626, tables 39 and 40).
+//! Model of the flash, its controller and its accelerator (RM0090, chapter 3; DS8626, tables 39 and
+//! 40).
 
 use std::ops::Range;
 
 use super::clocks::TICKS;
 
-/// Where it lies.
+/// First address of the flash.
 pub const START: u32 = 0x0800_0000;
-/// Its bytes.
+/// Size of the flash, bytes.
 const SIZE: usize = 1024 * 1024;
-/// Its addresses.
+/// Addresses of the flash.
 pub const RANGE: Range<u32> = START..START + SIZE as u32;
-/// The registers of its controller.
+/// Addresses of the controller's registers.
 pub const REGISTERS: Range<u32> = 0x4002_3c00..0x4002_3c18;
-/// Its status register.
+/// Address of the status register.
 pub const STATUS: u32 = REGISTERS.start + 0x0c;
 
+/// Key values that unlock the controller.
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
+/// Key values that unlock the option bytes.
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
 /// Bits of ACR (3.9.1).
 const PREFETCH: u32 = 1 << 8;
@@ -29,7 +32,7 @@ const ERASE_SECTOR: u32 = 1 << 1;
 const ERASE_ALL: u32 = 1 << 2;
 const START_ERASING: u32 = 1 << 16;
 const LOCKED: u32 = 1 << 31;
-/// Errors of the status register: parallelism, sequence.
+/// Error bits of the status register: parallelism, sequence.
 const WRONG_SIZE: u32 = 1 << 6;
 const WRONG_SEQUENCE: u32 = 1 << 7;
 const ERRORS: u32 = 0xf0;
@@ -38,22 +41,23 @@ const BUSY: u32 = 1 << 16;
 const OPTIONS_LOCKED: u32 = 1;
 const OPTIONS_START: u32 = 1 << 1;
 const SOFTWARE_WATCHDOG: u32 = 1 << 5;
-/// As the factory leaves them: brown-out reset off, the watchdog started by software.
+/// Factory value of OPTCR: brown-out reset off, watchdog started by software.
 const OPTIONS: u32 = 0x0fff_aaed;
-/// What of that register is option bytes, and not its lock and its start.
+/// Option bits of that register, without its lock and its start bit.
 const OPTION_BYTES: u32 = 0x0fff_ffec;
-/// Lines of 16 bytes that the accelerator keeps: of instructions, of data (3.5.2).
+/// Number of cached lines of 16 bytes: instructions, data (3.5.2).
 const LINES: [usize; 2] = [64, 8];
-/// Time to program a word, 16 us; to erase 16, 64, 128 KiB and all, in ms by bytes, half words and words (DS8626,
-/// flash memory programming); twice that at most.
+/// Duration of programming a word, ticks: 16 us (DS8626, flash memory programming).
 const WORD_TIME: u64 = 16 * TICKS / 1_000_000;
+/// Typical durations of an erasure, ms (DS8626, flash memory programming). Columns: 16, 64, 128 KiB
+/// and all; rows: by bytes, half words and words. The longest durations are twice as long.
 const ERASE_TIMES: [[u64; 4]; 3] = [
     [400, 1200, 2000, 16_000],
     [300, 700, 1300, 11_000],
     [250, 550, 1000, 8_000],
 ];
 
-/// The place of a sector.
+/// Offsets of a sector.
 #[must_use]
 pub fn sector(number: usize) -> Option<Range<usize>> {
     match number {
@@ -64,17 +68,17 @@ pub fn sector(number: usize) -> Option<Range<usize>> {
     }
 }
 
-/// The number of the sector at an offset.
+/// Number of the sector at an offset.
 fn sector_at(offset: usize) -> Option<usize> {
     (0..12).find(|number| sector(*number).is_some_and(|range| range.contains(&offset)))
 }
 
-/// Lines that the accelerator keeps, the oldest making room (silicon: the one used longest ago).
+/// Cached lines; a new one replaces the oldest (on silicon the least recently used).
 #[derive(Clone, Debug)]
 struct Lines {
     kept: Vec<u32>,
     next: usize,
-    /// Whether a line of the flash is kept, a bit each.
+    /// Bit set of the cached lines.
     held: Vec<u64>,
 }
 
@@ -98,7 +102,7 @@ impl Lines {
         (&mut self.held[at / 64], 1 << (at % 64))
     }
 
-    /// Whether a line is kept; it is from now on.
+    /// Whether a line is cached; afterwards it is.
     fn has(&mut self, line: u32) -> bool {
         let (word, bit) = self.bit(line);
         if *word & bit != 0 {
@@ -115,32 +119,32 @@ impl Lines {
     }
 }
 
-/// A flash; erased at first.
+/// The flash, erased at first.
 #[derive(Clone, Debug)]
 pub struct Flash {
-    /// What it holds.
+    /// Content.
     pub bytes: Vec<u8>,
-    /// Bits that stay 1 although they are programmed, by address: worn out.
+    /// Address and mask of worn bits, which stay 1 when programmed.
     pub worn: Option<(u32, u32)>,
-    /// Words programmed and sectors erased so far.
+    /// Number of words programmed and sectors erased.
     pub operations: u64,
-    /// Sectors erased so far, by number.
+    /// Number of erasures of each sector.
     pub erasures: [u32; 12],
-    /// Whether it takes the longest time that the data sheet allows, not the typical one.
+    /// Whether operations take the longest time of the data sheet instead of the typical one.
     pub slow: bool,
-    /// Ticks that an erasure takes, where that is not what silicon takes.
+    /// Duration of an erasure in ticks that overrides the data sheet.
     pub erases_in: Option<u64>,
-    /// What was programmed or erased since this was last looked at.
+    /// Addresses programmed or erased since the core's cache last took this.
     pub changed: Option<Range<u32>>,
-    /// Sectors whose last erasure did not get to its end: they may read as erased and not stay so.
+    /// Sectors whose last erasure was not completed. They may read as erased and not stay so.
     pub weak: [bool; 12],
-    /// A weak sector was programmed.
+    /// Whether a weak sector was programmed.
     pub programmed_weak: bool,
-    /// A sector was erased while the data cache kept it: what is read of it may be old.
+    /// A sector that was erased while the data cache held parts of it: reads may return old data.
     stale: Option<Range<usize>>,
-    /// Where the last operation works, and what was there before.
+    /// Offset and previous content of the last operation.
     under_way: Option<(usize, Vec<u8>)>,
-    /// Ticks that the last erasure takes.
+    /// Duration of the last erasure, ticks.
     takes: u64,
     keys: usize,
     option_keys: usize,
@@ -153,7 +157,7 @@ pub struct Flash {
     busy: u64,
     instructions: Lines,
     data: Lines,
-    /// The line that was fetched last, and the one read last.
+    /// Lines of the last instruction fetch and of the last data read.
     current: [u32; 2],
 }
 
@@ -188,7 +192,7 @@ impl Default for Flash {
 }
 
 impl Flash {
-    /// What a reset does to the controller.
+    /// Resets the controller.
     pub fn reset(&mut self) {
         (self.keys, self.control, self.status) = (0, LOCKED, 0);
         (self.option_keys, self.option_control) = (0, self.options | OPTIONS_LOCKED);
@@ -198,7 +202,7 @@ impl Flash {
         self.current = [u32::MAX; 2];
     }
 
-    /// The level of the brown-out reset: 3 is off.
+    /// Level of the brown-out reset; 3 is off.
     #[must_use]
     pub fn brown_out(&self) -> u32 {
         self.options >> 2 & 3
@@ -210,7 +214,7 @@ impl Flash {
         self.options & SOFTWARE_WATCHDOG == 0
     }
 
-    /// Sets the option bytes, as if they had been programmed and loaded.
+    /// Sets the option bytes as if programmed and loaded.
     pub fn set_options(&mut self, options: u32) {
         self.options = options & OPTION_BYTES;
         self.option_control = options | OPTIONS_LOCKED;
@@ -222,13 +226,13 @@ impl Flash {
         self.options
     }
 
-    /// Until when it is busy.
+    /// Tick until which it is busy.
     #[must_use]
     pub fn busy(&self) -> u64 {
         self.busy
     }
 
-    /// Wait states.
+    /// Number of wait states.
     #[must_use]
     pub fn latency(&self) -> u32 {
         self.access & 7
@@ -240,7 +244,7 @@ impl Flash {
         [PREFETCH, INSTRUCTION_CACHE, DATA_CACHE].map(|bit| self.access & bit != 0)
     }
 
-    /// Cycles that the core waits for a line of instructions.
+    /// Number of core cycles that fetching a line of instructions waits.
     pub fn fetch(&mut self, address: u32) -> u32 {
         let line = address >> 4;
         let last = std::mem::replace(&mut self.current[0], line);
@@ -252,7 +256,7 @@ impl Flash {
             return 0;
         }
         let latency = self.latency();
-        // The line after is fetched while the core executes this one: 4 to 8 cycles.
+        // The prefetch loads the next line while the core executes this one, in 4 to 8 cycles.
         if prefetch && line == last.wrapping_add(1) {
             latency.saturating_sub(4)
         } else {
@@ -260,7 +264,7 @@ impl Flash {
         }
     }
 
-    /// Cycles that the core waits for data, and whether they may be old.
+    /// Number of core cycles that a data read waits, and whether the data may be old.
     pub fn read(&mut self, address: u32) -> (u32, bool) {
         let line = address >> 4;
         let at = (address - START) as usize;
@@ -276,7 +280,7 @@ impl Flash {
         (self.latency(), old)
     }
 
-    /// A register by its offset, at `now`.
+    /// Reads a register by its offset at tick `now`.
     #[must_use]
     pub fn register(&self, offset: u32, now: u64) -> u32 {
         match offset {
@@ -334,7 +338,8 @@ impl Flash {
                     self.option_keys = 0;
                 }
                 if value & OPTIONS_START != 0 {
-                    // Loaded at the next reset; here at once, as the board's reset follows.
+                    // Silicon loads them at the next reset; the model at once, as the board's reset
+                    // follows.
                     self.options = value & OPTION_BYTES;
                     self.busy = now + self.erasure(0);
                 }
@@ -343,7 +348,7 @@ impl Flash {
         }
     }
 
-    /// Bytes at these places are others from now on.
+    /// Marks bytes at these offsets as changed.
     pub fn change(&mut self, places: Range<usize>) {
         let [start, end] = [places.start, places.end].map(|at| START + at as u32);
         let both = |old: Range<u32>| old.start.min(start)..old.end.max(end);
@@ -354,7 +359,7 @@ impl Flash {
         if self.slow { 2 * typical } else { typical }
     }
 
-    /// How long an erasure takes, by its row and the width that the control register asks for.
+    /// Duration of an erasure by its table row and the parallelism in the control register.
     fn erasure(&self, what: usize) -> u64 {
         let width = (self.control >> 8 & 3).min(2) as usize;
         let usual = self.time(ERASE_TIMES[width][what] * (TICKS / 1000));
@@ -395,7 +400,7 @@ impl Flash {
         self.busy = now + self.takes;
     }
 
-    /// The supply is too low at `now`: an erasure that is under way is not sound.
+    /// Marks an erasure in progress at tick `now` as incomplete: the supply is too low.
     pub fn weaken(&mut self, now: u64) {
         if now >= self.busy {
             return;
@@ -410,7 +415,7 @@ impl Flash {
         }
     }
 
-    /// The supply goes at `now`: an operation that is not at its end leaves each bit as it was or as it should be. In the
+    /// Cuts the supply at tick `now`. An operation in progress leaves each bit old or new. In the
     /// last quarter of an erasure all bits read as erased already.
     pub fn supply_goes(&mut self, now: u64) {
         self.weaken(now);
@@ -433,7 +438,7 @@ impl Flash {
         }
     }
 
-    /// Programs: bits go from 1 to 0 only.
+    /// Programs a word: bits change from 1 to 0 only.
     pub fn program(&mut self, offset: usize, size: u32, value: u32, now: u64) {
         if self.control & (LOCKED | PROGRAM) != PROGRAM {
             self.status |= WRONG_SEQUENCE;

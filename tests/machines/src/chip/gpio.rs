@@ -1,9 +1,9 @@
-//! A port of sixteen pins (RM0090, chapter 8).
+//! Model of a port of sixteen pins (RM0090, chapter 8).
 
-/// What drives a pin from outside.
+/// External level at a pin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wire {
-    /// Nothing: the chip's own resistor decides, where it has one.
+    /// Open: the chip's pull-up or pull-down decides.
     #[default]
     Open,
     /// 0 V.
@@ -12,31 +12,31 @@ pub enum Wire {
     High,
 }
 
-/// What a pin does.
+/// Configuration of a pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    /// It listens.
+    /// Input.
     Input,
-    /// It says what its bit says.
+    /// Output of its bit.
     Output,
-    /// A peripheral has it, by this number.
+    /// Alternate function with this number.
     Function(u8),
-    /// It is analogue.
+    /// Analogue.
     Analogue,
 }
 
-/// The registers of a port.
+/// Registers of a port.
 #[derive(Clone, Debug)]
 pub struct Port {
-    /// What is wired to each pin.
+    /// External level of each pin.
     pub wires: [Wire; 16],
     words: [u32; 10],
-    /// Mode and pull after a reset: port A and B have the debugger's pins.
+    /// Mode and pull after a reset; ports A and B have the debugger's pins.
     first: [u32; 2],
 }
 
 impl Port {
-    /// Port number `number`, A being 0.
+    /// Builds port `number`; A is 0.
     #[must_use]
     pub fn new(number: usize) -> Self {
         let first = match number {
@@ -53,14 +53,14 @@ impl Port {
         port
     }
 
-    /// The registers as a reset leaves them.
+    /// Resets the registers.
     pub fn reset(&mut self) {
         self.words = [0; 10];
         self.words[0] = self.first[0];
         self.words[3] = self.first[1];
     }
 
-    /// A register.
+    /// Reads a register.
     #[must_use]
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
@@ -84,7 +84,7 @@ impl Port {
         }
     }
 
-    /// What a pin does.
+    /// Configuration of a pin.
     #[must_use]
     pub fn mode(&self, pin: usize) -> Mode {
         match self.words[0] >> (2 * pin) & 3 {
@@ -107,7 +107,7 @@ impl Port {
         }
     }
 
-    /// What an output says; `None` where the pin is none.
+    /// Level of an output; `None` where the pin is no output.
     #[must_use]
     pub fn output(&self, pin: usize) -> Option<bool> {
         (self.mode(pin) == Mode::Output).then(|| self.level(pin))

@@ -1,8 +1,8 @@
-//! An STM32F405RG with its bridge, as a debug probe and as the machine around it see it.
+//! Emulator of an STM32F405RG with its bridge, for a debug probe and for the machine around it.
 //!
-//! The core executes what lies in its flash or what a probe puts into its RAM, on peripherals that behave as the
-//! reference manual (RM0090) says; a file each. What the manual leaves open, and what is electrical, only silicon
-//! can tell.
+//! The core executes the flash's content, or a probe's code in RAM. The peripherals, one per file,
+//! follow the reference manual (RM0090). Electrical properties, and behaviour that the manual
+//! leaves open, need tests on silicon.
 
 mod board;
 mod bridge;
@@ -28,7 +28,7 @@ use world::Seen;
 
 use self::core::Bus;
 
-/// The core's own registers for a debugger (ARM DDI 0403E, C1.6).
+/// Registers of the core for a debugger (ARM DDI 0403E, C1.6).
 const RESET: u32 = 0xe000_ed0c;
 const PROCESSOR: u32 = 0xe000_ed00;
 const WHY_HALTED: u32 = 0xe000_ed30;
@@ -45,18 +45,18 @@ const READY: u32 = 1 << 16;
 const HALTED: u32 = 1 << 17;
 const LOCKED_UP: u32 = 1 << 19;
 const WAS_RESET: u32 = 1 << 25;
-/// Instructions that a loader may take before it counts as one that never ends.
+/// Largest number of instructions of a loader before it counts as hanging.
 const MOST_INSTRUCTIONS: u64 = 60_000_000;
-/// Ticks that pass with each access of a probe: 20 us.
+/// Duration of a probe's access, ticks: 20 us.
 const ACCESS: u64 = TICKS / 50_000;
 
-/// The exception of the converter.
+/// Exception number of the converter.
 pub const SAMPLE: u16 = 16 + 18;
-/// That of the link's port, USART2.
+/// Exception number of the link's port, USART2.
 pub const LINK: u16 = 16 + 38;
-/// That of the milliseconds.
+/// Exception number of SysTick, the millisecond clock.
 pub const MILLISECOND: u16 = 15;
-/// Exceptions of the chip.
+/// Number of exceptions of the chip.
 const EXCEPTIONS: usize = 16 + 82;
 
 /// Bits of CFSR and HFSR (B3.2.15, B3.2.16).
@@ -71,82 +71,82 @@ const UNALIGNED: u32 = 1 << 24;
 const FORCED: u32 = 1 << 30;
 const DEBUG_EVENT: u32 = 1 << 31;
 
-/// What the core does.
+/// State of the core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Runs {
-    /// Nothing: a debugger halted it.
+    /// Halted by a debugger.
     Nothing,
-    /// What its memory holds.
+    /// Executes the memory's content.
     Core,
-    /// Some older firmware, of which it is known only that it drives the bridge again and again.
+    /// Runs an unspecified older firmware that keeps driving the bridge.
     Unknown,
-    /// Nothing any more: no code where it should be, or a fault within a fault.
+    /// Stopped for good: no code at the address, or a fault within a fault.
     Lost,
 }
 
-/// What the handler of an exception takes, in cycles of the core, those of handlers that go before it included.
+/// Run time of an exception's handler in core cycles, including handlers that preempt it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Handler {
-    /// How often it ran.
+    /// Number of calls.
     pub count: u64,
-    /// Cycles in all, the entry and the exit included.
+    /// Sum, entry and exit included.
     pub sum: u64,
-    /// The longest.
+    /// Longest call.
     pub longest: u64,
     begun: u64,
 }
 
-/// The chip.
+/// The emulated chip.
 #[derive(Clone, Debug)]
 pub struct Chip {
-    /// The supply fails once so many flash operations were done.
+    /// Number of flash operations after which the supply fails.
     pub fails_after: Option<u64>,
-    /// Whether the bridge was driven while a debugger changed the flash or had a loader run.
+    /// Whether the bridge was driven while a debugger changed the flash or ran a loader.
     pub driven_while_halted: bool,
     /// Whether the core was ever halted.
     pub was_halted: bool,
-    /// Everything but the core.
+    /// The chip without its core.
     pub board: Board,
     /// The core.
     pub core: Core,
-    /// What it knows of its program.
+    /// Cache of decoded instructions.
     code: Code,
     runs: Runs,
-    /// Whether its firmware is still the older one, of which nothing is known.
+    /// Whether it still runs the unspecified older firmware.
     older: bool,
-    /// Where the last reset led.
+    /// Address of the first instruction after the last reset.
     entry: u32,
     halting: u32,
     why: u32,
     transfer: u32,
     was_reset: bool,
-    /// Whether the supply fell below what the RAM needs.
+    /// Whether the supply fell below the RAM's retention voltage.
     gone: bool,
-    /// What the handlers took, by the number of their exception.
+    /// Run times of the handlers by exception number.
     handlers: [Handler; EXCEPTIONS],
-    /// The core after its last look at the status of the busy flash.
+    /// State of the core at its last read of the busy flash's status.
     looked: Option<Box<Looked>>,
-    /// The core executes nothing from this instruction on, but for interrupts above it: what hangs it, and how.
+    /// How the program hangs; interrupts with a higher priority still run.
     pub hangs: Option<Hang>,
 }
 
-/// A core that has looked at the status of the busy flash.
+/// State of the core at a read of the busy flash's status.
 #[derive(Clone, Debug)]
 struct Looked {
     core: Core,
     at: u64,
-    /// Ticks and instructions since the look before, where the core was the same then.
+    /// Ticks and instructions since the previous read, if the core's state was equal there.
     took: Option<(u64, u64)>,
 }
 
-/// How a program is hung.
+/// Ways to hang a program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hang {
-    /// Its thread goes on the spot; interrupts are handled.
+    /// The thread stops advancing; interrupts run.
     Thread,
-    /// The handler of the samples does, once it is entered.
+    /// The sample interrupt's handler stops advancing once entered.
     Samples,
-    /// Everything goes on the spot.
+    /// Everything stops advancing.
     Everything,
 }
 
@@ -177,16 +177,16 @@ impl Default for Chip {
 }
 
 impl Chip {
-    /// What the handler of an exception took since it was last forgotten.
+    /// Run times of an exception's handler since they were last cleared.
     ///
     /// # Panics
-    /// Where the chip has no such exception.
+    /// The chip has no such exception.
     #[must_use]
     pub fn handler(&self, exception: u16) -> Handler {
         self.handlers[usize::from(exception)]
     }
 
-    /// Forgets what the handlers took, but for when one began that runs now.
+    /// Clears the handlers' run times; a handler that runs now keeps its start.
     pub fn forget_handlers(&mut self) {
         for handler in &mut self.handlers {
             *handler = Handler {
@@ -196,50 +196,51 @@ impl Chip {
         }
     }
 
-    /// Its flash.
+    /// Content of the flash.
     #[must_use]
     pub fn flash(&self) -> &[u8] {
         &self.board.flash.bytes
     }
 
-    /// Its flash, to be filled.
+    /// Content of the flash for writing.
     pub fn flash_mut(&mut self) -> &mut [u8] {
         let size = self.board.flash.bytes.len();
         self.board.flash.change(0..size);
         &mut self.board.flash.bytes
     }
 
-    /// Words programmed and sectors erased.
+    /// Number of words programmed and sectors erased.
     #[must_use]
     pub fn operations(&self) -> u64 {
         self.board.flash.operations
     }
 
-    /// Has bits of a word of the flash stay 1.
+    /// Makes bits of a flash word stay 1.
     pub fn wear(&mut self, address: u32, bits: u32) {
         self.board.flash.worn = Some((address, bits));
     }
 
-    /// Whether the bridge is driven: its main output is enabled, and that is all that opens it.
+    /// Whether the bridge is driven; only its main output enable opens it.
     #[must_use]
     pub fn is_driven(&self) -> bool {
         self.board.supplied && self.board.bridge.enabled()
     }
 
-    /// Where the firmware began that runs; `None` where none does.
+    /// Entry address of the running firmware; `None` where none runs.
     #[must_use]
     pub fn running(&self) -> Option<u32> {
         let runs = matches!(self.runs, Runs::Core | Runs::Unknown);
         (self.is_supplied() && runs).then_some(self.entry)
     }
 
-    /// Whether its core does nothing any more: no code, or a fault within a fault.
+    /// Whether the core has stopped for good: no code, or a fault within a fault.
     #[must_use]
     pub fn was_lost(&self) -> bool {
         self.runs == Runs::Lost
     }
 
-    /// Its supply comes: what it holds in flash starts, if it can; the RAM holds noise.
+    /// Switches the supply on. The RAM holds noise, and the firmware in the flash starts, if there
+    /// is any.
     pub fn power_on(&mut self) {
         self.fails_after = None;
         self.board.supplied = true;
@@ -248,7 +249,8 @@ impl Chip {
         self.reset(Cause::Power);
     }
 
-    /// Its supply is enough again: from below the brown-out level, or from where the RAM forgets.
+    /// Restores the supply from below the brown-out level, or from below the RAM's retention
+    /// voltage.
     pub fn supply_returns(&mut self) {
         if std::mem::take(&mut self.gone) {
             self.power_on();
@@ -258,7 +260,7 @@ impl Chip {
         }
     }
 
-    /// Its supply goes.
+    /// Switches the supply off.
     pub fn power_off(&mut self) {
         self.board.supplied = false;
         self.board.flash.supply_goes(self.board.now);
@@ -267,7 +269,7 @@ impl Chip {
         self.board.refresh();
     }
 
-    /// Reads bytes, as a probe does; `None` where nothing answers.
+    /// Reads bytes as a probe does; `None` where an address has no memory.
     pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Option<()> {
         self.goes_on()?;
         let size = width(address, bytes.len());
@@ -283,7 +285,7 @@ impl Chip {
         Some(())
     }
 
-    /// Writes bytes, as a probe does, `size` at a time.
+    /// Writes bytes as a probe does, `size` at a time.
     pub fn write(&mut self, address: u32, size: usize, bytes: &[u8]) -> Option<()> {
         self.goes_on()?;
         let before = self.board.flash.operations;
@@ -305,7 +307,7 @@ impl Chip {
             .is_none_or(|operations| self.board.flash.operations < operations)
     }
 
-    /// What runs goes on between two accesses.
+    /// Runs the core between two accesses of a probe.
     fn goes_on(&mut self) -> Option<()> {
         if !self.is_supplied() {
             return None;
@@ -318,7 +320,7 @@ impl Chip {
         Some(())
     }
 
-    /// So much time passes for what runs.
+    /// Runs the chip for this time.
     pub fn lives(&mut self, time: std::time::Duration) {
         if self.runs == Runs::Core && self.is_supplied() {
             let passed = (time.as_secs_f64() * TICKS as f64) as u64;
@@ -326,10 +328,10 @@ impl Chip {
         }
     }
 
-    /// A register of the core.
+    /// Reads a debug register of the core.
     fn own(&mut self, address: u32) -> Option<u32> {
         Some(match address {
-            // The upper half of the word of the flash's size, read as such.
+            // Upper half of the word with the flash size.
             0x1fff_7a22 => self.board.identity.1,
             BREAKPOINTS => 0x260,
             WHY_HALTED => self.why,
@@ -353,7 +355,7 @@ impl Chip {
         })
     }
 
-    /// Writes a register of the core; whether it is one.
+    /// Writes a debug register of the core; returns whether the address is one.
     fn set_own(&mut self, address: u32, value: u32) -> bool {
         match address {
             HALTING if value >> 16 == 0xa05f => self.halt(value & 0xffff),
@@ -368,14 +370,14 @@ impl Chip {
         true
     }
 
-    /// A register of the core to the one for transfers, or from it.
+    /// Transfers a core register to or from the debug transfer register.
     fn select(&mut self, value: u32) {
-        // Both stack pointers are one here.
+        // The model has one stack pointer for both.
         let number = match value & 0x7f {
             17 | 18 => STACK,
             number => number as usize,
         };
-        // The address of the next instruction has no bit for Thumb.
+        // The address of the next instruction has no Thumb bit.
         let mask = if number == COUNTER { !1 } else { !0 };
         match (self.core.r.get_mut(number), value >> 16 & 1) {
             (Some(register), 1) => *register = self.transfer & mask,
@@ -424,7 +426,7 @@ impl Chip {
         self.board.refresh();
     }
 
-    /// Executes so many instructions, or to a breakpoint.
+    /// Executes up to `most` instructions, or to a breakpoint.
     fn steps(&mut self, most: u64) {
         let end = self.core.instructions + most;
         while self.runs == Runs::Core && self.core.instructions < end {
@@ -450,13 +452,13 @@ impl Chip {
         self.why |= why;
     }
 
-    /// A debugger halts the core, whatever it does.
+    /// Halts the core by a debugger, in any state.
     pub fn debugger_halts(&mut self) {
         self.halting |= DEBUG | HALT;
         self.stop(1);
     }
 
-    /// The chip is reset.
+    /// Resets the chip.
     pub fn reset(&mut self, cause: Cause) {
         self.was_reset = true;
         self.older = false;
@@ -477,7 +479,7 @@ impl Chip {
         }
     }
 
-    /// Runs up to `until`, in ticks.
+    /// Runs to tick `until`.
     pub fn run(&mut self, until: u64) {
         while self.board.now < until {
             if self.board.reset.is_some() {
@@ -503,7 +505,7 @@ impl Chip {
         }
     }
 
-    /// Instructions up to the next thing that happens.
+    /// Executes instructions up to the next event.
     fn stretch(&mut self, until: u64) {
         let limit = until.min(self.board.next);
         while self.board.now < limit {
@@ -521,7 +523,7 @@ impl Chip {
         }
     }
 
-    /// A core that waits for the flash does the same again and again: as many rounds as nothing changes in pass at once.
+    /// Skips repetitions of a loop that waits for the flash, as long as nothing changes in it.
     #[cold]
     fn looks_on(&mut self, until: u64) {
         let now = self.board.now;
@@ -532,7 +534,7 @@ impl Chip {
             before.core.instructions = self.core.instructions;
             let same = before.core == self.core;
             took = same.then_some((now - before.at, rounds));
-            // The first rounds may find a line of the program that is not there yet.
+            // The first rounds may still load lines of the program.
             if let Some((ticks, instructions)) = took.filter(|_| took == before.took) {
                 let still = self.board.is_still_until().min(until);
                 let rounds = still.saturating_sub(now + 1) / ticks.max(1);
@@ -548,7 +550,7 @@ impl Chip {
         }));
     }
 
-    /// One instruction.
+    /// Executes one instruction.
     #[inline(always)]
     fn one(&mut self) {
         if self.board.flash.changed.is_some() {
@@ -565,7 +567,7 @@ impl Chip {
         }
     }
 
-    /// The flash is not what it was: its code may be another.
+    /// Drops the decoded instructions of the changed flash.
     #[cold]
     fn learns(&mut self) {
         if let Some(changed) = self.board.flash.changed.take() {
@@ -573,7 +575,7 @@ impl Chip {
         }
     }
 
-    /// Whether what the core would execute now is hung.
+    /// Whether the next instruction hangs.
     #[cold]
     fn is_hung(&self) -> bool {
         match self.hangs {
@@ -584,7 +586,7 @@ impl Chip {
         }
     }
 
-    /// The core sleeps until something is there to wake it.
+    /// Sleeps until an event wakes the core.
     fn sleeps(&mut self, until: u64) {
         let event = self.core.waits == Waits::Event && self.core.event;
         let wakes = self.board.system.wakes() && self.awake().is_some()
@@ -612,7 +614,7 @@ impl Chip {
             .due(core.mask, core.fault_mask, core.base_priority)
     }
 
-    /// Exceptions are left and entered.
+    /// Leaves and enters exceptions.
     fn attend(&mut self) {
         self.core.attention = false;
         self.board.attention = false;
@@ -651,7 +653,7 @@ impl Chip {
         if !taken {
             self.board.system.fault_status |= STACK_FAULT;
             if number != HARD_FAULT {
-                // The handler of the fault is entered in place of the other, on what stack there is.
+                // The fault's handler is entered instead, on the same stack.
                 self.board.system.hard_status |= FORCED;
                 self.board.system.leave(number);
                 self.enter(HARD_FAULT);
@@ -659,7 +661,7 @@ impl Chip {
         }
     }
 
-    /// A fault: all of them are hard ones here, for none is enabled by itself.
+    /// Raises a fault. All are hard faults here, because none has a handler enabled.
     fn fault(&mut self, fault: Fault) {
         let debugged = self.halting & DEBUG != 0;
         let system = &mut self.board.system;
@@ -694,7 +696,7 @@ impl Chip {
             return;
         };
         match cause {
-            // It waits for the supply to come back.
+            // The chip waits for its supply.
             Cause::Power => {
                 self.power_off();
                 self.board.reset = None;
@@ -709,7 +711,7 @@ impl Chip {
     }
 }
 
-/// The widest access that an address and a length allow.
+/// Widest access that address and length allow.
 fn width(address: u32, length: usize) -> usize {
     [4, 2]
         .into_iter()
@@ -721,11 +723,11 @@ fn width(address: u32, length: usize) -> usize {
 mod tests {
     use super::*;
 
-    /// Run up to every few cycles, the chip executes each round of the wait; run at once, most of them pass together.
+    /// Runs of a few cycles execute each round of the wait; one long run skips most of them.
     #[test]
     fn a_wait_for_the_flash_that_passes_at_once_ends_as_one_that_is_executed() {
         const CODE: u32 = 0x2000_1000;
-        // ldr r2, [r0]; ldr r4, [r1]; tst r2, r3; bne back to the first; b to itself.
+        // ldr r2, [r0]; ldr r4, [r1]; tst r2, r3; bne to the first; b to itself.
         let program = [0x6802_u16, 0x680c, 0x421a, 0xd1fb, 0xe7fe];
         let mut chip = Chip::default();
         let vectors = [0x2002_0000_u32, 0x0800_0009, 0xe7fe_e7fe];
@@ -738,7 +740,8 @@ mod tests {
         for (half, code) in program.into_iter().zip((CODE..).step_by(2)) {
             chip.board.store(code, 2, half.into()).unwrap();
         }
-        // The clock of the window watchdog, its slowest count, and that it runs; the keys of the flash, and sector 11.
+        // Window watchdog: its clock, its slowest count and its start. Flash: its keys and sector
+        // 11.
         for (address, value) in [
             (0x4002_3840, 1 << 11),
             (0x4000_2c04, 0x1ff),
@@ -769,7 +772,7 @@ mod tests {
     #[test]
     fn a_fault_within_a_fault_locks_up_once_until_the_watchdog_bites() {
         let mut chip = Chip::default();
-        // The stack at the top of the RAM, every vector to erased flash: no instruction there.
+        // Stack at the top of the RAM; each vector points to erased flash, which is no instruction.
         let vectors = std::iter::once(0x2002_0000_u32).chain(std::iter::repeat(0x0800_0101));
         for (place, word) in chip.flash_mut()[..64].chunks_exact_mut(4).zip(vectors) {
             place.copy_from_slice(&word.to_le_bytes());

@@ -1,36 +1,36 @@
-//! Supply, its monitor and the brown-out reset (RM0090, chapter 5; DS8626, table 19).
+//! Model of the supply, its monitor and the brown-out reset (RM0090, chapter 5; DS8626, table 19).
 
 /// Bits of CR (5.4.1) and CSR (5.4.2).
 const MONITOR: u32 = 1 << 4;
 const BELOW: u32 = 1 << 2;
 const SCALED: u32 = 1 << 14;
 
-/// Volts at which the monitor sees a falling supply, by its level.
+/// Monitor thresholds of a falling supply by level, V.
 const LEVELS: [f64; 8] = [1.98, 2.13, 2.25, 2.39, 2.54, 2.65, 2.78, 2.88];
-/// What the monitor and the brown-out reset need above a level to be satisfied again.
+/// Hysteresis of the monitor and the brown-out reset, V.
 const HYSTERESIS: f64 = 0.1;
-/// Volts of the brown-out levels of the option bytes, 3 to 0 in their coding: 0b00 is level 3, 0b11 is off.
+/// Brown-out thresholds in the coding of the option bytes, V: 0b00 is level 3, 0b11 is off.
 const BROWN_OUT: [f64; 4] = [2.83, 2.44, 2.19, 0.0];
-/// Below this the chip is off, whatever the option bytes say.
+/// Power-down threshold, V: below it the chip is off with any option bytes.
 const OFF: f64 = 1.68;
-/// The lowest supply for 168 MHz with 5 wait states (DS8626, table 15).
+/// Lowest supply for 168 MHz with 5 wait states, V (DS8626, table 15).
 pub const LOWEST: f64 = 2.7;
 
-/// What a supply means to the chip.
+/// State of the chip at a supply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Supply {
-    /// It is enough.
+    /// High enough.
     Enough,
     /// Below the brown-out level: in reset.
     BrownOut,
-    /// Below power-on: gone.
+    /// Below the power-on threshold: off.
     Gone,
 }
 
 /// The registers and the supply.
 #[derive(Clone, Debug)]
 pub struct Power {
-    /// The supply in volts.
+    /// The supply, V.
     pub volts: f64,
     control: u32,
     status: u32,
@@ -49,7 +49,7 @@ impl Default for Power {
 }
 
 impl Power {
-    /// The registers as a reset leaves them.
+    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self {
             volts: self.volts,
@@ -57,7 +57,7 @@ impl Power {
         };
     }
 
-    /// A register.
+    /// Reads a register.
     #[must_use]
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
@@ -77,7 +77,7 @@ impl Power {
         self.look();
     }
 
-    /// The monitor looks; whether its output is high: the supply is below its level.
+    /// Updates the monitor; returns its output: the supply is below its level.
     pub fn look(&mut self) -> bool {
         let level = LEVELS[(self.control >> 5 & 7) as usize];
         let level = level + if self.below { HYSTERESIS } else { 0.0 };
@@ -85,14 +85,14 @@ impl Power {
         self.below
     }
 
-    /// Whether the supply is too low to program or erase the flash by words (DS8626, flash memory programming), or the
-    /// monitor says so.
+    /// Whether the supply is too low to program or erase the flash by words (DS8626, flash memory
+    /// programming), or the monitor's output is high.
     #[must_use]
     pub fn too_low_for_flash(&self) -> bool {
         self.volts < LOWEST || self.below
     }
 
-    /// What the supply is to the chip with this brown-out level of the option bytes (3.9.1), in reset or not.
+    /// State of the chip with this brown-out level of the option bytes (3.9.1), in reset or not.
     #[must_use]
     pub fn supply(&self, level: u32, in_reset: bool) -> Supply {
         let more = if in_reset { HYSTERESIS } else { 0.0 };

@@ -1,4 +1,4 @@
-//! A serial port (RM0090, chapter 30).
+//! Model of a serial port (RM0090, chapter 30).
 
 use std::collections::VecDeque;
 
@@ -15,29 +15,30 @@ const RECEIVER: u32 = 1 << 2;
 const TRANSMITTER: u32 = 1 << 3;
 const ON: u32 = 1 << 13;
 
-/// The registers and both directions of the line.
+/// Registers of the port and both directions of the line.
 #[derive(Clone, Debug)]
 pub struct Serial {
     status: u32,
     data: u32,
     rate: u32,
     control: [u32; 4],
-    /// Bytes under way to the chip, each with the tick at which it is complete.
+    /// Bytes on the way to the chip, each with the tick at which it is complete.
     coming: VecDeque<(u64, u8)>,
-    /// Bytes that the chip sent, each with the tick at which it was complete.
+    /// Bytes that the chip has sent, each with the tick at which it was complete.
     pub sent: Vec<(u64, u8)>,
     shifting: Option<(u64, u8)>,
     waiting: Option<u8>,
     idle_at: u64,
-    /// Flags that a read of the status shows, to be cleared by a read of the data.
+    /// Flags that a read of the status has returned; a read of the data clears them.
     seen: u32,
-    /// Ticks that a cycle of its clock takes.
+    /// Duration of a clock cycle of the port, ticks.
     cycle: u64,
-    /// Bytes that came at another rate than the port's and were lost.
+    /// Number of bytes lost because their rate differs from the port's.
     pub garbled: u64,
-    /// Whether the transmitter has failed: a byte under way never ends.
+    /// Whether the transmitter has failed: the byte being sent never ends.
     pub stuck: bool,
-    /// Bytes that nobody saw: overrun, or complete between a read of the status and one of the data.
+    /// Number of bytes lost by overrun, or because they ended between a read of the status and of
+    /// the data.
     pub lost: u64,
 }
 
@@ -62,11 +63,11 @@ impl Default for Serial {
     }
 }
 
-/// Bits a second of the desk's end.
+/// Rate of the desk's end, bits a second.
 pub const RATE: u64 = 115_200;
 
 impl Serial {
-    /// The registers as a reset leaves them; what is under way on the line still comes.
+    /// Resets the registers; bytes on the line still arrive.
     pub fn reset(&mut self) {
         *self = Self {
             coming: std::mem::take(&mut self.coming),
@@ -78,12 +79,12 @@ impl Serial {
         };
     }
 
-    /// A cycle of its clock takes so many ticks.
+    /// Sets the duration of a clock cycle in ticks.
     pub fn set_cycle(&mut self, cycle: u64) {
         self.cycle = cycle;
     }
 
-    /// The desk sends from `at` on, byte after byte.
+    /// Sends bytes from the desk, one after the other from tick `at`.
     pub fn receive(&mut self, at: u64, bytes: &[u8]) {
         let byte = 10 * TICKS / RATE;
         let free = self.coming.back().map_or(0, |last| last.0);
@@ -94,18 +95,18 @@ impl Serial {
         }
     }
 
-    /// Ticks of a byte of ten bits at the port's rate (30.3.4, oversampling by 16).
+    /// Duration of a byte of ten bits at the port's rate (30.3.4, oversampling by 16), ticks.
     fn byte(&self) -> u64 {
         u64::from(self.rate.max(1)) * self.cycle * 10
     }
 
-    /// Whether the port hears what the desk sends: within 3 % of its rate.
+    /// Whether the port can receive the desk's bytes: its rate is within 3 %.
     fn hears(&self) -> bool {
         let desk = 10.0 * TICKS as f64 / RATE as f64;
         self.cycle > 0 && (self.byte() as f64 / desk - 1.0).abs() < 0.03
     }
 
-    /// A register.
+    /// Reads a register.
     pub fn read(&mut self, offset: u32) -> u32 {
         match offset {
             0x00 => {
@@ -126,7 +127,7 @@ impl Serial {
         }
     }
 
-    /// Writes a register at `now`.
+    /// Writes a register at tick `now`.
     pub fn write(&mut self, offset: u32, value: u32, now: u64) {
         match offset {
             0x00 => self.status &= value | !(RECEIVED | SENT),
@@ -146,7 +147,7 @@ impl Serial {
         }
     }
 
-    /// When something happens.
+    /// Tick of the next event.
     #[must_use]
     pub fn due(&self) -> u64 {
         let coming = self.coming.front().map_or(u64::MAX, |next| next.0);
@@ -155,7 +156,7 @@ impl Serial {
         coming.min(going).min(self.idle_at)
     }
 
-    /// What is due by `now` happens.
+    /// Executes all events up to tick `now`.
     pub fn happen(&mut self, now: u64) {
         if now >= self.idle_at {
             self.idle_at = u64::MAX;
@@ -194,7 +195,7 @@ impl Serial {
         }
     }
 
-    /// Whether its interrupt is asked for.
+    /// Whether it requests its interrupt.
     #[must_use]
     pub fn interrupts(&self) -> bool {
         let (status, control) = (self.status, self.control[0]);

@@ -1,27 +1,29 @@
-//! The core's own peripherals: interrupts, faults, SysTick, the cycle counter (ARM DDI 0403E, chapters B1 to B3,
-//! C1).
+//! Model of the core's own peripherals: interrupts, faults, SysTick, cycle counter (ARM DDI 0403E,
+//! chapters B1 to B3, C1).
 
-/// Exceptions that a core may have here.
+/// Number of exceptions.
 const EXCEPTIONS: usize = 112;
-/// Numbers of exceptions.
+/// Exception number of the NMI.
 pub const NMI: u16 = 2;
-/// The hard fault.
+/// Exception number of the hard fault.
 pub const HARD_FAULT: u16 = 3;
+/// Exception number of PendSV.
 const SERVICE: u16 = 14;
+/// Exception number of SysTick.
 const SYSTICK: u16 = 15;
-/// The first interrupt.
+/// Exception number of the first interrupt.
 pub const INTERRUPTS: u16 = 16;
-/// Lower than any priority: nothing is handled.
+/// Priority below any other: no exception is active.
 const IDLE: i32 = 256;
 
-/// What a write asks of the chip.
+/// Effect of a write on the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Asks {
-    /// Nothing more.
+    /// None.
     Nothing,
     /// A reset.
     Reset,
-    /// The floating-point unit on or off.
+    /// Switches the floating-point unit on or off.
     Float(bool),
 }
 
@@ -38,28 +40,28 @@ pub struct System {
     control: u32,
     configuration: u32,
     handlers: u32,
-    /// Configurable, hard fault status; addresses of faults.
+    /// Configurable fault status (CFSR).
     pub fault_status: u32,
-    /// HFSR.
+    /// Hard fault status (HFSR).
     pub hard_status: u32,
-    /// BFAR.
+    /// Address of a bus fault (BFAR).
     pub fault_address: u32,
     access: u32,
-    /// Memory protection: control, number of a region, and each region's base address and attributes.
+    /// Memory protection: control, region number, and base address and attributes of each region.
     protection: u32,
     region: usize,
     regions: [(u32, u32); 8],
     float_context: u32,
     tick_control: u32,
     tick_reload: u32,
-    /// When SysTick next wraps.
+    /// Tick at which SysTick next wraps.
     tick_due: u64,
     tick_left: u64,
-    /// What the cycle counter started from.
+    /// Offset of the cycle counter.
     cycles_from: u64,
     counts: bool,
     trace: u32,
-    /// A monitor or a debugger is to be caught.
+    /// Debug exception and monitor control (vector catch).
     pub catch: u32,
 }
 
@@ -97,7 +99,7 @@ impl Default for System {
 }
 
 impl System {
-    /// The registers as a reset leaves them.
+    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self {
             catch: self.catch,
@@ -105,12 +107,12 @@ impl System {
         };
     }
 
-    /// An exception becomes pending.
+    /// Makes an exception pending.
     pub fn pend(&mut self, number: u16) {
         self.pending |= 1 << number;
     }
 
-    /// An interrupt's line: pending where it rises.
+    /// Sets an interrupt's line; a rising edge makes it pending.
     pub fn line(&mut self, interrupt: u16, high: bool) {
         let bit = 1_u128 << (INTERRUPTS + interrupt);
         if high {
@@ -129,7 +131,7 @@ impl System {
         }
     }
 
-    /// What is handled now, by priority (B1.5.4), with the masks of the core.
+    /// Priority of the active exception (B1.5.4), with the masks of the core.
     #[must_use]
     pub fn running(&self, mask: bool, fault_mask: bool, base: u8) -> i32 {
         let mut lowest = IDLE;
@@ -150,13 +152,13 @@ impl System {
         lowest
     }
 
-    /// Whether anything enabled is pending at all: what ends a wait for an interrupt, masked or not.
+    /// Whether any enabled exception is pending: this ends a wait for an interrupt, masked or not.
     #[must_use]
     pub fn wakes(&self) -> bool {
         self.pending & self.enabled != 0
     }
 
-    /// The exception to be entered now.
+    /// The exception to be entered.
     #[must_use]
     pub fn due(&self, mask: bool, fault_mask: bool, base: u8) -> Option<u16> {
         let mut left = self.pending & self.enabled;
@@ -176,13 +178,13 @@ impl System {
         best
     }
 
-    /// An exception is entered.
+    /// Enters an exception.
     pub fn enter(&mut self, number: u16) {
         self.pending &= !(1 << number);
         self.active |= 1 << number;
     }
 
-    /// It is left; its line, still high, makes it pending again.
+    /// Leaves an exception; a line that is still high makes it pending again.
     pub fn leave(&mut self, number: u16) {
         let bit = 1_u128 << number;
         self.active &= !bit;
@@ -195,8 +197,8 @@ impl System {
         self.vectors + 4 * u32::from(number)
     }
 
-    /// Whether a region of the memory protection that allows no access covers an address below the RAM (B3.5.3); no other has
-    /// a model.
+    /// Whether a no-access region of the memory protection covers an address below the RAM
+    /// (B3.5.3). Other regions are not modelled.
     #[must_use]
     pub fn is_guarded(&self, address: u32) -> bool {
         self.protection & 1 == 1
@@ -207,13 +209,13 @@ impl System {
             })
     }
 
-    /// When SysTick wraps.
+    /// Tick at which SysTick wraps.
     #[must_use]
     pub fn tick_due(&self) -> u64 {
         self.tick_due
     }
 
-    /// SysTick wraps; a cycle of the core takes `cycle` ticks.
+    /// Wraps SysTick; a core cycle takes `cycle` ticks.
     pub fn tick(&mut self, cycle: u64) {
         self.tick_due += (u64::from(self.tick_reload) + 1) * self.tick_step(cycle).max(1);
         self.tick_control |= 1 << 16;
@@ -222,7 +224,7 @@ impl System {
         }
     }
 
-    /// Ticks of a count of SysTick: the core's clock, or an eighth of it.
+    /// Duration of a SysTick count, ticks: one or eight core cycles.
     fn tick_step(&self, cycle: u64) -> u64 {
         if self.tick_control & 4 != 0 {
             cycle
@@ -231,7 +233,7 @@ impl System {
         }
     }
 
-    /// The core's clock changes at `now` from `old` to `new` ticks a cycle; 0: it stops.
+    /// Changes the core's cycle at tick `now` from `old` to `new` ticks; 0: it stops.
     pub fn rescale(&mut self, now: u64, old: u64, new: u64) {
         if self.tick_control & 1 == 0 {
             return;
@@ -245,12 +247,12 @@ impl System {
         };
     }
 
-    /// Time passes that nothing counts: the core is halted.
+    /// Suspends all counters for some ticks: the core is halted.
     pub fn stands(&mut self, ticks: u64) {
         self.tick_due = self.tick_due.saturating_add(ticks);
     }
 
-    /// A register; `cycle` ticks of `now` are one of the core, which counted `cycles`.
+    /// Reads a register; a core cycle takes `cycle` ticks, and `cycles` of them have passed.
     pub fn read(&mut self, address: u32, now: u64, cycle: u64, cycles: u64) -> u32 {
         let bits = |set: u128, from: u32| (set >> (16 + 8 * from)) as u32;
         match address {

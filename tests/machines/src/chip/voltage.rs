@@ -1,4 +1,4 @@
-//! The first channel of the digital-to-analogue converter, on PA4 (RM0090, chapter 14).
+//! Model of the digital-to-analogue converter's first channel, on PA4 (RM0090, chapter 14).
 
 /// The registers.
 #[derive(Clone, Debug, Default)]
@@ -9,12 +9,12 @@ pub struct Voltage {
 }
 
 impl Voltage {
-    /// The registers as a reset leaves them.
+    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// A register.
+    /// Reads a register.
     #[must_use]
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
@@ -25,7 +25,7 @@ impl Voltage {
         }
     }
 
-    /// Writes a register: what is held goes out at once where no trigger is set.
+    /// Writes a register. The held value goes out at once where no trigger is set.
     pub fn write(&mut self, offset: u32, value: u32) {
         match offset {
             0x00 => self.control = value,

@@ -1,28 +1,28 @@
-//! The two watchdogs (RM0090, chapters 21 and 22).
+//! Models of the two watchdogs (RM0090, chapters 21 and 22).
 
 use super::clocks::TICKS;
 
-/// The control register of the window watchdog, which has its count.
+/// Address of the window watchdog's control register, which has its count.
 pub const WINDOW_CONTROL: u32 = 0x4000_2c00;
 
-/// The independent one, from an oscillator of its own.
+/// The independent watchdog, with its own oscillator.
 #[derive(Clone, Debug)]
 pub struct Independent {
-    /// Its oscillator in Hz: 17 to 47 kHz, 32 typical (DS8626, table 40).
+    /// Frequency of its oscillator, Hz: 17 to 47 kHz, typically 32 kHz (DS8626, table 40).
     pub clock: f64,
     /// Whether it runs.
     pub running: bool,
-    /// When it was fed last.
+    /// Tick of the last feed.
     pub fed: u64,
-    /// The longest time between two feeds, in ticks.
+    /// Longest interval between two feeds, ticks.
     pub longest: u64,
     open: bool,
     prescaler: u32,
     reload: u32,
-    /// What it counts from at `since`.
+    /// Count at tick `since`.
     count: f64,
     since: u64,
-    /// Until then a register passes to its clock (21.4.4).
+    /// Tick until which a register is transferred to its clock domain (21.4.4).
     busy: u64,
 }
 
@@ -44,7 +44,7 @@ impl Default for Independent {
 }
 
 impl Independent {
-    /// The registers as a reset leaves them; the option bytes may have it run from then on (21.3.1).
+    /// Resets the registers. The option bytes may start it at once (21.3.1).
     pub fn reset(&mut self, by_hardware: bool, now: u64) {
         *self = Self {
             clock: self.clock,
@@ -56,7 +56,7 @@ impl Independent {
         };
     }
 
-    /// A register.
+    /// Reads a register.
     #[must_use]
     pub fn read(&self, offset: u32, now: u64) -> u32 {
         match offset {
@@ -108,7 +108,7 @@ impl Independent {
         self.since = now;
     }
 
-    /// Ticks a count.
+    /// Duration of a count, ticks.
     fn step(&self) -> f64 {
         f64::from(4_u32 << self.prescaler.min(6)) / self.clock * TICKS as f64
     }
@@ -117,7 +117,7 @@ impl Independent {
         self.count - (now - self.since) as f64 / self.step()
     }
 
-    /// When it bites.
+    /// Tick of its reset.
     #[must_use]
     pub fn due(&self) -> u64 {
         if self.running {
@@ -127,21 +127,21 @@ impl Independent {
         }
     }
 
-    /// Time passes that it does not count: a debugger halts the core and has it stopped.
+    /// Suspends it for some ticks: a debugger halts the core and freezes it.
     pub fn stands(&mut self, ticks: u64) {
         self.since += ticks;
         self.fed += ticks;
     }
 }
 
-/// The one with a window, from the clock of APB1.
+/// The window watchdog, on the clock of APB1.
 #[derive(Clone, Debug)]
 pub struct Window {
     control: u32,
     configuration: u32,
     early: bool,
     since: u64,
-    /// Why it bit, if it did.
+    /// Whether a write has caused its reset: too early, or below 0x40.
     pub bit: bool,
 }
 
@@ -158,18 +158,18 @@ impl Default for Window {
 }
 
 impl Window {
-    /// The registers as a reset leaves them.
+    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Whether it runs: nothing but a reset stops it.
+    /// Whether it runs; only a reset stops it.
     #[must_use]
     pub fn running(&self) -> bool {
         self.control & 0x80 != 0
     }
 
-    /// Ticks a count, where a cycle of APB1 has `cycle` ticks.
+    /// Duration of a count in ticks; `cycle` is that of an APB1 cycle.
     fn step(&self, cycle: u64) -> u64 {
         (cycle * 4096) << (self.configuration >> 7 & 3)
     }
@@ -178,13 +178,13 @@ impl Window {
         if !self.running() {
             return self.control & 0x7f;
         }
-        // The prescaler runs freely: what was passed of a count when it was fed is passed.
+        // The prescaler runs freely: a feed does not restart the current count.
         let step = self.step(cycle).max(1);
         let passed = now / step - self.since / step;
         (self.control & 0x7f).saturating_sub(passed.min(0x7f) as u32)
     }
 
-    /// When the count is next another one, in ticks.
+    /// Tick of the next change of the count.
     #[must_use]
     pub fn counts_at(&self, now: u64, cycle: u64) -> u64 {
         if !self.running() {
@@ -194,7 +194,7 @@ impl Window {
         (now / step + 1) * step
     }
 
-    /// A register.
+    /// Reads a register.
     #[must_use]
     pub fn read(&self, offset: u32, now: u64, cycle: u64) -> u32 {
         match offset {
@@ -205,7 +205,7 @@ impl Window {
         }
     }
 
-    /// Writes a register; a reload outside the window, or of less than 0x40, bites (22.3).
+    /// Writes a register. A reload outside the window, or below 0x40, causes a reset (22.3).
     pub fn write(&mut self, offset: u32, value: u32, now: u64, cycle: u64) {
         match offset {
             0x00 => {
@@ -225,7 +225,7 @@ impl Window {
         }
     }
 
-    /// When it bites: where its count falls from 0x40 to 0x3f.
+    /// Tick of its reset: the count falls from 0x40 to 0x3f.
     #[must_use]
     pub fn due(&self, cycle: u64) -> u64 {
         if self.bit {
@@ -237,7 +237,7 @@ impl Window {
         self.after((self.control & 0x7f).saturating_sub(0x3f), cycle)
     }
 
-    /// When it gives its early warning, if it is asked to.
+    /// Tick of its early warning, where that is enabled.
     #[must_use]
     pub fn warns(&self, cycle: u64) -> u64 {
         let asked = self.configuration >> 9 & 1 == 1 && !self.early;
@@ -247,13 +247,13 @@ impl Window {
         self.after((self.control & 0x7f).saturating_sub(0x40), cycle)
     }
 
-    /// When so many counts have passed.
+    /// Tick after this number of counts.
     fn after(&self, counts: u32, cycle: u64) -> u64 {
         let step = self.step(cycle).max(1);
         (self.since / step + u64::from(counts)) * step
     }
 
-    /// The early warning: its interrupt is pending.
+    /// Makes the early warning's interrupt pending.
     pub fn warn(&mut self) {
         self.early = true;
     }
@@ -264,7 +264,7 @@ impl Window {
         self.early && self.configuration >> 9 & 1 == 1
     }
 
-    /// Time passes that it does not count.
+    /// Suspends it for some ticks.
     pub fn stands(&mut self, ticks: u64) {
         self.since += ticks;
     }
@@ -281,7 +281,7 @@ mod tests {
                 clock,
                 ..Independent::default()
             };
-            // Locked: nothing is taken.
+            // Locked: the write has no effect.
             dog.write(0x04, 3, 0);
             assert_eq!(dog.read(0x04, 0), 0);
             dog.write(0x00, 0x5555, 0);

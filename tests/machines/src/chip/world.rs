@@ -1,68 +1,71 @@
-//! What is around the chip: the track on the bridge, the accelerometer on the converter, and what was seen.
+//! The chip's surroundings: track on the bridge, accelerometer on the converter, and a trace of the
+//! outputs.
 
 use kband::control::{Settings, phase_step};
 use kband::plant::{Bench, Scene};
 
 use super::clocks::{Cause, TICKS};
 
-/// Ticks between two steps of the simulated track.
+/// Interval between two steps of the simulated track, ticks.
 pub const STEP: u64 = TICKS / kband::control::SAMPLE_RATE as u64;
 
-/// The bridge's mean over its supply at full output: a duty of 93 %.
+/// Mean bridge voltage over its supply at full output: a duty of 93 %.
 pub const FULL: f32 = 0.86;
 
-/// What was seen of the chip from outside.
+/// Events seen from outside the chip.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Seen {
     /// The bridge is driven (`true`) or open.
     Bridge(bool),
-    /// The output "drive on".
+    /// Level of the output "drive on".
     DriveOn(bool),
-    /// The lamp READY.
+    /// Level of the lamp READY.
     Ready(bool),
-    /// The lamp FAULT.
+    /// Level of the lamp FAULT.
     Fault(bool),
     /// The chip was reset.
     Reset(Cause),
-    /// The core does nothing any more: a fault within a fault.
+    /// The core has stopped: a fault within a fault (lock-up).
     LockedUp,
 }
 
-/// The track, and what was seen.
+/// The track, and the trace of events.
 #[derive(Clone, Debug)]
 pub struct World {
     /// The simulated track with its sensor.
     pub bench: Bench,
     step: u32,
     angular: f32,
-    /// When the track is stepped next.
+    /// Tick of the next step of the track.
     pub due: u64,
-    /// Share of its supply that the sensor has: signal and middle are parts of it.
+    /// Supply of the sensor over its nominal one; signal and middle scale with it.
     pub sensor_supply: f32,
-    /// Drift of the sensor's voltage, in V.
+    /// Drift of the sensor's voltage, V.
     pub sensor_offset: f32,
-    /// The bridge's mean over its supply at which the drive moves by its `gain`: what the board takes for full output.
+    /// Mean bridge voltage over its supply that moves the drive by its `gain`: the board's full
+    /// output.
     pub full: f32,
-    /// Cycles of the timer between an edge of the bridge and the time in which the converter samples: the fewest.
+    /// Smallest number of timer cycles between an edge of the bridge and the converter's sampling
+    /// time.
     pub clear: u32,
-    /// What the sensor gives now, in steps of a converter of 12 bits.
+    /// Sensor reading, counts of a converter of 12 bits.
     pub reading: u16,
-    /// What the other channels of the converter get.
+    /// Readings of the converter's other channels, counts.
     pub analogue: [u16; 19],
     held: f32,
     since: u64,
     sum: f64,
-    /// Bridge, "drive on", READY and FAULT as they were seen last.
+    /// Last levels of bridge, "drive on", READY and FAULT.
     last: [bool; 4],
-    /// What was seen, and when.
+    /// Trace of events with their ticks.
     pub trace: Vec<(u64, Seen)>,
-    /// Largest displacement of the track in m since it was last forgotten.
+    /// Largest displacement of the track since its last reset, m.
     pub peak: f32,
-    /// Largest mean of the bridge's output over a step since then, and its share of time at a constant value.
+    /// Largest mean of the bridge's output over a step.
     pub loudest: f32,
-    /// What no chip may be made to do, with the time.
+    /// Accesses that no program may make, with their ticks.
     pub violations: Vec<(u64, String)>,
-    /// Ticks with the bridge driven while the core was outside its specification.
+    /// Number of ticks with the bridge driven while the core was outside its specification.
     pub outside: u64,
 }
 
@@ -73,7 +76,7 @@ impl Default for World {
 }
 
 impl World {
-    /// The world of a scene.
+    /// Builds the surroundings for a scene.
     pub fn new(scene: &Scene) -> Result<Self, kband::feeder::OutOfRange> {
         let Settings { frequency, .. } = scene.settings;
         Ok(Self {
@@ -99,13 +102,13 @@ impl World {
         })
     }
 
-    /// The bridge gives this from now on.
+    /// Sets the bridge's output from tick `now` on.
     pub fn drive(&mut self, output: f32, now: u64) {
         self.sum += f64::from(self.held) * now.saturating_sub(self.since) as f64;
         (self.held, self.since) = (output, now);
     }
 
-    /// The track moves by a step.
+    /// Advances the track by a step.
     pub fn advance(&mut self) {
         self.drive(self.held, self.due);
         let mean = (self.sum / STEP as f64) as f32;
@@ -121,19 +124,20 @@ impl World {
         self.due += STEP;
     }
 
-    /// Amplitude of the track now in m.
+    /// Amplitude of the track, m.
     #[must_use]
     pub fn amplitude(&self) -> f32 {
         let [x, v] = self.bench.plant().motion();
         x.hypot(v / self.angular)
     }
 
-    /// Something is seen.
+    /// Adds an event to the trace.
     pub fn see(&mut self, now: u64, seen: Seen) {
         self.trace.push((now, seen));
     }
 
-    /// The bridge, "drive on" and the two lamps are looked at; what is another than before is seen.
+    /// Compares bridge, "drive on" and both lamps with their last levels; adds an event for each
+    /// change.
     pub fn look(&mut self, now: u64, levels: [bool; 4]) {
         if levels == self.last {
             return;
@@ -147,7 +151,7 @@ impl World {
         self.last = levels;
     }
 
-    /// Something that no chip may be made to do.
+    /// Records an access that no program may make, once per kind.
     pub fn violate(&mut self, now: u64, what: String) {
         if self.violations.len() < 32 && self.violations.iter().all(|(_, old)| *old != what) {
             self.violations.push((now, what));

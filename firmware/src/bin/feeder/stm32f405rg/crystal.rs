@@ -1,25 +1,26 @@
-//! Whether the crystal swings, and at its frequency.
+//! Frequency check of the crystal against the internal oscillator.
 //!
-//! Nothing of it waits for ever, and the core never runs faster than the crystal itself.
+//! Each wait has a limit, and the core never runs faster than the crystal itself.
 
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac;
 use embassy_stm32::pac::iwdg::vals::Key;
 use embassy_stm32::pac::rcc::vals::Sw;
 
-/// The internal oscillator in Hz.
+/// Frequency of the internal oscillator, Hz.
 const INTERNAL: u32 = 16_000_000;
-/// Cycles of the core that a crystal is given to start, 100 ms, and a step of the watchdog's clock, 10 ms.
+/// Start-up limit of the crystal, core cycles (100 ms).
 const PATIENCE: u32 = INTERNAL / 10;
+/// Limit of one wait for the watchdog's clock or a clock switch, core cycles (10 ms).
 const STEP: u32 = INTERNAL / 100;
-/// Registers handed to the watchdog's clock in a measurement, five of its periods each.
+/// Number of register transfers to the watchdog's clock in a measurement, five of its periods each.
 const HANDED: u32 = 8;
 
-/// Whether the crystal swings at `nominal` Hz within an eighth, by the internal oscillator (8 % at most off, DS8626,
-/// table 39).
+/// Whether the crystal oscillates within 1/8 of `nominal` Hz, measured by the internal oscillator
+/// (error up to 8 %, DS8626, table 39).
 ///
-/// Both are held against the clock of the independent watchdog, which runs: whatever its frequency, it is the
-/// same for both. The core runs from the internal oscillator before and after.
+/// Both are measured against the running independent watchdog's clock, whose own frequency cancels.
+/// The core runs on the internal oscillator before and after.
 pub fn swings(nominal: u32) -> bool {
     let clocks = pac::RCC;
     clocks.cr().modify(|control| control.set_hseon(true));
@@ -37,7 +38,7 @@ pub fn swings(nominal: u32) -> bool {
     sound
 }
 
-/// Whether cycles of the core in the same time, from either, are those of a crystal of `nominal` Hz within an eighth.
+/// Whether the two core cycle counts over the same time fit a crystal within 1/8 of `nominal` Hz.
 fn within(nominal: u32, internal: u32, crystal: u32) -> bool {
     let seen = u64::from(crystal) * u64::from(INTERNAL);
     let wanted = u64::from(internal) * u64::from(nominal);
@@ -50,9 +51,10 @@ fn run_from(source: Sw) -> bool {
     until(STEP, || clocks.cfgr().read().sws() == source)
 }
 
-/// Cycles of the core in which the watchdog's clock takes over so many registers; `None` where it stands.
+/// Core cycles for [`HANDED`] register transfers to the watchdog's clock; `None` where that clock
+/// has stopped.
 fn measure() -> Option<u32> {
-    // The first one waits for its edge.
+    // The first transfer synchronises to an edge.
     if !hand_over() {
         return None;
     }
@@ -76,7 +78,7 @@ fn hand_over() -> bool {
     until(STEP, || !watchdog.sr().read().pvu())
 }
 
-/// Whether something comes about within so many cycles of the core.
+/// Waits up to `cycles` core cycles for `come`; returns whether it came.
 fn until(cycles: u32, come: impl Fn() -> bool) -> bool {
     let began = DWT::cycle_count();
     loop {

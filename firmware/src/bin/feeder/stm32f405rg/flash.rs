@@ -1,7 +1,8 @@
-//! The sectors of the flash that outlive the program's image, and the flash's accelerator.
+//! Flash sectors for settings and faults, and the flash accelerator.
 //!
-//! The chip has one bank: while a sector is erased, up to 2 s, nothing can be fetched from any other. The erasure is
-//! waited for from RAM, with interrupts off, where the window watchdog is fed; the drive is off.
+//! The chip has one flash bank: during an erasure of up to 2 s it cannot fetch from any sector.
+//! Code in RAM waits for the end, with interrupts off, and feeds the window watchdog; the drive is
+//! off.
 
 use embassy_stm32::flash::{Bank1Region3, Blocking, Error};
 use embassy_stm32::pac;
@@ -11,22 +12,25 @@ use kband_firmware::stm32::{erase_page, program_words};
 
 use super::supply_settled;
 
-/// The first sector of 128 KiB, and the size of each.
+/// Number of the first sector of 128 KiB.
 const FIRST: u32 = 5;
+/// Size of these sectors, bytes.
 const SIZE: u32 = 128 * 1024;
 
-/// Revision of the chip from which its flash can be fetched from ahead: 1, 2, Y, Z (ES0182).
+/// Lowest revision of the chip with a working flash prefetch: 1, 2, Y, Z (ES0182).
 const FETCHES_AHEAD: u16 = 0x1001;
 
-/// Registers of the flash's controller (RM0090, 3.9).
+/// Status register of the flash controller (RM0090, 3.9).
 const STATUS: *const u32 = 0x4002_3c0c as *const u32;
+/// Control register of the flash controller.
 const CONTROL: *mut u32 = 0x4002_3c10 as *mut u32;
+/// Control bit: erase a sector.
 const ERASE_SECTOR: u32 = 1 << 1;
-/// By words of 32 bits, which halves the 4 s of bytes (DS8626, flash memory programming). They need a supply of 2.7 V, which
-/// its monitor grants.
+/// Parallelism of 32 bits, which halves the 4 s of 8 bits (DS8626, flash memory programming). It
+/// needs a supply of 2.7 V, which the supply monitor ensures.
 const BY_WORDS: u32 = 2 << 8;
 
-/// Has the flash read ahead and remember: at 168 MHz each fetch would cost five wait states.
+/// Switches prefetch and caches on: at 168 MHz each fetch costs five wait states.
 pub fn read_ahead() {
     let ahead = pac::DBGMCU.idcode().read().rev_id() >= FETCHES_AHEAD;
     pac::FLASH.acr().modify(|access| {

@@ -1,4 +1,5 @@
-//! The pages of the second bank, whose words carry a code: what a loss of power tore is an NMI where it is read.
+//! Pages of the second flash bank. Its words carry an error-correcting code: a word torn by a power
+//! cut causes an NMI when read.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -13,36 +14,39 @@ use kband_firmware::stm32::{erase_page, forget_break, program_words};
 
 use super::supply_settled;
 
-/// Size of a page with the flash in two banks.
+/// Size of a page with the flash in two banks, bytes.
 const SIZE: u32 = 2 * 1024;
-/// Registers of the flash's controller (RM0440, 3.7): a page of the second bank is erased.
+/// Status register of the flash controller (RM0440, 3.7).
 const STATUS: *const u32 = 0x4002_2010 as *const u32;
+/// Control register of the flash controller.
 const CONTROL: *mut u32 = 0x4002_2014 as *mut u32;
+/// Control bit: erase a page.
 const ERASE_PAGE: u32 = 1 << 1;
+/// Control bit: the page is in the second bank.
 const SECOND_BANK: u32 = 1 << 11;
-/// Errors of the status register, cleared by a one: an erasure does not begin with one of them.
+/// Error bits of the status register, cleared by writing 1. An erasure does not start with one set.
 const ERRORS: u32 = 0xc3fa;
-/// The NMI's exception number.
+/// Exception number of the NMI.
 const NMI: i16 = -14;
 
-/// The pages are read by the program, and a word that was read has two wrong bits.
+/// Whether the program reads these pages, and whether a word with two wrong bits was read.
 static READS: AtomicBool = AtomicBool::new(false);
 static TORN: AtomicBool = AtomicBool::new(false);
 
-/// Two wrong bits in a word of the flash (RM0440, 3.3.7). In the pages of the settings that is what a loss of power left of
-/// a record, and its check tells; anywhere else it is the program itself.
+/// Two wrong bits in a word of the flash (RM0440, 3.3.7). In the pages of the settings a power cut
+/// tore a record, and its checksum detects that. Elsewhere the program itself is damaged.
 #[exception]
 unsafe fn NonMaskableInt() {
     let seen = pac::FLASH.eccr().read();
     if !(seen.eccd() || seen.eccd2()) || !READS.load(Ordering::Relaxed) {
         unexpected(NMI);
     }
-    // Cleared by a one.
+    // Writing 1 clears the flag.
     pac::FLASH.eccr().write_value(seen);
     TORN.store(true, Ordering::Relaxed);
 }
 
-/// The pages of the second bank.
+/// Pages of the second bank.
 pub struct Pages(pub Bank2Region<'static, Blocking>);
 
 impl ErrorType for Pages {
@@ -52,7 +56,7 @@ impl ErrorType for Pages {
 impl ReadNorFlash for Pages {
     const READ_SIZE: usize = 1;
 
-    /// What is torn is given as it is read, but never as erased.
+    /// Returns a torn word as it reads, but never as erased.
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Error> {
         TORN.store(false, Ordering::Relaxed);
         READS.store(true, Ordering::Relaxed);
@@ -60,7 +64,8 @@ impl ReadNorFlash for Pages {
         dsb();
         READS.store(false, Ordering::Relaxed);
         if TORN.load(Ordering::Relaxed) {
-            // It opened the bridge, which is open at rest: no over-current.
+            // The flash error has triggered the break too; the bridge is open at rest, and this is
+            // no over-current.
             forget_break();
             if let Some(first) = bytes.first_mut().filter(|first| **first == 0xff) {
                 *first = 0;

@@ -1,9 +1,9 @@
-//! What is done about what is heard, or not, of parts as they are.
+//! Tests of the controller's reaction to detected and missing impacts.
 
 use crate::control::{Event, Identification, Limits, State, Target, Unidentified};
 use crate::plant::{Change, Disturbance, EnvelopeLoop, Scene};
 
-/// What a scene of one part or several comes to, in so many cycles at most; `None` where it comes to nothing.
+/// Outcome of a scene of one part or several, within a number of cycles; `None` without one.
 fn identified(scene: &Scene, cycles: usize) -> Option<Identification> {
     let mut closed = EnvelopeLoop::build(scene).unwrap();
     (0..cycles).find_map(|_| match closed.cycle().report.identification {
@@ -54,7 +54,7 @@ fn an_identification_ends_with_a_reason_where_it_finds_nothing() {
     }
 }
 
-/// Kicks begun in each of some hours, and whether a fault came.
+/// Kicks begun in each of some hours, and whether a fault occurred.
 fn kicks_in_hours(scene: &Scene, hours: usize) -> std::vec::Vec<u32> {
     let mut closed = EnvelopeLoop::build(scene).unwrap();
     let hour = || {
@@ -110,7 +110,7 @@ fn a_board_that_hears_nothing_says_so_holds_still_and_captures_once_it_hears() {
             (State::Locked, Limits::default())
         );
     }
-    // Nothing to hear at all: the setpoint is held.
+    // No impact is detected at all: the setpoint is held.
     let mut empty = Scene::default();
     empty.parts.clear();
     let mut closed = EnvelopeLoop::build(&empty).unwrap();

@@ -1,12 +1,12 @@
-//! Acknowledging a fault, and the lock-out after three of them.
+//! Tests of acknowledging a fault, and of the lock-out after three of them.
 
 use super::super::Controller;
 use crate::control::{Cycle, Event, Fault, Inputs, Settings, StartCause, State, Target};
 
-/// Cycles a second of the default settings.
+/// Drive cycles per second of the default settings.
 const RATE: u32 = 50;
 
-/// A drive whose over-current input opens the bridge, cycle by cycle.
+/// A drive whose over-current input opens the bridge in chosen cycles.
 struct Drive(Controller);
 
 impl Drive {
@@ -18,7 +18,7 @@ impl Drive {
         drive
     }
 
-    /// So many cycles; whether one of them locked the drive out.
+    /// Runs a number of cycles. Whether one of them locked the drive out.
     fn runs(&mut self, cycles: u32, enable: bool, over_current: bool) -> bool {
         let inputs = Inputs {
             enable,
@@ -37,7 +37,8 @@ impl Drive {
         })
     }
 
-    /// A fault, then so many cycles without enable, then enable; whether it is acknowledged, and whether it locked out.
+    /// A fault, then some cycles without enable, then enable. Whether it was acknowledged, and
+    /// whether it locked out.
     fn fails(&mut self, withdrawn: u32) -> (bool, bool) {
         let out = self.runs(1, true, true);
         assert_eq!(self.0.report().fault, Some(Fault::OverCurrent));

@@ -1,4 +1,4 @@
-//! The state table against the controller, on random walks.
+//! Tests of the controller against the state table, on random walks.
 
 use super::obeyed;
 use crate::arithmetic::Phase;
@@ -24,7 +24,7 @@ impl Random {
     }
 }
 
-/// A controller whose plans are ready, and the phase at which its lock is heard.
+/// A controller whose plans are ready, and the phase at which its lock is detected.
 fn ready(target: Target) -> (Controller, Phase) {
     let settings = Settings {
         restitution_low: 0.199,
@@ -40,7 +40,7 @@ fn ready(target: Target) -> (Controller, Phase) {
     (controller, phase)
 }
 
-/// What the signal path would bring of a track that swings by `amplitude` (m) with the output.
+/// Cycle of the signal path for a track with this `amplitude` (m), in phase with the output.
 fn seen(amplitude: f32, frequency: f32) -> Cycle {
     let angular = core::f32::consts::TAU * frequency;
     Cycle {
@@ -68,7 +68,7 @@ fn the_table_is_what_the_controller_does() {
     let mut made = BTreeSet::new();
     for walk in 0..1500 {
         let (mut controller, phase) = bases[walk % 2].clone();
-        // A walk in which little goes wrong gets far, one in which much does visits the edges.
+        // Walks with few disturbances get far; those with many visit the edges.
         let calm = [400, 100, 30][walk / 2 % 3];
         let mut inputs = Inputs::default();
         let (mut amplitude, mut frequency) = (0.0, 50.0);

@@ -1,9 +1,9 @@
-//! Classes of instructions, as a cost is told by them.
+//! Classes of instructions, for counting their cost.
 
 use super::decode::decode;
 use super::op::{Op, Single, Unary};
 
-/// What kind of work an instruction is.
+/// Class of an instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
     /// Integer arithmetic, logic, shifts and moves.
@@ -22,9 +22,9 @@ pub enum Class {
     Load,
     /// Stores.
     Store,
-    /// Branches, and what makes instructions conditional.
+    /// Branches, and instructions that make others conditional.
     Branch,
-    /// Anything else.
+    /// All other instructions.
     Other,
 }
 
@@ -43,7 +43,7 @@ impl Class {
         (Self::Other, "other"),
     ];
 
-    /// That of the instruction of one or two halfwords.
+    /// Class of an instruction of one or two halfwords.
     #[must_use]
     pub fn of(first: u16, second: u16) -> Self {
         match decode(first, second) {

@@ -1,7 +1,7 @@
-//! Instructions that were decoded already, by their address.
+//! Cache of decoded instructions by address.
 //!
-//! A core decodes each of them once. What lies in the flash is known until [`Code::forget`] is told that the flash changed;
-//! RAM changes by any store, so what is known of it is compared with what lies there now.
+//! Each instruction is decoded once. Entries of the flash are valid until [`Code::forget`]; entries
+//! of the RAM are compared with its content, which any store may change.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -9,18 +9,22 @@ use std::sync::Arc;
 use super::op::Op;
 use super::{Bus, Fault, decode};
 
-/// Where code may be known: flash and RAM (RM0090, 2.3).
+/// First address of the flash (RM0090, 2.3).
 const FLASH: u32 = 0x0800_0000;
+/// Size of the flash, bytes.
 const FLASH_SIZE: u32 = 1024 * 1024;
+/// First address of the RAM.
 const MEMORY: u32 = 0x2000_0000;
+/// Size of the RAM, bytes.
 const MEMORY_SIZE: u32 = 128 * 1024;
-/// Bits of an address within a page, and its instructions, one at each halfword.
+/// Number of address bits in a page.
 const PAGE_BITS: u32 = 11;
+/// Number of instructions in a page, one per halfword.
 const PAGE: usize = 1 << (PAGE_BITS - 1);
-/// Pages of the flash; those of the RAM are behind them.
+/// Number of pages of the flash; those of the RAM follow.
 const FLASH_PAGES: usize = (FLASH_SIZE >> PAGE_BITS) as usize;
 
-/// An instruction and its bytes.
+/// A decoded instruction and its bytes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Known {
     pub(super) op: Op,
@@ -29,7 +33,7 @@ pub(super) struct Known {
 }
 
 impl Known {
-    /// Its size in bytes.
+    /// Size in bytes.
     #[inline]
     pub(super) fn size(&self) -> u32 {
         if self.wide { 4 } else { 2 }
@@ -50,7 +54,7 @@ impl Known {
         })
     }
 
-    /// Whether it lies there still, which is asked of RAM alone.
+    /// Whether memory still holds it; only RAM is checked.
     #[inline]
     pub(super) fn lies(&self, bus: &mut impl Bus, address: u32) -> bool {
         address.wrapping_sub(FLASH) < FLASH_SIZE
@@ -61,11 +65,11 @@ impl Known {
 
 type Page = [Option<Known>; PAGE];
 
-/// What is known of a program; copies share it until one of them learns more.
+/// Decoded instructions of a program. Copies share them until one of them adds more.
 #[derive(Clone, Debug)]
 pub struct Code {
     pages: Vec<Option<Arc<Page>>>,
-    /// An instruction from elsewhere.
+    /// An instruction outside flash and RAM.
     elsewhere: Option<Known>,
 }
 
@@ -79,9 +83,9 @@ impl Default for Code {
 }
 
 impl Code {
-    /// The flash changed at these addresses.
+    /// Drops the instructions of a changed part of the flash.
     pub fn forget(&mut self, changed: &Range<u32>) {
-        // An instruction may begin two bytes before.
+        // An instruction may begin two bytes earlier.
         let first = changed.start.saturating_sub(2).max(FLASH);
         for address in (first & !((1 << PAGE_BITS) - 1)..changed.end).step_by(1 << PAGE_BITS) {
             if let Some(known) = self.pages.get_mut(page(address)) {
@@ -90,14 +94,14 @@ impl Code {
         }
     }
 
-    /// What is known at an address; of RAM it is to be compared with what lies there.
+    /// The cached instruction at an address. In RAM it must be compared with memory.
     #[inline]
     pub(super) fn find(&self, address: u32) -> Option<&Known> {
         let page = self.pages.get(page(address))?.as_ref()?;
         page[place(address)].as_ref()
     }
 
-    /// The instruction at an address, decoded anew.
+    /// Decodes the instruction at an address.
     #[cold]
     pub(super) fn learn(&mut self, bus: &mut impl Bus, address: u32) -> Result<&Known, Fault> {
         let known = Known::read(bus, address)?;

@@ -1,4 +1,4 @@
-//! From halfwords to instructions (ARM DDI 0403E, A5 and A6).
+//! Decoder from halfwords to instructions (ARM DDI 0403E, A5 and A6).
 
 use super::op::{
     Alu, Extension, Flags, Lane, Lanes, Long, Op, Operand, Place, Product, Shift, Single, Turn,
@@ -7,7 +7,7 @@ use super::op::{
 
 const STACK: u8 = 13;
 const COUNTER: u8 = 15;
-/// No target.
+/// Register number for "no target".
 const NONE: u8 = 16;
 
 /// Whether this halfword begins an instruction of two (A5.1).
@@ -25,7 +25,7 @@ fn bit(code: u16, at: u32) -> bool {
     code >> at & 1 == 1
 }
 
-/// A number of so many bits with its sign.
+/// Sign-extends a number of `count` bits.
 fn signed(value: u32, count: u32) -> i32 {
     (value << (32 - count)) as i32 >> (32 - count)
 }
@@ -346,7 +346,7 @@ fn data_number(first: u16, second: u16) -> Op {
     data(first, bits(second, 8, 4), operand)
 }
 
-/// Numbers as they stand (A5.3.3).
+/// Plain immediate numbers (A5.3.3).
 fn plain_number(first: u16, second: u16) -> Op {
     let (base, target) = (bits(first, 0, 4), bits(second, 8, 4));
     let number = twelve(first, second);
@@ -433,7 +433,7 @@ fn branches(first: u16, second: u16) -> Op {
     }
 }
 
-/// Where a single access goes (A7.7.43 and its like).
+/// Address of a single access (A7.7.43 and similar).
 fn place(first: u16, second: u16) -> Option<Place> {
     let long = i32::from(second & 0xfff);
     let short = i32::from(second & 0xff);

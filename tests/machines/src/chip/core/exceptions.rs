@@ -1,20 +1,22 @@
-//! Into an exception and out of it (ARM DDI 0403E, B1.5.6 and B1.5.8).
+//! Exception entry and return (ARM DDI 0403E, B1.5.6 and B1.5.8).
 
 use super::{Bus, COUNTER, Core, Fault, LINK, STACK, Waits};
 
-/// Bits of CONTROL: the second stack pointer, numbers in the floating-point registers.
+/// Bits of CONTROL: second stack pointer in use, numbers in the floating-point registers.
 const SECOND_STACK: u32 = 1 << 1;
 const FLOAT: u32 = 1 << 2;
-/// Bytes of a frame, and of one with floating-point registers.
+/// Size of a stack frame, bytes.
 const FRAME: u32 = 0x20;
+/// Size of a stack frame with floating-point registers, bytes.
 const FLOAT_FRAME: u32 = 0x68;
-/// Cycles into an exception and out of it, and what the floating-point registers add (ARM DDI 0439B, 3.9).
+/// Duration of an exception entry or return, cycles (ARM DDI 0439B, 3.9).
 const LATENCY: u32 = 12;
+/// Extra duration for the floating-point registers, cycles.
 const FLOAT_LATENCY: u32 = 17;
 
 impl Core {
-    /// Enters exception `number`, whose handler is at `vector`; cycles taken, and whether the stack took the
-    /// frame.
+    /// Enters exception `number` with its handler at `vector`. Returns the cycles, and whether the
+    /// stack holds the frame.
     pub fn enter(&mut self, bus: &mut impl Bus, number: u16, vector: u32) -> (u32, bool) {
         let float = self.control & FLOAT != 0;
         let size = if float { FLOAT_FRAME } else { FRAME };
@@ -56,7 +58,7 @@ impl Core {
         (LATENCY + more, taken)
     }
 
-    /// Leaves the exception by `link`; the cycles taken.
+    /// Leaves the exception by `link`; returns the cycles.
     pub fn leave(&mut self, bus: &mut impl Bus, link: u32) -> Result<u32, Fault> {
         let second = match link & 0xf {
             0x1 | 0x9 => false,
@@ -109,7 +111,7 @@ impl Core {
         }
     }
 
-    /// A special register (B5.2.2).
+    /// Reads a special register (B5.2.2).
     pub(super) fn special(&self, number: u8) -> u32 {
         let second = self.control & SECOND_STACK != 0;
         match number {
@@ -157,7 +159,7 @@ impl Core {
         self.attention = true;
     }
 
-    /// A floating-point instruction is executed: its registers belong to the frame from now on.
+    /// Marks the floating-point registers as used: a frame includes them from now on.
     pub(super) fn touch_float(&mut self) -> Result<(), Fault> {
         if !self.float {
             return Err(Fault::NoCoprocessor);

@@ -1,14 +1,14 @@
-//! What each instruction does (ARM DDI 0403E, A7.7).
+//! Execution of each instruction (ARM DDI 0403E, A7.7).
 
 use super::op::{
     Alu, Extension, Flags, Lane, Lanes, Long, Op, Operand, Place, Product, Shift, Turn, Width,
 };
 use super::{Bus, COUNTER, Core, Fault, LINK, Waits};
 
-/// Cycles to fill the pipeline behind a branch: 1 to 3 by alignment (ARM DDI 0439B, 3.3.1).
+/// Cycles to refill the pipeline after a branch: 1 to 3 by alignment (ARM DDI 0439B, 3.3.1).
 const REFILL: u32 = 2;
 
-/// A value with the sign of its top bit.
+/// The two halves of a value with their signs.
 fn halves(value: u32) -> [i32; 2] {
     [i32::from(value as i16), i32::from((value >> 16) as i16)]
 }
@@ -19,7 +19,7 @@ impl Core {
         self.r[usize::from(number & 15)]
     }
 
-    /// Sets a register; the counter branches.
+    /// Sets a register; setting the program counter branches.
     #[inline]
     fn set(&mut self, number: u8, value: u32) -> u32 {
         if usize::from(number) == COUNTER {
@@ -60,7 +60,7 @@ impl Core {
         self.zero = value == 0;
     }
 
-    /// Shifts, and the carry that falls out.
+    /// Result of a shift, and its carry.
     fn shifted(&self, value: u32, kind: Shift, by: u32) -> (u32, bool) {
         let out = |shifted: u32| shifted & 1 == 1;
         match (kind, by) {
@@ -142,7 +142,7 @@ impl Core {
         if d == 16 { 1 } else { self.set(d, value) }
     }
 
-    /// Where an access goes, and what becomes of its base.
+    /// Address of an access, and the new value of its base.
     #[inline(always)]
     fn place(&self, base: u8, place: Place) -> (u32, Option<u32>) {
         let from = self.get(base);
@@ -164,7 +164,7 @@ impl Core {
         }
     }
 
-    /// Cycles of an access, which overlaps with the one before (ARM DDI 0439B, 3.3.3).
+    /// Cycles of an access, which overlaps with the previous one (ARM DDI 0439B, 3.3.3).
     fn access(&mut self, alone: u32) -> u32 {
         let overlaps = std::mem::replace(&mut self.accessed, true);
         if overlaps { 1 } else { alone }
@@ -316,7 +316,7 @@ impl Core {
                     (false, _) => one / two,
                 };
                 self.set(d, value);
-                // 2 to 12, the sooner the fewer bits the quotient has.
+                // 2 to 12 cycles: fewer for a quotient with fewer bits.
                 Ok(2 + (32 - value.leading_zeros()) * 10 / 32)
             }
             Op::Extend(kind, d, n, m, turned) => {
@@ -566,7 +566,7 @@ impl Core {
         }
     }
 
-    /// A base, which is aligned where it is the counter.
+    /// Value of a base register; the program counter is aligned.
     fn base(&self, number: u8) -> u32 {
         let value = self.get(number);
         if usize::from(number) == COUNTER {
@@ -597,7 +597,7 @@ impl Core {
         Ok(())
     }
 
-    /// Where several words begin, and where the base goes.
+    /// First address of an access to several words, and the new value of the base.
     fn range(&self, base: u8, count: u32, down: bool) -> (u32, u32) {
         let from = self.get(base);
         if down {
@@ -743,7 +743,7 @@ impl Core {
         1
     }
 
-    /// Within so many bits; what was cut is remembered.
+    /// Saturates to `bits` bits and sets the saturation flag.
     fn saturate(&mut self, signed: bool, bits: u8, value: i64) -> u32 {
         let (low, high) = if signed {
             (-(1_i64 << (bits - 1)), (1_i64 << (bits - 1)) - 1)
@@ -804,7 +804,7 @@ impl Core {
     }
 }
 
-/// So many ones.
+/// A mask of `count` ones.
 fn ones(count: u8) -> u32 {
     if count >= 32 {
         u32::MAX
@@ -838,7 +838,7 @@ fn store(bus: &mut impl Bus, at: u32, size: u32, value: u32) -> Result<(), Fault
     bus.store(at, size, value).ok_or(Fault::Access(at))
 }
 
-/// A word that has to be aligned.
+/// Reads a word from an address that must be aligned.
 #[inline]
 fn word(bus: &mut impl Bus, at: u32) -> Result<u32, Fault> {
     if !at.is_multiple_of(4) {

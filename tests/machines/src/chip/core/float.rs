@@ -1,13 +1,14 @@
-//! Single precision as the FPv4-SP computes it: to the nearest, subnormal numbers kept, a NaN that is nobody's
-//! without a sign (ARM DDI 0403E, A2.5).
+//! Single precision of the FPv4-SP: rounding to nearest, subnormal numbers kept (ARM DDI 0403E,
+//! A2.5). A NaN that no operand supplies has no sign.
 
 use super::Core;
 use super::op::{Single, Unary};
 
-/// The NaN of an operation on numbers.
+/// NaN that an operation on numbers returns.
 const NAN: u32 = 0x7fc0_0000;
+/// Bit that makes a NaN a quiet one.
 const QUIET: u32 = 0x0040_0000;
-/// Operands that are no numbers give the default one.
+/// FPSCR bit: operations on NaN return the default NaN.
 const DEFAULT_NAN: u32 = 1 << 25;
 
 fn is_nan(bits: u32) -> bool {
@@ -15,7 +16,7 @@ fn is_nan(bits: u32) -> bool {
 }
 
 impl Core {
-    /// A result, where a NaN is the first operand's that is one, signalling ones before.
+    /// Result of an operation. A NaN is the first NaN operand, signalling ones first.
     fn number(&self, result: f32, operands: &[u32]) -> u32 {
         if !result.is_nan() {
             return result.to_bits();

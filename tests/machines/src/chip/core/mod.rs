@@ -1,8 +1,8 @@
-//! A Cortex-M4 with its floating-point unit (ARM DDI 0403E, ARMv7E-M and FPv4-SP).
+//! Emulator of a Cortex-M4 with its floating-point unit (ARM DDI 0403E, ARMv7E-M and FPv4-SP).
 //!
-//! Instructions are executed one by one and cost the cycles of the core's manual (ARM DDI 0439B, 3.3, 7.2); what
-//! a memory adds is the bus's to say. That registers, flags and memory are right is shown by QEMU: see
-//! `tests/tests/core.rs`.
+//! It executes one instruction at a time and counts the cycles of the core's manual (ARM DDI 0439B,
+//! 3.3, 7.2). The bus adds the memory's wait states. QEMU is the reference for registers, flags and
+//! memory: see `tests/tests/core.rs`.
 
 mod class;
 mod code;
@@ -15,47 +15,47 @@ mod op;
 pub use class::Class;
 pub use code::Code;
 
-/// Memory and peripherals as the core sees them; `None` where nothing answers.
+/// Memory and peripherals of the core; `None` where an address has neither.
 pub trait Bus {
     /// Reads 1, 2 or 4 bytes.
     fn load(&mut self, address: u32, size: u32) -> Option<u32>;
-    /// Writes them.
+    /// Writes 1, 2 or 4 bytes.
     fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()>;
-    /// Two bytes of an instruction.
+    /// Fetches two bytes of an instruction.
     fn fetch(&mut self, address: u32) -> Option<u16> {
         self.load(address, 2).map(|half| half as u16)
     }
-    /// An instruction comes from another line of 16 bytes than the last.
+    /// Called where an instruction lies in another line of 16 bytes than the previous one.
     fn line(&mut self, address: u32) {
         let _ = address;
     }
 }
 
-/// Why an instruction was not executed.
+/// Reason for which an instruction was not executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// There is no such instruction.
+    /// Undefined instruction.
     Undefined,
-    /// There is no Thumb code where it leads.
+    /// Branch to an address without Thumb code.
     State,
-    /// An access that nothing answers, at this address.
+    /// Access to this address, which has no memory.
     Access(u32),
-    /// An instruction is fetched where nothing answers.
+    /// Fetch from an address without memory.
     Fetch,
-    /// An access that has to be aligned and is not.
+    /// Unaligned access that must be aligned.
     Unaligned,
     /// The floating-point unit is off.
     NoCoprocessor,
     /// A breakpoint instruction.
     Breakpoint,
-    /// An exception that cannot be returned from.
+    /// Invalid exception return.
     Return,
 }
 
-/// What a core waits for.
+/// Event that a core waits for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Waits {
-    /// Nothing.
+    /// None.
     #[default]
     Not,
     /// An event.
@@ -64,11 +64,11 @@ pub enum Waits {
     Interrupt,
 }
 
-/// The stack pointer, the link register and the program counter.
+/// Register number of the stack pointer.
 pub const STACK: usize = 13;
-/// Where a call returns to.
+/// Register number of the link register, the return address of a call.
 pub const LINK: usize = 14;
-/// Address of the next instruction.
+/// Register number of the program counter, the address of the next instruction.
 pub const COUNTER: usize = 15;
 
 /// Registers and state of the core.
@@ -76,7 +76,7 @@ pub const COUNTER: usize = 15;
 pub struct Core {
     /// r0 to r15; between two instructions r15 is the address of the next.
     pub r: [u32; 16],
-    /// s0 to s31, as bits.
+    /// s0 to s31 as bits.
     pub s: [u32; 32],
     negative: bool,
     zero: bool,
@@ -87,35 +87,35 @@ pub struct Core {
     greater: u8,
     /// State of an IT block.
     block: u8,
-    /// Whether the instruction that is executed lies in one.
+    /// Whether the current instruction is in an IT block.
     inside: bool,
     status: u32,
-    /// PRIMASK, FAULTMASK, BASEPRI, CONTROL.
+    /// PRIMASK.
     pub mask: bool,
-    /// Everything but NMI is masked.
+    /// FAULTMASK: all but the NMI is masked.
     pub fault_mask: bool,
-    /// Priorities from here on are masked; 0: none.
+    /// BASEPRI: this priority and lower ones are masked; 0: none.
     pub base_priority: u8,
     control: u32,
-    /// The stack pointer that is not in use.
+    /// The inactive stack pointer.
     other_stack: u32,
-    /// The exception that is handled; 0: none.
+    /// Number of the active exception; 0: none.
     pub exception: u16,
     /// Whether the floating-point unit is on (CPACR).
     pub float: bool,
     /// The event register.
     pub event: bool,
-    /// What it waits for.
+    /// Event that it waits for.
     pub waits: Waits,
-    /// Something happened that whoever runs the core has to look at: it waits, a mask fell, an exception ends.
+    /// Whether the chip must check the core: it waits, a mask was cleared, or an exception ends.
     pub attention: bool,
-    /// The exception return that is due.
+    /// The pending exception return.
     pub returning: Option<u32>,
-    /// Instructions so far.
+    /// Number of executed instructions.
     pub instructions: u64,
     exclusive: bool,
     next: u32,
-    /// The last instruction was an access, so that the next one overlaps with it.
+    /// Whether the last instruction was an access: the next one then overlaps with it.
     accessed: bool,
     line: u32,
 }
@@ -155,7 +155,7 @@ impl Default for Core {
 }
 
 impl Core {
-    /// What a reset leaves: the stack pointer and the first instruction as the vectors have them.
+    /// Resets the core: stack pointer and first instruction from the vectors.
     pub fn reset(&mut self, stack: u32, entry: u32) {
         *self = Self {
             instructions: self.instructions,
@@ -166,15 +166,15 @@ impl Core {
         self.r[COUNTER] = entry & !1;
     }
 
-    /// It goes on with the instruction at another address.
+    /// Continues at another address.
     pub fn goes_on_at(&mut self, address: u32) {
         self.r[COUNTER] = address & !1;
         self.block = 0;
         self.waits = Waits::Not;
     }
 
-    /// Executes one instruction and gives its cycles; faulting, it leaves the registers as they were, but for
-    /// those that were loaded. What was decoded is kept in `code`.
+    /// Executes one instruction and returns its cycles. A fault leaves the registers unchanged,
+    /// except those already loaded. `code` caches the decoded instructions.
     #[inline(always)]
     pub fn step(&mut self, code: &mut Code, bus: &mut impl Bus) -> Result<u32, Fault> {
         let address = self.r[COUNTER];

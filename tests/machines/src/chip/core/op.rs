@@ -1,6 +1,6 @@
-//! Instructions, taken apart (ARM DDI 0403E, chapter A7).
+//! Decoded instructions (ARM DDI 0403E, chapter A7).
 
-/// When an instruction sets the condition flags.
+/// Whether an instruction sets the condition flags.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flags {
     /// Never.
@@ -20,16 +20,16 @@ pub enum Shift {
     Right,
     /// Right with the sign.
     Signed,
-    /// Round to the right; by 0: by one bit through the carry.
+    /// Rotation to the right; by 0: by one bit through the carry.
     Round,
 }
 
-/// What the second operand of a data instruction is.
+/// Second operand of a data instruction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Operand {
-    /// A number that leaves the carry alone.
+    /// A number that leaves the carry unchanged.
     Number(u32),
-    /// A number whose top bit goes to the carry.
+    /// A number whose top bit sets the carry.
     Turned(u32),
     /// A register.
     Register(u8),
@@ -81,14 +81,14 @@ pub enum Width {
     SignedByte,
 }
 
-/// Where an access goes.
+/// Address of an access.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Place {
     /// At an offset from the base.
     Offset(i32),
-    /// The same, and the base goes there.
+    /// At an offset from the base, which is set to that address.
     Before(i32),
-    /// At the base, which then goes on.
+    /// At the base, which is then increased by the offset.
     After(i32),
     /// At a register, shifted left, from the base.
     Indexed(u8, u8),
@@ -113,7 +113,7 @@ pub enum Extension {
     Bytes,
 }
 
-/// How a parallel sum is kept within its lane.
+/// Handling of an overflow in a lane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
     /// It wraps, and sets the flags GE.
@@ -255,7 +255,7 @@ pub enum Unary {
 /// One instruction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Op {
-    /// None of these.
+    /// No valid instruction.
     Undefined,
     /// `d = n op operand`; `d` of 16 is none.
     Data(Alu, Flags, u8, u8, Operand),
@@ -263,7 +263,7 @@ pub enum Op {
     ShiftBy(Shift, Flags, u8, u8, u8),
     /// Upper half of `d`.
     MoveTop(u8, u16),
-    /// Address of a place near the instruction.
+    /// Address relative to the instruction.
     Near(u8, i32),
     /// `d = n m`.
     Multiply(Flags, u8, u8, u8),
@@ -289,7 +289,7 @@ pub enum Op {
     Saturating(bool, bool, u8, u8, u8),
     /// By the flags GE: d, n, m.
     Select(u8, u8, u8),
-    /// Upper from the second: d, n, m, by.
+    /// d, n, m, by; true: upper half from the second.
     Pack(bool, u8, u8, u8, u8),
     /// d, m.
     Turn(Turn, u8, u8),
@@ -305,33 +305,33 @@ pub enum Op {
     LoadPair(u8, u8, u8, Place),
     /// Two words: first, second, base.
     StorePair(u8, u8, u8, Place),
-    /// Base, registers, downwards, base goes on.
+    /// Base, registers, downwards, base updated.
     LoadMany(u8, u16, bool, bool),
-    /// Base, registers, downwards, base goes on.
+    /// Base, registers, downwards, base updated.
     StoreMany(u8, u16, bool, bool),
     /// Target, base, offset.
     LoadExclusive(Width, u8, u8, u16),
     /// Whether it failed, source, base, offset.
     StoreExclusive(Width, u8, u8, u8, u16),
-    /// Gives the exclusive access up.
+    /// Clears the exclusive access.
     ClearExclusive,
-    /// To a place near.
+    /// Relative branch.
     Branch(i32),
-    /// The same where a condition holds.
+    /// Relative branch under a condition.
     BranchIf(u8, i32),
-    /// A call of a place near.
+    /// Relative call.
     Call(i32),
-    /// To a register.
+    /// Branch to a register.
     Exchange(u8),
-    /// A call of a register.
+    /// Call of a register.
     CallRegister(u8),
-    /// Where a register is (not) zero.
+    /// Branch where a register is (not) zero.
     CompareBranch(bool, u8, i32),
-    /// By a table of halves or bytes.
+    /// Branch by a table of halves or bytes.
     Table(bool, u8, u8),
-    /// What follows is conditional.
+    /// Makes the following instructions conditional.
     IfThen(u8),
-    /// Nothing.
+    /// No operation.
     Nothing,
     /// Barrier.
     Barrier,
@@ -339,7 +339,7 @@ pub enum Op {
     WaitEvent,
     /// Waits for an interrupt.
     WaitInterrupt,
-    /// Makes an event.
+    /// Sends an event.
     SendEvent,
     /// Stops for a debugger.
     Breakpoint(u8),
@@ -369,12 +369,12 @@ pub enum Op {
     FromStatus(u8),
     /// To FPSCR.
     ToStatus(u8),
-    /// d, base, offset, how many.
+    /// d, base, offset, number.
     SingleLoad(u8, u8, i32, u8),
-    /// d, base, offset, how many.
+    /// d, base, offset, number.
     SingleStore(u8, u8, i32, u8),
-    /// d, base, how many, downwards, base goes on.
+    /// d, base, number, downwards, base updated.
     SingleLoadMany(u8, u8, u8, bool, bool),
-    /// d, base, how many, downwards, base goes on.
+    /// d, base, number, downwards, base updated.
     SingleStoreMany(u8, u8, u8, bool, bool),
 }

@@ -1,3 +1,5 @@
+//! Tests of the core on short programs in machine code.
+
 use super::*;
 
 struct Words(Vec<u8>);
