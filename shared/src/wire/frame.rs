@@ -1,4 +1,6 @@
-//! Frames: written into a buffer ready for the line, read from one that the receiver took off it.
+//! Writes frames for the line into a buffer, and reads frames that the receiver collected.
+//!
+//! Coding: COBS (Cheshire and Baker 1997) around CRC-32 (IEEE 802.3).
 
 use serde::{Deserialize, Serialize};
 
@@ -6,35 +8,35 @@ use super::message::{Request, Response};
 use super::receiver::{FRAME_MOST, Unreadable};
 use super::{SCHEMA, VERSION};
 
-/// Most bytes inside a frame: COBS adds one in 254.
+/// Largest number of bytes inside a frame: COBS adds one in 254.
 const INSIDE_MOST: usize = FRAME_MOST - 3;
 const HEAD: usize = 4;
 const CHECK: usize = 4;
-/// Version of the question and the answer who is there.
+/// Version of the identity request and its answer.
 const IDENTIFY: u8 = 0;
 
 /// A message too long for a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unsendable;
 
-/// What a board reads.
+/// Frame that a board reads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Incoming<'a> {
-    /// The question who is there.
+    /// Identity request.
     Question {
-        /// To answer with.
+        /// Sequence number for the answer.
         sequence: u8,
     },
     /// A request.
     Request {
-        /// To answer with.
+        /// Sequence number for the answer.
         sequence: u8,
-        /// What is asked.
+        /// The request.
         request: Request<'a>,
     },
 }
 
-/// Who is there.
+/// Identity of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity<'a> {
     /// The [`VERSION`] that the board speaks.
@@ -45,28 +47,28 @@ pub struct Identity<'a> {
     pub image: &'a str,
 }
 
-/// What a desk reads.
-// It lives as long as one frame is read, by a desk, and nothing keeps many; there is no heap to box a response on.
+/// Frame that a desk reads.
+// A desk holds one at a time, and without a heap a response cannot be boxed.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outgoing<'a> {
-    /// Who is there.
+    /// Answer to the identity request.
     Identity {
-        /// That of the question.
+        /// Sequence number of the identity request.
         sequence: u8,
         /// The answer.
         identity: Identity<'a>,
     },
     /// A response.
     Response {
-        /// That of the request; 0 unasked.
+        /// Sequence number of the request; 0 for telemetry.
         sequence: u8,
-        /// What is said.
+        /// The response.
         response: Response<'a>,
     },
 }
 
-/// The frame of a request.
+/// Writes the frame of a request; refused if it does not fit.
 pub fn write_request<'b>(
     buffer: &'b mut [u8; FRAME_MOST],
     sequence: u8,
@@ -75,7 +77,7 @@ pub fn write_request<'b>(
     write_message(buffer, sequence, request)
 }
 
-/// The frame of a response.
+/// Writes the frame of a response; refused if it does not fit.
 pub fn write_response<'b>(
     buffer: &'b mut [u8; FRAME_MOST],
     sequence: u8,
@@ -84,7 +86,7 @@ pub fn write_response<'b>(
     write_message(buffer, sequence, response)
 }
 
-/// The frame of the question who is there; frozen.
+/// Writes the frame of the identity request; its format never changes.
 pub fn write_question(buffer: &mut [u8; FRAME_MOST], sequence: u8) -> Result<&[u8], Unsendable> {
     let mut inside = [0; INSIDE_MOST];
     inside[0] = IDENTIFY;
@@ -92,7 +94,8 @@ pub fn write_question(buffer: &mut [u8; FRAME_MOST], sequence: u8) -> Result<&[u
     finish(buffer, &mut inside, 2)
 }
 
-/// The frame of the answer who is there; frozen.
+/// Writes the frame of the identity; its format never changes. Refused if the image's name is too
+/// long.
 pub fn write_identity<'b>(
     buffer: &'b mut [u8; FRAME_MOST],
     sequence: u8,
@@ -112,7 +115,7 @@ pub fn write_identity<'b>(
     finish(buffer, &mut inside, length)
 }
 
-/// What is inside a frame that the receiver took off the line of a board.
+/// Reads the inside of a frame that a board received; the error is the reason to count.
 pub fn read_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
     match open(inside)? {
         (IDENTIFY, [sequence]) => Ok(Incoming::Question {
@@ -126,7 +129,7 @@ pub fn read_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
     }
 }
 
-/// What is inside a frame that the receiver took off the line of a desk.
+/// Reads the inside of a frame that a desk received; the error is the reason to count.
 pub fn read_answer(inside: &[u8]) -> Result<Outgoing<'_>, Unreadable> {
     match open(inside)? {
         (IDENTIFY, [sequence, version, a, b, c, d, image @ ..]) => Ok(Outgoing::Identity {
@@ -216,7 +219,7 @@ fn finish<'b>(
     buffer.get(..=end).ok_or(Unsendable)
 }
 
-/// A frame around arbitrary bytes, with a sound check.
+/// Frame around arbitrary bytes, with a correct check.
 #[cfg(test)]
 pub(super) fn write_inside<'b>(buffer: &'b mut [u8; FRAME_MOST], plain: &[u8]) -> &'b [u8] {
     let mut inside = [0; INSIDE_MOST];
@@ -224,7 +227,7 @@ pub(super) fn write_inside<'b>(buffer: &'b mut [u8; FRAME_MOST], plain: &[u8]) -
     finish(buffer, &mut inside, plain.len()).unwrap()
 }
 
-/// The version of a sound frame and what follows it.
+/// Version of a frame with a correct check, and the bytes after it.
 fn open(inside: &[u8]) -> Result<(u8, &[u8]), Unreadable> {
     let (sound, check) = inside
         .split_last_chunk::<CHECK>()
@@ -236,7 +239,8 @@ fn open(inside: &[u8]) -> Result<(u8, &[u8]), Unreadable> {
     Ok((*version, rest))
 }
 
-/// CRC-32 of IEEE 802.3, four bits at a time: a table of 64 bytes for some twelve instructions a byte.
+/// CRC-32 (IEEE 802.3), four bits at a time: a table of 64 bytes, and some twelve instructions a
+/// byte.
 #[must_use]
 pub fn crc32(bytes: &[u8]) -> u32 {
     const TABLE: [u32; 16] = {

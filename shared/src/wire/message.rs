@@ -1,74 +1,77 @@
-//! What board and desk say to each other.
+//! Messages between board and desk.
 
 use serde::{Deserialize, Serialize};
 
 use super::report::{Identification, Load, Margin, Report, Shape};
 use crate::control;
 
-/// What the desk asks of the board.
+/// Request from the desk to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request<'a> {
-    /// The setting of this number, from 0; refused past the last one.
+    /// Read the setting with this number, from 0; refused beyond the last.
     Setting(u8),
-    /// The setting of this key.
+    /// Read the setting with this key.
     Get(&'a str),
-    /// A new value for a setting; refused outside its range. It counts at once where the drive is off.
+    /// Change a setting; refused outside its range. It applies at once while the drive is off.
     Set {
         /// The setting's key.
         key: &'a str,
         /// Its new value.
         value: f32,
     },
-    /// Keeps the settings and the target beyond a loss of power; refused while the drive runs, and more than 60
-    /// times an hour.
+    /// Save settings and target for the next start; refused while the drive runs, and beyond 60
+    /// saves an hour.
     Save,
-    /// Takes the defaults for all settings; refused while the drive runs.
+    /// Set all settings to their defaults; refused while the drive runs.
     Defaults,
-    /// A new target; refused outside its range.
+    /// Set a target; refused outside its range.
     Target(Target),
-    /// Withholds the drive, or gives back what the link withheld; it starts nothing else and
-    /// acknowledges nothing.
+    /// Withhold the drive over the link, or permit it again; starts and acknowledges nothing else.
     Enable(bool),
-    /// Telemetry every so many drive cycles from now on; 0 ends it. Refused where the line cannot
-    /// carry so much.
+    /// Send telemetry with this period in drive cycles; 0 ends it. Refused where the line is too
+    /// slow.
     Telemetry(u16),
-    /// The first record of the event log from this number on.
+    /// Read the first record of the event log from this number on.
     Event(u32),
-    /// A test of the board's own parts; refused while the drive runs.
+    /// Test the board's own parts; refused while the drive runs.
     SelfTest,
-    /// What was counted on the link since the start.
+    /// Read the counters of the link since the start.
     Counters,
-    /// What the firmware said last before its last reset.
+    /// Read the firmware's last message before its last reset.
     LastWords,
-    /// Nothing, but the desk is there.
+    /// Sign of life of the desk.
     Alive,
-    /// From now on the desk simulates the plant, with a controller started anew for this target; refused
-    /// while the drive runs. The drive stays off until the next reset.
+    /// Simulate the plant at the desk, with a new controller for this target; refused while the
+    /// drive runs.
+    ///
+    /// The drive remains off until the next reset.
     Simulate {
-        /// What is wanted of the parts.
+        /// Target of the controller.
         target: Target,
-        /// Why the controller starts.
+        /// Cause of the controller's start.
         start: StartCause,
     },
-    /// Readings of the simulated converter, for a signal path and a controller as they run the drive.
+    /// Readings of the simulated converter, for a signal path and a controller like those of the
+    /// drive.
     Samples {
-        /// Each reading's difference to the one before as a zigzag varint ([`write_reading`]).
+        /// Difference of each reading to the previous one as a zigzag varint ([`write_reading`]).
         codes: &'a [u8],
-        /// With the last reading of a drive cycle: the inputs at its end.
+        /// Inputs at the end of a drive cycle, with its last reading.
         end: Option<Inputs>,
     },
-    /// How far the identification of the parts' restitution has come ([`Target::Identify`]).
+    /// Read the progress of the identification ([`Target::Identify`]).
     Identification,
-    /// The target that the board holds.
+    /// Read the board's target.
     Held,
-    /// The fault kept beyond a loss of power that is so many faults older than the newest.
+    /// Read a saved fault: this number of faults before the newest.
     Fault(u8),
-    /// The board's inputs and outputs as they are now.
+    /// Read the board's present inputs and outputs.
     Status,
-    /// Saves settings and target with this PIN, or without one, and makes the link read-only where
-    /// there is one; refused while the drive runs.
+    /// Save settings and target with this PIN, or without one; refused while the drive runs.
+    ///
+    /// A PIN makes the link read-only.
     Lock(Option<Pin>),
-    /// Lets the desk change the board until its next start.
+    /// Permit changes by the desk until the board's next start.
     Unlock(Pin),
 }
 
@@ -77,26 +80,26 @@ pub enum Request<'a> {
 pub struct Pin(u32);
 
 impl Pin {
-    /// The PIN of these digits; `None` where they are no 4 to 8 digits.
+    /// PIN of these digits; `None` unless they are 4 to 8 digits.
     #[must_use]
     pub fn parse(digits: &str) -> Option<Self> {
         if !(4..=8).contains(&digits.len()) {
             return None;
         }
-        // A leading 1 keeps zeros at the front.
+        // A leading 1 preserves zeros at the front.
         let number = digits.bytes().try_fold(1, |number: u32, digit| {
             (digit.is_ascii_digit()).then(|| 10 * number + u32::from(digit - b'0'))
         });
         number.map(Self)
     }
 
-    /// The number that it is kept as: its digits behind a 1.
+    /// Stored number: the digits after a leading 1.
     #[must_use]
     pub fn number(self) -> u32 {
         self.0
     }
 
-    /// The PIN of that number; `None` where none has it.
+    /// PIN of a stored number; `None` for any other number.
     #[must_use]
     pub fn numbered(number: u32) -> Option<Self> {
         let power = 10_u32.checked_pow(number.checked_ilog10()?)?;
@@ -105,36 +108,36 @@ impl Pin {
     }
 }
 
-/// What the desk may do over the link.
+/// Rights of the desk on the link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Access {
-    /// It may read, set, save and simulate.
+    /// Read, set, save and simulate.
     #[default]
     Full,
-    /// It may read and stop the drive: the board's strap is wired to ground.
+    /// Read, and stop the drive: the board's strap is wired to ground.
     Strapped,
-    /// It may read and stop the drive until it gives the PIN.
+    /// Read, and stop the drive, until the PIN is entered.
     Locked,
 }
 
-/// The inputs of a board, or of one that is simulated.
+/// Inputs of a real or simulated board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Inputs {
-    /// The enable input.
+    /// State of the enable input.
     pub enable: bool,
-    /// The over-temperature input.
+    /// State of the over-temperature input.
     pub over_temperature: bool,
-    /// Whether the link brought a frame in this cycle.
+    /// Whether the link received a frame in this cycle.
     pub link_heard: bool,
-    /// Whether the stack came close to its end.
+    /// Whether the stack nearly overflowed.
     pub stack_low: bool,
     /// Whether the over-current input opened the bridge.
     pub over_current: bool,
-    /// Whether the drive was switched off because the control of several cycles came too late.
+    /// Whether late control in several cycles switched the drive off.
     pub control_late: bool,
     /// Whether the supply is below what the chip needs.
     pub supply_low: bool,
-    /// Whether the clock is not the crystal's.
+    /// Whether the crystal's clock failed.
     pub clock_failed: bool,
 }
 
@@ -171,7 +174,9 @@ impl From<Inputs> for control::Inputs {
     }
 }
 
-/// Appends a reading's difference to the one before; bytes used, 0 where there is no room for three.
+/// Writes a reading as difference to the previous one, a zigzag varint.
+///
+/// Returns the number of bytes, 0 where there is no room for three.
 pub fn write_reading(room: &mut [u8], before: u16, code: u16) -> usize {
     let difference = i32::from(code) - i32::from(before);
     let mut left = ((difference << 1) ^ (difference >> 31)) as u32;
@@ -188,8 +193,8 @@ pub fn write_reading(room: &mut [u8], before: u16, code: u16) -> usize {
     used + 1
 }
 
-/// Takes the next reading after `before` off the front of `codes`; `None` where there is none or where
-/// it is no reading.
+/// Removes the next reading after `before` from the front of `codes`; `None` at the end, or for an
+/// invalid reading.
 pub fn read_reading(codes: &mut &[u8], before: u16) -> Option<u16> {
     let mut left = 0_u32;
     for shift in [0, 7, 14] {
@@ -204,7 +209,8 @@ pub fn read_reading(codes: &mut &[u8], before: u16) -> Option<u16> {
     None
 }
 
-/// Folds an output's bits into the check of a cycle's outputs, 0 at its beginning.
+/// Adds an output's bits to the hash of a cycle's outputs, which begins at 0 (FNV-1a by words,
+/// and a rotation).
 #[must_use]
 pub fn fold_output(check: u32, output: f32) -> u32 {
     (check ^ output.to_bits())
@@ -212,52 +218,52 @@ pub fn fold_output(check: u32, output: f32) -> u32 {
         .rotate_left(5)
 }
 
-/// What the board says to the desk.
+/// Response from the board to the desk.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Response<'a> {
-    /// It is done.
+    /// Done.
     Done,
-    /// It is not done, and nothing was changed.
+    /// Refused; nothing was changed.
     Refused(Refusal<'a>),
     /// A setting.
     Setting(Setting<'a>),
     /// A record of the event log, or none from that number on.
     Event(Option<Record>),
-    /// The result of the test.
+    /// Result of the test.
     SelfTest(SelfTest),
     /// The counters.
     Counters(Counters),
-    /// The last words, if there were any.
+    /// Last message before the reset, if any.
     LastWords(Option<&'a str>),
-    /// One drive cycle; sent unasked once telemetry is on.
+    /// One drive cycle; sent without a request while telemetry is on.
     Telemetry(Telemetry),
     /// A drive cycle of the simulation ended.
     Cycle {
-        /// All outputs of the cycle, folded ([`fold_output`]).
+        /// Hash of all outputs of the cycle ([`fold_output`]).
         outputs: u32,
-        /// What the controller saw and did.
+        /// Report of the controller.
         report: Report,
     },
-    /// How far the identification has come; a result is offered here and applied nowhere.
+    /// Progress of the identification; a result is reported but applied nowhere.
     Identification(Identification),
-    /// The target that the board holds.
+    /// Target of the board.
     Held(Target),
-    /// A fault of the past, or none that old.
+    /// A saved fault; `None` beyond the oldest.
     Fault(Option<KeptFault>),
-    /// The board as it is now.
+    /// Present inputs and outputs.
     Status(Status),
 }
 
-/// A board's inputs and outputs, as they were in its last drive cycle.
+/// Inputs and outputs of a board in its last drive cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Status {
-    /// Its inputs; enable is that of the input itself.
+    /// Inputs; `enable` is the input itself, without the link.
     pub inputs: Inputs,
-    /// Whether the desk lets the drive run ([`Request::Enable`]).
+    /// Whether the desk permits the drive ([`Request::Enable`]).
     pub permitted: bool,
-    /// What the desk may do.
+    /// Rights of the desk.
     pub access: Access,
-    /// Whether READY is on: what is wanted is so.
+    /// Whether READY is on: the target is reached.
     pub ready: bool,
     /// Mean of the acceleration over the cycle in m/s^2; about 0 where `sensor_zero` is right.
     pub mean: f32,
@@ -265,48 +271,48 @@ pub struct Status {
     pub seconds: u32,
 }
 
-/// Why a request was refused.
+/// Reason for a refused request.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Refusal<'a> {
-    /// There is no such setting.
+    /// Unknown setting.
     Unknown,
-    /// A value outside what its parameter accepts.
+    /// Value outside the range of its parameter.
     OutOfRange {
-        /// The parameter.
+        /// Name of the parameter.
         parameter: &'a str,
-        /// What is accepted, in words, with the unit.
+        /// Accepted range in words, with the unit.
         accepted: &'a str,
     },
-    /// Not while the drive runs.
+    /// The drive runs.
     Running,
     /// The memory of the settings failed.
     Store,
-    /// The desk simulates no plant, or its readings end elsewhere than the board's cycle.
+    /// No simulation runs, or its readings do not end with the board's cycle.
     OutOfStep,
-    /// The memory of the settings was written too often within the last hour.
+    /// Too many writes to the memory of the settings within the last hour.
     TooOften,
     /// The link is read-only.
     ReadOnly(Access),
-    /// Not the PIN that the board was locked with.
+    /// Wrong PIN.
     WrongPin,
-    /// Too many wrong PINs: not before so many seconds.
+    /// Too many wrong PINs: waiting time in s.
     Wait(u16),
-    /// The line carries telemetry every so many drive cycles at most.
+    /// Telemetry too fast for the line: shortest possible period in drive cycles.
     Faster(u16),
-    /// The supply is low, or was within the last 100 ms: nothing was kept.
+    /// Supply low now, or within the last 100 ms: nothing was saved.
     SupplyLow,
 }
 
-/// A setting with what may be known of it.
+/// A setting with its range.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Setting<'a> {
-    /// Its number, from 0.
+    /// Number, from 0.
     pub number: u8,
-    /// Its key.
+    /// Key.
     pub key: &'a str,
-    /// Its unit.
+    /// Unit.
     pub unit: &'a str,
-    /// Its value.
+    /// Value.
     pub value: f32,
     /// Smallest accepted value.
     pub low: f32,
@@ -316,26 +322,26 @@ pub struct Setting<'a> {
     pub default: f32,
 }
 
-/// What is wanted of the parts; [`control::Target`] on the line.
+/// Target; [`control::Target`] on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Target {
-    /// Locked, one impact every so many cycles.
+    /// Lock of this order: drive cycles per impact.
     Locked(u8),
     /// Chaotic.
     Chaotic,
-    /// A value of k.
+    /// Value of k.
     K(f32),
-    /// A normal amplitude b in mm.
+    /// Normal amplitude b in mm.
     Amplitude(f32),
-    /// A conveying speed in mm/s.
+    /// Conveying speed in mm/s.
     Speed(f32),
-    /// To find the restitution of the parts.
+    /// Identification of the parts' restitution.
     Identify,
-    /// In gear, one flight every so many cycles.
+    /// Gear of this order: drive cycles per flight.
     Gear(u8),
-    /// A value of k, with tones of the track above the first.
+    /// Value of k, with upper tones of the track.
     Tones(f32, Shape),
-    /// Grams per second of parts in gear.
+    /// Flow of parts in gear, in g/s.
     Flow(f32),
 }
 
@@ -374,20 +380,20 @@ impl From<Target> for control::Target {
     }
 }
 
-/// Why a controller starts; [`control::StartCause`] on the line.
+/// Cause of a controller's start; [`control::StartCause`] on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StartCause {
-    /// A user asked for it: a given enable input counts.
+    /// Requested by a user: an enable input that is already on counts.
     Ordinary,
-    /// The watchdog or a brown-out reset the board.
+    /// Reset by watchdog or brown-out.
     Reset,
     /// The stored settings were refused.
     Refused,
-    /// Power came: off until the enable input was seen withdrawn.
+    /// Power-up: off until the enable input has been off.
     PowerOn,
-    /// The board was reset three times in a row.
+    /// Three resets in a row.
     Repeated,
-    /// The program in the flash is not the one that was written.
+    /// Damaged program in the flash.
     ImageDamaged,
 }
 
@@ -417,7 +423,7 @@ impl From<StartCause> for control::StartCause {
     }
 }
 
-/// One drive cycle as the controller saw it.
+/// Measurements and decisions of one drive cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Telemetry {
     /// Cycles since the start.
@@ -426,31 +432,32 @@ pub struct Telemetry {
     pub k: f32,
     /// Measured normal amplitude of the track (symbol b) in m.
     pub amplitude: f32,
-    /// Amplitude chosen for the target, in m; 0 where there is none.
+    /// Setpoint of the amplitude, in m; 0 without one.
     pub setpoint: f32,
-    /// Phase lead of the track before the output, in rad.
+    /// Phase lead of the track over the output, in rad.
     pub lead: f32,
     /// Output of the drive as a share of full output.
     pub output: f32,
-    /// Measured shape of the track's motion: its tones above the first.
+    /// Measured shape of the track's motion: its upper tones.
     pub shape: Shape,
-    /// Second and third tone of the output along the sine and the cosine of as many times its phase, as shares of full output.
+    /// Second and third tone of the output, sine and cosine of its multiple phase, as shares of
+    /// full output.
     pub overtones: [[f32; 2]; control::UPPER],
-    /// Impacts heard per cycle.
+    /// Mean number of detected impacts per cycle.
     pub rate: f32,
-    /// Mean phase of the track at the impacts heard, in rad.
+    /// Mean phase of the track at the detected impacts, in rad.
     pub phase: f32,
-    /// Confidence that the parts are in the wanted lock, 0..1.
+    /// Confidence that the parts are in the requested lock, 0..1.
     pub confidence: f32,
-    /// Share of the parts' time in gear as heard, 0..=1.
+    /// Estimated share of the parts' time in gear, 0..=1.
     pub in_gear: f32,
-    /// Standard error of that share; infinite where it is only a least.
+    /// Standard error of that share; infinite for a lower bound.
     pub in_gear_error: f32,
-    /// Share of time in gear to expect of the lot at the setpoint, 0..1; 0 for a target other than gear.
+    /// Predicted share of time in gear at the setpoint, 0..1; 0 for a target other than gear.
     pub expected_in_gear: f32,
-    /// How far the parts are from losing gear; `None` where that is not heard.
+    /// Margin of the parts to the loss of gear; `None` without an estimate.
     pub margin: Option<Margin>,
-    /// The parts on the track as weighed; `None` where they are not in gear, or the mass of the track is not told.
+    /// Estimated load of the track; `None` out of gear, or without a configured mass of the track.
     pub load: Option<Load>,
     /// Number of the state ([`control::State`]).
     pub state: u8,
@@ -460,7 +467,7 @@ pub struct Telemetry {
     pub limits: u16,
 }
 
-/// Most bytes of a frame of telemetry.
+/// Largest size of a frame of telemetry, in bytes.
 pub const TELEMETRY_FRAME: usize = 135;
 
 impl From<&control::Report> for Telemetry {
@@ -492,34 +499,34 @@ impl From<&control::Report> for Telemetry {
 /// A record of the event log.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// Its number; numbers missing before it were overwritten.
+    /// Number of the record; earlier missing numbers were overwritten.
     pub number: u32,
-    /// Drive cycle in which it happened.
+    /// Drive cycle of the event.
     pub cycle: u32,
     /// Number of the event ([`control::Event`]).
     pub event: u8,
     /// Number of the fault at that time, 0 for none.
     pub fault: u8,
-    /// Mass of the parts in g that the event tells; 0 with any event but [`control::Event::Weighed`].
+    /// Mass of the parts in g; 0 for any event but [`control::Event::Weighed`].
     pub mass: f32,
-    /// Flow in g/s that it tells, 0 where the track's length is not told either.
+    /// Flow in g/s; 0 without a configured length of the track.
     pub flow: f32,
 }
 
-/// A fault that was kept beyond a loss of power.
+/// A fault saved over a loss of power.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct KeptFault {
-    /// Its number among all faults of the board.
+    /// Number among all faults of the board.
     pub number: u32,
     /// Seconds from the board's start to the fault.
     pub seconds: u32,
     /// Number of the fault ([`control::Fault`]).
     pub fault: u8,
-    /// Number of the state that it ended ([`control::State`]).
+    /// Number of the state before the fault ([`control::State`]).
     pub state: u8,
     /// Measured amplitude of the track in m.
     pub amplitude: f32,
-    /// Amplitude that the output should have given, in m.
+    /// Amplitude predicted from the output, in m.
     pub expected: f32,
     /// Output of the drive as a share of full output.
     pub output: f32,
@@ -529,52 +536,52 @@ pub struct KeptFault {
     pub high: u16,
 }
 
-/// What is in the memory of the settings.
+/// Condition of the memory of the settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Kept {
     /// The settings and the target in use.
     InUse,
-    /// Other settings, or another target.
+    /// Other settings, or another target, than those in use.
     Others,
-    /// None were ever saved.
+    /// Never saved.
     #[default]
     Never,
-    /// Damaged ones, or another firmware's.
+    /// Damaged settings, or those of another firmware.
     Damaged,
 }
 
-/// How the chip itself is set up, by what outlives its program.
+/// Set-up of the chip outside its program.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetUp {
-    /// Supply voltage in mV below which the chip holds itself in reset; 0 where the option bytes leave that off.
+    /// Supply voltage for reset by brown-out, in mV; 0 where the option bytes disable it.
     pub brown_out: u16,
-    /// Whether the option bytes start the watchdog with the power.
+    /// Whether the option bytes start the watchdog at power-up.
     pub watchdog: bool,
-    /// Most cycles of the core that a sample took; 0 where they are not counted.
+    /// Largest number of core cycles of a sample; 0 without a counter.
     pub sample: u32,
-    /// Most cycles of the core that the control of a drive cycle took; 0 where they are not counted.
+    /// Largest number of core cycles of a drive cycle's control; 0 without a counter.
     pub control: u32,
 }
 
-/// What the board found in itself.
+/// Result of the self-test.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SelfTest {
-    /// Whether the accelerometer stands where zero acceleration has it, gravity and noise allowed.
+    /// Whether the accelerometer reads zero acceleration, within gravity and noise.
     pub sensor: bool,
-    /// What is in the memory of the settings.
+    /// Condition of the memory of the settings.
     pub settings: Kept,
-    /// Bytes of the stack that were never used.
+    /// Number of stack bytes never used.
     pub stack_free: u32,
-    /// Drive cycles whose control came too late.
+    /// Number of drive cycles with late control.
     pub missed: u32,
-    /// How the chip is set up.
+    /// Set-up of the chip.
     pub set_up: SetUp,
 }
 
-/// What was counted on the link.
+/// Counters of the link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counters {
-    /// Requests that were read.
+    /// Requests read.
     pub requests: u32,
     /// Frames longer than any message.
     pub oversized: u32,
@@ -582,18 +589,18 @@ pub struct Counters {
     pub corrupt: u32,
     /// Frames of another version or schema.
     pub foreign: u32,
-    /// Sound frames whose message is not known.
+    /// Frames with a correct CRC and an unknown message.
     pub unknown: u32,
-    /// Requests beyond what a drive cycle answers.
+    /// Requests beyond the number answered per drive cycle.
     pub flooded: u32,
-    /// Telemetry rows that did not fit into the line's buffer, and were dropped.
+    /// Telemetry rows dropped because the line's buffer was full.
     pub rows_dropped: u32,
-    /// Answers that did not fit within 100 ms, and were dropped.
+    /// Answers dropped because the line's buffer was full for 100 ms.
     pub answers_dropped: u32,
 }
 
 impl Counters {
-    /// Frames that came, read or refused; each is counted once.
+    /// Number of frames received, read or refused; each counts once.
     #[must_use]
     pub fn frames(&self) -> u64 {
         let Self {

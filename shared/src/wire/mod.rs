@@ -1,23 +1,23 @@
 //! The link between board and desk: messages in checked frames.
 //!
-//! A frame on the line is COBS (Cheshire & Baker 1997) with a zero at its end, so that a receiver finds
-//! the next frame after any garbage. Inside are, in this order:
+//! A frame on the line is COBS (Cheshire and Baker 1997) with a zero at its end. A receiver
+//! therefore finds the next frame after any garbage. A frame contains, in this order:
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
-//! | 1 | version: [`VERSION`], or 0 for the question and the answer who is there |
+//! | 1 | version: [`VERSION`], or 0 for the identity request and its answer |
 //! | 2 | schema: the low half of [`SCHEMA`]; absent with version 0 |
-//! | 1 | sequence: the board answers with the one it was asked with; telemetry has 0 |
+//! | 1 | sequence: the board repeats the number of the request; telemetry has 0 |
 //! | | the message: postcard of [`Request`] or [`Response`] |
 //! | 4 | CRC-32 (IEEE 802.3) of all before it |
 //!
-//! The question who is there is a frame of version 0 without a message; its answer is [`Identity`] as
-//! version, schema (4 bytes) and the name of the image. These two never change, so that any desk can
-//! tell any board what it speaks. Everything else may change with [`VERSION`] and [`SCHEMA`], and is
-//! refused where they differ.
+//! The identity request is a frame of version 0 without a message. Its answer is [`Identity`]:
+//! version, schema (4 bytes) and name of the image. These two frames never change, so any desk can
+//! identify any board. Everything else may change with [`VERSION`] and [`SCHEMA`]. A frame with
+//! another version or schema is refused.
 //!
-//! Whatever cannot be read is refused and counted ([`Counters`]); nothing is guessed, clipped or
-//! half done.
+//! Unreadable frames are refused and counted ([`Counters`]). Nothing is guessed, clipped or half
+//! done.
 
 mod frame;
 mod message;
@@ -38,10 +38,10 @@ pub use report::{
     Identification, Identified, Load, Margin, Report, Shape, Unidentified, UpperTone,
 };
 
-/// Version of everything but the question who is there.
+/// Version of all frames but the identity request and its answer.
 pub const VERSION: u8 = 1;
 
-/// Hash of the golden frames: it changes with every message.
+/// Hash of the golden frames; every change of a message changes it.
 pub const SCHEMA: u32 = 0x46b7_6982;
 
 #[cfg(test)]

@@ -1,25 +1,25 @@
-//! Frames taken off the line, byte by byte.
+//! Collects frames from the line byte by byte, and decodes COBS (Cheshire and Baker 1997).
 
 use super::message::Counters;
 
-/// Longest frame on the line in bytes, the zero at its end included.
+/// Longest frame on the line, in bytes, with the zero at its end.
 pub const FRAME_MOST: usize = 320;
 
-/// Why a frame was not read.
+/// Reason for an unreadable frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unreadable {
     /// Longer than any message.
     Oversized,
     /// Shorter than any message, not COBS, or with a wrong check.
     Corrupt,
-    /// Of another version or schema.
+    /// Another version or schema.
     Foreign,
-    /// Sound, but no known message.
+    /// Correct check, but no known message.
     Unknown,
 }
 
 impl Counters {
-    /// Counts a frame that was not read.
+    /// Counts an unreadable frame.
     pub fn count(&mut self, why: Unreadable) {
         let counter = match why {
             Unreadable::Oversized => &mut self.oversized,
@@ -31,7 +31,7 @@ impl Counters {
     }
 }
 
-/// Collects bytes until a frame is whole; never more than [`FRAME_MOST`] of them.
+/// Collects bytes until a frame is complete; never more than [`FRAME_MOST`] of them.
 #[derive(Clone, Debug)]
 pub struct Receiver {
     buffer: [u8; FRAME_MOST],
@@ -46,7 +46,7 @@ impl Default for Receiver {
 }
 
 impl Receiver {
-    /// A receiver with nothing in it.
+    /// Empty receiver.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -56,8 +56,8 @@ impl Receiver {
         }
     }
 
-    /// Takes a byte off the line; what is inside the frame that it ends, or why that cannot be read.
-    /// Zeros between frames are nothing.
+    /// Adds a byte from the line; returns the inside of a frame that it completes, or the reason
+    /// for an unreadable one. Zeros between frames have no effect.
     pub fn take(&mut self, byte: u8) -> Option<Result<&[u8], Unreadable>> {
         if byte != 0 {
             match self.buffer.get_mut(self.length) {
@@ -82,7 +82,7 @@ impl Receiver {
     }
 }
 
-/// Decodes COBS in place; the length of what is inside.
+/// Decodes COBS in place; returns the decoded length.
 fn decode(frame: &mut [u8]) -> Option<usize> {
     let (mut from, mut to) = (0, 0);
     while let Some(&code) = frame.get(from) {

@@ -1,7 +1,7 @@
-//! What a controller saw and did, and how far an identification has come, on the line.
+//! Report of a controller, and progress of an identification, on the line.
 //!
-//! The items of the controller's numbered lists are sent by their places in these lists, its sets as bits. What the
-//! controller's own types hold beyond that never reaches the line, and a change of theirs changes no frame.
+//! Items of the controller's numbered lists are sent by index, sets as bits. Everything else in the
+//! controller's own types stays off the line, and changes there change no frame.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,7 +19,7 @@ pub struct UpperTone {
     pub phase: f32,
 }
 
-/// The shape of the track's motion; [`control::Shape`] on the line.
+/// Shape of the track's motion; [`control::Shape`] on the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Shape {
     /// The second tone.
@@ -48,61 +48,62 @@ impl From<Shape> for control::Shape {
     }
 }
 
-/// What the controller saw and did in one cycle: [`control::Report`] on the line, made of one and into one.
+/// Report of the controller on one cycle; [`control::Report`] on the line, convertible both ways.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// Cycles since the controller was built.
+    /// Number of cycles since the controller was built.
     cycle: u32,
     /// Measured k; infinite at rest.
     k: f32,
     /// Measured normal amplitude of the track (symbol b) in m.
     amplitude: f32,
-    /// Measured phase lead of the track before the output, in rad, -pi..pi.
+    /// Measured phase lead of the track over the output, in rad, -pi..pi.
     lead: f32,
-    /// Shape of the track's motion as it was measured.
+    /// Measured shape of the track's motion.
     shape: Shape,
-    /// Amplitude that the loop follows at the end of the next cycle but one, in m.
+    /// Reference amplitude of the loop at the end of the next cycle but one, in m.
     reference: f32,
-    /// Amplitude chosen for the target, in m; 0 where there is none.
+    /// Setpoint of the amplitude, in m; 0 without one.
     setpoint: f32,
-    /// Impacts heard per cycle, over the last 16.
+    /// Mean number of detected impacts per cycle, over the last 16.
     rate: f32,
-    /// Mean phase of the track (symbol t) at the impacts heard, in rad, -pi..pi.
+    /// Mean phase of the track (symbol t) at the detected impacts, in rad, -pi..pi.
     phase: f32,
     /// Concentration of these phases, 0..1.
     concentration: f32,
-    /// What the parts are heard to do, and how sure that is.
+    /// Classified regime of the parts, with its confidence.
     regime: Option<Verdict>,
     /// Drive frequency in Hz.
     frequency: f32,
-    /// Confidence that the parts are in the wanted lock, 0..1.
+    /// Confidence that the parts are in the requested lock, 0..1.
     confidence: f32,
-    /// Share of the parts' time in gear as heard, 0..=1.
+    /// Estimated share of the parts' time in gear, 0..=1.
     in_gear: f32,
+    /// Standard error of that share; infinite for a lower bound.
     in_gear_error: f32,
     /// Order of that gear.
     gear: u8,
-    /// Mean drive cycles in gear until it was lost.
+    /// Mean drive cycles in gear per loss.
     to_loss: f32,
-    /// How far the parts are from losing gear.
+    /// Margin of the parts to the loss of gear.
     margin: Option<Margin>,
-    /// Share of time in gear to expect of the lot at the setpoint, 0..1.
+    /// Predicted share of time in gear at the setpoint, 0..1.
     expected_in_gear: f32,
-    /// The parts on the track as weighed.
+    /// Estimated load of the track.
     load: Option<Load>,
-    /// Kicks begun for the present target.
+    /// Number of kicks begun for the present target.
     attempts: u8,
-    /// How far the identification of the parts' restitution has come.
+    /// Progress of the identification.
     identification: Identification,
-    /// Place of the state in [`control::State::ALL`].
+    /// Index of the state in [`control::State::ALL`].
     state: u8,
-    /// Place of the fault in [`control::Fault::ALL`].
+    /// Index of the fault in [`control::Fault::ALL`].
     fault: Option<u8>,
     /// Bits of the limits ([`control::Limits`]).
     limits: u16,
-    /// Places of the events in [`control::Event::ALL`], in the order in which they happened.
+    /// Indices of the events in [`control::Event::ALL`], in order of time.
     events: [Option<u8>; control::Events::MOST],
-    /// What the drive is to do.
+    /// Command to the drive.
     command: Command,
 }
 
@@ -149,7 +150,7 @@ impl From<&control::Report> for Report {
 impl TryFrom<Report> for control::Report {
     type Error = Unreadable;
 
-    /// Refused where a place is past the end of its list, or a bit is no limit's.
+    /// Refused for an index beyond its list, or a bit without a limit.
     fn try_from(report: Report) -> Result<Self, Unreadable> {
         let mut events = control::Events::default();
         for at in report.events.into_iter().flatten() {
@@ -201,20 +202,23 @@ fn item<T: Copy>(list: &[T], at: u8) -> Result<T, Unreadable> {
         .ok_or(Unreadable::Unknown)
 }
 
-/// What the drive is to do from the next cycle on; [`control::Command`] on the line, without what leaves the output as it is.
+/// Command to the drive from the next cycle on; [`control::Command`] on the line.
+///
+/// Fields without effect on the output are left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
     amplitude: f32,
-    /// Lead of that output before the phase, in 2^-32 turns.
+    /// Phase lead of that output, in 2^-32 turns.
     lead: u32,
-    /// Second and third tone of the output along the sine and the cosine of as many times its phase, as shares of full output.
+    /// Second and third tone of the output, sine and cosine of its multiple phase, as shares of
+    /// full output.
     overtones: [[f32; 2]; control::UPPER],
     /// Advance of the phase per sample ([`control::phase_step`]).
     step: u32,
     /// Whether the output changes at once instead of at the next cycle.
     immediate: bool,
-    /// Phase of the output from which on the residual is summed over cycles, in 2^-32 turns.
+    /// Start phase of a fold of the residual, in 2^-32 turns.
     fold: Option<u32>,
 }
 
@@ -246,31 +250,31 @@ impl From<Command> for control::Command {
     }
 }
 
-/// How far the parts are from losing gear; [`control::GearMargin`] on the line.
+/// Margin to the loss of gear; [`control::GearMargin`] on the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Margin {
     /// Trace of the tangent map (symbol tr J).
     pub trace: f32,
-    /// Restitution (symbol R) as heard.
+    /// Estimated restitution (symbol R).
     pub restitution: f32,
-    /// Its standard error.
+    /// Standard error of that restitution.
     pub error: f32,
-    /// Standard deviation of restitution from impact to impact (symbol s) as heard.
+    /// Scatter of restitution from impact to impact (symbol s).
     pub scatter: f32,
-    /// Distance of the trace from the doubling of the period.
+    /// Distance of the trace from the period doubling.
     pub flip: f32,
     /// Expected drive cycles until gear is lost.
     pub to_loss: f32,
 }
 
-/// The parts on the track as weighed; [`control::Load`] on the line.
+/// Estimated load of the track; [`control::Load`] on the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Load {
     /// Mass of the parts in g (symbol m).
     pub mass: f32,
     /// Their conveying speed in mm/s.
     pub speed: f32,
-    /// What leaves the track in g/s; 0 where its length is not told.
+    /// Flow in g/s; 0 without a configured length of the track.
     pub flow: f32,
 }
 
@@ -288,12 +292,12 @@ impl From<Load> for control::Load {
     }
 }
 
-/// A regime and how sure it is; [`classify::Verdict`] on the line.
+/// A regime with its confidence; [`classify::Verdict`] on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Verdict {
     /// The regime.
     regime: Regime,
-    /// 0 (a guess) to 1.
+    /// Confidence, 0 (a guess) to 1.
     confidence: f32,
 }
 
@@ -315,89 +319,89 @@ impl From<Verdict> for classify::Verdict {
     }
 }
 
-/// What a part does; [`classify::Regime`] on the line.
+/// Regime of a part; [`classify::Regime`] on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Regime {
-    /// Nothing strikes.
+    /// No impacts.
     Rest,
-    /// It hops, chatters to rest and is thrown off again.
+    /// Hops, chatters to rest, and is thrown off again.
     HopAndRest {
         /// Drive cycles from rest to rest.
         cycles: u32,
     },
-    /// It strikes once every `order` cycles, at one phase.
+    /// One impact every `order` cycles, at one phase.
     Locked {
         /// Drive cycles per impact (symbol r).
         order: u32,
     },
-    /// It repeats after `2^doublings` impacts of `order` cycles on average.
+    /// Repeats after `2^doublings` impacts of `order` cycles on average.
     Doubled {
         /// Drive cycles per impact (symbol r).
         order: u32,
-        /// How often the period has doubled.
+        /// Number of period doublings.
         doublings: u32,
     },
-    /// It repeats after `impacts` impacts in `cycles` cycles, which is no doubling of a lock.
+    /// Repeats after `impacts` impacts in `cycles` cycles, not by doubling of a lock.
     Periodic {
         /// Impacts in a period (symbol p).
         impacts: u32,
         /// Drive cycles in a period.
         cycles: u32,
     },
-    /// It does not repeat.
+    /// No period.
     Chaotic,
-    /// Too little or too contradictory was heard.
+    /// Too few or contradictory impacts.
     Undecided,
 }
 
-/// How far an identification has come; [`control::Identification`] on the line.
+/// Progress of an identification; [`control::Identification`] on the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum Identification {
-    /// None was asked for.
+    /// Not requested.
     #[default]
     Idle,
-    /// Under way.
+    /// Running.
     Listening {
-        /// Hops heard so far.
+        /// Number of hops so far.
         hops: u16,
     },
-    /// Done.
+    /// Finished with a result.
     Found(Identified),
-    /// Done, without a result.
+    /// Finished without a result.
     NotFound(Unidentified),
 }
 
-/// A restitution found by listening; [`control::Identified`] on the line.
+/// Identified restitution; [`control::Identified`] on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identified {
     /// Restitution normal to the track (symbol R).
     pub restitution: f32,
-    /// Its standard error.
+    /// Standard error of the restitution.
     pub deviation: f32,
     /// k at which the parts hopped.
     pub k: f32,
-    /// Standard deviation of restitution from impact to impact; 0 where none is heard.
+    /// Scatter of restitution from impact to impact (symbol s); 0 without detected scatter.
     pub scatter: f32,
-    /// Hops that it stands on.
+    /// Number of hops in the estimate.
     pub hops: u16,
 }
 
-/// Why a restitution was not found; [`control::Unidentified`] on the line.
+/// Reason for a missing result; [`control::Unidentified`] on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Unidentified {
     /// Nothing repeats every cycle.
     Quiet,
-    /// What repeats is not the chatter of parts of one restitution.
+    /// A repeating signal that is not the chatter of one restitution.
     Unlike,
-    /// The second impact of the parts drowns in the ringing of the first.
+    /// Second impact lost in the ringing of the first.
     Dead,
-    /// Their restitution scatters, from impact to impact or from part to part.
+    /// Restitution scatters from impact to impact or from part to part.
     Scattered,
-    /// The drive did not hold still in time.
+    /// The drive did not hold the requested amplitudes within the time limit.
     Unsteady,
 }
 
-/// The same variants in a module of the controller and on the line, each made of the other.
+/// Conversions between the same variants of the controller and of the line.
 macro_rules! mirrored {
     ($kind:ident of $home:ident: $($item:ident $(($inner:ident))? $({ $($field:ident),+ })?),+) => {
         impl From<$home::$kind> for $kind {
@@ -509,7 +513,7 @@ mod tests {
     use super::*;
     use crate::control::{Event, Events, Fault, Limits, State};
 
-    /// A report with nothing in it that is left at its default.
+    /// Report without any default value.
     fn report() -> control::Report {
         let mut events = Events::default();
         for event in [
@@ -594,7 +598,7 @@ mod tests {
         }
     }
 
-    /// Postcard of [`report`] as derived from the controller's own types, by another program.
+    /// Postcard of [`report`], from the controller's own types by another program.
     const SENT: &[u8] = &[
         0xf0, 0xa2, 0x04, 0x85, 0xeb, 0xd1, 0x3e, 0xa6, 0x9b, 0xc4, 0x3a, 0x00, 0x00, 0xc0, 0xbf,
         0x00, 0x00, 0x00, 0x3e, 0x00, 0x00, 0x10, 0x40, 0x00, 0x00, 0x80, 0x3d, 0x00, 0x00, 0xa0,

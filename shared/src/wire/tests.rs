@@ -1,4 +1,4 @@
-//! The golden frames, and what is done with frames that are none.
+//! Tests of the golden frames, and of unreadable frames.
 
 use std::format;
 use std::string::{String, ToString};
@@ -223,9 +223,9 @@ fn responses() -> Vec<Response<'static>> {
     ]
 }
 
-/// A report of each regime: what it is called on the line is its place among them.
+/// A report of each regime: its code on the line is its index.
 fn regimes() -> impl Iterator<Item = Response<'static>> {
-    // The compiler asks for a new one here.
+    // A new regime fails to compile here.
     let after = |regime: &Regime| match regime {
         Regime::Rest => Some(Regime::HopAndRest { cycles: 2 }),
         Regime::HopAndRest { .. } => Some(Regime::Locked { order: 2 }),
@@ -310,7 +310,7 @@ fn the_frozen_frames_never_change() {
     );
 }
 
-// Computed apart from this code, with the CRC-32 of another library.
+// Computed separately, with the CRC-32 of another library.
 const QUESTION: &[u8] = &[0x01, 0x06, 0x2a, 0x29, 0xdb, 0x62, 0x9a, 0x00];
 const ANSWER: &[u8] = &[
     0x01, 0x10, 0x2a, 0x01, 0x04, 0x03, 0x02, 0x01, 0x6b, 0x62, 0x61, 0x6e, 0x64, 0xca, 0xd5, 0xfd,
@@ -419,7 +419,7 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
     }
     let long = [&[1; FRAME_MOST + 1][..], &[0]].concat();
     assert_eq!(refusal(&long), Some(Unreadable::Oversized));
-    // Of another version, of another schema, with a trailing byte, with no such message.
+    // Another version, another schema, a trailing byte, an unknown message.
     let inside = receive(&frame).remove(0).unwrap();
     let plain = &inside[..inside.len() - 4];
     let foreign = |at: usize| {

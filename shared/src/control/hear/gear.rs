@@ -66,8 +66,10 @@ const UNKNOWN: f32 = 0.3;
 /// Stamped height of the faintest detected impact over the noise, from the onset threshold and the
 /// rise of the ringing.
 const FAINT: f32 = 2.2;
-/// Initial speed over b w of the faintest detected impact: a fifth of `2 pi k/(1 + R)` = 2.1 at k =
-/// 0.43, R = 0.3.
+/// Initial speed over b w of the faintest detected impact: a fifth of the 2.1 in gear at k = 0.43,
+/// R = 0.3.
+///
+/// In gear that speed is `2 pi k/(1 + R)`.
 const FAINT_AT_FIRST: f32 = 0.4;
 /// Serial correlation of implied restitutions, in standard errors, above which they come from
 /// several parts.
