@@ -57,11 +57,14 @@ const LANDING: f32 = 0.015;
 /// Mean delay and standard deviation, in rad, of a landing after undetected bounces, relative to a
 /// landing from rest.
 const BOUNCED: [f32; 2] = [0.1, 0.14];
-/// Weight of such landings and of landings from rest in the likelihood ratio, measured over R
-/// 0.1..0.6 and s 0.03..0.10.
+/// Weight of such landings and of landings from rest in the likelihood ratio.
+///
+/// Measured over R of 0.1 to 0.6 and s of 0.03 to 0.10.
 const REACHED: f32 = 0.35;
-/// Weight of a landing from rest after an unknown flight, in rad; accepts within `sqrt(2 ln(0.4
-/// 0.3/LANDING))` = 2.0 standard deviations (96 %).
+/// Weight of a landing from rest after an unknown flight, in rad: accepts within 2.0 standard
+/// deviations (96 %).
+///
+/// The limit follows from `sqrt(2 ln(0.4 0.3/LANDING))`.
 const UNKNOWN: f32 = 0.3;
 /// Stamped height of the faintest detected impact over the noise, from the onset threshold and the
 /// rise of the ringing.

@@ -27,8 +27,8 @@ const GEARED: f32 = 0.5;
 /// Share of time in gear below which gear is lost (hysteresis).
 const LOST: f32 = 0.4;
 
-/// Minimum drive cycles without contradiction before gear is detected again, as the long histogram
-/// holds older energy.
+/// Minimum drive cycles without contradiction, and at least a second, before gear is detected
+/// again: the long histogram holds older energy.
 const MIN_SUPPORTED: f32 = 64.0;
 /// Minimum time without an impact for an empty track, in s.
 const EMPTY_SECONDS: f32 = 1.0;

@@ -15,8 +15,7 @@ use crate::arithmetic::{sine_cosine_single, square_root_single};
 use crate::control::angle::{SAMPLE_RATE, phase_of};
 use crate::control::settings::Settings;
 
-/// Gain of the mean mass per drive cycle: a single cycle scatters by a third, the mean of 64 by 4
-/// %.
+/// Gain of the mean mass per drive cycle: one cycle scatters by a third, the mean of 64 by 4 %.
 const SLOW: f32 = 1.0 / 64.0;
 /// Number of drive cycles before a mass is reported.
 const BEFORE: f32 = 64.0;

@@ -29,8 +29,8 @@ pub struct PhaseStatistics {
     swing: f32,
 }
 
-/// Half difference of alternate impact phases, in rad, that begins to lower the confidence, and
-/// that ends it.
+/// Half difference of alternate impact phases, in rad, where the confidence begins to fall, and
+/// where it is 0.
 ///
 /// A locked lot alternates by 0.01 (jitter of 0.05 rad in the memory's mean). Flights just beyond
 /// the doubling (R 0.255, the lot ends at 0.22) alternate by 0.13.

@@ -46,8 +46,8 @@ const CHANGED_UNEXPLAINED: f32 = 0.3;
 /// Predicted share of time in gear above which READY is credible, between 0.46 (highest with a
 /// false READY) and 0.71 (lowest in gear).
 const MIN_PREDICTED_SHARE: f32 = 0.5;
-/// Difference of the lead from its mean, in 2^-32 turns, above which the mean is used: 0.05 rad,
-/// above the measurement noise.
+/// Difference of the lead from its mean, in 2^-32 turns (0.05 rad), above which the mean is used;
+/// smaller differences are measurement noise.
 const TURNED: u32 = 1 << 25;
 /// Impacts predicted per slice of background work.
 const SLICE: u32 = 64;
@@ -103,12 +103,13 @@ const PARTS: usize = GROUPS + 3;
 const NOISE: usize = GROUPS + 2;
 /// Number of predicted impact profiles: one per group in gear, and one out of gear.
 const STRUCK: usize = GROUPS + 1;
+
 /// Estimated share of time in gear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearShare {
     /// Share, 0..=1.
     pub share: f32,
-    /// Its standard error.
+    /// Standard error of the share.
     pub error: f32,
 }
 
@@ -195,6 +196,7 @@ impl GearEvidence {
             && self.short.unexplained < self.long.unexplained + CHANGED_UNEXPLAINED
     }
 }
+
 /// Energy of each component by sector; lanes of four allow the compiler to vectorize.
 type Rows = [[f32; LANES]; SECTORS];
 /// Number of components, rounded up to a multiple of four.

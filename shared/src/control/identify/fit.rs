@@ -21,8 +21,8 @@ pub const BEFORE: f32 = 0.5;
 const EARLY: f32 = 0.1;
 /// Upper limit of that shift, in samples; it bounds the work at low frequencies.
 const MOST_EARLY: f32 = 8.0;
-/// Number of restitutions on the grid: 0.004 apart over half of the range, as half a sample moves a
-/// result.
+/// Number of restitutions on the grid: 0.004 apart over half of the range, the error of half a
+/// sample.
 const TRIED: usize = 128;
 /// Extension of the grid beyond its bounds, which an error of 1 % of k moves by up to 0.015.
 const BEYOND: f32 = 0.02;

@@ -27,15 +27,16 @@ pub const FIRST: f64 = 0.87;
 /// Ratio of k between successive levels: a smaller step than the 4 to 9 % by which [`back`]
 /// overshoots.
 const STRIDE: f64 = 0.965;
-/// Lowest k of the descent: parts still at rest have R up to 0.25, and rest at [`back`] of it too.
+/// Lowest k of the descent: parts that still rest there have R up to 0.25, and rest at its [`back`]
+/// too.
 const LOWEST: f64 = 0.42;
 /// k at which the parts come to rest, above the last lock of order 1 for R up to 0.8
 /// (docs/theory-bands.md#t5.2).
 ///
 /// That lock ends at k = (1 + R)/(pi (1 - R)).
 const REST_K: f64 = 3.0;
-/// Settling time at an amplitude, in drive cycles: four time constants of a kick, above two of the
-/// drive at Q = 25.
+/// Time within [`NEAR`] before a level counts, in drive cycles: four time constants of a kick,
+/// above two of the drive at Q = 25.
 const SETTLING: u8 = 20;
 /// Duration of the check at a level, in drive cycles.
 const LISTENED: u8 = 20;
@@ -84,15 +85,15 @@ const GEARS: [f64; 3] = [0.46, 0.37, 0.55];
 const CHECKED: u16 = 300;
 /// Largest standard error of a restitution estimated in gear: that of 25 impacts at s = 0.10.
 const HEARD: f32 = 0.02;
-/// Standard error by selection over s^2: parts leave gear by certain impacts (bias up to 0.04 at R
-/// = s = 0.10).
+/// Standard error of the selection bias over s^2: certain impacts end gear, which biases R by up to
+/// 0.04 (R = s = 0.10).
 const CHOSEN: f32 = 2.0;
 /// Largest estimated scatter that counts as none: three times the stamp error of a sample at 50 Hz.
 const STILL: f32 = 0.015;
 /// Largest difference between folds and gear for agreement; an amplitude error of 1 % of k is 0.01
 /// in R.
 const AGREES: f32 = 0.02;
-/// Threshold on the estimated number of parts for several: one part gives 0.5 to 1.05, two give
+/// Threshold on the estimated number of parts for several; one part gives at most 1.05, two give
 /// 2.2.
 const SEVERAL: f32 = 1.5;
 /// Standard error of a folded result by sampling and remaining leak, times the squared number of
@@ -572,8 +573,8 @@ fn both(one: f32, other: f32) -> f32 {
 /// k at which parts surely rest each cycle after impacts in flight at `k`.
 ///
 /// During the descent parts cease to rest some levels before detection, the more the less they
-/// bounce. The formula is fitted to measurements. It ends 4 to 9 % above the k at which parts of R
-/// = 0.3 to 0.8 cease to rest.
+/// bounce. The formula is fitted to measurements. For R = 0.3 to 0.8 it ends 4 to 9 % above the k
+/// at which parts cease to rest.
 fn back(k: f64) -> f64 {
     k * (1.17 - 0.44 * (k - 0.6).max(0.0))
 }
