@@ -3,7 +3,7 @@
 //! A part of mass m in gear gives the track the momentum of its weight over each flight, at phase t
 //! of the track. At the drive's frequency that is a force of `2 m g cos(alpha)` with the impacts'
 //! phase. It adds `2 (m/M) k <cos t>` to the track's loss `1/Q`. In gear of order r `<cos t>` is
-//! `pi r k (1 - R)/(1 + R)`, whatever the doublings (docs/theory-real-parts.md#t10.5). The empty
+//! `pi r k (1 - R)/(1 + R)`, also after doublings (docs/theory-real-parts.md#t10.5). The empty
 //! track gives the tare. All means forget exponentially.
 
 use core::f32::consts::{PI, TAU};

@@ -777,7 +777,7 @@ fn struck(weights: &[f32; PARTS], profile: &StrikeProfile) -> f32 {
         + landing * profile.landed
 }
 
-/// Half of the energy that lies in other sectors than expected.
+/// Half of the sum of absolute differences: energy in other sectors than predicted.
 fn astray(heard: &Row, expected: &Row) -> f32 {
     let apart = heard.iter().zip(expected).map(|(heard, expected)| {
         let apart = heard - expected;
