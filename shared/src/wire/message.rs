@@ -120,9 +120,9 @@ pub enum Access {
 /// Inputs of a real or simulated board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Inputs {
-    /// The enable input.
+    /// State of the enable input.
     pub enable: bool,
-    /// The over-temperature input.
+    /// State of the over-temperature input.
     pub over_temperature: bool,
     /// Whether the link received a frame in this cycle.
     pub link_heard: bool,
@@ -273,7 +273,7 @@ pub enum Refusal<'a> {
     Unknown,
     /// A value outside its parameter's range.
     OutOfRange {
-        /// The parameter.
+        /// Name of the parameter.
         parameter: &'a str,
         /// Accepted range, in words, with the unit.
         accepted: &'a str,
@@ -324,11 +324,11 @@ pub enum Target {
     Locked(u8),
     /// Chaotic.
     Chaotic,
-    /// A value of k.
+    /// Value of k.
     K(f32),
-    /// A normal amplitude b in mm.
+    /// Normal amplitude b in mm.
     Amplitude(f32),
-    /// A conveying speed in mm/s.
+    /// Conveying speed in mm/s.
     Speed(f32),
     /// Identification of the parts' restitution.
     Identify,
@@ -388,7 +388,7 @@ pub enum StartCause {
     PowerOn,
     /// Three successive resets of the board.
     Repeated,
-    /// The program in the flash is not the one that was written.
+    /// Damaged program in the flash.
     ImageDamaged,
 }
 
@@ -429,7 +429,7 @@ pub struct Telemetry {
     pub amplitude: f32,
     /// Amplitude setpoint of the target in m; 0 without one.
     pub setpoint: f32,
-    /// Phase lead of the track before the output, in rad.
+    /// Phase lead of the track over the output, in rad.
     pub lead: f32,
     /// Output of the drive over full output.
     pub output: f32,
@@ -566,7 +566,7 @@ pub struct SelfTest {
     pub sensor: bool,
     /// Content of the non-volatile memory.
     pub settings: Kept,
-    /// Bytes of the stack that were never used.
+    /// Number of stack bytes never used.
     pub stack_free: u32,
     /// Number of drive cycles with a missed control deadline.
     pub missed: u32,

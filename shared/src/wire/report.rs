@@ -57,7 +57,7 @@ pub struct Report {
     k: f32,
     /// Measured normal amplitude of the track (symbol b) in m.
     amplitude: f32,
-    /// Measured phase lead of the track before the output, in rad, -pi..pi.
+    /// Measured phase lead of the track over the output, in rad, -pi..pi.
     lead: f32,
     /// Measured shape of the track's motion.
     shape: Shape,
@@ -79,6 +79,7 @@ pub struct Report {
     confidence: f32,
     /// Estimated share of the parts' time in gear, 0..=1.
     in_gear: f32,
+    /// Standard error of that share; infinite for a lower bound.
     in_gear_error: f32,
     /// Order of that gear.
     gear: u8,
@@ -322,7 +323,7 @@ impl From<Verdict> for classify::Verdict {
 enum Regime {
     /// No impacts.
     Rest,
-    /// It hops, chatters to rest and is thrown off again.
+    /// Hops, chatters to rest, and is thrown off again.
     HopAndRest {
         /// Drive cycles from rest to rest.
         cycles: u32,

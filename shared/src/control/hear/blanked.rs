@@ -1,8 +1,10 @@
-//! What the demodulator makes of a track that impacts throw in the samples that it blanks.
+//! Bias of the demodulated motion where samples are blanked around impacts.
 //!
-//! Where parts strike in each cycle at one phase the track's velocity jumps there, and drive and loss take the jump back over the cycle:
-//! at the phase p since the impact the motion has beside its mean a sawtooth's part, `J saw(p) sin p` with `saw(p) = 1/2 - p/(2 pi)`. The
-//! demodulator fits mean, sine and cosine to the samples that it heeds, and blanks those in which the impact rings, where the sawtooth is largest.
+//! Parts that strike in each cycle at one phase make the track's velocity jump there. Drive and
+//! loss reverse the jump over the cycle. At phase p after the impact the motion therefore contains
+//! a sawtooth part, `J saw(p) sin p` with `saw(p) = 1/2 - p/(2 pi)`. The demodulator fits mean,
+//! sine and cosine by least squares to the remaining samples. It blanks the samples in which the
+//! impact rings, where the sawtooth is largest.
 
 use core::f32::consts::{PI, TAU};
 
@@ -11,18 +13,21 @@ use num_complex::Complex32 as Complex;
 use crate::arithmetic::sine_cosine_single;
 use crate::control::angle::phase_of;
 
-/// What it then finds of `J` too much, a quarter turn behind it, over the share that it blanks about the impacts: 0.43 where these have one phase
-/// and 0.3 where they scatter by 0.4 rad; parts of one lot in gear are between.
+/// Bias of the fit over `J` and the blanked share, a quarter turn behind `J`: between 0.43 (one
+/// phase) and 0.3 (scatter of 0.4 rad).
 const UNSEEN: f32 = 0.35;
 
-/// By what the impacts' push weighs more than it does in the fundamental, where a share of the cycle about them is blanked.
+/// Weight of the impacts' push over that in the fundamental, where this share of the cycle is
+/// blanked.
 #[must_use]
 pub fn outweighed(share: f32) -> f32 {
     1.0 + PI * UNSEEN * share
 }
 
-/// What the demodulator has of the conjugate of what the last cycle's motion was more than this one's: in what is blanked it stands for it.
-/// `at` is `e^(-i phase)` of the middle of what is blanked.
+/// Coefficient of the conjugate of last minus present motion in the demodulated motion.
+///
+/// Blanked samples repeat the last cycle. `at` is `e^(-i phase)` of the middle of the blanked
+/// interval.
 #[must_use]
 pub fn repeated(at: Complex, share: f32) -> Complex {
     let (sine, _) = sine_cosine_single(phase_of(TAU * share));
@@ -47,7 +52,8 @@ mod tests {
         core::array::from_fn(|n| rows[n][3] / rows[n][n])
     }
 
-    /// Sine and cosine of the sawtooth by least squares, of impacts that scatter by so much, with a share about them left out.
+    /// Least-squares sine and cosine of the sawtooth, for impacts with this scatter and blanked
+    /// share.
     fn fitted(scatter: f64, share: f64) -> [f64; 2] {
         let turn = 2.0 * core::f64::consts::PI;
         let motion = |phase: f64| {
@@ -92,7 +98,7 @@ mod tests {
         }
     }
 
-    /// Of a motion that was `last` in the cycle before and is `now`.
+    /// The motion was `last` in the previous cycle and is `now`.
     #[test]
     fn what_is_blanked_is_the_last_cycle_s() {
         let (last, now) = (Complex::new(1.1, 0.2), Complex::new(0.9, -0.1));

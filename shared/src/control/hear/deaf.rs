@@ -1,50 +1,54 @@
-//! Whether the board hears at all: parts that the track throws must strike it, and how loud is known.
+//! Detects a sensor that misses impacts: parts that the track throws must strike, at a predicted
+//! loudness.
+//!
+//! Thresholds on rate and loudness start counters of successive cycles, with hysteresis between
+//! silence and detection.
 
-// At a fifth to a half and at twice to four times of each of these, a test below fails; SILENT alone may be less.
-
-/// Least height of the ringing of an impact over its speed, in 1/s: a third of what the accelerometer of a bare track rings with.
+/// Minimum height of an impact's ringing over its speed, in 1/s: a third of a bare track's.
 const RINGING: f32 = 10.0;
-/// That of a bare track.
+/// Height of an impact's ringing over its speed on a bare track, in 1/s.
 const BARE: f32 = 30.0;
-/// Loudness over the threshold of the onset detector from which on an impact must be heard.
+/// Predicted height over the detection threshold above which an impact must be detected.
 const CLEARLY: f32 = 2.0;
-/// Threshold of the onset detector over the noise in the residual.
+/// Threshold of the onset detector over the RMS of the noise.
 const THRESHOLD: f32 = 6.0;
-/// Impacts heard over the impacts due, below which nothing counts as heard, and above which the parts are.
+/// Ratio of detected to due impacts below which the parts count as silent.
 const SILENT: f32 = 0.25;
+/// Ratio of detected to due impacts above which the parts count as detected.
 const HEARD: f32 = 0.5;
-/// Concentration of their phases from which on they are no noise: that of two at random over the turn is as high in a third
-/// of all cases, of the sixteen in memory in one of 300.
+/// Concentration of the phases below which detections may be noise: sixteen random phases exceed it
+/// in one of 300 cases.
 const REGULAR: f32 = 0.6;
-/// Cycles of such silence: twice the memory of the impacts' rate, and less than the patience before a kick.
+/// Successive silent cycles until detection: twice the memory of the impact rate, below the
+/// patience before a kick.
 const PATIENCE: u8 = 32;
-/// Cycles in a row in which the parts are heard, after which it hears again: the memory of the impacts' rate.
+/// Successive cycles with detected parts that end it: the memory of the impact rate.
 const AGAIN: u8 = 16;
 
-/// What a cycle shows of what is heard.
+/// Measurements and predictions of one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Sound {
-    /// Whether the drive holds a setpoint and what is heard decides something.
+    /// Whether the drive holds a setpoint and detections matter.
     pub listening: bool,
-    /// Whether all parts are to be in one lock.
+    /// Whether the target is one lock of all parts.
     pub together: bool,
-    /// Whether the amplitude is there.
+    /// Whether the amplitude is at its setpoint.
     pub near: bool,
-    /// Impacts heard over the impacts due, of one part.
+    /// Ratio of detected to due impacts of one part.
     pub rate: f32,
     /// Concentration of the impacts' phases, 0..1.
     pub concentration: f32,
-    /// Speeds in m/s with which parts strike that are thrown from rest, and that are locked.
+    /// Predicted speed of impact of parts thrown from rest, in m/s.
     pub thrown: f32,
-    /// See above.
+    /// Predicted speed of impact of locked parts, in m/s.
     pub locked: f32,
-    /// Whether parts were thrown by a kick as well.
+    /// Whether a kick has thrown the parts.
     pub kicked: bool,
     /// RMS of the noise in the residual in m/s^2.
     pub noise: f32,
 }
 
-/// Whether nothing is heard where something must be.
+/// Detector of missing impacts.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Deafness {
     silent: u8,
@@ -54,23 +58,27 @@ pub struct Deafness {
 }
 
 impl Deafness {
-    /// Whether it is deaf.
+    /// Whether the sensor misses impacts.
     pub fn is_deaf(&self) -> bool {
         self.deaf
     }
 
-    /// Whether a part alone is too faint to be heard, however it strikes: what is heard are several at once, and of the others nothing is
-    /// known. Of a crowd of 24 at 150 Hz a few that lock were heard alone, as one lock of all, in 5 of 60 runs.
+    /// Whether a single part is too faint for detection, so that only coincident impacts are
+    /// detected.
+    ///
+    /// Of 24 parts at 150 Hz a few locked parts were detected alone, as one lock of all, in 5 of 60
+    /// runs.
     pub fn hears_crowds_only(&self) -> bool {
         self.crowd
     }
 
-    /// Takes a cycle.
+    /// Updates the counters with one cycle.
     pub fn cycle(&mut self, sound: &Sound) {
         let threshold = THRESHOLD * sound.noise;
         let loud = |speed: f32| RINGING * speed;
         self.crowd = sound.together && CLEARLY * BARE * sound.locked < threshold;
-        // Where a lock itself is too quiet there is nothing to wait for, and what is heard is noise if it has no phase.
+        // A lock below the threshold will never be detected; detections without a phase are then
+        // noise.
         let hopeless = loud(sound.locked) < threshold;
         let noise = self.crowd || hopeless && sound.concentration < REGULAR;
         if !sound.listening {
@@ -128,7 +136,7 @@ mod tests {
     #[test]
     fn silence_is_deafness_only_where_the_map_says_that_it_is_loud() {
         assert!(!deaf_after(31, &SOUND) && deaf_after(32, &SOUND));
-        // Thrown from rest too softly to be heard, until a kick has thrown the parts.
+        // Thrown from rest too softly for detection, until a kick has thrown the parts.
         let soft = Sound {
             thrown: 0.1,
             ..SOUND
@@ -144,7 +152,7 @@ mod tests {
             ..SOUND
         };
         assert!(!deaf_after(200, &off));
-        // Noise above what a lock gives.
+        // Noise above the height of a lock.
         let noisy = Sound {
             noise: 0.3,
             ..SOUND

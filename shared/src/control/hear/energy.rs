@@ -1,52 +1,53 @@
-//! The residual's energy over the turn of the drive: what many parts strike with at once, whoever of them it was.
+//! Sums the residual's energy by sector of the drive's turn, for all parts together (a histogram
+//! with energy as weight).
 
 use crate::arithmetic::Phase;
 
-/// Sectors of a turn: 0.2 rad each.
+/// Number of sectors of a turn: 0.2 rad each.
 pub const SECTORS: usize = 32;
-/// Sectors that a cycle hands over.
+/// Number of sectors that each drive cycle hands over.
 pub const SECTORS_HANDED: usize = 8;
-/// Bits of a phase below its sector.
+/// Number of low bits of a phase within its sector.
 const BELOW: u32 = u32::BITS - SECTORS.trailing_zeros();
 
-/// Some sectors of the residual's energy, summed since they were handed over before, [`SECTORS`]/[`SECTORS_HANDED`] cycles ago.
+/// Energy of successive sectors, summed over the last [`SECTORS`]/[`SECTORS_HANDED`] cycles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sectors {
-    /// The first of them.
+    /// Index of the first sector, 0..32.
     pub first: u8,
-    /// Sum of the squares of the samples of the residual in each, in (m/s^2)^2.
+    /// Sum of the squared residual in each sector, in (m/s^2)^2.
     pub energy: [f32; SECTORS_HANDED],
 }
 
-/// The energy of the residual by the phase of the output.
+/// Running sums of the residual's energy by phase of the output.
 #[derive(Clone, Copy, Debug)]
 pub struct Energy {
-    /// Sector by sector, as they are handed over.
+    /// Sums by sector, in groups as they are handed over.
     sums: [[f32; SECTORS_HANDED]; SECTORS / SECTORS_HANDED],
-    /// What is handed over next.
+    /// Index of the next group to hand over.
     next: u8,
 }
 
 impl Energy {
-    /// Nothing summed.
+    /// Sums at zero.
     pub const EMPTY: Self = Self {
         sums: [[0.0; SECTORS_HANDED]; SECTORS / SECTORS_HANDED],
         next: 0,
     };
 
-    /// The sector of a phase.
+    /// Sector of a phase, 0..32.
     #[inline(always)]
     pub fn sector(phase: Phase) -> usize {
         (phase.bits() >> BELOW) as usize
     }
 
-    /// Adds a residual at a phase of the output.
+    /// Adds the square of a residual (m/s^2) at a phase of the output.
     #[inline(always)]
     pub fn add(&mut self, phase: Phase, residual: f32) {
         self.sums.as_flattened_mut()[Self::sector(phase)] += residual * residual;
     }
 
-    /// The end of a cycle: what is handed over goes into `handed`.
+    /// Ends a cycle: moves the next group of sectors into `handed`.
     #[inline]
     pub fn finish(&mut self, handed: &mut Sectors) {
         let next = usize::from(self.next) % self.sums.len();
@@ -77,7 +78,7 @@ mod tests {
                 handed[usize::from(first) + n] += energy;
             }
         }
-        // 12 or 13 samples of 4 in each sector of the first 37 to 40 cycles.
+        // 12 or 13 samples of 4 in each sector, over the first 37 to 40 cycles.
         for sum in handed {
             assert!((37.0 * 48.0..=40.0 * 52.0).contains(&sum), "{sum}");
         }

@@ -1,21 +1,22 @@
-//! Folding: the residual from a phase of the drive on, summed over many cycles sample by sample, so that
-//! what repeats every cycle stands out of the noise.
+//! Folds the residual: coherent (synchronous) average over many cycles, sample by sample.
+//!
+//! It starts at a given phase of the drive. Repeating signals remain, and the noise averages out.
 
 use crate::arithmetic::Phase;
 
-/// Most places of a fold.
+/// Largest number of places of a fold.
 pub const PLACES: usize = 256;
-/// Places that a cycle hands over once a fold has ended.
+/// Number of places that each cycle hands over after the end of a fold.
 pub const HANDED: usize = 8;
-/// Half a turn: what a fold covers.
+/// Length of a fold, in 2^-32 turns: half a turn.
 const HALF: u32 = 1 << 31;
 
-/// How the samples of half a turn fall into places.
+/// Assignment of the samples of half a turn to places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
-    /// Samples from one place to the next.
+    /// Number of samples from one place to the next.
     pub stride: u32,
-    /// Places in half a turn.
+    /// Number of places in half a turn.
     pub places: usize,
 }
 
@@ -26,8 +27,10 @@ impl Layout {
         places: 0,
     };
 
-    /// The layout at an advance of the phase per sample: every sample has its place where half a turn has
-    /// no more of them than [`PLACES`], else every second or third.
+    /// Layout at an advance of the phase per sample.
+    ///
+    /// Every sample has its place if half a turn has at most [`PLACES`] samples, else every second
+    /// or third.
     #[must_use]
     pub fn of(step: u32) -> Self {
         let step = step.max(1);
@@ -40,34 +43,36 @@ impl Layout {
     }
 }
 
-/// Some places of a fold that has ended.
+/// Successive places of a finished fold.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Folded {
-    /// Number of the first of them, from 1; 0 where there are none.
+    /// Number of the first place, from 1; 0 without any.
     pub first: u16,
-    /// Mean of the residual in each, in m/s^2.
+    /// Mean residual in each place, in m/s^2.
     pub residual: [f32; HANDED],
 }
 
 /// Sums of the residual over half a turn from a phase on.
 ///
-/// Begun and ended at the end of a cycle, an end waiting until the half turn under way is over; when it
-/// has ended, its places are handed over some a cycle and emptied, and only then another one begins.
+/// A fold begins and ends at the end of a cycle; an end waits until the current half turn is over.
+/// Its places are then handed over, some each cycle, and cleared. Only then the next fold begins.
 #[derive(Clone, Copy, Debug)]
 pub struct Fold {
     from: Phase,
     step: u32,
     layout: Layout,
-    /// Whether a half turn may begin, and whether one is under way.
+    /// Whether a half turn may begin.
     open: bool,
+    /// Whether a half turn is being summed.
     under_way: bool,
-    /// The next place and the samples until it.
+    /// Index of the next place.
     place: u32,
+    /// Number of samples until that place.
     wait: u32,
     sums: [f32; PLACES],
-    /// Half turns summed.
+    /// Number of half turns summed.
     count: u16,
-    /// The next place to hand over; the end of the layout where there is none.
+    /// Index of the next place to hand over; the end of the layout when all are handed over.
     next: u16,
 }
 
@@ -86,14 +91,14 @@ impl Fold {
         next: 0,
     };
 
-    /// Whether nothing is summed, waits to be handed over, or is wanted.
+    /// Whether no fold runs, waits for its transfer, or is requested.
     #[cfg(feature = "plant")]
     #[must_use]
     pub fn rests(&self) -> bool {
         !self.open && !self.under_way && self.count == 0
     }
 
-    /// Adds the residual at a phase of the output.
+    /// Adds a residual (m/s^2) at a phase of the output.
     #[inline]
     pub fn add(&mut self, phase: Phase, residual: f32) {
         if !self.open && !self.under_way {
@@ -119,12 +124,14 @@ impl Fold {
         }
     }
 
-    /// The end of a cycle: `from` is what is wanted of the next one at an advance of the phase of `step` per
-    /// sample; what is handed over now goes into `handed`, whose residual stays as it is where nothing is.
+    /// Ends a cycle: starts, ends or transfers a fold.
+    ///
+    /// `from` requests a fold from this phase, `step` is the advance of the phase per sample.
+    /// Places go into `handed`; its residual remains unchanged without a transfer.
     #[inline(always)]
     pub fn finish(&mut self, from: Option<Phase>, step: u32, handed: &mut Folded) {
         handed.first = 0;
-        // So most cycles end: nothing is summed, or handed over, or wanted.
+        // Most cycles need no fold at all.
         if from.is_some() || self.open || self.count != 0 {
             self.go_on(from, step, handed);
         }
@@ -166,7 +173,7 @@ mod tests {
 
     use super::*;
 
-    /// Cycles of a drive at an advance of the phase, with `count` of them folded; what is handed over.
+    /// Runs drive cycles, folds `count` of them, and returns the transferred places.
     fn handed(fold: &mut Fold, step: u32, from: Phase, count: u32, round: f32) -> Vec<f32> {
         let (mut phase, mut cycles, mut handed) = (Phase::ZERO, 0, Vec::new());
         let mut folded = Folded::default();
@@ -175,7 +182,7 @@ mod tests {
         while cycles < count + 40 {
             let before = phase;
             phase += Phase::from_bits(step);
-            // A ramp over the turn, told apart by the round.
+            // A ramp over the turn, with an offset by round.
             fold.add(phase, (phase - from).bits() as f32 + round);
             if phase.bits() < before.bits() {
                 cycles += 1;
@@ -192,7 +199,8 @@ mod tests {
 
     #[test]
     fn means_by_sample_are_handed_over_once_and_emptied() {
-        // 400 and 50 samples a cycle, and 1400, of which every third is taken; a begin just before the wrap too.
+        // 400 and 50 samples a cycle, and 1400 with every third used; also a start just before the
+        // wrap.
         for (step, stride) in [
             (u32::MAX / 400, 1),
             (u32::MAX / 50, 1),
@@ -206,7 +214,8 @@ mod tests {
                     let handed = handed(&mut fold, step, Phase::from_bits(from), 5, round);
                     assert!((layout.places..layout.places + HANDED).contains(&handed.len()));
                     for (place, mean) in handed[..layout.places].iter().enumerate() {
-                        // The first sample of a half turn lies within a step of its begin; rounding of f32.
+                        // The first sample of a half turn lies within a step of its start; rounding
+                        // of f32.
                         let late = mean - round - (place as u32 * stride * step) as f32;
                         assert!((-1e4..step as f32 + 1e4).contains(&late), "{place}: {late}");
                     }

@@ -1,9 +1,13 @@
-//! Gear, as it is heard: how much of its time a part flies once in every r drive periods, and with which restitution.
+//! Estimates the time in gear, the restitution and its scatter from the phases of single impacts.
 //!
-//! Three impacts in a row tell a restitution. The flight after the middle one gives the speed with which the part left,
-//! the flight before it the speed with which it arrived, both in closed form from the phases alone
-//! (docs/theory-real-parts.md#t10.7). A part that chatters, rests and is thrown anew every cycle strikes as regularly as
-//! one in gear; but it lands where the track throws it to, and the restitution that its phases imply is none of the lot's.
+//! Gear means one flight in every r drive periods. Three impacts in a row give one restitution in
+//! closed form: launch speed of the second flight over arrival speed of the first
+//! (docs/theory-real-parts.md#t10.7).
+//!
+//! A part that chatters, rests and is thrown anew strikes as regularly as one in gear. A likelihood
+//! ratio separates the two by landing phase and implied restitution. Averages forget exponentially.
+//! Successive restitutions of one part are uncorrelated, which the mean square successive
+//! difference tests (von Neumann 1941).
 
 use core::f32::consts::TAU;
 
@@ -16,64 +20,71 @@ use crate::control::angle::{phase_of, radians_of};
 use crate::control::drive::{Shape, UPPER};
 use crate::regime::gear;
 
-/// Drive cycles that the share of time in gear remembers.
+/// Memory of the share of time in gear, in drive cycles (exponential forgetting).
 pub const GEAR_WINDOW: f32 = 64.0;
-/// Impacts that the restitution heard remembers: its standard error is then an eleventh of the scatter.
+/// Memory of the estimated restitution, in impacts: its standard error is an eleventh of the
+/// scatter.
 const IMPACTS: f32 = 128.0;
-/// Impacts that the trace remembers: A scatters by a third, and so the trace by up to 0.05.
+/// Memory of the estimated trace, in impacts: A scatters by a third, the trace then by up to 0.05.
 const BENT: f32 = 1024.0;
-/// Impacts from which on a restitution is told: the standard error of its scatter is then 16 %. From 2 on every test passes; at
-/// 120 a test fails.
+/// Minimum number of impacts for an estimated restitution: the standard error of its scatter is
+/// then 16 %.
 const ENOUGH: f32 = 20.0;
-/// Drive cycles that the losses are remembered for: more than a minute at 50 Hz.
+/// Memory of the losses of gear, in drive cycles: more than a minute at 50 Hz.
 const MEMORY: f32 = 4096.0;
-/// Shortest and longest flight in gear, as a share of r drive periods, in steps of 2^-32 of a period
+/// Shortest and longest flight in gear over r, in 2^-32 of a drive period
 /// (docs/theory-real-parts.md#t10.1).
 const FLIGHTS: [u64; 2] = [
     (gear::FLIGHTS[0] * Phase::TURN) as u64,
     (gear::FLIGHTS[1] * Phase::TURN) as u64,
 ];
-/// Cycles in which the sectors of a whole turn are handed over.
+/// Number of drive cycles that hand over the sectors of a whole turn.
 const QUARTERS: usize = SECTORS / SECTORS_HANDED;
-/// Flights in a row that are gear.
+/// Number of successive flights that define gear.
 const ROW: u16 = 8;
-/// Least scatter of an implied restitution: what the stamps of the impacts and the amplitude's error add; so far below 0 or above 1 one may
-/// come out. From 0.003 on every
-/// test passes, at 0.2 one fails.
+/// Minimum scatter of an implied restitution, from errors of stamps and amplitude; also its
+/// tolerance beyond 0 and 1.
 const LEAST_SCATTER: f32 = 0.03;
-/// Scatter heard over scatter told up to which what is heard counts: beyond, flights of no gear are among it. It is 1 and a little more
-/// than the standard error, 16 %, that it has after [`ENOUGH`] impacts. From 0.5 to 5 every test passes.
+/// Largest ratio of estimated to configured scatter that is used: one plus a little more than the
+/// 16 % of [`ENOUGH`].
 const MOST_HEARD: f32 = 1.2;
-/// Standard deviations beyond the lot's restitutions at which an implied one is none of them: one in 16 000 is lost. At 1 and
-/// at 20 a test fails.
+/// Distance of an implied restitution from the lot, in standard deviations, that rejects it: one in
+/// 16 000 is lost.
 const BEYOND: f32 = 4.0;
-/// Standard deviation in rad of the phase at which a part that was thrown from rest is heard to land: a sample at 50 Hz. At
-/// 0.15 a test fails.
+/// Standard deviation of the detected landing phase of a part thrown from rest, in rad: one sample
+/// at 50 Hz.
 const LANDING: f32 = 0.015;
-/// Mean in rad after that phase, and standard deviation, where a part lands whose last bounces were not heard and that did
-/// not come to rest; and how such landings and those from rest share (measured over R 0.1..0.6, s 0.03..0.10). At a
-/// deviation of 0.04, and at shares of 0.05 and 0.9, a test fails.
+/// Mean delay and standard deviation, in rad, of a landing after undetected bounces, relative to a
+/// landing from rest.
 const BOUNCED: [f32; 2] = [0.1, 0.14];
+/// Weight of such landings and of landings from rest in the likelihood ratio.
+///
+/// Measured over R of 0.1 to 0.6 and s of 0.03 to 0.10.
 const REACHED: f32 = 0.35;
-/// Share of a landing from rest where the impact before it is not known, whose next one would lie anywhere in a rad: it is believed
-/// within `sqrt(2 ln(0.4 0.3/LANDING))` = 2.0 standard deviations, where 96 % of them are. From 0.02 to 1 every test passes.
+/// Weight of a landing from rest after an unknown flight, in rad: accepts within 2.0 standard
+/// deviations (96 %).
+///
+/// The limit follows from `sqrt(2 ln(0.4 0.3/LANDING))`.
 const UNKNOWN: f32 = 0.3;
-/// Faintest impact over the noise in the residual: the threshold of the onset detector over the share of its height
-/// that a ringing has at its first samples, and over what is left of louder ones. At 0.5 and at 8 a test fails.
+/// Stamped height of the faintest detected impact over the noise, from the onset threshold and the
+/// rise of the ringing.
 const FAINT: f32 = 2.2;
-/// The faintest speed over b w before the loudness of the parts is known: a fifth of the `2 pi k/(1 + R)` = 2.1 with which they strike in
-/// gear at k = 0.43, R = 0.3. It stands for [`ENOUGH`] impacts; from 0.05 to 1.5 every test passes.
+/// Initial speed over b w of the faintest detected impact: a fifth of the 2.1 in gear at k = 0.43,
+/// R = 0.3.
+///
+/// In gear that speed is `2 pi k/(1 + R)`.
 const FAINT_AT_FIRST: f32 = 0.4;
-/// Correlation of two implied restitutions in a row from which on they are not one part's, in its standard errors, and that of
-/// [`IMPACTS`].
+/// Serial correlation of implied restitutions, in standard errors, above which they come from
+/// several parts.
 const RELATED: f32 = 4.0;
-/// Error in rad of the mean phase of a lock's stamps: a sample at 300 Hz. At 1 `parts_that_hop_and_rest_are_neither_in_gear_nor_locked`
-/// fails.
+/// Error of the mean stamped phase of a lock, in rad: one sample at 300 Hz.
 const STAMPED: f32 = 0.1;
-/// Change of k, as a share, after which the flight from rest is computed anew. At 0.2 a test fails.
+/// Relative change of k, and change of the upper tones, above which the flight from rest is
+/// recomputed.
 const MOVED: f32 = 0.003;
 
-/// The track's motion over its first tone's amplitude: displacement S, velocity C and -acceleration A, at a phase.
+/// Motion of the track over its first tone's amplitude: displacement S, velocity C, negative
+/// acceleration A.
 #[derive(Clone, Copy, Debug, Default)]
 struct Track {
     /// `e cos th` and `e sin th` of each tone above the first.
@@ -113,22 +124,24 @@ impl Track {
     }
 }
 
-/// The flight of a part that is thrown from rest.
+/// Flight of a part thrown from rest.
 #[derive(Clone, Copy, Debug, Default)]
 struct Thrown {
     k: f32,
     track: Track,
-    /// Phase at which it lands, in rad.
+    /// Landing phase in rad.
     phase: f32,
     /// Speed of arrival over b w.
     arrival: f32,
 }
 
 impl Thrown {
-    /// At a k; the track throws nothing where its acceleration never reaches k.
+    /// Computes the flight at k; arrival 0 where the acceleration never reaches k.
+    ///
+    /// The lift-off is found by bisection, the landing by Newton's method with bounded steps.
     fn at(k: f32, track: Track) -> Self {
         let step = Phase::from_bits(1 << 27);
-        // From the crest of A back to where it rises through k.
+        // Backwards from the maximum of A to its rise through k.
         let (mut crest, mut highest, mut phase) = (Phase::ZERO, 0.0, Phase::ZERO);
         for _ in 0..32 {
             let [_, _, a] = track.at(phase);
@@ -183,14 +196,14 @@ impl Thrown {
     }
 }
 
-/// An impact, and the flight that led to it.
+/// An impact, and the flight before it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Struck {
     /// Time in steps of 2^-32 cycles.
     time: u64,
-    /// The track's motion there.
+    /// Motion of the track at the impact.
     track: [f32; 3],
-    /// Speed of arrival over b w; `None` where the flight is not known.
+    /// Speed of arrival over b w; `None` where the flight is unknown.
     arrival: Option<f32>,
 }
 
@@ -199,7 +212,7 @@ impl Struck {
         radians_of(Phase::from_bits(self.time as u32))
     }
 
-    /// Launch speed over b w below which the next flight is a short one: the part comes back while the track still rises.
+    /// Launch speed over b w below which the part returns at once, while the track still rises.
     fn shortest(&self, k: f32, track: &Track) -> f32 {
         let [risen, velocity, _] = self.track;
         let begin = Phase::from_bits(self.time as u32);
@@ -213,12 +226,12 @@ impl Struck {
     }
 }
 
-/// Gaussian of unit deviation.
+/// Normal density (0.4 for 1/sqrt(2 pi)).
 fn gauss(x: f32) -> f32 {
     0.4 * libm::expf(-0.5 * x * x)
 }
 
-/// What a cycle is heard with.
+/// State of the drive in one cycle, as the estimator needs it.
 #[derive(Clone, Copy, Debug)]
 pub struct HeardWith {
     /// Number of the cycle.
@@ -233,47 +246,48 @@ pub struct HeardWith {
     pub shape: Shape,
 }
 
-/// What is heard of parts in gear.
+/// Estimator of gear from single impacts.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GearHearing {
-    /// Restitutions of the lot, and their scatter, as told.
+    /// Configured restitutions of the lot, and their scatter.
     lot: [f32; 2],
     scatter: f32,
     track: Track,
     thrown: Thrown,
     last: Option<Struck>,
-    /// Flights in a row, and the cycles of the row that are not counted yet.
+    /// Successive flights in range, and the cycles of that row not yet counted.
     row: u16,
     waiting: f32,
-    /// Cycles in gear and watched, in [`GEAR_WINDOW`].
+    /// Drive cycles in gear, and all, with a memory of [`GEAR_WINDOW`].
     in_gear: f32,
     watched: f32,
-    /// Cycles listened to, those of them in gear and losses, in [`MEMORY`].
+    /// Drive cycles, those in gear, and losses, with a memory of [`MEMORY`].
     listened: f32,
     cycles: f32,
     losses: f32,
-    /// Sums over impacts in gear of 1, R and R^2.
+    /// Sums over impacts in gear of 1, R and R^2, with a memory of [`IMPACTS`].
     impacts: f32,
     sum: f32,
     squares: f32,
-    /// Sums over more of them of 1 and A.
+    /// Sums over impacts in gear of 1 and A, with a memory of [`BENT`].
     bent: f32,
     bends: f32,
-    /// Sums over pairs of them in a row of 1 and of the square of the difference of their R; and the last R.
+    /// Sums over successive impacts of 1 and of the squared difference of R; and the last R.
     pairs: f32,
     differences: f32,
     before: Option<f32>,
-    /// Sums of strength heard and of speed of arrival over b w.
+    /// Sums of stamped strength, arrival speed over b w, and its square.
     strength: f32,
     arrivals: f32,
     arrival_squares: f32,
-    /// Of each quarter of the turn the energy that came while the part was in gear, but for noise, and the cycles that it is the sum of.
+    /// Energy less noise of each quarter of the turn while in gear, and the number of cycles
+    /// summed.
     energies: [[f32; 2]; QUARTERS],
     k: f32,
 }
 
 impl GearHearing {
-    /// For a lot as told.
+    /// Estimator for a configured lot.
     pub fn new(low: f32, high: f32, scatter: f32) -> Self {
         Self {
             lot: [low, high],
@@ -282,7 +296,7 @@ impl GearHearing {
         }
     }
 
-    /// Forgets what was heard.
+    /// Clears all estimates; keeps the lot and the motion of the track.
     pub fn reset(&mut self) {
         *self = Self {
             track: self.track,
@@ -291,7 +305,7 @@ impl GearHearing {
         };
     }
 
-    /// Takes a cycle.
+    /// Updates the estimates with the impacts of one drive cycle.
     pub fn cycle(&mut self, cycle: &Cycle, with: &HeardWith) {
         let keep = 1.0 - 1.0 / GEAR_WINDOW;
         self.in_gear *= keep;
@@ -324,7 +338,7 @@ impl GearHearing {
         }
     }
 
-    /// Follows the track's motion.
+    /// Filters the shape of the track's motion, and recomputes the flight from rest after a change.
     fn tune(&mut self, with: &HeardWith) {
         if with.shape.is_sine() {
             self.track = Track::default();
@@ -365,7 +379,8 @@ impl GearHearing {
         }
         let turns = flight as f32 * (1.0 / Phase::TURN as f32);
         let duration = turns * TAU;
-        // u(d) = (C + psi) d - k d^2/2 - [S' - S] = 0, and arrival -u'(d) = k d + C' - C - psi.
+        // Flight equation: u(d) = (C + psi) d - k d^2/2 - [S' - S] = 0. Arrival speed: -u'(d) = k d
+        // + C' - C - psi.
         let rise = 0.5 * k * duration + (struck.track[0] - last.track[0]) / duration;
         let restitution = last.arrival.map(|arrival| (rise - last.track[1]) / arrival);
         struck.arrival = Some(k * duration + struck.track[1] - rise);
@@ -383,7 +398,7 @@ impl GearHearing {
             self.cycles += self.waiting;
             self.waiting = 0.0;
         }
-        // Before it is gear, it may be another hopping.
+        // Flights before gear may belong to another kind of hopping.
         if let (Some(restitution), Some(arrival), true) =
             (restitution, struck.arrival, self.row >= ROW)
         {
@@ -391,8 +406,10 @@ impl GearHearing {
         }
     }
 
-    /// Whether what looks like a flight from the last impact to this one was none: then the part was thrown from rest, and
-    /// arrived with the speed that is given, or bounced unheard.
+    /// Decides by a likelihood ratio whether the gap since the last impact was no single flight.
+    ///
+    /// `None`: it was a flight. Otherwise the part was thrown from rest and arrived with the
+    /// returned speed, or bounced undetected (speed unknown).
     fn relaunched(
         &self,
         last: &Struck,
@@ -416,20 +433,21 @@ impl GearHearing {
         if out > BEYOND || !(-LEAST_SCATTER..1.0 + LEAST_SCATTER).contains(&restitution) {
             return Some(arrival);
         }
-        // How likely the next phase is if it was a flight: dR/dt is arrival after over arrival before, over d.
+        // Probability density of the phase for a flight: dR/dt is arrival speed after over before,
+        // over d.
         let flown = gauss(out) / (0.4 * (high - low) + scatter) / duration;
         let bounced = gauss((apart - BOUNCED[0]) / BOUNCED[1]) / BOUNCED[1];
-        // It cannot be likelier than where every bounce is too slow to be heard.
+        // Upper bound of the alternative: every bounce is too slow for detection.
         if REACHED * (bounced + landed) <= flown {
             return None;
         }
-        // And if the part bounced too slowly to be heard: its restitution is then below what a long flight takes.
+        // Undetected bounces need a restitution below that of a long flight.
         let least = last.shortest(self.k, &self.track).min(self.faintest(noise)) / speed;
         if least <= 0.0 {
             return None;
         }
         let width = 0.29 * (high - low) + scatter;
-        // The logistic curve in place of the error function: within 0.01.
+        // Logistic approximation of the normal distribution function, within 0.01.
         let short = 1.0 / (1.0 + libm::expf(-1.7 * (least - 0.5 * (low + high)) / width));
         (REACHED * short * (bounced + landed) > flown).then_some(arrival)
     }
@@ -457,13 +475,13 @@ impl GearHearing {
         self.bends = self.bends * keep + bend;
     }
 
-    /// Speed over b w with which a part lands that the track throws from rest; 0 where it throws none.
+    /// Landing speed over b w of a part thrown from rest; 0 where the track throws none.
     pub fn thrown(&self) -> f32 {
         self.thrown.arrival
     }
 
-    /// Whether a lock may strike at a phase of the track: there the track rises ever more slowly
-    /// (docs/theory-bands.md#t5.1); within [`STAMPED`] for what the stamps are late.
+    /// Whether a lock may strike at a phase of the track (rad): the track must rise and decelerate
+    /// (docs/theory-bands.md#t5.1). The tolerance for late stamps is [`STAMPED`].
     pub fn may_lock_at(&self, phase: f32) -> bool {
         [-STAMPED, STAMPED].iter().any(|late| {
             let [_, velocity, bend] = self.track.at(phase_of(phase + late));
@@ -471,7 +489,7 @@ impl GearHearing {
         })
     }
 
-    /// Speed over b w below which an impact is not heard.
+    /// Speed over b w below which an impact is not detected.
     fn faintest(&self, noise: f32) -> f32 {
         if self.impacts < ENOUGH {
             return FAINT_AT_FIRST;
@@ -479,8 +497,8 @@ impl GearHearing {
         FAINT * noise * self.arrivals / self.strength
     }
 
-    /// Energy of the residual in a drive cycle in gear over the mean square of the speed of arrival over b w, in (m/s^2)^2; `None` where
-    /// too little was heard.
+    /// Residual energy per drive cycle in gear over the mean squared arrival speed over b w, in
+    /// (m/s^2)^2; `None` below [`ENOUGH`] impacts.
     #[must_use]
     pub fn loudness(&self) -> Option<f32> {
         let mut energy = 0.0;
@@ -503,7 +521,7 @@ impl GearHearing {
         self.before = None;
     }
 
-    /// Share of time in gear, 0..=1, over the last [`GEAR_WINDOW`] cycles.
+    /// Share of time in gear, 0..=1, with a memory of [`GEAR_WINDOW`] cycles.
     #[must_use]
     pub fn share(&self) -> f32 {
         if self.watched > 0.0 {
@@ -513,13 +531,13 @@ impl GearHearing {
         }
     }
 
-    /// The same over all that is remembered, [`MEMORY`] cycles.
+    /// Share of time in gear, 0..=1, with a memory of [`MEMORY`] cycles.
     #[must_use]
     pub fn long_share(&self) -> f32 {
         self.cycles / self.listened.max(1.0)
     }
 
-    /// Mean drive cycles in gear until it was lost; infinite where it was not.
+    /// Mean drive cycles in gear per loss; infinite without a loss.
     #[must_use]
     pub fn time_to_loss(&self) -> f32 {
         if self.losses > 0.5 {
@@ -529,7 +547,7 @@ impl GearHearing {
         }
     }
 
-    /// Scatter of the implied restitutions; 0 before enough were heard.
+    /// Scatter of the implied restitutions; 0 below [`ENOUGH`] impacts.
     fn spread(&self) -> f32 {
         if self.impacts < ENOUGH {
             return 0.0;
@@ -538,7 +556,8 @@ impl GearHearing {
         square_root_single((self.squares / self.impacts - mean * mean).max(0.0))
     }
 
-    /// How far the part is from losing gear; `None` where too little was heard, or not one part alone.
+    /// Margin of one part to the loss of gear; `None` below [`ENOUGH`] impacts, and for several
+    /// parts.
     #[must_use]
     pub fn margin(&self) -> Option<GearMargin> {
         if self.impacts < ENOUGH {
@@ -547,7 +566,7 @@ impl GearHearing {
         let mean = self.sum / self.impacts;
         let scatter = self.spread();
         let variance = scatter * scatter;
-        // One part's restitutions do not know of each other; of several parts the first to strike does.
+        // Restitutions of one part are uncorrelated; those assigned across several parts are not.
         let related = variance - 0.5 * self.differences / self.pairs.max(1.0);
         let most = RELATED * variance / square_root_single(self.pairs.max(1.0));
         if scatter > LEAST_SCATTER && (related > most || -related > most) {
@@ -576,7 +595,7 @@ mod tests {
     use crate::regime::classify::Regime;
     use crate::regime::gear::GearWatch;
 
-    /// Share in gear, true and heard, cycles in which a lock was told, and the last margin.
+    /// True and estimated share in gear, cycles with a detected lock, and the last margin.
     struct Heard {
         truth: f64,
         heard: f64,
@@ -584,7 +603,7 @@ mod tests {
         margin: Option<GearMargin>,
     }
 
-    /// One part of a restitution and a scatter at a fixed k for a minute, some runs.
+    /// One part at a fixed k for a minute, several runs.
     fn listen(restitution: f32, scatter: f32, k: f32, runs: u64) -> Heard {
         const CYCLES: usize = 3000;
         const SETTLED: usize = 250;
@@ -649,7 +668,8 @@ mod tests {
         ] {
             let found = listen(restitution, scatter, k, 6);
             let apart = found.heard - found.truth;
-            // Three standard errors of the truth itself over these few runs are 0.03 to 0.06; what is heard errs by 0.03.
+            // Three standard errors of the true share over these runs are 0.03 to 0.06; the
+            // estimate errs by 0.03.
             assert!(apart.abs() < 0.035, "{restitution} {scatter}: {apart}");
             let margin = found.margin.unwrap();
             let error = (margin.restitution - restitution).abs();

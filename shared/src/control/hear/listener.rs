@@ -1,4 +1,6 @@
-//! What the parts are heard to do: the lock, and the regime.
+//! Detects lock, gear and regime of the parts, and an empty track, from all estimators.
+//!
+//! Gear is detected with hysteresis; time limits confirm gear and an empty track.
 
 use super::gear::{GearHearing, HeardWith};
 use super::margin::GearMargin;
@@ -12,53 +14,55 @@ use crate::feeder::OutOfRange;
 use crate::regime::classify::{Classifier, HearingSettings, Regime, Verdict};
 use crate::regime::gear::StrikeProfile;
 
-/// Cycles from one look at the regime to the next: its search for periods is the costliest part of a cycle. From 1
-/// to 32 every test and scene passes: it costs instructions alone.
+/// Period of the regime's classification, in drive cycles: its search for periods is the costliest
+/// part of a cycle.
 const LOOK: u32 = 8;
 
-/// Error of a share of which no more than the least is known, below which it is told.
+/// Largest error at which a share with only a lower bound is reported.
 const NEARLY: f32 = 0.1;
-/// Share of one part's flights over that of all that strike, below which there is more than one part.
+/// Ratio of single flights to the share of all parts below which there are several parts.
 const ONE: f32 = 0.5;
-/// Share of time in gear above which the parts are heard to be in it, and below which no more.
+/// Share of time in gear above which gear is detected.
 const GEARED: f32 = 0.5;
+/// Share of time in gear below which gear is lost (hysteresis).
 const LOST: f32 = 0.4;
 
-/// Drive cycles without contradiction, and at least a second, before gear is detected again: energy of before the loss is still in
-/// the long histogram.
+/// Minimum drive cycles without contradiction, and at least a second, before gear is detected
+/// again: the long histogram holds older energy.
 const MIN_SUPPORTED: f32 = 64.0;
-/// Time in s, and flights of the gear, without an impact after which the track is empty.
+/// Minimum time without an impact for an empty track, in s.
 const EMPTY_SECONDS: f32 = 1.0;
+/// Minimum time without an impact for an empty track, in flights of the gear.
 const EMPTY_FLIGHTS: f32 = 4.0;
 
-/// The parts as they are heard.
+/// Estimated state of the parts.
 #[derive(Clone, Debug)]
 pub struct Listener {
-    /// When in a cycle they strike.
+    /// Statistics of the impacts' phases.
     pub phases: PhaseStatistics,
-    /// How much of their time they are in gear.
+    /// Estimator of gear from single impacts.
     pub gear: GearHearing,
-    /// The same of many at once.
+    /// Estimator of the share in gear of many parts.
     pub share: ShareHearing,
     classifier: Classifier<64>,
-    /// What they were last heard to do.
+    /// Last classified regime.
     pub regime: Option<Verdict>,
-    /// Whether parts are heard to be in gear for more than half of their time.
+    /// Whether the parts are in gear for more than half of their time.
     pub geared: bool,
-    /// Drive cycles without an impact.
+    /// Number of drive cycles without an impact.
     silent: f32,
     /// Whether the track is empty: no impact for a second.
     pub empty: bool,
-    /// Drive cycles since the energy last contradicted gear.
+    /// Number of drive cycles since the energy last contradicted gear.
     supported: f32,
     /// Frequency of the drive in Hz.
     frequency: f32,
-    /// Whether that is judged where nothing depends on it.
+    /// Whether the regime is classified even where nothing depends on it.
     pub watched: bool,
 }
 
 impl Listener {
-    /// Nothing heard yet.
+    /// Listener without any data; refused outside the classifier's range.
     pub fn build(gear: GearHearing) -> Result<Self, OutOfRange> {
         Ok(Self {
             phases: PhaseStatistics::default(),
@@ -75,14 +79,14 @@ impl Listener {
         })
     }
 
-    /// Begins the time of the regimes anew, with the count of cycles.
+    /// Restarts the classifier, with the count of cycles.
     pub fn begin(&mut self) {
         if let Ok(fresh) = Classifier::build(HearingSettings::BOARD) {
             self.classifier = fresh;
         }
     }
 
-    /// Forgets what the parts were heard to do.
+    /// Clears all estimates of the parts.
     pub fn forget(&mut self) {
         self.phases.reset();
         self.gear.reset();
@@ -92,7 +96,7 @@ impl Listener {
         (self.geared, self.supported, self.silent) = (false, f32::INFINITY, 0.0);
     }
 
-    /// Takes what was heard in a cycle; `wanted` is whether the regime decides something.
+    /// Updates all estimates with one cycle; `wanted` is whether a decision needs the regime.
     pub fn cycle(
         &mut self,
         cycle: &Cycle,
@@ -127,7 +131,8 @@ impl Listener {
         }
     }
 
-    /// Forgets the parts once the track is empty: without an impact for a second, and for four flights of the gear.
+    /// Detects an empty track (no impact for a second, and for four flights), and clears the
+    /// estimates.
     fn watch_silence(&mut self, cycle: &Cycle, tuned: &Tuned) {
         if !cycle.heard.is_empty() {
             (self.silent, self.empty) = (0.0, false);
@@ -142,8 +147,10 @@ impl Listener {
         }
     }
 
-    /// Whether parts are in gear for more than half of their time, with hysteresis. It is detected only from a fit to the map that
-    /// supports it; impacts alone may be those of a part that lands and rests.
+    /// Whether the parts are in gear for more than half of their time, with hysteresis.
+    ///
+    /// Detection needs a fit of the map that supports gear. Impacts alone may come from a part that
+    /// lands and rests.
     fn detect_gear(&self) -> bool {
         let level = if self.geared { LOST } else { GEARED };
         let Some(evidence) = self.share.evidence() else {
@@ -158,7 +165,8 @@ impl Listener {
             }
     }
 
-    /// A verdict, but for parts that strike as regularly as a lock where none strikes: they hop, chatter unheard and rest.
+    /// Corrects a verdict of lock at a phase without any lock: parts hop, chatter undetected and
+    /// rest.
     fn judged(&self, verdict: Verdict) -> Verdict {
         match verdict.regime {
             Regime::Locked { order } if !self.gear.may_lock_at(self.phases.phase()) => Verdict {
@@ -169,7 +177,7 @@ impl Listener {
         }
     }
 
-    /// How far one part is from losing gear; `None` before enough was heard, and where many are.
+    /// Margin of one part to the loss of gear; `None` with too few impacts, and for several parts.
     pub fn margin(&self) -> Option<GearMargin> {
         let mut margin = self.gear.margin()?;
         if self.share.share().is_some() && !self.is_one() {
@@ -183,13 +191,13 @@ impl Listener {
         Some(margin)
     }
 
-    /// How far the parts are from losing gear: one part as it is heard, several as a mean over the lot.
+    /// Margin to the loss of gear: of one part, else the mean over several.
     pub fn margin_of_all(&self) -> Option<GearMargin> {
         self.margin().or_else(|| self.share.margin())
     }
 
-    /// Mean drive cycles in gear until it is lost: as heard of one part, else as the map has it of the lot; infinite where
-    /// neither knows.
+    /// Mean drive cycles in gear per loss: measured of one part, else predicted for the lot;
+    /// infinite without both.
     pub fn time_to_loss(&self) -> f32 {
         let heard = self.gear.time_to_loss();
         if heard.is_finite() && self.margin().is_some() {
@@ -200,7 +208,8 @@ impl Listener {
             .map_or(f32::INFINITY, StrikeProfile::time_to_loss)
     }
 
-    /// The share of the parts' time in gear; `None` where no more than a least is known ([`GearHearing::share`]).
+    /// Estimated share of time in gear; `None` where only a lower bound exists
+    /// ([`GearHearing::share`]).
     pub fn in_gear(&self) -> Option<GearShare> {
         if self.share.is_judged() {
             return self.share.share();
@@ -209,7 +218,8 @@ impl Listener {
         (least.error < NEARLY).then_some(least)
     }
 
-    /// Whether what is heard is one part in gear: of more than one, most flights are not heard as such.
+    /// Whether the impacts come from one part: with several parts most flights are not detected as
+    /// such.
     fn is_one(&self) -> bool {
         let flights = self.gear.long_share();
         match self.share.share() {
@@ -218,11 +228,11 @@ impl Listener {
         }
     }
 
-    /// That share, or what it is at least.
+    /// Estimated share of time in gear, or its lower bound.
     pub fn in_gear_at_least(&self) -> f32 {
         match self.in_gear() {
             Some(heard) => heard.share,
-            // What is of no lot may be anything.
+            // Energy that no profile explains gives no bound.
             None if self.share.is_judged() && !self.is_one() => 0.0,
             None => self.gear.share(),
         }

@@ -1,8 +1,10 @@
-//! The mass of the parts on the track, weighed by what they take of the drive's power.
+//! Estimates the mass of the parts on the track from the power balance of the drive.
 //!
-//! A part of mass m in gear gives the track the momentum of its weight over each flight, at the phase t of the track. At the drive's
-//! frequency that is a force of `2 m g cos(alpha)` with the phase of the impacts, which adds `2 (m/M) k <cos t>` to the track's loss `1/Q`, and
-//! `<cos t> = pi r k (1 - R)/(1 + R)` in gear of order r, whatever the doublings (docs/theory-real-parts.md#t10.5).
+//! A part of mass m in gear gives the track the momentum of its weight over each flight, at phase t
+//! of the track. At the drive's frequency that is a force of `2 m g cos(alpha)` with the impacts'
+//! phase. It adds `2 (m/M) k <cos t>` to the track's loss `1/Q`. In gear of order r `<cos t>` is
+//! `pi r k (1 - R)/(1 + R)`, also after doublings (docs/theory-real-parts.md#t10.5). The empty
+//! track gives the tare. All means forget exponentially.
 
 use core::f32::consts::{PI, TAU};
 
@@ -13,38 +15,38 @@ use crate::arithmetic::{sine_cosine_single, square_root_single};
 use crate::control::angle::{SAMPLE_RATE, phase_of};
 use crate::control::settings::Settings;
 
-/// Weight of a cycle in the power taken that weighs: what the parts take scatters from cycle to cycle by a third of its mean, and by 4 %
-/// over 64 cycles.
+/// Gain of the mean mass per drive cycle: one cycle scatters by a third, the mean of 64 by 4 %.
 const SLOW: f32 = 1.0 / 64.0;
-/// Cycles before a mass is told.
+/// Number of drive cycles before a mass is reported.
 const BEFORE: f32 = 64.0;
-/// Weight of a cycle in what the empty track takes.
+/// Gain of the tare per drive cycle.
 const TARE: f32 = 1.0 / 32.0;
-/// Cycles without an impact before it is taken for empty.
+/// Number of drive cycles without an impact after which the track counts as empty.
 const EMPTIED: f32 = 16.0;
-/// Weight of a cycle in the share that is blanked, and in how far the impacts agree.
+/// Gain of the means of blanked share and concentration per drive cycle.
 const GATHERED: f32 = 0.1;
-/// Share of their time in gear from which on the parts are weighed: what is out of gear takes another power.
+/// Minimum share of time in gear for weighing: parts out of gear take another power.
 const IN_GEAR: f32 = 0.7;
 
-/// What is on the track.
+/// Estimated load of the track.
 ///
-/// Over twenty random feeders (Q 10 to 50, 2 to 20 % of the track's mass, sample by sample) the flow errs by 3.4 % at most and
-/// the mass by 3.0 % (docs/theory-real-parts.md#t10.5).
+/// Over twenty random feeders the flow errs by 3.4 % at most and the mass by 3.0 %
+/// (docs/theory-real-parts.md#t10.5). They have Q of 10 to 50 and 2 to 20 % of the track's mass,
+/// sample by sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
     /// Mass of the parts in g (symbol m).
     pub mass: f32,
     /// Their conveying speed in mm/s, positive upwards.
     pub speed: f32,
-    /// What leaves the track in g/s: mass times speed over the track's length; 0 where that is not told.
+    /// Flow in g/s: mass times speed over the track's length; 0 without a configured length.
     pub flow: f32,
 }
 
-/// What a cycle tells the meter.
+/// Measurements of one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Weighed {
-    /// Motion between the impacts, as the demodulator has it, in m: along sine and cosine of the output's phase.
+    /// Demodulated motion between the impacts, in m: along sine and cosine of the output's phase.
     pub motion: Complex,
     /// Output of that cycle along sine and cosine of its phase, as a share of full output.
     pub output: Complex,
@@ -62,56 +64,58 @@ pub struct Weighed {
     pub concentration: f32,
     /// Order of that gear (symbol r).
     pub order: u8,
-    /// Restitution of the parts as heard; `None`: the lot's as told.
+    /// Estimated restitution of the parts; `None`: the configured lot's.
     pub restitution: Option<f32>,
     /// Mean cosine of the phases of the impacts, where one part alone strikes.
     pub cosine: Option<f32>,
-    /// Whether the track moves as a sine: a second tone takes power of its own.
+    /// Whether the track moves sinusoidally: a second tone takes its own power.
     pub sine: bool,
-    /// Whether an impact was heard in the cycle.
+    /// Whether an impact was detected in the cycle.
     pub heard: bool,
-    /// Whether the amplitude stands at its setpoint.
+    /// Whether the amplitude has settled at its setpoint.
     pub stands: bool,
 }
 
-/// The scale: what of the drive's power the empty track does not take.
+/// Estimator of the load from the power beyond the empty track's.
 #[derive(Clone, Copy, Debug)]
 pub struct LoadMeter {
     /// Mass of the track in g, its length in mm.
     track: f32,
     length: f32,
-    /// Natural angular frequency in rad/s, displacement for full output at rest in m, 1/Q.
+    /// Natural angular frequency in rad/s, static displacement at full output in m, and 1/Q.
     natural: f32,
     force: f32,
     loss: f32,
-    /// Restitution of the lot's middle.
+    /// Restitution in the middle of the configured lot.
     restitution: f32,
-    /// Along the track over normal to it, as cosine and sine of the lead; what a flight's fall takes back of it.
+    /// Ratio of motion along the track to normal motion, times cosine and sine of the lead.
     along: [f32; 2],
+    /// Loss of conveying speed on the incline, over the fall per flight.
     back: f32,
-    /// The force as the empty track shows it over the one told, and by how much the square of its resonance over the drive's is another.
+    /// Ratio of estimated to configured drive force, on the empty track.
     tare: f32,
+    /// Correction of the squared ratio of resonance to drive frequency, on the empty track.
     detuned: f32,
-    /// Cycles without an impact.
+    /// Number of cycles without an impact.
     silent: f32,
     amplitude: f32,
-    /// Share of a cycle that the demodulator blanks in the mean.
+    /// Mean share of a cycle that the demodulator blanks.
     blanked: f32,
-    /// `e^(-i phase)` of the output at the impacts of parts in gear, and how far they agree.
+    /// `e^(-i phase)` of the output at the impacts of parts in gear, and their mean concentration.
     at: Complex,
     concentration: f32,
-    /// By how much less the spring has of the motion than the acceleration, in the mean.
+    /// Mean relative deficit of the motion against the acceleration, in phase.
     less: f32,
-    /// The last motion, as the demodulator had it.
+    /// Demodulated motion of the last cycle.
     before: Complex,
-    /// Mass over the track's, and cycles of it.
+    /// Mean mass over the track's, and the number of cycles averaged.
     slow: f32,
     cycles: f32,
     load: Option<Load>,
 }
 
 impl LoadMeter {
-    /// The scale of a drive; `None` where the mass of its track is not told.
+    /// Estimator for these settings; `None` without a configured mass of the track.
     pub fn build(settings: &Settings) -> Option<Self> {
         if settings.track_mass <= 0.0 {
             return None;
@@ -143,33 +147,35 @@ impl LoadMeter {
         })
     }
 
-    /// Forgets the parts: the setpoint or the target is another one.
+    /// Clears the mass, after a change of setpoint or target.
     pub fn forget(&mut self) {
         (self.slow, self.cycles, self.load) = (0.0, 0.0, None);
     }
 
-    /// Where parts in gear strike: the mean of `e^(-i phase)` of the output.
+    /// Mean of `e^(-i phase)` of the output at the impacts of parts in gear.
     #[must_use]
     pub fn struck(&self) -> Complex {
         self.at * self.concentration
     }
 
-    /// Whether no part is heard.
+    /// Whether the track counts as empty: no impact for 16 cycles.
     #[must_use]
     pub fn silent(&self) -> bool {
         self.silent > EMPTIED
     }
 
-    /// What is on the track; `None` where the parts are not in gear, or not for long.
+    /// Estimated load; `None` before 64 cycles in gear.
     #[must_use]
     pub fn load(&self) -> Option<Load> {
         self.load
     }
 
-    /// Takes a cycle; the track's motion with what the impacts push of it, in m.
+    /// Updates the estimate with one cycle; returns the track's motion with the impacts' push, in
+    /// m.
     ///
-    /// Between the impacts the acceleration lacks what these give, as the demodulator blanks them. The motion is that by which the spring,
-    /// the loss and the drive bring about the acceleration that is left, whatever the parts do.
+    /// The demodulator blanks the impacts, so the acceleration between them lacks their push. The
+    /// returned motion satisfies the equation of spring, loss and drive with that acceleration, for
+    /// any parts.
     pub fn cycle(&mut self, seen: &Weighed) -> Complex {
         let Weighed {
             motion,
@@ -184,7 +190,7 @@ impl LoadMeter {
         let turns = f32::from(order.max(1));
         let restitution = seen.restitution.unwrap_or(self.restitution);
         let slip = (1.0 - restitution) / (1.0 + restitution);
-        // What would be b at k = 1.
+        // Amplitude b at k = 1.
         let unit = normal_gravity / square;
         let bare = square_root_single(motion.norm_sqr());
         let before = core::mem::replace(&mut self.before, motion);
@@ -193,7 +199,7 @@ impl LoadMeter {
             self.amplitude = bare;
             return motion;
         }
-        // The output is held between samples, half of one late.
+        // Zero-order hold: half a sample of delay.
         let (sine, cosine) = sine_cosine_single(phase_of(PI * frequency / SAMPLE_RATE as f32));
         let natural = self.natural * self.natural / square;
         let told = output * Complex::new(cosine, -sine) * (natural * self.force);
@@ -203,7 +209,7 @@ impl LoadMeter {
         if self.silent() {
             (self.amplitude, self.load) = (bare, None);
             (self.blanked, self.concentration, self.less) = (0.0, 0.0, 0.0);
-            // What lies on a track that throws it is heard.
+            // Without detected impacts, a track that throws parts is empty.
             if seen.stands && bare > unit {
                 let shown = told / motion;
                 self.tare += (loss / shown.im.max(0.1 * loss) - self.tare) * TARE;
@@ -211,7 +217,7 @@ impl LoadMeter {
             }
             return motion;
         }
-        // Where the parts strike, by the motion before.
+        // Phase of the impacts, from the motion before correction.
         self.blanked += (seen.blanked - self.blanked) * GATHERED;
         if seen.concentration > 0.0 {
             self.concentration += (seen.concentration - self.concentration) * GATHERED;
@@ -221,21 +227,21 @@ impl LoadMeter {
         let sine = square_root_single((1.0 - cosine * cosine).max(0.0));
         self.at = motion * (1.0 / bare) * Complex::new(cosine, -sine);
         let between = motion - repeated(self.at, seen.blanked) * (before - motion).conj();
-        // Nothing is left between the impacts: there is nothing to divide by.
+        // Without motion between the impacts there is no quotient.
         if between.norm_sqr() < 1e-6 * bare * bare {
             self.amplitude = bare;
             return motion;
         }
         let weight = outweighed(self.blanked);
         let mut more = (between + forced * weight) / ((empty * weight + 1.0) * between);
-        // What lies on the track is mass of it: its push is in the acceleration.
+        // Parts that rest add to the track's mass; the acceleration already contains their push.
         self.less += (1.0 - more.re - self.less) * GATHERED;
         more.re += self.less.max(0.0);
         let found = between * more;
         let amplitude = square_root_single(found.norm_sqr());
         let k = unit / amplitude;
         let cosine = cosine_at(k);
-        // What the swing itself takes up as it grows.
+        // Power that a growing amplitude stores.
         let grown = (amplitude - self.amplitude) / (PI * amplitude);
         self.amplitude = amplitude;
         let taken = (forced / found - empty).im - grown;
@@ -259,7 +265,7 @@ impl LoadMeter {
         let fall = seen.normal_gravity * turns / (2.0 * seen.frequency);
         let sine = square_root_single((1.0 - cosine * cosine).max(0.0));
         let velocity = TAU * seen.frequency * seen.normal_gravity / (k * seen.square);
-        // One heavy part leaves with the track after its jump.
+        // One heavy part leaves at the track's velocity after its jump.
         let jump = if seen.cosine.is_some() {
             2.0 * self.slow * restitution / (1.0 + restitution)
         } else {
@@ -293,7 +299,7 @@ mod tests {
         }
     }
 
-    /// A cycle of a track at k with a lock of so much of its mass, as drive and demodulator have it (closed form).
+    /// Cycle of a track at k with a locked load of this share of its mass, in closed form.
     fn seen(settings: &Settings, k: f32, share: f32) -> (Weighed, Complex) {
         let square = (TAU * 50.0) * (TAU * 50.0);
         let normal_gravity = settings.gravity * libm::cosf(settings.incline * (PI / 180.0));
@@ -308,7 +314,7 @@ mod tests {
         let output = libm::sqrtf(wanted.norm_sqr()) * amplitude / force;
         let held = Complex::new(libm::cosf(PI / 400.0), -libm::sinf(PI / 400.0));
         let motion = held * (output * force) * wanted.inv();
-        // What lies between the impacts lacks what they push: -a/w^2 = x + C/w^2.
+        // The acceleration between the impacts lacks their push: -a/w^2 = x + C/w^2.
         let between = motion * (Complex::new(1.0, 0.0) + pushed);
         let seen = Weighed {
             motion: between,
@@ -363,7 +369,8 @@ mod tests {
         }
     }
 
-    /// A gain told wrong by a tenth is found out on the empty track; parts out of gear are not weighed.
+    /// The empty track corrects an error of the configured gain of a tenth; parts out of gear are
+    /// not weighed.
     #[test]
     fn the_empty_track_is_the_tare_and_what_is_out_of_gear_is_not_weighed() {
         let settings = settings();

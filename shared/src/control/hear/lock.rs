@@ -1,16 +1,16 @@
-//! The phases at which a lock is heard.
+//! Window of phases in which the impacts of a lock count.
 
 use crate::arithmetic::Phase;
 
-/// Where a lock is heard.
+/// Phases in which impacts count for a lock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LockWindow {
-    /// Drive cycles per impact.
+    /// Drive cycles per impact (symbol r).
     pub order: u8,
     /// k of the setpoint.
     pub k: f64,
-    /// Phase at which the lot's parts strike.
+    /// Predicted phase of the impacts.
     pub phase: Phase,
-    /// Half width of the phases that count, in rad.
+    /// Half width of the window, in rad.
     pub width: f32,
 }

@@ -1,22 +1,26 @@
-//! How far parts in gear are from losing it, told from the phases at which they strike.
+//! Margin of parts in gear to its loss, estimated from the phases of their impacts.
 
-/// What the parts' phases say of their gear, without the setpoint being moved: of one part by each flight, of several, which cannot be told
-/// apart, by where in the turn they strike together (docs/theory-real-parts.md#t10.7).
+/// Estimated margin to the loss of gear, without any change of the setpoint.
+///
+/// One part: from each flight. Several parts: from the profile of their impacts over the turn, as
+/// single flights cannot be assigned (docs/theory-real-parts.md#t10.7).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GearMargin {
-    /// Trace of the tangent map of one impact (symbol tr J), `1 + R^2 - A (1 + R)^2/k`, with A averaged over the impacts.
+    /// Trace of the tangent map of one impact (symbol tr J): `1 + R^2 - A (1 + R)^2/k`, with the
+    /// mean A of the impacts.
     pub trace: f32,
-    /// Restitution (symbol R) as heard, 0..1.
+    /// Estimated restitution (symbol R), 0..1.
     pub restitution: f32,
     /// Standard error of that restitution.
     pub error: f32,
-    /// Standard deviation of restitution from impact to impact (symbol s) as heard of one part; of several that of the lot that they are
-    /// listened for as.
+    /// Scatter of restitution from impact to impact (symbol s): estimated for one part, the lot's
+    /// for several.
     pub scatter: f32,
-    /// Distance of the trace from the doubling of the period, `1 + R^2 + tr J`: 0 at the flip, negative beyond it.
+    /// Distance of the trace from the period doubling, `1 + R^2 + tr J`: 0 at the flip, negative
+    /// beyond it.
     pub flip: f32,
-    /// Expected drive cycles until gear is lost: those in gear over its losses and one, and where none was heard not less than
-    /// the map has of the lot.
+    /// Expected drive cycles until gear is lost: cycles in gear over losses plus one. Without a
+    /// loss it is at least the map's prediction.
     pub to_loss: f32,
 }
 
@@ -40,8 +44,9 @@ mod tests {
         tone: [f32; 2],
     }
 
-    /// The plant's own motion from 5 s to 60 s, over the flights in gear from the eighth in a row on, and the drive cycles in gear with its
-    /// losses.
+    /// True values of the plant from 5 s to 60 s, over flights in gear from the eighth in a row on.
+    ///
+    /// Also the drive cycles in gear, and the losses.
     #[derive(Debug)]
     struct Truth {
         trace: f64,
@@ -82,7 +87,7 @@ mod tests {
         scene
     }
 
-    /// What is true, and what was told last; and in how many of the cycles after 10 s something was.
+    /// True values, last estimate, and number of cycles after 10 s with an estimate.
     fn listen(lot: &Lot, seed: u64) -> (Truth, GearMargin, usize) {
         let scene = scene(lot, seed);
         let mut closed = EnvelopeLoop::build(&scene).unwrap();
@@ -141,7 +146,7 @@ mod tests {
         (truth, last, told)
     }
 
-    /// Both parts of a row of the manual's table: what is true and what was told, of one part and of six.
+    /// Row of the manual's table: true and estimated values of one part and of six.
     fn row(lot: &Lot, found: &[(Truth, GearMargin); 2]) -> String {
         let [low, high] = lot.restitution;
         let restitution = if low == high {
@@ -187,7 +192,7 @@ mod tests {
         )
     }
 
-    /// The table of tests/real_parts.md is that of these rows; `KBAND_ACCEPT=1` writes it.
+    /// Compares the rows with the table of tests/real_parts.md; `KBAND_ACCEPT=1` writes it.
     fn print(rows: &[String]) {
         const MARKER: &str = "<!-- test: what_is_heard_of_the_margin_is_the_plant_s_own -->\n";
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/real_parts.md");
@@ -238,7 +243,8 @@ mod tests {
                 assert!(told.error < 0.02, "{what}");
                 assert!((told.scatter / scatter - 1.0).abs() < 0.15, "{what}");
                 let longest = truth.cycles / truth.losses.max(1.0);
-                // Of rows of a dozen flights the few that one part has in a minute are not the same as those of many.
+                // In gear for a dozen flights a row, one part has few of them in a minute, unlike
+                // many parts.
                 let within = if longest > 15.0 { 0.12 } else { 0.35 };
                 assert!(
                     (f64::from(told.trace) - truth.trace).abs() < within,
@@ -249,7 +255,7 @@ mod tests {
                     (told.flip - 1.0 - determinant - told.trace).abs() < 1e-5,
                     "{what}"
                 );
-                // Three standard errors of the losses that there were, and a tenth.
+                // Three standard errors of the counted losses, and a tenth.
                 let to_loss = f64::from(told.to_loss);
                 let most = 1.1 + 3.0 / truth.losses.max(1.0).sqrt();
                 assert!(

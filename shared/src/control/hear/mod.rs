@@ -1,18 +1,21 @@
-//! What the accelerometer says of the track and of the parts.
+//! Estimates of the track's motion and of the parts from the accelerometer.
 //!
 //! | file | holds |
 //! |---|---|
 //! | `signal` | the path of one sample: drive phase, demodulation, onset detection, drive output |
-//! | `onset` | impacts, detected in what the drive does not explain |
-//! | `energy` | its energy over the turn |
-//! | `fold` | that residual, summed over many cycles |
+//! | `onset` | detection of impacts in the residual without the drive |
+//! | `energy` | energy of the residual by phase of the turn |
+//! | `fold` | coherent average of the residual over many cycles |
 //! | `phases` | circular statistics of the impacts' phases |
-//! | `deaf` | whether it hears at all |
-//! | `gear` | the share of time in gear |
-//! | `share` | the same of many parts at once |
-//! | `margin` | how far that is from being lost |
-//! | `lock` | the phases at which a wanted lock strikes |
-//! | `listener` | whether the parts are locked, and their regime |
+//! | `deaf` | detection of a sensor that misses impacts |
+//! | `gear` | time in gear and restitution, from single impacts |
+//! | `share` | time in gear of many parts, from the energy |
+//! | `margin` | margin to the loss of gear |
+//! | `lock` | window of phases of a lock |
+//! | `listener` | detection of lock, gear, regime and an empty track |
+//! | `load` | mass and flow of the parts |
+//! | `blanked` | bias of the demodulator by blanked samples |
+//! | `weighing` | events on changes of the load |
 
 mod blanked;
 mod deaf;

@@ -1,60 +1,65 @@
-//! The onset detector: impacts of parts, in what the drive does not explain of the track's acceleration.
+//! Detects impacts of parts in the track's acceleration.
+//!
+//! Method: two first-order high-pass filters suppress the drive, then an adaptive threshold detects
+//! the onset. The threshold follows the running median of the residual's magnitude (constant-gain
+//! stochastic approximation, after Robbins and Monro 1951). An exponentially decaying envelope of
+//! the last impact prevents repeated detections.
 
 use core::marker::PhantomData;
 use core::ops::{Add, Mul, Sub};
 
 use crate::arithmetic::Phase;
 
-/// Most impacts that one drive cycle reports; more are counted, not stamped.
+/// Largest number of impacts with a phase per drive cycle; further impacts are dropped.
 pub const HEARD_PER_CYCLE: usize = 8;
 
-/// One impact heard.
+/// One detected impact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Heard {
-    /// Phase of the drive output when the residual rose.
+    /// Phase of the drive output at the onset.
     pub phase: Phase,
-    /// Height of the residual where it rose over the threshold, in m/s^2.
+    /// Magnitude of the residual at the first sample above the threshold, in m/s^2.
     pub strength: f32,
 }
 
-/// The constants of the onset detector: one home for the detector itself and for its closed form in the
-/// plant, so that a constant that is changed changes both.
+/// Constants of the onset detector, shared by the detector and its closed form in the plant.
 pub trait Onset: Copy {
-    /// Corner of both high-passes as a share of the sample rate, times 2 pi: 1 kHz at 20 kHz, which leaves a
-    /// drive of 50 Hz (50/1000)^2 = 1/400 of its acceleration.
+    /// Corner of both high-passes times 2 pi over the sample rate: 1 kHz at 20 kHz, gain of 1/400
+    /// at 50 Hz.
     const CORNER: f64 = 0.27;
-    /// What a sample leaves of the memory of a ringing: a time constant of 1.4 ms at 20 kHz.
+    /// Decay factor of the envelope per sample: time constant of 1.4 ms at 20 kHz.
     const MEMORY: f64 = 0.965;
-    /// Samples within which a ringing reaches its height: 0.6 ms at 20 kHz, a quarter period at 420 Hz.
+    /// Rise time of a ringing, in samples: 0.6 ms at 20 kHz, a quarter period at 420 Hz.
     const RISE: u32 = 12;
-    /// Least height of an impact over the RMS of the noise. Gaussian noise is that high twice in 10^9
-    /// samples, or once in 7 hours at 20 kHz.
+    /// Detection threshold over the RMS of the noise: 2 false alarms in 10^9 samples of Gaussian
+    /// noise, or one in 7 hours.
     const THRESHOLD: f64 = 6.0;
-    /// Height of an impact over the memory of the last one: what is less is its own ringing.
+    /// Minimum height of a new impact over the envelope of the last one; less is its own ringing.
     const OVER_MEMORY: f64 = 1.5;
-    /// Memory of a ringing, over the threshold, from which on it is loud: the demodulator leaves it out.
+    /// Envelope over the threshold above which the demodulator blanks samples.
     const LOUD: f64 = 2.0;
-    /// Step of the running median of the noise a sample, as a share of it.
+    /// Step of the running median per sample, relative to its value.
     const LEARNING: f64 = 1.0 / 1024.0;
-    /// Samples before the first impact: 60 time constants of the high-passes.
+    /// Settling time before the first detection, in samples: some 60 time constants of the
+    /// high-passes.
     const SETTLING: u32 = 200;
 }
 
-/// Median of the height of Gaussian noise over its RMS: the third quartile of the normal distribution.
+/// Median magnitude of Gaussian noise over its RMS: the third quartile of the normal distribution.
 pub const QUARTILE: f64 = 0.6745;
 
-/// The constants in use.
+/// Standard constants.
 #[derive(Clone, Copy, Debug)]
 pub struct Standard;
 
 impl Onset for Standard {}
 
-/// A high-pass of first order, on numbers of a kind.
+/// First-order high-pass filter, for real or complex samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HighPass<T>(T);
 
 impl<T> HighPass<T> {
-    /// Takes a sample; what is above the corner ([`Onset::CORNER`]).
+    /// Filters one sample with this corner ([`Onset::CORNER`]).
     #[inline(always)]
     pub fn pass<F>(&mut self, corner: F, sample: T) -> T
     where
@@ -67,26 +72,26 @@ impl<T> HighPass<T> {
 
 /// Detects the onset of impacts, sample by sample.
 ///
-/// Two high-passes of first order ([`Onset::CORNER`]) leave little of the drive's own acceleration and the
-/// ringing of an impact nearly whole. What remains is compared with its own noise (the running median of its
-/// height) and with the decaying memory of the last impact, so that one ringing is one impact.
+/// Two first-order high-passes ([`Onset::CORNER`]) suppress the drive's own acceleration and keep
+/// most of an impact's ringing. The residual is compared with its running median and with the
+/// decaying envelope of the last impact. One ringing is therefore one impact.
 #[derive(Clone, Copy, Debug)]
 pub struct OnsetDetector<O = Standard> {
     passes: [HighPass<f32>; 2],
-    /// Running median of the residual's height, in m/s^2: [`QUARTILE`] of the noise's RMS.
+    /// Running median of the residual's magnitude, in m/s^2: [`QUARTILE`] of the noise's RMS.
     median: f32,
-    /// Memory of the ringing, in m/s^2.
+    /// Decaying envelope of the last ringing, in m/s^2.
     ringing: f32,
     floor: f32,
-    /// Samples during which a ringing that was detected may still rise.
+    /// Samples during which a detected ringing may still rise.
     rising: u32,
-    /// Samples before the filters have forgotten the start.
+    /// Samples until the filters have settled.
     settling: u32,
     constants: PhantomData<O>,
 }
 
 impl OnsetDetector {
-    /// A detector that never takes less than `floor` (m/s^2, the converter's own steps) for noise.
+    /// Detector with a minimum noise of `floor`, in m/s^2 (the converter's resolution).
     #[must_use]
     pub fn new(floor: f32) -> Self {
         Self::with(floor)
@@ -97,11 +102,12 @@ impl<O: Onset> OnsetDetector<O> {
     const CORNER: f32 = O::CORNER as f32;
     const MEMORY: f32 = O::MEMORY as f32;
     const OVER_MEMORY: f32 = O::OVER_MEMORY as f32;
-    /// Threshold and loudness over the running median.
+    /// Detection threshold over the running median.
     const THRESHOLD: f32 = O::THRESHOLD as f32 / QUARTILE as f32;
+    /// Blanking threshold over the running median.
     const LOUD: f32 = O::LOUD as f32 * Self::THRESHOLD;
 
-    /// As [`OnsetDetector::new`], with other constants.
+    /// As [`OnsetDetector::new`], with the constants of `O`.
     #[must_use]
     pub fn with(floor: f32) -> Self {
         Self {
@@ -121,22 +127,21 @@ impl<O: Onset> OnsetDetector<O> {
         self.median * (1.0 / QUARTILE as f32)
     }
 
-    /// Whether an impact rings that was just detected, or loudly.
+    /// Whether an impact was just detected, or still rings loudly.
     #[inline]
     #[must_use]
     pub fn rings(&self) -> bool {
         self.rising > 0 || self.ringing > Self::LOUD * self.median
     }
 
-    /// Takes the acceleration of one sample in m/s^2; the height of the residual where an impact
-    /// begins.
+    /// Filters the acceleration of one sample (m/s^2) and detects an onset; returns its height.
     #[cfg(test)]
     pub fn sample(&mut self, acceleration: f32) -> Option<f32> {
         let residual = self.residual(acceleration);
         self.detect(residual)
     }
 
-    /// Takes the acceleration of one sample in m/s^2; what the drive does not explain of it.
+    /// Filters the acceleration of one sample; returns the residual in m/s^2.
     #[inline]
     pub fn residual(&mut self, acceleration: f32) -> f32 {
         let [first, second] = &mut self.passes;
@@ -144,7 +149,7 @@ impl<O: Onset> OnsetDetector<O> {
         second.pass(Self::CORNER, once)
     }
 
-    /// Takes the residual of one sample in m/s^2, and gives its height where an impact begins.
+    /// Updates the threshold with one residual (m/s^2); returns its magnitude at an onset.
     #[inline]
     pub fn detect(&mut self, residual: f32) -> Option<f32> {
         let height = if residual < 0.0 { -residual } else { residual };
@@ -178,8 +183,8 @@ mod tests {
     use super::*;
     use crate::plant::Noise;
 
-    /// Ringing of 2.4 kHz and 1 ms on the acceleration of a 50 Hz drive, with noise; the delays in
-    /// samples from each impact to its stamp, and how many stamps there were.
+    /// Impacts with a ringing of 2.4 kHz and 1 ms on a 50 Hz drive with noise. Returns the delays
+    /// from impact to stamp in samples, and the number of stamps.
     fn stamps(noise_to_impact: f32) -> (std::vec::Vec<f32>, usize) {
         let mut detector = OnsetDetector::new(0.01);
         let mut noise = Noise::new(5);
@@ -187,7 +192,7 @@ mod tests {
         let height = 5.0;
         let mut struck = f32::NEG_INFINITY;
         for n in 0..400_000_u32 {
-            // One impact a cycle, at a place that wanders through the cycle and between the samples.
+            // One impact a cycle, at a phase that drifts through the cycle and between the samples.
             if n % 400 == (n / 400) % 100 {
                 struck = n as f32 + 0.37 * ((n / 400) % 3) as f32;
             }
@@ -206,11 +211,11 @@ mod tests {
     #[test]
     fn impacts_at_26_decibels_are_stamped_within_a_twentieth_of_a_radian() {
         let (delays, stamped) = stamps(0.05);
-        // 980 cycles after the noise is known; each impact once.
+        // 980 cycles after settling; each impact once.
         assert!((978..=982).contains(&stamped), "{stamped}");
         let step = 0.015_708;
         for delay in delays {
-            // The signal path stamps the sample before.
+            // The signal path stamps the previous sample.
             assert!(((delay - 1.0) * step).abs() < 0.05, "{delay}");
         }
     }

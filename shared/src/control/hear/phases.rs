@@ -1,49 +1,51 @@
-//! What the impacts heard say together: circular statistics of their phases.
+//! Circular statistics of the impacts' phases: mean direction and mean resultant length.
+//!
+//! Source: Fisher, Statistical Analysis of Circular Data, 1993. Sums forget exponentially.
 
 use super::lock::LockWindow;
 use super::signal::Cycle;
 use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::control::angle::radians_of;
 
-/// Circular statistics of the phases at which parts strike, with a memory of some cycles.
+/// Circular statistics of the impacts' phases, with a memory of 16 cycles.
 ///
-/// Phases are the track's own (symbol t): the stamp of the impact plus the track's lead. Locked parts
-/// strike at one phase, however many they are.
+/// Phases are the track's own (symbol t): the stamp of the impact plus the track's lead. Any number
+/// of locked parts strikes at one phase.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PhaseStatistics {
     sine: f32,
     cosine: f32,
-    /// Impacts in memory.
+    /// Weight of the impacts in memory.
     weight: f32,
-    /// Cycles in memory.
+    /// Weight of the cycles in memory.
     cycles: f32,
-    /// Impacts in memory that struck where a lock would.
+    /// Weight of the impacts within the lock's window.
     at_lock: f32,
-    /// Cycles in memory in which one did, by their number modulo the lock's order, and the last of them.
+    /// Weight of the cycles with such an impact, by their number modulo the order.
     struck: [f32; ORDERS],
+    /// Number of the last such cycle.
     last: u32,
-    /// Sum of how far from the lock's phase they struck, in rad, every other one negative.
+    /// Sum of the phase differences to the lock in rad, with alternating sign.
     swing: f32,
 }
 
-/// Half of the difference between strikes in turn, in rad, from which a lock is doubted, and over which it is no lock at all:
-/// what a lot holds alternates by 0.01 (jitter of 0.05 rad in the mean of the memory), flights that have doubled just beyond
-/// it (R 0.255 where the lot ends at 0.22) by 0.13. With twice as much `doubled_flights_within_the_window_are_no_lock`
-/// fails.
+/// Half difference of alternate impact phases, in rad, where the confidence begins to fall, and
+/// where it is 0.
+///
+/// A locked lot alternates by 0.01 (jitter of 0.05 rad in the memory's mean). Flights just beyond
+/// the doubling (R 0.255, the lot ends at 0.22) alternate by 0.13.
 const UNEVEN: [f32; 2] = [0.04, 0.24];
 
-/// Share of a memory of sixteen cycles that one of them has, or lacks.
+/// Tolerance of the share of cycles with an impact: one cycle of the memory of sixteen.
 const GAP: f32 = 0.1;
 /// Highest order of a lock.
 const ORDERS: usize = 8;
 
-/// Share of the memory that a cycle leaves: 16 cycles. Tuned: with 8 or 32 cycles
-/// `the_table_is_what_the_controller_does` fails.
+/// Forgetting factor per drive cycle: memory of 16 cycles.
 const KEEP: f32 = 1.0 - 1.0 / 16.0;
 
 impl PhaseStatistics {
-    /// Adds the impacts of the cycle of a number with the track's lead; `lock` says at which phase and how far around it a
-    /// locked part would strike, and in which order.
+    /// Adds the impacts of cycle number `count`, with the track's lead and the window of the lock.
     pub fn cycle(&mut self, cycle: &Cycle, count: u32, lead: Phase, lock: Option<&LockWindow>) {
         for sum in [
             &mut self.sine,
@@ -76,8 +78,9 @@ impl PhaseStatistics {
         }
     }
 
-    /// A strike where a lock has it: parts of order r strike in every r-th cycle, not in as many of them. The number of the
-    /// flight that ends with it.
+    /// Counts an impact within the lock's window; returns the number of the flight that it ends.
+    ///
+    /// Parts of order r strike in every r-th cycle, always of the same remainder.
     fn strike(&mut self, count: u32, phase: Phase, lead: Phase, lock: &LockWindow) -> u32 {
         let time = (u64::from(count) << 32 | u64::from(phase.bits()))
             .wrapping_add_signed(i64::from(lead.bits() as i32));
@@ -94,9 +97,11 @@ impl PhaseStatistics {
         number / order
     }
 
-    /// How little the strikes where a lock has them alternate, 1 and less: flights that have doubled strike before and behind
-    /// the lock's phase in turn. Of parts that have doubled out of step with each other it tells nothing, nor does anything else
-    /// that is heard of them (docs/theory-capture.md#t7.6).
+    /// Confidence from alternation, up to 1: doubled flights strike before and after the lock's
+    /// phase in turn.
+    ///
+    /// Parts that have doubled out of step with each other cannot be detected
+    /// (docs/theory-capture.md#t7.6).
     fn evenness(&self) -> f32 {
         if self.at_lock <= 0.0 {
             return 1.0;
@@ -105,12 +110,12 @@ impl PhaseStatistics {
         1.0 - (swing - UNEVEN[0]) / (UNEVEN[1] - UNEVEN[0])
     }
 
-    /// Forgets everything.
+    /// Clears all sums.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Impacts per cycle.
+    /// Mean number of impacts per cycle.
     #[must_use]
     pub fn rate(&self) -> f32 {
         if self.cycles > 0.0 {
@@ -120,14 +125,13 @@ impl PhaseStatistics {
         }
     }
 
-    /// Mean phase of the impacts in rad, -pi..pi; 0 where none was heard.
+    /// Mean phase of the impacts in rad, -pi..pi; 0 without any impact.
     #[must_use]
     pub fn phase(&self) -> f32 {
         libm::atan2f(self.sine, self.cosine)
     }
 
-    /// Concentration of the phases, 0 (spread over the turn) to 1 (one phase): the length of their mean
-    /// resultant.
+    /// Concentration of the phases: mean resultant length, 0 (uniform) to 1 (one phase).
     #[must_use]
     pub fn concentration(&self) -> f32 {
         if self.weight > 0.0 {
@@ -137,7 +141,7 @@ impl PhaseStatistics {
         }
     }
 
-    /// Share of the impacts that struck where a lock would, 0..1.
+    /// Share of the impacts within the lock's window, 0..1.
     #[must_use]
     pub fn share_at_lock(&self) -> f32 {
         if self.weight > 0.0 {
@@ -147,9 +151,11 @@ impl PhaseStatistics {
         }
     }
 
-    /// Confidence that the parts are locked in `order`, 0..1: the least of the share of impacts at the
-    /// lock's phase, of the impacts heard to the impacts due (in every r-th cycle; less what strikes in some of the others), of how
-    /// evenly they strike, and of the memory that is filled.
+    /// Confidence that the parts are locked in `order`, 0..1: the minimum of four measures.
+    ///
+    /// They are the share of impacts in the lock's window, detected over due impacts, evenness, and
+    /// the filled part of the memory. Impacts are due in every r-th cycle; those in some of the
+    /// other cycles count against the lock.
     #[must_use]
     pub fn lock_confidence(&self, order: u8) -> f32 {
         let due = self.cycles / f32::from(order);
@@ -157,7 +163,8 @@ impl PhaseStatistics {
             return 0.0;
         }
         let often = if order > 1 {
-            // What strikes in some of the other cycles, but not in all or none of them, is not locked.
+            // Impacts in some of the other cycles, but not in all or none of them, contradict a
+            // lock.
             let shares = self.struck.iter().map(|sum| (sum / due).min(1.0));
             let most = shares.clone().fold(0.0_f32, f32::max);
             most - shares.fold(0.0, |most, share| (share.min(1.0 - share) - GAP).max(most))
@@ -249,7 +256,8 @@ mod tests {
         assert!(run(&[&[0.5]], 1) > 0.99);
         assert!(run(&[&[0.5], &[]], 2) > 0.95);
         assert!(run(&[&[0.5], &[]], 1) < 0.6);
-        // Two of three cycles are no lock of order 2, though as many are struck as one would; two groups of it are.
+        // Two of three cycles are no lock of order 2, despite the right number of impacts; two
+        // groups are.
         assert!(run(&[&[0.5], &[0.5], &[]], 2) < 0.8);
         assert!(run(&[&[0.5], &[0.52]], 2) > 0.95);
         assert!(run(&[&[5.6]], 1) == 0.0);
@@ -271,7 +279,7 @@ mod tests {
             for n in 0..400_u32 {
                 let flight = n / u32::from(order);
                 let side = if flight % 2 == 0 { apart } else { -apart };
-                // Evenly spread, of the standard deviation asked for.
+                // Uniform, with the given standard deviation.
                 let even = (n.wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32;
                 let phase = 0.55 + side + jitter * 3.0_f32.sqrt() * (2.0 * even - 1.0);
                 let struck = [phase];
@@ -288,8 +296,8 @@ mod tests {
             }
             worst
         };
-        // Heard with a jitter of 0.05 rad: a lock is always believed, flights doubled as those of R 0.255 and 0.26 at the
-        // setpoint of 0.18..0.22 never are, and are no longer.
+        // With a jitter of 0.05 rad a lock is always accepted. Doubled flights (R 0.255 and 0.26 at
+        // the setpoint of 0.18..0.22) never are.
         for order in [1, 2, 3] {
             assert!(run(order, 0.0, 0.05).0 > 0.9, "{:?}", run(order, 0.0, 0.05));
             assert!(

@@ -1,8 +1,15 @@
-//! The share of the parts' time in gear, however many strike the same track: from where in the turn the residual's energy lies.
+//! Estimates the share of time in gear of any number of parts from the phases of their impacts.
 //!
-//! Which of many impacts is whose cannot be heard. But parts in gear strike at other phases than parts that hop, chatter
-//! and rest, and the energies of impacts that know nothing of each other add: what is heard over a turn is a mixture of
-//! two profiles, and the map tells both (docs/theory-real-parts.md#t10.7).
+//! Single impacts of a crowd cannot be assigned to parts, but the energies of independent impacts
+//! add up. The residual's energy per sector is a mixture of profiles that the map predicts
+//! (docs/theory-real-parts.md#t10.7). Its components are parts in gear, parts out of gear, and
+//! noise.
+//!
+//! Method: weighted non-negative least squares by an active set (Lawson and Hanson, Solving Least
+//! Squares Problems, 1974, chapter 23). There are [`SECTORS`] equations and [`PARTS`] unknown
+//! weights. The expected energy of the last mixture weighs each equation (iteratively reweighted
+//! least squares). Histograms forget exponentially. The delay and the decay time of the ringing are
+//! nuisance parameters, fitted in turn by a parabola through three trial points.
 
 use super::energy::{SECTORS, Sectors};
 use super::margin::GearMargin;
@@ -16,88 +23,97 @@ use crate::feeder::Restitution;
 use crate::regime::gear::StrikeCount;
 use crate::regime::gear::{GROUPS, PLACES, StrikeProfile, StrikeProfiler, StrikeSettings, WIDE};
 
-/// Drive cycles that the energy heard is remembered for: five seconds at 50 Hz.
+/// Memory of the long energy histogram, in drive cycles (exponential forgetting; 5 s at 50 Hz).
 const MEMORY: f32 = 256.0;
-/// Cycles before the first share, and from one to the next.
+/// Weight of the long histogram, in drive cycles, above which it is fitted.
 const BEFORE: f32 = 64.0;
+/// Period of the fits to the long histogram, in drive cycles.
 const AGAIN: u32 = 16;
-/// Memory in s of the short energy histogram, the change detector of READY, and its bounds in drive cycles.
+/// Memory of the short energy histogram, in s, from which READY detects changes of the parts.
 const SHORT_MEMORY: f32 = 0.3;
+/// Bounds of that memory, in drive cycles.
 const SHORT_MEMORY_CYCLES: [f32; 2] = [8.0, 64.0];
-/// Drive cycles that the short histogram stands for before it is fitted: one full turn of all sectors, and a half.
+/// Weight of the short histogram, in drive cycles, above which it is fitted: one and a half turns
+/// of all sectors.
 const MIN_SHORT_WEIGHT: f32 = 6.0;
-/// Period in s of the fits to that histogram, and its bounds in drive cycles.
+/// Period of the fits to the short histogram, in s.
 const SHORT_FIT_PERIOD: f32 = 0.1;
+/// Bounds of that period, in drive cycles.
 const SHORT_FIT_PERIOD_CYCLES: [f32; 2] = [4.0, 16.0];
-/// Increase of the unexplained share of the energy, short histogram over long one, at which the parts have changed. In gear (true
-/// share above 0.7) 95 % of the short fits leave less than 0.23 unexplained, in 90 windows of 300 random lots.
+/// Increase of the unexplained energy share, short over long histogram, that contradicts gear; in
+/// gear 95 % of the short fits leave below 0.23.
 const CHANGED_UNEXPLAINED: f32 = 0.3;
-/// Smallest share of time in gear that the map predicts at which gear is credible. In 90 windows of 300 random lots in gear (true share
-/// above 0.7) the map predicts at least 0.71; in all windows of 600 lots with a false READY at most 0.46.
+/// Predicted share of time in gear above which READY is credible, between 0.46 (highest with a
+/// false READY) and 0.71 (lowest in gear).
 const MIN_PREDICTED_SHARE: f32 = 0.5;
-/// Turn of the track's lead from its mean since the energy is gathered, in steps of 2^-32 turns, from which on that mean stands for it: 0.05
-/// rad, a quarter of a sector. Less is the scatter of a reading.
+/// Difference of the lead from its mean, in 2^-32 turns (0.05 rad), above which the mean is used;
+/// smaller differences are measurement noise.
 const TURNED: u32 = 1 << 25;
-/// Impacts that a slice of the profile follows.
+/// Impacts predicted per slice of background work.
 const SLICE: u32 = 64;
-/// Change of k and of the tones above the first, as shares of it, after which the profiles are other ones. At 0.0001 four
-/// tests fail, at 0.3 none does but the table of margins.
+/// Relative change of k, and change of the upper tones, above which the profiles are predicted
+/// anew.
 const MOVED: f32 = 0.01;
-/// Steps of the tones that profiles are counted of: with those of [`rounded`] two feeders that hardly differ ask for one count.
+/// Rounding step of the upper tones (`e cos th`, `e sin th`), so that nearly equal feeders share
+/// one strike count.
 const STEP_OF_TONES: f32 = 1.0 / 1024.0;
-/// Change of k, as a share of it, up to which the share that was told still stands while the one at the new k is gathered: a track that
-/// is being loaded moves by some percent within a second, and its parts strike on; the same of the tones above the first.
+/// Relative change of k, and change of the upper tones, up to which the old share remains reported;
+/// a load moves k by some percent.
 const NEAR: f32 = 0.05;
-/// What such a share's error grows by in each cycle: in four seconds at 50 Hz nothing is known any more; the next share takes two.
+/// Growth of that share's standard error per drive cycle: after 4 s at 50 Hz it exceeds [`TELLS`].
 const FADES: f32 = 0.001;
-/// Decay time of the ringing's energy in s before it is known: half of the 1 ms of a bare track. The search goes on from
-/// it: from 0.05 to 3 ms every test passes, at 5 ms
-/// `what_is_heard_of_one_part_is_its_time_in_gear_its_restitution_and_its_scatter` fails.
+/// Initial decay time of the ringing's energy, in s: half of the 1 ms of a bare track.
 const RINGS: f32 = 0.5e-3;
-/// Shortest and longest that is looked for, and the step of the search, as a factor.
+/// Bounds of the decay time, in s.
 const RINGING: [f32; 2] = [0.05e-3, 5e-3];
+/// Step of the search for the decay time, as a factor.
 const FACTOR: f32 = 1.15;
-/// Energy of the parts over that of the noise, below which they are not heard. From 0.01 to 3 every test passes, at 10
-/// `the_share_of_a_crowd_is_heard` fails.
+/// Energy of the parts over that of the noise above which a share is reported.
 const HEARD: f32 = 0.3;
-/// Drive periods in gear below which the map knows no gear: two rows of the eight flights that are gear. From 1 to 1000
-/// every test passes.
+/// Minimum predicted drive periods in gear of a group for its profile: two rows of the eight
+/// flights that define gear.
 const KNOWN: f32 = 16.0;
-/// Drive periods out of gear in the map below which it has no profile of parts out of gear.
+/// Minimum predicted drive periods out of gear for a profile of parts out of gear.
 const MIN_PERIODS_OUT: f32 = 256.0;
-/// Most parts that rest and land as one: as many as a scene has. From 10 to 300 every test passes but the
-/// table of margins, at 1 `the_share_of_a_crowd_is_heard` fails.
+/// Largest number of parts that land together: as many as a scene has.
 const TOGETHER: f32 = 24.0;
-/// Share in gear below which nothing is said of those that are. From 0 to 0.1 every test passes, at 0.5
-/// `what_is_heard_of_the_margin_is_the_plant_s_own` fails.
+/// Minimum share in gear for estimating the margin; below it too few impacts are in gear.
 const LEAST: f32 = 0.1;
-/// Error of a share that the map's own profiles bring: each is that of some ten thousand impacts, a hundredth by their
-/// count. From 0 to 0.2 every test passes.
+/// Standard error of a share due to the predicted profiles, each counted from some ten thousand
+/// impacts.
 const COUNTED: f32 = 0.01;
-/// Largest error of a share that is told: a quarter tells most from few. At 0.02 four tests fail, from 0.1 to 3 none.
+/// Largest standard error of the share in gear at which it is reported: a quarter separates most
+/// from few.
 const TELLS: f32 = 0.25;
-/// Samples by which an impact's energy is late before it is known, what is looked for, and the step of the search: two filters of a
-/// pole each and the ringing's own rise; what the amplitude told is off moves the impacts by some samples more.
+/// Initial delay of an impact's energy, in samples: two one-pole filters and the rise of the
+/// ringing.
 const LATE: f32 = 2.5;
+/// Bounds of that delay, in samples; an error of the configured amplitude shifts it by some
+/// samples.
 const LATES: [f32; 2] = [-1.5, 6.5];
+/// Step of the search for the delay, in samples.
 const LATER: f32 = 0.5;
-/// Tries of a search, from where it stands: in steps of [`LATER`], and as powers of [`FACTOR`].
+/// Trial points around the current estimate: delays in steps of [`LATER`], decay times as powers of
+/// [`FACTOR`].
 const TRIES: [[f32; 2]; 3] = [[0.0, 1.0], [-1.0, 1.0 / FACTOR], [1.0, FACTOR]];
-/// Parts of the mixture: in gear by group, out of it with landings from rest that ring apart and with such that ring as one, noise.
+/// Components of the mixture: one per group in gear, two out of gear (landings apart, landings
+/// merged), and noise.
 const PARTS: usize = GROUPS + 3;
+/// Index of the noise component.
 const NOISE: usize = GROUPS + 2;
-/// Those that ring as they strike: in gear by group, and out of it.
+/// Number of predicted impact profiles: one per group in gear, and one out of gear.
 const STRUCK: usize = GROUPS + 1;
-/// The share of time in gear.
+
+/// Estimated share of time in gear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearShare {
-    /// The share, 0..=1.
+    /// Share, 0..=1.
     pub share: f32,
-    /// Its standard error.
+    /// Standard error of the share.
     pub error: f32,
 }
 
-/// What a cycle is heard with.
+/// State of drive and settings in one cycle, as the estimator needs it.
 #[derive(Clone, Copy, Debug)]
 pub struct Tuned {
     /// Phase lead of the track.
@@ -110,9 +126,10 @@ pub struct Tuned {
     pub shape: Shape,
     /// Advance of the phase per sample.
     pub step: u32,
-    /// Restitutions of the lot, as told or as it was found to be, and their scatter from impact to impact.
+    /// Configured or identified restitutions of the lot (symbol R), and their scatter from impact
+    /// to impact (symbol s).
     pub lot: Option<(Restitution, f32)>,
-    /// Whether the amplitude stands where it is wanted.
+    /// Whether the amplitude has settled at its setpoint.
     pub stands: bool,
 }
 
@@ -122,8 +139,9 @@ type Row = [f32; SECTORS];
 #[derive(Clone, Copy, Debug)]
 struct Histogram {
     energy: Row,
-    /// Energy of the noise, and the drive cycles that both sums stand for.
+    /// Sum of the noise energy.
     noise: f32,
+    /// Weight of both sums, in drive cycles.
     weight: f32,
 }
 
@@ -134,10 +152,10 @@ impl Histogram {
         weight: 0.0,
     };
 
-    /// Adds the sectors that a cycle hands over; `memory` in drive cycles.
+    /// Adds the sectors of one cycle, with exponential forgetting; `memory` in drive cycles.
     fn add(&mut self, sectors: &Sectors, noise: f32, memory: f32) {
         let keep = 1.0 - 1.0 / memory;
-        // A quarter of the sectors comes with each cycle, and stands for four.
+        // Each cycle brings a quarter of the sectors, with the energy of four cycles.
         let keep_quarter = keep * keep * keep * keep;
         let sums = self.energy.iter_mut().skip(usize::from(sectors.first));
         for (sum, energy) in sums.zip(sectors.energy) {
@@ -148,27 +166,29 @@ impl Histogram {
     }
 }
 
-/// How the energy histogram agrees with the map's mixture.
+/// Agreement of an energy histogram with the fitted mixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Agreement {
-    /// Share of time in gear of the fitted weights, 0..=1.
+    /// Share of time in gear by the fitted weights, 0..=1.
     in_gear: f32,
-    /// Energy that no part of the mixture explains, over all energy but the noise.
+    /// Energy that no component explains, over all energy but the noise.
     unexplained: f32,
 }
 
-/// What the READY output needs of the energy: the map's prediction, and both histograms against it.
+/// Evidence for READY: the predicted share, and the agreement of both histograms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearEvidence {
-    /// Share of time in gear that the map predicts for the lot.
+    /// Share of time in gear that the map predicts for the lot, 0..=1.
     predicted: f32,
     long: Agreement,
     short: Agreement,
 }
 
 impl GearEvidence {
-    /// Whether nothing contradicts that the parts are in gear for more than `level` of their time: the map predicts gear, both
-    /// histograms show it, and the short one is explained as well as the long one.
+    /// Whether all evidence supports a share of time in gear above `level` (0..=1).
+    ///
+    /// The map must predict gear and both histograms must show it. The short histogram must be
+    /// explained nearly as well as the long one.
     pub fn supports(&self, level: f32) -> bool {
         self.predicted > MIN_PREDICTED_SHARE
             && self.long.in_gear > level
@@ -176,73 +196,78 @@ impl GearEvidence {
             && self.short.unexplained < self.long.unexplained + CHANGED_UNEXPLAINED
     }
 }
-/// What each part of the mixture leaves in a sector, sector by sector: what is done for all parts is done side by side, in fours.
+
+/// Energy of each component by sector; lanes of four allow the compiler to vectorize.
 type Rows = [[f32; LANES]; SECTORS];
-/// The parts and one that is nobody's.
+/// Number of components, rounded up to a multiple of four.
 const LANES: usize = PARTS.next_multiple_of(4);
 
-/// What is heard of all parts together.
+/// Estimator of the share of time in gear for any number of parts.
 #[derive(Clone, Debug)]
 pub struct ShareHearing {
-    /// Mean k and tones above the first (`e cos th`, `e sin th`) since the amplitude stands.
+    /// Mean k since the amplitude settled.
     k: f32,
+    /// Mean upper tones (`e cos th`, `e sin th`) since then.
     tones: [[f32; 2]; UPPER],
     cycles: f32,
-    /// The tones that the profiles are of.
+    /// Upper tones for which the profiles were predicted.
     profiled: [[f32; 2]; UPPER],
     profiler: Option<StrikeProfiler>,
-    /// Energy of the last 256 cycles, of which the share is.
+    /// Energy of the last 256 cycles; the reported share is fitted to it.
     long: Histogram,
     due: u32,
-    /// Energy of the last 0.3 s, which shows a change of the parts.
+    /// Energy of the last 0.3 s; changes of the parts are detected in it.
     short: Histogram,
     short_due: f32,
-    /// Whether a fit to it is due.
+    /// Whether a fit to the short histogram is due.
     checks: bool,
     evidence: Option<GearEvidence>,
-    /// Lead of the track that the energy stands for, and its mean since that is gathered: a load that comes turns the track.
+    /// Phase lead used for the fit.
     lead: Phase,
+    /// Mean lead since the histogram began; a growing load turns the track.
     turned: Phase,
     step: u32,
-    /// What the drive itself leaves in the residual.
+    /// Amplitudes of the drive's own acceleration, cosine and sine, in m/s^2.
     swing: [f32; 2],
-    /// Decay time of the ringing's energy in s.
+    /// Estimated decay time of the ringing's energy, in s.
     rings: f32,
-    /// Samples by which energy is late, and whether the next fit is of that.
+    /// Estimated delay of the energy, in samples.
     late: f32,
+    /// Whether the next search is for the delay.
     of_late: bool,
     fitting: Option<Fitting>,
-    /// Weights of the last mixture, beside which the next one lies; all 0 where there is none.
+    /// Weights of the last mixture, the starting point of the next fit; all 0 before the first.
     weights: [f32; PARTS],
     share: Option<GearShare>,
     margin: Option<GearMargin>,
-    /// Whether that share is of the track as it was before it moved.
+    /// Whether the share was estimated before the track changed.
     fades: bool,
-    /// Whether what is heard was held against the profiles.
+    /// Whether a mixture was fitted to the energy.
     judged: bool,
 }
 
-/// A search under way for the decay time, or for how late the energy is: how far the energies are off at three tries.
+/// Running search for decay time or delay: residual sum of squares at each trial point.
 #[derive(Clone, Copy, Debug, Default)]
 struct Fitting {
     tried: usize,
     off: [f32; TRIES.len()],
 }
 
-/// A mixture that was fitted.
+/// Fitted mixture.
 #[derive(Clone, Copy, Debug)]
 struct Mixture {
-    /// Sum of the squares by which the energies are off it, each over its own.
+    /// Sum over the sectors of the squared residual over the expected energy.
     off: f32,
-    /// Energy that lies where the mixture has none.
+    /// Energy in other sectors than the mixture predicts.
     astray: f32,
     weights: [f32; PARTS],
-    /// Covariance of the weights for a dispersion of 1.
+    /// Covariance of the weights for a dispersion (reduced chi-square) of 1.
     covariance: [[f32; PARTS]; PARTS],
 }
 
 impl GearShare {
-    /// What is known where a share is at least so much: half of the rest, give or take as much.
+    /// Estimate from a lower bound only: the middle of the remaining interval, give or take half of
+    /// it.
     #[must_use]
     pub(crate) fn at_least(least: f32) -> Self {
         let rest = 0.5 * (1.0 - least);
@@ -254,7 +279,7 @@ impl GearShare {
 }
 
 impl ShareHearing {
-    /// Nothing heard.
+    /// Estimator without any data.
     pub fn new() -> Self {
         Self {
             k: 0.0,
@@ -284,14 +309,14 @@ impl ShareHearing {
         }
     }
 
-    /// Forgets what was heard, but not how the parts ring nor what the map says of them.
+    /// Clears the histograms and the estimates; keeps the ringing parameters and the profiles.
     pub fn reset(&mut self) {
         self.begin();
         (self.cycles, self.fitting) = (0.0, None);
         self.unlearn();
     }
 
-    /// Begins to gather energy anew.
+    /// Clears both histograms.
     fn begin(&mut self) {
         (self.long, self.due) = (Histogram::EMPTY, 0);
         (self.short, self.short_due) = (Histogram::EMPTY, 0.0);
@@ -311,39 +336,38 @@ impl ShareHearing {
         self.evidence.as_ref()
     }
 
-    /// The share; `None` where it is not known.
+    /// Estimated share; `None` without an estimate.
     #[must_use]
     pub fn share(&self) -> Option<GearShare> {
         self.share
     }
 
-    /// How far parts of the lot are from losing gear, as a mean over those that are heard to be in it; `None` where no share is known, or
-    /// next to none of them are.
+    /// Mean margin of the parts in gear to its loss; `None` without a share, or where fewer than a
+    /// tenth are in gear.
     #[must_use]
     pub fn margin(&self) -> Option<GearMargin> {
         self.margin
     }
 
-    /// Whether what is heard was held against what the map has of the lot: where no share is known then, it is no mixture of
-    /// that, and nothing else tells it.
+    /// Whether a mixture was fitted. Without a share the energy is then no mixture of the profiles.
     #[must_use]
     pub fn is_judged(&self) -> bool {
         self.judged
     }
 
-    /// What the map says of parts of the lot, once it is known.
+    /// Predicted profile of the lot; `None` until the prediction is complete.
     #[must_use]
     pub fn profile(&self) -> Option<&StrikeProfile> {
         self.profiler.as_ref()?.profile()
     }
 
-    /// What strikes are being counted of; `None` where none are, and once they are counted or known.
+    /// Settings of the running strike count; `None` while none runs.
     #[cfg(any(test, feature = "unstable"))]
     pub fn asked(&self) -> Option<&StrikeSettings> {
         self.profiler.as_ref()?.asked()
     }
 
-    /// Spares that count ([`StrikeProfiler::know`]).
+    /// Replaces the running count by a finished one ([`StrikeProfiler::know`]).
     #[cfg(any(test, feature = "unstable"))]
     pub fn know(&mut self, count: &StrikeCount) {
         if let Some(profiler) = &mut self.profiler {
@@ -351,7 +375,7 @@ impl ShareHearing {
         }
     }
 
-    /// Takes a cycle.
+    /// Adds one drive cycle to the histograms, and schedules the fits.
     pub fn cycle(&mut self, cycle: &Cycle, tuned: &Tuned) {
         self.fade();
         if !tuned.stands {
@@ -385,7 +409,7 @@ impl ShareHearing {
             && self.short.weight > MIN_SHORT_WEIGHT;
     }
 
-    /// What is known of a track that has moved is known less surely in each cycle.
+    /// Increases the error of a share estimated before the track changed, up to its withdrawal.
     fn fade(&mut self) {
         if let Some(share) = self.share.as_mut().filter(|_| self.fades) {
             share.error += FADES;
@@ -395,7 +419,8 @@ impl ShareHearing {
         }
     }
 
-    /// Follows the track's motion, and has its profiles counted anew where it has moved.
+    /// Averages the track's motion, and starts a new prediction of the profiles where it has
+    /// changed.
     fn follow(&mut self, tuned: &Tuned) {
         self.cycles = (self.cycles + 1.0).min(16.0);
         let share = 1.0 / self.cycles;
@@ -430,7 +455,8 @@ impl ShareHearing {
                 return;
             }
             if !same {
-                // What was heard so far was of another track; parts in gear stay in it where that is near.
+                // The energy so far belongs to another motion; after a small change parts stay in
+                // gear.
                 self.begin();
                 if near {
                     self.fades = true;
@@ -451,7 +477,7 @@ impl ShareHearing {
                 [ratio, libm::atan2f(across, straight)]
             }
         });
-        // Beyond what the map takes, nothing is told.
+        // Outside the map's range there is no estimate.
         self.profiler = StrikeProfiler::new(StrikeSettings {
             restitution,
             scatter,
@@ -462,7 +488,7 @@ impl ShareHearing {
         .ok();
     }
 
-    /// One bounded slice of what the share takes; whether more is to be done.
+    /// Runs one bounded slice of the estimate; returns whether more are due.
     pub fn step(&mut self) -> bool {
         if let Some(profiler) = &mut self.profiler
             && profiler.advance(SLICE)
@@ -490,7 +516,7 @@ impl ShareHearing {
             return false;
         };
         let heard = self.heard(&self.long);
-        // Each sector is weighed by what the last mixture expects in it.
+        // Each sector is weighed by the energy that the last mixture expects in it.
         let by = if self.weights == [0.0; PARTS] {
             mixed(
                 &rows,
@@ -517,7 +543,7 @@ impl ShareHearing {
         true
     }
 
-    /// Fits the short histogram, once the long one was fitted.
+    /// Fits the short histogram, after a first fit of the long one.
     fn check(&mut self) {
         if self.evidence.is_none() {
             return;
@@ -542,7 +568,7 @@ impl ShareHearing {
         }
     }
 
-    /// Tells what a mixture has found.
+    /// Updates share, margin and evidence from a mixture.
     fn tell(&mut self, found: &Mixture) {
         let noise = self.long.noise / self.long.weight;
         let share = self
@@ -562,8 +588,8 @@ impl ShareHearing {
         (self.fades, self.judged) = (false, true);
     }
 
-    /// What a mixture tells of its parts in gear: their restitution by the weights of the lot's groups, and the trace by where their profiles
-    /// strike.
+    /// Estimates the margin of the parts in gear: restitution from the weights of the groups, trace
+    /// from the phases of their profiles.
     fn margin_of(&self, found: &Mixture) -> Option<GearMargin> {
         let profiler = self.profiler.as_ref()?;
         let profile = profiler.profile()?;
@@ -584,12 +610,12 @@ impl ShareHearing {
             }
         }
         let dispersion = found.off / (SECTORS - PARTS - 1) as f32;
-        // Within a group, and beyond the lot's ends, restitutions are not told apart.
+        // Restitutions within a group, and beyond the lot's ends, cannot be separated.
         let apart = middles[1] - middles[0];
         let error = libm::sqrtf(
             variance.max(0.0) * dispersion / (all * all) + apart * apart / 12.0 + WIDE * WIDE,
         );
-        // Where a group strikes is known by its restitution: how many of the parts are of it is what is heard.
+        // A group's phase follows from its restitution; the fit estimates the number of its parts.
         let each = groups.iter().zip(middles).zip(profile.bends);
         let traces = each.map(|((weight, middle), bend)| {
             let squeezed = (1.0 + middle) * (1.0 + middle);
@@ -606,7 +632,7 @@ impl ShareHearing {
         })
     }
 
-    /// Goes where the parabola through three tries is lowest.
+    /// Moves to the minimum of the parabola through the three trial points (at most one step).
     fn refine(&mut self, [at, before, after]: &[f32; TRIES.len()]) {
         let bend = before + after - 2.0 * at;
         let slope = 0.5 * (after - before);
@@ -625,10 +651,11 @@ impl ShareHearing {
         self.of_late = !self.of_late;
     }
 
-    /// What the parts of the mixture leave in the sectors for a decay time of the ringing's energy, in s, that is late by so many samples.
+    /// Predicted energy of each component by sector; `rings` is the decay time in s, `late` the
+    /// delay in samples.
     fn rows(&self, rings: f32, late: f32) -> Option<Rows> {
         let profile = self.profile()?;
-        // Turns of the drive in which the energy falls by e.
+        // Decay time in turns of the drive.
         let turns = rings * SAMPLE_RATE as f32 * self.step as f32 * (1.0 / Phase::TURN as f32);
         let late = late * self.step as f32 * (1.0 / Phase::TURN as f32);
         let lead = self.lead.bits() as f32 * (1.0 / Phase::TURN as f32) - late;
@@ -655,7 +682,7 @@ impl ShareHearing {
         Some(rows)
     }
 
-    /// Energy of a histogram in a cycle, without the drive's own swing.
+    /// Energy per cycle of a histogram, less the drive's own.
     fn heard(&self, histogram: &Histogram) -> Row {
         let inverse = 1.0 / histogram.weight;
         let leak = self.leak();
@@ -666,7 +693,7 @@ impl ShareHearing {
         heard
     }
 
-    /// What the drive's own swing leaves in each sector of the residual, in a cycle.
+    /// Energy per cycle that the drive's own acceleration leaves in each sector of the residual.
     fn leak(&self) -> Row {
         let theta = Phase::from_bits(self.step);
         let (sine, cosine) = sine_cosine_single(theta);
@@ -686,7 +713,7 @@ impl ShareHearing {
         let samples = Phase::TURN as f32 / self.step.max(1) as f32 / SECTORS as f32;
         let level = 0.5 * (re * re + im * im);
         let double = [re * re - im * im, 2.0 * re * im];
-        // At the doubled phase both halves of the turn are one.
+        // The energy has twice the drive's frequency: both halves of the turn are equal.
         let half: [f32; SECTORS / 2] = core::array::from_fn(|n| {
             let middle = Phase::from_bits((2 * n as u32 + 1) << 26);
             let (sine, cosine) = sine_cosine_single(middle + middle);
@@ -696,17 +723,18 @@ impl ShareHearing {
     }
 }
 
-/// `sin x / x` of the angle of a sector: what its width leaves of a swing at the doubled phase.
+/// Attenuation of the second harmonic by the average over a sector, `sin x / x`.
 const SQUEEZED: f32 = 0.993_6;
 
-/// A k of eight binary places: 0.2 % off at most, where [`MOVED`] is five times that.
+/// Rounds k to eight binary places: an error of at most 0.2 %, a fifth of [`MOVED`].
 fn rounded(k: f32) -> f32 {
     const STEP: u32 = 1 << 15;
     f32::from_bits((k.to_bits() + STEP / 2) & !(STEP - 1))
 }
 
-/// What a fit tells of the share, where the noise that was heard has so much energy in a cycle; `None` where nothing is heard, or next to
-/// nothing is told.
+/// Estimates the share from a mixture; `noise` is the measured noise energy per cycle.
+///
+/// `None` where noise drowns the parts ([`HEARD`]) or the standard error exceeds [`TELLS`].
 fn told(found: &Mixture, profile: &StrikeProfile, noise: f32) -> Option<GearShare> {
     let within = found.weights[..GROUPS].iter().sum::<f32>();
     let without = found.weights[GROUPS..NOISE].iter().sum::<f32>();
@@ -716,7 +744,7 @@ fn told(found: &Mixture, profile: &StrikeProfile, noise: f32) -> Option<GearShar
         return None;
     }
     let share = within / all;
-    // How the share goes with each weight, times all of them.
+    // Derivative of the share by each weight, times the sum of weights.
     let slope = |n: usize| match n {
         n if n < GROUPS => 1.0 - share,
         n if n < NOISE => -share,
@@ -730,14 +758,15 @@ fn told(found: &Mixture, profile: &StrikeProfile, noise: f32) -> Option<GearShar
     }
     let dispersion = found.off / (SECTORS - PARTS - 1) as f32;
     let scattered = variance.max(0.0) * dispersion / (all * all);
-    // What is no mixture of the lot's may be of parts in gear or out of it; so may what strikes all over the turn, as noise does.
+    // Energy that no profile explains, and even energy beyond the noise, may be of parts in gear or
+    // out.
     let even = (found.weights[NOISE] - noise).max(0.0);
     let astray = (found.astray + even) / (energy + found.weights[NOISE]);
     let error = libm::sqrtf(scattered + COUNTED * COUNTED + astray * astray);
     (error < TELLS).then_some(GearShare { share, error })
 }
 
-/// Energy of the parts in a cycle, by the weights of a mixture.
+/// Energy of the parts per cycle, by the weights of a mixture.
 fn struck(weights: &[f32; PARTS], profile: &StrikeProfile) -> f32 {
     let without = weights[GROUPS..NOISE].iter().sum::<f32>();
     let landing = weights[GROUPS] + together(profile) * weights[GROUPS + 1];
@@ -748,7 +777,7 @@ fn struck(weights: &[f32; PARTS], profile: &StrikeProfile) -> f32 {
         + landing * profile.landed
 }
 
-/// Half of the energy that lies in other sectors than expected.
+/// Half of the sum of absolute differences: energy in other sectors than predicted.
 fn astray(heard: &Row, expected: &Row) -> f32 {
     let apart = heard.iter().zip(expected).map(|(heard, expected)| {
         let apart = heard - expected;
@@ -757,7 +786,8 @@ fn astray(heard: &Row, expected: &Row) -> f32 {
     apart.sum()
 }
 
-/// How weights with so much energy astray agree with the map, where the noise has so much energy in a cycle.
+/// Agreement of fitted weights with the map, from the energy in other sectors than predicted
+/// (`astray`) and the measured noise energy per cycle.
 fn agreement(
     weights: &[f32; PARTS],
     astray: f32,
@@ -774,18 +804,21 @@ fn agreement(
     }
 }
 
-/// Energy of landings that ring as one over that of as many that ring apart, where all parts are out of gear: of each the others land
-/// with it as often as they land in a period.
+/// Energy of merged landings over that of as many separate ones, where all parts are out of gear.
+///
+/// Amplitudes of merged impacts add: each other part lands with it with the probability of a
+/// landing per period.
 fn together(profile: &StrikeProfile) -> f32 {
     1.0 + (TOGETHER - 1.0) * profile.landings
 }
 
-/// Profiles as they are heard, one in each of the first parts of the rows: by the phase of the output, which the track leads by so
-/// many turns, where the energy of each impact falls by e in so many turns.
+/// Convolves the profiles with the exponential decay of the ringing, one per column of the rows.
+///
+/// The track leads the output by `lead` turns; the energy of an impact falls by e in `turns` turns.
 fn ring(rows: &mut Rows, profiles: [&[f32; PLACES]; STRUCK], lead: f32, turns: f32) {
     let width = 1.0 / PLACES as f32;
     let left = libm::expf(-width / turns);
-    // Impacts lie evenly over their place: what of their energy falls into it.
+    // Impacts are spread evenly over their place: share of their energy that falls into it.
     let stays = 1.0 - (1.0 - left) * turns / width;
     let places = lead * PLACES as f32;
     let whole = libm::floorf(places);
@@ -807,7 +840,7 @@ fn ring(rows: &mut Rows, profiles: [&[f32; PLACES]; STRUCK], lead: f32, turns: f
         }
         row[..STRUCK].copy_from_slice(&heard);
     }
-    // What rings at the end of the turn rang at its begin too.
+    // The turn is periodic: ringing at its end continues at its beginning.
     let around = around::<PLACES>(left);
     let left: f32 = core::iter::repeat_n(left, PLACES / SECTORS).product();
     let mut rings = rings.map(|rings| rings * around * (1.0 - left));
@@ -819,14 +852,15 @@ fn ring(rows: &mut Rows, profiles: [&[f32; PLACES]; STRUCK], lead: f32, turns: f
     }
 }
 
-/// What rings on and on, turn after turn, over what rings in the first, where so much of it is left after each of `STEPS` steps of a turn.
+/// Sum of the geometric series over all turns, where `left` remains after each of `STEPS` steps of
+/// a turn.
 fn around<const STEPS: usize>(left: f32) -> f32 {
     const { assert!(STEPS.is_power_of_two()) };
     let turn = (0..STEPS.trailing_zeros()).fold(left, |left, _| left * left);
     1.0 / (1.0 - turn)
 }
 
-/// The energy of an impact of unit energy, at so many turns of the output.
+/// Energy by sector of one impact of unit energy at phase `at`, in turns; decay time in turns.
 fn landed(at: f32, turns: f32) -> Row {
     let at = (at - libm::floorf(at)) * SECTORS as f32;
     let first = at as usize % SECTORS;
@@ -842,15 +876,17 @@ fn landed(at: f32, turns: f32) -> Row {
     row
 }
 
-/// What is heard, evened out over three sectors: what they are weighed by as long as nothing better is known.
+/// Moving average over three sectors: the weights of the equations before the first mixture.
 fn evened(heard: &Row) -> Row {
     core::array::from_fn(|n| {
         (heard[(n + SECTORS - 1) % SECTORS] + heard[n] + heard[(n + 1) % SECTORS]) / 3.0
     })
 }
 
-/// Weights of the rows, none negative, whose sum is nearest to what is heard, and their covariance for a dispersion of 1: each sector is
-/// weighed by the energy that is expected in it, as that of impacts scatters as their number does. The search begins at weights `from`.
+/// Fits the mixture: non-negative weights of the rows, and their covariance for a dispersion of 1.
+///
+/// The energy of impacts scatters as their number does: the variance of a sector is proportional to
+/// the expected energy `by`. The search begins at `from`.
 fn unmix(
     heard: &Row,
     rows: &Rows,
@@ -867,7 +903,7 @@ fn unmix(
             *sum += weighed * heard;
         }
         for (a, (line, weighed)) in matrix.iter_mut().zip(weighed).enumerate() {
-            // Up to the diagonal, and on to the end of its four.
+            // Lower triangle, up to the end of the vector of four that holds the diagonal.
             for (product, part) in line.iter_mut().zip(row).take((a | 3) + 1) {
                 *product += weighed * part;
             }
@@ -876,12 +912,12 @@ fn unmix(
     solve(&matrix, &sums, from)
 }
 
-/// What the energy of a sector is at least taken for.
+/// Lower limit of a sector's expected energy, which keeps its weight finite.
 fn least(heard: &Row) -> f32 {
     0.01 / SECTORS as f32 * heard.iter().sum::<f32>() + f32::MIN_POSITIVE
 }
 
-/// What weights make of the rows.
+/// Energy by sector that the weights predict.
 fn mixed(rows: &Rows, weights: &[f32; PARTS]) -> Row {
     rows.map(|row| {
         row.iter()
@@ -891,7 +927,7 @@ fn mixed(rows: &Rows, weights: &[f32; PARTS]) -> Row {
     })
 }
 
-/// Sum of the squares by which what is heard is off what was found, over the energies that it is weighed by.
+/// Weighted residual sum of squares (chi-square for unit dispersion).
 fn off(heard: &Row, found: &Row, by: &Row) -> f32 {
     let least = least(heard);
     let sectors = heard.iter().zip(found).zip(by);
@@ -900,8 +936,10 @@ fn off(heard: &Row, found: &Row, by: &Row) -> f32 {
         .sum()
 }
 
-/// The non-negative weights of least squares by Lawson and Hanson's active set, from weights that are none negative; and
-/// their covariance, with no row and column of those that are 0. Of the matrix what is not above its diagonal is read.
+/// Non-negative least squares by the active set of Lawson and Hanson (1974), started at `from`.
+///
+/// Returns the weights and their covariance; rows and columns of weights at 0 are 0. Only the lower
+/// triangle of the matrix is read.
 fn solve(
     matrix: &[[f32; LANES]; PARTS],
     sums: &[f32; LANES],
@@ -920,14 +958,14 @@ fn solve(
         for b in 0..PARTS {
             scaled[a][b] = matrix[a.max(b)][a.min(b)] * scale[a] * scale[b];
         }
-        // Kept from being singular.
+        // Tikhonov regularization keeps the matrix invertible.
         scaled[a][a] += 1e-5;
     }
     let sums: [f32; PARTS] = core::array::from_fn(|n| sums[n] * scale[n]);
     let tolerance = 1e-4 * sums.iter().fold(0.0_f32, |most, sum| most.max(*sum));
     let mut weights: [f32; PARTS] = core::array::from_fn(|n| {
         if scale[n] > 0.0 {
-            // What is no number is none to begin at.
+            // `max` replaces NaN by 0.
             (from[n] / scale[n]).max(0.0)
         } else {
             0.0
@@ -990,7 +1028,7 @@ fn solve(
     (weights, inverse)
 }
 
-/// The inverse of what of a symmetric matrix is within; 0 elsewhere.
+/// Inverse of the submatrix of the free weights by Gauss-Jordan elimination; 0 elsewhere.
 fn inverted(matrix: &[[f32; PARTS]; PARTS], within: &[bool; PARTS]) -> [[f32; PARTS]; PARTS] {
     let mut inverse = [[0.0; PARTS]; PARTS];
     for a in 0..PARTS {
@@ -1000,7 +1038,7 @@ fn inverted(matrix: &[[f32; PARTS]; PARTS], within: &[bool; PARTS]) -> [[f32; PA
             }
         }
     }
-    // A column that is eliminated gives its place to the inverse's.
+    // In place: each eliminated column holds a column of the inverse.
     for a in 0..PARTS {
         if !within[a] {
             continue;
@@ -1054,7 +1092,8 @@ mod tests {
                         .map(|n| matrix[a][n] * inverse[n][b])
                         .sum();
                     let both = within[a] && within[b];
-                    // Off the diagonal the sums of six are below 0.9: condition below 20, and seven roundings of each of seven steps.
+                    // Off-diagonal sums of six stay below 0.9: condition below 20, seven roundings
+                    // in each of seven steps.
                     let expected = if both && a == b { 1.0 } else { 0.0 };
                     if within[a] {
                         assert!(
@@ -1088,7 +1127,8 @@ mod tests {
         scene
     }
 
-    /// Mean share in gear from 5 s to 60 s, true and heard, with the mean error told; and how often nothing was told.
+    /// Mean true and estimated share in gear from 5 s to 60 s, mean standard error, and cycles
+    /// without an estimate.
     struct Told {
         truth: f64,
         heard: f64,
@@ -1147,7 +1187,7 @@ mod tests {
         told
     }
 
-    /// Crowds of all sizes: of one restitution, and of a sort.
+    /// Crowds of 1, 6 and 24 parts, of one restitution or of a range.
     #[test]
     fn the_share_of_a_crowd_is_heard() {
         for (lot, scatter, k) in [
@@ -1175,7 +1215,8 @@ mod tests {
                     all.push(apart);
                 }
             }
-            // Single runs scatter by 0.02 to 0.035: the mean of six errs by 0.01, and twice that is allowed for.
+            // Single runs scatter by 0.02 to 0.035; the mean of six errs by 0.01, and twice that is
+            // allowed.
             let mean = all.iter().sum::<f64>() / all.len() as f64;
             assert!(mean.abs() < 0.03 + 0.02, "{lot:?} {scatter}: {mean}");
         }
@@ -1202,12 +1243,14 @@ mod tests {
                 let told = listen(&scene, waveform);
                 told.heard - told.truth
             });
-            // What noise there is differs: each is held against its own truth, with one standard deviation of a run above 0.03.
+            // The noise differs, so each plant is compared with its own truth; a run scatters by up
+            // to 0.03.
             assert!(slow.abs() < 0.05 && fast.abs() < 0.05, "{slow} {fast}");
         }
     }
 
-    /// Parts that were in gear and become others, which are never in it, strike all over the turn: that is not taken for noise.
+    /// Parts that leave gear for good strike all over the turn; the fit must not assign them to
+    /// noise.
     #[test]
     fn parts_that_become_others_are_not_taken_for_noise() {
         for (restitution, scatter) in [(0.6, 0.1), (0.7, 0.05)] {
@@ -1223,14 +1266,14 @@ mod tests {
                     geared.push(report.in_gear - report.in_gear_error > 0.5);
                 }
                 assert!(geared[150..200].iter().all(|geared| *geared), "{seed}");
-                // What was heard before is forgotten with 256 cycles.
+                // The energy before the change is forgotten over 256 cycles.
                 let still = geared[400..].iter().filter(|geared| **geared).count();
                 assert_eq!(still, 0, "{restitution} {seed}");
             }
         }
     }
 
-    /// A lot told too wide is not taken for one that is not in gear.
+    /// A lot configured too wide must not pass for one out of gear.
     #[test]
     fn what_is_of_no_mixture_is_told_with_its_error() {
         for restitution in [0.12, 0.2, 0.28] {

@@ -1,4 +1,8 @@
-//! The signal path of one sample: drive phase, demodulation, onset detection, drive output.
+//! Signal path of one sample: drive phase, demodulation, onset detection, drive output.
+//!
+//! Methods: a phase accumulator generates the drive (direct digital synthesis). Lock-in
+//! demodulation over one cycle measures the tones of the acceleration. Samples in which an impact
+//! rings are replaced by the last cycle's tone (imputation), and left out of the new estimate.
 
 use heapless::Vec;
 
@@ -11,17 +15,19 @@ use crate::control::drive::UPPER;
 use crate::control::settings::Settings;
 use crate::feeder::{OutOfRange, STANDARD_GRAVITY};
 
-/// Share of a cycle that the demodulator blanks at most: what is left still tells cosine, sine and mean apart.
+/// Largest share of a cycle that the demodulator blanks: cosine, sine and mean stay separable.
 pub const MOST_BLANKED: f64 = 1.0 / 3.0;
 
-/// Acceleration in m/s^2 that no converter reads: a hundred times its full scale at the least sensitivity.
+/// Acceleration beyond any converter, in m/s^2: a hundred times full scale at the least
+/// sensitivity.
 const LARGEST: f32 = 1e7;
 
-/// A reading of the converter, right-aligned.
+/// Reading of the converter, right-aligned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AdcCode(pub u16);
 
-/// The nth tone of an output, as shares of full output: `sine sin nx + cosine cos nx` for the phase x of the output.
+/// nth tone of an output, as shares of full output: `sine sin nx + cosine cos nx` at the output's
+/// phase x.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Overtone {
     /// Along the sine of the multiple of the phase, -1..1.
@@ -38,12 +44,12 @@ impl Overtone {
     };
 }
 
-/// What the drive is to do from the next cycle on.
+/// Command to the drive from the next cycle on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
     pub amplitude: f32,
-    /// Lead of that output before the phase: where parts load the track it holds the track's phase by it.
+    /// Phase lead of that output; it compensates the shift that a load of parts causes.
     pub lead: Phase,
     /// Second and third tone of the output; with the amplitude at most full output.
     pub overtones: [Overtone; UPPER],
@@ -51,25 +57,32 @@ pub struct Command {
     pub step: u32,
     /// Whether the output changes at once instead of at the next cycle: switching off never waits.
     pub immediate: bool,
-    /// Phase of the output from which on, for half a turn, the residual is summed over cycles, from the next
-    /// cycle on; `None` ends that and has the sums handed over.
+    /// Start phase of a fold of the residual over half a turn, from the next cycle on.
+    ///
+    /// `None` ends the fold and transfers its sums.
     pub fold: Option<Phase>,
-    /// Whether the demodulator takes every sample from the next cycle on, also while an impact rings: an
-    /// identification takes off by itself what ringings add.
+    /// Whether the demodulator uses every sample from the next cycle on, also while an impact
+    /// rings.
+    ///
+    /// Identification corrects the bias by ringing itself.
     pub whole: bool,
 }
 
-/// What one cycle of the drive brought.
+/// Measurements of one drive cycle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cycle {
-    /// Samples in it.
+    /// Number of samples.
     pub samples: u16,
-    /// Cosine part of the acceleration at the drive's frequency, against the output's phase, in m/s^2.
+    /// Cosine part of the acceleration at the drive's frequency, against the output's phase, in
+    /// m/s^2.
     pub in_phase: f32,
-    /// Sine part of it, in m/s^2.
+    /// Sine part of the acceleration at the drive's frequency, in m/s^2.
     pub quadrature: f32,
-    /// Cosine and sine part of it at twice and three times the drive's frequency, against as many times the output's phase, in
-    /// m/s^2; 0 where the drive affords no such tone.
+    /// Cosine and sine parts of the acceleration at twice and three times the drive's frequency, in
+    /// m/s^2.
+    ///
+    /// The reference is the same multiple of the output's phase; 0 where the drive cannot make such
+    /// a tone.
     pub upper: [[f32; 2]; UPPER],
     /// Mean acceleration in m/s^2.
     pub mean: f32,
@@ -77,22 +90,22 @@ pub struct Cycle {
     pub low: u16,
     /// Highest reading.
     pub high: u16,
-    /// Readings at either end of the converter's range.
+    /// Number of readings at either end of the converter's range.
     pub saturated: u16,
     /// RMS of the noise in the residual in m/s^2.
     pub noise: f32,
     /// Share of the samples that the demodulator blanked, 0..=1/3.
     pub blanked: f32,
-    /// The impacts heard, in the order of their time; what is too much is not kept.
+    /// Detected impacts in order of time; impacts beyond the capacity are dropped.
     pub(crate) heard: Vec<Heard, HEARD_PER_CYCLE>,
-    /// A part of what was folded ([`Command::fold`]) until a cycle before.
+    /// Some places of the fold ([`Command::fold`]) that ended before.
     pub(crate) folded: Folded,
     /// Energy of the residual in some sectors of the turn.
     pub(crate) sectors: Sectors,
 }
 
 impl Cycle {
-    /// Whether its readings are numbers, of a size whose powers are numbers too.
+    /// Whether all measurements are finite and small enough for squares.
     pub(crate) fn is_finite(&self) -> bool {
         let Self {
             in_phase,
@@ -109,21 +122,21 @@ impl Cycle {
     }
 }
 
-/// What a signal path that fails brings, to show what depends on it.
+/// Failures of the signal path, for tests of their effects.
 #[cfg(feature = "unstable")]
 impl Cycle {
-    /// No impact is heard.
+    /// Removes all detected impacts.
     pub fn deafen(&mut self) {
         self.heard.clear();
     }
 
-    /// All that was folded is this residual in m/s^2.
+    /// Sets all places of the fold to this residual, in m/s^2.
     pub fn flatten(&mut self, residual: f32) {
         self.folded.residual.fill(residual);
     }
 }
 
-/// What a sample gives back to the interrupt that took it.
+/// Result of one sample, for the sample interrupt.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampled {
     /// Output of the drive as a share of full output, -1..1.
@@ -149,7 +162,7 @@ impl Readings {
         saturated: 0,
     };
 
-    /// Takes one, of a converter with this highest code.
+    /// Adds a reading of a converter with this highest code.
     #[inline(always)]
     fn take(&mut self, AdcCode(code): AdcCode, full: u16) {
         self.samples = self.samples.wrapping_add(1);
@@ -165,18 +178,18 @@ impl Readings {
     }
 }
 
-/// How a cycle goes on.
+/// Timing of a cycle.
 #[derive(Clone, Copy, Debug)]
 struct Pace {
     /// Advance of the phase per sample, and its inverse.
     step: u32,
     inverse: f32,
-    /// Samples that may be blanked.
+    /// Largest number of blanked samples.
     most_blanked: f32,
 }
 
 impl Pace {
-    /// At an advance of the phase per sample; `whole` where no sample is blanked.
+    /// Timing at an advance of the phase per sample; `whole` disables blanking.
     fn of(step: u32, whole: bool) -> Self {
         let inverse = 1.0 / step as f32;
         let most_blanked = if whole {
@@ -195,11 +208,12 @@ impl Pace {
 /// Sums over a cycle.
 #[derive(Clone, Copy, Debug)]
 struct Sums {
-    /// Of the cosine and sine parts at the drive's frequency.
+    /// Cosine and sine sums at the drive's frequency.
     first: [f32; 2],
     accelerations: f32,
-    /// Samples, and those of them that were blanked.
+    /// Number of samples.
     weight: f32,
+    /// Number of blanked samples.
     blanked: f32,
 }
 
@@ -211,7 +225,7 @@ impl Sums {
         blanked: 0.0,
     };
 
-    /// Adds so much of a sample.
+    /// Adds a sample with this weight.
     #[inline(always)]
     fn add(&mut self, share: f32, [by_cosine, by_sine]: [f32; 2], swing: f32) {
         self.first[0] += share * by_cosine;
@@ -221,16 +235,17 @@ impl Sums {
     }
 }
 
-/// The signal path: configuration, oscillator, demodulator and onset detector.
+/// Signal path: configuration, oscillator, demodulator and onset detector.
 ///
-/// The ringing of an impact begins at once and dies slowly, which would add to what the demodulator finds: 4.7 % of the
-/// amplitude for 24 parts that strike together and ring at 800 Hz. So the samples in which an impact still rings
-/// ([`OnsetDetector::rings`]) are blanked, up to a third of a cycle: the last cycle's swing stands for them, with no say in the new one.
-/// That leaves 0.3 % at most of 24 parts, at 800 Hz and at 2.4 kHz, where the amplitude is steady; where it changes
-/// quickly, what is blanked weighs on the measured change.
+/// The ringing of an impact biases the demodulated amplitude: by 4.7 % for 24 parts that strike
+/// together and ring at 800 Hz. The demodulator therefore blanks the samples in which an impact
+/// rings ([`OnsetDetector::rings`]), up to a third of a cycle. The last cycle's tone replaces them,
+/// without effect on the new estimate. At a steady amplitude at most 0.3 % of bias remains for 24
+/// parts, at 800 Hz and at 2.4 kHz. A quickly changing amplitude is measured less accurately.
 ///
 /// Deadline: one sample (50 us); the sample interrupt calls [`Signal::sample`] and nothing else. A
-/// missed sample shifts the drive's phase, which the demodulator then measures with everything else.
+/// missed sample shifts the drive's phase, which the demodulator then measures with everything
+/// else.
 ///
 /// ```
 /// use kband::control::{AdcCode, Settings, Signal};
@@ -241,7 +256,7 @@ impl Sums {
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
 ///
-/// What it makes of an acceleration:
+/// Demodulation of an acceleration:
 ///
 /// ```
 /// use kband::arithmetic::sine_cosine_single;
@@ -267,29 +282,29 @@ pub struct Signal {
     zero: f32,
     full: u16,
     phase: Phase,
-    /// Of this cycle, and of the next.
+    /// Timing of this cycle, and of the next.
     pace: Pace,
     next_pace: Pace,
-    /// The output along sine and cosine of the phase.
+    /// Output along sine and cosine of the phase.
     amplitude: [f32; 2],
-    /// Tones of the output above the first, and how many the drive affords: for these the demodulator looks too.
+    /// Upper tones of the output, and the number that the drive can make; as many are demodulated.
     overtones: [Overtone; UPPER],
     upper: usize,
     pending: Command,
-    /// Its output along sine and cosine.
+    /// Output of the pending command along sine and cosine.
     next_amplitude: [f32; 2],
-    /// Mean of the last cycle, taken off before demodulation so that gravity does not leak into it.
+    /// Mean of the last cycle; its subtraction keeps gravity out of the demodulation.
     mean: f32,
     sums: Sums,
-    /// Of the cosine and sine parts at multiples of the drive's frequency.
+    /// Cosine and sine sums at multiples of the drive's frequency.
     multiples: [[f32; 2]; UPPER],
-    /// What the last whole cycle had, cosine and sine part, of each tone.
+    /// Cosine and sine parts of each tone in the last whole cycle.
     found: [[f32; 2]; 1 + UPPER],
-    /// Extremes and counts of the cycle under way.
+    /// Extremes and counts of the current cycle.
     readings: Readings,
-    /// The cycle under way and the last whole one, in turns: nothing is copied where one ends.
+    /// Current and last whole cycle, alternating, which avoids copies.
     cycles: [Cycle; 2],
-    /// Which of them is the whole one.
+    /// Index of the whole one.
     whole: u8,
     detector: OnsetDetector,
     fold: Fold,
@@ -297,7 +312,7 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// The signal path these settings describe, drive off; the refusal names the parameter.
+    /// Signal path for these settings, with the drive off; the error names the refused parameter.
     pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
         settings.check()?;
         let full = ((1_u32 << settings.converter_bits as u32) - 1) as u16;
@@ -362,10 +377,10 @@ impl Signal {
         },
     };
 
-    /// Takes the reading of one sample, gives the output to hold until the next.
+    /// Processes the reading of one sample; returns the output to hold until the next.
     #[inline]
     pub fn sample(&mut self, code: AdcCode) -> Sampled {
-        // One path for each number of tones, so that a tone that is not made costs nothing.
+        // One instance per number of tones: unused tones cost nothing.
         match self.upper {
             0 => self.take::<0>(code),
             1 => self.take::<1>(code),
@@ -373,7 +388,8 @@ impl Signal {
         }
     }
 
-    /// As [`Signal::sample`], with so many tones above the first; called, so that an image has each path once.
+    /// As [`Signal::sample`], with this number of upper tones; not inlined, so each instance exists
+    /// once.
     #[inline(never)]
     fn take<const TONES: usize>(&mut self, code: AdcCode) -> Sampled {
         let before = self.phase;
@@ -381,8 +397,8 @@ impl Signal {
         let wrapped = self.phase.bits() < before.bits();
         let acceleration = (f32::from(code.0) - self.zero) * self.scale;
         let (sine, cosine) = sine_cosine_single(self.phase);
-        // The nth tone's acceleration is n^2 times as large, and the detector's high-passes leave n^2 times as
-        // much of it: what the cycle before had of them is taken off before them.
+        // The nth tone's acceleration is n^2 times as large. The high-passes also pass n^2 times as
+        // much of it. The tones of the last cycle are therefore subtracted first.
         let turns: [[f32; 2]; TONES] = multiples(sine, cosine);
         let mut explained = 0.0;
         for ([cosine, sine], [by_cosine, by_sine]) in turns.iter().zip(&self.found[1..]) {
@@ -400,7 +416,7 @@ impl Signal {
         let mut swing = acceleration - self.mean;
         let blanked = self.detector.rings() && self.sums.blanked < self.pace.most_blanked;
         if blanked {
-            // What was found before stands for it, and has no say in what is found.
+            // The last cycle's tone replaces the sample, without effect on the new estimate.
             let [by_cosine, by_sine] = self.found[0];
             swing = by_cosine * cosine + by_sine * sine;
             if TONES > 0 {
@@ -410,7 +426,7 @@ impl Signal {
         }
         let (by_cosine, by_sine) = (swing * cosine, swing * sine);
         if wrapped {
-            // The sample stands for the interval that it ends; the wrap parts it between two cycles.
+            // A sample represents the interval that it ends; the wrap splits it between two cycles.
             let share = self.phase.bits() as f32 * self.pace.inverse;
             let rest = 1.0 - share;
             self.add(&turns, rest * swing);
@@ -434,7 +450,7 @@ impl Signal {
         if let Some(strength) = heard {
             let [first, second] = &mut self.cycles;
             let running = if self.whole == 0 { second } else { first };
-            // The ringing rises over the threshold within its first two samples: half of them on average.
+            // The ringing exceeds the threshold within two samples, on average after one.
             let _ = running.heard.push(Heard {
                 phase: before,
                 strength,
@@ -448,7 +464,7 @@ impl Signal {
         Sampled { output, wrapped }
     }
 
-    /// Adds a share of a sample to what is found at multiples of the drive's frequency.
+    /// Adds a weighted sample to the sums at multiples of the drive's frequency.
     #[inline(always)]
     fn add(&mut self, turns: &[[f32; 2]], swing: f32) {
         for (sums, turn) in self.multiples.iter_mut().zip(turns) {
@@ -463,7 +479,7 @@ impl Signal {
         let blanked = ended.blanked;
         let inverse = 1.0 / (ended.weight - blanked);
         let [first, second] = &mut self.cycles;
-        // The one that ends, and the one before it, whose place is the next one's.
+        // The cycle that ends, and the one before it, whose memory the next cycle uses.
         let (cycle, before) = if self.whole == 0 {
             (second, first)
         } else {
@@ -501,16 +517,16 @@ impl Signal {
         self.pace = self.next_pace;
     }
 
-    /// The last whole cycle.
+    /// Last whole cycle.
     #[must_use]
     pub fn cycle(&self) -> &Cycle {
         &self.cycles[usize::from(self.whole & 1)]
     }
 
-    /// What the drive is to do from the next cycle on, or at once if the command says so.
+    /// Sets the command for the next cycle; applies it now if it is immediate.
     pub fn command(&mut self, command: Command) {
         self.pending = command;
-        // Here and not where the cycle ends: that sample is the dearest.
+        // Computed here, as the sample at the cycle's end is the most expensive.
         self.next_pace = Pace::of(command.step, command.whole);
         let (sine, cosine) = sine_cosine_single(command.lead);
         self.next_amplitude = [command.amplitude * cosine, command.amplitude * sine];
@@ -534,14 +550,14 @@ impl Signal {
         self.phase
     }
 
-    /// Acceleration in m/s^2 that one step of the converter stands for.
+    /// Resolution of the converter in m/s^2.
     #[must_use]
     pub fn resolution(&self) -> f32 {
         self.scale
     }
 }
 
-/// Cosine and sine of twice a phase, three times, and so on, from those of the phase (Chebyshev's recurrence).
+/// Cosine and sine of the multiples of a phase, from twice on, by Chebyshev's recurrence.
 #[inline(always)]
 fn multiples<const TONES: usize>(sine: f32, cosine: f32) -> [[f32; 2]; TONES] {
     let mut turns = [[0.0; 2]; TONES];
@@ -564,14 +580,14 @@ mod tests {
     use super::*;
     use crate::control::settings::Settings;
 
-    /// Middle of the converter's range, which is rest.
+    /// Middle of the converter's range: rest.
     const REST: AdcCode = AdcCode(2048);
 
     fn signal() -> Signal {
         Signal::build(&Settings::default()).unwrap()
     }
 
-    /// Runs on to the end of a cycle, with these readings.
+    /// Runs to the end of a cycle with these readings.
     fn cycle(signal: &mut Signal, code: AdcCode) -> Cycle {
         while !signal.sample(code).wrapped {}
         signal.cycle().clone()
@@ -581,7 +597,7 @@ mod tests {
     fn readings_at_either_end_of_the_converter_are_saturated() {
         for (code, counts) in [(0, true), (1, false), (4094, false), (4095, true)] {
             let mut signal = signal();
-            // The sample that ends a cycle is one of the next one's readings.
+            // The sample that ends a cycle counts among the next cycle's readings.
             cycle(&mut signal, AdcCode(code));
             let seen = cycle(&mut signal, AdcCode(code));
             assert_eq!(
@@ -604,7 +620,7 @@ mod tests {
         cycle(&mut signal, REST);
         let loudest = (0..400).fold(0.0_f32, |most, _| most.max(signal.sample(REST).output));
         assert!(loudest > 0.49, "{loudest}");
-        // One command drives, another waits for the end of the cycle.
+        // One command is active, another waits for the end of the cycle.
         signal.command(Command {
             amplitude: 0.9,
             ..command
@@ -640,7 +656,7 @@ mod tests {
             signal.sample(REST);
         }
         let before = signal.phase();
-        // A blow that rings: far over the threshold at once.
+        // An impact far above the threshold.
         signal.sample(AdcCode(2048 + 1500));
         for n in 0..20 {
             let ring = if n % 2 == 0 { 700 } else { 3400 };

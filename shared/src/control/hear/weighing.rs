@@ -1,23 +1,23 @@
-//! When the weight of the parts is news.
+//! Events on changes of the load: a dead band around the last reported value, and a rate limit.
 
 use super::load::Load;
 use crate::control::state::Event;
 
-/// Seconds between two events of the weighing: the log of a board holds 64 of all kinds.
+/// Minimum time between two events, in s: the log of a board holds 64 of all kinds.
 const APART: f32 = 10.0;
-/// Change of mass or flow that is news, over what was told.
+/// Relative change of mass or flow, against the last reported value, that triggers an event.
 const CHANGED: f32 = 0.1;
 
-/// What was told last of the parts' weight.
+/// Last reported load.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Weighing {
     told: Option<Load>,
-    /// Drive cycles that have to pass before anything is told again.
+    /// Drive cycles until the next event is allowed.
     wait: f32,
 }
 
 impl Weighing {
-    /// Takes what a drive cycle at `frequency` (Hz) weighed; what is to be told of it.
+    /// Compares the load of one drive cycle with the last reported one; `frequency` in Hz.
     pub fn cycle(&mut self, load: Option<Load>, frequency: f32) -> Option<Event> {
         if self.wait > 0.0 {
             self.wait -= 1.0;
@@ -53,7 +53,7 @@ mod tests {
         })
     }
 
-    /// Cycles and events of what `weighed` says over so many cycles at 50 Hz.
+    /// Events with their cycle, for loads by cycle at 50 Hz.
     fn told(cycles: u32, weighed: impl Fn(u32) -> Option<Load>) -> Vec<(u32, Event)> {
         let mut weighing = Weighing::default();
         let event = |cycle| Some((cycle, weighing.cycle(weighed(cycle), 50.0)?));
@@ -76,7 +76,7 @@ mod tests {
             (6000, Event::NotWeighed),
         ];
         assert_eq!(told(9000, steps), expected);
-        // A flow alone, as where the speed changes.
+        // Only the flow changes, as with the speed.
         let faster = |cycle| {
             load(500.0).map(|load| Load {
                 flow: if cycle < 1000 { 80.0 } else { 89.0 },
@@ -87,7 +87,7 @@ mod tests {
         assert_eq!(told(3000, faster), expected);
     }
 
-    /// A mass that comes and goes, or leaps, fills no log: one record in ten seconds.
+    /// A mass that flickers or jumps does not fill the log: one record in ten seconds.
     #[test]
     fn the_rate_is_bounded() {
         let leaps = told(50_000, |cycle| load(100.0 + f32::from(cycle as u8)));
@@ -97,7 +97,7 @@ mod tests {
             let apart = events.windows(2).map(|pair| pair[1].0 - pair[0].0);
             assert!(apart.min() > Some(500));
         }
-        // What was lost for less than that is not told.
+        // A shorter loss gives no event.
         let short = told(3000, |cycle| {
             load(500.0).filter(|_| !(100..300).contains(&cycle))
         });

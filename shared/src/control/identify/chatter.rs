@@ -1,26 +1,28 @@
-//! Chatter of a part that the track throws from rest once a cycle, by the map.
+//! Predicts the chatter of a part that the track throws from rest once a cycle.
+//!
+//! The map computes impact after impact; the rest time is extrapolated as a geometric series.
 
 use core::f32::consts::TAU;
 
 use crate::impact::{Hybrid, Kernel, LATE, Release};
 
-/// Impacts that are followed; what is left of a chatter then is not heard.
+/// Largest number of predicted impacts; further ones are too faint for detection.
 pub const IMPACTS: usize = 16;
 
-/// The impacts of one part from its first landing until it rests.
+/// Impacts of one part from its first landing until it rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chatter {
-    /// Phase of the first landing in rad, counted on from the cycle of the lift-off.
+    /// Phase of the first landing in rad, counted from the cycle of the lift-off.
     pub landing: f32,
     lift_off: f32,
-    /// Time from the first landing until the part rests in rad; infinite where it does not.
+    /// Time from the first landing to rest, in rad; infinite where it never rests.
     pub rest: f32,
-    /// Time from the first landing in rad, and speed over that of the first.
+    /// Time from the first landing in rad, and speed over that of the first impact.
     impacts: [(f32, f32); IMPACTS],
 }
 
 impl Chatter {
-    /// The chatter of a part of this restitution, thrown from rest at k; `None` where it is not thrown.
+    /// Predicts the chatter at k and this restitution; `None` where the part is not thrown.
     #[inline(never)]
     pub fn of(k: f64, restitution: f32) -> Option<Self> {
         let restitution = restitution.max(1e-3);
@@ -50,7 +52,7 @@ impl Chatter {
                 rest = time + flight * restitution / (1.0 - restitution);
                 break;
             }
-            // What it still hops is nearly a geometric series.
+            // Remaining hops form nearly a geometric series.
             rest = time + flight / (1.0 - restitution).max(0.02);
         }
         if time > TAU {
@@ -64,14 +66,14 @@ impl Chatter {
         })
     }
 
-    /// Whether the part comes to rest before the track throws it anew.
+    /// Whether the part rests before its next lift-off.
     #[must_use]
     pub fn rests(&self) -> bool {
         self.landing + self.rest < TAU + self.lift_off
     }
 
-    /// The impacts: time from the first landing in rad, infinite where there is none, and speed over that of
-    /// the first.
+    /// Impacts: time from the first landing in rad (infinite: none), and speed over that of the
+    /// first.
     pub fn impacts(&self) -> &[(f32, f32); IMPACTS] {
         &self.impacts
     }

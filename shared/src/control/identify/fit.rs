@@ -1,9 +1,12 @@
-//! Which restitution the folds of a chatter stand for: the one whose train of impacts, by the map, explains most
-//! of them.
+//! Estimates the restitution that explains the folds of a chatter best, by the least residual.
 //!
-//! Every impact of a part rings the track alike, only the more weakly the slower it is, so a fold is one
-//! unknown ringing at the times and with the strengths that k and the restitution give. The ringing is looked for in
-//! the first landing alone, which k decides; then each restitution is tried with it.
+//! All impacts of a part ring alike, with a height proportional to speed. A fold is therefore one
+//! unknown ringing at the times and strengths that k and R predict.
+//!
+//! Method: separable nonlinear least squares (variable projection, Golub and Pereyra 1973). The
+//! ringing's height is eliminated linearly. Decay and frequency start from a grid and improve by
+//! Gauss-Newton steps. The restitution comes from a grid of [`TRIED`] values and a parabola.
+//! Evidence is the log likelihood ratio of the residuals, summed over the folds.
 
 use core::f32::consts::{PI, TAU};
 
@@ -12,70 +15,71 @@ use super::train::{Explained, Pulse, SampledRinging, explain, leaked};
 use crate::arithmetic::Phase;
 use crate::control::hear::{HANDED, Layout, PLACES};
 
-/// Time from the beginning of a fold to the first landing that is expected, in rad. At 0.35 and 0.7
-/// `restitution_is_found_within_two_hundredths_from_sixty_four_hops_in_noise` fails.
+/// Time from the beginning of a fold to the expected first landing, in rad.
 pub const BEFORE: f32 = 0.5;
-/// How much earlier or later it may be, in rad: what 1.5 % of k moves it at most. And at most in samples, which bounds
-/// the work where the drive is slow.
+/// Largest shift of the first landing, in rad: an error of 1.5 % of k moves it at most this far.
 const EARLY: f32 = 0.1;
-/// From 2 to 16 every test passes.
+/// Upper limit of that shift, in samples; it bounds the work at low frequencies.
 const MOST_EARLY: f32 = 8.0;
-/// Restitutions that are tried between the bounds: over half of the whole range they are 0.004 apart, which is what
-/// half a sample of the first landing moves a result.
+/// Number of restitutions on the grid: 0.004 apart over half of the range, the error of half a
+/// sample.
 const TRIED: usize = 128;
-/// How far beyond the bounds, which 1 % of k moves by up to 0.015; and the least restitution of all.
+/// Extension of the grid beyond its bounds, which an error of 1 % of k moves by up to 0.015.
 const BEYOND: f32 = 0.02;
+/// Lowest restitution of the grid.
 const LEAST: f32 = 0.02;
-/// Ringings that are tried at first: angles per sample, for 480 Hz to 9.6 kHz in steps that the fit of a change
-/// bridges, and samples that they last, for 0.3 to 3.2 ms.
+/// Lowest frequency on the grid of ringings, in rad per sample: 480 Hz.
 const ANGLE: f32 = 0.15;
+/// Step of that grid, in rad per sample, which the Gauss-Newton steps bridge.
 const ANGLE_STEP: f32 = 0.08;
+/// Number of frequencies on the grid: up to 9.6 kHz.
 const ANGLES: u16 = 37;
+/// Decay times on the grid, in samples: 0.3 to 3.2 ms.
 const LASTING: [f32; 4] = [6.0, 14.0, 30.0, 64.0];
-/// Rounds of finding the first landing and its ringing; the steps of the last are a sixth of a sample. One is
-/// enough for every test.
+/// Number of alternating rounds for first landing and ringing; the last round's steps are a sixth
+/// of a sample.
 const ROUNDS: u16 = 4;
-/// Restitution of a part whose second impact ends the first landing's own time, unless the bounds say more,
-/// and the least of that time in samples: a millisecond.
+/// Lowest restitution for the interval between first and second impact, within which the ringing is
+/// fitted.
 const DEADEST: f32 = 0.14;
+/// Minimum length of that interval, in samples: one millisecond.
 const ALONE: f32 = 20.0;
-/// Half a sample earlier, at, and later than the first landing that was found.
+/// Number of onsets tried per restitution: half a sample before, at, and after the first landing.
 const SHIFTS: u16 = 3;
-/// What the impacts explain over what is left, per place and unit of noise, from which on they are heard: three
-/// times what the best of all ringings explains of noise alone, 25.
+/// Threshold on the explained over the residual sum of squares per place: three times the 25 of the
+/// best ringing on noise.
 const AUDIBLE: f32 = 80.0;
-/// What is left over what noise alone leaves, and over what the first landing alone leaves: above both, it is
-/// not a chatter of the map. Tuned: with looser ones, `noise_is_quiet_and_parts_of_two_kinds_are_not_one` fails.
+/// Largest residual over that of noise alone for a chatter of the map.
 const NOISE: f32 = 8.0;
+/// Largest residual over that of the first landing alone for a chatter of the map.
 const UNLIKE: f32 = 0.25;
-/// How far apart restitutions are rivals: three times the largest standard error of a result. From 0.01 to 0.2
-/// every test passes.
+/// Minimum distance of a rival restitution: three times the largest standard error of a result.
 const APART: f32 = 0.03;
 
-/// What is being done.
+/// Stage of the comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
-    /// The ringing of the first landing, the n-th of those tried.
+    /// Fit of the first landing's ringing, n-th grid point.
     Ringing(u16),
-    /// Its time, in the n-th round.
+    /// Search for its time, n-th round.
     Onset(u16),
-    /// The train of each restitution, the n-th of those tried.
+    /// Fit of a train, n-th pair of restitution and onset.
     Trains(u16),
     Done,
 }
 
-/// What a fold was found to be.
+/// Classification of a fold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
-    /// The chatter of parts of this restitution.
+    /// Chatter of parts with this restitution.
     Heard(f32),
-    /// Noise.
+    /// Noise only.
     Quiet,
-    /// Neither.
+    /// Neither chatter of the map nor noise.
     Unlike,
 }
 
-/// What explains most.
+/// Best fit so far.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Best {
     explained: Explained,
@@ -83,7 +87,7 @@ struct Best {
     onset: f32,
 }
 
-/// A fold's circumstances.
+/// State of the drive during a fold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Circumstances {
     /// Measured k.
@@ -94,7 +98,7 @@ pub struct Circumstances {
     pub step: u32,
 }
 
-/// The comparison of folds with the chatter of every restitution, slice by slice.
+/// Comparison of folds with the predicted chatter of every restitution, in slices.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
     folded: [f32; PLACES],
@@ -103,28 +107,30 @@ pub struct Fit {
     per_radian: f32,
     normal_gravity: f32,
     k: f64,
-    /// Lowest restitution that is tried, and the step to the next.
+    /// Lowest restitution of the grid, and its step.
     lowest: f32,
     apart: f32,
     stage: Stage,
     ringing: Option<SampledRinging>,
-    /// Samples from the beginning of the fold to the first landing, and to the end of its own time.
+    /// Samples from the beginning of the fold to the first landing, and from there to the second
+    /// impact.
     onset: f32,
     alone: f32,
-    /// What explains most so far of this fold.
+    /// Best fit to this fold so far.
     best: Option<Best>,
     verdict: Verdict,
-    /// What each restitution leaves of this fold, and the logarithms of that, over the least, of all heard.
+    /// Residual of each restitution in this fold.
     left: [f32; TRIED],
+    /// Log ratios of the residual to the least one, summed over all folds with a chatter.
     sums: [f32; TRIED],
-    /// The same of the first landing alone.
+    /// The same sum for the first landing alone.
     alone_sum: f32,
-    /// Share of the measured amplitude that is the impacts' ringing; `None` until it is known.
+    /// Share of the impacts' ringing in the measured amplitude; `None` before its estimate.
     leak: Option<f32>,
 }
 
 impl Fit {
-    /// Nothing compared yet.
+    /// Comparison without any fold.
     pub const NEW: Self = Self {
         folded: [0.0; PLACES],
         layout: Layout::NONE,
@@ -145,7 +151,8 @@ impl Fit {
         leak: None,
     };
 
-    /// Tries the restitutions of parts that rest each cycle at the first k and do not at the second.
+    /// Sets the grid: restitutions of parts that rest each cycle at the first k but not at the
+    /// second.
     pub fn among(&mut self, (rest, astray): (f64, f64)) {
         let dead = |k: f64| {
             let (mut low, mut high) = (0.0, 1.0);
@@ -164,7 +171,7 @@ impl Fit {
         self.apart = (highest - self.lowest).max(2.0 * BEYOND) / (TRIED - 1) as f32;
     }
 
-    /// Takes some places of a fold.
+    /// Stores some places of a fold, from index `first`.
     pub fn put(&mut self, first: usize, residual: &[f32; HANDED]) {
         for (n, value) in residual.iter().enumerate() {
             if let Some(slot) = self.folded.get_mut(first + n) {
@@ -173,7 +180,7 @@ impl Fit {
         }
     }
 
-    /// Begins the comparison of the fold that was put in.
+    /// Begins the comparison of the stored fold.
     pub fn begin(&mut self, fold: Circumstances) {
         self.layout = Layout::of(fold.step);
         self.per_radian = Phase::TURN as f32 / (TAU * fold.step.max(1) as f32);
@@ -191,7 +198,7 @@ impl Fit {
         };
     }
 
-    /// One slice, at most 0.3 million instructions; whether more are to be done.
+    /// Runs one slice of at most 0.3 million instructions; returns whether it did any work.
     pub fn step(&mut self) -> bool {
         self.stage = match (self.stage, self.ringing) {
             (Stage::Done, _) => return false,
@@ -203,7 +210,7 @@ impl Fit {
         true
     }
 
-    /// Whether there is more to do.
+    /// Whether the comparison is unfinished.
     #[must_use]
     pub fn busy(&self) -> bool {
         self.stage != Stage::Done
@@ -214,7 +221,7 @@ impl Fit {
             decay: 1.0 / LASTING[usize::from(n) % LASTING.len()],
             angle: ANGLE + ANGLE_STEP * f32::from(n / LASTING.len() as u16),
         };
-        // Faster ones are those again, in places that are more than a sample apart.
+        // Higher frequencies are aliases where places are more than a sample apart.
         let distinct = ringing.angle * (self.layout.stride as f32) < PI;
         let landing = BEFORE * self.per_radian;
         if distinct && let Some(onset) = self.landing(ringing, landing, 1.0, false) {
@@ -247,8 +254,8 @@ impl Fit {
         }
     }
 
-    /// Looks for the first landing around a time, in steps of so many samples; where it explains more than the
-    /// best so far.
+    /// Searches the first landing around `middle` in steps of `step` samples; returns an onset that
+    /// improves the best fit.
     fn landing(
         &mut self,
         ringing: SampledRinging,
@@ -272,9 +279,9 @@ impl Fit {
         found
     }
 
-    /// Takes what explains more than the best so far; whether it does.
+    /// Keeps a fit with a smaller relative residual; returns whether it was better.
     fn better(&mut self, explained: Explained, ringing: SampledRinging, onset: f32) -> bool {
-        // Shares, for the pieces of different onsets differ in length.
+        // Relative residuals, because the pieces differ in length with the onset.
         let better = self.best.is_none_or(
             |Best {
                  explained: best, ..
@@ -308,11 +315,12 @@ impl Fit {
         }
     }
 
-    /// The fold is compared with every restitution.
+    /// Classifies the fold and adds its log likelihood ratios; the first chatter also estimates the
+    /// leak.
     fn conclude(&mut self) -> Stage {
         self.verdict = self.judge();
         let (Verdict::Heard(restitution), Some(best)) = (self.verdict, self.best) else {
-            // Also what was taken for the ringing.
+            // The ringing is discarded too.
             self.ringing = None;
             return Stage::Done;
         };
@@ -332,7 +340,7 @@ impl Fit {
         Stage::Done
     }
 
-    /// What the first landing alone explains, with the ringing of what explains most.
+    /// Fit of the first landing alone, with the ringing of the best fit.
     fn alone(&self, best: &Best) -> Explained {
         let landing = [(best.onset, 1.0)];
         let stride = self.layout.stride;
@@ -360,7 +368,7 @@ impl Fit {
         }
     }
 
-    /// Mean square of the fold while the part is in the air.
+    /// Variance of the fold before the first landing, while the parts fly.
     fn noise(&self) -> f32 {
         let quiet = (BEFORE - 1.5 * EARLY) * self.per_radian / self.layout.stride as f32;
         let places = self.places();
@@ -371,7 +379,8 @@ impl Fit {
         squares / (count - 1.0)
     }
 
-    /// What the ringing of the impacts adds to the measured amplitude, and so takes off k, as a share.
+    /// Relative bias of the measured amplitude by the impacts' ringing, which lowers the measured
+    /// k.
     fn leak(&self, restitution: f32, best: &Best) -> f32 {
         let Some(chatter) = Chatter::of(self.k, restitution) else {
             return 0.0;
@@ -395,26 +404,27 @@ impl Fit {
         &self.folded[..self.layout.places.min(PLACES)]
     }
 
-    /// The impacts of a chatter that lands first at this sample; those that it has not come after any fold.
+    /// Impacts of a chatter with its first landing at this sample; missing impacts are infinitely
+    /// late.
     fn train(&self, chatter: &Chatter, onset: f32) -> [Pulse; IMPACTS] {
         let impacts = *chatter.impacts();
         impacts.map(|(time, speed)| (onset + time * self.per_radian, speed))
     }
 
-    /// What the last fold was found to be.
+    /// Classification of the last fold.
     #[must_use]
     pub fn last(&self) -> Verdict {
         self.verdict
     }
 
-    /// The restitution that all folds heard so far stand for.
+    /// Restitution with the least residual over all folds with a chatter.
     #[must_use]
     pub fn all(&self) -> Option<f32> {
         lowest(&self.sums).map(|place| self.lowest + self.apart * place)
     }
 
-    /// How much less that restitution leaves than its best rival: a logarithm, summed over the folds heard, times
-    /// the places of a fold.
+    /// Twice the log likelihood ratio of that restitution to its best rival, over all folds with a
+    /// chatter.
     #[must_use]
     pub fn evidence(&self) -> f32 {
         let Some(found) = self.all() else {
@@ -433,8 +443,10 @@ impl Fit {
         (rival - best) * self.layout.places as f32
     }
 
-    /// How much less that restitution leaves than the first landing alone, likewise: of parts that scatter only that repeats, and
-    /// every train of impacts leaves more than it, the one least that is heard least.
+    /// The same ratio to the first landing alone.
+    ///
+    /// It is negative for parts that scatter: only their first landing repeats, so every train fits
+    /// worse.
     #[must_use]
     pub fn evidence_of_a_train(&self) -> f32 {
         let best = self.sums.iter().copied().fold(f32::INFINITY, f32::min);
@@ -442,7 +454,7 @@ impl Fit {
     }
 }
 
-/// The place of the lowest, between two by a parabola.
+/// Index of the least value, interpolated by a parabola.
 fn lowest(values: &[f32]) -> Option<f32> {
     let (mut place, mut least) = (None, f32::INFINITY);
     for (index, &value) in values.iter().enumerate() {
@@ -456,7 +468,7 @@ fn lowest(values: &[f32]) -> Option<f32> {
         (Some(below), Some(above)) => 0.5 * (below - above) / (below - 2.0 * least + above),
         _ => 0.0,
     };
-    // Not a number where all are alike.
+    // NaN where all values are equal.
     let between = (-0.5..=0.5).contains(&apart);
     Some(place as f32 + if between { apart } else { 0.0 })
 }
@@ -470,7 +482,7 @@ mod tests {
     use crate::control::hear::OnsetDetector;
     use crate::plant::Noise;
 
-    /// The chatter of some parts at k, heard in noise over one cycle, with a ringing that lasts for some samples.
+    /// Chatter of several parts at k in noise over one cycle; the ringing lasts `lasting` samples.
     fn fold(k: f64, restitutions: &[f32], lasting: f32, noise: f32, seed: u64) -> Vec<f32> {
         let (mut detector, mut source) = (OnsetDetector::new(0.01), Noise::new(seed));
         let per_radian = 20_000.0 / (TAU * 50.0);
@@ -501,7 +513,7 @@ mod tests {
         }
         fit.begin(Circumstances {
             k,
-            // So strong that the ringing adds nothing to what was measured.
+            // So large that the ringing adds nothing to the measured amplitude.
             normal_gravity: 1e6,
             step: phase_step(50.0),
         });
@@ -530,8 +542,8 @@ mod tests {
                 let Verdict::Heard(found) = verdict else {
                     panic!("{k} {lasting}: {verdict:?}");
                 };
-                // The folds are the map's own: noise of a hundredth of the first ringing, and the half
-                // sample (0.004 in restitution) to which the first landing is known.
+                // The folds come from the map. Errors: noise of a hundredth of the first ringing,
+                // and half a sample of the onset (0.004 in R).
                 assert!(
                     (found - restitution).abs() < 0.005,
                     "{k} {lasting}: {found}"

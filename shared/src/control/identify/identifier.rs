@@ -1,15 +1,15 @@
-//! Identification: the restitution of parts from the sound of their chatter.
+//! Identifies the restitution of the parts from their chatter, as a sequence of drive levels.
 //!
-//! A part at rest is thrown off at arcsin k and lands after a flight that k alone decides; the intervals
-//! to its further impacts, shorter and shorter until it rests, depend on its restitution. What is
-//! heard of them is folded over the cycles and compared with the chatter that the map on board computes
-//! for every restitution. (In the limit of short hops the ratio of successive intervals is R itself.)
+//! A part at rest is thrown off at arcsin k and lands after a flight that depends on k alone. The
+//! intervals to its further impacts depend on its restitution. The residual is folded over the
+//! cycles. Each fold is compared with the chatter that the map predicts for every restitution. (For
+//! short hops the ratio of successive intervals is R itself.)
 //!
-//! The less k, the longer and louder the hops; but parts must come to rest before they are thrown
-//! anew. So it goes down from [`FIRST`], where even lively parts do, until impacts are heard where there
-//! are none of a part that rests; then it lets the parts rest, goes back to a k at which they did, and
-//! folds until one restitution explains what is heard better than any other. The spread of what the
-//! single folds say is the error that is told.
+//! A small k gives long and loud hops, but parts must rest before they are thrown anew. The search
+//! therefore descends from [`FIRST`] until impacts are detected while a resting part would fly.
+//! Then the parts come to rest, k returns to a level with rest, and folds are measured there. It
+//! ends when one restitution exceeds every other by a likelihood ratio. The standard error comes
+//! from the spread of the single folds.
 
 use core::f32::consts::TAU;
 
@@ -22,212 +22,219 @@ use crate::control::angle::phase_of;
 use crate::control::hear::{Cycle, GearMargin};
 use crate::control::hear::{HANDED, Layout};
 
-/// k at which it begins: a part of R = 0.84 still rests each cycle there.
+/// k of the first level: a part of R = 0.84 still rests each cycle there.
 pub const FIRST: f64 = 0.87;
-/// Ratio of k from one level to the next: a step less than the 4 to 9 % by which [`back`] ends above the k at
-/// which parts cease to rest.
+/// Ratio of k between successive levels: a smaller step than the 4 to 9 % by which [`back`]
+/// overshoots.
 const STRIDE: f64 = 0.965;
-/// Lowest k of the way down. Parts that are not heard astray even here are dead ones, of R = 0.25 at most, which
-/// rest each cycle at [`back`] of it.
+/// Lowest k of the descent: parts that still rest there have R up to 0.25, and rest at its [`back`]
+/// too.
 const LOWEST: f64 = 0.42;
-/// k at which the parts are let rest: above the last lock of order 1 for R up to 0.8, which ends at
-/// k = (1 + R)/(pi (1 - R)) (docs/theory-bands.md#t5.2).
+/// k at which the parts come to rest, above the last lock of order 1 for R up to 0.8
+/// (docs/theory-bands.md#t5.2).
+///
+/// That lock ends at k = (1 + R)/(pi (1 - R)).
 const REST_K: f64 = 3.0;
-/// Cycles at an amplitude before it counts: four time constants of a kick, and of the drive at Q = 25 more than
-/// two, beyond those until the amplitude is [`NEAR`].
+/// Time within [`NEAR`] before a level counts, in drive cycles: four time constants of a kick,
+/// above two of the drive at Q = 25.
 const SETTLING: u8 = 20;
-/// Cycles of listening at a level.
+/// Duration of the check at a level, in drive cycles.
 const LISTENED: u8 = 20;
-/// Impacts astray among them from which on the parts do not rest each cycle: one or two may be noise.
+/// Number of impacts during flight that shows parts without rest: one or two may be noise.
 const ASTRAY: u8 = 3;
-/// What is not counted as astray, in rad: impacts this little before lift-off, where a late chatter still ends, and
-/// this little before the first landing, which error of k (1 %: 0.1 rad) and of the stamp (0.05 rad) may shift.
+/// Tolerance before lift-off, in rad, for the end of a late chatter.
 const BEFORE_LIFT_OFF: f32 = 0.5;
+/// Tolerance before the first landing, in rad, for errors of k (1 %: 0.1 rad) and of the stamp
+/// (0.05 rad).
 const BEFORE_LANDING: f32 = 0.3;
-/// Cycles of a fold, each with one hop of every part: a quarter of the noise is left of them.
+/// Drive cycles per fold, each with one hop of every part: a quarter of the noise remains.
 const FOLDED: u16 = 16;
-/// Folds on which a result stands at least, one at each k of the [`SPREAD`], and most that are made: half as many
-/// where nothing is heard.
+/// Minimum number of folds for a result, one at each k of the [`SPREAD`].
 const FOLDS: usize = 4;
+/// Largest number of folds; half as many where only noise is measured.
 const MOST: usize = 16;
-/// How much of k the folds spread over, so that the ringings of two impacts meet in every phase: 5 % of k moves
-/// the second impact against the first by 0.05 rad (R = 0.1) to 0.11 rad (R = 0.8), and half a turn of the default
-/// ringing is 0.065 rad at 50 Hz.
+/// Relative range of k over the folds: moves the second impact by 0.05 to 0.11 rad, about half a
+/// period of the ringing.
+///
+/// That shift holds for R = 0.1 to 0.8; half a period of the default ringing is 0.065 rad at 50 Hz.
+/// The ringings of two impacts then meet in every phase.
 const SPREAD: f64 = 0.05;
-/// How much higher than measured k may be where parts rest: their ringing adds to the measured amplitude, 1.5 % for
-/// 24 of them at 2.4 kHz (see [`Signal`](crate::control::Signal)), and twice that is borne. From -0.03 to 0.06
-/// every test passes.
+/// Largest relative underestimate of k by the ringing of resting parts: twice the 1.5 % of 24 parts
+/// at 2.4 kHz (see [`Signal`](crate::control::Signal)).
 const RESTING: f64 = 0.03;
-/// How much lower than where parts were heard astray a k surely is at which they hop on. Tuned: without it,
-/// `restitution_is_found_within_two_hundredths_from_sixty_four_hops_in_noise` fails.
+/// Relative step below the k of the first impacts in flight at which parts surely do not rest.
 const HOPPING: f64 = 0.08;
-/// How much of the wanted amplitude may be missing: before it counts (1 %, as everywhere), while it does, and
-/// where the parts only are to rest.
+/// Largest relative error of the amplitude for settling: 1 %, as everywhere.
 const NEAR: f32 = 0.01;
+/// Largest relative error of the amplitude during a check or a fold.
 const AROUND: f32 = 0.03;
-/// At a `NEAR` of 0.003 or 0.03 identifications fail; from 0.005 to 0.2 and from 0.03 to 0.5 of the others none.
+/// Largest relative error of the amplitude while the parts come to rest.
 const NEAR_REST: f32 = 0.2;
-/// Evidence ([`Fit::evidence`]) from which on one restitution stands against every other: a likelihood ratio of
-/// e^24, for the evidence is twice its logarithm. From 0 to 96 every test passes.
+/// Threshold on twice the log likelihood ratio ([`Fit::evidence`]) for a result: a ratio of e^24.
 const EVIDENT: f32 = 48.0;
-/// Lowest restitution that is told from none: its second impact, 0.04 as fast as the first, is lost in what is left
-/// of that one's ringing.
+/// Lowest restitution separable from 0: its second impact, 0.04 as fast, drowns in the first one's
+/// ringing.
 const DEADEST: f32 = 0.04;
-/// Cycles after which it ends, whatever it waits for: some 20 levels on the way down and 16 folds, 40 to 70 cycles each, come
-/// to half as many where the amplitude holds still.
+/// Time limit in drive cycles: twice the need of some 20 levels and 16 folds, 40 to 70 cycles each.
 const LONGEST: u16 = 4000;
-/// Where parts come into gear from rest, for R about 0.3, 0.1 and 0.5 (docs/theory-real-parts.md#t10.1), and cycles for
-/// which it is waited there: a third of them in gear give a standard error of a tenth of the scatter.
+/// k at which parts enter gear from rest, for R about 0.3, 0.1 and 0.5
+/// (docs/theory-real-parts.md#t10.1).
 const GEARS: [f64; 3] = [0.46, 0.37, 0.55];
+/// Duration of that check, in drive cycles: a third of them in gear give a standard error of a
+/// tenth of the scatter.
 const CHECKED: u16 = 300;
-/// Largest standard error of what is heard in gear: that of 25 impacts at s = 0.10.
+/// Largest standard error of a restitution estimated in gear: that of 25 impacts at s = 0.10.
 const HEARD: f32 = 0.02;
-/// Standard error of a restitution heard in gear over the square of the scatter: impacts that keep the part in gear are others than those
-/// that lose it. At R = 0.1, s = 0.10 it is heard up to 0.04 too high.
+/// Standard error of the selection bias over s^2: certain impacts end gear, which biases R by up to
+/// 0.04 (R = s = 0.10).
 const CHOSEN: f32 = 2.0;
-/// Scatter heard that is none: what the stamps of a sample come to at 50 Hz, thrice.
+/// Largest estimated scatter that counts as none: three times the stamp error of a sample at 50 Hz.
 const STILL: f32 = 0.015;
-/// How far what is folded and what is heard in gear may be apart: the 1 % of k that an amplitude may be off is 0.01 in R.
+/// Largest difference between folds and gear for agreement; an amplitude error of 1 % of k is 0.01
+/// in R.
 const AGREES: f32 = 0.02;
-/// Parts counted from which on they are several: of one 0.5 to 1.05 are counted, of two 2.2, of three 3.0, of six 5.0.
+/// Threshold on the estimated number of parts for several; one part gives at most 1.05, two give
+/// 2.2.
 const SEVERAL: f32 = 1.5;
-/// Standard error of a folded result for the samples' width and for what is left of the ringing in k, times the square of the samples in
-/// a turn: 0.0018 at 50 Hz, 0.0072 at 100 Hz. The largest errors of 420 runs of one part were 0.0014 and 0.0067, of 84 of up to six
-/// 0.0049 at 50 Hz (docs/commissioning.md).
+/// Standard error of a folded result by sampling and remaining leak, times the squared number of
+/// samples per turn: 0.0018 at 50 Hz (docs/commissioning.md).
 const SAMPLED: f32 = 288.0;
-/// Largest standard error of a result: a lot of twice that to either side is as wide as the default one. At
-/// 0.001 and at 0.05 `what_is_no_chatter_of_one_restitution_is_said_to_be_none` fails.
+/// Largest standard error of a result: a lot of twice that to either side is as wide as the
+/// default.
 const ERROR: f32 = 0.01;
 
-/// A restitution found by listening.
+/// Identified restitution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Identified {
     /// Restitution normal to the track (symbol R).
     pub restitution: f32,
-    /// Its standard error, from the spread of the folds that it stands on.
+    /// Standard error of the restitution, from the spread of the folds.
     pub deviation: f32,
     /// k at which the parts hopped.
     pub k: f32,
-    /// Standard deviation of restitution from impact to impact (symbol s); 0 where none is heard.
+    /// Scatter of restitution from impact to impact (symbol s); 0 without detected scatter.
     pub scatter: f32,
-    /// Hops that it stands on.
+    /// Number of hops in the estimate.
     pub hops: u16,
 }
 
-/// Why a restitution was not found.
+/// Reason for a missing result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unidentified {
-    /// Nothing repeats every cycle: there are no parts, or they are not heard.
+    /// Nothing repeats every cycle: no parts, or impacts too faint for detection.
     Quiet,
-    /// What repeats is not the chatter of parts of one restitution.
+    /// A repeating signal that is not the chatter of one restitution.
     Unlike,
-    /// The parts are so dead, or scatter so near to that, that their second impact drowns in the ringing of the first.
+    /// Second impact lost in the ringing of the first: restitution near 0, or scatter near it.
     Dead,
-    /// Only their first landing repeats: their restitution scatters, from impact to impact or from part to part.
+    /// Only the first landing repeats: restitution scatters from impact to impact or from part to
+    /// part.
     Scattered,
-    /// The drive did not hold the amplitudes that were wanted still enough in the time allowed.
+    /// The drive did not hold the requested amplitudes within the time limit.
     Unsteady,
 }
 
-/// How far an identification has come.
+/// Progress of an identification.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Identification {
-    /// None was asked for.
+    /// Not requested.
     #[default]
     Idle,
-    /// Under way, with so many hops heard.
+    /// Running.
     Listening {
-        /// Hops heard so far.
+        /// Number of hops so far.
         hops: u16,
     },
-    /// Done.
+    /// Finished with a result.
     Found(Identified),
-    /// Done, without a result.
+    /// Finished without a result.
     NotFound(Unidentified),
 }
 
-/// What it is doing.
+/// Stage of the sequence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
-    /// Waiting for the amplitude, for so many cycles at it.
+    /// Settling of the amplitude: cycles within tolerance.
     Settling(u8),
-    /// Listening whether the parts rest, for so many cycles, with so many impacts astray.
+    /// Check whether the parts rest: cycles, and impacts during flight.
     Listening(u8, u8),
-    /// Folding from this phase of the output, for so many cycles.
+    /// Fold: start phase of the output, and cycles.
     Folding(Phase, u16),
-    /// Waiting for what was folded.
+    /// Transfer of the fold.
     Collecting,
-    /// Comparing it.
+    /// Comparison of the fold with the map.
     Comparing,
-    /// Listening to parts in gear, for so many cycles.
+    /// Check of parts in gear: cycles.
     Checking(u16),
 }
 
-/// What changed in a cycle.
+/// Effect of a drive cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
-    /// Nothing worth telling.
+    /// No change.
     Going,
-    /// It goes on at this k.
+    /// New level at this k.
     At(f64),
-    /// It is over.
+    /// Finished; whether with a result.
     Done(bool),
 }
 
-/// How the drive is in a cycle.
+/// State of the drive in one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Driven {
-    /// How far the amplitude is from the wanted one, as a share of it; infinite on the way there.
+    /// Relative error of the amplitude; infinite while it changes.
     pub off: f32,
     /// Measured k.
     pub k: f64,
-    /// Lead of the track before the output.
+    /// Phase lead of the track over the output.
     pub lead: Phase,
-    /// Least k that the drive reaches.
+    /// Lowest k that the drive reaches.
     pub least: f64,
     /// Gravity normal to the track in m/s^2.
     pub normal_gravity: f32,
     /// Advance of the phase per sample.
     pub step: u32,
-    /// What is heard of parts in gear, of whatever restitution.
+    /// Estimates of parts in gear, of any restitution.
     pub margin: Option<GearMargin>,
-    /// Speed over b w with which a part lands that is thrown from rest.
+    /// Landing speed over b w of a part thrown from rest.
     pub thrown: f32,
-    /// Energy of the residual in a cycle in gear over the mean square of the speed of arrival over b w.
+    /// Residual energy per cycle in gear over the mean squared arrival speed over b w, in
+    /// (m/s^2)^2.
     pub loudness: Option<f32>,
 }
 
-/// The steps of one identification.
+/// Sequence of one identification.
 #[derive(Clone, Debug)]
 pub struct Identifier {
     result: Identification,
     stage: Stage,
     k: f64,
-    /// Sum of the measured k in a fold.
+    /// Sum of the measured k over a fold.
     sum: f64,
-    /// Sums over the cycles of all folds of the residual's energy in a quarter of them, but for noise, and of the square of the first
-    /// landing's speed over `b w k`.
+    /// Residual energy less noise, summed over the cycles of all folds (each hands over a quarter
+    /// of the sectors).
     energy: f32,
+    /// Squared first landing speed over `b w k`, summed over the same cycles.
     squares: f32,
     turns_a_sample: f32,
-    /// Cycles of all folds in which an impact was heard.
+    /// Number of cycles in all folds with a detected impact.
     struck: u16,
     fit: Fit,
-    /// k of the first fold, once it is known.
+    /// k of the first fold; `None` during the descent.
     first: Option<f64>,
-    /// What the folds that were heard say, and how many there are of all.
+    /// Restitutions of the folds with a chatter, and the number of all folds.
     found: Vec<f32, MOST>,
     folds: usize,
     hops: u16,
-    /// What the folds came to, and where that is held against what is heard in gear.
+    /// Result of the folds, and the number of gear checks begun.
     folded: Option<Identification>,
     checks: usize,
-    /// Cycles so far.
+    /// Age in drive cycles.
     age: u16,
 }
 
 impl Identifier {
-    /// None asked for.
+    /// Idle sequence.
     pub fn new() -> Self {
         Self {
             result: Identification::Idle,
@@ -249,35 +256,35 @@ impl Identifier {
         }
     }
 
-    /// Begins anew, at [`FIRST`].
+    /// Begins an identification at [`FIRST`].
     pub fn begin(&mut self) {
         *self = Self::new();
         self.result = Identification::Listening { hops: 0 };
     }
 
-    /// Ends what is under way; a result stays.
+    /// Aborts a running identification; a result remains.
     pub fn stop(&mut self) {
         if self.listens() {
             *self = Self::new();
         }
     }
 
-    /// How far it has come.
+    /// Progress, and result once finished.
     pub fn result(&self) -> Identification {
         self.result
     }
 
-    /// Whether it is under way.
+    /// Whether an identification runs.
     pub fn listens(&self) -> bool {
         matches!(self.result, Identification::Listening { .. })
     }
 
-    /// The drive does something else: what was being folded is worth nothing.
+    /// Restarts the settling: the drive does something else, and the running fold is invalid.
     pub fn interrupt(&mut self) {
         self.stage = Stage::Settling(0);
     }
 
-    /// As [`Identifier::interrupt`], while the drive is on its way: that is waited for so long only.
+    /// As [`Identifier::interrupt`], while the amplitude changes; counts towards the time limit.
     pub fn wait(&mut self) -> Step {
         self.interrupt();
         self.grow_old()
@@ -291,7 +298,7 @@ impl Identifier {
         self.end(Identification::NotFound(Unidentified::Unsteady))
     }
 
-    /// What is to be folded.
+    /// Start phase of a requested fold.
     pub fn fold(&self) -> Option<Phase> {
         match self.stage {
             Stage::Folding(from, _) => Some(from),
@@ -299,7 +306,7 @@ impl Identifier {
         }
     }
 
-    /// Takes a cycle.
+    /// Advances the sequence by one drive cycle.
     pub fn cycle(&mut self, driven: &Driven, cycle: &Cycle) -> Step {
         let folded = &cycle.folded;
         let old = self.grow_old();
@@ -309,7 +316,7 @@ impl Identifier {
         match self.stage {
             Stage::Settling(cycles) => {
                 let near = driven.off < if self.k > 1.0 { NEAR_REST } else { NEAR };
-                // What is left of an interrupted fold comes first.
+                // The rest of an interrupted fold must be transferred first.
                 let cycles = if near && folded.first == 0 {
                     cycles + 1
                 } else {
@@ -384,12 +391,12 @@ impl Identifier {
         Step::Going
     }
 
-    /// One slice of comparing; whether more are to be done.
+    /// Runs one slice of the comparison; returns whether it did any work.
     pub fn step(&mut self) -> bool {
         self.stage == Stage::Comparing && self.fit.step()
     }
 
-    /// The amplitude is there.
+    /// Begins the next stage once the amplitude has settled.
     fn settled(&mut self, lead: Phase) -> Step {
         if self.folded.is_some() {
             self.stage = Stage::Checking(0);
@@ -407,8 +414,8 @@ impl Identifier {
         Step::Going
     }
 
-    /// Lets the parts rest, and then goes back to a k at which they do each cycle; `hopping` is one at which they
-    /// do not.
+    /// Brings the parts to rest before folds at a k with rest each cycle; `hopping` is a k without
+    /// rest.
     fn fold_back(&mut self, hopping: f64) -> Step {
         let first = back(self.k);
         self.first = Some(first);
@@ -422,7 +429,7 @@ impl Identifier {
         Step::At(k)
     }
 
-    /// Impacts of a cycle where a part that rests each cycle is in the air.
+    /// Number of impacts while a part that rests each cycle would fly.
     fn astray(&self, cycle: &Cycle, lead: Phase) -> u8 {
         let lift_off = libm::asin(self.k) as f32;
         let landing = Chatter::of(self.k, 0.5).map_or(TAU, |chatter| chatter.landing);
@@ -435,7 +442,7 @@ impl Identifier {
         astray.count() as u8
     }
 
-    /// Takes what the fold was found to be.
+    /// Evaluates a compared fold.
     fn judge(&mut self) -> Step {
         self.folds += 1;
         let verdict = self.fit.last();
@@ -462,7 +469,7 @@ impl Identifier {
                 let place = self.folds % FOLDS;
                 self.go(first * (1.0 + SPREAD * place as f64 / (FOLDS - 1) as f64))
             }
-            // What strikes and does not repeat is of parts that scatter.
+            // Impacts that do not repeat come from parts that scatter.
             _ if nothing && 2 * self.struck < FOLDED * self.folds as u16 => {
                 self.end(Identification::NotFound(Unidentified::Quiet))
             }
@@ -470,8 +477,10 @@ impl Identifier {
         }
     }
 
-    /// Holds what the folds came to against the restitution that is heard of parts in gear, where they come into it: of
-    /// parts that scatter only the first landing repeats, and what is folded of the others is another restitution's.
+    /// Checks the result of the folds against the restitution estimated in gear.
+    ///
+    /// For parts that scatter only the first landing repeats, and the folds may show another
+    /// restitution.
     fn check(&mut self, folded: Identification) -> Step {
         self.folded = Some(folded);
         match GEARS.get(self.checks) {
@@ -483,7 +492,7 @@ impl Identifier {
         }
     }
 
-    /// What is heard in gear, once that was listened to for long enough.
+    /// Combines the estimate in gear with the result of the folds.
     fn checked(&mut self, margin: Option<GearMargin>, folded: Identification) -> Step {
         let Some(margin) = margin.filter(|margin| margin.error < HEARD) else {
             return self.check(folded);
@@ -507,13 +516,15 @@ impl Identifier {
                 scatter,
                 hops: CHECKED,
             }),
-            // Of what does not scatter the folds tell more.
+            // Without scatter the folds are more accurate.
             _ => folded,
         })
     }
 
-    /// How many parts there are, where they scatter: those that lie together land together and ring as one, so that of n of them the energy
-    /// is n^2; in gear they strike one by one, and it is n.
+    /// Estimates the number of parts from two energies.
+    ///
+    /// Parts that rest land together: their amplitudes add, and the energy is n^2. Parts in gear
+    /// strike one by one, and the energy is n.
     fn count(&self, driven: &Driven, restitution: f32) -> Option<f32> {
         let chatter = Chatter::of(self.first?, restitution)?;
         let trained: f32 = chatter
@@ -526,7 +537,7 @@ impl Identifier {
         Some(together / (driven.loudness? * k * k))
     }
 
-    /// What was found, once it stands.
+    /// Result of the folds; `None` before it is significant and accurate enough.
     fn found(&self) -> Option<Identified> {
         let mean = self.fit.all()?;
         let squares: f32 = self.found.iter().map(|r| (r - mean) * (r - mean)).sum();
@@ -554,15 +565,16 @@ impl Identifier {
     }
 }
 
-/// Standard error of what has two causes.
+/// Combined standard error of two independent causes.
 fn both(one: f32, other: f32) -> f32 {
     libm::sqrtf(one * one + other * other)
 }
 
-/// k at which parts surely rest each cycle that were heard astray at `k`.
+/// k at which parts surely rest each cycle after impacts in flight at `k`.
 ///
-/// On the way down parts cease to rest some levels before they are heard astray, the more the less they bounce. Fitted to
-/// measurements: this ends 4 to 9 % above the k at which parts of R = 0.3 to 0.8 cease to rest.
+/// During the descent parts cease to rest some levels before detection, the more the less they
+/// bounce. The formula is fitted to measurements. For R = 0.3 to 0.8 it ends 4 to 9 % above the k
+/// at which parts cease to rest.
 fn back(k: f64) -> f64 {
     k * (1.17 - 0.44 * (k - 0.6).max(0.0))
 }
@@ -582,7 +594,8 @@ mod tests {
     fn the_way_down_begins_and_ends_where_its_constants_say() {
         assert!(rests(FIRST, 0.84) && !rests(FIRST, 0.88));
         assert!(rests(back(LOWEST), 0.25));
-        // 5 % of k moves the second impact by about half a turn of the default ringing, 0.065 rad at 50 Hz.
+        // 5 % of k moves the second impact by about half a period of the default ringing, 0.065 rad
+        // at 50 Hz.
         for (k, restitution) in [(0.45, 0.1), (0.56, 0.3), (0.85, 0.8)] {
             let second = |k| Chatter::of(k, restitution).unwrap().impacts()[1].0;
             let moved = second(k) - second(k * (1.0 + SPREAD));
@@ -630,7 +643,7 @@ mod tests {
 
     #[test]
     fn restitution_is_found_within_two_hundredths_from_sixty_four_hops_in_noise() {
-        // Twenty seeds of each: at most 0.001 (docs/commissioning.md).
+        // Largest error over twenty seeds of each: 0.001 (docs/commissioning.md).
         for (restitution, decay, seed) in
             [(0.1, 1.0, 1), (0.15, 2.0, 2), (0.3, 2.0, 3), (0.8, 1.0, 1)]
         {
@@ -659,7 +672,7 @@ mod tests {
         not_found(&[0.15, 0.35], Unidentified::Scattered);
     }
 
-    /// A lot of so many parts of a restitution and a scatter, in closed form from cycle to cycle.
+    /// Result for equal parts in the closed-form plant.
     fn heard_of(restitution: f32, scatter: f32, parts: usize, seed: u64) -> Identification {
         let scene = Scene {
             target: Target::Identify,
@@ -704,7 +717,7 @@ mod tests {
                     let easy = scatter == 0.0 || parts == 1 && scatter < 0.08 && restitution < 0.55;
                     let answered = matches!(heard, Identification::Found(_));
                     assert!(answered || !easy, "{lot:?}: {heard:?}");
-                    // Parts that strike are never said to be none.
+                    // Parts that strike must never be reported as missing.
                     assert_ne!(
                         heard,
                         Identification::NotFound(Unidentified::Quiet),

@@ -1,11 +1,11 @@
-//! Restitution from the sound of parts that hop and rest.
+//! Identification of the restitution from the impacts of parts that hop and rest.
 //!
 //! | file | holds |
 //! |---|---|
 //! | `identifier` | the steps of one identification, and its result |
 //! | `chatter` | the impacts of a part thrown from rest, by the map |
-//! | `train` | the ringing of a train of impacts, and how much of a fold it explains |
-//! | `fit` | which restitution explains a fold best |
+//! | `train` | least-squares fit of a train of ringings to a fold |
+//! | `fit` | search for the restitution that explains a fold best |
 
 mod chatter;
 mod fit;

@@ -1,5 +1,8 @@
-//! A train of impacts as the fold has it, each with the same damped ringing, and how much of a fold it
-//! explains.
+//! Fits a train of impacts with one common damped ringing to a fold, by linear least squares.
+//!
+//! Eight unknowns: complex height of the ringing, its complex derivative by decay and frequency (a
+//! Gauss-Newton step), and a cubic for the drive's remainder. The normal equations are solved by
+//! elimination; `left` is the residual sum of squares.
 
 use crate::arithmetic::sine_cosine_single;
 use crate::control::angle::phase_of;
@@ -8,36 +11,36 @@ use num_complex::Complex32 as Complex;
 
 use crate::control::saturate::saturate;
 
-/// Columns of the fit: the ringing in and out of phase, how both change with its turn, and what the high-passes
-/// leave of the drive's own swing, a cubic over the fold.
+/// Number of columns: ringing and its derivative, each in and out of phase, and a cubic over the
+/// fold.
 const COLUMNS: usize = 8;
-/// The first of the cubic's columns.
+/// Index of the first column of the cubic.
 const SLOW: usize = 4;
-/// Corner of the high-passes that the fold has gone through.
+/// Corner of the high-passes that the fold passed ([`Onset::CORNER`]).
 const CORNER: f32 = Standard::CORNER as f32;
-/// Scale of the change's columns: over the samples that a ringing lasts, they are then of its own size.
+/// Scale of the derivative's columns, which makes them as large as the ringing's own.
 const CHANGE: f32 = 0.01;
-/// Diagonal of a column that says nothing new.
+/// Pivot up to which a column is linearly dependent and left out.
 const NOTHING: f32 = 1e-9;
 
-/// How a ringing decays and turns.
+/// Decay and frequency of a ringing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampledRinging {
-    /// Decay of its height per sample, as a logarithm: positive.
+    /// Decay rate of the height per sample: positive.
     pub decay: f32,
-    /// Angle that it turns by per sample, in rad.
+    /// Angular frequency, in rad per sample.
     pub angle: f32,
 }
 
 impl SampledRinging {
-    /// What is left of it after some samples.
+    /// Complex amplitude after some samples, over the initial one.
     fn after(self, samples: f32) -> Complex {
         let (sine, cosine) = sine_cosine_single(phase_of(self.angle * samples));
         let left = libm::expf(-self.decay * samples);
         Complex::new(cosine, sine) * left
     }
 
-    /// This ringing, within what a first-order change of another one may be believed.
+    /// Limits this ringing to the trust region around another one, where the linearization holds.
     fn near(self, other: Self) -> Self {
         let decay = saturate(self.decay, 0.5 * other.decay, 2.0 * other.decay);
         Self {
@@ -51,23 +54,23 @@ impl SampledRinging {
     }
 }
 
-/// What a train explains.
+/// Result of the fit of a train.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Explained {
-    /// Sum of the squares that it leaves.
+    /// Residual sum of squares with the train.
     pub left: f32,
-    /// Sum of the squares that are left without any impact.
+    /// Residual sum of squares without any impact.
     pub without: f32,
-    /// The ringing that explains more, to first order.
+    /// Improved ringing after one Gauss-Newton step.
     pub better: SampledRinging,
-    /// Height of the ringing of unit strength, in and out of phase.
+    /// Complex height of the ringing at unit strength.
     height: Complex,
 }
 
-/// An impact: its time in samples since the beginning of the fold, and its strength.
+/// Impact: time in samples from the beginning of the fold, and strength.
 pub type Pulse = (f32, f32);
 
-/// The ringing of a train, sample by sample, and its change with the ringing's turn.
+/// Ringing of a train and its derivative by decay and frequency, sample by sample.
 struct Rung<'a> {
     impacts: core::slice::Iter<'a, Pulse>,
     ringing: SampledRinging,
@@ -109,8 +112,9 @@ impl<'a> Rung<'a> {
     }
 }
 
-/// Explains a fold, `stride` samples from place to place, by a train of impacts in their order, by least squares; `tuned` is whether the
-/// ringing may be a little different.
+/// Fits a train of impacts in order of time to a fold with `stride` samples per place.
+///
+/// `tuned` adds the derivative's columns, which improve the ringing.
 #[inline(never)]
 pub fn explain(
     folded: &[f32],
@@ -158,13 +162,13 @@ pub fn explain(
     }
     let ([without, left], [re, im, by_re, by_im]) = solve(&mut matrix, &mut sums, squares);
     let size = (re * re + im * im).max(f32::MIN_POSITIVE);
-    // The change of the ringing's logarithm is the quotient of the two complex heights.
+    // The quotient of both complex heights is the step of decay and frequency.
     let better = SampledRinging {
         decay: ringing.decay - CHANGE * (by_re * re + by_im * im) / size,
         angle: ringing.angle + CHANGE * (by_im * re - by_re * im) / size,
     };
     Explained {
-        // What rounding leaves of a fold that is explained wholly.
+        // Lower limit: rounding error of a perfect fit.
         left: left.max(1e-6 * squares),
         without,
         better: better.near(ringing),
@@ -172,10 +176,10 @@ pub fn explain(
     }
 }
 
-/// Solves the normal equations in place, from the last column to the first: what is left without the impacts, what
-/// is left, and how much there is of each column but the slow ones.
+/// Solves the normal equations in place by elimination from the last column to the first.
 ///
-/// Lengths that the compiler does not know keep it from writing every step out: flash is scarce.
+/// Returns the residual sums of squares without and with the train, and the coefficients of all
+/// columns but the cubic's. Slices of unknown length prevent unrolling, which saves flash.
 #[inline(never)]
 fn solve(matrix: &mut [[f32; COLUMNS]], sums: &mut [f32], squares: f32) -> ([f32; 2], [f32; SLOW]) {
     let (mut left, mut without) = (squares, squares);
@@ -214,8 +218,10 @@ fn inverse(diagonal: f32) -> f32 {
     }
 }
 
-/// Sum of a train's ringing over so many samples against the sine of the drive's phase, which is `begin` at the
-/// first and goes on by `step` (both in rad): what a demodulator takes for the drive's own swing.
+/// Correlation of a train's ringing with the sine of the drive's phase: its leakage into the
+/// demodulator.
+///
+/// The phase is `begin` at the first of `samples` and advances by `step`, both in rad.
 pub fn leaked(
     explained: &Explained,
     ringing: SampledRinging,
@@ -248,7 +254,7 @@ mod tests {
     };
     const TRAIN: [(f32, f32); 3] = [(20.3, 1.0), (61.8, 0.3), (75.1, 0.1)];
 
-    /// What the high-passes make of a train of ringings in noise on a slow swing.
+    /// Train of ringings in noise on a slow oscillation, after the high-passes.
     fn folded(noise: f32) -> Vec<f32> {
         let (mut detector, mut source) = (OnsetDetector::new(0.01), Noise::new(1));
         let sample = |n: i32, source: &mut Noise| {
@@ -277,13 +283,13 @@ mod tests {
         let noise = 0.04;
         let folded = folded(noise);
         let right = explain(&folded, 1, RINGING, true, &TRAIN);
-        // 200 samples of noise through high-passes that leave 0.65 of its power, less eight columns: 0.2, with
-        // a standard deviation of 0.02.
+        // 200 samples of noise through high-passes that keep 0.65 of its power, less eight columns:
+        // 0.2, with a standard deviation of 0.02.
         assert!((0.1..0.3).contains(&right.left), "{right:?}");
         assert!(right.without > 50.0 * right.left, "{right:?}");
         let wrong = TRAIN.map(|(at, strength)| (if at > 50.0 { at + 3.0 } else { at }, strength));
         let wrong = explain(&folded, 1, RINGING, true, &wrong);
-        // Three samples of a ringing 0.3 times 4 high.
+        // Error of three samples of a ringing 0.3 times 4 high.
         assert!(wrong.left > 3.0 * right.left, "{wrong:?}");
     }
 
