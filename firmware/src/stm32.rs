@@ -59,7 +59,7 @@ const WATCHDOG: (Pr, u16) = (Pr::DIVIDE_BY16, 1600);
 /// high opens the bridge.
 pub struct HalfBridge {
     pwm: ComplementaryPwm<'static, TIM1>,
-    voltage: DacChannel<'static, Blocking>,
+    _voltage: DacChannel<'static, Blocking>,
     /// Held because dropping it would take the pin from the timer.
     _over_current: Flex<'static>,
     /// Held to keep the pin an output; its level is set by register writes.
@@ -144,7 +144,7 @@ impl HalfBridge {
         voltage.set(Value::Bit12Right(MIDDLE));
         Self {
             pwm,
-            voltage,
+            _voltage: voltage,
             _over_current: over_current,
             _drive_on: Output::new(drive_on, Level::Low, Speed::Low),
             closable,
@@ -182,8 +182,10 @@ impl Drive for HalfBridge {
         pac::TIM1
             .ccr(0)
             .write(|compare| compare.set_ccr(duty as u16));
-        self.voltage
-            .set(Value::Bit12Right((share * 4095.0 + 0.5) as u16));
+        // `DacChannel::set` checks its channel number again, by a panic (embassy-stm32 0.6.0).
+        pac::DAC1
+            .dhr12r(0)
+            .write(|level| level.set_dhr((share * 4095.0 + 0.5) as u16));
     }
 
     fn off(&mut self) {

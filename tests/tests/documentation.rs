@@ -546,7 +546,10 @@ fn parts_of_the_manual_keep_their_length() {
             .split_once(&format!("\n# {part}\n"))
             .expect("a part of the manual");
         let chapters = after.split("\n# ").next().unwrap_or_default();
-        let pages: Vec<&str> = links(chapters).collect();
+        // The page of tuned constants is a table to look things up in.
+        let pages: Vec<&str> = links(chapters)
+            .filter(|page| *page != "tuning.md")
+            .collect();
         assert!(pages.len() > 4, "{part}: {pages:?}");
         let words: usize = pages
             .iter()

@@ -283,7 +283,7 @@ pub fn schema() -> Value {
     );
     properties.insert(
         "start".into(),
-        json!({"enum": ["ordinary", "power-on", "reset", "refused", "repeated"], "default": "ordinary",
+        json!({"enum": ["ordinary", "power-on", "reset", "refused", "repeated", "image-damaged"], "default": "ordinary",
             "description": "Why the controller starts."}),
     );
     properties.insert(

@@ -440,14 +440,14 @@ pub fn over_current() -> Hazard {
 /// without parts.
 #[must_use]
 pub fn of_gear() -> [Hazard; 2] {
-    const LOST: f64 = 4.0;
+    const LOST: f64 = 7.0;
     let parts = Hazard::of("parts fall out of gear", 50.0, Target::Gear(1))
         .with(|scene| scene.parts = Scene::default().parts)
         .acts([
             plant(LOST, Change::Restitution(0.6)),
             plant(LOST, Change::Scatter(0.1)),
         ])
-        .until(8.0);
+        .until(10.0);
     [
         parts,
         Hazard::of("gear without a part", 50.0, Target::Gear(1)),
