@@ -240,7 +240,7 @@ impl Region {
 ///
 /// 1. Grid search: a few short runs at each candidate over the whole range.
 /// 2. Response surface: runs at low-discrepancy points of a region about the best, and a polynomial
-///   [fitted](Fit) to their shares. The next region is narrower, about the maximum of the fit.
+///    [fitted](Fit) to their shares. The next region is narrower, about the maximum of the fit.
 /// 3. Verification runs at the chosen point estimate its share.
 ///
 /// Each run draws a part of the lot and an error of the amplitude. Integers and unfused f32 give
