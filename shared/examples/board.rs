@@ -1,8 +1,9 @@
 //! A board without an operating system: the controller in a sample interrupt and a main loop.
 //!
-//! What a board owes the controller is a converter reading every 50 us, an output that holds what it is given, and the
-//! inputs once a drive cycle. Here the simulated feeder stands in for the three; the rest is what runs on a
-//! microcontroller, with `static` in place of `let` and the mailbox behind a critical section.
+//! What a board owes the controller is a converter reading every 50 us, an output that holds what
+//! it is given, and the inputs once a drive cycle. Here the simulated feeder stands in for the
+//! three; the rest is what runs on a microcontroller, with `static` in place of `let` and the
+//! mailbox behind a critical section.
 //!
 //! `cargo run --release -p kband --example board`
 

@@ -1,9 +1,10 @@
-//! How well the share of time in gear is heard: of lots in the gear that the controller chooses, and at given amplitudes, for
-//! one part and for crowds (docs/theory-real-parts.md#t10.7).
+//! How well the share of time in gear is heard: of lots in the gear that the controller chooses,
+//! and at given amplitudes, for one part and for crowds (docs/theory-real-parts.md#t10.7).
 //!
-//! `cargo run --release -p kband --features unstable --example hearing RUNS SEED ROWS`, with ROWS one of `gear`, `set`, `check`
-//! and `all`. The amplitude told is off by up to 2 %, another one in each run. The manual's tables are made of the same runs
-//! by its test of tables.
+//! `cargo run --release -p kband --features unstable --example hearing RUNS SEED
+//! ROWS`, with ROWS one of `gear`, `set`, `check` and `all`. The amplitude told is off by up to
+//! 2 %, another one in each run. The manual's tables are made of the same runs by its test of
+//! tables.
 
 use std::f64::consts::TAU;
 
@@ -21,7 +22,8 @@ const SETTLED: u32 = 250;
 pub struct Row {
     lot: [f32; 2],
     scatter: f32,
-    /// k, or none: the controller's choice for gear, with a second tone of up to so much of the first.
+    /// k, or none: the controller's choice for gear, with a second tone of up to so much of the
+    /// first.
     k: Option<f32>,
     second_tone: f32,
     parts: usize,
@@ -31,7 +33,8 @@ pub struct Row {
 #[derive(Clone, Copy, Default)]
 struct Heard {
     truth: f64,
-    /// Mean over the cycles in which a share is told, how many these are of all, and the mean error told.
+    /// Mean over the cycles in which a share is told, how many these are of all, and the mean error
+    /// told.
     heard: f64,
     told: f64,
     error: f64,
@@ -116,7 +119,8 @@ fn run(row: &Row, seed: u64, known: &mut Option<GearPlanned>) -> Heard {
     all
 }
 
-/// The rows of the table of gear; those that its constants were chosen with; those that were only looked at then.
+/// The rows of the table of gear; those that its constants were chosen with; those that were only
+/// looked at then.
 pub fn rows(which: &str) -> Vec<Row> {
     let row = |lot, scatter, k, second_tone, parts| Row {
         lot,
@@ -205,8 +209,8 @@ fn hear(rows: &[Row], runs: u64, seed: u64) -> Vec<Vec<Heard>> {
         .collect()
 }
 
-/// Mean over the runs in which a share was told of what was heard less what was true, its standard error, and the root of its
-/// mean square.
+/// Mean over the runs in which a share was told of what was heard less what was true, its standard
+/// error, and the root of its mean square.
 fn apart(runs: &[Heard]) -> [f64; 3] {
     let told = runs.iter().filter(|run| run.told > 0.0);
     let count = told.clone().count().max(1) as f64;

@@ -1,7 +1,9 @@
-//! What an identification says of lots whose restitution scatters: how many are answered, how far the answers are from the truth, and
-//! how many of them are false, which is by more than three of the errors told (docs/commissioning.md).
+//! What an identification says of lots whose restitution scatters: how many are answered, how far
+//! the answers are from the truth, and how many of them are false, which is by more than three of
+//! the errors told (docs/commissioning.md).
 //!
-//! `cargo run --release -p kband --features unstable --example identifying SEEDS FIRST FIDELITY`, with FIDELITY `envelope` or `waveform`.
+//! `cargo run --release -p kband --features unstable --example identifying SEEDS FIRST
+//! FIDELITY`, with FIDELITY `envelope` or `waveform`.
 
 use std::ops::Range;
 
@@ -15,7 +17,8 @@ const LONGEST: usize = 4100;
 /// A lot: restitution, scatter and number of its parts.
 pub type Lot = (f32, f32, usize);
 
-/// Frequency of the drive in Hz and decay time of the track's ringing in ms: those of the built-in feeder.
+/// Frequency of the drive in Hz and decay time of the track's ringing in ms: those of the built-in
+/// feeder.
 pub const BUILT_IN: [f32; 2] = [50.0, 1.0];
 
 fn heard(lot: Lot, track: [f32; 2], seed: u64, waveform: bool) -> Identification {
@@ -67,7 +70,8 @@ pub fn answers(lot: Lot, track: [f32; 2], seeds: Range<u64>, waveform: bool) -> 
     .collect()
 }
 
-/// A cell of the manual's tables: how many of the runs were answered where not all of them were, and the largest error.
+/// A cell of the manual's tables: how many of the runs were answered where not all of them were,
+/// and the largest error.
 ///
 /// An answer that is off by more than three of the errors told is none, and is refused here.
 pub fn cell(lot: Lot, track: [f32; 2], seeds: Range<u64>, waveform: bool) -> String {

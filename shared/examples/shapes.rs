@@ -1,7 +1,9 @@
-//! Which shape of the track keeps parts that scatter in gear for longest, under one peak acceleration.
+//! Which shape of the track keeps parts that scatter in gear for longest, under one peak
+//! acceleration.
 //!
-//! `cargo run --release -p kband --features analysis --example shapes [TRIES]`, some minutes for the 4000 tries of the manual's table: random
-//! shapes of one, two and three tones, the best of them moved about, and their shares of time in gear from fresh runs.
+//! `cargo run --release -p kband --features analysis --example shapes [TRIES]`, some minutes for
+//! the 4000 tries of the manual's table: random shapes of one, two and three tones, the best of
+//! them moved about, and their shares of time in gear from fresh runs.
 
 use std::error::Error;
 use std::f64::consts::TAU;

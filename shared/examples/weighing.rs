@@ -1,8 +1,9 @@
-//! Grams per second over random feeders, without a scale: what the board says of the parts on its track against what is on it
-//! (docs/theory-real-parts.md#t10.5).
+//! Grams per second over random feeders, without a scale: what the board says of the parts on its
+//! track against what is on it (docs/theory-real-parts.md#t10.5).
 //!
-//! `cargo run --release -p kband --features plant --example weighing FEEDERS SEED FIDELITY`, with FIDELITY `waveform` or `envelope`.
-//! Each feeder has another frequency, Q, restitution, scatter, incline, friction and number of parts, of 2 to 20 % of the track's mass in
+//! `cargo run --release -p kband --features plant --example weighing FEEDERS SEED
+//! FIDELITY`, with FIDELITY `waveform` or `envelope`. Each feeder has another frequency, Q,
+//! restitution, scatter, incline, friction and number of parts, of 2 to 20 % of the track's mass in
 //! all. They fall onto the track within a second, and are in gear where the controller brings them.
 
 use kband::control::{Report, Target};
@@ -168,7 +169,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 mod tests {
     use super::*;
 
-    /// The worst of twenty err by 3.0 % of the mass and 3.4 % of the flow (docs/theory-real-parts.md#t10.5).
+    /// The worst of twenty err by 3.0 % of the mass and 3.4 % of the flow
+    /// (docs/theory-real-parts.md#t10.5).
     #[test]
     fn the_flow_of_the_first_feeders_is_told_within_a_twentieth() {
         let mut noise = Noise::new(1);

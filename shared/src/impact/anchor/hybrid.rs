@@ -1,4 +1,5 @@
-//! The impact map on a CPU with a single-precision FPU: integer state and residual, f32 corrections.
+//! The impact map on a CPU with a single-precision FPU: integer state and residual, f32
+//! corrections.
 
 use super::approach::fall;
 use super::candidate::{Candidate, candidate};

@@ -47,8 +47,8 @@ impl Contact {
     }
 
     fn of(k: f64, restitution: f64) -> Self {
-        // The remainder is z^3 (2.1 (c/A)^2 + 0.9 |s|/A) with A <= 1 + k. Where |s| < 1/2, c^2 > 3/4,
-        // so the bracket is at least the smaller of these two.
+        // The remainder is z^3 (2.1 (c/A)^2 + 0.9 |s|/A) with A <= 1 + k. Where |s| < 1/2,
+        // c^2 > 3/4, so the bracket is at least the smaller of these two.
         let pull = 1.0 + k;
         let least = (0.45 / pull).min(1.575 / (pull * pull));
         let track = Track::new(k);

@@ -40,7 +40,8 @@ mod tests {
     use crate::impact::double::Map;
     use crate::impact::integer::Integer;
 
-    /// Flights from rest at k evenly and down to rounding below 1, where the top of the sine is flat.
+    /// Flights from rest at k evenly and down to rounding below 1, where the top of the sine is
+    /// flat.
     fn flights<K: Kernel>(delay: f64) -> impl Iterator<Item = (f64, Option<f64>)> {
         (0..40_000).map(move |step| {
             let part = (f64::from(step) * 0.618_034).rem_euclid(1.0);

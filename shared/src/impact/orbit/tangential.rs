@@ -249,8 +249,8 @@ mod tests {
         incline_tangent: 0.05,
     };
 
-    /// The equation of motion `v'' = eta sin(tau + gamma) - k tan(alpha)` integrated by the classical
-    /// Runge-Kutta rule: distance and velocity after `d`.
+    /// The equation of motion `v'' = eta sin(tau + gamma) - k tan(alpha)` integrated by the
+    /// classical Runge-Kutta rule: distance and velocity after `d`.
     fn integrated(k: f64, t: f64, d: f64, velocity: f64) -> (f64, f64) {
         let push = |tau: f64| {
             SETTINGS.amplitude_ratio * libm::sin(tau + SETTINGS.phase_lead)

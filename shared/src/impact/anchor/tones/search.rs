@@ -1,4 +1,5 @@
-//! The first impact on a track of several tones: the stretch between edges that holds it, and the root in it.
+//! The first impact on a track of several tones: the stretch between edges that holds it, and the
+//! root in it.
 
 use core::f32::consts::TAU;
 

@@ -199,7 +199,8 @@ impl Friction {
         Self::on(&Wave::sine(), k, settings)
     }
 
-    /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a whole.
+    /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a
+    /// whole.
     pub fn on(wave: &Wave, k: f64, settings: FrictionSettings) -> Result<Self, OutOfRange> {
         settings.check(k)?;
         Ok(Self {
