@@ -88,7 +88,7 @@ pub(crate) fn is_left_open(launch: &Launch) -> bool {
 ///
 /// # Errors
 /// A wrong root without a flag, a number that is not finite, a phase outside the turn, a negative
-/// velocity, or a speed or phase that does not belong to the flight.
+/// velocity. A speed or a phase that does not belong to the flight.
 pub(crate) fn judge<K: Tried>(
     proof: &mut Proof,
     impact: &Impact<PartState>,

@@ -109,7 +109,7 @@ pub fn of(cpu: &str, image: &Path) -> Result<Vec<ByClass>, String> {
         .collect())
 }
 
-/// `flies KERNEL IMPACTS`: the following calls are of this kernel, with so many impacts each.
+/// `flies KERNEL IMPACTS`: the following calls are of this kernel, with this number of impacts each.
 fn flown(line: &str) -> Option<(String, f64)> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let ["flies", kernel, impacts] = words[..] else {

@@ -19,7 +19,7 @@ const RESTITUTION: f64 = 0.2;
 const STARTS: usize = 4096;
 /// Impacts per task: of one orbit, or of a block of orbits.
 const TASK: usize = 1 << 17;
-/// Impacts per point: smaller numbers are repeated until so many have been made.
+/// Impacts per point: smaller numbers are repeated until this total.
 const MEASURED: usize = 1 << 20;
 
 /// Run time per impact for one number of impacts.

@@ -1,9 +1,9 @@
 //! The exact impact map of a part on a vibrating track (Hongler & Figour 1989, equations 7 to 10).
 //!
-//! The impact time is the smallest d > 0 with
-//! `u(d) = (cos t + psi) d - k d^2 / 2 - [sin(t + d) - sin t] = 0`, for a part launched at phase t
-//! with velocity psi relative to the track, in units of `b w`. After the impact `psi' = R v`, with
-//! the arrival speed `v = -u'(d)`. On a track of several tones S replaces the sine and S' the
+//! A part is launched at phase t with velocity psi relative to the track, in units of `b w`. The
+//! flight time is the smallest d > 0 with
+//! `u(d) = (cos t + psi) d - k d^2 / 2 - [sin(t + d) - sin t] = 0`. After the impact `psi' = R v`,
+//! with the arrival speed `v = -u'(d)`. On a track of several tones S replaces the sine and S' the
 //! cosine (`Wave`).
 //!
 //! Where each arithmetic finds the first impact:

@@ -128,7 +128,7 @@ impl<L: Lane> Launch<L> {
         v * v - (track.k + track.k) * (L::splat(1.0) - self.sine)
     }
 
-    /// Square of the ball's speed at height 0; negative where it does not reach it.
+    /// Square of the ball's speed at height 0; negative where the ball does not reach it.
     #[inline(always)]
     pub(super) fn level(&self, track: &Track<L>) -> L {
         let v = self.rise();

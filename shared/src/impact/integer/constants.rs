@@ -16,7 +16,7 @@ pub(super) const HALF: i64 = 8 * SHORT;
 pub(super) const REACH: Fixed<34> = Fixed::<34>::at_most(1.0 / 40.0);
 /// Node spacing in rad.
 pub(super) const SPACING: Fixed<34> = Fixed::<34>::of(node::SPACING);
-/// 2 pi, and what a rad is of a turn.
+/// Radians per turn, 2 pi, and turns per radian.
 pub(super) use crate::arithmetic::trigonometry::{RADIANS_PER_TURN, TURNS_PER_RADIAN};
 
 /// An angle in rad in steps of a phase.
