@@ -55,8 +55,8 @@ impl Desk {
 
     /// Sends bytes as they are.
     ///
+    /// # Panics
     /// If the image has ended.
-    /// Where the image is gone.
     pub fn send(&mut self, bytes: &[u8]) {
         self.input
             .write_all(bytes)

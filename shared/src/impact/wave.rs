@@ -1,4 +1,6 @@
 //! The shape of the track's motion: a sine and its second and third harmonic.
+//!
+//! A bound of the second derivative isolates the extrema; safeguarded Newton steps refine them.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 

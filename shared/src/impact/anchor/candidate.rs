@@ -1,4 +1,6 @@
 //! Candidate: a place where the first impact of a low flight may be, without a search.
+//!
+//! It comes from the roots of the cubic near launch, or from the fall of the parabola.
 
 use core::f32::consts::TAU;
 

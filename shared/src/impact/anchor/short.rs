@@ -1,4 +1,8 @@
-//! Short hops in f32: the root of the height divided by the flight time, which keeps every digit.
+//! Short hops in f32: the root of the height divided by the flight time (deflation of the root at
+//! launch).
+//!
+//! The steps are Chebyshev's, or Cauchy's near a double root (Traub 1964). The form keeps every
+//! digit.
 
 use super::flight::{Flight, Launch, abs, larger, root, smaller};
 use super::settle::down_crossing;

@@ -24,7 +24,7 @@ const LANDING: usize = 13;
 /// [`ROUNDER`](crate::arithmetic::lane::ROUNDER) sum of the next stage's first node, until there is
 /// a landing.
 ///
-/// So that stage waits only for its loads.
+/// The next stage then waits only for its loads.
 const NAME: usize = 13;
 /// The gap near the impact, in the place of the launch.
 ///

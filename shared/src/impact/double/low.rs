@@ -70,6 +70,7 @@ struct Hump<L: Lane> {
     /// Times in rad of the down-crossing before the minimum (estimated) and of the minimum, if
     /// computed.
     dip: [L; 2],
+    /// Whether the minimum of the gap is below 0.
     dips: L::Mask,
 }
 

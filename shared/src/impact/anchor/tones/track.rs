@@ -1,4 +1,7 @@
 //! A track of several tones with one k, set up without f64: the humps, where the push exceeds k.
+//!
+//! Bounds of the push's derivatives limit the steps over nodes, so no hump of relevant size is
+//! missed.
 
 use core::f32::consts::TAU;
 
@@ -253,8 +256,9 @@ impl Track {
         ((self.excess(low.wrapping_add(near)) > 0.0) != above).then_some(near)
     }
 
-    /// Adds the edge within `width` steps of `low` as the begin of a hump, or as the end of the
-    /// open one.
+    /// Finds the edge within `width` steps of `low`, by safeguarded Newton steps.
+    ///
+    /// It becomes the begin of a hump, or the end of the open one.
     fn pass(&mut self, begun: &mut Option<u32>, low: u32, width: u32) {
         let rising = begun.is_none();
         let (mut near, mut far) = (0.0, width as f32);

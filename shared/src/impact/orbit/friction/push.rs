@@ -1,4 +1,7 @@
 //! Acceleration by the drive: up to three harmonics and a constant, integrated in closed form.
+//!
+//! The first zero is found by steps that a bound of the second derivative limits, see
+//! docs/theory-impacts.md#t3.3.
 
 use crate::impact::orbit::tangential::{sagitta, versine_of};
 use crate::impact::wave::Wave;
