@@ -85,8 +85,8 @@ impl NearLaunch {
                 let slope = slope - 2 * (high(self.third, step.0) >> 2);
                 let up = 7 - self.down;
                 let arrival = Fixed((high(d.0, slope) + (1 << (up - 1))) >> up);
-                // The rounding of the pull, some 2^-29, shifts d G. The root's distance from the
-                // maximum of d G in height is slope^2 / (4 cos / 3).
+                // The flight grazes where the rounding of the pull, some 2^-29, shifts d G by the
+                // distance to its maximum, slope^2 / (4 cos / 3).
                 let grazes = self.down == 0
                     && slope.unsigned_abs() < 1 << 15
                     && slope * slope < high(self.cosine, d.0);
