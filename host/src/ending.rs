@@ -1,4 +1,4 @@
-//! Where an orbit of the exact map ends.
+//! Classification of an orbit's final regime on the exact map.
 
 mod followed;
 mod gears;
@@ -25,23 +25,24 @@ pub use together::of_each;
 use crate::picture::Fill;
 use crate::refusal::Refusal;
 
-/// Impacts after which every verb gives up an orbit that neither closed nor came to rest, where the user says nothing else.
+/// Number of impacts after which every verb gives up an orbit that neither closed nor rested; the
+/// default.
 pub const FOLLOWED: usize = 20_000;
 
-/// Orbits that a thread is given at once: most end soon, and the few that do not are flown fastest beside each other.
+/// Number of orbits per thread: most end soon, and the rest fly fastest side by side.
 pub const TOGETHER: usize = 4096;
 
-/// Impacts for which a part from rest is followed until it rests again: one orbit for all that rest once, so that it may
-/// be a long one.
+/// Number of impacts for which a part from rest is followed until it rests again. All parts that
+/// rest once share this orbit, so it may be long.
 const RELAUNCHED: usize = 200_000;
 
-/// Starts on one track from which on it pays to know beforehand where parts come to rest.
+/// Number of starts on one track from which the table of certain rests saves time.
 const MANY: usize = 64;
 
-/// Orders of gear in which chaos is told.
+/// Number of gear orders in which chaos is detected.
 const ORDERS: usize = 8;
 
-/// What a regime is called where it is told of an orbit that was followed for so many impacts.
+/// Name of a regime of an orbit that was followed for `followed` impacts.
 #[must_use]
 pub fn told(regime: Regime, followed: usize) -> String {
     match regime {
@@ -50,7 +51,7 @@ pub fn told(regime: Regime, followed: usize) -> String {
     }
 }
 
-/// What a regime is called where it is told over so many impacts, and nothing is known of those that follow.
+/// Name of a regime over `impacts` impacts, without a statement on later ones.
 #[must_use]
 pub fn told_over(regime: Regime, impacts: usize) -> String {
     match regime {
@@ -59,7 +60,7 @@ pub fn told_over(regime: Regime, impacts: usize) -> String {
     }
 }
 
-/// What a regime is called in tables and legends.
+/// Name of a regime in tables and legends.
 #[must_use]
 pub fn name(regime: Regime) -> String {
     let plural = |count: u32| if count == 1 { "" } else { "s" };
@@ -82,7 +83,7 @@ pub fn name(regime: Regime) -> String {
     }
 }
 
-/// The fill of a regime in pictures.
+/// Fill of a regime in pictures.
 #[must_use]
 pub fn fill(regime: Regime) -> Fill {
     match regime {
@@ -107,24 +108,27 @@ pub const FILLS: [(Fill, &str); 7] = [
     (Fill::Undecided, "undecided"),
 ];
 
-/// Follows orbits of one map to their ending.
+/// Classifies orbits of one map by their final regime.
 #[derive(Clone, Debug)]
 pub struct Endings {
     map: Map,
     /// The attracting period-1 orbits, by order from 1 to the highest.
     locks: Vec<Option<Lock>>,
-    /// Where a part thrown off from rest ends: every part that rests once shares it, as nothing of its
-    /// past is left.
+    /// Final regime of a part from rest. Every part that rests once shares it, because rest erases
+    /// the history.
     after_rest: Regime,
     impacts: usize,
     /// Whether irregular flights in gear stay there, by order from 1.
     held: [OnceLock<bool>; ORDERS],
-    /// Where its parts come to rest for certain, once many of them are asked of.
+    /// Table of states that certainly come to rest, computed for large numbers of starts.
     to_rest: OnceLock<Box<ToRest>>,
 }
 
 impl Endings {
-    /// The endings at k and a restitution below 1; an orbit is given up after `impacts`.
+    /// The classifier at `k` and a restitution below 1; it gives up an orbit after `impacts`
+    /// impacts.
+    ///
+    /// Errors: a `Refusal` for parameters out of range.
     pub fn new(k: f64, restitution: f64, impacts: usize) -> Result<Self, Refusal> {
         let mut one = Self::unrested(k, restitution, impacts)?;
         one.after_rest = together::after_rest(slice::from_ref(&one))[0];
@@ -142,7 +146,8 @@ impl Endings {
         Ok(all)
     }
 
-    /// The endings as far as they are [`Seen`]: chaos is what looks like it, and where a part from rest ends is not asked.
+    /// The classifier for [`Seen`]: chaos by its look alone, and without the regime of a part from
+    /// rest.
     pub fn seen(k: f64, restitution: f64) -> Result<Self, Refusal> {
         let one = Self::unrested(k, restitution, 0)?;
         for order in 1..=ORDERS {
@@ -151,7 +156,7 @@ impl Endings {
         Ok(one)
     }
 
-    /// The endings before it is known where a part from rest ends.
+    /// The classifier without the regime of a part from rest.
     fn unrested(k: f64, restitution: f64, impacts: usize) -> Result<Self, Refusal> {
         let map = Map::build(k, restitution)?;
         let mut locks = Vec::new();
@@ -173,7 +178,7 @@ impl Endings {
         })
     }
 
-    /// The map whose orbits they are.
+    /// The map of the orbits.
     #[must_use]
     pub fn map(&self) -> &Map {
         &self.map
@@ -184,7 +189,7 @@ impl Endings {
         self.locks.iter().flatten()
     }
 
-    /// The attracting period-1 orbit whose order is nearest to a flight.
+    /// The attracting period-1 orbit with the order nearest to a flight.
     fn lock_after(&self, flight: f64) -> Option<&Lock> {
         if self.locks.is_empty() {
             return None;
@@ -193,19 +198,19 @@ impl Endings {
         self.locks.get(order.checked_sub(1)?)?.as_ref()
     }
 
-    /// Where a part that starts from rest ends.
+    /// Final regime of a part that starts from rest.
     #[must_use]
     pub fn from_rest(&self) -> Regime {
         self.after_rest
     }
 
-    /// Where a part that starts just after an impact ends.
+    /// Final regime of a part that starts just after an impact.
     #[must_use]
     pub fn of(&self, start: PartState) -> Regime {
         self.of_all([start].into_iter())[0]
     }
 
-    /// Where parts that start just after an impact end, in the order of their starts.
+    /// Final regimes of parts that start just after an impact, in the order of their starts.
     #[must_use]
     pub fn of_all(&self, starts: impl ExactSizeIterator<Item = PartState>) -> Vec<Regime> {
         if starts.len() >= MANY {
@@ -215,7 +220,7 @@ impl Endings {
         of_each(slice::from_ref(self), starts.map(|start| (0, start)))
     }
 
-    /// Whether a part launched so is known to come to rest before it is thrown off again.
+    /// Whether the table proves that a part launched in `state` rests before it is thrown again.
     #[inline]
     fn comes_to_rest(&self, state: PartState) -> bool {
         self.to_rest
@@ -223,7 +228,7 @@ impl Endings {
             .is_some_and(|to_rest| to_rest.is_certain(state))
     }
 
-    /// Whether irregular flights in gear of an order stay there.
+    /// Whether irregular flights in gear of an order stay there; computed on the first call.
     #[must_use]
     pub fn holds(&self, order: u32) -> bool {
         if self.held(order).is_none() {
@@ -232,7 +237,7 @@ impl Endings {
         self.held(order) == Some(true)
     }
 
-    /// What is known of it; of orders that are not told it is known that they are not held.
+    /// The computed value of [`Endings::holds`], if any; false for orders without chaos detection.
     fn held(&self, order: u32) -> Option<bool> {
         match order.checked_sub(1).and_then(|n| self.held.get(n as usize)) {
             Some(held) => held.get().copied(),
@@ -243,7 +248,7 @@ impl Endings {
     fn set_held(&self, order: u32, stays: bool) {
         let held = order.checked_sub(1).and_then(|n| self.held.get(n as usize));
         if let Some(held) = held {
-            // What is known already was found the same way.
+            // An earlier value is equal, because it was computed alike.
             let _ = held.set(stays);
         }
     }
@@ -272,8 +277,8 @@ mod tests {
 
     #[test]
     fn shares_of_the_reference_case() {
-        // docs/theory-capture.md#t7.1: 33 % lock, 64 % rest and relaunch, 3 % otherwise. Another placing of the
-        // 40 x 40 starts moves the shares by the cells on the basin's edge, about 2 %.
+        // docs/theory-capture.md#t7.1: 33 % lock, 64 % rest and relaunch, 3 % otherwise. Another
+        // grid of 40 x 40 starts changes the shares by the cells on the basin's edge, about 2 %.
         let shares = shares(0.43, 0.2);
         assert!((shares[&Fill::Locked] - 0.33).abs() < 0.02, "{shares:?}");
         assert!(

@@ -1,4 +1,4 @@
-//! The bands that a lot of parts shares, and what they mean at the feeder.
+//! The bands of k that a lot of parts shares, and the amplitudes at the feeder.
 //!
 //! `cargo run -p kband --example bands`
 

@@ -1,8 +1,9 @@
 //! A board without an operating system: the controller in a sample interrupt and a main loop.
 //!
-//! What a board owes the controller is a converter reading every 50 us, an output that holds what it is given, and the
-//! inputs once a drive cycle. Here the simulated feeder stands in for the three; the rest is what runs on a
-//! microcontroller, with `static` in place of `let` and the mailbox behind a critical section.
+//! The controller needs a converter reading every 50 us, an output with memory, and the inputs once
+//! a drive cycle. The simulated feeder replaces these three here; the rest runs on a
+//! microcontroller unchanged. There `static` replaces `let`, and the mailbox is behind a critical
+//! section.
 //!
 //! `cargo run --release -p kband --example board`
 
@@ -13,7 +14,7 @@ use kband::control::{
 };
 use kband::plant::{Bench, Scene};
 
-/// What the interrupt and the main loop hand to each other.
+/// Data exchanged between the interrupt and the main loop.
 #[derive(Default)]
 struct Mailbox {
     /// A drive cycle that the main loop has not taken yet.
@@ -42,7 +43,7 @@ fn sample_interrupt(signal: &mut Signal, hardware: &mut Hardware, mailbox: &mut 
     }
 }
 
-/// Runs for ever on a board; here until the parts are locked, or for `seconds`.
+/// Runs for ever on a board; here until the parts are locked, at most `seconds`.
 fn run(settings: &Settings, seconds: u32) -> Result<State, Box<dyn Error>> {
     let mut hardware = Hardware {
         feeder: Bench::build(&Scene::default())?,
@@ -59,7 +60,7 @@ fn run(settings: &Settings, seconds: u32) -> Result<State, Box<dyn Error>> {
         };
         let report = controller.cycle(&cycle, &hardware.feeder.inputs());
         mailbox.command = Some(report.command);
-        // In what is left of the drive cycle.
+        // In the remaining time of the drive cycle.
         for _ in 0..PLAN_SLICES {
             if !controller.plan_step() {
                 break;

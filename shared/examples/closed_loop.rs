@@ -7,8 +7,9 @@ use std::error::Error;
 use kband::control::{State, Target};
 use kband::plant::{ClosedLoop, Scene};
 
-/// Runs a scene; prints what the controller does, whenever that changes. Ends at the wanted state, or after
-/// `cycles` drive cycles.
+/// Runs a scene and prints every change of the controller's state.
+///
+/// Ends at the `wanted` state, or after `cycles` drive cycles.
 fn run(scene: &Scene, wanted: State, cycles: u32) -> Result<State, Box<dyn Error>> {
     let mut closed = ClosedLoop::build(scene)?;
     let mut state = State::Off;

@@ -1,9 +1,12 @@
-//! How well the share of time in gear is heard: of lots in the gear that the controller chooses, and at given amplitudes, for
-//! one part and for crowds (docs/theory-real-parts.md#t10.7).
+//! Errors of the estimated share of time in gear, for one part and for many
+//! (docs/theory-real-parts.md#t10.7).
 //!
-//! `cargo run --release -p kband --features unstable --example hearing RUNS SEED ROWS`, with ROWS one of `gear`, `set`, `check`
-//! and `all`. The amplitude told is off by up to 2 %, another one in each run. The manual's tables are made of the same runs
-//! by its test of tables.
+//! It runs lots in the gear that the controller chooses, and lots at given amplitudes.
+//!
+//! `cargo run --release -p kband --features unstable --example hearing RUNS SEED
+//! ROWS`, with ROWS one of `gear`, `set`, `check` and `all`. The configured amplitude has an error
+//! of up to 2 %, another one in each run. The test of the manual's tables makes them from the same
+//! runs.
 
 use std::f64::consts::TAU;
 
@@ -12,30 +15,33 @@ use kband::plant::{EnvelopeLoop, Noise, Scene};
 use kband::regime::gear::GearWatch;
 use rayon::prelude::*;
 
-/// Cycles of a run, and those before it is judged: 60 s and 5 s at 50 Hz.
+/// Drive cycles of a run, and of the initial ones left out: 60 s and 5 s at 50 Hz.
 const CYCLES: u32 = 3000;
 const SETTLED: u32 = 250;
 
-/// A lot, what is wanted of it, and on which tracks.
+/// A lot, its target and its track.
 #[derive(Clone, Copy)]
 pub struct Row {
     lot: [f32; 2],
     scatter: f32,
-    /// k, or none: the controller's choice for gear, with a second tone of up to so much of the first.
+    /// k, or `None` for the controller's gear. `second_tone` is that tone's largest amplitude over
+    /// the first.
     k: Option<f32>,
     second_tone: f32,
     parts: usize,
 }
 
-/// What a run came to.
+/// Result of a run.
 #[derive(Clone, Copy, Default)]
 struct Heard {
     truth: f64,
-    /// Mean over the cycles in which a share is told, how many these are of all, and the mean error told.
+    /// `heard`: mean estimate over the cycles with one; `told`: their share of all cycles; `error`:
+    /// mean estimated error.
     heard: f64,
     told: f64,
     error: f64,
-    /// Mean over all cycles of the share or the least told in its place.
+    /// Mean over all cycles of the estimated share, or of its lower bound in cycles without an
+    /// estimate.
     least: f64,
 }
 
@@ -116,7 +122,8 @@ fn run(row: &Row, seed: u64, known: &mut Option<GearPlanned>) -> Heard {
     all
 }
 
-/// The rows of the table of gear; those that its constants were chosen with; those that were only looked at then.
+/// The rows of the gear table, the rows that its constants were chosen on, and the rows only for
+/// checking.
 pub fn rows(which: &str) -> Vec<Row> {
     let row = |lot, scatter, k, second_tone, parts| Row {
         lot,
@@ -194,7 +201,7 @@ pub fn rows(which: &str) -> Vec<Row> {
     rows
 }
 
-/// What `runs` runs of each row come to.
+/// The results of `runs` runs of each row.
 fn hear(rows: &[Row], runs: u64, seed: u64) -> Vec<Vec<Heard>> {
     rows.par_iter()
         .map(|row| {
@@ -205,8 +212,8 @@ fn hear(rows: &[Row], runs: u64, seed: u64) -> Vec<Vec<Heard>> {
         .collect()
 }
 
-/// Mean over the runs in which a share was told of what was heard less what was true, its standard error, and the root of its
-/// mean square.
+/// Mean error of the estimate over the runs with one, its standard error, and the root mean square
+/// error.
 fn apart(runs: &[Heard]) -> [f64; 3] {
     let told = runs.iter().filter(|run| run.told > 0.0);
     let count = told.clone().count().max(1) as f64;

@@ -1,7 +1,10 @@
-//! What an identification says of lots whose restitution scatters: how many are answered, how far the answers are from the truth, and
-//! how many of them are false, which is by more than three of the errors told (docs/commissioning.md).
+//! Accuracy of identification for lots with random restitution (docs/commissioning.md).
 //!
-//! `cargo run --release -p kband --features unstable --example identifying SEEDS FIRST FIDELITY`, with FIDELITY `envelope` or `waveform`.
+//! It prints the number of answers, their errors, and the number of false answers. An answer is
+//! false if its error exceeds three of its estimated errors.
+//!
+//! `cargo run --release -p kband --features unstable --example identifying SEEDS FIRST
+//! FIDELITY`, with FIDELITY `envelope` or `waveform`.
 
 use std::ops::Range;
 
@@ -9,13 +12,13 @@ use kband::control::{Identification, Identified, Report, Settings, Target, Unide
 use kband::plant::{ClosedLoop, EnvelopeLoop, Scene};
 use rayon::prelude::*;
 
-/// Cycles in which an identification surely ends.
+/// Drive cycles: upper bound of an identification.
 const LONGEST: usize = 4100;
 
 /// A lot: restitution, scatter and number of its parts.
 pub type Lot = (f32, f32, usize);
 
-/// Frequency of the drive in Hz and decay time of the track's ringing in ms: those of the built-in feeder.
+/// Drive frequency in Hz and decay time of the track's ringing in ms, of the built-in feeder.
 pub const BUILT_IN: [f32; 2] = [50.0, 1.0];
 
 fn heard(lot: Lot, track: [f32; 2], seed: u64, waveform: bool) -> Identification {
@@ -57,7 +60,7 @@ fn heard(lot: Lot, track: [f32; 2], seed: u64, waveform: bool) -> Identification
     .expect("an identification ends")
 }
 
-/// The answers that were given, of so many runs from a seed on.
+/// The answers from runs with these seeds.
 pub fn answers(lot: Lot, track: [f32; 2], seeds: Range<u64>, waveform: bool) -> Vec<Identified> {
     let runs = seeds.map(|seed| heard(lot, track, seed, waveform));
     runs.filter_map(|run| match run {
@@ -67,9 +70,10 @@ pub fn answers(lot: Lot, track: [f32; 2], seeds: Range<u64>, waveform: bool) -> 
     .collect()
 }
 
-/// A cell of the manual's tables: how many of the runs were answered where not all of them were, and the largest error.
+/// A cell of the manual's tables: the number of answers where some are missing, and the largest
+/// error.
 ///
-/// An answer that is off by more than three of the errors told is none, and is refused here.
+/// It panics on a false answer, whose error exceeds three of its estimated errors.
 pub fn cell(lot: Lot, track: [f32; 2], seeds: Range<u64>, waveform: bool) -> String {
     let runs = seeds.end - seeds.start;
     let answers = answers(lot, track, seeds, waveform);

@@ -1,4 +1,4 @@
-//! One part on one track: its impacts, one by one, and what they add up to.
+//! One part on one track: its impacts, one by one, and its regime.
 //!
 //! `cargo run -p kband --example orbit`
 
@@ -8,7 +8,7 @@ use kband::impact::{Kernel, Map, Orbit, OrbitEvent};
 use kband::regime::Lock;
 use kband::regime::classify::{Classifier, HearingSettings, Regime};
 
-/// What a part that starts from rest has come to after some thousand events.
+/// The regime of a part that started from rest, after some thousand events.
 fn regime(k: f64, restitution: f64) -> Result<Regime, Box<dyn Error>> {
     let map = Map::build(k, restitution)?;
     let mut classifier = Classifier::<256>::build(HearingSettings::COMPUTED)?;

@@ -1,7 +1,10 @@
-//! Which shape of the track keeps parts that scatter in gear for longest, under one peak acceleration.
+//! Track shape that keeps parts with random restitution in gear longest, under one peak
+//! acceleration.
 //!
-//! `cargo run --release -p kband --features analysis --example shapes [TRIES]`, some minutes for the 4000 tries of the manual's table: random
-//! shapes of one, two and three tones, the best of them moved about, and their shares of time in gear from fresh runs.
+//! `cargo run --release -p kband --features analysis --example shapes [TRIES]`, some minutes for
+//! the 4000 tries of the manual's table. Method: random search over shapes of one, two and three
+//! tones, then local random refinement of the best. Their shares of time in gear come from fresh
+//! runs.
 
 use std::error::Error;
 use std::f64::consts::TAU;
@@ -56,9 +59,9 @@ impl Random {
     }
 }
 
-/// The best shape of so many tones under a peak acceleration.
+/// The best shape of `tones` tones under a peak acceleration, by random search.
 ///
-/// Of `tries` random ones the best are moved about so many times.
+/// The best of `tries` random shapes are refined by `moves` random moves each.
 fn best(
     tones: usize,
     lot: [f64; 2],
@@ -87,7 +90,7 @@ fn best(
     }
     found.sort_by(by_share);
     found.truncate(4);
-    // Each moved about by ever less, judged by the same longer runs.
+    // Each is refined by ever smaller moves, judged by the same longer runs.
     for (value, shape) in &mut found {
         *value = share(*shape, lot, 2000, 32, 1000.0)?;
         for n in 0..moves {
@@ -129,7 +132,7 @@ pub const LOTS: [[f64; 3]; 6] = [
 pub const HEAD: &str =
     "| R | s | at most | one tone: k | two tones: k, e, th | three tones: k, e, th, e3, th3 |";
 
-/// Moves of each of the best.
+/// Random moves of each of the best.
 pub const MOVES: usize = 60;
 
 /// The rows of the manual's table.

@@ -1,9 +1,10 @@
-//! Grams per second over random feeders, without a scale: what the board says of the parts on its track against what is on it
+//! Mass flow in g/s over random feeders without a scale: estimated against true
 //! (docs/theory-real-parts.md#t10.5).
 //!
-//! `cargo run --release -p kband --features plant --example weighing FEEDERS SEED FIDELITY`, with FIDELITY `waveform` or `envelope`.
-//! Each feeder has another frequency, Q, restitution, scatter, incline, friction and number of parts, of 2 to 20 % of the track's mass in
-//! all. They fall onto the track within a second, and are in gear where the controller brings them.
+//! `cargo run --release -p kband --features plant --example weighing FEEDERS SEED
+//! FIDELITY`, with FIDELITY `waveform` or `envelope`. Each feeder has another frequency, Q,
+//! restitution, scatter, incline, friction and number of parts. The parts weigh 2 to 20 % of the
+//! track. They fall onto it within a second; the controller brings them into gear.
 
 use kband::control::{Report, Target};
 use kband::feeder::OutOfRange;
@@ -13,10 +14,10 @@ use rayon::prelude::*;
 /// The head of the table.
 pub const HEAD: &str = "| Hz | Q | R | s | parts | share of the track | in gear | weighed | g | g told | error | g/s | g/s told | error |";
 
-/// Seconds until the parts fall, until what is weighed counts, and in all.
+/// Times in s: when the parts fall, when the evaluation begins, and the end.
 const TIMES: [f64; 3] = [2.0, 8.0, 28.0];
 
-/// A feeder of its own.
+/// A random feeder.
 fn feeder(noise: &mut Noise) -> Scene {
     let mut between = |low: f32, high: f32| low + (high - low) * noise.uniform();
     let mut scene = Scene {
@@ -63,7 +64,7 @@ fn feeder(noise: &mut Noise) -> Scene {
     scene
 }
 
-/// What a run came to.
+/// Result of a run.
 #[derive(Default)]
 struct Weighed {
     told: f64,
@@ -168,7 +169,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 mod tests {
     use super::*;
 
-    /// The worst of twenty err by 3.0 % of the mass and 3.4 % of the flow (docs/theory-real-parts.md#t10.5).
+    /// The largest errors of the twenty are 3.0 % of the mass and 3.4 % of the flow
+    /// (docs/theory-real-parts.md#t10.5).
     #[test]
     fn the_flow_of_the_first_feeders_is_told_within_a_twentieth() {
         let mut noise = Noise::new(1);

@@ -1,6 +1,7 @@
-//! Every arithmetic on one track, and what is to be said of the impacts that they make of a launch.
+//! Every arithmetic on one track, and the verdicts on its impacts.
 //!
-//! What an arithmetic rounds a launch to is a launch of its own. Those that hold the same one are held against one proof.
+//! An arithmetic rounds a launch to another launch. Those with the same rounded launch share one
+//! proof.
 
 use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
 
@@ -8,7 +9,7 @@ use crate::proof::Proof;
 use crate::states::Launch;
 use crate::verdict::{Tried, Verdict, judge};
 
-/// A track in every arithmetic that can hold it.
+/// A track in every arithmetic that can represent it.
 pub struct Bench {
     map: Option<Map>,
     single: Option<Single>,
@@ -26,7 +27,7 @@ pub struct Judged {
 }
 
 impl Bench {
-    /// Of a track.
+    /// The bench of a track.
     #[must_use]
     pub fn build(k: f64, restitution: f64) -> Self {
         Self {
@@ -43,17 +44,19 @@ impl Bench {
         self.map.as_ref()
     }
 
-    /// Judges every arithmetic that can hold a launch from this track, the microcontrollers' on the state that they
-    /// hold instead. The error names the arithmetic and the command that replays it.
+    /// Judges every arithmetic that can represent a launch from this track.
+    ///
+    /// The microcontroller kernels are judged on their rounded launch. The error names the
+    /// arithmetic and the replay command.
     ///
     /// # Errors
-    /// A wrong root that is not flagged, a number that is not finite, a phase outside the turn, a negative velocity, a
-    /// speed or a phase that is not that of the flight; in any of them.
+    /// In any arithmetic: a wrong root without a flag, a number that is not finite, a phase outside
+    /// the turn, a negative velocity. A speed or a phase that does not belong to the flight.
     pub fn judge(&self, launch: &Launch) -> Result<Judged, String> {
         self.spoiled(launch, &|_, _| {})
     }
 
-    /// The same, where `spoil` may change what the arithmetic of a name made of it.
+    /// The same; `spoil` may change the impact of the named arithmetic.
     fn spoiled(
         &self,
         launch: &Launch,
@@ -65,14 +68,14 @@ impl Bench {
         let impact = map.impact(launch.state());
         let mut proof = Proof::of(*launch, impact.flight);
         let verdict = one::<Map>(&mut proof, impact, spoil)?;
-        // In an order in which those that hold the same launch are neighbours.
+        // In an order in which arithmetics with the same launch are neighbours.
         self.another(self.single.as_ref(), launch, &mut proof, spoil)?;
         self.another(self.hybrid.as_ref(), launch, &mut proof, spoil)?;
         self.another(self.integer.as_ref(), launch, &mut proof, spoil)?;
         Ok(Judged { verdict, impact })
     }
 
-    /// Judges an arithmetic, if it can hold the launch.
+    /// Judges an arithmetic, if it can represent the launch.
     fn another<K: Tried>(
         &self,
         kernel: Option<&K>,
@@ -105,7 +108,7 @@ impl Bench {
     }
 }
 
-/// Judges the impact that an arithmetic made of the launch that a proof is of.
+/// Judges the impact of an arithmetic against the proof of its launch.
 fn one<K: Tried>(
     proof: &mut Proof,
     mut impact: Impact<PartState>,
@@ -130,11 +133,12 @@ fn one<K: Tried>(
     })
 }
 
-/// What spoils an impact.
+/// A change that makes an impact wrong.
 #[cfg(test)]
 type Spoil = Box<dyn Fn(&mut Impact<PartState>) + Sync>;
 
-/// Ways to spoil an impact: its flight by a share `off` of it, longer and shorter, the speed, the phase, another root, none.
+/// Changes that make an impact wrong: flight longer and shorter by a share `off`, speed, phase,
+/// another root, none.
 #[cfg(test)]
 pub(crate) fn spoils(off: f64) -> [Spoil; 6] {
     [
@@ -155,7 +159,8 @@ mod tests {
 
     #[test]
     fn what_a_rounding_of_the_push_decides_is_left_open() {
-        // Two that a soak of 1e9 found; in 50 digits both impacts are the first, and the oracle's are not.
+        // Two cases from a soak of 1e9. In 50 digits both impacts are the first, and the oracle's
+        // are not.
         for (k, restitution, phase, velocity) in [
             (
                 0.613_353_275_556_075_8,
@@ -187,7 +192,8 @@ mod tests {
         }
     }
 
-    /// Impacts of one arithmetic that are noticed where each is spoiled, as a share of those that neither are said to graze nor rest.
+    /// Share of an arithmetic's changed impacts that are detected, among those that neither graze
+    /// nor rest.
     fn noticed(name: &str, spoil: impl Fn(&mut Impact<PartState>)) -> f64 {
         let (mut wrong, mut of) = (0, 0);
         let mut random = Random::new(5);
@@ -216,7 +222,7 @@ mod tests {
     #[test]
     fn a_wrong_impact_is_noticed_in_every_arithmetic() {
         for name in [Map::NAME, Single::NAME, Hybrid::NAME, Integer::NAME] {
-            // Far above what each rounds, far below the distance of another root.
+            // Far above each rounding, far below the distance of another root.
             let off = if name == Map::NAME { 1e-9 } else { 1e-2 };
             let shares = spoils(off).map(|spoil| noticed(name, spoil));
             println!("{name}: {shares:.4?}");

@@ -1,7 +1,7 @@
-//! Scenes run with their controller broken on purpose: in what it is told, shown, or lets itself do.
+//! Scenes with a fault injected into their controller: into its configuration, inputs or outputs.
 //!
-//! Nothing of the product knows of this: the loop of [`kband::plant::ClosedLoop`] is put together anew
-//! from its public parts, with one falsehood between two of them.
+//! The product contains no injection. The loop of [`kband::plant::ClosedLoop`] is rebuilt here from
+//! its public parts, with one fault between two of them.
 
 use kband::control::{
     Controller, Cycle, PLAN_SLICES, Report, SAMPLE_RATE, Signal, StartCause, State, Target,
@@ -9,34 +9,34 @@ use kband::control::{
 use kband::plant::{Bench, Change, Moment, Scene};
 use kband_host::simulate::{Outcome, SceneFile};
 
-/// What is broken.
+/// The injected fault.
 #[derive(Clone, Copy, Debug)]
 pub enum Break {
-    /// Nothing.
+    /// No fault.
     Nothing,
-    /// This change of state is never made: the controller stays as it was before the cycle.
+    /// This change of state never happens: the controller keeps its previous state.
     Never(State, State),
-    /// The board shows and tells the controller nothing of these changes: their feeder is another.
+    /// The controller's feeder ignores these changes; the real feeder follows them.
     Hidden(fn(&Change) -> bool),
-    /// The controller is told something else than the scene says.
+    /// The controller's configuration differs from the scene.
     Told(fn(&mut Scene)),
-    /// What the signal path makes of the samples is falsified.
+    /// The measured cycle is falsified.
     Seen(fn(&mut Cycle)),
-    /// What the controller has the drive do is falsified.
+    /// The controller's output to the drive is falsified.
     Done(fn(&mut Report)),
-    /// After a brown-out the controller starts as after this.
+    /// After a brown-out the controller starts with this cause.
     Restarted(StartCause),
 }
 
-/// The closed loop of a scene, broken.
+/// The closed loop of a scene with an injected fault.
 pub struct Broken {
     signal: Signal,
     controller: Controller,
-    /// The feeder that the drive drives.
+    /// The driven feeder.
     bench: Bench,
-    /// The feeder that the controller sees, where it is another.
+    /// The feeder that the controller measures, if different.
     shown: Option<Bench>,
-    /// The target that the board starts with.
+    /// The initial target.
     target: Target,
     how: Break,
     last: Report,
@@ -155,7 +155,7 @@ impl Broken {
     }
 }
 
-/// What comes of a scene with its controller broken.
+/// Outcome of a scene with an injected fault.
 ///
 /// # Panics
 /// Where the scene is refused.

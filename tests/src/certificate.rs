@@ -1,22 +1,26 @@
-//! A quick proof that no impact lies before a given one; it shares no code with the kernels.
+//! A quick proof that a given impact is the first; it shares no code with the kernels.
 //!
-//! Of four facts. A ball that leaves height 1 faster than the track ever moves meets the track once.
-//! Above height 1 there is no track. The oracle's lower bound of the gap holds from anywhere. And where
-//! the slope is negative from here to the impact, the gap before it is positive. A flight that these do
-//! not decide in a few steps is left to the oracle.
+//! It uses four facts:
+//!
+//! - A ball that leaves height 1 faster than the track's top speed meets the track once.
+//! - Above height 1 there is no track.
+//! - The oracle's lower bound of the gap holds from any point.
+//! - Where the slope is negative up to the impact, the gap before it is positive.
+//!
+//! The oracle decides flights that these leave open after a few steps.
 
 use crate::oracle::{clear_from, clear_of_launch, gap, rounding};
 
 /// Longest step in rad.
 const STRIDE: f64 = 2.0;
 
-/// Whether no impact before `d` is proven; `d` itself is a zero of the gap to rounding.
+/// Whether the impact at `d` is proven to be the first; `d` is a zero of the gap to rounding.
 #[must_use]
 pub fn is_first(k: f64, phase: f64, velocity: f64, d: f64) -> bool {
     let (s, c) = phase.sin_cos();
     let launch = velocity + c;
     let leaving = launch * launch - 2.0 * k * (1.0 - s);
-    // What rounding may take from `leaving` and from the times of height 1.
+    // Rounding of `leaving` and of the times of height 1.
     let spare = 1e-13 * (1.0 + launch * launch);
     let (mut rises, mut sinks) = (f64::INFINITY, 0.0);
     if launch > 0.0 && leaving > spare {

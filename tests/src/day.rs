@@ -1,5 +1,7 @@
-//! Hours of simulated operation, with what a shift brings: other parts, a drive that warms up, pauses,
-//! a link that is pulled, an accelerometer whose plug is loose.
+//! Hours of simulated operation with the events of a shift.
+//!
+//! The events: other parts, a drive that warms up, pauses, a lost link, an accelerometer with a
+//! loose plug.
 
 use std::collections::BTreeMap;
 
@@ -11,32 +13,32 @@ use kband_host::simulate::Fidelity;
 
 use crate::states::Random;
 
-/// Longest time in s that parts of the lot may be out of lock after something happened: a start with
-/// its sweep, soft start and eight kicks of two seconds each.
+/// Time in s: longest that parts of the lot may be out of lock after an event. It covers a start
+/// with its sweep, the soft start and eight kicks of two seconds each.
 const AGAIN: f64 = 20.0;
 
-/// What came of the hours, told apart by what was done to them.
+/// Result of the hours, by kind of event.
 #[derive(Clone, Debug, Default)]
 pub struct Shift {
-    /// Drive cycles, and those of them in lock.
+    /// Drive cycles.
     pub cycles: u64,
     /// Cycles in lock.
     pub locked: u64,
-    /// Times each thing happened.
+    /// Number of events of each kind.
     pub happened: BTreeMap<&'static str, u32>,
-    /// Sum of what the phases heard in lock exceed the parts' own by, in each tenth of the time, in rad,
-    /// and their number.
+    /// Errors of the phase in lock, in each tenth of the time: sum in rad over the parts' own
+    /// phase, and number.
     pub error: [(f64, u32); 10],
-    /// Farthest that the time was from what the cycles of the drive's phase make of it, in s.
+    /// Largest difference in s between the time and the count of drive cycles.
     pub time_off: f64,
-    /// Drive cycle that was counted last.
+    /// Last counted drive cycle.
     pub last_cycle: u32,
-    /// What should not have been, a line each.
+    /// Failures, one line each.
     pub wrong: Vec<String>,
 }
 
 impl Shift {
-    /// Mean error of the phase heard in lock in a tenth of the time, in rad.
+    /// Mean error of the estimated phase in lock in a tenth of the time, in rad.
     #[must_use]
     pub fn mean_error(&self, tenth: usize) -> f64 {
         let (sum, count) = self.error[tenth];
@@ -44,14 +46,14 @@ impl Shift {
     }
 }
 
-/// What may happen between two stretches of plain running.
+/// Events between two stretches of normal operation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Trouble {
-    /// Parts of another restitution of the lot.
+    /// Parts of the lot with another restitution.
     Parts,
-    /// The accelerometer drops out for two cycles: not a fault.
+    /// The accelerometer drops out for two cycles; no fault.
     DropOut,
-    /// The accelerometer is lost, and found again a second later.
+    /// The accelerometer is lost, and works again a second later.
     Lost,
     /// The enable input is withdrawn for some seconds.
     Pause,
@@ -59,12 +61,12 @@ enum Trouble {
     Link,
 }
 
-/// What happens when.
+/// Schedule of the events.
 struct Script {
     random: Random,
     seconds: f64,
     next: f64,
-    /// Changes to come, the next one last.
+    /// Pending changes, the next one last.
     due: Vec<(f64, Change)>,
 }
 
@@ -78,7 +80,7 @@ impl Script {
         }
     }
 
-    /// The next trouble where its time has come, with what it changes put among what is due.
+    /// The next event if its time has come; its changes become pending.
     fn trouble(&mut self, now: f64) -> Option<Trouble> {
         if now < self.next || now > self.seconds - 60.0 {
             return None;
@@ -91,7 +93,7 @@ impl Script {
                 (Trouble::Parts, vec![(now, Change::Restitution(part))])
             }
             3..5 => {
-                // Two cycles at most, wherever they begin.
+                // At most two cycles, from any begin.
                 let length = random.between(0.01, 0.039);
                 let changes = [(now, true), (now + length, false)];
                 (
@@ -130,8 +132,10 @@ impl Script {
         Some(trouble)
     }
 
-    /// What is due now; the drive's gain follows the temperature through the day by 20 % both ways, with
-    /// a ripple of minutes.
+    /// The changes that are due now.
+    ///
+    /// The drive's gain follows the temperature through the day by +-20 %, with a ripple of
+    /// minutes.
     fn changes(&mut self, now: f64) -> Vec<Change> {
         let turn = std::f64::consts::TAU * now;
         let gain =
@@ -181,7 +185,7 @@ impl Feeder {
     }
 }
 
-/// Runs `seconds` of operation of the default feeder, whose troubles follow from `seed`.
+/// Runs `seconds` of operation of the default feeder, with events from `seed`.
 ///
 /// # Panics
 /// Where the default scene is refused.
@@ -233,7 +237,7 @@ pub fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
     shift
 }
 
-/// The phase at which parts of a restitution strike in the lock of order 1 at the setpoint, in rad.
+/// Phase in rad at which parts of a restitution strike in the lock of order 1 at the setpoint.
 fn locked_phase(closed: &Feeder, restitution: f32) -> Option<f64> {
     let controller = closed.controller();
     let k = f64::from(controller.k(controller.setpoint()));
@@ -252,7 +256,7 @@ fn look(
 ) {
     let report = &moment.report;
     shift.cycles += 1;
-    // Exact: whole turns of the phase over its step a sample, and a sample for where the wrap falls.
+    // Exact: whole turns of the phase over its step per sample, and one sample for the wrap.
     let samples = f64::from(report.cycle) * 4_294_967_296.0 / f64::from(report.command.step);
     let off = (moment.time - samples / f64::from(SAMPLE_RATE)).abs();
     shift.time_off = shift.time_off.max(off);

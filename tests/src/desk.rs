@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 
 use kband::wire::{FRAME_MOST, Outgoing, Receiver, Request, Response, read_answer, write_request};
 
-/// Longest wait for an answer; the emulator runs far below the board's speed on a busy machine.
+/// Longest wait for an answer; on a busy machine the emulator runs far below the board's speed.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// The talk with one image; the image ends with it.
+/// A connection to one image; dropping it ends the image.
 pub struct Desk {
     child: Child,
     input: ChildStdin,
@@ -20,10 +20,10 @@ pub struct Desk {
 }
 
 impl Desk {
-    /// Starts the image of `command`, which ends by its own limit.
+    /// Starts the image of `command`, which has its own time limit.
     ///
     /// # Panics
-    /// Where it does not start.
+    /// If the image does not start.
     #[must_use]
     pub fn start(mut command: Command) -> Self {
         let mut child = command
@@ -35,7 +35,7 @@ impl Desk {
         let input = child.stdin.take().expect("standard input is a pipe");
         let mut output = child.stdout.take().expect("standard output is a pipe");
         let (send, bytes) = channel();
-        // The thread ends with the pipe, which ends with the image.
+        // The thread ends with the pipe, the pipe with the image.
         std::thread::spawn(move || {
             let mut buffer = [0; 256];
             while let Ok(count @ 1..) = output.read(&mut buffer) {
@@ -56,7 +56,7 @@ impl Desk {
     /// Sends bytes as they are.
     ///
     /// # Panics
-    /// Where the image is gone.
+    /// If the image has ended.
     pub fn send(&mut self, bytes: &[u8]) {
         self.input
             .write_all(bytes)
@@ -64,10 +64,10 @@ impl Desk {
             .expect("the image listens");
     }
 
-    /// The next sound frame.
+    /// The next valid frame.
     ///
     /// # Panics
-    /// Where none comes in time.
+    /// If no frame arrives in time.
     pub fn receive<T>(&mut self, look: impl FnOnce(Outgoing<'_>) -> T) -> T {
         let end = Instant::now() + PATIENCE;
         loop {
@@ -87,10 +87,10 @@ impl Desk {
         }
     }
 
-    /// Asks and looks at the answer, past what is sent unasked.
+    /// Sends a request and passes the answer to `look`; frames without a request are skipped.
     ///
     /// # Panics
-    /// Where no answer comes in time.
+    /// If no answer arrives in time.
     pub fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
         let mut buffer = [0; FRAME_MOST];
         let frame = write_request(&mut buffer, 1, request).expect("the request fits a frame");
@@ -115,7 +115,7 @@ impl Desk {
 
 impl Drop for Desk {
     fn drop(&mut self) {
-        // The emulator's time limit is its parent and passes this signal on.
+        // The emulator's time limit is its parent process and passes this signal on.
         let _ = Command::new("kill")
             .arg(self.child.id().to_string())
             .status();

@@ -1,4 +1,5 @@
-//! Impacts of the f64 map to 30 digits, one Newton step in twofold arithmetic from where the map found them.
+//! Impacts of the f64 map to 30 digits, by one Newton step in double-double arithmetic (Dekker
+//! 1971).
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -16,11 +17,13 @@ pub struct Refined {
     pub arrival: f64,
 }
 
-/// Longest flight in rad of which the gap is divided by the flight: its series in f64 are then exact enough.
+/// Flight time in rad: longest for the gap divided by the flight. Up to here its f64 series are
+/// exact enough.
 const SHORT: f64 = 0.25;
 
-/// The impact after a launch that is not at rest and does not graze; `None` where the step is longer than rounding moves a
-/// simple root.
+/// The refined impact of a launch that neither rests nor grazes.
+///
+/// `None` if the Newton step is longer than the rounding of a simple root.
 #[must_use]
 pub fn refine(map: &Map, state: PartState) -> Option<Refined> {
     let d = map.impact(state).flight;

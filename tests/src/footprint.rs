@@ -1,4 +1,4 @@
-//! What an image takes of flash and RAM, read from its file.
+//! Flash and RAM of an image, read from its ELF file.
 
 use std::path::Path;
 
@@ -9,14 +9,14 @@ pub struct Footprint {
     pub flash: u32,
     /// RAM: variables and the stack kept for them.
     pub memory: u32,
-    /// Of the RAM, the stack.
+    /// Stack, part of the RAM.
     pub stack: u32,
 }
 
 /// The footprint of an ELF image of a 32-bit little-endian machine.
 ///
 /// # Panics
-/// Where the file is not such an image.
+/// If the file is not such an image.
 #[must_use]
 pub fn footprint(image: &Path) -> Footprint {
     let bytes = std::fs::read(image).expect("the image is read");

@@ -1,5 +1,5 @@
-//! What the cross-crate tests share: the machines that programs run on, launches that try a kernel and the
-//! oracle that judges it.
+//! Shared code of the cross-crate tests: emulated machines, launches for the kernels, and the
+//! oracle that judges them.
 
 pub mod bench;
 pub mod broken;

@@ -1,8 +1,9 @@
 //! An independent impact map: slow, simple, unable to jump over an impact.
 //!
-//! It shares no code and no idea with the kernels: it evaluates sines where it stands, and steps by a
-//! lower bound of the gap. Its fourth derivative is within -1..1, so its Taylor series to the third
-//! power less `h^4/24` is below `u(d + h)`: stepping up to the first root of that passes no impact.
+//! It shares no code and no idea with the kernels: it evaluates sines where it stands, and steps by
+//! a lower bound of the gap. Its fourth derivative is within -1..1, so its Taylor series to the
+//! third power less `h^4/24` is below `u(d + h)`: stepping up to the first root of that passes no
+//! impact.
 
 /// Longest step in rad.
 const STRIDE: f64 = 2.0;
@@ -86,11 +87,11 @@ pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
             break;
         }
         let h = clear_from(at, phase, d, STRIDE);
-        // Near the flat top of a track with k within rounding of 1 every step is so small.
+        // Near the flat top of a track with k within rounding of 1 every step is this small.
         if h <= 2e-16 * d || (n > 300 && h < 1e-6 * d && height < rounding(k, phase, velocity, d)) {
             break;
         }
-        // Steps that shrink and grow again passed a near touch.
+        // Steps that shrink and grow again have passed a near touch.
         if h > shrinking {
             clearance = clearance.min(height / rounding(k, phase, velocity, d));
         }
@@ -126,8 +127,8 @@ fn sagitta(d: f64) -> f64 {
 
 /// How long `u + v h + a h^2 + b h^3 - w h^4 > 0` at least, up to `stride`; u >= 0, w >= 0.
 ///
-/// Up to the stride the last two terms are above a quadratic one, whose root is closed; the stride is
-/// shortened until it is near that root.
+/// Up to the stride the last two terms are above a quadratic one, whose root is closed; the stride
+/// is shortened until it is near that root.
 pub(crate) fn clear_for([u, v, a, b, w]: [f64; 5], mut stride: f64) -> f64 {
     let mut clear = 0.0_f64;
     for _ in 0..40 {

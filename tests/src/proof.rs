@@ -1,4 +1,4 @@
-//! When the first impact after a launch is, found out once for all arithmetics that hold this very launch.
+//! Time of the first impact after a launch, proven once for all arithmetics with this very launch.
 
 use crate::states::Launch;
 use crate::{certificate, oracle};
@@ -27,7 +27,7 @@ impl Launched {
         &self.launch
     }
 
-    /// The gap and its first two derivatives `d` after it.
+    /// The gap and its first two derivatives `d` after the launch.
     #[must_use]
     pub fn gap(&self, d: f64) -> [f64; 3] {
         let Launch {
@@ -42,32 +42,32 @@ impl Launched {
         oracle::rounding_from(self.track, self.launch.k, self.launch.velocity, d)
     }
 
-    /// How much harder than k the track pushes there.
+    /// Excess of the track's push over k at the launch.
     #[must_use]
     pub fn excess(&self) -> f64 {
         self.track[0] - self.launch.k
     }
 
-    /// How far it is from where the push passes k, in rad.
+    /// Distance in rad from the launch to the phase at which the push passes k.
     #[must_use]
     pub fn from_edge(&self) -> f64 {
         (self.excess() / self.track[1]).abs()
     }
 }
 
-/// When the first impact after a launch is.
+/// Time of the first impact after a launch.
 pub struct Proof {
     /// The launch.
     pub launched: Launched,
-    /// As the map in f64 has it.
+    /// The impact time of the f64 map.
     told: f64,
-    /// That, where it is soon proven, once that was tried.
+    /// The proven time of the quick certificate, after the first attempt.
     soon: Option<Option<f64>>,
     first: Option<f64>,
 }
 
 impl Proof {
-    /// Of a launch that ends as `told`, which is tried first.
+    /// The proof of a launch; it tries the impact time `told` first.
     #[must_use]
     pub fn of(launch: Launch, told: f64) -> Self {
         Self {
@@ -78,7 +78,7 @@ impl Proof {
         }
     }
 
-    /// When it is, where what was told is soon proven.
+    /// The first impact's time, if the quick certificate proves `told`.
     pub fn soon(&mut self) -> Option<f64> {
         if self.soon.is_none() {
             self.soon = Some(self.proven());
@@ -98,7 +98,7 @@ impl Proof {
             .then_some(d)
     }
 
-    /// When it is: as told, or else by the oracle.
+    /// The first impact's time: by the quick certificate, else by the oracle.
     pub fn first(&mut self) -> f64 {
         let Launch {
             k, phase, velocity, ..

@@ -1,4 +1,4 @@
-//! The soak: launches of every kind through every arithmetic, each impact judged.
+//! Soak test: launches of every kind through every arithmetic, each impact judged.
 
 use std::fmt::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -13,35 +13,35 @@ use crate::bench::{Bench, Judged};
 use crate::states::{Kind, Launch, Random};
 use crate::verdict::Verdict;
 
-/// How often the watch looks at the threads, and how often it may find one at the same launch before its
-/// search counts as endless: two minutes, in which the watch itself ran, of a machine that may be busy or
-/// asleep.
+/// Watchdog period, and the number of periods at one launch after which its search counts as
+/// endless. That is two minutes of the watchdog's own run time, so a busy or sleeping machine does
+/// not trigger it.
 const WATCH: Duration = Duration::from_millis(5);
 const PATIENCE: u32 = 24_000;
 
-/// Launches from one track: to set it up in every arithmetic takes as long as to judge one of them.
+/// Launches per track: the set-up in every arithmetic takes as long as one verdict.
 const TOGETHER: usize = 8;
 const _: () = assert!(LANES.is_multiple_of(TOGETHER));
 
-/// What a soak saw of one kind of launch.
+/// Results of a soak for one kind of launch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
     /// Launches tried.
     pub launches: u64,
     /// Impacts that differ from the oracle's and are flagged as grazing.
     pub flagged: u64,
-    /// Touches that the oracle's own rounding leaves open.
+    /// Touches left open by the oracle's own rounding.
     pub undecided: u64,
     /// Parts at rest.
     pub rests: u64,
-    /// Largest deviation of an f64 impact, in roundings scaled by the condition.
+    /// Largest deviation of an f64 impact, in roundings scaled by the condition number.
     pub worst: f64,
     /// Wrong impacts.
     pub wrong: u64,
 }
 
 impl Tally {
-    /// Adds what was seen elsewhere.
+    /// Adds another tally.
     pub fn add(&mut self, other: &Self) {
         self.launches += other.launches;
         self.flagged += other.flagged;
@@ -52,8 +52,9 @@ impl Tally {
     }
 }
 
-/// The launch of a step that all arithmetics hold, of 2^-32 of a turn and 2^-26 or f32: its first impact is proven once for
-/// all. One that would be at rest so stays what it is.
+/// The launch rounded to the steps of all arithmetics, 2^-32 turns and 2^-26 or f32.
+///
+/// One proof then serves all of them. A launch that would round to rest is unchanged.
 fn held_by_all(launch: &Launch) -> Launch {
     let velocity = (launch.velocity * 67_108_864.0).round() / 67_108_864.0;
     if velocity == 0.0 {
@@ -66,7 +67,7 @@ fn held_by_all(launch: &Launch) -> Launch {
     }
 }
 
-/// The launches of block `number` of a kind: always the same for the same seed.
+/// The launches of block `number` of a kind; the seed determines them.
 fn launches(kind: Kind, seed: u64, number: u64) -> Vec<Launch> {
     let mut seeds = Random::new(seed ^ ((kind as u64) << 56) ^ (number << 8));
     let mut random = Random::new(seeds.bits());
@@ -86,14 +87,15 @@ fn launches(kind: Kind, seed: u64, number: u64) -> Vec<Launch> {
     launches
 }
 
-/// Judges one launch; a panic of a kernel is an error as well.
+/// Judges one launch; a panic of a kernel is an error.
 fn judged(bench: &Bench, launch: &Launch) -> Result<Judged, String> {
     catch_unwind(AssertUnwindSafe(|| bench.judge(launch)))
         .unwrap_or_else(|_| Err("a kernel panicked".into()))
         .map_err(|cause| format!("{launch:?}\n    {cause}"))
 }
 
-/// Tries one block of launches in every arithmetic; `current` always tells which launch is tried.
+/// Tries one block of launches in every arithmetic; `current` holds the number of the current
+/// launch.
 fn block(kind: Kind, seed: u64, number: u64, current: &AtomicUsize, tell: &impl Fn(&str)) -> Tally {
     let mut tally = Tally::default();
     let launches = launches(kind, seed, number);
@@ -104,7 +106,7 @@ fn block(kind: Kind, seed: u64, number: u64, current: &AtomicUsize, tell: &impl 
     let mut lanes = Block::new();
     for (lane, launch) in launches.iter().enumerate() {
         if let Some(map) = benches[lane / TOGETHER].map() {
-            // There is a lane for every launch.
+            // Every launch has a lane.
             let _ = lanes.put(lane, map, launch.state());
         }
     }
@@ -135,8 +137,11 @@ fn block(kind: Kind, seed: u64, number: u64, current: &AtomicUsize, tell: &impl 
     tally
 }
 
-/// Tries `count` launches of every kind on `threads` threads, telling of wrong impacts as they come; a
-/// search that does not end ends the process, its launch told. The launches depend on the seed alone.
+/// Tries `count` launches of every kind on `threads` threads and reports wrong impacts as they
+/// come.
+///
+/// An endless search ends the process and prints its launch. The seed alone determines the
+/// launches.
 #[must_use]
 pub fn soak(
     count: u64,
@@ -165,8 +170,10 @@ fn one_kind(
     watched(blocks, threads, block, Tally::add, told, tell)
 }
 
-/// Sums what `work` makes of so many blocks, on `threads` threads. It is given a block's number and keeps a place in it; where that
-/// stays the same for too long, what `told` says of it is told and the process ends.
+/// Sums the results of `work` over `blocks` blocks, on `threads` threads.
+///
+/// `work` gets a block's number and updates its place in the block. If the place does not change
+/// for too long, the process prints the launch there and ends.
 pub(crate) fn watched<T: Default + Send>(
     blocks: u64,
     threads: usize,
@@ -224,7 +231,7 @@ pub(crate) fn watched<T: Default + Send>(
     total.into_inner().unwrap_or_default()
 }
 
-/// What every arithmetic makes of one launch, and the verdict.
+/// The impacts of every arithmetic for one launch, and the verdict.
 pub fn replay(launch: &Launch) -> Result<String, String> {
     let mut text = String::new();
     let _ = writeln!(text, "{launch:?}");

@@ -1,10 +1,10 @@
-//! Launch states that try a kernel: ordinary ones and the hardest that were thought of.
+//! Launch states for testing a kernel: ordinary and adversarial ones.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use kband::impact::PartState;
 
-/// A launch: what is put into a kernel.
+/// A launch: the input of a kernel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Launch {
     /// k of the track.
@@ -74,7 +74,7 @@ pub enum Kind {
     Low,
     /// psi log-uniform in 1e-30..3.
     Chatter,
-    /// Phases within 1e-15..0.1 of where `sin t = k`, psi = 0 or tiny.
+    /// Phases within 1e-15..0.1 of `sin t = k`, psi = 0 or tiny.
     Edge,
     /// Flights that touch a hump within 1e-17..1e-2.
     Grazing,
@@ -82,7 +82,7 @@ pub enum Kind {
     Wrap,
     /// k log-uniform in 0.005..3, psi log-uniform in 1e-30..100.
     Wide,
-    /// k within 1e-16..1e-2 of 1, phases as near to the top of the stroke or anywhere.
+    /// k within 1e-16..1e-2 of 1, phases equally near to the top of the stroke or anywhere.
     Flat,
 }
 
@@ -104,7 +104,7 @@ impl Kind {
         self.drawn(random, None)
     }
 
-    /// A random launch of this kind from the track of `first`, which is of this kind as well.
+    /// A random launch of this kind from the track of `first`, a launch of the same kind.
     pub fn draw_beside(self, random: &mut Random, first: &Launch) -> Launch {
         self.drawn(random, Some(first))
     }
@@ -176,8 +176,9 @@ impl Kind {
     }
 }
 
-/// A launch whose parabola touches a hump, but for 1e-17..1e-2 of velocity: from a touch at a random
-/// place of the hump back to where the parabola left the track.
+/// A launch whose parabola touches a hump, but for 1e-17..1e-2 of velocity.
+///
+/// It is computed backwards, from a touch at a random place of the hump to the launch.
 fn grazing(random: &mut Random, k: f64, restitution: f64) -> Launch {
     loop {
         let edge = k.asin();
@@ -185,7 +186,7 @@ fn grazing(random: &mut Random, k: f64, restitution: f64) -> Launch {
         let (s, c) = touch.sin_cos();
         let gap = |past: f64| s - c * past - 0.5 * k * past * past - (touch - past).sin();
         let mut past = random.between(0.05, 12.0);
-        // Above height 1 it meets no track.
+        // Above height 1 there is no track.
         let leaving = c * c - 2.0 * k * (1.0 - s);
         if leaving > 0.0 && c < 0.0 && s - c * past - 0.5 * k * past * past > 1.0 {
             past = past.max((leaving.sqrt() - c) / k - 0.1);

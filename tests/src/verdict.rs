@@ -1,4 +1,4 @@
-//! Whether an impact that a kernel found is the first one.
+//! Verdict on whether a kernel's impact is the first one.
 
 use std::f64::consts::TAU;
 
@@ -8,22 +8,23 @@ use crate::certificate;
 use crate::proof::{Launched, Proof};
 use crate::states::Launch;
 
-/// What the oracle says of one impact.
+/// The oracle's verdict on one impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
-    /// The first root, to rounding scaled by the condition of the problem: the deviation in units of
-    /// that.
+    /// The first root, to rounding scaled by the condition number; holds the deviation in that
+    /// unit.
     First(f64),
-    /// Another root; one of the two decisions lies within rounding, and the kernel says so.
+    /// Another root. One of the two decisions is within rounding, and the kernel flags it.
     Flagged,
-    /// The part rests, rightly.
+    /// The part rests, correctly.
     Rests,
-    /// A later root than the oracle's, whose touch is within the oracle's own rounding; or another one where a rounding
-    /// of `sin t - k` decides whether the part hops or is thrown.
+    /// A later root than the oracle's, whose touch is within the oracle's own rounding.
+    ///
+    /// Or another root where the rounding of `sin t - k` decides between a hop and a throw.
     Undecided,
 }
 
-/// A kernel under trial: how far its rounding moves the gap.
+/// A kernel under test, with the effect of its rounding on the gap.
 pub trait Tried: Kernel {
     /// Rounding of the gap `d` after launch.
     fn rounding(launched: &Launched, d: f64) -> f64;
@@ -66,8 +67,9 @@ impl Tried for Single {
     const STEPS: [f64; 2] = [STEP, 1e-30];
 }
 
-/// Whether a rounding of `sin t - k` decides at launch between a hop of next to nothing and a throw: the gap near
-/// there is `psi d - (k - sin t) d^2/2 + cos t d^3/6`, with two roots or none.
+/// Whether the rounding of `sin t - k` decides at launch between a tiny hop and a throw.
+///
+/// Near launch the gap is `psi d - (k - sin t) d^2/2 + cos t d^3/6`, with two roots or none.
 pub(crate) fn is_left_open(launch: &Launch) -> bool {
     let Launch {
         k, phase, velocity, ..
@@ -77,16 +79,16 @@ pub(crate) fn is_left_open(launch: &Launch) -> bool {
     if cosine <= 0.0 {
         return false;
     }
-    // Where both roots are one.
+    // Double root.
     let level = (8.0 / 3.0 * cosine * velocity).sqrt();
     (pull - level).abs() <= f64::EPSILON
 }
 
-/// Judges the impact that an arithmetic made of the launch that a proof is of; the error is its cause.
+/// Judges an arithmetic's impact against the proof of its launch; the error is the cause.
 ///
 /// # Errors
-/// A wrong root that is not flagged, a number that is not finite, a phase outside the turn, a negative
-/// velocity, a speed or a phase that is not that of the flight.
+/// A wrong root without a flag, a number that is not finite, a phase outside the turn, a negative
+/// velocity. A speed or a phase that does not belong to the flight.
 pub(crate) fn judge<K: Tried>(
     proof: &mut Proof,
     impact: &Impact<PartState>,
@@ -113,7 +115,7 @@ pub(crate) fn judge<K: Tried>(
     }
     let excess = launched.excess();
     if d == 0.0 && velocity == 0.0 {
-        // sin and k round to half a unit of 1 each, or the phase where sin is k to its step.
+        // sin and k round to half a unit of 1 each, or the phase of lift-off to its step.
         return if excess <= 4.0 * f64::EPSILON + step {
             Ok(Verdict::Rests)
         } else {
@@ -131,8 +133,8 @@ pub(crate) fn judge<K: Tried>(
     let near = |d: f64, truth: f64| {
         let [height, slope, curvature] = launched.gap(d);
         let noise = K::rounding(&launched, d.max(truth));
-        // How far the root moves for that noise: linear where the arrival is fast, as the square root
-        // where two roots meet.
+        // Shift of the root by that noise: linear at a fast arrival, a square root at a double
+        // root.
         let moved = if slope * slope > 4.0 * curvature.abs() * noise {
             noise / slope.abs()
         } else {
@@ -147,12 +149,12 @@ pub(crate) fn judge<K: Tried>(
         )
     };
     let (height, slope, curvature, noise, moved) = near(d, d);
-    // The root is so far off by the residual, where that is simple.
+    // Error of a simple root, from the residual.
     let off = height.abs() / slope.abs();
     let simple = slope < 0.0 && off * curvature.abs() < 0.1 * slope.abs();
     let nothing = 64.0 * step;
     let deviation = if nothing > 0.0 && d <= nothing && launched.gap(nothing)[0] <= 0.0 {
-        // A hop of some steps of a flight time.
+        // A hop of a few steps of a flight time.
         0.0
     } else if simple
         && off <= 64.0 * moved

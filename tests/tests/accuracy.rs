@@ -1,4 +1,4 @@
-//! The kernels for microcontrollers against the f64 map, over whole sets of states.
+//! The microcontroller kernels against the f64 map, over large sets of states.
 
 use std::f64::consts::{PI, TAU};
 
@@ -18,7 +18,7 @@ impl Random {
     }
 }
 
-/// k, phase and velocity of a state to try.
+/// k, phase and velocity of a test state.
 type Case = (f64, f64, f64);
 
 fn wide(random: &mut Random, velocity: impl Fn(f64) -> f64) -> Case {
@@ -39,7 +39,7 @@ fn logarithmic(random: &mut Random) -> Case {
     wide(random, |x| 3.0 * 10_f64.powf(-7.0 * x))
 }
 
-/// Around the phase where the track begins to throw, from rest or nearly.
+/// Phases around lift-off, from rest or nearly.
 fn launch(random: &mut Random) -> Case {
     let k = 0.02 + 0.96 * random.uniform();
     let side = if random.uniform() < 0.5 { -1.0 } else { 1.0 };
@@ -70,7 +70,7 @@ fn measure<K: Kernel>(count: usize, mut case: impl FnMut(&mut Random) -> Case) -
         let kernel = K::build(k, 0.8).unwrap();
         let map = Map::build(k, 0.8).unwrap();
         let state = K::state(phase, velocity).unwrap();
-        // The same start for both: what the kernel can hold.
+        // The same start for both, rounded as in the kernel.
         let held = K::observe(state);
         let expected = map.impact(held);
         let impact = kernel.impact(state);
@@ -106,13 +106,15 @@ fn measure<K: Kernel>(count: usize, mut case: impl FnMut(&mut Random) -> Case) -
     }
 }
 
-/// From rest within one step of a phase around `arcsin k` the rounded phase decides.
+/// Within one phase step of `arcsin k` the rounded phase decides whether a resting part is thrown.
 fn resting_by_rounding(k: f64, state: PartState) -> bool {
     state.velocity == 0.0 && (state.phase.sin() - k).abs() < 1.5e-9
 }
 
-/// Checks a set: median, p99 and largest error of the phase in rad, the largest of the velocity, and
-/// no wrong root.
+/// Checks a set of states against `limits`, without a wrong root.
+///
+/// Limits: median, 99th percentile and largest error of the phase in rad, largest error of the
+/// velocity.
 fn holds<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
     let errors = measure::<K>(20_000, case);
     println!("{}: {errors:?}", K::NAME);
@@ -123,8 +125,8 @@ fn holds<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
     }
 }
 
-// Medians: one phase step (1.463e-9 rad) for the hybrid kernel, where two are promised, and 2e-6 rad for
-// f32; the others are about twice what was measured over 400 000 states.
+// Medians: one phase step (1.463e-9 rad) for the hybrid kernel, which promises two, and 2e-6 rad
+// for f32. The others are about twice the values measured over 400 000 states.
 
 #[test]
 fn hybrid_holds_its_errors() {
@@ -149,7 +151,7 @@ fn integer_holds_its_errors() {
     holds::<Integer>(launch, [4e-9, 2e-7, 7e-5, 1e-6]);
 }
 
-/// The corners of a kernel's range and random states all over it.
+/// The corners of a kernel's range and random states in it.
 fn everywhere<K: Kernel>(top: f64, count: usize, mut check: impl FnMut(f64, f64, K::State, &K)) {
     let mut random = Random(3);
     for i in 0..count {
@@ -191,7 +193,7 @@ fn survives<K: Kernel>(top: f64, tolerance: f64) {
         let (held, next) = (K::observe(state), K::observe(impact.next));
         assert!(impact.flight >= 0.0, "{k:e} {state:?} {impact:?}");
         assert!(
-            // What a launch at the top may gain.
+            // Largest gain of velocity of a launch at the top.
             (0.0..=top + 2.5).contains(&next.velocity),
             "{k:e} {state:?} {impact:?}"
         );
@@ -215,7 +217,9 @@ fn kernels_survive_their_whole_range() {
     survives::<Integer>(29.0, 1e-3);
 }
 
-/// A flight that just touches a hump: k, phase and velocity of its launch, and the time of the touch;
+/// A flight that just touches a hump: k, phase and velocity of its launch, and the time of the
+/// touch.
+///
 /// `None` where the backward flight starts outside 0..20.
 fn touch(random: &mut Random) -> Option<(Case, f64)> {
     let k = 0.02 + 0.96 * random.uniform();
@@ -244,8 +248,9 @@ fn touch(random: &mut Random) -> Option<(Case, f64)> {
     (near < 60.0 && (0.0..20.0).contains(&velocity)).then_some(((k, phase - near, velocity), near))
 }
 
-/// Tries flights with gaps of at least a limit over a hump, either sign; the decision must be right. The
-/// limit depends on the flight time where the cosine is rounded at launch.
+/// Checks the decision for flights that pass a hump by at least a limit, above or below.
+///
+/// The limit depends on the flight time where the kernel rounds the cosine at launch.
 fn decides<K: Kernel>(limit: fn(f64) -> f64) {
     let mut random = Random(9);
     let (mut narrow, mut flagged) = (0, 0);
@@ -256,7 +261,7 @@ fn decides<K: Kernel>(limit: fn(f64) -> f64) {
         let kernel = K::build(k, 0.5).unwrap();
         let state = K::state(phase, velocity).unwrap();
         let held = K::observe(state);
-        // The least height near the touch, of the state that the kernel holds.
+        // Minimum height near the touch, of the state as the kernel represents it.
         let (s, c) = (held.phase.sin(), held.phase.cos());
         let mut d = time;
         for _ in 0..6 {
@@ -283,7 +288,7 @@ fn decides<K: Kernel>(limit: fn(f64) -> f64) {
             impact.flight
         );
     }
-    // So many of the narrowest decisions were tried, and some within rounding.
+    // Minimum numbers of narrow decisions, and of flags within rounding.
     assert!(narrow > 1_000 && flagged > 20, "{narrow} {flagged}");
 }
 
@@ -309,7 +314,7 @@ fn a_year_at_50_hz_keeps_the_phase_of_f32() {
     }
     let elapsed = Phase::from_bits(steps as u32);
     assert_eq!(state.phase, start.phase + elapsed);
-    // A locked part repeats itself bit for bit, in whole turns, so it holds its phase for ever.
+    // A locked part repeats itself bit for bit, in whole turns, so it keeps its phase for ever.
     let kernel = Single::build(0.43, 0.2).unwrap();
     let mut state = Single::state(0.45, 0.45).unwrap();
     for _ in 0..1_000 {
@@ -329,12 +334,13 @@ fn a_year_at_50_hz_keeps_the_phase_of_f32() {
     assert_eq!(steps, impacts << 32);
 }
 
-/// An elastic orbit that gains velocity until it leaves the range: there the kernel says so, and flies on at
-/// the top.
+/// An elastic orbit that gains velocity until it leaves the range.
+///
+/// There the kernel reports it and continues at the top velocity.
 fn says_where_its_range_ends<K: Kernel>(top: f64) {
     let kernel = K::build(0.5, 1.0).unwrap();
     let highest = |phase| K::state(phase, top).unwrap();
-    // Of the launches at the top some gain.
+    // Some launches at the top gain velocity.
     let fast = (0..64)
         .map(|i| kernel.impact(highest(0.1 * f64::from(i))).next)
         .find(|&next| K::observe(next).velocity > top)
@@ -355,7 +361,7 @@ fn a_launch_beyond_the_range_is_told() {
     says_where_its_range_ends::<Integer>(29.0);
 }
 
-/// The part of the track, in rad, that an arithmetic takes `phase` for.
+/// The phase of the track in rad that an arithmetic uses for `phase`.
 fn place<K: Kernel>(phase: f64) -> Option<f64> {
     K::state(phase, 0.5)
         .ok()
@@ -364,8 +370,9 @@ fn place<K: Kernel>(phase: f64) -> Option<f64> {
 
 #[test]
 fn every_arithmetic_takes_a_phase_for_the_same_part_of_the_track() {
-    // The input itself is exact to half a digit, 9.3e-10 rad at most; so is its remainder by 2 pi, whose
-    // own last digit, times 2^21 turns, adds 2^21 2.4e-16 = 5.1e-10; half a step of the phase is 7.3e-10.
+    // The input is exact to half a digit, at most 9.3e-10 rad, and so is its remainder by 2 pi. The
+    // last digit of 2 pi, times 2^21 turns, adds 2^21 2.4e-16 = 5.1e-10. Half a step of the phase
+    // is 7.3e-10.
     let tolerance = 9.4e-10 + 5.2e-10 + 7.4e-10;
     for turns in [0.0, 1.0, 12_345.0, 2_097_150.0, -1.0, -2_097_151.0] {
         for part in [0.1, 1.0, 3.0, 6.2] {

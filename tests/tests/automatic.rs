@@ -1,4 +1,4 @@
-//! The automatic check ends and reports, whatever its steps do and however it is called.
+//! The automatic check ends and reports, whatever its steps and its caller do.
 
 use std::fs;
 use std::process::{Command, Stdio};
@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 
 use kband_tests::root;
 
-/// Runs a copy of `.ci/run` over steps of our own, with a standard input that never ends and an
-/// output that is read only after the end; gives exit status and output.
+/// Runs a copy of `.ci/run` over test steps; returns exit status and output.
+///
+/// Its standard input never ends, and its output is read only after the end.
 fn automatic_check(steps: &str, limit: &str) -> (Option<i32>, String) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for name in [".ci", "tests"] {
@@ -34,7 +35,7 @@ fn automatic_check(steps: &str, limit: &str) -> (Option<i32>, String) {
         std::thread::sleep(Duration::from_millis(20));
     }
     drop(input);
-    // This returns only when nobody holds the pipe any more.
+    // This returns only when no process holds the pipe any more.
     let output = child.wait_with_output().expect("the output is read");
     (
         output.status.code(),

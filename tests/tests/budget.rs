@@ -1,13 +1,14 @@
-//! An image that does not fit is refused by the linker, with the memory's name: tried with the scripts
-//! that the board's image is linked with.
+//! The linker refuses an image that does not fit and names the memory.
+//!
+//! It is tested with the linker scripts of the board's image.
 
 use kband_tests::emulator::Machine;
 use kband_tests::images;
 
-/// Memory of the board, and of lesser ones.
+/// Flash and RAM of the board in KiB.
 const BOARD: [u32; 2] = [1024, 128];
 
-/// A program of the vectors that the scripts ask for, so many KiB of constants and so many of variables.
+/// A program with the vectors that the scripts need, and with `constants` and `variables` in KiB.
 fn program(constants: u32, variables: u32) -> String {
     format!(
         r#"#![no_std]
@@ -48,7 +49,7 @@ fn program(constants: u32, variables: u32) -> String {
     )
 }
 
-/// What the linker says to a program in a memory of so many KiB of flash and RAM; `None` where it fits.
+/// The linker's message for a program in a memory with `flash` and `ram` in KiB; `None` if it fits.
 fn refusal([constants, variables]: [u32; 2], [flash, ram]: [u32; 2]) -> Option<String> {
     let folder = tempfile::tempdir().unwrap();
     let source = folder.path().join("program.rs");
@@ -80,9 +81,9 @@ fn refusal([constants, variables]: [u32; 2], [flash, ram]: [u32; 2]) -> Option<S
 
 #[test]
 fn an_image_beyond_flash_or_ram_is_refused_by_the_linker() {
-    // The scripts come with the image.
+    // The scripts are built with the image.
     let _ = images::build("kband-firmware", "feeder", Machine::CortexM4F);
-    // What the image may have: 384 KiB, and 112 KiB with the stack of 76 KiB among them.
+    // The image's budget: 384 KiB of flash, and 112 KiB of RAM with a stack of 76 KiB.
     assert_eq!(refusal([382, 23], BOARD), None);
     let flash = refusal([384, 23], BOARD).expect("too much flash");
     assert!(flash.contains("exceeds 384 KiB of flash"), "{flash}");
@@ -91,7 +92,7 @@ fn an_image_beyond_flash_or_ram_is_refused_by_the_linker() {
         ram.contains("stack and static data exceed 112 KiB of RAM"),
         "{ram}"
     );
-    // What the chip has, where it is less than that.
+    // The chip's memory, where it is smaller than the budget.
     let flash = refusal([120, 1], [100, 128]).expect("too much for the chip");
     assert!(flash.contains("will not fit in region 'FLASH'"), "{flash}");
     let ram = refusal([1, 1], [1024, 40]).expect("no room beside the stack");

@@ -1,5 +1,6 @@
-//! The emulated core is QEMU's: instructions at random, each from registers at random, leave the same registers,
-//! flags and memory in both.
+//! The emulated core agrees with QEMU's (differential test).
+//!
+//! Random instructions from random registers leave the same registers, flags and memory in both.
 
 use std::path::Path;
 use std::time::Duration;
@@ -9,15 +10,15 @@ use kband_tests::emulator::{self, Machine, Options};
 
 const FLASH: u32 = 0x0800_0000;
 const MEMORY: u32 = 0x2000_0000;
-/// What loads and stores of a case may reach, and what each case leaves.
+/// Memory for the loads and stores of a case, and for the results.
 const SCRATCH: u32 = MEMORY + 0x100;
 const RESULTS: u32 = MEMORY + 0x400;
-/// Words that a case begins with: flags, s0 to s15, r0 to r12; and that it leaves: these, FPSCR, scratch.
+/// Initial words of a case: flags, s0 to s15, r0 to r12. Final words: these, FPSCR, scratch.
 const INPUTS: usize = 30;
 const OUTPUTS: u32 = 31 + 4;
-/// Cases of one image: what they leave has to fit the RAM.
+/// Number of cases in an image: their results must fit the RAM.
 const CASES: usize = 700;
-/// Images.
+/// Number of images.
 const IMAGES: u64 = 12;
 
 /// A generator of numbers (SplitMix64).
@@ -44,7 +45,7 @@ impl Random {
         from[self.below(N as u32) as usize]
     }
 
-    /// Words at the edges as often as others.
+    /// A word; edge values are as frequent as others.
     fn word(&mut self) -> u32 {
         let edges = [
             0,
@@ -94,7 +95,7 @@ fn wide(first: u32, second: u32) -> Vec<u16> {
     vec![first as u16, second as u16]
 }
 
-/// An instruction at random that touches neither stack, link nor counter.
+/// A random instruction that leaves stack pointer, link register and program counter alone.
 fn instruction(random: &mut Random) -> Vec<u16> {
     let (d, n, m, a) = (
         random.register(),
@@ -362,7 +363,7 @@ fn single_one(random: &mut Random) -> Vec<u16> {
     }
 }
 
-/// The code of a number into the link register.
+/// Instructions that load a number into the link register.
 fn link(value: u32) -> [u16; 4] {
     let half = |first: u32, value: u32| {
         let (i, three, byte) = (value >> 11 & 1, value >> 8 & 7, value & 0xff);
@@ -376,7 +377,7 @@ fn link(value: u32) -> [u16; 4] {
     [a, b, c, d]
 }
 
-/// A case: the registers that it begins with and its instruction.
+/// A case: its initial registers and its instruction.
 #[derive(Clone)]
 struct Case {
     inputs: [u32; INPUTS],
@@ -396,7 +397,7 @@ fn case(random: &mut Random) -> Case {
     }
 }
 
-/// The image of some cases, with what they are expected to leave; without, it stops where they are done.
+/// The image of some cases; with `expected` it compares the results, without it stops at the end.
 fn image(cases: &[Case], expected: Option<&[u32]>) -> Vec<u8> {
     let data_at = FLASH + 0x4_0000;
     let mut code: Vec<u16> = Vec::new();
@@ -408,7 +409,7 @@ fn image(cases: &[Case], expected: Option<&[u32]>) -> Vec<u8> {
     let mut data: Vec<u32> = Vec::new();
     for (number, case) in cases.iter().enumerate() {
         code.extend(link(SCRATCH));
-        // Four words of scratch are set from r0 to r3, which hold what the case before left.
+        // Sets four words of scratch from r0 to r3, which hold results of the previous case.
         code.extend([
             0x2000, 0x2100, 0x43ca, 0x43c3, 0xe88e, 0x000f, 0xf10e, 0x0e10,
         ]);
@@ -422,7 +423,8 @@ fn image(cases: &[Case], expected: Option<&[u32]>) -> Vec<u8> {
         ]);
         code.extend(&case.code);
         code.extend(link(RESULTS + number as u32 * OUTPUTS * 4));
-        // stmia lr!, {r0-r12}; vstmia lr!, {s0-s15}; mrs r0, APSR; vmrs r1, FPSCR; and r1, #0xf0000000
+        // stmia lr!, {r0-r12}; vstmia lr!, {s0-s15}; mrs r0, APSR; vmrs r1, FPSCR; and r1,
+        // #0xf0000000
         code.extend([
             0xe8ae, 0x1fff, 0xecae, 0x0a10, 0xf3ef, 0x8000, 0xeef1, 0x1a10,
         ]);
@@ -458,7 +460,7 @@ fn image(cases: &[Case], expected: Option<&[u32]>) -> Vec<u8> {
     bytes
 }
 
-/// Compares what the cases left with so many words at `expected`, and ends with 0 or 1.
+/// Compares the results with `count` words at `expected`, and exits with 0 or 1.
 fn compare(code: &mut Vec<u16>, expected: u32, count: u32) {
     code.extend(link(RESULTS));
     code.push(0x4670); // mov r0, lr
@@ -524,7 +526,7 @@ impl Bus for Memory {
     }
 }
 
-/// What the cases leave on the emulated core.
+/// Final words of the cases on the emulated core.
 fn left(cases: &[Case]) -> Vec<u32> {
     let mut memory = Memory {
         flash: image(cases, None),
@@ -567,12 +569,12 @@ fn elf(bytes: &[u8]) -> Vec<u8> {
     file
 }
 
-/// Whether QEMU's core leaves the same.
+/// Whether QEMU's core gives the same words.
 fn agrees(cases: &[Case], folder: &Path) -> bool {
     leaves(cases, &left(cases), folder)
 }
 
-/// Whether QEMU's core leaves these words.
+/// Whether QEMU's core gives these words.
 fn leaves(cases: &[Case], expected: &[u32], folder: &Path) -> bool {
     let path = folder.join("cases.elf");
     std::fs::write(&path, elf(&image(cases, Some(expected)))).unwrap();
@@ -587,7 +589,7 @@ fn leaves(cases: &[Case], expected: &[u32], folder: &Path) -> bool {
     }
 }
 
-/// The first of some cases in which both differ.
+/// The first case in which the cores differ.
 fn apart<'a>(cases: &'a [Case], folder: &Path) -> &'a Case {
     match cases {
         [one] => one,

@@ -1,4 +1,5 @@
-//! A shortened day: no fault that was not injected, each trouble overcome, and nothing that drifts.
+//! A shortened day: no fault without injection, recovery after each event, and no drift.
+//!
 //! The whole day is `tests/run.sh --soak`.
 
 use kband_host::simulate::Fidelity;
@@ -10,7 +11,7 @@ fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
     assert!(shift.wrong.is_empty(), "{}", shift.wrong.join("\n"));
     let times = |name| shift.happened.get(name).copied().unwrap_or(0);
     println!("{:?}", shift.happened);
-    // All of it happened, and each lost sensor was a fault.
+    // Every kind of event occurred, and each lost sensor gave a fault.
     for name in [
         "other parts",
         "short drop-out",
@@ -22,9 +23,10 @@ fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
     }
     assert_eq!(times("lost sensor"), times("faulted"));
     assert_eq!(times("faulted"), times("acknowledged"));
-    // Two samples: one for where a wrap falls between two, one for the sample that sees it.
+    // Two samples: one for the place of a wrap, one for its detection.
     assert!(shift.time_off < 2.01 / 20_000.0, "{} s", shift.time_off);
-    // Of a trouble's minute or so it is out of lock for four seconds at most in the mean.
+    // An event takes about a minute; parts are out of lock for at most four seconds of it in the
+    // mean.
     assert!(
         shift.locked * 10 > shift.cycles * 8,
         "{} of {}",

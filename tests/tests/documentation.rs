@@ -1,4 +1,5 @@
-//! What the pages and the sources say of each other: links, anchors, citations, the numbering of the theory.
+//! Consistency of pages and sources: links, anchors, citations, section numbers, names and sentence
+//! lengths.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -47,7 +48,7 @@ fn explicit_anchors(page: &str) -> impl Iterator<Item = &str> {
     parts.filter_map(|rest| rest.split('"').next())
 }
 
-/// The identifier that GitHub and mdBook give a heading.
+/// The heading's identifier in GitHub and mdBook.
 fn slug(heading: &str) -> String {
     let kept = heading.trim().to_lowercase();
     let kept = kept.chars().filter_map(|c| match c {
@@ -65,7 +66,7 @@ fn anchors(page: &str) -> BTreeSet<String> {
     slugs.chain(explicit).collect()
 }
 
-/// Why a link, seen from a folder, leads nowhere.
+/// Reason why a link from a folder is broken; `None` if it is valid.
 fn broken(from: &Path, link: &str, own: &Path) -> Option<String> {
     let (file, anchor) = link.split_once('#').unwrap_or((link, ""));
     let target = if file.is_empty() {
@@ -128,7 +129,7 @@ fn every_citation_of_a_page_leads_to_an_anchor() {
     assert!(of_theory >= 20, "only {of_theory} citations of the theory");
 }
 
-/// The theory is part of the manual: it is cited by anchors, which a test can follow.
+/// The theory is part of the manual and is cited by anchors, which a test can check.
 #[test]
 fn nothing_cites_sections_by_their_numbers_alone() {
     let forms = ["physics,", "theory,"].map(|page| [page, "section"].join(" "));
@@ -227,12 +228,12 @@ fn cells(glossary: &str) -> impl Iterator<Item = Vec<&str>> {
     cells.filter(|cells| cells.len() == 7 && cells[1] != "symbol")
 }
 
-/// What stands in backquotes.
+/// Texts in backquotes.
 fn quoted(cell: &str) -> impl Iterator<Item = &str> {
     cell.split('`').skip(1).step_by(2)
 }
 
-/// The name of the type that a line of source makes public everywhere.
+/// The name of a type that a line of source makes fully public.
 fn public_type(line: &str) -> Option<&str> {
     let (kind, rest) = line.trim_start().strip_prefix("pub ")?.split_once(' ')?;
     let name = rest
@@ -281,7 +282,7 @@ fn a_word_of_the_glossary_has_one_meaning() {
     assert!(found.len() > 50, "{} types", found.len());
 }
 
-/// What tables, legends and `kband live` call a regime or a state is explained.
+/// The glossary explains the names of regimes and states in tables, legends and `kband live`.
 #[test]
 fn every_regime_and_state_that_is_shown_is_explained() {
     let glossary = fs::read_to_string(root().join("docs/glossary.md")).expect("the glossary");
@@ -302,7 +303,7 @@ fn every_regime_and_state_that_is_shown_is_explained() {
     }
 }
 
-/// Names that were private to this project, where they may not come back, and the word of the field for each.
+/// Project jargon that was replaced: word, folder where it is banned, and its replacement.
 const GIVEN_UP: &[(&str, &str, &str)] = &[
     ("Ear", "", "onset detector (OnsetDetector)"),
     ("ear", "", "onset detector, or what is heard"),
@@ -353,8 +354,7 @@ const GIVEN_UP: &[(&str, &str, &str)] = &[
     ("Line", "host/src/board", "link (Link)"),
 ];
 
-/// The mentions of numbered faults or limits in a page that do not have the name of their number
-/// behind them, as in "fault 6 (over-temperature)".
+/// Mentions of numbered faults or limits without their name, as in "fault 6 (over-temperature)".
 fn misnamed(page: &str, word: &str, name: impl Fn(u8) -> Option<&'static str>) -> Vec<String> {
     let mut found = Vec::new();
     for after in page.split(&format!("{word} ")).skip(1) {
@@ -364,7 +364,7 @@ fn misnamed(page: &str, word: &str, name: impl Fn(u8) -> Option<&'static str>) -
         let said = rest
             .strip_prefix(" (")
             .and_then(|rest| rest.split(')').next());
-        // A command that is shown names a number alone.
+        // A quoted command may use the number alone.
         let command = rest.starts_with('`');
         if !command && (said.is_none() || said != name(number)) {
             found.push(format!("{word} {number}{}", rest.get(..30).unwrap_or(rest)));

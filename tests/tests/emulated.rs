@@ -1,4 +1,4 @@
-//! The library's own checks on the emulated CPU.
+//! Self-checks of the library on the emulated CPU.
 
 use std::time::Duration;
 

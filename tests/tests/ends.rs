@@ -1,4 +1,5 @@
-//! Every end is a safe end: the flashed image on its chip, and the time in which its bridge opens.
+//! Every end of operation is safe: the flashed image on its chip, and the time until its bridge
+//! opens.
 
 use std::sync::OnceLock;
 
@@ -18,7 +19,7 @@ fn blank() -> Rig {
     ))
 }
 
-/// A board whose settings are saved, its target a small amplitude, at 0.4 s.
+/// A board at 0.4 s with saved settings and a small amplitude as target.
 fn commissioned() -> Rig {
     let mut rig = blank();
     rig.run(0.3);
@@ -31,7 +32,7 @@ fn commissioned() -> Rig {
     rig
 }
 
-/// The same, running since 1.2 s, at 3 s.
+/// The same board at 3 s, running since 1.2 s.
 fn running() -> Rig {
     static RUNNING: OnceLock<Rig> = OnceLock::new();
     let play = || {
@@ -51,7 +52,7 @@ fn kept(rig: &mut Rig) -> Kept {
     })
 }
 
-/// The newest fault of those kept in flash.
+/// The newest fault record in flash.
 fn fault(rig: &mut Rig) -> Option<u8> {
     rig.ask(&Request::Fault(0), |response| match response {
         Response::Fault(fault) => fault.map(|fault| fault.fault),
@@ -84,7 +85,7 @@ fn the_bridge_opens_in_time_whatever_ends() {
             5e-3,
             Some(Cause::Window),
         ),
-        // Four cycles of 20 ms, and the one that is running.
+        // Four cycles of 20 ms, and the current one.
         ("the control hangs", Act::Hang(Hang::Thread), 0.1, None),
         ("too hot", Act::Cool(false), 0.04, None),
     ];
@@ -100,7 +101,7 @@ fn the_bridge_opens_in_time_whatever_ends() {
             rig.resets().get(1).map(|(time, _)| since(*time)),
         );
         assert!(opens.is_some_and(|time| time <= most), "{name}: {opens:?}");
-        // It stays open, with the enable input given.
+        // It stays open, even with the enable input set.
         if act != Act::Halt {
             rig.run(4.5);
         }
@@ -122,7 +123,7 @@ fn what_opened_the_bridge_is_told_and_kept() {
     for (act, number) in [(Act::OverCurrent(true), 11), (Act::Volts(2.8), 14)] {
         let mut rig = rig.clone();
         rig.at(3.0, act.clone()).run(3.03);
-        // Lamp and log within a cycle and the writing of a record.
+        // Lamp and log follow within a cycle and the writing of a record.
         assert!(rig.seen_after(3.0, &Seen::Fault(true)).is_some(), "{act:?}");
         // The record waits until the supply has been good for 100 ms.
         rig.at(3.1, Act::Volts(3.3)).run(3.4);
@@ -134,7 +135,8 @@ fn what_opened_the_bridge_is_told_and_kept() {
 fn a_stack_that_is_nearly_used_up_stops_the_drive() {
     let mut rig = running();
     let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
-    // In the farthest eighth of it, of which each cycle looks at some words: all of them in 80 cycles.
+    // In the last eighth of the stack; each cycle checks some words of it, all of them in 80
+    // cycles.
     let written = images::symbol(&image, "_stack_end") + 512;
     rig.at(3.0, Act::Store(written, 0)).run(4.7);
     assert!(rig.opens_after(3.0).is_some());
@@ -158,7 +160,7 @@ fn a_link_that_waits_for_ever_is_no_reset() {
     let mut rig = running();
     rig.done(&Request::Telemetry(1));
     let from = rig.time() + 0.01;
-    // Control register 1 of its port, by a stray write: what is to be sent is never asked for.
+    // A stray write to control register 1 of the port: it disables the transmit request.
     rig.at(from, Act::Store(0x4000_440c, 0)).run(from + 1.6);
     assert_eq!(rig.resets().len(), 1, "{:?}", rig.resets());
     assert_eq!(rig.opens_after(from), None, "it drives on");
@@ -172,7 +174,7 @@ fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
         rig.chip.board.clocks.crystal = crystal;
         rig.at(0.5, Act::Enable(true)).run(1.0);
         assert_eq!(rig.chip.board.clock(), 168_000_000, "{crystal}");
-        // The lamp alone says nothing: it is on while nobody has given settings.
+        // The lamp alone proves nothing: it is on while the board has no settings.
         assert!(
             rig.seen_after(0.0, &Seen::Fault(true)).is_some(),
             "{crystal}"
@@ -192,7 +194,7 @@ fn a_board_does_not_start_by_itself() {
     let mut rig = commissioned();
     rig.at(0.9, Act::Enable(true));
     rig.run(0.9);
-    // Power is gone and comes back with the enable input given.
+    // Power fails and returns with the enable input set.
     rig.at(1.0, Act::Volts(0.0))
         .at(1.5, Act::Volts(3.3))
         .run(3.0);

@@ -1,5 +1,5 @@
-//! The firmware on the emulated CPU: what it does is what the desk says, and what goes wrong ends with
-//! the drive off.
+//! The firmware on the emulated CPU: it does the same as the desk, and failures end with the drive
+//! off.
 
 use std::time::Duration;
 
@@ -51,7 +51,7 @@ fn trace_is_the_desks(name: &'static str) {
         .split(' ')
         .filter_map(|word| word.parse().ok())
         .collect();
-    // With less than an eighth free the board takes it for a fault.
+    // With less than an eighth of the stack free the board raises a fault.
     assert!(words[0] < words[1] - words[1] / 8, "{stack}");
 }
 
@@ -73,7 +73,7 @@ fn an_eventful_scene_is_the_desks_bit_for_bit() {
 #[test]
 fn parts_that_scatter_are_the_desks_bit_for_bit() {
     trace_is_the_desks("scattering");
-    // The trace tells the parts' impacts: without scatter it is another.
+    // The trace contains the impacts of the parts: without scatter it differs.
     let scattering = Trial::named("scattering").unwrap().scene();
     let mut constant = scattering.clone();
     constant.scatter.clear();
@@ -86,8 +86,7 @@ fn parts_that_scatter_are_the_desks_bit_for_bit() {
     assert_ne!(rows(&scattering), rows(&constant));
 }
 
-/// Runs into trouble: the drive goes off before anything else is said, and after the reset the last
-/// words are still there.
+/// Provokes a failure: the drive goes off before any output, and the last words survive the reset.
 fn trouble(word: &'static str, last_words: &str) {
     let output = virtual_feeder(word, 60);
     let lines: Vec<&str> = output.text.lines().collect();
@@ -181,7 +180,7 @@ fn samples_and_plan_take_their_share_of_the_core_at_most() {
         let words: Vec<&str> = line.unwrap_or_default().split_whitespace().collect();
         (words[1].parse().unwrap(), words[3].parse().unwrap())
     };
-    // What was counted, and 3 % for another compiler; the most is exact to six instructions.
+    // Measured values with 3 % for another compiler; the largest are exact to six instructions.
     for (name, limits) in [
         ("signal path:", [188, 298]),
         ("sample interrupt:", [198, 427]),
@@ -200,7 +199,7 @@ fn samples_and_plan_take_their_share_of_the_core_at_most() {
     assert!(mean > 20 && most <= 200, "{text}");
     let (mean, most) = counts("control:");
     println!("control: mean {mean}, most {most} instructions a cycle");
-    // An eighth of a cycle at 50 Hz and 168 MHz, so that most of it is left to the plan and the link.
+    // An eighth of a cycle at 50 Hz and 168 MHz leaves most of it to the plan and the link.
     assert!(mean > 1_000 && most <= 420_000, "{text}");
     plan_takes_half_a_second_at_most(&text);
     let speeds = text
@@ -229,11 +228,12 @@ fn samples_and_plan_take_their_share_of_the_core_at_most() {
 fn the_plan_for_lively_parts_takes_an_eighth_of_a_second() {
     let text = clocked("count-lively", Clock::Instructions, 60).passed();
     let all = plan_takes_half_a_second_at_most(&text);
-    // 19.8 million, and 3 % for another compiler.
+    // 19.8 million measured, with 3 % for another compiler.
     assert!(all <= 20_405_000, "{text}");
 }
 
-/// Instructions that a slice of planning may take: half of a cycle at 50 Hz and 168 MHz is left to the control.
+/// Instructions of a planning slice: largest. The control keeps half of a cycle at 50 Hz and 168
+/// MHz.
 const SLICE: u32 = 1_680_000;
 
 /// The instructions of a capture plan.
@@ -263,15 +263,15 @@ fn requests_take_their_share_of_a_cycle_and_keep_no_sample_waiting() {
         .filter_map(|line| line.strip_prefix("request ")?.split_once(": "))
         .map(|(name, counts)| (name, counts.split(' ').nth(2).unwrap().parse().unwrap()))
         .collect();
-    // The question who is there, 24 requests, and two frames that are none.
+    // The identification request, 24 other requests, and two invalid frames.
     assert_eq!(requests.len(), 27, "{text}");
     let (dearest, most) = *requests.iter().max_by_key(|(_, count)| count).unwrap();
     println!("requests of the link: {requests:?}");
     println!("request of the link: most {most} instructions a cycle ({dearest})");
     // A quarter of a cycle at 50 Hz and 168 MHz.
     assert!(most <= 840_000, "{text}");
-    // Of a sample at 168 MHz: two fifths where new settings hand over a signal path, which they may at rest
-    // only, and a twentieth with the drive on.
+    // Limits in cycles of a sample at 168 MHz. Two fifths at rest, where new settings replace a
+    // signal path; a twentieth with the drive on.
     for (state, limit) in [("at rest", 3360), ("while the drive runs", 420)] {
         let line = text.lines().find_map(|line| {
             line.strip_prefix("sample waits for the link ")?
@@ -312,9 +312,9 @@ fn the_emulated_board_talks_to_the_desk() {
             other => panic!("{other:?}"),
         }
     };
-    // The board says who it is when it starts, and when it is asked.
+    // The board identifies itself at its start and on request.
     desk.receive(identified(0));
-    // Garbage first; the board finds the question behind it.
+    // Garbage first; the board finds the request after it.
     desk.send(b"\0garbage\0\x05ab\0");
     let mut buffer = [0; FRAME_MOST];
     let question = write_question(&mut buffer, 9).unwrap().to_vec();
@@ -352,7 +352,7 @@ fn the_emulated_board_talks_to_the_desk() {
     assert_eq!(desk.receive(cycle), first + 1);
 }
 
-/// What a scene brings with its controller on the emulated CPU, which is what it brings with all of it at the desk.
+/// Outcome of a scene with its controller on the emulated CPU; it equals the desk's.
 fn on_the_emulated_cpu(file: &SceneFile) -> Outcome {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let desk = kband_host::desk::Desk::new(Some(1)).unwrap();
@@ -374,7 +374,7 @@ fn a_scene_with_its_controller_on_the_emulated_cpu_is_the_desks() {
     // Parts of constant restitution, which a kick locks.
     file.scene.target = kband::control::Target::Locked { order: 1 };
     file.scene.scatter.clear();
-    // Soft start, holding, and the kick planned on the emulated CPU.
+    // Soft start, holding, and the kick, planned on the emulated CPU.
     file.duration = 1.4;
     assert!(
         on_the_emulated_cpu(&file)
@@ -392,7 +392,7 @@ fn a_loaded_track_held_by_the_emulated_cpu_is_the_desks() {
     }
     file.duration = 1.8;
     let outcome = on_the_emulated_cpu(&file);
-    // Its phase is held by the output's lead.
+    // The output's lead controls its phase.
     let leads = |from: f64| {
         let after = outcome.moments().iter().filter(move |it| it.time > from);
         after.filter(|it| it.report.command.lead.bits() != 0)
@@ -422,8 +422,8 @@ fn images_fit_their_budget() {
             f64::from(size.stack) / 1024.0
         );
         assert!(size.flash > 1024 && size.stack > 1024);
-        // What the linker gives the boards, three quarters of the smaller one's 512 KiB; the emulated image carries the
-        // plant of three tones and its counters as well.
+        // The linker's limits for the boards: three quarters of the smaller one's 512 KiB. The
+        // emulated image also contains the plant of three tones and its counters.
         let [flash, ram] = match name {
             "virtual_feeder" => [672, 116],
             _ => [384, 112],
@@ -481,6 +481,6 @@ fn the_stack_bears_every_request() {
         size - free,
         size - start
     );
-    // With less than an eighth free the board takes it for a fault.
+    // With less than an eighth of the stack free the board raises a fault.
     assert!(free > size / 8);
 }

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use kband_tests::soak::{replay, soak};
 use kband_tests::states::Launch;
 
-/// The full soak is `soak` in this crate's binaries; this is some thousand launches of each kind.
+/// Some thousand launches of each kind; the full soak is the binary `soak` of this crate.
 #[test]
 fn every_impact_is_the_first() {
     let wrong = Mutex::new(String::new());
@@ -20,8 +20,9 @@ fn every_impact_is_the_first() {
     assert!(tallies.iter().all(|(_, tally)| tally.launches >= 8_000));
 }
 
-/// What soaks have found, each in one arithmetic: the approach stopped far from any root, or at a later one, or a number had no place for
-/// it.
+/// Failures found by soaks, each in one arithmetic.
+///
+/// The approach ended far from any root or at a later one, or a number overflowed.
 #[test]
 fn launches_that_went_astray_once_do_not_again() {
     for [k, restitution, phase, velocity] in [

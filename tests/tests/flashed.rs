@@ -1,4 +1,4 @@
-//! The board's image itself, bytes unchanged, on the emulated chip with the simulated track on its bridge.
+//! The board's image, bytes unchanged, on the emulated chip with the simulated track on its bridge.
 
 use kband::control::State;
 use kband::plant::{ClosedLoop, Scene};
@@ -18,12 +18,12 @@ fn board() -> Rig {
     ))
 }
 
-/// The settings of the machine, saved at its first start, and the lock as its target.
+/// A board with the machine's settings, saved at its first start, and the target lock.
 fn commissioned() -> Rig {
     let mut rig = board();
     rig.run(0.3);
     rig.done(&Request::Target(kband::wire::Target::Locked(1)));
-    // The desk is asked once and falls silent then.
+    // The desk sends one request and is then silent.
     rig.done(&Request::Set {
         key: "link_timeout",
         value: 0.0,
@@ -32,7 +32,7 @@ fn commissioned() -> Rig {
     rig
 }
 
-/// Amplitude in mm that the desk holds once it is locked.
+/// Amplitude in mm of the desk in lock.
 fn desk() -> f64 {
     let mut desk = ClosedLoop::build(&Scene::default()).unwrap();
     let last = (0..500).map(|_| desk.cycle().report).last().unwrap();
@@ -43,7 +43,7 @@ fn desk() -> f64 {
 #[test]
 fn from_power_on_to_lock_it_does_what_the_desk_does() {
     let mut rig = commissioned();
-    // What brought the board up without settings is acknowledged; then it starts.
+    // The enable input acknowledges the start without settings; then the board starts.
     rig.at(1.5, Act::Enable(true)).run(1.5);
     assert_eq!(rig.resets(), [(0.0, Cause::Power)]);
     assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None);
@@ -55,7 +55,7 @@ fn from_power_on_to_lock_it_does_what_the_desk_does() {
     println!("flashed image: b {board:.4} mm, desk {desk:.4} mm, locked at 9 s");
     assert!((board / desk - 1.0).abs() < 0.02, "{board} {desk}");
     assert!(rig.peak() < 0.3);
-    // One reset, no fault, and the core ran at its clock on flash of five wait states.
+    // One reset, no fault, and the core's clock with five flash wait states.
     assert_eq!(rig.resets().len(), 1);
     assert_eq!(rig.seen_after(1.4, &Seen::Fault(true)), None);
     assert_eq!(rig.chip.board.clock(), 168_000_000);

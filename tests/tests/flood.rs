@@ -1,6 +1,8 @@
-//! A flood of frames at the board's image while it drives: samples in time, control in time, every count asked for answered.
+//! A flood of frames at the board's image while it drives: no late sample, no late control, every
+//! count answered.
 //!
-//! `KBAND_FRAMES` frames instead of ten thousand, from the seed `KBAND_SEED`; `tests/run.sh --soak` sends a million.
+//! `KBAND_FRAMES` frames instead of ten thousand, from the seed `KBAND_SEED`; `tests/run.sh --soak`
+//! sends a million.
 
 use kband::wire::{Request, Response, Target};
 use kband_tests::chip::{LINK, SAMPLE};
@@ -11,7 +13,7 @@ use kband_tests::states::Random;
 
 /// Cycles of the core between two samples.
 const DEADLINE: u64 = 8400;
-/// Bytes that come in a slice of the run at 115200 baud, and what that takes in s.
+/// Bytes per slice of the run at 115200 baud, and the slice's duration in s.
 const SLICE: usize = 1152;
 const SLICE_LASTS: f64 = 0.1;
 
@@ -22,7 +24,7 @@ fn number(variable: &str, otherwise: u64) -> u64 {
     })
 }
 
-/// A frame of the flood, its end included: mostly what is refused, as what is answered takes the line's time.
+/// A frame of the flood with its end; mostly refused ones, because answers occupy the line.
 fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
     let any = random.bits();
     let size = (any >> 8) as usize % 4 + 1;
@@ -53,7 +55,7 @@ fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
             let mut frame = rig.frame(request);
             let last = frame.len() - 1;
             let at = (any >> 24) as usize % last;
-            // Another byte that ends no frame.
+            // Another byte that does not end a frame.
             frame[at] = (frame[at] ^ (1 << (any % 8))).max(1);
             frame
         }
@@ -106,7 +108,7 @@ fn a_flood_of_frames_makes_no_sample_late_and_every_count_is_answered() {
         rig.act(&Act::Link(bytes));
         rig.run(rig.time() + lasts);
         (low, high) = (low.min(rig.amplitude()), high.max(rig.amplitude()));
-        // What was sent so far is no more of interest.
+        // Discards the output so far.
         rig.chip.board.serials[1].sent.clear();
         if counts * 500 < sent {
             count(&mut rig);
@@ -127,8 +129,8 @@ fn a_flood_of_frames_makes_no_sample_late_and_every_count_is_answered() {
         sampling.longest,
         port.longest,
     );
-    // A byte that is complete between the port's status and its data is lost: where it ends a frame, two are one. A question
-    // that was lost is asked again.
+    // The port loses a byte that completes between its status and its data. If the byte ends a
+    // frame, two frames merge. A lost request is repeated.
     assert!(sent + counts - 1 <= counted + lost, "{counted}, {lost}");
     assert!(counted <= sent + counts + lost, "{counted}, {lost}");
     assert!((lost as f64) < 0.01 * came as f64, "{lost} of {came}");

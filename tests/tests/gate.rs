@@ -1,4 +1,5 @@
-//! The gate itself: what fails, hangs or faults on the emulated CPU is seen, and nothing is left over.
+//! The test gate: failures, hangs and faults on the emulated CPU are detected, and no process
+//! remains.
 
 use std::path::Path;
 use std::time::Duration;
@@ -8,7 +9,7 @@ use kband_tests::images;
 
 fn run(bin: &str, limit: Duration) -> Output {
     let built = images::build("kband-emulated", bin, Machine::CortexM4F);
-    // A name of its own tells the emulator of this test from those of other tests.
+    // A unique name separates this test's emulator from others.
     let image = built.with_file_name(format!("{bin}-{}", std::process::id()));
     std::fs::copy(built, &image).expect("the image is copied");
     let output = emulator::run(&image, Options::default(), limit);
@@ -17,7 +18,7 @@ fn run(bin: &str, limit: Duration) -> Output {
     output
 }
 
-/// Processes that have the image on their command line.
+/// Number of processes with the image on their command line.
 fn emulators_of(image: &Path) -> usize {
     let image = image.to_str().expect("a UTF-8 path").as_bytes();
     let processes = std::fs::read_dir("/proc").expect("/proc is there");

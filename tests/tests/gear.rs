@@ -1,4 +1,5 @@
-//! Target gear in closed loop: parts that scatter, by the plant's true motion.
+//! Target gear in closed loop, for parts with random restitution, judged by the plant's true
+//! motion.
 
 use std::f64::consts::TAU;
 
@@ -8,7 +9,7 @@ use kband::plant::{Change, DriveModel, EnvelopeLoop, Scene};
 use kband::regime::gear::GearWatch;
 use kband::wire::Telemetry;
 
-/// A scene of one part whose restitution scatters, as the controller is told.
+/// A scene of one part with random restitution, correctly configured.
 fn scene(restitution: f32, scatter: f32, second_tone: f32) -> Scene {
     let settings = Settings {
         restitution_low: restitution,
@@ -31,7 +32,7 @@ fn scene(restitution: f32, scatter: f32, second_tone: f32) -> Scene {
     }
 }
 
-/// The share of time in gear of the part over some cycles.
+/// Share of time in gear of the part over some cycles.
 fn share(closed: &mut EnvelopeLoop, cycles: u32) -> f64 {
     let mut watch = GearWatch::build(1).unwrap();
     let (mut begun, mut now) = (None, 0.0);
@@ -54,9 +55,11 @@ fn share(closed: &mut EnvelopeLoop, cycles: u32) -> f64 {
     watch.share(now).share()
 }
 
-/// R goes from 0.25 to 0.4 in ten minutes, where the best k goes from 0.42 to 0.51 and what was best at first holds nothing
-/// at last, where 0.65 is the best. A minute's share errs by 0.03 (some 70 losses), and so do the lowest of ten: in the mean of
-/// six runs by 0.012, of 0.596.
+/// R goes from 0.25 to 0.4 in ten minutes, and the best k from 0.42 to 0.51.
+///
+/// At the end the initial k gives no gear, while the best gives a share of 0.65. The share of one
+/// minute has an error of 0.03 (some 70 losses). The smallest of ten such shares has the same
+/// error; the mean of six runs has 0.012, at 0.596.
 #[test]
 fn a_lot_that_drifts_is_followed_and_stays_in_gear() {
     const MINUTES: u32 = 10;
@@ -90,7 +93,7 @@ fn a_lot_that_drifts_is_followed_and_stays_in_gear() {
     }
 }
 
-/// The drive is told that it answers at twice its frequency eight times as strongly as it does.
+/// The configured drive responds at twice its frequency eight times as strongly as the real one.
 #[test]
 fn without_the_second_tone_that_was_told_the_plan_is_that_of_one() {
     let mut scene = scene(0.3, 0.05, 0.15);
@@ -100,13 +103,14 @@ fn without_the_second_tone_that_was_told_the_plan_is_that_of_one() {
     let plan = closed.controller().gear().unwrap();
     assert_eq!(plan.tones[0][0], 0.0, "{plan:?}");
     assert!(plan.settled && (0.4..0.48).contains(&plan.k), "{plan:?}");
-    // Two minutes: some 140 losses, whose outages of 4.4 periods scatter as much: 0.02.
+    // Two minutes: some 140 losses with outages of 4.4 periods, which scatter as much: 0.02.
     let share = share(&mut closed, 6000);
     assert!(share > 0.74, "{share}");
 }
 
-/// Eight minutes of losses at the best k: each is won back from rest by the plan's own choice. A window of a minute has some
-/// hundred losses; its share errs by 0.03.
+/// Eight minutes of losses at the best k; the plan's own choice recovers each from rest.
+///
+/// A window of a minute has some hundred losses; its share has an error of 0.03.
 #[test]
 fn lost_gear_is_won_back_for_ever_without_a_kick_and_without_another_setpoint() {
     let mut closed = EnvelopeLoop::build(&scene(0.3, 0.05, 0.0)).unwrap();
@@ -148,13 +152,15 @@ fn a_lot_that_nothing_serves_is_said_once_with_its_share_and_the_best_is_held() 
             "{} {plan:?}",
             report.k
         );
-        // The desk is told the share, too.
+        // The telemetry contains the share.
         assert_eq!(Telemetry::from(&report).expected_in_gear, plan.share);
     }
 }
 
-/// READY says that the wanted gear is there: on within ten seconds of the parts' being in it, off within ten of their loss, and on
-/// again. What is heard remembers five seconds.
+/// READY is on when the parts are in gear.
+///
+/// It turns on within ten seconds of gear, off within ten of its loss, and on again. The
+/// estimator's memory is five seconds.
 #[test]
 fn the_ready_lamp_follows_gear_of_one_part_and_of_a_crowd() {
     for parts in [1, 6] {
@@ -162,7 +168,7 @@ fn the_ready_lamp_follows_gear_of_one_part_and_of_a_crowd() {
         scene.parts = std::iter::repeat_n(0.2, parts).collect();
         scene.scatter = std::iter::repeat_n(0.05, parts).collect();
         let mut closed = EnvelopeLoop::build(&scene).unwrap();
-        // The first choice is made, improved and heard.
+        // The first choice is made, improved and measured.
         for (cycles, restitution, lit) in
             [(1000, 0.2, true), (1000, 0.75, false), (1000, 0.2, true)]
         {

@@ -6,7 +6,7 @@ use kband::arithmetic::Twofold;
 use kband::impact::{Hybrid, Integer, Kernel, Map, Single};
 use kband_tests::{exact, oracle};
 
-/// One row: what goes in, what comes out.
+/// One row: launch and impact.
 struct Golden {
     k: f64,
     restitution: f64,
@@ -70,12 +70,13 @@ fn every_golden_impact_has_the_right_root() {
         let state = Map::state(golden.phase, golden.velocity).unwrap();
         let impact = map.impact(state);
         let (flight, velocity) = (number(golden.flight), number(golden.next_velocity));
-        // The right root at any condition: another one is at least 1e-3 away.
+        // The right root at any condition number: another one is at least 1e-3 away.
         assert!(
             (impact.flight / flight - 1.0).abs() < 1e-6,
             "{flight}: {impact:?}"
         );
-        // Half a dozen roundings of 1.1e-16, times a condition of up to 100: 1e-12 leaves room for 10.
+        // Half a dozen roundings of 1.1e-16, times a condition number of up to 100; 1e-12 includes
+        // a factor of 10.
         if golden.condition < 100.0 {
             assert!((impact.flight / flight - 1.0).abs() < 1e-12, "{impact:?}");
             let error = (impact.next.velocity - velocity).abs();
@@ -90,7 +91,8 @@ fn every_golden_impact_has_the_right_root() {
     assert!(counted > 2_500, "{counted}");
 }
 
-/// Units of 1e-20 of an f64 in 2^-10..2^9 and of a decimal with at least 20 places.
+/// Fixed-point value in units of 1e-20, of an f64 in 2^-10..2^9 or of a decimal with at least 20
+/// places.
 fn fixed(value: f64) -> i128 {
     let bits = value.to_bits();
     let mantissa = i128::from(bits & ((1 << 52) - 1) | 1 << 52);
@@ -132,13 +134,16 @@ fn the_oracle_in_twofold_rounds_phases_correctly() {
     println!("{beyond_half} of {counted} phases are not the nearest f64");
 }
 
-/// A step of the phase, and half a step of a velocity in integers.
+/// A step of the phase in rad, and half a step of a velocity in integers.
 const STEP: f64 = TAU / 4_294_967_296.0;
 const HALF: f64 = 0.5 / 67_108_864.0;
 
-/// Impacts and hops in a microcontroller's arithmetic, but for those that it flags as grazing or whose root
-/// its rounding merges with another: the largest error over what roundings of `velocity` (of the launch) and of `height` (relative
-/// to the terms of the gap, and to 1) move the root, and how many were tried.
+/// Golden impacts and hops in a microcontroller's arithmetic; grazing ones and merged roots are
+/// left out.
+///
+/// Returns the largest error relative to the effect of roundings, and the numbers of tried and
+/// merged cases. The roundings are of `velocity` at launch and of `height`, relative to the gap's
+/// terms and to 1.
 fn golden<K: Kernel>(velocity: fn(f64) -> f64, [relative, height]: [f64; 2]) -> (f64, u32, u32) {
     let (mut worst, mut tried, mut merged) = (0.0_f64, 0, 0);
     for golden in impacts().chain(hops()) {
@@ -148,8 +153,7 @@ fn golden<K: Kernel>(velocity: fn(f64) -> f64, [relative, height]: [f64; 2]) -> 
         let next = K::observe(impact.next);
         let flight = number(golden.flight);
         let [_, slope, curvature] = oracle::gap(k, phase, golden.velocity, flight);
-        // The gap moves by d for the velocity and by at most 2 d for the phase, which is rounded to half
-        // a step.
+        // The velocity moves the gap by d, the phase by at most 2 d, rounded to half a step.
         let terms = oracle::rounding(k, phase, golden.velocity, flight) / (0.5 * f64::EPSILON);
         let moved = flight * (STEP + velocity(golden.velocity))
             + relative * terms
@@ -185,8 +189,8 @@ fn golden<K: Kernel>(velocity: fn(f64) -> f64, [relative, height]: [f64; 2]) -> 
 
 #[test]
 fn golden_impacts_hold_in_the_microcontrollers_arithmetic() {
-    // Hybrid: sine and height to 2^-30; integer: also the cosine, which moves the gap by the flight time;
-    // f32: every term of the gap to 2^-24.
+    // Hybrid: sine and height to 2^-30. Integer: also the cosine, which moves the gap by the flight
+    // time. f32: every term of the gap to 2^-24.
     let results = [
         golden::<Hybrid>(|_| HALF, [0.0, 3e-9]),
         golden::<Integer>(|_| HALF + 4e-9, [0.0, 3e-9]),
@@ -198,7 +202,7 @@ fn golden_impacts_hold_in_the_microcontrollers_arithmetic() {
     }
 }
 
-/// The residual of the f64 map in roundings of the gap's terms, by the oracle's 30 digits.
+/// Residual of the f64 map in roundings of the gap's terms, against 30 digits of the oracle.
 #[test]
 fn the_residual_of_f64_is_within_four_roundings() {
     use kband_tests::states::{Kind, Random};
@@ -219,7 +223,7 @@ fn the_residual_of_f64_is_within_four_roundings() {
                 .minus(exact.flight)
                 .value()
                 .abs();
-            // Half an ulp of the flight itself, and of each term of the gap.
+            // Half an ulp of the flight, and of each term of the gap.
             let gap = oracle::rounding(launch.k, launch.phase, launch.velocity, impact.flight);
             let roundings =
                 off * exact.arrival / (gap + 0.5 * f64::EPSILON * impact.flight * exact.arrival);

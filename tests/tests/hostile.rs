@@ -1,5 +1,6 @@
-//! No sample, input, setting or target makes the controller panic, and none makes it ask the drive for
-//! what it may not: fixed seeds, with overflow checked as every test is.
+//! No sample, input, setting or target makes the controller panic or exceed the drive's limits.
+//!
+//! Fixed seeds, with overflow checks.
 
 use kband::control::{
     AdcCode, Controller, PLAN_SLICES, Report, Settings, Signal, StartCause, State, Target,
@@ -12,7 +13,7 @@ fn below(random: &mut Random, count: u64) -> usize {
     (random.bits() % count) as usize
 }
 
-/// A number that code stumbles over, or one of the range.
+/// A number that often breaks code, or one of the range.
 fn number(random: &mut Random, low: f32, high: f32) -> f32 {
     match below(random, 12) {
         0 => low,
@@ -31,13 +32,13 @@ fn number(random: &mut Random, low: f32, high: f32) -> f32 {
     }
 }
 
-/// Settings of which some are set at random, those that are refused left as they were.
+/// Settings with random values; refused ones keep their old value.
 fn settings(random: &mut Random) -> Settings {
     let mut settings = Settings::default();
     for key in Settings::KEYS {
         if below(random, 6) == 0 {
             let value = number(random, key.low, key.high);
-            // A value out of range is refused; that is what is tried.
+            // A refused value is part of the test.
             let _ = settings.set(key.name, value);
         }
     }
@@ -59,7 +60,7 @@ fn target(random: &mut Random) -> Target {
     }
 }
 
-/// What comes between the converter and the controller.
+/// Disturbance between the converter and the controller.
 #[derive(Clone, Copy)]
 enum Between {
     Nothing,
@@ -93,7 +94,7 @@ impl Between {
     }
 }
 
-/// What no report may say, whatever was seen.
+/// Limits of every report, whatever the inputs.
 fn check(report: &Report, settings: &Settings) {
     let command = report.command;
     assert!(
@@ -135,7 +136,7 @@ fn no_sample_setting_input_or_target_makes_the_controller_panic() {
     let (mut refused, mut samples) = (0, 0_u32);
     let mut cycles = [0_u32; State::ALL.len()];
     for round in 0..900 {
-        // In every third round all is well at first, so that the controller gets far.
+        // In every third round the start is normal, so that the controller gets far.
         let tame = round % 3 == 0;
         let mut scene = Scene::default();
         if !tame {
@@ -179,7 +180,7 @@ fn no_sample_setting_input_or_target_makes_the_controller_panic() {
             if below(&mut random, patience) == 0 {
                 between = Between::draw(&mut random);
             }
-            // A fault is acknowledged by half a second without enable.
+            // Half a second without enable acknowledges a fault.
             let patience = match (inputs.enable, fault) {
                 (true, _) => often,
                 (false, true) => 100,
@@ -203,7 +204,7 @@ fn no_sample_setting_input_or_target_makes_the_controller_panic() {
     }
     println!("{samples} samples, {refused} rounds refused, cycles in each state: {cycles:?}");
     assert!(refused < 450, "{refused}");
-    // Faults, stops and starts at least: the others depend on what the parts do.
+    // Faults, stops and starts at least: the other states depend on the parts.
     let often = [
         State::Off,
         State::Starting,

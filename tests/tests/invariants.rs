@@ -1,7 +1,7 @@
-//! Properties that every impact has, on launches drawn by proptest from a fixed seed.
+//! Properties of every impact, on launches drawn by proptest from a fixed seed.
 //!
-//! Each is asked of a kernel that is handed in, so that it is shown to fail as well: on kernels broken on
-//! purpose, one for each thing that it asserts.
+//! Each property takes the kernel as an argument. A broken kernel for each assertion shows that the
+//! property can fail.
 
 use std::f64::consts::TAU;
 
@@ -27,7 +27,7 @@ fn launches() -> impl Strategy<Value = Launch> {
     (0.01..1.6, restitution, 0.0..TAU, velocity)
 }
 
-/// What a property says of one launch.
+/// Result of a property for one launch.
 type Said = Result<(), TestCaseError>;
 
 /// A kernel with f64 states: the impact for k, restitution and state.
@@ -37,7 +37,7 @@ fn map(k: f64, restitution: f64, state: PartState) -> Impact<PartState> {
     Map::build(k, restitution).unwrap().impact(state)
 }
 
-/// The map with its impacts spoilt.
+/// The map with its impacts falsified.
 fn spoilt(
     spoil: impl Fn(&mut Impact<PartState>),
 ) -> impl Fn(f64, f64, PartState) -> Impact<PartState> {
@@ -58,18 +58,18 @@ fn run(property: impl Fn(Launch) -> Said) -> Result<(), proptest::test_runner::T
     TestRunner::new_with_rng(config, seed).run(&launches(), property)
 }
 
-/// Runs `property` on always the same launches; what fails is made smaller and printed, nothing is kept.
+/// Runs `property` on fixed launches; a failure is shrunk and printed, nothing is stored.
 fn holds(property: impl Fn(Launch) -> Said) {
     if let Err(failure) = run(property) {
         panic!("{failure}");
     }
 }
 
-/// Runs a `property` of something broken on the same launches, until it fails.
+/// Runs a `property` of a broken kernel on the same launches, until it fails.
 fn fails(broken: &str, property: impl Fn(Launch) -> Said) {
     let found = std::cell::Cell::new(false);
     let result = run(|launch| {
-        // Once it has failed every smaller launch passes: there is nothing to make smaller.
+        // After a failure every smaller launch passes, so there is nothing to shrink.
         let said = if found.get() {
             Ok(())
         } else {
@@ -98,7 +98,7 @@ fn comes_first((k, restitution, phase, velocity): Launch, impacts: Impacts) -> S
     let [height, slope, curvature] = gap(k, phase, velocity, impact.flight);
     let noise = rounding(k, phase, velocity, impact.flight);
     prop_assert!(height.abs() <= 16.0 * noise + f64::EPSILON * slope.abs() * impact.flight);
-    // The slope is the arrival speed, but for what the rounding of a flight moves it.
+    // The slope is the arrival speed, but for the effect of a flight's rounding.
     let moved =
         f64::EPSILON * (1.0 + impact.flight) * (1.0 + curvature.abs()) + 64.0 * noise / slope.abs();
     prop_assert!((speed + restitution * slope).abs() <= 4.0 * moved);
@@ -106,7 +106,7 @@ fn comes_first((k, restitution, phase, velocity): Launch, impacts: Impacts) -> S
     Ok(())
 }
 
-/// A kernel that passes the first impact and finds the next zero of the gap, where there is one.
+/// A kernel that skips the first impact and returns the next zero of the gap, if there is one.
 fn passes_the_first(k: f64, restitution: f64, state: PartState) -> Impact<PartState> {
     let first = map(k, restitution, state);
     let PartState { phase, velocity } = state;
@@ -168,7 +168,7 @@ fn an_impact_follows_its_launch_on_the_track_and_nothing_came_before() {
 }
 
 fn lands_later((k, restitution, phase, velocity): Launch, impacts: Impacts) -> Said {
-    // The gap at any time rises with the velocity, so its first zero does not come earlier.
+    // The gap increases with the velocity at any time, so its first zero does not come earlier.
     let flight = |velocity| impacts(k, restitution, PartState { phase, velocity }).flight;
     let (slower, faster) = (flight(velocity), flight(velocity * 1.01 + 1e-3));
     prop_assert!(faster > slower, "{faster} {slower}");
@@ -184,7 +184,7 @@ fn a_faster_launch_lands_later() {
     fails("as late", |launch| lands_later(launch, &coarse));
 }
 
-/// Flight and velocity for a restitution.
+/// Flight and velocity, for a restitution.
 type Restituted<'a> = &'a dyn Fn(f64) -> (f64, f64);
 
 fn restitutes(restitution: f64, tolerance: f64, with: Restituted) -> Said {
@@ -229,12 +229,12 @@ fn velocity_after_is_restitution_times_the_arrival_speed() {
     });
 }
 
-/// `state` is that of the kernel at some phase.
+/// `state` builds the kernel's state at a phase and a velocity.
 fn wraps<K: Kernel>(
     (k, restitution, phase, velocity): Launch,
     state: &dyn Fn(f64, f64) -> K::State,
 ) -> Said {
-    // On a step of the binary phase, and below 2 pi so much that adding turns keeps its digits.
+    // On a step of the binary phase, and so far below 2 pi that adding turns keeps its digits.
     let phase = (phase * 1e8).round() * TAU * 2_f64.powi(-30);
     let kernel = K::build(k, restitution).unwrap();
     let here = state(phase, velocity);
@@ -279,7 +279,7 @@ fn a_whole_turn_later_is_the_same_launch() {
         })
     });
     holds(|launch| recurs(launch, &map));
-    // A kernel that sees the last digits of a phase that has turned.
+    // A kernel that depends on the last digits of a wrapped phase.
     fails("restless", |launch| {
         recurs(launch, &|k, restitution, state| {
             let last = (state.phase.to_bits() % 8) as f64;
@@ -311,7 +311,7 @@ impl<'a> Lanes<'a> {
         })
     }
 
-    /// Takes one more launch; those of a whole block are tried together.
+    /// Adds a launch; a full block is tested as a whole.
     fn take(&mut self, (k, restitution, phase, velocity): Launch) -> Said {
         let state = PartState { phase, velocity };
         self.waiting
@@ -351,7 +351,7 @@ fn a_lane_of_a_block_is_the_scalar_map_bit_for_bit() {
     }
 }
 
-/// `spoil` is what breaks a tangent map.
+/// `spoil` falsifies the tangent map.
 fn shrinks((k, restitution, phase, velocity): Launch, spoil: &dyn Fn(&mut Tangent)) -> Said {
     let restitution = restitution.max(0.01);
     let map = Map::build(k, restitution).unwrap();
@@ -363,7 +363,7 @@ fn shrinks((k, restitution, phase, velocity): Launch, spoil: &dyn Fn(&mut Tangen
     spoil(&mut tangent);
     let expected = restitution * restitution * velocity / impact.next.velocity;
     let [[a, b], [c, d]] = tangent.jacobian;
-    // A difference of products: 1e-12 of the larger, and what the flight's own rounding moves.
+    // A difference of products: 1e-12 of the larger, and the effect of the flight's rounding.
     let size = (a * d).abs() + (b * c).abs();
     prop_assert!(
         (tangent.determinant() - expected).abs() <= 1e-12 * size.max(expected),
@@ -384,7 +384,7 @@ fn areas_shrink_by_restitution_squared() {
     }
 }
 
-/// `impacts` is what the observer is shown.
+/// `impacts` is the observer's input.
 fn adds_up((k, restitution, phase, velocity): Launch, impacts: Impacts) -> Said {
     let (k, restitution) = (0.05 + 0.3 * k, 0.8 + 0.2 * restitution);
     let map = Map::build(k, restitution).unwrap();

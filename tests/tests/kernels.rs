@@ -1,4 +1,4 @@
-//! The kernels for microcontrollers: the same bits everywhere, at the cost they promise.
+//! The microcontroller kernels: the same bits everywhere, at the promised cost.
 
 use std::time::Duration;
 
@@ -33,7 +33,7 @@ fn orbits_have_the_same_bits_on_the_desk_and_on_the_emulated_cpus() {
 
 #[test]
 fn an_impact_costs_what_the_kernels_promise() {
-    // The images assert the bounds of the kernels meant for their CPU.
+    // The images assert the bounds of the kernels for their CPU.
     for machine in [Machine::CortexM4F, Machine::CortexM0] {
         let text = run("kernel_cost", machine, Clock::Instructions);
         println!("{text}");
@@ -41,7 +41,7 @@ fn an_impact_costs_what_the_kernels_promise() {
     }
 }
 
-/// Instructions of each class that an impact takes in the mean of the orbits, by kernel and CPU.
+/// Mean instructions per impact by class, over the orbits, for each kernel and CPU.
 const BY_CLASS: [(Machine, &str, [f64; Class::ALL.len()]); 3] = [
     (
         Machine::CortexM4F,
@@ -76,20 +76,21 @@ fn an_impact_takes_the_instructions_of_each_class_that_are_told() {
             .into_iter()
             .zip(calls.chunks(2 * kernels::ORBITS.len()))
         {
-            // Of each two calls the first brings the orbit to where it stays.
+            // The first of each two calls brings the orbit to its final regime.
             let settled = calls.iter().skip(1).step_by(2);
             let sum = settled.fold(Counts::default(), |sum, counts| {
                 std::array::from_fn(|class| sum[class] + counts[class])
             });
             let impacts = kernels::ORBITS.len() as f64 * f64::from(kernels::IMPACTS);
-            // QEMU's log of what it executed says the same.
+            // QEMU's log of executed instructions agrees.
             let logged = logged.iter().find(|logged| logged.kernel == *name).unwrap();
             assert_eq!(logged.instructions, sum.map(|count| count as f64 / impacts));
             assert_eq!(CLASSES, Class::ALL.map(|(_, name)| name));
             for ((count, told), (_, class)) in sum.iter().zip(told).zip(Class::ALL) {
                 let count = *count as f64 / impacts;
                 println!("{name} on {machine:?}: {class} {count:.1}");
-                // What was counted, and 3 % for another compiler; half an instruction where there are few.
+                // Measured values with 3 % for another compiler, or half an instruction for small
+                // ones.
                 assert!(
                     count <= told * 1.03 + 0.5,
                     "{name}: {class} {count:.1}, told {told}"

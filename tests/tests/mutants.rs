@@ -1,4 +1,4 @@
-//! The list of mutants keeps up with the sources: each place is in its file, once.
+//! The list of mutants matches the sources: each place occurs in its file exactly once.
 
 use std::path::Path;
 

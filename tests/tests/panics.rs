@@ -1,5 +1,5 @@
-//! No panic can be reached from a sample or from the link: the call sites of panics that are left in the
-//! image of the board are found and named.
+//! No sample and no frame can reach a panic: the remaining call sites of panics in the board's
+//! image are listed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -11,8 +11,9 @@ use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 use kband_tests::emulator::Machine;
 use kband_tests::images;
 
-/// Where a panic may be called from, by the project's line nearest to it or the library's that stands
-/// alone, and why it does not come.
+/// Accepted call sites of panics, with the reason why they are never reached.
+///
+/// A site is the project's nearest source line, or the library's alone.
 const ACCEPTED: [(&str, &str); 18] = [
     (
         "firmware/src/bin/",
@@ -46,7 +47,8 @@ const ACCEPTED: [(&str, &str); 18] = [
         "firmware/src/link.rs",
         "a finished task is not polled again",
     ),
-    // Embassy's base address of a flash bank, inlined into the link's task: its only panic is "Bank 2 not present".
+    // Embassy's base address of a flash bank, inlined into the link's task: its only panic is "Bank
+    // 2 not present".
     (
         "core/src/task/",
         "the settings lie in the first bank of the flash, and this chip has no second",
@@ -88,7 +90,7 @@ fn panics(name: &str) -> bool {
         || (name.contains("panic_already") && name.contains("4cell"))
 }
 
-/// Where a branch of the Thumb instruction set goes: BL, or B with 24 bits (ARMv7-M, A7.7.12 and A7.7.18).
+/// Target of a Thumb branch: BL, or B with 24 bits (ARMv7-M, A7.7.12 and A7.7.18).
 fn branch(at: u32, first: u16, second: u16) -> Option<u32> {
     if first >> 11 != 0b11110 || second & 0x9000 != 0x9000 {
         return None;
@@ -200,8 +202,9 @@ fn no_panic_can_be_reached_from_a_sample_or_the_link() {
     assert!(wrong.is_empty(), "a panic can come from {wrong:?}");
 }
 
-/// The functions of an image by their addresses, each with its name without the compiler's hash and the functions that it
-/// calls or jumps to. What is called by its address is not seen.
+/// The functions of an image by address: name without the compiler's hash, and called functions.
+///
+/// Calls by address are missing.
 fn calls(image: &Path) -> BTreeMap<u32, (String, Vec<u32>)> {
     let bytes = std::fs::read(image).unwrap();
     let file = object::File::parse(&*bytes).unwrap();
@@ -233,7 +236,7 @@ fn calls(image: &Path) -> BTreeMap<u32, (String, Vec<u32>)> {
     found
 }
 
-/// The committed list of the functions that call a panic, and how often: a new one is seen in review.
+/// The committed list of the functions that call a panic, with counts: a new one appears in review.
 #[test]
 fn the_functions_that_may_panic_are_the_listed_ones() {
     let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
@@ -277,7 +280,8 @@ fn no_panic_can_be_reached_from_the_sample_interrupt() {
     assert!(!names.iter().any(|name| panics(name)), "{names:?}");
 }
 
-/// No path of this computer is in the image: it has the same bits from any folder (tests/reproducible.sh).
+/// The image contains no path of this computer: it has the same bits from any folder
+/// (tests/reproducible.sh).
 #[test]
 fn no_folder_of_this_computer_is_in_the_image() {
     for features in ["stm32f405rg", "stm32g474re"] {

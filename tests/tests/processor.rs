@@ -1,4 +1,5 @@
-//! Processor in the loop: the controller on the emulated CPU behind a serial port, the plant at the desk.
+//! Processor in the loop: the controller on the emulated CPU behind a serial port, the plant at the
+//! desk.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -49,7 +50,7 @@ fn a_whole_capture_behind_a_serial_port_is_the_desks_bit_for_bit() {
     assert_eq!(emulated.last().fault, Some(Fault::WatchdogReset));
 }
 
-/// The image that the test below holds on to, in a process of its own.
+/// Environment variable with the image for the helper process below.
 const HELD: &str = "KBAND_TESTS_HELD_IMAGE";
 
 #[test]
@@ -85,7 +86,7 @@ fn a_killed_desk_takes_its_emulator_along() {
         }
         running() == wanted
     };
-    // It ends by itself after its sleep.
+    // The process ends by itself after its sleep.
     let mut desk = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "hold_an_emulator", "--ignored"])
         .env(HELD, &held)
@@ -95,7 +96,7 @@ fn a_killed_desk_takes_its_emulator_along() {
         .spawn()
         .unwrap();
     let began = wait_for(true);
-    // Killed, not asked to end: it cannot clean up.
+    // Killed without a request to end: it cannot clean up.
     let killed = desk.kill().and_then(|()| desk.wait());
     let ended = wait_for(false);
     assert!(began, "no emulator was started");

@@ -1,5 +1,6 @@
-//! Each scene fails where the behaviour that it shows is broken, and together they show every change of
-//! state, every fault and every limit.
+//! Each scene fails when the behaviour that it shows is broken (mutation test of the scenes).
+//!
+//! Together the scenes show every change of state, every fault and every limit.
 
 use std::collections::BTreeSet;
 
@@ -8,16 +9,16 @@ use kband::plant::{Change, Scene};
 use kband_host::simulate::{Outcome, SceneFile};
 use kband_tests::broken::{Break, run};
 
-/// What a scene is there to show.
+/// Behaviour that a scene shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Shows {
-    /// That this fault is seen.
+    /// This fault is detected.
     Fault(Fault),
-    /// That this limit holds the drive back.
+    /// This limit restricts the drive.
     Limit(Limits),
-    /// That the controller does as it is told, by settings, target and inputs.
+    /// The controller follows settings, target and inputs.
     Obeying,
-    /// That the controller listens to track and parts.
+    /// The controller uses its measurements of track and parts.
     Listening,
 }
 use Break::{Done, Hidden, Never, Nothing, Restarted, Seen, Told};
@@ -76,7 +77,7 @@ fn unsaturated(cycle: &mut Cycle) {
     cycle.saturated = 0;
 }
 
-/// The output that the drive would need if its gain were the one set, 1 mm.
+/// The output that the drive would need if its gain were the configured one, 1 mm.
 fn uncontrolled(report: &mut Report) {
     report.command.amplitude = 1e3 * report.reference;
 }
@@ -101,11 +102,11 @@ fn no_kicks(scene: &mut Scene) {
 fn another_target(scene: &mut Scene) {
     scene.target = Target::K(0.5);
 }
-/// A track that is taken for heavier than it is, and what is weighed on it with it.
+/// A track configured heavier than it is, which falsifies the weighed mass.
 fn heavier(scene: &mut Scene) {
     scene.settings.track_mass *= 4.0 / 3.0;
 }
-/// A drive that is taken for one at its resonance.
+/// A drive configured as if at its resonance.
 fn tuned(scene: &mut Scene) {
     scene.settings.resonance = scene.settings.frequency;
 }
@@ -114,7 +115,7 @@ fn no_limits(scene: &mut Scene) {
     scene.settings.acceleration_limit = 1000.0;
 }
 
-/// Each scene, what it is there to show, and how that is broken.
+/// Each scene, the behaviour that it shows, and the break.
 const PROOFS: [(&str, Shows, Break); 76] = [
     (
         "acceleration_limit",
@@ -328,12 +329,12 @@ fn read(name: &str) -> SceneFile {
     SceneFile::parse(&text).unwrap_or_else(|refusal| panic!("{name}: {refusal}"))
 }
 
-/// Whether the outcome is the one that its scene expects.
+/// Whether the outcome is that of the scene's expectations.
 fn expected(outcome: &Outcome) -> bool {
     outcome.unmet().expect("every scene expects").is_empty()
 }
 
-/// Whether what a scene is there to show is to be seen in its outcome.
+/// Whether an outcome shows the behaviour.
 fn shown(shows: Shows, outcome: &Outcome) -> bool {
     let mut reports = outcome.moments().iter().map(|moment| moment.report);
     match shows {
@@ -388,7 +389,7 @@ fn each_change_of_state_has_a_scene_that_fails_where_it_is_never_made() {
         .iter()
         .map(|(name, ..)| run(&read(name), Nothing))
         .collect();
-    // The shortest first: each change is proven by the first that notices its lack.
+    // The shortest first: each change is proven by the first scene that fails without it.
     scenes.sort_by_key(|outcome| outcome.moments().len());
     let mut made = BTreeSet::new();
     let mut proven = BTreeSet::new();
@@ -462,7 +463,7 @@ fn a_withdrawn_enable_is_obeyed_within_one_cycle() {
             if disturbance.change != Change::Enable(false) {
                 continue;
             }
-            // The cycle in which it is withdrawn ends with the first moment from then on.
+            // The cycle with the withdrawal ends at the first moment after it.
             let at = disturbance.at;
             let mut after = outcome.moments().iter().filter(|moment| moment.time > at);
             let state = after.next().map(|moment| moment.report.state);

@@ -1,6 +1,8 @@
-//! Random feeders in both fidelities, those that are what the controller is told they are and those that are not: what must hold
-//! whatever the scene. `KBAND_SCENES` and `KBAND_SEED` say how many and which; `KBAND_SCENE` tells the course of one of them;
-//! `KBAND_ACCEPT` writes those that end apart, each with its reason, to `tests/random_scenes.md`.
+//! Random feeders in both fidelities, configured correctly or wrongly: invariants of every scene.
+//!
+//! `KBAND_SCENES` and `KBAND_SEED` select number and seed; `KBAND_SCENE` prints the course of one
+//! scene. `KBAND_ACCEPT` writes the scenes whose fidelities end differently to
+//! `tests/random_scenes.md`, each with the reason.
 
 use std::f64::consts::TAU;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -12,14 +14,14 @@ use kband::plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene,
 use kband_tests::root;
 use kband_tests::states::Random;
 
-/// Cycles of a window in which a lock that is told is held against the parts' impacts.
+/// Drive cycles of a window in which a reported lock is compared with the parts' impacts.
 const WINDOW: u32 = 120;
 
 fn one_of<T: Copy>(random: &mut Random, all: &[T]) -> T {
     all[(random.bits() % all.len() as u64) as usize]
 }
 
-/// A feeder of any size, tuned near its resonance, with parts of the lot told.
+/// A feeder of any size, tuned near its resonance, with parts of the configured lot.
 fn scene(random: &mut Random) -> Scene {
     let mut scene = Scene::default();
     let frequency = one_of(
@@ -60,7 +62,7 @@ fn scene(random: &mut Random) -> Scene {
     scene.drive.quality = settings.quality;
     scene.drive.gain = settings.gain;
     scene.drive.mains = one_of(random, &[50.0, 60.0]);
-    // Of the acceleration at k = 0.35; 5e-3 is what the default accelerometer has.
+    // Relative to the acceleration at k = 0.35; the default accelerometer has 5e-3.
     scene.sensor.noise = (1e-3 * unit * square * random.scale(1e-4, 6e-3)) as f32;
     scene.target = match random.bits() % 6 {
         0 | 1 => Target::Locked {
@@ -80,7 +82,7 @@ fn scene(random: &mut Random) -> Scene {
     scene
 }
 
-/// A target that nobody would give, some of them refused.
+/// An unreasonable target; some are refused.
 fn wild(random: &mut Random) -> Target {
     match random.bits() % 9 {
         0 => Target::Locked {
@@ -99,7 +101,7 @@ fn wild(random: &mut Random) -> Target {
     }
 }
 
-/// The same where little is as it was told, and where things happen: up to every cycle.
+/// A feeder with a wrong configuration and with disturbances, up to one every cycle.
 fn hostile(random: &mut Random) -> Scene {
     let mut scene = scene(random);
     let settings = &mut scene.settings;
@@ -177,19 +179,19 @@ fn hostile(random: &mut Random) -> Scene {
     scene
 }
 
-/// What a run came to.
+/// Result of a run.
 #[derive(Debug, PartialEq)]
 struct End {
     state: State,
     fault: Option<Fault>,
     limits: Limits,
-    /// Of all that the controller commanded and saw.
+    /// Hash of all commands and measurements of the controller.
     bits: u64,
-    /// What must not be.
+    /// Violations.
     wrong: Vec<String>,
 }
 
-/// Parts that keep the rhythm of a lock over a window: `(strikes, sums of cosine and sine of their phases)` each.
+/// Rhythm of the parts over a window: number of strikes, sums of cosine and sine of their phases.
 #[derive(Default)]
 struct Rhythm {
     cycles: u32,
@@ -215,7 +217,10 @@ impl Rhythm {
         }
     }
 
-    /// A part whose restitution scatters may leave its lock for a hop or two in a window, and wanders around its phase.
+    /// Number of parts in lock.
+    ///
+    /// With random restitution a part may leave its lock for a hop or two in a window, and its
+    /// phase wanders.
     fn locked(&self, order: u8) -> usize {
         let wanted = f64::from(WINDOW) / f64::from(order);
         let keeps = |(count, cosines, sines): &&(f64, f64, f64)| {
@@ -227,7 +232,7 @@ impl Rhythm {
 
 fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Strike>)) -> End {
     let settings = &scene.settings;
-    // Where things happen, the amplitude is theirs for a while, and parts may leave a lock unheard.
+    // A disturbance may change the amplitude for a while, and parts may leave a lock undetected.
     let calm = scene.disturbances.is_empty();
     let restarts = |happened: &Disturbance| matches!(happened.change, Change::BrownOut(_));
     let restarts = scene.disturbances.iter().any(restarts);
@@ -269,7 +274,7 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         if report.reference > 1.0001 * ceiling {
             say(format!("reference {} beyond the limit", report.reference));
         }
-        // The limit may be exceeded by 2 %, and noise reads as 1 % of it at most.
+        // Measured amplitudes may exceed the limit by 2 %, and noise adds at most 1 %.
         if calm && report.amplitude > 1.03 * ceiling {
             say(format!("amplitude {} beyond {ceiling}", report.amplitude));
         }
@@ -335,7 +340,7 @@ fn waveform(scene: &Scene, seconds: f64) -> Option<End> {
     }))
 }
 
-/// Where the course of a scene turns, in both fidelities.
+/// Prints the turning points of a scene's course, in both fidelities.
 fn tell(scene: &Scene, seconds: f64) {
     println!("{scene:#?}\n{seconds} s");
     let (mut fast, mut slow) = (
@@ -376,12 +381,12 @@ fn tell(scene: &Scene, seconds: f64) {
     }
 }
 
-/// A number told by the environment.
+/// A number from the environment.
 fn told(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |value| value.parse().expect("a whole number"))
 }
 
-/// A scene, its name, and what both fidelities came to; the envelope twice. Nothing where it is refused.
+/// A scene, its name, and the ends in both fidelities, the envelope twice; `None` if it is refused.
 struct Played {
     name: String,
     scene: Scene,
@@ -389,7 +394,7 @@ struct Played {
     ends: Option<[End; 3]>,
 }
 
-/// Plays so many scenes that are drawn from a seed, on every core.
+/// Plays `count` scenes drawn from a seed, on every core.
 fn play(count: u64, drawn: impl Fn(u64) -> (Scene, f64) + Sync) -> Vec<Played> {
     let next = AtomicU64::new(0);
     let work = || {
@@ -403,7 +408,7 @@ fn play(count: u64, drawn: impl Fn(u64) -> (Scene, f64) + Sync) -> Vec<Played> {
             let parts = scene.parts.len();
             let played = Played {
                 name: format!("scene {n}, {:?}, {parts} parts", scene.target),
-                // Bits do not depend on the thread nor on what ran before.
+                // Bits depend neither on the thread nor on earlier runs.
                 ends: envelope(&scene, seconds)
                     .zip(envelope(&scene, seconds))
                     .zip(waveform(&scene, seconds))
@@ -425,7 +430,7 @@ fn play(count: u64, drawn: impl Fn(u64) -> (Scene, f64) + Sync) -> Vec<Played> {
     found.into_iter().map(|(_, played)| played).collect()
 }
 
-/// What is wrong with a scene in itself.
+/// Violations within one scene.
 fn broken(name: &str, [fast, again, slow]: &[End; 3], wrong: &mut Vec<String>) {
     if fast != again {
         wrong.push(format!("{name}: not the same bits again"));
@@ -437,14 +442,15 @@ fn broken(name: &str, [fast, again, slow]: &[End; 3], wrong: &mut Vec<String>) {
     }
 }
 
-/// How many seeds of the noise show that an end is a matter of it.
+/// Number of noise seeds that may show that an end depends on the noise.
 const OTHER_SEEDS: u64 = 24;
 
-/// Share of the time from which on a crowd's ringing is what the onset detector takes for noise: the closed form of its median
-/// holds up to there.
+/// Share of the time with ringing from which the onset detector takes a crowd's ringing for noise.
+/// The closed form of its median is valid up to here.
 const CROWDED: f64 = 0.4;
 
-/// Share of the time that ringing is heard above the noise, if no two impacts overlapped, and its RMS in m/s^2.
+/// Share of the time with ringing above the noise, without overlap of impacts, and its RMS in
+/// m/s^2.
 fn ringing(scene: &Scene, seconds: f64) -> (f64, f64) {
     let Ok(mut closed) = EnvelopeLoop::build(scene) else {
         return (0.0, 0.0);
@@ -463,9 +469,11 @@ fn ringing(scene: &Scene, seconds: f64) -> (f64, f64) {
     (filled / seconds, (energy / seconds).sqrt())
 }
 
-/// RMS of what the onset detector's high-passes leave of the drive's own acceleration, in m/s^2. Where it is the noise, the detector's
-/// median depends on where in the turn the ringing lies, which the closed form does not know: by 14 % up and down, for a part that
-/// strikes once a cycle at 100 Hz and rings for a fifth of it.
+/// RMS in m/s^2 of the drive's own acceleration after the onset detector's high-passes.
+///
+/// Where it dominates the noise, the detector's median depends on the phase of the ringing. The
+/// closed form ignores that: +-14 % for a part that strikes once a cycle at 100 Hz and rings for a
+/// fifth of it.
 fn swing(scene: &Scene, seconds: f64) -> f64 {
     let Ok(mut closed) = EnvelopeLoop::build(scene) else {
         return 0.0;
@@ -475,19 +483,23 @@ fn swing(scene: &Scene, seconds: f64) -> f64 {
         moment = closed.cycle();
     }
     let turn = TAU * f64::from(scene.settings.frequency);
-    // Their corner as a share of the sample rate, times 2 pi.
+    // The corner as a share of the sample rate, times 2 pi.
     let left = 1.0 - 0.27;
     let (sine, cosine) = (turn / f64::from(SAMPLE_RATE)).sin_cos();
-    // Of (1 - c)(1 - 1/z) / (1 - (1 - c)/z), twice.
+    // Gain of (1 - c)(1 - 1/z) / (1 - (1 - c)/z), twice.
     let passed = 2.0 * left * left * (1.0 - cosine);
     let square = passed / ((1.0 - left * cosine).powi(2) + (left * sine).powi(2));
     f64::from(moment.report.amplitude) * turn * turn * square / std::f64::consts::SQRT_2
 }
 
-/// What the different ends of the fidelities hang on: the first other seed of the noise with which one ends as the other one did;
-/// impacts so near the threshold of hearing that with ringing a twentieth higher or lower, which is what the closed form of the
-/// onset detector is off by, or a seventh where the drive's own swing is the noise, the envelope ends so; a moment in which one is
-/// already where the other comes to; or, in a crowd whose ringing is never over, how much of it is read as noise, and how loud it is.
+/// Reason why the fidelities end differently; `None` if none of these applies:
+///
+/// - Another seed of the noise lets one fidelity end like the other; the first such seed is given.
+/// - Impacts are near the detection threshold, and the envelope ends alike with ringing 1/20 higher
+///   or lower. That is the error of the detector's closed form; it is 1/7 where the drive's swing
+///   is the noise.
+/// - One fidelity passes through the other's final state.
+/// - The ringing of a crowd never ends; its share taken as noise, and its level.
 fn excused(scene: &Scene, seconds: f64, fast: &End, slow: &End) -> Option<String> {
     let came_to = |end: &End| (end.state, end.fault);
     for other in 1..=OTHER_SEEDS {
@@ -558,7 +570,7 @@ fn random(seed: u64, n: u64) -> Random {
     Random::new(seed.wrapping_mul(1_000_003).wrapping_add(n))
 }
 
-/// Cycles that a scene has, as seconds.
+/// Duration of a scene in s, from its number of cycles.
 fn length(random: &mut Random, scene: &Scene) -> f64 {
     random.between(3.0, 8.0) * 50.0 / f64::from(scene.settings.frequency)
 }
@@ -597,7 +609,8 @@ fn whatever_the_feeder_is_told_of_itself_it_keeps_to_its_rules() {
                 }
             };
             let ends = format!("| {name} | {} | {} |", end(fast), end(slow));
-            // Which kick captures, and whether an impact at the threshold of hearing is loud enough: each is shown to hang on that.
+            // The next kick's capture, or the loudness of an impact at the threshold: the reason
+            // must be shown.
             match excused(&played.scene, played.seconds, fast, slow) {
                 Some(why) => apart.push(format!("{ends} {why} |")),
                 None => unexplained.push(format!("{ends} none known |")),
@@ -660,8 +673,10 @@ fn whatever_happens_to_a_feeder_that_is_not_as_told_it_keeps_to_its_rules() {
     assert!(10 * u64::from(other) <= count, "{other} of {count}");
 }
 
-/// Parts of which most hop and rest, at 150 Hz, where the drive's own swing and their ringing drown a part alone: heard are several that
-/// lock and strike at once.
+/// Parts at 150 Hz that mostly hop and rest; the drive's swing and their ringing drown a single
+/// part.
+///
+/// The detector measures only groups that lock and strike at once.
 #[test]
 fn a_crowd_is_not_said_to_be_locked_by_the_loudest_of_its_rhythms() {
     let mut scene = Scene::default();

@@ -1,5 +1,6 @@
-//! The board's image at drive frequencies from 25 to 500 Hz: what it holds is what the desk holds, within its
-//! deadlines, counted in cycles on the emulated chip.
+//! The board's image at drive frequencies from 25 to 500 Hz: it holds the desk's amplitude.
+//!
+//! It keeps its deadlines, counted in cycles on the emulated chip.
 
 use kband::control::{Event, Report, Shape, State, Target, UpperTone};
 use kband::plant::{ClosedLoop, Scene};
@@ -14,7 +15,7 @@ const DEADLINE: u64 = 8400;
 /// Cycles in which a byte comes at 115200 baud.
 const BYTE: u64 = 14_583;
 
-/// A machine of a frequency, its resonance there, that is to hold k.
+/// A machine of a frequency, with its resonance there and a target k.
 fn machine(frequency: f32, k: f32) -> Scene {
     let mut scene = Scene::default();
     scene.settings.frequency = frequency;
@@ -26,7 +27,7 @@ fn machine(frequency: f32, k: f32) -> Scene {
     scene
 }
 
-/// Amplitude in mm that the desk holds.
+/// Amplitude in mm of the desk.
 fn desk(scene: &Scene) -> f64 {
     let mut desk = ClosedLoop::build(scene).unwrap();
     let cycles = (4.0 * scene.settings.frequency) as usize;
@@ -35,7 +36,7 @@ fn desk(scene: &Scene) -> f64 {
     f64::from(last.amplitude) * 1e3
 }
 
-/// The board that was told of it, holding for 4 s.
+/// The board with this configuration, after 4 s.
 fn board(scene: &Scene) -> Rig {
     let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
     let mut rig = Rig::with(holding(&image), scene);
@@ -51,7 +52,7 @@ fn board(scene: &Scene) -> Rig {
     }
     rig.done(&Request::Target(scene.target.into()));
     rig.done(&Request::Save);
-    // A desk that is heard: a silent one would bring the safe amplitude.
+    // The desk keeps sending: a silent one would bring the safe amplitude.
     rig.at(2.0, Act::Enable(true));
     for half in 1..=12 {
         if half == 6 {
@@ -92,7 +93,7 @@ fn holds(frequency: f32, k: f32) {
     }
     assert!((held / desk - 1.0).abs() < 0.02, "{held} {desk}");
     assert!(sampling.longest < DEADLINE, "{sampling:?}");
-    // Samples came at their rate; the board's answer, with which counting begins, may take 5 ms.
+    // Samples arrived at their rate; the answer that starts the count may take 5 ms.
     assert!(sampling.count > 19_990 * 7 / 2 - 100, "{sampling:?}");
     assert_eq!(rig.resets().len(), 1);
     rig.act(&Act::Enable(false));
@@ -106,7 +107,7 @@ fn holds(frequency: f32, k: f32) {
         "{frequency} Hz: {missed} cycles whose control came too late; by its own counter {sample} cycles a sample and \
          {control} a control at most"
     );
-    // New settings are handed over at rest.
+    // New settings take effect at rest.
     assert!(u64::from(sample) < DEADLINE, "{sample}");
     let cycle = f64::from(DEADLINE as u32) * 20_000.0 / f64::from(frequency);
     assert!(f64::from(control) < 0.5 * cycle, "{control} of {cycle}");
@@ -138,7 +139,7 @@ fn the_image_holds_500_hz() {
     holds(500.0, 0.41);
 }
 
-/// A drive that affords a second tone and answers twice as much as the board was told.
+/// A drive that allows a second tone and responds twice as strongly as configured.
 #[test]
 fn the_image_holds_a_second_tone_and_says_that_it_was_told_wrong() {
     let wanted = UpperTone {
@@ -173,7 +174,7 @@ fn the_image_holds_a_second_tone_and_says_that_it_was_told_wrong() {
     println!("board: b {amplitude:e} {made:?}; desk: k {k} {shape:?}");
     let normal = f64::from(scene.settings.gravity) * 3_f64.to_radians().cos();
     let held = normal / (f64::from(amplitude) * (std::f64::consts::TAU * 50.0).powi(2));
-    // As the desk: the bridge's mean over a sample is its duty to 1/8400.
+    // As at the desk: the bridge's mean over a sample is its duty to 1/8400.
     assert!((held / 0.35 - 1.0).abs() < 0.02, "{held}");
     let made = made.second;
     assert!((made.ratio - wanted.ratio).abs() < 0.003, "{made:?}");
@@ -188,7 +189,7 @@ fn the_image_holds_a_second_tone_and_says_that_it_was_told_wrong() {
         .collect();
     let unlike = Event::SecondToneUnlike.number();
     assert!(events.contains(&unlike), "{events:?}");
-    // The enable input withdrawn: the second tone goes with the first.
+    // Without the enable input the second tone stops with the first.
     rig.act(&Act::Enable(false));
     rig.run(11.0);
     assert!(rig.amplitude() < 1e-3, "{}", rig.amplitude());

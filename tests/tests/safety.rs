@@ -1,4 +1,5 @@
-//! What no failure of a sensor, a link or a setting may do, in the closed loop over all that the settings accept.
+//! Limits that no failure of a sensor, a link or a setting may break, in the closed loop over all
+//! accepted settings.
 
 use kband::control::{Controller, Fault, Limits, Settings, Signal, State, Target};
 use kband::plant::{Bench, Change, ClosedLoop, Disturbance, EnvelopeLoop, Scene};
@@ -10,7 +11,8 @@ fn disturb(scene: &mut Scene, changes: impl IntoIterator<Item = (f64, Change)>) 
     }
 }
 
-/// Runs a scene for a time in s; the largest true displacement in m, and what is shown of each cycle.
+/// Runs a scene for a time in s; returns the largest true displacement in m, and passes each cycle
+/// to `look`.
 fn run(scene: &Scene, seconds: f64, mut look: impl FnMut(f64, f32, &ClosedLoop)) -> f32 {
     let mut closed = ClosedLoop::build(scene).unwrap();
     let mut largest = 0.0_f32;
@@ -53,7 +55,8 @@ fn no_failure_of_the_sensor_raises_the_amplitude_beyond_its_limit() {
     println!("largest amplitude over its limit {worst:.3}, {faults} of 200 ended in a fault");
 }
 
-/// How a sensor loses sensitivity: before the start, at once while the drive runs, or within a minute.
+/// Loss of a sensor's sensitivity: before the start, at once while the drive runs, or within a
+/// minute.
 #[derive(Clone, Copy, Debug)]
 enum Loss {
     AtRest,
@@ -61,12 +64,13 @@ enum Loss {
     Fading,
 }
 
-/// When it does while the drive runs, in s, and for how long it is watched.
+/// Time of the loss while the drive runs, and duration of the observation, in s.
 const LOST: f64 = 3.0;
 const WATCHED: f64 = 100.0;
 
-/// A strong drive at its hard limit, whose gain is so many times the commissioned one; tolerances of the swing and of the run,
-/// voltage at rest.
+/// A strong drive at its hard limit, with a gain relative to the commissioned one.
+///
+/// Further inputs: tolerances of the swing and of the run, voltage at rest.
 fn at_its_limit(gain: f32, [swing, run]: [f32; 2], rest: f32) -> Scene {
     let mut scene = Scene {
         target: Target::Amplitude(1.0),
@@ -81,8 +85,9 @@ fn at_its_limit(gain: f32, [swing, run]: [f32; 2], rest: f32) -> Scene {
     scene
 }
 
-/// Largest true amplitude over the hard limit from the loss on, and the time in s from it to fault 12; `None` where the drive
-/// was off before.
+/// Largest true amplitude over the hard limit after the loss, and the time in s to fault 12.
+///
+/// `None` where the drive was off before.
 fn lose(mut scene: Scene, loss: Loss, share: f32) -> Option<(f64, Option<f64>)> {
     let lost = 1.0 - share;
     let from = match loss {
@@ -124,7 +129,7 @@ fn lose(mut scene: Scene, loss: Loss, share: f32) -> Option<(f64, Option<f64>)> 
     }
 }
 
-/// The table of the manual is that of these rows; `KBAND_ACCEPT=1` writes it.
+/// The manual's table comes from these rows; `KBAND_ACCEPT=1` writes it.
 #[test]
 fn what_a_loss_of_sensitivity_leaves_is_in_the_manual() {
     const MARKER: &str = "<!-- test: what_a_loss_of_sensitivity_leaves_is_in_the_manual -->\n";
@@ -180,13 +185,14 @@ fn what_a_loss_of_sensitivity_leaves_is_in_the_manual() {
     }
 }
 
-/// A [`machine`] that was commissioned; its drive may have come to another gain since, its sensor sees some of 1 g.
+/// A commissioned [`machine`]; its drive's gain may have changed, its sensor measures a share of 1
+/// g.
 fn commissioned_machine(draw: &mut Draw) -> (Scene, f32) {
     let mut scene = machine(draw);
     let gain = draw.scale(1.0 / 1.15, 1.15);
     scene.drive.gain *= gain;
     let settings = &mut scene.settings;
-    // What leaves its swing the room that it needs.
+    // Leaves the swing enough room.
     let seen = draw.between(-1.0, 1.0) * settings.sensitivity.min(0.4);
     settings.sensor_rest = settings.sensor_zero + seen;
     settings.gain_tolerance = 1.3;
@@ -197,7 +203,8 @@ fn commissioned_machine(draw: &mut Draw) -> (Scene, f32) {
     (scene, gain)
 }
 
-/// Runs a scene in the waveform with a controller of other settings than its sensor's; the fault, and the state at the end.
+/// Runs a scene in the waveform, with controller settings that differ from its sensor's; returns
+/// fault and final state.
 fn run_with(scene: &Scene, settings: &Settings, seconds: f64) -> (Option<Fault>, State) {
     let mut bench = Bench::build(scene).unwrap();
     let mut signal = Signal::build(settings).unwrap();
@@ -223,7 +230,8 @@ fn a_healthy_commissioned_machine_that_drifts_runs_without_a_fault() {
         let (mut scene, _) = commissioned_machine(&mut draw);
         let told = scene.settings;
         let ready = settled(&told) + f64::from(told.quality * 1.5 / told.frequency);
-        // Cold at the start, warm at its end, or the other way round; parts on the track of every third.
+        // Cold at the start and warm at the end, or the reverse; every third has parts on the
+        // track.
         let drift = draw.between(-0.05, 0.05);
         scene.sensor.sensitivity = 1.0 + drift;
         disturb(&mut scene, [(ready, Change::Sensitivity(1.0 - drift))]);
@@ -242,7 +250,8 @@ fn a_healthy_commissioned_machine_that_drifts_runs_without_a_fault() {
     }
 }
 
-/// Whatever a commissioned sensor loses while the drive runs, the amplitude stays where the tolerance has it.
+/// The amplitude stays within the tolerance, whatever a commissioned sensor loses while the drive
+/// runs.
 #[test]
 fn a_commissioned_machine_stays_within_its_tolerance() {
     let mut draw = Draw::new(23);
@@ -261,7 +270,7 @@ fn a_commissioned_machine_stays_within_its_tolerance() {
         });
         faults += u32::from(fault.is_some());
         worst = worst.max(largest / limit);
-        // What the sensor has lost unnoticed, or what the output's model bounds.
+        // The undetected loss of the sensor, or the bound from the output's model.
         let most = (1.3_f32 / gain.min(1.0)).min(1.2 * gain.max(1.0)) * 1.1;
         assert!(
             largest <= most * limit,
@@ -273,7 +282,7 @@ fn a_commissioned_machine_stays_within_its_tolerance() {
     println!("largest amplitude over its limit {worst:.3}, {faults} of 100 ended in a fault");
 }
 
-/// Machines beside their resonance, whose amplitude beats.
+/// Machines off resonance, whose amplitude beats.
 #[test]
 fn no_failure_of_the_sensor_raises_a_beating_amplitude_beyond_its_limit() {
     let mut draw = Draw::new(17);
@@ -286,7 +295,7 @@ fn no_failure_of_the_sensor_raises_a_beating_amplitude_beyond_its_limit() {
         let quality = settings.quality;
         settings.resonance = (settings.frequency / x).clamp(5.0, 500.0);
         let x = settings.frequency / settings.resonance;
-        // As strong at its frequency as it was at its resonance.
+        // As strong at its frequency as at its resonance.
         let response = 1.0 / (quality * ((1.0 - x * x).powi(2) + (x / quality).powi(2)).sqrt());
         settings.gain = (settings.gain / response).min(100.0);
         scene.drive.resonance = settings.resonance;
@@ -316,7 +325,7 @@ fn a_healthy_machine_reaches_its_setpoint_without_a_fault_at_any_frequency() {
         let reach = 0.85e-3 * scene.settings.output_maximum * scene.settings.gain;
         let goal = draw.between(0.2, 1.0) * limit.min(reach);
         scene.target = Target::Amplitude(1e3 * goal);
-        // The drive is as strong as it is said to be within a tenth.
+        // The drive's strength is within a tenth of the configured one.
         scene.drive.gain *= draw.between(0.9, 1.1);
         let mut last = 0.0;
         let mut fault = None;
@@ -353,7 +362,7 @@ fn a_lost_link_never_raises_the_amplitude() {
         let ready = settled(&scene.settings);
         let at = 3.0 / f64::from(scene.settings.frequency) + f64::from(draw.unit()) * ready;
         disturb(&mut scene, [(at, Change::Link(false))]);
-        // What the drive had under way when the link was found to be lost.
+        // The drive's pending output at the time the lost link is detected.
         let found = at + 0.2 + 6.0 / f64::from(scene.settings.frequency);
         let mut before = 0.0_f32;
         let mut reference = f32::INFINITY;
@@ -371,7 +380,7 @@ fn a_lost_link_never_raises_the_amplitude() {
             );
             assert!(report.reference <= reference, "{n}: the reference rises");
             reference = report.reference;
-            // The reference of the last two cycles is still on its way to the track.
+            // The reference of the last two cycles has not reached the track yet.
             let most = before.max(reference) + 0.1 * limit;
             assert!(
                 largest <= most,
@@ -398,7 +407,7 @@ fn without_a_setpoint_nothing_moves() {
         settings.frequency = frequency;
         settings.resonance = frequency;
         settings.safe_amplitude = 0.01;
-        // No lock of such a lot.
+        // Such a lot has no lock.
         settings.restitution_low = 0.1;
         settings.restitution_high = 0.3;
         scene.drive.resonance = frequency;

@@ -1,4 +1,4 @@
-//! One test for each scene: what the file expects is what comes, and nothing else.
+//! One test per scene: the events are exactly the expected ones.
 
 use kband::control::Event;
 use kband::plant::Moment;
@@ -36,10 +36,10 @@ fn run(name: &str) {
     agree(&envelope, &waveform);
 }
 
-/// Cycles by which noise may shift what the controller decides in one fidelity against the other.
+/// Drive cycles by which noise may shift a decision of one fidelity against the other.
 const SHIFT: usize = 3;
 
-/// The events with each row of kicks as one, and the time at which the first one ends.
+/// The events with each row of kicks merged, and the end time of the first kick.
 fn kicks_as_one(outcome: &Outcome) -> (Vec<Event>, f64) {
     let (mut events, mut first) = (Vec::new(), f64::INFINITY);
     for happened in outcome.events() {
@@ -54,10 +54,11 @@ fn kicks_as_one(outcome: &Outcome) -> (Vec<Event>, f64) {
     (events, first)
 }
 
-/// Both fidelities come to the same, with b within 1 % of its largest at every time.
+/// Both fidelities have the same events, and b within 1 % of its largest at every time.
 ///
-/// A part that a kick has missed bounces in chaos, and which of the next kicks takes it hangs on the last
-/// bit: where that is another one, they are compared up to the end of the first, and in what comes of it.
+/// A part that a kick missed bounces chaotically, and the last bit decides which later kick
+/// captures it. If the kicks differ, the comparison ends after the first kick, and only the final
+/// states must agree.
 fn agree(envelope: &Outcome, waveform: &Outcome) {
     let (fast, slow) = (envelope.moments(), waveform.moments());
     assert_eq!(fast.len(), slow.len());
@@ -73,7 +74,7 @@ fn agree(envelope: &Outcome, waveform: &Outcome) {
         fast_first.min(slow_first)
     };
     let b = |moment: &Moment| f64::from(moment.report.amplitude);
-    // Where the drive never runs, b is noise: a share of nothing says nothing.
+    // Where the drive never runs, b is noise, and a ratio is meaningless.
     let safe = f64::from(waveform.file().scene.settings.safe_amplitude) * 1e-3;
     let largest = slow.iter().map(b).fold(safe, f64::max);
     let off = |n: usize| {
@@ -94,7 +95,8 @@ fn agree(envelope: &Outcome, waveform: &Outcome) {
     assert_eq!(envelope.last().state, waveform.last().state);
     assert_eq!(envelope.last().fault, waveform.last().fault);
     assert_eq!(envelope.limits(), waveform.limits());
-    // What parts do that never lock hangs on the last bit; a scene that is about it expects it of both.
+    // The regime of parts that never lock depends on the last bit; scenes about it expect it of
+    // both.
     if waveform.is_locked() {
         assert_eq!(envelope.regime(), waveform.regime());
     }

@@ -1,7 +1,7 @@
-//! The public names of the crate `kband` are those that users of the last release have, and those that were added knowingly.
+//! The public names of the crate `kband` are those of the last release and the accepted additions.
 //!
-//! They are read from what rustdoc knows of the crate, in its default features and without any. rustdoc tells it to unstable compilers
-//! only, which the stable one is for this one call.
+//! They come from rustdoc's JSON, with default features and with none. rustdoc gives it to unstable
+//! compilers only; this call makes the stable one count as unstable.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -10,19 +10,19 @@ use std::process::{Command, Stdio};
 use kband_tests::root;
 use public_api::PublicApi;
 
-/// The public names as they were accepted.
+/// File of the accepted public names.
 const ACCEPTED: &str = "shared/public-api.txt";
-/// Those of the map and the bands alone, without a feature.
+/// File of those without any feature: map and bands alone.
 const ALONE: &str = "shared/public-api-alone.txt";
-/// Set, it has this test write them anew.
+/// Environment variable that makes this test rewrite the files.
 const ACCEPT: &str = "KBAND_ACCEPT";
-/// Wall-clock seconds for rustdoc and the crates that it needs, a loaded machine allowed for.
+/// Time limit in s (wall clock) for rustdoc and its crates, on a loaded machine.
 const LIMIT: &str = "600";
 
-/// Has rustdoc describe the crate with these features, or with the default ones; the file.
+/// Runs rustdoc with these features, or the default ones; returns the JSON file.
 fn described(features: Option<&str>) -> PathBuf {
     let folder = std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from);
-    // Of its own: a compiler that is let do more compiles everything anew.
+    // A folder of its own: unstable options would recompile everything else.
     let folder = root().join(folder).join("surface");
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new("timeout");
@@ -62,8 +62,9 @@ fn described(features: Option<&str>) -> PathBuf {
     folder.join("doc/kband.json")
 }
 
-/// One line for each public name and for each trait that is implemented by hand, in the order of their paths. What a type derives
-/// stands behind its name.
+/// One line per public name and per trait implemented by hand, sorted by path.
+///
+/// Derived traits follow the name of their type.
 fn surface(description: &Path) -> Vec<String> {
     let read = |derived: bool| {
         let api = public_api::Builder::from_rustdoc_json(description)
@@ -80,7 +81,7 @@ fn surface(description: &Path) -> Vec<String> {
     with_derived(&named, &missing(&all, &named))
 }
 
-/// These lines with the traits of those derived implementations behind the types that have them.
+/// The lines with derived traits appended to their types.
 fn with_derived(named: &[String], derived: &[&str]) -> Vec<String> {
     let path = |name: &str| {
         name.split(['<', '(', ' '])
@@ -121,7 +122,7 @@ fn lines(api: &PublicApi) -> Vec<String> {
     for item in api.items() {
         let line = item.to_string();
         if line.starts_with("impl") {
-            // What a trait asks for follows from the trait; what a type has by itself is named for itself.
+            // A trait's own items follow from the trait; a type's own items have lines.
             implemented = line.split_once(" for ").map(|(_, rest)| {
                 let name = rest.split(" where ").next().unwrap_or(rest);
                 format!("{name}::")
@@ -148,7 +149,7 @@ fn missing<'a>(from: &'a [String], other: &[String]) -> Vec<&'a str> {
     missing.map(String::as_str).collect()
 }
 
-/// Holds the public names against the list of those accepted.
+/// Compares the public names with the accepted list.
 fn compare(now: &[String], list: &str) {
     let path = root().join(list);
     if std::env::var_os(ACCEPT).is_some() {
@@ -180,7 +181,7 @@ fn the_public_names_are_the_accepted_ones() {
     let all = surface(&described(None));
     assert!(all.len() > 500, "{} lines are no surface", all.len());
     compare(&all, ACCEPTED);
-    // One rustdoc after the other: they share a folder.
+    // The rustdoc runs share a folder, so they run in sequence.
     let alone = surface(&described(Some("")));
     compare(&alone, ALONE);
     assert_eq!(missing(&alone, &all), [""; 0], "a feature takes names away");

@@ -1,4 +1,4 @@
-//! Tracks of several tones: the golden impacts, an independent map, and what holds for every impact.
+//! Tracks of several tones: the golden impacts, an independent map, and properties of every impact.
 
 use std::f64::consts::TAU;
 use std::sync::Mutex;
@@ -63,7 +63,7 @@ fn every_golden_impact_has_the_right_root() {
             condition,
         } = golden;
         for impact in [map.impact(state), map.search(state)] {
-            // The right root at any condition: another one is at least 1e-3 away.
+            // The right root at any condition number: another one is at least 1e-3 away.
             assert!(
                 (impact.flight / flight - 1.0).abs() < 1e-6,
                 "row {n} {class} {map:?} {state:?}: {flight} {impact:?}"
@@ -89,7 +89,7 @@ fn every_golden_impact_has_the_right_root() {
     println!("{counted} within 1e-12, {flagged} flagged as grazing");
 }
 
-/// What is not told to graze is the first impact, to what rounding moves it; `soak --tones` has more of them.
+/// An impact without a graze flag is the first, within rounding; `soak --tones` tests more.
 #[test]
 fn no_impact_is_missed_in_any_arithmetic() {
     let each = 20_000;
@@ -125,7 +125,7 @@ fn no_impact_is_missed_in_any_arithmetic() {
     }
 }
 
-/// What an arithmetic for microcontrollers holds.
+/// Accuracy of a microcontroller kernel.
 struct Held {
     /// Error of a flight of up to 6 rad with a condition below 30: RMS and largest, rad.
     golden: [f64; 2],
@@ -133,7 +133,7 @@ struct Held {
     height: f64,
 }
 
-/// Golden impacts: the right root in every row, unless it is said to graze, to what the arithmetic holds.
+/// Golden impacts: the right root in every row without a graze flag, within the kernel's accuracy.
 fn golden_in<K: WaveKernel>(held: &Held) {
     let (mut squares, mut largest, mut counted, mut flagged) = (0.0, 0.0_f64, 0.0, 0);
     for (n, row) in golden().enumerate() {
@@ -145,7 +145,8 @@ fn golden_in<K: WaveKernel>(held: &Held) {
         if impact.grazes {
             flagged += 1;
         } else if row.class == "grazing" && error > 1e-3 {
-            // A launch rounded otherwise touches where the exact one just does not, or the reverse.
+            // With another rounding a launch touches where the exact one just misses, or the
+            // reverse.
             let slow = K::observe(impact.next).velocity.min(row.next.velocity);
             assert!(slow < 0.02, "{n} {impact:?} {}", row.flight);
             flagged += 1;
@@ -156,7 +157,7 @@ fn golden_in<K: WaveKernel>(held: &Held) {
             let error = (K::observe(impact.next).velocity - row.next.velocity).abs();
             assert!(error < 8.0 * held.golden[1], "{n} {} {impact:?}", row.class);
         } else {
-            // Of a flight whose end hangs on every digit the place alone.
+            // If the end of a flight depends on every digit, only the stretch is checked.
             let hanging = held.height * row.condition * (1.0 + row.flight * row.flight);
             assert!(
                 error < 1e-3 + hanging,
@@ -188,8 +189,9 @@ fn golden_impacts_in_f32() {
     golden_in::<WaveSingle>(&SINGLE);
 }
 
-/// Where the push is level to 2e-11 and the velocity all but 0 a rounding decides between a hop of no step and a throw of
-/// twenty turns: found by seed 7.
+/// The push is level to 2e-11 and the velocity nearly 0.
+///
+/// A rounding decides between a hop of no step and a throw of twenty turns. Found by seed 7.
 #[test]
 fn a_launch_from_a_level_push_is_said_to_graze_in_f32() {
     let second = Tone {
@@ -206,7 +208,7 @@ fn a_launch_from_a_level_push_is_said_to_graze_in_f32() {
         thrown.flight > 126.0 && impact.grazes,
         "{impact:?} {thrown:?}"
     );
-    // With the velocity of a hop nothing is left to rounding.
+    // With a hop's velocity rounding decides nothing.
     let start = WaveSingle::state(6.178_004_592_814_933, 1e-6).unwrap();
     let impact = WaveSingle::on_tones(tones, k, 1.0).unwrap().impact(start);
     assert!(!impact.grazes && impact.flight > 126.0, "{impact:?}");
@@ -216,8 +218,9 @@ fn tone(amplitude: f64, angle: f64) -> Tone {
     Tone { amplitude, angle }
 }
 
-/// The gap is level for 0.1 rad over a hump, 1.5e-7 above 0, half a rad before the impact: within the roundings of f32.
-/// Found by seed 20261127.
+/// The gap over a hump is level for 0.1 rad, 1.5e-7 above 0, half a rad before the impact.
+///
+/// That is within the roundings of f32. Found by seed 20261127.
 #[test]
 fn a_flight_that_is_level_with_a_hump_is_said_to_graze_in_f32() {
     let tones = [
@@ -227,7 +230,7 @@ fn a_flight_that_is_level_with_a_hump_is_said_to_graze_in_f32() {
     let single = WaveSingle::on_tones(tones, 0.455_613_970_756_530_76, 0.5).unwrap();
     let at = |velocity| single.impact(WaveSingle::state(4.725_681_662_626_832, velocity).unwrap());
     assert!(at(1.652_770_400_047_302_2).grazes);
-    // By 1e-3 faster it is well above, by 1e-3 slower well below.
+    // 1e-3 faster it is well above, 1e-3 slower well below.
     let [above, below] = [at(1.653_8), at(1.651_8)];
     assert!(
         !above.grazes && !below.grazes && above.flight - below.flight > 0.1,
@@ -235,8 +238,10 @@ fn a_flight_that_is_level_with_a_hump_is_said_to_graze_in_f32() {
     );
 }
 
-/// From the near root of the parabola, where this part all but rests on the track, Householder's steps lead 1468 rad away and back:
-/// f32 measures the distance from launch along the way. Found by seed 20261128.
+/// This part nearly rests on the track at the near root of the parabola.
+///
+/// From there Householder's steps lead 1468 rad away and back, over which f32 sums the distance
+/// from launch. Found by seed 20261128.
 #[test]
 fn steps_that_stray_lose_no_digits_in_f32() {
     let tones = [
@@ -248,12 +253,12 @@ fn steps_that_stray_lose_no_digits_in_f32() {
     let impact = WaveSingle::on_tones(tones, k, 0.5).unwrap().impact(start);
     let expected = WaveMap::on_tones(tones, k, 0.5).unwrap();
     let expected = expected.impact(WaveSingle::observe(start));
-    // Ten roundings of a rise of 1 over 3 rad, by a speed of arrival of 1.3.
+    // Ten roundings of a rise of 1 over 3 rad, divided by an arrival speed of 1.3.
     let off = (impact.flight - expected.flight).abs();
     assert!(off < 1.5e-6, "{off:e}");
 }
 
-/// Launches within a few steps of where the track throws the part: of the very last step before a hump too.
+/// Launches within a few steps of the throwing edge, including the last step before a hump.
 fn thrown_at_the_edge_in<K: WaveKernel>() {
     let mut random = Random::new(27);
     let mut thrown = 0;
@@ -274,7 +279,7 @@ fn thrown_at_the_edge_in<K: WaveKernel>() {
         }
         let psi = random.scale(3e-8, 1e-6);
         let flown = track.first_impact(phase, psi);
-        // Another flight is far from this one.
+        // Any other flight is far from this one.
         if flown.clearance < 1e9 || flown.arrival < 0.02 {
             continue;
         }
@@ -326,7 +331,7 @@ fn one_tone_is_the_map_of_the_sine() {
         if one.grazes || same.grazes || push < 1e-12 {
             continue;
         }
-        // Roundings times a condition of up to 1e3.
+        // Roundings times a condition number of up to 1e3.
         let limit = 1e-12 * one.flight.max(1.0);
         assert!(
             (one.flight - same.flight).abs() < limit,
@@ -336,7 +341,7 @@ fn one_tone_is_the_map_of_the_sine() {
     }
 }
 
-/// `det J = R^2 psi/psi'`, the Jacobian by central differences of the map itself.
+/// `det J = R^2 psi/psi'`, with the Jacobian from central differences of the map.
 #[test]
 fn the_determinant_is_r_squared_psi_over_psi_next() {
     let mut random = Random::new(4);
@@ -364,7 +369,7 @@ fn the_determinant_is_r_squared_psi_over_psi_next() {
         };
         let ends = [at(STEP, 0.0), at(-STEP, 0.0), at(0.0, STEP), at(0.0, -STEP)];
         if ends.iter().any(|end| (end.2 - impact.flight).abs() > 0.01) {
-            // A graze lies between.
+            // A graze lies in between.
             continue;
         }
         let slope = |a: (f64, f64, f64), b: (f64, f64, f64)| {
@@ -385,8 +390,9 @@ fn the_determinant_is_r_squared_psi_over_psi_next() {
     assert!(counted > 8_000, "{counted}");
 }
 
-/// `det J = R^2 psi/psi'` of the tangent map itself, and so the sum of the
-/// exponents of an orbit: `2 ln R` and what its ends differ by.
+/// `det J = R^2 psi/psi'` of the tangent map itself.
+///
+/// So the sum of an orbit's exponents is `2 ln R` plus the difference of its ends.
 #[test]
 fn the_tangent_on_tones_has_its_determinant() {
     let mut random = Random::new(44);
@@ -430,8 +436,10 @@ fn the_tangent_on_tones_has_its_determinant() {
     assert!(counted > 4_000, "{counted}");
 }
 
-/// lambda1 + lambda2 = 2 ln R on two and three tones, both exponents from a frame that the tangents carry and that is made
-/// orthogonal again after every impact; in gear both are below 0, in wide chaos the first is above.
+/// lambda1 + lambda2 = 2 ln R on two and three tones.
+///
+/// Both exponents come from a frame that the tangents carry, orthogonalised after every impact. In
+/// gear both are below 0, in wide chaos the first is above.
 #[test]
 fn the_exponents_on_tones_sum_to_twice_the_log_of_restitution() {
     const IMPACTS: u32 = 5_000;
@@ -474,7 +482,7 @@ fn the_exponents_on_tones_sum_to_twice_the_log_of_restitution() {
     }
 }
 
-/// Parts at rest are thrown where the push rises through k, each time from the window that comes next.
+/// Resting parts are thrown where the push rises through k, in the next window.
 #[test]
 fn a_resting_part_is_thrown_by_the_next_window() {
     let mut random = Random::new(9);
@@ -502,7 +510,7 @@ fn a_resting_part_is_thrown_by_the_next_window() {
             };
             assert!(wait < TAU && excess(thrown).abs() < 1e-9);
             assert!(excess(thrown + 1e-4) > excess(thrown - 1e-4));
-            // Nothing throws it earlier.
+            // No earlier phase throws the part.
             let earlier = (1..200).map(|m| excess(phase + wait * f64::from(m) / 200.0));
             assert!(earlier.fold(f64::MIN, f64::max) < 1e-9);
             if !phases.contains(&thrown) {

@@ -1,7 +1,7 @@
-//! The impact map as a general event detector finds it: march, bracket a sign change, refine.
+//! Baseline: the impact map of a general event detector (march, bracket a sign change, refine).
 //!
-//! Steps of 0.05 rad until the gap changes sign, then ITP-free bisection and secant (Brent's idea in
-//! its plainest form). It can step over a graze and loses hops shorter than its step.
+//! Steps of 0.05 rad until the gap changes sign, then secant steps safeguarded by bisection (regula
+//! falsi; Brent 1973). It can step over a graze and misses hops shorter than its step.
 
 use std::f64::consts::TAU;
 
@@ -10,7 +10,7 @@ use super::Flight;
 /// March step in rad.
 const STEP: f64 = 0.05;
 
-/// The first impact that marching finds.
+/// The first impact found by marching.
 #[must_use]
 pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
     let (s, c) = phase.sin_cos();
@@ -35,7 +35,7 @@ pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
     for _ in 0..100 {
         let secant = high - at_high * (high - low) / (at_high - at_low);
         let width = high - low;
-        // The secant, kept inside; every step at least halves the bracket in two.
+        // The secant, kept inside the bracket; every two steps at least halve it.
         let mut d = if secant > low && secant < high {
             secant
         } else {

@@ -1,7 +1,7 @@
-//! What an impact costs in a chain: one orbit, each impact from where the one before ended.
+//! Latency of an impact: one orbit, each impact from the end of the one before.
 //!
-//! Launches that know nothing of each other overlap in a CPU; those of an orbit wait for each other, and the textbook's
-//! branches are predicted there. Who follows one part waits for a chain.
+//! Independent launches overlap in a CPU; those of an orbit wait for each other. The CPU also
+//! predicts the textbook's branches there. Following one part costs this latency.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -13,10 +13,10 @@ use super::{median, textbook};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 
-/// An orbit that is followed.
+/// An orbit to follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chain {
-    /// What it does.
+    /// Name of its regime.
     pub name: &'static str,
     /// k of the track.
     pub k: f64,
@@ -24,7 +24,7 @@ pub struct Chain {
     pub restitution: f64,
 }
 
-/// The orbits: a lock, chaos in gear, and a part that loses little and flies over many cycles.
+/// The orbits: a lock, chaos in gear, and a lively part that flies over many cycles.
 pub const CHAINS: [Chain; 3] = [
     Chain {
         name: "lock",
@@ -43,7 +43,8 @@ pub const CHAINS: [Chain; 3] = [
     },
 ];
 
-/// Where turn `n` begins: near each other, so that no turn repeats another and none of those that are timed rests.
+/// Start of turn `n`: the starts are close together, no turn repeats another, and no timed orbit
+/// rests.
 fn start(n: u32) -> PartState {
     PartState {
         phase: 0.7,
@@ -51,7 +52,7 @@ fn start(n: u32) -> PartState {
     }
 }
 
-/// Impacts before an orbit is timed, and of a turn.
+/// Impacts before the timing, and impacts per turn.
 const SETTLING: u32 = 1000;
 const IMPACTS: u32 = 4096;
 
@@ -66,7 +67,7 @@ pub struct Timed {
     pub nanoseconds: f64,
 }
 
-/// Flies turn `n` of a chain; nanoseconds for an impact.
+/// Flies turn `n` of a chain; returns ns per impact.
 type Turn = Box<dyn Fn(u32) -> f64>;
 
 /// Times every kernel on every chain in turns.
@@ -94,7 +95,7 @@ pub fn timed(rounds: usize, desk: &Desk) -> Result<Vec<Timed>, Refusal> {
     Ok(lines)
 }
 
-/// Every kernel on a chain.
+/// Every kernel, for one chain.
 fn kernels(chain: Chain) -> Result<Vec<(&'static str, Turn)>, Refusal> {
     let Chain { k, restitution, .. } = chain;
     let by_textbook = move |state: PartState| {
@@ -120,7 +121,7 @@ fn kernel<K: Kernel + 'static>(chain: Chain) -> Result<(&'static str, Turn), Ref
     Ok((K::NAME, turn(state, next)))
 }
 
-/// The turns of what makes the next state of one.
+/// The turns of a map from one state to the next.
 fn turn<S: Copy + 'static>(
     state: impl Fn(PartState) -> Result<S, OutOfRange> + 'static,
     next: impl Fn(S) -> S + 'static,
@@ -130,7 +131,7 @@ fn turn<S: Copy + 'static>(
         let Ok(mut state) = state(start(n)) else {
             return f64::NAN;
         };
-        // Long enough for what the others' turns have taken from the caches, too.
+        // Long enough to reload the caches after the other turns.
         for _ in 0..SETTLING {
             state = next(state);
         }
@@ -147,7 +148,7 @@ fn turn<S: Copy + 'static>(
 mod tests {
     use super::*;
 
-    /// An orbit that rests would be timed as flights of nothing.
+    /// An orbit at rest would count flights of zero length.
     #[test]
     fn no_chain_rests() {
         for chain in CHAINS {

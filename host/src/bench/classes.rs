@@ -1,4 +1,5 @@
-//! Instructions per impact by class, on the emulated microcontrollers: from the emulator's log of what it executes.
+//! Instructions per impact by class on the emulated microcontrollers, from the emulator's execution
+//! log.
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader};
@@ -21,21 +22,21 @@ pub const CLASSES: [&str; 10] = [
     "other",
 ];
 
-/// Instructions of each class that an impact takes, in the order of [`CLASSES`].
+/// Instructions per impact of each class, in the order of [`CLASSES`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct ByClass {
     /// Name of the kernel.
     pub kernel: String,
     /// `m4f` or `m0`.
     pub cpu: &'static str,
-    /// Instructions of one impact.
+    /// Instructions per impact.
     pub instructions: [f64; CLASSES.len()],
 }
 
-/// Those of every kernel on its CPU, in the mean of the orbits that the image flies.
+/// Mean instructions of every kernel on its CPU, over the orbits of the image.
 ///
 /// # Errors
-/// Where image or emulator is not there, and where the log is not understood.
+/// Without the image or the emulator, or for a log that cannot be parsed.
 pub fn counts() -> Result<Vec<ByClass>, String> {
     let mut all = Vec::new();
     for (_, target, cpu) in MACHINES {
@@ -44,10 +45,10 @@ pub fn counts() -> Result<Vec<ByClass>, String> {
     Ok(all)
 }
 
-/// Those that one image for a CPU, `m4f` or `m0`, flies.
+/// Mean instructions of the kernels in one image for a CPU, `m4f` or `m0`.
 ///
 /// # Errors
-/// As [`counts`].
+/// See [`counts`].
 pub fn of(cpu: &str, image: &Path) -> Result<Vec<ByClass>, String> {
     let (machine, _, cpu) = MACHINES
         .into_iter()
@@ -95,7 +96,7 @@ pub fn of(cpu: &str, image: &Path) -> Result<Vec<ByClass>, String> {
     let counted = kernels.into_iter().zip(calls);
     Ok(counted
         .map(|((kernel, impacts), calls)| {
-            // Of each two calls the first brings the orbit to where it stays.
+            // The first of each two calls brings the orbit to its final regime.
             let settled = calls.iter().skip(1).step_by(2);
             let all = impacts * settled.len() as f64;
             let of = |class| settled.clone().map(|counts| counts[class]).sum::<u64>() as f64 / all;
@@ -108,7 +109,7 @@ pub fn of(cpu: &str, image: &Path) -> Result<Vec<ByClass>, String> {
         .collect())
 }
 
-/// `flies KERNEL IMPACTS`: a kernel whose calls follow, and impacts of each.
+/// `flies KERNEL IMPACTS`: the following calls are of this kernel, with this number of impacts each.
 fn flown(line: &str) -> Option<(String, f64)> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let ["flies", kernel, impacts] = words[..] else {
@@ -119,27 +120,27 @@ fn flown(line: &str) -> Option<(String, f64)> {
 
 type Counts = [u64; CLASSES.len()];
 
-/// Instructions that are executed one after the other.
+/// A basic block: instructions that are executed in sequence.
 #[derive(Clone, Debug, Default)]
 struct Block {
     counts: Counts,
     begin: u32,
-    /// Where the next one is.
+    /// Address after the block.
     end: u32,
 }
 
-/// What is known of a log so far.
+/// Parser state of a log.
 #[derive(Debug, Default)]
 struct Log {
-    /// The block that was translated last.
+    /// Last translated block.
     last: Block,
-    /// Blocks by where the emulator keeps them.
+    /// Blocks by the emulator's address.
     blocks: HashMap<String, Block>,
-    /// The block that was executed last, and whether it counts.
+    /// Last executed block, and whether it counts.
     before: Option<(Block, bool)>,
-    /// Where the call that is under way returns to.
+    /// Return address of the current call.
     returns: Option<u32>,
-    /// Where the function of each call begins, and where the call's counts are.
+    /// Start address of each call's function, and the index of its counts.
     calls: Vec<(u32, usize)>,
     counts: Vec<Counts>,
 }
@@ -153,7 +154,7 @@ impl Log {
         } else if let Some(rest) = line.strip_prefix("0x") {
             self.translated(rest);
         } else if line.starts_with("Stopped execution") {
-            // What was to be executed was not.
+            // The block was not executed after all.
             if let (Some((block, true)), Some(counts)) =
                 (self.before.take(), self.counts.last_mut())
             {
@@ -209,7 +210,7 @@ impl Log {
         if self.returns == Some(address) {
             self.returns = None;
         }
-        // A function is entered where it begins, which is where it is first seen.
+        // A function is entered at its first address, the first one in the log.
         let entered = names
             .first()
             .is_some_and(|name| name.contains("kernels3fly"));
@@ -229,7 +230,7 @@ impl Log {
     }
 }
 
-/// The class of an instruction, as its place in [`CLASSES`].
+/// Index of an instruction's class in [`CLASSES`].
 fn class(mnemonic: &str) -> usize {
     let name = mnemonic.split('.').next().unwrap_or_default();
     let is = |names: &[&str]| names.contains(&name);
@@ -266,7 +267,7 @@ fn class(mnemonic: &str) -> usize {
         .unwrap_or_default()
 }
 
-/// Whether an instruction branches, or makes those after it conditional.
+/// Whether an instruction branches or makes the next ones conditional.
 fn branches(name: &str) -> bool {
     const CONDITIONS: [&str; 17] = [
         "", "eq", "ne", "hs", "cs", "lo", "cc", "mi", "pl", "vs", "vc", "hi", "ls", "ge", "lt",
@@ -318,7 +319,7 @@ mod tests {
         }
     }
 
-    /// Two calls, of which the second calls on; and one that is not executed after all.
+    /// Two calls, the second with a call inside, and a block that is not executed after all.
     #[test]
     fn a_call_counts_what_it_calls_until_it_returns() {
         let text = "IN: main

@@ -1,4 +1,4 @@
-//! The kernels side by side: time of each turn, errors once.
+//! The kernels side by side: run time of each turn, errors once.
 
 use std::f64::consts::TAU;
 use std::hint::black_box;
@@ -10,23 +10,23 @@ use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
 use super::workload::{Launch, SETTLING, SWEEP_ORBITS, SWEEP_RESTITUTIONS, Workload, sweep_start};
 use super::{Errors, Flight, bracket, textbook};
 
-/// A flight that differs from that in f64 by more than this, in rad and relative to 1 + itself, is
-/// another root: the coarsest arithmetic errs by 3e-4.
+/// Relative flight difference (in rad, over 1 + flight) above which a flight is another root. The
+/// coarsest arithmetic has errors of 3e-4.
 const ANOTHER_ROOT: f64 = 1e-3;
 
-/// Something that makes impacts, ready to run.
+/// A kernel or baseline, ready to run.
 pub trait Contestant {
     /// Its name.
     fn name(&self) -> &'static str;
-    /// Number of its turns until all its impacts have been made.
+    /// Number of turns for all its impacts.
     fn turns(&self) -> usize;
-    /// Makes the impacts of turn `n`, a few thousand of all it has; nanoseconds for one of them.
+    /// Makes the impacts of turn `n`, a few thousand of all; returns ns per impact.
     fn turn(&mut self, n: usize) -> f64;
-    /// How far its impacts are from those in f64.
+    /// Errors of its impacts against f64.
     fn errors(&mut self) -> Errors;
 }
 
-/// Everyone who takes part in a workload; the slow baselines make fewer of its impacts.
+/// All contestants of a workload; the slow baselines make fewer of its impacts.
 #[must_use]
 pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Contestant>> {
     let few: Vec<Launch> = launches.iter().copied().step_by(8).collect();
@@ -61,21 +61,21 @@ pub fn contestants(workload: Workload, launches: &[Launch]) -> Vec<Box<dyn Conte
     contestants
 }
 
-/// The widths of registers that this CPU has, the widest first, with the names of the batch kernel in them.
+/// The register widths of this CPU, the widest first, with the names of the batch kernel.
 fn widths() -> impl Iterator<Item = (Simd, &'static str)> {
     let widest = Simd::widest();
     let narrower = (widest > Simd::None).then_some((Simd::None, "batch-single"));
     std::iter::once((widest, "batch")).chain(narrower)
 }
 
-/// Launches of a turn: so many that what it costs to bring a kernel's code and tables into the caches
-/// after the others' turns does not count, so few that a turn is over before a busy machine interrupts it.
+/// Launches per turn. Enough to make the reload of the caches negligible. Few enough to end a turn
+/// before a busy machine interrupts it.
 pub const LAUNCHES: usize = 16 * LANES;
 
-/// How many times as many impacts the batch kernel makes in a turn, which then lasts as long as the others'.
+/// Ratio of the batch kernel's impacts per turn to the others'; the turns then take equally long.
 const BATCHES: usize = 4;
 
-/// The part of `all` whose turn `n` is.
+/// The slice of `all` for turn `n`.
 pub(super) fn slice<T>(all: &[T], n: usize, length: usize) -> &[T] {
     all.chunks(length)
         .nth(n % all.len().div_ceil(length).max(1))
@@ -96,13 +96,13 @@ impl Judge {
         }
     }
 
-    /// Compares flight and phase with an impact in f64, unless that grazes: which root is the first is then a matter of
-    /// rounding.
+    /// Compares flight and phase with an f64 impact, unless that grazes and rounding decides the
+    /// first root.
     pub(super) fn compare(&mut self, truth: &Impact<PartState>, flight: f64, phase: f64) {
         if truth.grazes {
             return;
         }
-        // NaN is another root, too.
+        // NaN counts as another root.
         if (flight - truth.flight).abs() <= ANOTHER_ROOT * (1.0 + truth.flight) {
             let turned = (phase - truth.next.phase).abs();
             self.errors.push(turned.min((TAU - turned).abs()));
@@ -120,7 +120,7 @@ struct Baseline {
     name: &'static str,
     first_impact: fn(f64, f64, f64) -> Flight,
     launches: Vec<Launch>,
-    /// Launches of a turn.
+    /// Launches per turn.
     turn: usize,
 }
 
@@ -154,7 +154,7 @@ impl Contestant for Baseline {
         let begun = Instant::now();
         for launch in launches {
             let PartState { phase, velocity } = launch.state;
-            // By reference, so that the result is not copied.
+            // By reference, to avoid a copy of the result.
             black_box(&(self.first_impact)(launch.k, phase, velocity));
         }
         per_impact(begun.elapsed(), launches.len())
@@ -184,7 +184,7 @@ struct Kernels<K: Kernel> {
 
 impl<K: Kernel> Kernels<K> {
     fn new(launches: &[Launch]) -> Self {
-        // What the arithmetic cannot hold, it is not asked.
+        // Leaves out launches that the arithmetic cannot represent.
         let ready = |launch: &Launch| {
             let kernel = K::build(launch.k, launch.restitution).ok()?;
             let state = K::state(launch.state.phase, launch.state.velocity).ok()?;
@@ -255,7 +255,7 @@ impl Blocks {
             block.clear(lane);
         }
         for (lane, (map, launch)) in launches.iter().enumerate() {
-            // There are as many lanes as launches in a chunk.
+            // A chunk has at most as many launches as lanes.
             let _ = block.put(lane, map, launch.state);
         }
         // Sorts the lanes.
@@ -311,14 +311,15 @@ impl Contestant for Blocks {
     }
 }
 
-/// The batch kernel on whole orbits: blocks of one restitution, parts at rest restarted with the impact
-/// that follows their lift-off.
+/// The batch kernel on whole orbits: blocks of one restitution.
+///
+/// Resting parts restart with the impact after their lift-off.
 struct Orbits {
     name: &'static str,
     blocks: Vec<(Box<Block>, Lanes)>,
 }
 
-/// The map of each lane, and its state after the flight that follows lift-off.
+/// The map of each lane, and its state after the flight from lift-off.
 type Lanes = Vec<(Map, PartState)>;
 
 impl Orbits {
@@ -350,7 +351,7 @@ impl Orbits {
         Self { name, blocks }
     }
 
-    /// Takes the orbits of a block further by this many impacts.
+    /// Advances the orbits of a block by this many impacts.
     fn advance(block: &mut Block, lanes: &Lanes, impacts: u32) {
         let mut resting = [0; LANES];
         for _ in 0..impacts {
@@ -361,7 +362,7 @@ impl Orbits {
                 count += 1;
             }
             for &lane in &resting[..count] {
-                // The lane holds an orbit, or it would not rest.
+                // The lane holds an orbit, because it rests.
                 let _ = block.restart(lane, lanes[lane].1);
             }
         }

@@ -1,9 +1,9 @@
-//! Instructions per impact on the emulated microcontrollers, where image and emulator are there.
+//! Instructions per impact on the emulated microcontrollers, if image and emulator are installed.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 
-/// One count.
+/// Count of one kernel on one workload.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Count {
     /// Name of the kernel.
@@ -12,22 +12,22 @@ pub struct Count {
     pub workload: String,
     /// `m4f` or `m0`.
     pub cpu: String,
-    /// Instructions of one impact.
+    /// Instructions per impact.
     pub instructions: u64,
 }
 
-/// The emulated machines, by QEMU's name, their Rust target and their CPU's name.
+/// The emulated machines: QEMU's name, Rust target, name of the CPU.
 pub(super) const MACHINES: [(&str, &str, &str); 2] = [
     ("olimex-stm32-h405", "thumbv7em-none-eabihf", "m4f"),
     ("microbit", "thumbv6m-none-eabi", "m0"),
 ];
 
-/// How images and emulator come here.
+/// Instructions for installing the emulator and building the images.
 pub const NEXT: &str = "tests/setup.sh brings emulator and targets; then, in the project's folder, for each of \
     thumbv7em-none-eabihf and thumbv6m-none-eabi: cargo build --profile firmware --package kband-emulated \
     --bins --target TARGET --target-dir target/emulated";
 
-/// The counts that the images print, or why there are none.
+/// The counts printed by the images, or the reason why there are none.
 #[must_use]
 pub fn counts() -> (Vec<Count>, Option<String>) {
     let mut counts = Vec::new();
@@ -41,8 +41,9 @@ pub fn counts() -> (Vec<Count>, Option<String>) {
     (counts, missing)
 }
 
-/// The image that the emulated tests build: in the folder that `CARGO_TARGET_DIR` names, in the one this
-/// program was built in, or in `target`.
+/// Path of the image of the emulated tests.
+///
+/// It is in the folder of `CARGO_TARGET_DIR`, in the one this program was built in, or in `target`.
 pub(super) fn image(target: &str, name: &str) -> Result<PathBuf, String> {
     let named = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
     let own = std::env::current_exe()
@@ -69,7 +70,7 @@ pub(super) fn image(target: &str, name: &str) -> Result<PathBuf, String> {
     })
 }
 
-/// The emulator with an image, at most a minute.
+/// The emulator with an image, limited to a minute.
 pub(super) fn emulator(machine: &str, image: &Path) -> Command {
     let mut command = Command::new("timeout");
     command
@@ -81,12 +82,12 @@ pub(super) fn emulator(machine: &str, image: &Path) -> Command {
     command
 }
 
-/// That it ended so.
+/// Message for a failed emulator.
 pub(super) fn failed(machine: &str, status: ExitStatus) -> String {
     format!("qemu-system-arm on {machine} ended with {status}; tests/setup.sh brings it")
 }
 
-/// What the image prints.
+/// Output of the image.
 fn run(machine: &str, image: &Path) -> Result<String, String> {
     let output = emulator(machine, image)
         .args(["-icount", "shift=0"])
@@ -105,7 +106,7 @@ fn parse(line: &str) -> Option<Count> {
     let ["instructions", kernel, workload, cpu, count] = words[..] else {
         return None;
     };
-    // The images' mean over their orbits stands for the sweep.
+    // The images' mean over their orbits counts as the sweep.
     let workload = if workload == "orbits" {
         "sweep"
     } else {

@@ -1,8 +1,8 @@
-//! Run time against error of every arithmetic of the impact map.
+//! Benchmark: run time against error of every arithmetic of the impact map.
 //!
-//! All kernels are measured in one run, turn by turn, so that a busy machine slows them alike; the
-//! medians of the turns are compared. Errors are against f64's impact of the very state that a
-//! kernel holds.
+//! All kernels are measured in one run, turn by turn, so a busy machine slows them alike. The
+//! medians of the turns are compared. Errors are against the f64 impact of the state as the kernel
+//! represents it.
 
 pub mod bracket;
 pub mod chains;
@@ -17,7 +17,7 @@ pub mod verbs;
 pub mod waves;
 pub mod workload;
 
-/// A flight as the baselines see it.
+/// A flight of a baseline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Flight {
     /// Duration in rad.
@@ -35,27 +35,27 @@ pub struct Measurement {
     pub kernel: &'static str,
     /// Name of the workload.
     pub workload: &'static str,
-    /// Run time of one impact, median of the turns.
+    /// Run time of one impact in ns, median of the turns.
     pub nanoseconds: f64,
-    /// Errors of the phase, where they are judged.
+    /// Errors of the phase in rad, if judged.
     pub errors: Option<Errors>,
 }
 
-/// Errors of the phase of the next impact in rad, over the impacts that are the right root.
+/// Errors of the phase of the next impact in rad, over the impacts with the right root.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Errors {
-    /// Half of them are below.
+    /// Median.
     pub median: f64,
-    /// 99 % of them are below.
+    /// 99th percentile.
     pub p99: f64,
     /// The largest.
     pub largest: f64,
-    /// Impacts that are another root.
+    /// Number of impacts at another root.
     pub wrong_roots: u64,
 }
 
 impl Errors {
-    /// The errors of so many impacts, and the count of those with another root.
+    /// The errors of the given impacts, and the number of those at another root.
     #[must_use]
     pub fn of(mut errors: Vec<f64>, wrong_roots: u64) -> Self {
         errors.sort_by(f64::total_cmp);
@@ -75,7 +75,7 @@ impl Errors {
     }
 }
 
-/// The middle of some measurements.
+/// Median of some measurements.
 #[must_use]
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! What an impact costs by how many are made, with one thread and with two.
+//! Run time per impact by number of impacts, with one thread and with two.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -10,33 +10,33 @@ use super::median;
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 
-/// The least that is made.
+/// Number of impacts: smallest.
 pub const LEAST: usize = 1000;
-/// Where the orbits fly: chaos in gear, which never rests.
+/// Track of the orbits: chaos in gear, which never rests.
 const K: f64 = 0.34;
 const RESTITUTION: f64 = 0.2;
-/// States from which orbits start.
+/// Number of start states.
 const STARTS: usize = 4096;
-/// Impacts of a task: of one orbit, or of a block of orbits.
+/// Impacts per task: of one orbit, or of a block of orbits.
 const TASK: usize = 1 << 17;
-/// Impacts of a point of fewer are made again and again, until so many have been made.
+/// Impacts per point: smaller numbers are repeated until this total.
 const MEASURED: usize = 1 << 20;
 
-/// Nanoseconds for an impact where so many are made.
+/// Run time per impact for one number of impacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// The kernel: `f64` one orbit after the other, `batch` in blocks.
+    /// Kernel: `f64` one orbit after the other, `batch` in blocks.
     pub kernel: &'static str,
-    /// Impacts that are made.
+    /// Number of impacts.
     pub impacts: usize,
-    /// Nanoseconds for one, by threads.
+    /// Run time per impact in ns, with one thread and with two.
     pub nanoseconds: [f64; 2],
 }
 
-/// Makes so many impacts of a task's orbits.
+/// Makes the impacts of a task: map, starts, task number, number of impacts.
 type Fly = fn(&Map, &[PartState], usize, usize);
 
-/// Points in decades from [`LEAST`] to `most`, kernels and threads in turns; medians of so many rounds.
+/// Points in decades from [`LEAST`] to `most`: medians over `rounds`, kernels and threads in turns.
 pub fn points(most: usize, rounds: usize, desk: &Desk) -> Result<Vec<Point>, Refusal> {
     let map = Map::build(K, RESTITUTION)?;
     let amounts: Vec<usize> = std::iter::successors(Some(LEAST), |amount| amount.checked_mul(10))
@@ -75,7 +75,7 @@ pub fn points(most: usize, rounds: usize, desk: &Desk) -> Result<Vec<Point>, Ref
     Ok(points)
 }
 
-/// Nanoseconds for one of `amount` impacts.
+/// Run time per impact in ns, for `amount` impacts.
 fn nanoseconds(
     fly: impl Fn(usize, usize) + Sync + Send,
     amount: usize,
@@ -93,7 +93,7 @@ fn nanoseconds(
     Ok(begun.elapsed().as_nanos() as f64 / (again * amount) as f64)
 }
 
-/// States along one orbit that stays in gear: from there others do.
+/// States along one orbit that stays in gear; other orbits from these stay there, too.
 fn starts(map: &Map) -> Vec<PartState> {
     let first = PartState {
         phase: 0.7,
@@ -105,7 +105,7 @@ fn starts(map: &Map) -> Vec<PartState> {
         .collect()
 }
 
-/// So many impacts of one orbit, each from where the one before ended.
+/// `impacts` impacts of one orbit, each from the end of the one before.
 fn chain(map: &Map, starts: &[PartState], task: usize, impacts: usize) {
     let mut state = starts[task % STARTS];
     for _ in 0..impacts {
@@ -114,7 +114,7 @@ fn chain(map: &Map, starts: &[PartState], task: usize, impacts: usize) {
     black_box(state);
 }
 
-/// So many impacts of a block of orbits, or up to a lane's worth more.
+/// `impacts` impacts of a block of orbits, or up to a lane's worth more.
 fn block(map: &Map, starts: &[PartState], task: usize, impacts: usize) {
     let mut block = Block::new();
     let lanes = impacts.min(LANES);

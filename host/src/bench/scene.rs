@@ -1,4 +1,4 @@
-//! What a drive cycle of the closed loop costs in both fidelities.
+//! Run time of a drive cycle of the closed loop, in both fidelities.
 
 use std::time::Instant;
 
@@ -6,14 +6,15 @@ use kband::plant::{ClosedLoop, EnvelopeLoop, Scene};
 
 use super::{Measurement, median};
 
-/// Drive cycles of the default scene until the kick has come to its lock.
+/// Drive cycles of the default scene until the kick has led to the lock.
 const SETTLED: usize = 500;
-/// Drive cycles of a turn: half a millisecond each, shorter than what a busy machine gives at a time.
+/// Drive cycles per turn: half a millisecond, shorter than a time slice of a busy machine.
 const WAVEFORM: usize = 30;
 const ENVELOPE: usize = 2_000;
 
-/// A long hold of the default scene, waveform and envelope turn by turn. Its part is locked, one impact a
-/// cycle, so that the time of an impact is that of a cycle; nothing else is watched.
+/// A long hold of the default scene, waveform and envelope turn by turn.
+///
+/// Its part is locked, one impact a cycle, so the time per impact is that of a cycle.
 #[must_use]
 pub fn lines(turns: usize) -> Vec<Measurement> {
     let scene = Scene::default();
@@ -56,7 +57,7 @@ pub fn lines(turns: usize) -> Vec<Measurement> {
         .collect()
 }
 
-/// Simulated time over run time of a line, for cycles of the default scene.
+/// Simulated time over run time of a measurement, for cycles of the default scene.
 #[must_use]
 pub fn times_real_time(line: &Measurement) -> f64 {
     1e9 / f64::from(Scene::default().settings.frequency) / line.nanoseconds

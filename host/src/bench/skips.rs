@@ -1,4 +1,4 @@
-//! What each skip saves: the same work with and without it.
+//! Time saved by each shortcut: the same work with and without it.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -10,10 +10,10 @@ use kband::impact::{
 
 use super::{Measurement, median, workload::Workload};
 
-/// Impacts of the orbits that are measured.
+/// Number of impacts of the measured orbits.
 const IMPACTS: u64 = 4_000;
 
-/// Follows the velocity along the track.
+/// Velocity along the track of an orbit.
 struct Along {
     tangential: Tangential,
     velocity: f64,
@@ -29,8 +29,9 @@ impl Observer for Along {
     }
 }
 
-/// Lines for every skip: kernel `f64` leaves the work out, `f64-unskipped` does it all; the results are
-/// the same bits.
+/// Measurements of every shortcut: kernel `f64` uses it, `f64-unskipped` does all the work.
+///
+/// The results have the same bits.
 #[must_use]
 pub fn lines(turns: usize) -> Vec<Measurement> {
     let mut lines = Vec::new();
@@ -52,7 +53,7 @@ pub fn lines(turns: usize) -> Vec<Measurement> {
         || search(PassedHumps::Walk),
     ));
 
-    // Rests in every cycle (k = 0.43, R = 0.1), and hops for ever (R = 0.8).
+    // A part that rests in every cycle (k = 0.43, R = 0.1), and one that always hops (R = 0.8).
     if let (Ok(resting), Ok(hopping)) = (Map::build(0.43, 0.1), Map::build(0.3, 0.8)) {
         let settings = TangentialSettings {
             restitution: 0.5,
@@ -124,7 +125,7 @@ pub fn lines(turns: usize) -> Vec<Measurement> {
     lines
 }
 
-/// Two lines, measured turn by turn; each piece of work returns its number of impacts.
+/// Two measurements, turn by turn; each function returns its number of impacts.
 fn pair(
     name: &'static str,
     turns: usize,

@@ -1,7 +1,8 @@
-//! The textbook's impact map: convexity segments and monotone Newton with the platform's sine.
+//! Baseline: the textbook's impact map, with convexity segments and monotone Newton steps.
 //!
-//! Between the phases where `sin t = k` the gap is convex or concave, so Newton from the right end
-//! converges monotonically. Kept here to be compared with; it shares nothing with the kernels.
+//! Between the phases with `sin t = k` the gap is convex or concave, so Newton's method from the
+//! right end converges monotonically. It uses the platform's sine and shares no code with the
+//! kernels.
 
 use std::f64::consts::{PI, TAU};
 
@@ -43,7 +44,7 @@ pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
     } else {
         TAU + lift_off - phase
     };
-    // Whole turns above the track's reach are skipped.
+    // Skips whole turns above the track's reach.
     let leaving = v * v - 2.0 * k * (1.0 - s);
     let (above_from, above_to) = if leaving > 0.0 && v > 0.0 {
         let root = leaving.sqrt();

@@ -1,4 +1,4 @@
-//! What users wait for: whole commands, with one thread and with two.
+//! Run times of whole commands, with one thread and with two.
 
 use std::env;
 use std::path::Path;
@@ -9,12 +9,12 @@ use super::median;
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 
-/// A command, and what it makes.
+/// A command and its output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Work {
-    /// Its words, as a user types them after `kband`.
+    /// The command line after `kband`.
     pub words: &'static str,
-    /// What it makes, and how many of them.
+    /// Kind and number of its outputs.
     pub makes: (&'static str, u32),
 }
 
@@ -67,13 +67,14 @@ pub const WORKS: [Work; 8] = [
 pub struct Waited {
     /// The command.
     pub work: Work,
-    /// Median time in s of its runs, by threads.
+    /// Median run time in s, with one thread and with two.
     pub seconds: [f64; 2],
 }
 
-/// Runs each command so many times, with one thread and with two in turns; times from start to end, as a user waits.
+/// Run times of each command from start to end, over `rounds` runs with one and two threads in
+/// turns.
 pub fn waited(works: &[Work], rounds: usize, desk: &Desk) -> Result<Vec<Waited>, Refusal> {
-    // Where the commands write what they write unasked; it goes when they are done.
+    // Folder for the commands' default files; it is removed at the end.
     let folder = tempfile::tempdir()
         .map_err(|error| Refusal::file(&env::temp_dir(), &error, "set TMPDIR to another folder"))?;
     let progress = Progress::new("bench", (rounds * works.len()) as u64);
@@ -98,7 +99,7 @@ pub fn waited(works: &[Work], rounds: usize, desk: &Desk) -> Result<Vec<Waited>,
         .collect())
 }
 
-/// Seconds that a command takes.
+/// Run time of a command in s.
 fn run(words: &str, threads: &str, folder: &Path) -> Result<f64, Refusal> {
     let failed = |cause: String| {
         Refusal::new(

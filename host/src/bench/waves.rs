@@ -9,7 +9,7 @@ use super::Errors;
 use super::contest::{Contestant, Judge, LAUNCHES, per_impact, slice};
 use super::workload::{Launch, TOGETHER, Workload};
 
-/// The second tone: one that a drive affords and that holds parts of restitution 0.1 to 0.5 in gear.
+/// Second tone, within a drive's limits; it keeps parts of restitution 0.1 to 0.5 in gear.
 const TONES: [Tone; 2] = [
     Tone {
         amplitude: 0.15,
@@ -21,7 +21,7 @@ const TONES: [Tone; 2] = [
     },
 ];
 
-/// Everyone who flies over two tones, on about as many launches as on one.
+/// All contestants on two tones, with about as many launches as on one.
 #[must_use]
 pub fn contestants(workload: Workload, count: usize) -> Vec<Box<dyn Contestant>> {
     let launches = workload.launches_on(TONES, count);
@@ -48,7 +48,7 @@ impl<K: WaveKernel> Waves<K> {
         let track = |launches: &[Launch]| {
             let Launch { k, restitution, .. } = *launches.first()?;
             let kernel = K::on_tones(TONES, k, restitution).ok()?;
-            // What the arithmetic cannot hold, it is not asked.
+            // Leaves out launches that the arithmetic cannot represent.
             let ready = launches.iter().filter_map(|launch| {
                 let state = K::state(launch.state.phase, launch.state.velocity).ok()?;
                 Some((state, *launch))

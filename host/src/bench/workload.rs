@@ -1,4 +1,4 @@
-//! What the kernels are measured on.
+//! Workloads: the launches on which the kernels are measured.
 
 use std::f64::consts::TAU;
 
@@ -25,9 +25,10 @@ pub enum Workload {
     High,
     /// Velocities up to 3, k from 0.02 to 0.98.
     Low,
-    /// Velocities from 1e-6 to 1 in equal parts of each decade: hops on the way to rest.
+    /// Velocities from 1e-6 to 1, log-uniform: hops on the way to rest.
     Chatter,
-    /// Orbits over a grid of k (0.02 to 0.98) and restitution (0.5 to 0.99), after their transients.
+    /// Orbits over a grid of k (0.02 to 0.98) and restitution (0.5 to 0.99), after their
+    /// transients.
     Sweep,
 }
 
@@ -35,16 +36,16 @@ pub enum Workload {
 pub const SWEEP_RESTITUTIONS: [f64; 8] = [0.5, 0.57, 0.64, 0.71, 0.78, 0.85, 0.92, 0.99];
 /// Values of k of the sweep.
 pub const SWEEP_K: usize = 64;
-/// Orbits at each restitution, where all of them are followed: eight starts for each k.
+/// Orbits per restitution in the complete sweep: eight starts for each k.
 pub const SWEEP_ORBITS: usize = 8 * SWEEP_K;
-/// Impacts before an orbit of the sweep is looked at.
+/// Impacts of an orbit of the sweep before its first launch.
 pub const SETTLING: u32 = 300;
 
 impl Workload {
     /// Every workload.
     pub const ALL: [Self; 4] = [Self::High, Self::Low, Self::Chatter, Self::Sweep];
 
-    /// Its name in tables and JSON.
+    /// Name in tables and JSON.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -55,7 +56,7 @@ impl Workload {
         }
     }
 
-    /// At least `count` launches, always the same ones.
+    /// At least `count` launches, the same in every run.
     #[must_use]
     pub fn launches(self, count: usize) -> Vec<Launch> {
         if self == Self::Sweep {
@@ -74,7 +75,7 @@ impl Workload {
                 _ => 10_f64.powf(-6.0 * part),
             };
             let state = PartState { phase, velocity };
-            // A chatter that closes is not hopped through.
+            // A chatter with a closed form has no hops.
             let flies = Contact::build(k, restitution)
                 .is_ok_and(|contact| contact.time_to_rest(state).is_none());
             if flies {
@@ -89,12 +90,15 @@ impl Workload {
     }
 }
 
-/// Launches on one track of several tones: as many as a block of orbits on one tone holds, so that both sort as many.
+/// Launches per track of several tones: as many as lanes in a block, so that both sort the same
+/// number.
 pub const TOGETHER: usize = LANES;
 
 impl Workload {
-    /// At least `count` launches for tracks of several tones, [`TOGETHER`] on one of them: those of one tone with the k and
-    /// the restitution of the first of each such group; the sweep along orbits on these tones.
+    /// At least `count` launches on tracks of several tones, [`TOGETHER`] per track.
+    ///
+    /// They are those of one tone, with k and restitution of the first of each group; the sweep
+    /// uses orbits on these tones.
     #[must_use]
     pub fn launches_on(self, tones: [Tone; 2], count: usize) -> Vec<Launch> {
         if self == Self::Sweep {
@@ -111,8 +115,9 @@ impl Workload {
     }
 }
 
-/// Random numbers (SplitMix64), always the same ones. Evenly spread ones would not do: a CPU learns
-/// their pattern and predicts the branches of the slowest kernel.
+/// Random numbers (SplitMix64), the same in every run.
+///
+/// A CPU would learn an evenly spread sequence and predict the branches of the slowest kernel.
 struct Random(u64);
 
 impl Random {
@@ -155,7 +160,7 @@ fn sweep(count: usize) -> Vec<Launch> {
                 match orbit.next() {
                     Some(OrbitEvent::Impact(_)) => {
                         impacts += 1;
-                        // The flight after lift-off is known for ever, and no search.
+                        // The flight after lift-off is precomputed and needs no search.
                         if impacts > SETTLING as usize && impacts % 3 == 0 && state.velocity > 0.0 {
                             launches.push(Launch {
                                 k,
@@ -173,7 +178,7 @@ fn sweep(count: usize) -> Vec<Launch> {
     launches
 }
 
-/// States along orbits on several tones, over the k and the restitutions of [`sweep`]; those of one k together.
+/// States along orbits on several tones, over the k and restitutions of [`sweep`], grouped by k.
 fn sweep_on(tones: [Tone; 2], count: usize) -> Vec<Launch> {
     let each = count.div_ceil(SWEEP_K * TOGETHER) * TOGETHER / SWEEP_RESTITUTIONS.len();
     let mut launches = Vec::with_capacity(SWEEP_K * SWEEP_RESTITUTIONS.len() * each);
@@ -186,7 +191,7 @@ fn sweep_on(tones: [Tone; 2], count: usize) -> Vec<Launch> {
             };
             let mut orbit = WaveOrbit::new(&map, start);
             let (mut impacts, mut taken) = (0, 0);
-            // Where the flight begins, but for those after lift-off.
+            // The state at which the flight begins, without those after lift-off.
             let mut state = None;
             while taken < each && impacts < SETTLING as usize + 9 * each {
                 match orbit.next() {
@@ -209,7 +214,7 @@ fn sweep_on(tones: [Tone; 2], count: usize) -> Vec<Launch> {
                 }
             }
         }
-        // Orbits that rest for ever leave room: what flew fills it again.
+        // Orbits that rest for ever leave gaps, which copies of other launches fill.
         let flown = launches.len() - first;
         if flown == 0 {
             continue;

@@ -1,4 +1,4 @@
-//! An orbit that is followed impact by impact, until it is known what it is.
+//! An orbit that is followed impact by impact until its regime is decided.
 
 use std::f64::consts::TAU;
 
@@ -9,27 +9,27 @@ use kband::regime::gear;
 use super::Endings;
 use super::memory::{MEMORY, Memory};
 
-/// Distance in rad and units of `b w` at which an attracting period-1 orbit holds what comes near it.
+/// Distance in rad and `b w` from an attracting period-1 orbit at which it captures an orbit.
 const AT_THE_LOCK: f64 = 1e-5;
 
-/// Impacts after which an orbit that did not close is judged by its last ones, again and again.
+/// Number of impacts after which an open orbit is judged by its last ones, repeatedly.
 const WEIGHED: usize = 6000;
 
-/// An orbit on its way to its ending. What every impact asks for stands first and together.
+/// An orbit without a final regime yet; the fields for every impact come first and together.
 pub(super) struct Followed {
     count: usize,
-    /// Impacts after which more is looked at than where the orbit is.
+    /// Number of impacts before the next detailed check.
     look_next: usize,
-    /// Since its first launch, in rad.
+    /// Time in rad since the first launch.
     time: f64,
     kept: Kept,
     keep_next: usize,
-    /// Impacts after which its last ones are weighed next.
+    /// Number of impacts before the next judgement by the last ones.
     weigh_next: usize,
-    /// Impacts after which it is given up.
+    /// Number of impacts after which it is given up.
     limit: usize,
     row: Row,
-    /// The last impacts, once there are not many left.
+    /// The last impacts, recorded shortly before a judgement.
     memory: Memory,
 }
 
@@ -41,7 +41,7 @@ impl Followed {
         }
     }
 
-    /// One that is judged no earlier than when it is given up.
+    /// An orbit that is judged only when it is given up.
     pub(super) fn weighed_at(limit: usize) -> Self {
         Self {
             count: 0,
@@ -56,17 +56,17 @@ impl Followed {
         }
     }
 
-    /// Time since its first launch, in rad.
+    /// Time in rad since the first launch.
     pub(super) fn time(&self) -> f64 {
         self.time
     }
 
-    /// Whether its last impacts come near a cycle, however slowly.
+    /// Whether its last impacts approach a cycle, however slowly.
     pub(super) fn settles(&self) -> bool {
         self.memory.settles()
     }
 
-    /// Takes the next impact, and says what is known of the ending.
+    /// Takes the next impact and returns the state of the decision.
     #[inline]
     pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Said {
         self.count += 1;
@@ -91,7 +91,7 @@ impl Followed {
         self.look(endings, impact)
     }
 
-    /// What else an impact asks for, now and then.
+    /// The detailed check, at some impacts only.
     #[inline(never)]
     fn look(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Said {
         if self.count + 2 * MEMORY > self.weigh_next {
@@ -119,8 +119,10 @@ impl Followed {
         said
     }
 
-    /// What it is, as far as its last impacts tell. What repeats nothing is chaos where flights in its gear are known to
-    /// stay there; elsewhere it may still come to rest, and nothing is decided.
+    /// Judgement by the last impacts.
+    ///
+    /// Without repeats it is chaos if flights in its gear are proven to stay there. Otherwise it
+    /// may still rest, and stays undecided.
     pub(super) fn weighed(&mut self, endings: &Endings) -> Said {
         let end = match self.memory.verdict() {
             Regime::Chaotic if self.row.count < MEMORY => Regime::Undecided,
@@ -141,20 +143,20 @@ impl Followed {
     }
 }
 
-/// What is known of an orbit's ending.
+/// State of the decision on an orbit's regime.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Said {
-    /// Nothing yet.
+    /// Undecided.
     GoesOn,
-    /// It comes to rest before it is thrown off again.
+    /// The orbit rests before the part is thrown again.
     Rests,
-    /// Whether flights stay in the gear of this order must be known first; then it is weighed again.
+    /// It depends on whether flights stay in the gear of this order; then it is judged again.
     Asks(u32),
-    /// It is known.
+    /// Decided.
     Ends(Regime),
 }
 
-/// Flights in gear of one order, in a row.
+/// Consecutive flights in gear of one order.
 #[derive(Clone, Copy, Debug, Default)]
 struct Row {
     order: u32,
@@ -169,14 +171,14 @@ impl Row {
             self.count += 1;
             return;
         }
-        // The nearest whole number of turns, without the platform's rounding.
+        // The nearest whole number of turns, independent of the platform's rounding.
         self.order = (flight * (1.0 / TAU) + 0.5) as u32;
         self.period = f64::from(self.order) * TAU;
         self.count = usize::from(gear::is_in_gear(flight, self.period));
     }
 }
 
-/// What an orbit of so many impacts in so many cycles is.
+/// Name of a cycle with these numbers of impacts and drive cycles.
 fn named(impacts: u32, cycles: u32) -> Regime {
     if impacts.is_power_of_two() && cycles > 0 && cycles.is_multiple_of(impacts) {
         let order = cycles / impacts;
@@ -189,12 +191,13 @@ fn named(impacts: u32, cycles: u32) -> Regime {
     }
 }
 
-/// A state kept to see whether the orbit comes back to it; it is replaced at powers of two of the count
-/// of impacts, so that it leaves the transient behind (Brent).
+/// A kept state, to detect the orbit's return (Brent's cycle detection, 1980).
+///
+/// It is replaced when the number of impacts is a power of two, so it leaves the transient behind.
 #[derive(Clone, Copy, Debug)]
 struct Kept {
     state: PartState,
-    /// Impacts up to it.
+    /// Number of impacts up to it.
     count: usize,
     /// Time up to it, in rad.
     time: f64,
@@ -203,7 +206,7 @@ struct Kept {
 }
 
 impl Kept {
-    /// No orbit comes near to it.
+    /// A state that no orbit approaches.
     const NONE: Self = Self {
         state: PartState {
             phase: f64::NAN,
@@ -214,8 +217,10 @@ impl Kept {
         first: None,
     };
 
-    /// Impacts and time of one period, once the state, after `count` impacts and `time`, came back twice to the last bits
-    /// after the same number of impacts; once can happen by chance in chaos.
+    /// Impacts and time of one period, after the state has returned twice.
+    ///
+    /// Both returns must agree to the last bits, after the same number of impacts. One return can
+    /// occur by chance in chaos.
     #[inline]
     fn returned(&mut self, state: PartState, count: usize, time: f64) -> Option<(usize, f64)> {
         if !near(self.state, state) {

@@ -1,4 +1,4 @@
-//! The gear of an orbit whose restitution scatters, and for how much of its time it is in it.
+//! Gear of an orbit with random restitution, and its share of time in it.
 
 use std::fmt;
 
@@ -7,10 +7,10 @@ use kband::regime::gear::GearWatch;
 
 use crate::refusal::Refusal;
 
-/// Orders that are watched.
+/// Number of observed orders.
 const ORDERS: u32 = 3;
 
-/// The share of time in gear of the order that is held longest.
+/// Share of time in gear, for the order that is held longest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InGear {
     /// Drive periods of a flight (symbol r).
@@ -28,8 +28,9 @@ impl InGear {
         )
     }
 
-    /// Of several orbits: the order that they hold longest together, and the mean of their shares in it; `None` where one
-    /// has none.
+    /// Over several orbits: the order that they hold longest together, and their mean share in it.
+    ///
+    /// `None` if one orbit has none.
     #[must_use]
     pub fn together(orbits: impl Iterator<Item = Option<Self>>) -> Option<Self> {
         let all: Vec<Self> = orbits.collect::<Option<_>>()?;
@@ -51,7 +52,7 @@ impl fmt::Display for InGear {
     }
 }
 
-/// Watches the gears of an orbit.
+/// Observer of an orbit's gears.
 #[derive(Clone, Debug)]
 pub struct Gears {
     time: f64,
@@ -59,7 +60,7 @@ pub struct Gears {
 }
 
 impl Gears {
-    /// Watches from now on.
+    /// An observer that starts now.
     pub fn watched() -> Result<Self, Refusal> {
         let gear = |order| {
             let mut gear = GearWatch::build(order)?;
@@ -70,7 +71,7 @@ impl Gears {
         Ok(Self { time: 0.0, gears })
     }
 
-    /// The gear that was held longest.
+    /// The gear held longest.
     #[must_use]
     pub fn longest(&self) -> Option<InGear> {
         let shares = self.gears.iter().zip(1..).map(|(gear, order)| InGear {
@@ -109,7 +110,8 @@ mod tests {
 
     #[test]
     fn a_scattering_orbit_has_the_share_of_the_gear_map() {
-        // docs/theory-real-parts.md#t10.1: 0.81 and 0.94 by an independent program (regime/gear.rs).
+        // docs/theory-real-parts.md#t10.1: 0.81 and 0.94 by an independent program
+        // (regime/gear.rs).
         for (k, restitution, expected) in [(0.45, 0.3, 0.811), (0.41, 0.2, 0.935)] {
             let map = Map::build(k, restitution).unwrap();
             let runs = (0..20).map(|seed| {

@@ -1,26 +1,27 @@
-//! The last impacts of an orbit that never came back to where it was.
+//! The last impacts of an orbit that never returned to an earlier state.
 
 use std::f64::consts::TAU;
 
 use kband::regime::classify::{Classifier, HearingSettings, Regime};
 
-/// Impacts that are weighed.
+/// Number of judged impacts.
 pub(super) const MEMORY: usize = 512;
 
-/// A drive cycle in steps of time.
+/// A drive cycle in steps of time, 2^-32 cycles.
 const CYCLE: f64 = 4_294_967_296.0;
 
-/// How far from whole cycles two impacts may be apart and still count as repeated, in 2^-32 cycles:
-/// 1.5e-6 rad, more than the classifier allows itself, so that it finds no more than is found here.
+/// Distance of two impacts from whole cycles, in 2^-32 cycles, up to which they count as repeated.
+/// It is 1.5e-6 rad, wider than the classifier's tolerance, so the classifier finds no more
+/// repeats.
 const NEAR: u32 = 1024;
 
-/// How far two impacts may be apart of which the later comes near the earlier: 1/1024 cycle, 6e-3 rad.
+/// The same for a slow approach to a cycle: 1/1024 cycle, 6e-3 rad.
 const SLOWLY: u32 = 1 << 22;
 
 /// The last flights of an orbit.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Memory {
-    /// In rad of drive phase.
+    /// Flight times in rad of drive phase.
     flights: Vec<f64>,
 }
 
@@ -29,7 +30,7 @@ impl Memory {
         self.flights.push(flight);
     }
 
-    /// What the classifier says of these flights; most of them are chaos, which is told without it.
+    /// Verdict of the classifier on these flights; most are chaos, which needs no classifier.
     pub(super) fn verdict(&self) -> Regime {
         if self.flights.len() >= MEMORY && !self.may_repeat() {
             return Regime::Chaotic;
@@ -44,20 +45,23 @@ impl Memory {
         classifier.verdict().regime
     }
 
-    /// Whether there is a number of impacts after which half of them are repeated: with fewer the
-    /// classifier calls it chaos. Times within a cycle are enough for that, which a CPU compares four at
-    /// once.
+    /// Whether half of the impacts repeat after some number of impacts.
+    ///
+    /// With fewer the classifier's verdict is chaos. Times within a cycle suffice, which a CPU
+    /// compares four at once.
     fn may_repeat(&self) -> bool {
         self.repeats(NEAR, |near, of| 2 * near >= of)
     }
 
-    /// Whether there is a number of impacts after which each nearly repeats, as on the way to a cycle that attracts slowly.
+    /// Whether every impact nearly repeats after some number of impacts, as on a slow approach to a
+    /// cycle.
     pub(super) fn settles(&self) -> bool {
         self.repeats(SLOWLY, |near, of| near == of)
     }
 
-    /// Whether there is a number of impacts after which as many of them as `enough` asks for, of all, are repeated within
-    /// `apart`.
+    /// Whether, after some number of impacts, `enough` of them repeat within `apart`.
+    ///
+    /// `enough` takes the number of repeats and the number of compared impacts.
     fn repeats(&self, apart: u32, enough: impl Fn(usize, usize) -> bool) -> bool {
         let mut now = 0_u64;
         let times = self.flights.iter().map(|flight| {
@@ -111,7 +115,8 @@ mod tests {
 
     #[test]
     fn half_of_the_impacts_repeated_may_be_a_pattern() {
-        // Alternately any time and a whole cycle: each second impact repeats the one before it.
+        // Alternately an arbitrary time and a whole cycle: each second impact repeats the one
+        // before it.
         let mut memory = Memory::default();
         for n in 0..MEMORY {
             let any = 0.3 + 0.7 * (n as f64 * 0.618_034).fract();

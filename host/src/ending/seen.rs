@@ -1,4 +1,4 @@
-//! What an orbit is, told over the impacts that are flown of it anyway.
+//! Classification of an orbit over the impacts that are computed anyway.
 
 use std::f64::consts::TAU;
 
@@ -8,26 +8,26 @@ use kband::regime::classify::Regime;
 use super::followed::{Followed, Said};
 use super::{Endings, FOLLOWED};
 
-/// Impacts that a class is told over at least, where fewer are asked for: three times what a verdict on chaos weighs.
+/// Number of impacts for a classification: smallest; three times those of a verdict on chaos.
 pub const SEEN: usize = 1500;
 
-/// An orbit that is watched, event by event.
+/// Observer of an orbit, event by event.
 pub struct Seen<'a> {
     endings: &'a Endings,
     followed: Followed,
-    /// Impacts that are left to it.
+    /// Remaining impacts.
     left: usize,
-    /// Since it began, in rad.
+    /// Time in rad since its begin.
     time: f64,
-    /// When it was last thrown off.
+    /// Time in rad of the last lift-off.
     thrown: Option<f64>,
-    /// Whether it may be followed further.
+    /// Whether it may be extended once.
     again: bool,
     ending: Option<Regime>,
 }
 
 impl<'a> Seen<'a> {
-    /// On a track of [`Endings::seen`], over so many impacts.
+    /// An observer on a track of [`Endings::seen`], over `impacts` impacts.
     #[must_use]
     pub fn new(endings: &'a Endings, impacts: usize) -> Self {
         Self {
@@ -41,7 +41,7 @@ impl<'a> Seen<'a> {
         }
     }
 
-    /// What it is; none as long as that is open and impacts are left.
+    /// The regime; `None` while it is open and impacts remain.
     #[must_use]
     pub fn ending(&self) -> Option<Regime> {
         self.ending
@@ -54,13 +54,13 @@ impl<'a> Seen<'a> {
             OrbitEvent::Impact(impact) => self.impact(impact),
             OrbitEvent::Rest { chatter, .. } => {
                 self.time += chatter;
-                // Nothing is left of its past.
+                // Rest erases the history.
                 self.followed = Followed::weighed_at(self.left);
             }
             OrbitEvent::LiftOff { wait, .. } => {
                 self.time += wait;
                 if let (None, Some(thrown)) = (self.ending, self.thrown) {
-                    // It rests once and again: all that are thrown off fly alike.
+                    // The part rests again and again: all thrown parts fly alike.
                     let cycles = ((self.time - thrown) / TAU).round() as u32;
                     self.ending = Some(Regime::HopAndRest { cycles });
                 }
@@ -79,7 +79,7 @@ impl<'a> Seen<'a> {
         self.time += impact.flight;
         self.ending = match self.followed.take(self.endings, impact) {
             Said::Ends(Regime::Chaotic) if self.followed.settles() => {
-                // No chaos, but slow: it is given once more what other verbs follow an orbit for.
+                // No chaos, but slow: extended once by the number of impacts of the other verbs.
                 if std::mem::replace(&mut self.again, false) {
                     self.left = FOLLOWED;
                     self.followed = Followed::weighed_at(FOLLOWED);
@@ -98,7 +98,7 @@ mod tests {
 
     use super::*;
 
-    /// What a part from rest is seen to end in.
+    /// Observed regime of a part from rest.
     fn from_rest(k: f64, restitution: f64) -> Regime {
         let endings = Endings::seen(k, restitution).unwrap();
         let mut seen = Seen::new(&endings, SEEN);
@@ -139,7 +139,7 @@ mod tests {
         let mut open = 0;
         for ((k, restitution), followed) in places.into_iter().zip(followed) {
             match from_rest(k, restitution) {
-                // It may go on otherwise.
+                // These may still change.
                 Regime::Chaotic | Regime::Undecided => open += 1,
                 ending => assert_eq!(ending, followed.from_rest(), "{k} {restitution}"),
             }

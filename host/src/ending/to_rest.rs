@@ -1,33 +1,34 @@
-//! Where a part comes to rest for certain: it chatters ever less, long before its hops are so small that they are summed.
+//! States that certainly chatter to rest, by a bound on the hops, long before the closed form
+//! applies.
 
 use std::f64::consts::TAU;
 
 use kband::impact::PartState;
 
-/// Stretches of phase that are told apart, each 1.4 degrees wide.
+/// Number of phase stretches, each 1.4 degrees wide.
 const STRETCHES: usize = 256;
 
-/// For how many stretches a chatter may last.
+/// Durations of a chatter, in stretches.
 const LASTS: [usize; 12] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64];
 
-/// More than any rounding here.
+/// Margin above any rounding here.
 const SPARE: f64 = 1e-9;
 
-/// The velocities up to which a part that is launched on a track rests before it is thrown off.
+/// Velocities up to which a launched part rests before it is thrown again, by phase.
 ///
-/// While the track's push stays below k, by between `a` and `A`, the ball falls back to it from a launch at psi: it rises
-/// for at most psi/a, no higher than psi^2/(2a), and falls for at most psi/a, to at most psi sqrt(A/a). So each hop
-/// begins with at most q = R sqrt(A/a) times the velocity of the one before, and all of them together last at most
-/// 2 psi / (a (1 - q)).
+/// While the track's push stays below k by `a` to `A`, a part launched at psi falls back to it. It
+/// rises for at most psi/a, to at most psi^2/(2a), and falls for at most psi/a, to at most psi
+/// sqrt(A/a). So each hop begins with at most q = R sqrt(A/a) times the velocity of the one before.
+/// All hops together last at most 2 psi / (a (1 - q)).
 #[derive(Clone, Debug)]
 pub(super) struct ToRest([f64; STRETCHES]);
 
 impl ToRest {
-    /// On a track of `k`, with a restitution below 1.
+    /// The table for a track of `k` and a restitution below 1.
     pub(super) fn new(k: f64, restitution: f64) -> Self {
         let sines: [f64; STRETCHES] =
             std::array::from_fn(|n| (TAU * n as f64 / STRETCHES as f64).sin());
-        // Least and largest push between two ends of stretches.
+        // Smallest and largest push between two ends of stretches.
         let push = |from: usize, to: usize| {
             let passes =
                 |at: usize| (from..=to).contains(&at) || (from..=to).contains(&(at + STRETCHES));
@@ -61,7 +62,7 @@ impl ToRest {
         }))
     }
 
-    /// Whether a part that is launched so rests before it is thrown off; where it says no, it may all the same.
+    /// Whether a launched part certainly rests before it is thrown again; false leaves it open.
     #[inline]
     pub(super) fn is_certain(&self, state: PartState) -> bool {
         let stretch = (state.phase * (STRETCHES as f64 / TAU)) as usize;

@@ -1,5 +1,7 @@
-//! The endings of many orbits at once, on one track or on many: they fly side by side in blocks, several times faster than
-//! one after the other, and each ends as it would alone.
+//! Final regimes of many orbits at once, on one track or on many.
+//!
+//! They fly side by side in blocks, several times faster than in sequence. Each ends as it would
+//! alone.
 
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
@@ -12,15 +14,17 @@ use kband::regime::{exponent, gear};
 use super::followed::{Followed, Said};
 use super::{Endings, RELAUNCHED};
 
-/// Impacts for which irregular flights next to the period-1 orbit of an order must stay in gear before any of that order
-/// are called chaos. Of 89 000 orbits below the flips (orders 1 to 3, R 0.025 to 0.925) the last to leave did so after
-/// 29 640 impacts, and 6500 stayed for 100 000.
+/// Number of impacts for which irregular flights must stay in gear before their order's flights
+/// count as chaos.
+///
+/// They start next to the period-1 orbit. 89 000 orbits below the flips were tried (orders 1 to 3,
+/// R 0.025 to 0.925). The last to leave did so after 29 640 impacts, and 6500 stayed for 100 000.
 const HELD: usize = 40_000;
 
-/// Impacts left out at the start of those.
+/// Number of impacts left out at the start of those.
 const SETTLING: usize = 1000;
 
-/// Where parts end that start just after an impact, each on one of `tracks` by its number.
+/// Final regimes of parts that start just after an impact, each on one of `tracks` by its number.
 #[must_use]
 pub fn of_each(
     tracks: &[Endings],
@@ -37,13 +41,14 @@ pub fn of_each(
     ends
 }
 
-/// Where parts that are thrown off from rest end, on each track: if at rest again, after so many drive cycles from one
-/// lift-off to the next.
+/// Final regimes of parts that are thrown from rest, on each track.
+///
+/// For a return to rest it contains the drive cycles from one lift-off to the next.
 pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
     let mut ends = vec![Regime::Rest; tracks.len()];
     let mut thrown = Vec::new();
     for (track, endings) in tracks.iter().enumerate() {
-        // A block knows no release: the first flight is the orbit's.
+        // A block has no release: an orbit computes the first flight.
         let first = Orbit::from_rest(&endings.map).find_map(|event| match event {
             OrbitEvent::Impact(impact) => Some(impact),
             _ => None,
@@ -80,9 +85,9 @@ fn until_lift_off(map: &Map, last: PartState) -> f64 {
     time
 }
 
-/// An orbit that is followed to its ending.
+/// An orbit that is followed to its final regime.
 struct Asked {
-    /// Where the answer goes.
+    /// Index of the answer.
     answer: usize,
     track: usize,
     followed: Followed,
@@ -109,8 +114,9 @@ impl Asked {
     }
 }
 
-/// Follows orbits to their endings, `rested` that of one that came to rest after its last state. Those that depend on
-/// whether flights stay in gear wait until that is known of all of them.
+/// Follows orbits to their final regimes; `rested` gives that of an orbit that came to rest.
+///
+/// Orbits that depend on whether flights stay in gear wait until that is computed for all.
 fn follow(
     tracks: &[Endings],
     asked: impl Iterator<Item = (PartState, Asked)>,
@@ -149,8 +155,10 @@ fn follow(
     }
 }
 
-/// Tells of gears, each of a track and an order, whether flights stay in them: one orbit from beside the period-1 orbit
-/// tells, as a gear has one attractor at a time. Long transients are not held: all of them leave gear sooner or later.
+/// Computes for gears, each of a track and an order, whether flights stay in them.
+///
+/// A gear has one attractor at a time, so one orbit from beside the period-1 orbit decides. Long
+/// transients count as lost: all of them leave gear sooner or later.
 pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
     let mut flown = Vec::new();
     for (track, order) in gears.iter().copied() {
@@ -162,7 +170,7 @@ pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
         };
         let map = &tracks[track].map;
         let mut orbit = Orbit::new(map, exponent::start(map, order));
-        // Up to its first impact, as the period-1 orbit may not exist: it is thrown off then.
+        // Up to its first impact: a period-1 orbit that does not exist begins with a throw.
         loop {
             match orbit.next() {
                 Some(OrbitEvent::Impact(impact)) => {
@@ -207,10 +215,11 @@ impl Held {
     }
 }
 
-/// Fewest orbits that are flown in a block: of fewer its registers are not full, and one after the other is as fast.
+/// Number of orbits in a block: smallest; with fewer the registers are not full, and a sequence is
+/// as fast.
 const FEWEST: usize = 16;
 
-/// An orbit that flies.
+/// A flying orbit.
 struct Flying<'m, W> {
     lane: usize,
     map: &'m Map,
@@ -218,8 +227,10 @@ struct Flying<'m, W> {
     watch: W,
 }
 
-/// Flies orbits side by side, each from its state just after an impact for as long as `goes_on` says of its impacts, or
-/// until it rests; `done` gets what watched it, and its last state.
+/// Flies orbits side by side, each from its state just after an impact.
+///
+/// An orbit ends when `goes_on` returns false or when it rests; `done` gets its observer and its
+/// last state.
 fn fly<'m, W>(
     mut orbits: impl Iterator<Item = (&'m Map, PartState, W)>,
     mut goes_on: impl FnMut(&mut W, &Impact<PartState>) -> bool,
@@ -290,7 +301,7 @@ mod tests {
     use super::*;
     use kband::impact::Kernel;
 
-    /// The ending of one orbit, event by event.
+    /// Final regime of one orbit, event by event.
     fn alone(endings: &Endings, orbit: Orbit<'_>, mut followed: Followed) -> Option<Regime> {
         for event in orbit {
             match event {
@@ -324,7 +335,8 @@ mod tests {
 
     #[test]
     fn many_tracks_side_by_side_end_as_each_alone() {
-        // Through the cascade into chaos in gear and out of it, hops and rests, and beyond lift-off.
+        // Through the cascade into chaos in gear and out of it, hops and rests, and above the limit
+        // of lift-off.
         let places: Vec<(f64, f64)> = (0..40)
             .map(|n| 0.31 + 0.02 * f64::from(n))
             .flat_map(|k| [(k, 0.2), (k, 0.0), (k, 0.6)])

@@ -1,33 +1,33 @@
-//! A page for the browser: one file of HTML that asks nobody for anything.
+//! HTML pages for the browser: one self-contained file without external requests.
 //!
-//! Style and script are part of it, the numbers stand in it as JSON, and a content policy forbids every other source. The
-//! script only draws what was computed here.
+//! It includes style and script and holds the numbers as JSON; a content policy forbids every other
+//! source. The script only draws results that were computed here.
 
 use serde_json::Value as Json;
 
 use crate::picture::page_colours;
 
-/// How it looks: on a screen, light or dark, and on paper.
+/// Style on a screen, light or dark, and on paper.
 const STYLE: &str = include_str!("page.css");
-/// Charts with a cursor, sliders over precomputed values, and the switch of colours.
+/// Charts with a cursor, sliders over precomputed values, and the colour switch.
 const CHARTS: &str = include_str!("charts.js");
-/// How every page begins; by this one of kband's is told.
+/// Begin of every page, by which pages of kband are recognised.
 const HEAD: &str = "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"generator\" content=\"kband";
 
-/// Whether a file that begins like this is a page of kband's.
+/// Whether a file with this begin is a page of kband.
 #[must_use]
 pub fn own(begin: &str) -> bool {
     begin.starts_with(HEAD)
 }
 
-/// The numbers in a page of kband's.
+/// The numbers in a page of kband.
 #[must_use]
 pub fn data_of(page: &str) -> Option<Json> {
     let (_, rest) = page.split_once("id=\"data\">")?;
     serde_json::from_str(rest.split_once("</script>")?.0).ok()
 }
 
-/// A page in the making.
+/// A page under construction.
 #[derive(Clone, Debug)]
 pub struct Page {
     title: String,
@@ -48,7 +48,7 @@ impl Page {
         }
     }
 
-    /// The page with a section: a heading and what stands below it, as HTML.
+    /// Adds a section: a heading and its content, as HTML.
     #[must_use]
     pub fn section(mut self, heading: &str, content: &str) -> Self {
         let heading = escaped(heading);
@@ -62,7 +62,7 @@ impl Page {
     #[must_use]
     pub fn to_html(&self) -> String {
         let title = escaped(&self.title);
-        // Inside a script element only a `<` could end it.
+        // Inside a script element only `<` could end it.
         let data = self.data.to_string().replace('<', "\\u003c");
         format!(
             "{HEAD} {version}\">
@@ -97,7 +97,7 @@ are all here.</p></noscript>
     }
 }
 
-/// A figure that the page's script draws: with its name, what it shows, and where its sliders go.
+/// A figure for the page's script: name, caption, and place of its sliders.
 #[must_use]
 pub fn figure(name: &str, caption: &str) -> String {
     let caption = escaped(caption);
@@ -108,7 +108,7 @@ pub fn figure(name: &str, caption: &str) -> String {
     )
 }
 
-/// A table of words: the heads of its columns and its rows.
+/// A table of text: column heads and rows.
 #[must_use]
 pub fn table(heads: &[&str], rows: &[Vec<String>]) -> String {
     let line = |cells: &mut dyn Iterator<Item = String>, element: &str| {
@@ -127,7 +127,7 @@ pub fn table(heads: &[&str], rows: &[Vec<String>]) -> String {
     )
 }
 
-/// Paragraphs of words.
+/// Paragraphs of text.
 #[must_use]
 pub fn paragraphs(lines: &[String]) -> String {
     lines
@@ -136,7 +136,7 @@ pub fn paragraphs(lines: &[String]) -> String {
         .collect()
 }
 
-/// A text as it stands, folded away.
+/// A text in verbatim form, folded.
 #[must_use]
 pub fn folded(summary: &str, text: &str) -> String {
     format!(
@@ -146,7 +146,7 @@ pub fn folded(summary: &str, text: &str) -> String {
     )
 }
 
-/// A text whose signs mean nothing to HTML.
+/// A text with HTML's special characters escaped.
 #[must_use]
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")

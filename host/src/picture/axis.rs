@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use crate::report::number;
 
-/// The unit of an axis. Every axis has one; a pure number says so.
+/// Unit of an axis; a pure number has the unit [`Unit::NONE`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unit(&'static str);
 
@@ -15,11 +15,11 @@ impl Unit {
     pub const RADIANS: Self = Self("rad");
     /// Millimetres.
     pub const MILLIMETRES: Self = Self("mm");
-    /// Millimetres a second.
+    /// Millimetres per second.
     pub const MILLIMETRES_A_SECOND: Self = Self("mm/s");
     /// Seconds.
     pub const SECONDS: Self = Self("s");
-    /// The velocity unit of the map, amplitude times angular frequency.
+    /// Velocity unit of the map, amplitude times angular frequency.
     pub const VELOCITY: Self = Self("b·ω");
 
     /// Another unit.
@@ -47,8 +47,9 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// An axis from `low` to `high`; a range that is empty or not finite is widened to be drawn, a single
-    /// value other than 0 to both sides.
+    /// An axis from `low` to `high`.
+    ///
+    /// An empty or infinite range is widened; a single value other than 0 is widened to both sides.
     #[must_use]
     pub fn new(label: impl Into<String>, unit: Unit, low: f64, high: f64) -> Self {
         let low = if low.is_finite() { low } else { 0.0 };
@@ -68,7 +69,7 @@ impl Axis {
         }
     }
 
-    /// The axis that holds all `values` with a little room at both ends.
+    /// An axis over all `values`, with a little room at both ends.
     #[must_use]
     pub fn around(
         label: impl Into<String>,
@@ -84,7 +85,7 @@ impl Axis {
         Self::new(label, unit, low - room, high + room)
     }
 
-    /// The axis in decades; its range must be positive, else it stays linear.
+    /// The axis in decades; a range that is not positive stays linear.
     #[must_use]
     pub fn logarithmic(mut self) -> Self {
         if self.low > 0.0 {
@@ -93,7 +94,7 @@ impl Axis {
         self
     }
 
-    /// The axis with ticks at parts of pi.
+    /// The axis with ticks at fractions of pi.
     #[must_use]
     pub fn in_pi(mut self) -> Self {
         self.division = Division::Pi;
@@ -101,12 +102,12 @@ impl Axis {
     }
 
     pub(super) fn title(&self) -> String {
-        // As it is typed in scenes and settings.
+        // Typed like this in scenes and settings.
         let unit = self.unit.0.replace("^2", "²");
         format!("{} ({unit})", self.label)
     }
 
-    /// Where `value` stands on the axis: 0 at its low end, 1 at its high end; NaN for no place.
+    /// Relative position of `value`: 0 at the low end, 1 at the high end, NaN without a position.
     pub(super) fn part(&self, value: f64) -> f64 {
         match self.division {
             Division::Decades => {
@@ -120,7 +121,7 @@ impl Axis {
         }
     }
 
-    /// Ticks with their labels, about `wanted` of them, and three at least: between two a scale is guessed.
+    /// Ticks with labels, about `wanted` and at least three: fewer leave the scale ambiguous.
     pub(super) fn ticks(&self, wanted: usize) -> Vec<(f64, String)> {
         let mut ticks = Vec::new();
         for finer in 0..4 * FEWEST {
@@ -137,7 +138,7 @@ impl Axis {
             Division::Decimal => decimal(self.low, self.high, wanted),
             Division::Decades => {
                 let decades = decades(self.low, self.high, wanted);
-                // A part of a decade has the numbers of a straight scale.
+                // Less than a few decades has the numbers of a linear scale.
                 if decades.len() < FEWEST {
                     decimal(self.low, self.high, wanted)
                 } else {
@@ -148,7 +149,7 @@ impl Axis {
         }
     }
 
-    /// Where small ticks stand: at each ninth of a decade of a logarithmic axis, that it can be read as one.
+    /// Minor ticks of a logarithmic axis, nine a decade.
     pub(super) fn small_ticks(&self) -> Vec<f64> {
         let (first, last) = (
             self.low.log10().floor() as i32,
@@ -164,7 +165,7 @@ impl Axis {
     }
 }
 
-/// Labels that an axis has at least.
+/// Number of labels of an axis: smallest.
 const FEWEST: usize = 3;
 
 fn decimal(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
@@ -199,7 +200,7 @@ fn decades(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
         };
         (10_f64.powi(n), label)
     };
-    // Where there is room, two and five of each decade as well.
+    // With enough room also two and five of each decade.
     if count >= 2 && 3 * count > wanted {
         let every = count.div_ceil(wanted).max(1) as i32;
         return (first..=last)
@@ -256,7 +257,7 @@ fn parts_of_pi(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
         .collect()
 }
 
-/// Whole multiples of `step` within the range, a rounding error beyond its ends allowed.
+/// Whole multiples of `step` within the range, with a tolerance of a rounding error.
 fn multiples(low: f64, high: f64, step: f64) -> impl Iterator<Item = i64> {
     let slack = 1e-9;
     let first = (low / step - slack).ceil() as i64;
@@ -300,7 +301,7 @@ mod tests {
             ["−1.0", "−0.5", "0.0", "0.5", "1.0"]
         );
         assert_eq!(labels(&axis(0.0, 2e7), 2), ["0", "1e7", "2e7"]);
-        // A panel of a column has room for few; two would leave the scale open.
+        // A panel in a column has room for few labels; two would leave the scale ambiguous.
         assert_eq!(labels(&axis(0.0, 180.0), 3), ["0", "50", "100", "150"]);
         assert_eq!(labels(&axis(0.0, 1.2), 2), ["0.0", "0.5", "1.0"]);
         let log = axis(1e-12, 1.0).logarithmic();

@@ -10,12 +10,12 @@ use super::shape::{Anchor, Raster, Rect, Shape, Text};
 use super::theme::Colour;
 use super::{Look, font};
 
-/// Pixels of the PNG for one pixel of the sheet: sharp on today's screens and in print.
+/// Pixels of the PNG per pixel of the sheet: sharp on current screens and in print.
 const SCALE: f64 = 2.0;
-/// Dots an inch on paper, as journals ask.
+/// Resolution on paper in dots per inch, as journals require.
 const DOTS: f64 = 300.0;
 
-/// The PNG of shapes on a sheet of this size; `None` only where memory for it is refused.
+/// The PNG of shapes on a sheet of this size; `None` only without memory.
 pub(super) fn png(
     [width, height]: [f64; 2],
     about: &str,
@@ -85,7 +85,7 @@ pub(super) fn png(
     encode(&sheet, about, look.on_paper())
 }
 
-/// A raster as a PNG with its palette, for SVG to embed.
+/// A raster as a PNG with its palette, for embedding in SVG.
 pub(super) fn indexed_png(raster: &Raster) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, raster.width as u32, raster.height as u32);
@@ -224,7 +224,7 @@ fn image(sheet: &mut Pixmap, place: &Rect, raster: &Raster, times: f64) {
 fn encode(sheet: &Pixmap, about: &str, on_paper: bool) -> Option<Vec<u8>> {
     let mut pixels = Vec::with_capacity(3 * sheet.pixels().len());
     for pixel in sheet.pixels() {
-        // The sheet was filled with an opaque colour, and nothing drawn over it takes that away.
+        // The sheet has an opaque background, so every pixel is opaque.
         pixels.extend([pixel.red(), pixel.green(), pixel.blue()]);
     }
     let mut bytes = Vec::new();

@@ -1,4 +1,4 @@
-//! Widths and outlines of letters, from the font that comes with the source.
+//! Widths and outlines of letters, from the bundled font.
 
 use std::sync::LazyLock;
 
@@ -9,7 +9,7 @@ static REGULAR: LazyLock<Option<FontRef<'static>>> =
 static BOLD: LazyLock<Option<FontRef<'static>>> =
     LazyLock::new(|| FontRef::try_from_slice(file(true)).ok());
 
-/// The font itself, as TrueType.
+/// The font file, TrueType.
 pub(super) fn file(bold: bool) -> &'static [u8] {
     if bold {
         include_bytes!("../../fonts/kband-sans-bold.ttf")
@@ -34,7 +34,7 @@ pub(super) fn width(words: &str, size: f64, bold: bool) -> f64 {
     glyphs(font, words).map(|(_, advance)| advance).sum::<f64>() * size
 }
 
-/// `size`, or as much less as `words` take to stay within `room` pixels, to no less than six tenths.
+/// `size`, reduced so that `words` fit into `room` pixels, to no less than six tenths.
 pub(super) fn fitted(words: &str, size: f64, bold: bool, room: f64) -> f64 {
     size * (room / width(words, size, bold)).clamp(0.6, 1.0)
 }
@@ -76,7 +76,7 @@ pub(super) fn numbers(words: &str, bold: bool) -> impl Iterator<Item = (char, u1
         .map(|(letter, (glyph, advance))| (letter, glyph.0, advance))
 }
 
-/// Every letter that the font has, likewise.
+/// Every letter of the font, in the same form.
 pub(super) fn all(bold: bool) -> impl Iterator<Item = (char, u16, f64)> {
     let font = font(bold);
     font.into_iter().flat_map(|font| {
@@ -91,10 +91,10 @@ pub(super) fn all(bold: bool) -> impl Iterator<Item = (char, u16, f64)> {
     })
 }
 
-/// How large the letters of a face are, in em; upwards and to the right are positive.
+/// Dimensions of a face's letters in em; upwards and to the right are positive.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Measures {
-    /// Left, lower, right and upper edge of what holds any letter.
+    /// Left, lower, right and upper edge of the box around all letters.
     pub bounds: [f64; 4],
     pub ascent: f64,
     pub descent: f64,
@@ -104,7 +104,7 @@ pub(super) struct Measures {
     pub stem: f64,
 }
 
-/// Those of the font that comes with the source.
+/// Dimensions of the bundled font.
 pub(super) fn measures(bold: bool) -> Measures {
     let Some(font) = font(bold) else {
         return Measures::default();
@@ -132,7 +132,7 @@ pub(super) fn measures(bold: bool) -> Measures {
                 a[3].max(b[3]),
             ]
         });
-    // The letters I and l of a font without serifs are a stem each; the narrower is no serif's.
+    // The letters I and l of a sans-serif font are one stem each; the narrower one has no serif.
     let width = |[left, _, right, _]: [f64; 4]| right - left;
     Measures {
         bounds: all.unwrap_or_default(),

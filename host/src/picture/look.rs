@@ -1,10 +1,10 @@
-//! How a picture is put on a screen or on paper: colours, width, size of its letters.
+//! Presentation of a picture on a screen or on paper: colours, width, size of letters.
 
 use super::Theme;
 
-/// Points to a pixel of the layout: its small letters are 12 pixels, 9 points.
+/// Points per pixel of the layout: small letters are 12 pixels, 9 points.
 const POINTS: f64 = 0.75;
-/// Size of the small letters in points where none is asked for.
+/// Default size of the small letters in points.
 const LETTERS: f64 = 9.0;
 const MILLIMETRES_AN_INCH: f64 = 25.4;
 const POINTS_AN_INCH: f64 = 72.0;
@@ -13,14 +13,15 @@ const POINTS_AN_INCH: f64 = 72.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Look {
     theme: Theme,
-    /// In mm; `None` as wide as the picture is laid out.
+    /// Width in mm; `None` for the width of the layout.
     width: Option<f64>,
-    /// Small letters in points.
+    /// Size of the small letters in points.
     letters: Option<f64>,
 }
 
 impl Look {
-    /// The look of these colours, this width in mm, and small letters of this size in points; `None` as on a screen.
+    /// The look with these colours, width in mm and size of small letters in points; `None` as on a
+    /// screen.
     #[must_use]
     pub fn new(theme: Theme, width: Option<f64>, letters: Option<f64>) -> Self {
         Self {
@@ -34,22 +35,22 @@ impl Look {
         self.theme
     }
 
-    /// Whether it was asked for as so wide on paper.
+    /// Whether a size on paper was requested.
     pub(super) fn on_paper(self) -> bool {
         self.width.is_some() || self.letters.is_some()
     }
 
-    /// Points on paper to a pixel of the layout.
+    /// Points on paper per pixel of the layout.
     pub(super) fn points(self) -> f64 {
         POINTS * self.letters.unwrap_or(LETTERS) / LETTERS
     }
 
-    /// Millimetres on paper to a pixel of the layout.
+    /// Millimetres on paper per pixel of the layout.
     pub(super) fn millimetres(self) -> f64 {
         self.points() * MILLIMETRES_AN_INCH / POINTS_AN_INCH
     }
 
-    /// Width of the layout in pixels, of a picture that is `own` pixels wide by itself.
+    /// Width of the layout in pixels, for a picture of default width `own`.
     pub(super) fn laid_out(self, own: f64) -> f64 {
         self.width.map_or(own, |width| width / self.millimetres())
     }

@@ -1,8 +1,8 @@
-//! Pictures of one house style, drawn once as shapes and written as SVG, PNG or PDF.
+//! Pictures in one house style, drawn once as shapes and written as SVG, PNG or PDF.
 //!
-//! Every axis has a unit by its type; colours, dashes, markers and hatches come from the theme by the
-//! number of the series or the fill of the regime, so that all pictures of kband read alike, also in
-//! grey and for colour-blind readers. Big point clouds and maps become one embedded image.
+//! Every axis has a unit by its type. The theme defines colours, dashes, markers and hatches, by
+//! number of the series or by regime. So all pictures of kband read alike, also in grey and for
+//! colour-blind readers. Big point clouds and maps become one embedded image.
 
 mod axis;
 mod bitmap;
@@ -21,7 +21,7 @@ pub use theme::{Fill, Theme, page_colours};
 
 use shape::{Anchor, Rect, Shape, Text};
 
-/// A picture: a title and panels one below the other.
+/// A picture: a title and panels in a column.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     title: String,
@@ -44,7 +44,7 @@ impl Picture {
         }
     }
 
-    /// Another title.
+    /// Sets another title.
     #[must_use]
     pub fn titled(mut self, title: impl Into<String>) -> Self {
         self.title = title.into();
@@ -58,14 +58,14 @@ impl Picture {
         self
     }
 
-    /// A line below the title: the parameters it was drawn for.
+    /// A line below the title, for the parameters.
     #[must_use]
     pub fn caption(mut self, words: impl Into<String>) -> Self {
         self.caption = words.into();
         self
     }
 
-    /// Width in pixels (else 900).
+    /// Width in pixels; default 900.
     #[must_use]
     pub fn width(mut self, pixels: f64) -> Self {
         self.width = pixels.clamp(300.0, 4000.0);
@@ -79,14 +79,14 @@ impl Picture {
         self
     }
 
-    /// As many more.
+    /// Adds several panels.
     #[must_use]
     pub fn panels(mut self, panels: impl IntoIterator<Item = Panel>) -> Self {
         self.panels.extend(panels);
         self
     }
 
-    /// The picture as an SVG document. `about` is what it says of itself beside what is seen; nothing where it is empty.
+    /// The picture as an SVG document. `about` is its description, empty for none.
     #[must_use]
     pub fn to_svg(&self, look: impl Into<Look>, about: &str) -> String {
         let look = look.into();
@@ -94,8 +94,9 @@ impl Picture {
         svg::document(size, [&self.title, about], look, &shapes)
     }
 
-    /// The picture as a PNG, on a screen of twice its size in pixels, on paper of 300 dots an inch; `None` only where
-    /// memory is refused. `about` as of the SVG.
+    /// The picture as a PNG, at twice its size for a screen, at 300 dots per inch for paper.
+    ///
+    /// `None` only without memory. `about` as for SVG.
     #[must_use]
     pub fn to_png(&self, look: impl Into<Look>, about: &str) -> Option<Vec<u8>> {
         let look = look.into();
@@ -103,7 +104,7 @@ impl Picture {
         bitmap::png(size, about, look, &shapes)
     }
 
-    /// The picture as a PDF of one page, with its letters as letters. `about` as of the SVG.
+    /// The picture as a PDF of one page with text as text. `about` as for SVG.
     #[must_use]
     pub fn to_pdf(&self, look: impl Into<Look>, about: &str) -> Vec<u8> {
         let look = look.into();
@@ -111,7 +112,7 @@ impl Picture {
         pdf::document(size, [&self.title, about], look, &shapes)
     }
 
-    /// Width and height, and what is drawn.
+    /// Width and height in pixels, and the shapes.
     fn shapes(&self, look: Look) -> ([f64; 2], Vec<Shape>) {
         let theme = look.theme();
         let all = std::iter::successors(Some(self), |picture| picture.beside.as_deref());
@@ -134,7 +135,7 @@ impl Picture {
         ([left, height], shapes)
     }
 
-    /// Draws this one alone from a left edge on and so wide; its height.
+    /// Draws this picture alone, from a left edge and with a width; returns its height.
     fn draw(&self, theme: Theme, left: f64, width: f64, shapes: &mut Vec<Shape>) -> f64 {
         let words = |y: f64, words: &str, size: f64, bold: bool, colour| {
             Shape::Text(Text {
@@ -171,10 +172,10 @@ impl Picture {
 /// Size of the title in pixels.
 const TITLE: f64 = 16.0;
 
-/// A picture made narrower is made lower as well, to no less than this part.
+/// Smallest ratio of heights, for a picture that is made narrower.
 const LOWEST: f64 = 0.6;
 
-/// The words in lines no wider than `width` pixels.
+/// The words in lines up to `width` pixels wide.
 fn wrapped(words: &str, size: f64, bold: bool, width: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in words.split(' ') {
@@ -280,7 +281,7 @@ mod tests {
         assert!(text.contains("/MediaBox [0 0 238.11"), "{}", text.len());
         assert!(text.contains("/ToUnicode") && text.contains("/SMask"));
         assert_eq!(pdf, everything().to_pdf(column, ""));
-        // Small letters of 7 points: 12 pixels of the layout, which is so much wider.
+        // Small letters of 7 points are 12 pixels of the layout, which is accordingly wider.
         let (size, _) = everything().shapes(column);
         assert!((size[0] - 84.0 / 25.4 * 72.0 / (7.0 / 12.0)).abs() < 1e-9);
     }

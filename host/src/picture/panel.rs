@@ -1,4 +1,4 @@
-//! One panel of a picture: two axes and what is drawn between them.
+//! One panel of a picture: two axes and the items between them.
 
 mod axes;
 mod item;
@@ -20,21 +20,21 @@ use super::shape::{Anchor, Rect, Shape, Text};
 use super::theme::{Fill, Theme};
 use super::wrapped;
 
-/// Size of small words in pixels.
+/// Size of small text in pixels.
 pub(super) const SMALL: f64 = 12.0;
-/// Size of a heading.
+/// Size of a heading in pixels.
 const HEADING: f64 = 13.0;
 const LINE: f64 = 17.0;
-/// Space for the labels of the vertical axis, to the left of the plot.
+/// Space in pixels for the labels of the vertical axis, left of the plot.
 const LEFT: f64 = 74.0;
 const RIGHT: f64 = 22.0;
-/// Space for a colour bar, to the right of the plot.
+/// Space in pixels for a colour bar, right of the plot.
 const BAR: f64 = 92.0;
 const RIBBON: f64 = 16.0;
-/// More markers than this are drawn as a density, which neither clots nor bloats the file.
+/// Number of markers from which a density replaces them, for legibility and file size.
 const MANY: usize = 2500;
 
-/// Two axes and what is drawn between them; given from the back to the front.
+/// Two axes and the items between them, listed from back to front.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
     heading: String,
@@ -65,21 +65,22 @@ impl Panel {
         }
     }
 
-    /// Words above the panel.
+    /// Text above the panel.
     #[must_use]
     pub fn heading(mut self, words: impl Into<String>) -> Self {
         self.heading = words.into();
         self
     }
 
-    /// Height between the axes in pixels (else 300).
+    /// Height between the axes in pixels; default 300.
     #[must_use]
     pub fn height(mut self, pixels: f64) -> Self {
         self.height = pixels.clamp(20.0, 4000.0);
         self
     }
 
-    /// A line of the series' colour and dash; NaN breaks it. An empty name keeps it out of the legend.
+    /// A line in the series' colour and dash; NaN breaks it. An empty name omits it from the
+    /// legend.
     #[must_use]
     pub fn line(mut self, name: &str, series: usize, points: Vec<(f64, f64)>) -> Self {
         self.key(Key::Line(series), name);
@@ -87,7 +88,7 @@ impl Panel {
         self
     }
 
-    /// A marker at each point; thousands of them become a density.
+    /// A marker at each point; thousands of points become a density.
     #[must_use]
     pub fn markers(mut self, name: &str, series: usize, points: Vec<(f64, f64)>) -> Self {
         if points.len() > MANY {
@@ -106,7 +107,7 @@ impl Panel {
         self
     }
 
-    /// Bars from the foot of the panel, as (low, high, height).
+    /// Bars from the bottom of the panel, as (low, high, height).
     #[must_use]
     pub fn bars(mut self, name: &str, series: usize, bars: Vec<(f64, f64, f64)>) -> Self {
         self.key(Key::Area(series), name);
@@ -114,7 +115,7 @@ impl Panel {
         self
     }
 
-    /// Any number of points, darker where there are more.
+    /// A density of any number of points, darker for more points.
     #[must_use]
     pub fn density(mut self, name: &str, points: Vec<(f64, f64)>) -> Self {
         self.key(Key::Ink, name);
@@ -122,8 +123,10 @@ impl Panel {
         self
     }
 
-    /// A density of points that stand in evenly spaced columns, the first and last on the ends of the axis: each column is
-    /// as wide as the next, so that no stripes appear. Of each column the heights, and how many points have them.
+    /// A density of points in evenly spaced columns, the first and last at the ends of the axis.
+    ///
+    /// All columns have the same width, so no stripes appear. Each column lists heights and their
+    /// numbers of points.
     #[must_use]
     pub fn columns(mut self, name: &str, columns: Vec<Arc<[(f32, u32)]>>) -> Self {
         self.key(Key::Ink, name);
@@ -131,14 +134,14 @@ impl Panel {
         self
     }
 
-    /// A map of values over the whole panel with a colour bar; NaN stays empty.
+    /// A map of values over the whole panel, with a colour bar; NaN is empty.
     #[must_use]
     pub fn heat(mut self, grid: Grid<f64>, scale: Axis) -> Self {
         self.items.push(Item::Heat { grid, scale });
         self
     }
 
-    /// A map of fills over the whole panel; `names` go to the legend.
+    /// A map of fills over the whole panel; `names` are for the legend.
     #[must_use]
     pub fn classes(mut self, grid: Grid<Fill>, names: &[(Fill, &str)]) -> Self {
         for (fill, name) in names {
@@ -158,7 +161,7 @@ impl Panel {
         self
     }
 
-    /// A shaded strip of the horizontal axis: a band of k.
+    /// A shaded strip of the horizontal axis, for a band of k.
     #[must_use]
     pub fn strip(mut self, name: &str, low: f64, high: f64) -> Self {
         self.key(Key::Strip, name);
@@ -166,7 +169,7 @@ impl Panel {
         self
     }
 
-    /// A shaded strip of the vertical axis: a band of k where k is drawn upwards.
+    /// A shaded strip of the vertical axis, for a band of k on that axis.
     #[must_use]
     pub fn shelf(mut self, name: &str, low: f64, high: f64) -> Self {
         self.key(Key::Strip, name);
@@ -174,28 +177,28 @@ impl Panel {
         self
     }
 
-    /// A dashed line up the panel at `x`, with words above it.
+    /// A dashed vertical line at `x`, with text above it.
     #[must_use]
     pub fn mark(mut self, x: f64, words: impl Into<String>) -> Self {
         self.marks.push((x, words.into(), true));
         self
     }
 
-    /// Words above the panel at `x`, without a line.
+    /// Text above the panel at `x`, without a line.
     #[must_use]
     pub fn caption(mut self, x: f64, words: impl Into<String>) -> Self {
         self.marks.push((x, words.into(), false));
         self
     }
 
-    /// A dashed line across the panel at `y`, with words at its end.
+    /// A dashed horizontal line at `y`, with text at its end.
     #[must_use]
     pub fn level(mut self, y: f64, words: impl Into<String>) -> Self {
         self.levels.push((y, words.into()));
         self
     }
 
-    /// Words beside a point.
+    /// Text beside a point.
     #[must_use]
     pub fn note(mut self, x: f64, y: f64, words: impl Into<String>) -> Self {
         let words = words.into();
@@ -210,14 +213,14 @@ impl Panel {
         }
     }
 
-    /// Whether a map covers the whole panel.
+    /// Whether a map covers the panel.
     fn is_covered(&self) -> bool {
         self.items
             .iter()
             .any(|item| matches!(item, Item::Heat { .. } | Item::Classes(_)))
     }
 
-    /// Draws the panel with its top at `top` into `shapes`; returns where it ends.
+    /// Draws the panel with its top at `top` into `shapes`; returns its lower end.
     pub(super) fn draw(
         &self,
         theme: Theme,

@@ -1,4 +1,4 @@
-//! Shapes as a PDF of one page: letters stay letters, so that they can be searched and keep their form at any size.
+//! Shapes as a PDF of one page; text stays text, searchable and sharp at any size.
 
 use std::collections::BTreeMap;
 
@@ -16,12 +16,12 @@ const PAGES: Ref = Ref::new(2);
 const PAGE: Ref = Ref::new(3);
 const CONTENT: Ref = Ref::new(4);
 const INFO: Ref = Ref::new(5);
-/// Each face takes five objects from here on.
+/// First object of the faces, five objects each.
 const FACES: i32 = 6;
-/// Opacities, then images with their masks.
+/// First object of the opacities, followed by images with their masks.
 const REST: i32 = FACES + 10;
 
-/// The glyphs are named by their numbers in the font.
+/// Glyphs are identified by their numbers in the font.
 const IDENTITY: SystemInfo<'static> = SystemInfo {
     registry: Str(b"Adobe"),
     ordering: Str(b"Identity"),
@@ -43,7 +43,7 @@ pub(super) fn document(
         images: Vec::new(),
     };
     sheet.content.save_state();
-    // From the upper left corner downwards, as the shapes are.
+    // Coordinates run downwards from the upper left corner, like those of the shapes.
     let scale = points as f32;
     sheet
         .content
@@ -220,7 +220,7 @@ impl<'a> Sheet<'a> {
             Anchor::End => width,
         };
         let (x, y) = text.at;
-        // The sheet hangs head down: letters are turned up again.
+        // The sheet is upside down: letters are turned upright.
         let place = if text.upright {
             [0.0, -1.0, -1.0, 0.0, x as f32, (y + shift) as f32]
         } else {
@@ -285,7 +285,7 @@ fn embed_image(pdf: &mut Pdf, object: Ref, raster: &Raster) {
     image.color_space().device_gray();
 }
 
-/// The font as it comes with the source, all of it: it is small, and holds the signs of kband's pictures alone.
+/// Embeds the whole bundled font: it is small and contains only the signs of kband's pictures.
 fn embed_face(pdf: &mut Pdf, bold: bool) {
     let [composite, face, descriptor, file, unicode] =
         std::array::from_fn(|n| Ref::new(self::face(bold).get() + n as i32));

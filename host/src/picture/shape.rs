@@ -1,4 +1,5 @@
-//! A picture as a list of shapes, in pixels of its own size, before it becomes SVG or PNG.
+//! A picture as a list of shapes, in pixels of its own size, before its conversion to SVG, PNG or
+//! PDF.
 
 use super::theme::Colour;
 
@@ -38,7 +39,7 @@ pub(super) struct Stroke {
     pub dash: &'static [f64],
 }
 
-/// Where a text begins.
+/// Alignment of a text to its point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
     Start,
@@ -55,7 +56,7 @@ pub(super) struct Text {
     pub bold: bool,
     pub colour: Colour,
     pub anchor: Anchor,
-    /// Whether it reads from below to above.
+    /// Whether the text reads upwards.
     pub upright: bool,
 }
 
@@ -69,7 +70,7 @@ pub(super) struct Raster {
 }
 
 impl Raster {
-    /// Every pixel repeated across and down; a raster that is finer than the picture stays.
+    /// Repeats every pixel across and down; a raster finer than the picture is unchanged.
     pub(super) fn repeated(&self, across: usize, down: usize) -> Self {
         let enough = |times: usize| if times > 2 { times } else { 1 };
         let (across, down) = (enough(across), enough(down));
@@ -93,7 +94,7 @@ impl Raster {
     }
 }
 
-/// One thing to draw.
+/// A shape to draw.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Shape {
     /// Lines and areas; several pieces share fill and stroke, so that many markers are one shape.

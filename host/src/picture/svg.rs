@@ -6,7 +6,7 @@ use super::shape::{Anchor, Rect, Shape, Stroke, Text};
 use super::theme::Colour;
 use super::{Look, bitmap};
 
-/// The SVG document of shapes on a sheet of this size, with its title and what it says about itself.
+/// The SVG document of shapes on a sheet of this size, with title and description.
 pub(super) fn document(
     [width, height]: [f64; 2],
     [title, about]: [&str; 2],
@@ -113,7 +113,7 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, shape: &Shape) -> std::fmt::Res
         }
         Shape::Text(text) => words(out, text),
         Shape::Image { place, raster } => {
-            // Viewers differ in how they enlarge an image; cells drawn large keep their edges in all.
+            // Viewers enlarge images differently; large cells keep their edges in all of them.
             let repeat =
                 |place: f64, cells: usize| (2.0 * place / cells as f64).ceil().max(1.0) as usize;
             let large = raster.repeated(
@@ -168,7 +168,7 @@ fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
     Ok(())
 }
 
-/// A coordinate in at most two decimals.
+/// A coordinate with at most two decimals.
 fn short(value: f64) -> String {
     let text = format!("{value:.2}");
     let text = text.trim_end_matches('0').trim_end_matches('.');

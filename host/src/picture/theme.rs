@@ -1,5 +1,5 @@
-//! Colours: told apart by colour-blind readers (Okabe and Ito's set) and, by lightness, dash, marker
-//! and hatch, in a grey print.
+//! Colours for colour-blind readers (Okabe and Ito's set); lightness, dash, marker and hatch for
+//! grey prints.
 
 /// Colours of a picture: for paper or for a dark screen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -17,7 +17,7 @@ pub(super) struct Colour {
     pub red: u8,
     pub green: u8,
     pub blue: u8,
-    /// 0 is invisible, 1 opaque.
+    /// Opacity: 0 is invisible, 1 opaque.
     pub opacity: f32,
 }
 
@@ -35,7 +35,7 @@ impl Colour {
         Self { opacity, ..self }
     }
 
-    /// The colour a part of the way to another.
+    /// Linear interpolation to another colour.
     pub(super) fn towards(self, other: Self, part: f64) -> Self {
         let mix =
             |a: u8, b: u8| (f64::from(a) + (f64::from(b) - f64::from(a)) * part).round() as u8;
@@ -61,10 +61,10 @@ impl Colour {
     }
 }
 
-/// What a stretch of time or of k, or a point of a map, is: a colour with a hatch of its own.
+/// Class of a stretch of time or of k, or of a point of a map: a colour with its own hatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Fill {
-    /// Resting on the track, or the drive is off.
+    /// At rest on the track, or the drive is off.
     Rest,
     /// Hops that end in rest and relaunch, or a transition of the drive.
     HopAndRest,
@@ -82,7 +82,7 @@ pub enum Fill {
     Fault,
 }
 
-/// The lines of a hatch, as slopes.
+/// Slopes of the lines of a hatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Hatch {
     None,
@@ -93,7 +93,7 @@ pub(super) enum Hatch {
 }
 
 impl Fill {
-    /// All of them; the place of each is its number.
+    /// All fills; a fill's index is its number.
     pub const ALL: [Self; 8] = [
         Self::Rest,
         Self::HopAndRest,
@@ -184,7 +184,7 @@ impl Theme {
         })
     }
 
-    /// Shade of a strip that marks a band.
+    /// Shade of a strip for a band.
     pub(super) fn strip(self) -> Colour {
         match self {
             Self::Light => Colour::hex(0x0B5C94).faint(0.13),
@@ -223,8 +223,9 @@ impl Theme {
         (Colour::hex(colours[n % 7]), DASHES[n % 7], MARKERS[n % 5])
     }
 
-    /// A scale whose lightness grows (on paper: falls) steadily from 0 to 1; anchors of cividis,
-    /// which reads alike with and without red-green vision.
+    /// A scale with monotone lightness from 0 to 1 (decreasing on paper); anchors of cividis.
+    ///
+    /// It looks alike with and without red-green vision.
     pub(super) fn scale(self, part: f64) -> Colour {
         const ANCHORS: [u32; 9] = [
             0x00224E, 0x123570, 0x3B496C, 0x575D6D, 0x707173, 0x8A8678, 0xA59C74, 0xC3B369,
@@ -240,7 +241,7 @@ impl Theme {
         Colour::hex(ANCHORS[n]).towards(Colour::hex(ANCHORS[n + 1]), place - n as f64)
     }
 
-    /// Ink of a density: few points to many, both well off the background.
+    /// Ink of a density from few to many points, both in clear contrast to the background.
     pub(super) fn ink(self, part: f64) -> Colour {
         let (few, many) = match self {
             Self::Light => (0x8DB4D3, 0x06243D),
@@ -250,7 +251,8 @@ impl Theme {
     }
 }
 
-/// The colours of both themes as properties of a page's style: `--text`, `--series0`, `--fill0` of the first [`Fill`], ...
+/// The colours of both themes as CSS properties: `--text`, `--series0`, `--fill0` of the first
+/// [`Fill`], ...
 #[must_use]
 pub fn page_colours() -> String {
     let of = |theme: Theme| {
@@ -343,7 +345,8 @@ mod tests {
         }
     }
 
-    /// What a printer without colour makes of them (luma of ITU-R BT.601): a twelfth of the way from black to white apart.
+    /// On a grey print (luma of ITU-R BT.601) they differ by a twelfth of the range from black to
+    /// white.
     #[test]
     fn regimes_differ_on_a_grey_print() {
         let luma = |fill: Fill| {

@@ -1,4 +1,4 @@
-//! What the arithmetics have in common: the state of a part, its impact, and the map as a trait.
+//! State of a part, its impact, and the impact map as a trait over the arithmetics.
 
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 use super::wave::Tone;
@@ -6,7 +6,7 @@ use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::{OutOfRange, accept};
 
-/// Where an orbit stands just after an impact.
+/// State of a part just after an impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PartState {
     /// Phase of the drive (symbol t) in rad, 0..2 pi.
@@ -25,7 +25,8 @@ pub struct HybridState {
 }
 
 impl HybridState {
-    /// A state of a phase in rad and a velocity in `b w` of at most `top`, which `accepted` says.
+    /// A state from a phase in rad and a velocity in `b w`, at most `top`; `accepted` is the range
+    /// in the error.
     pub(super) fn build(
         phase: f64,
         velocity: f64,
@@ -47,7 +48,7 @@ impl HybridState {
         }
     }
 
-    /// The state with at most this velocity.
+    /// The state with its velocity limited to `top`.
     #[inline(always)]
     pub(super) fn held_below(self, top: Fixed<26, u32>) -> Self {
         Self {
@@ -68,7 +69,7 @@ pub struct Impact<S> {
     pub grazes: bool,
 }
 
-/// An impact in f32: what a search needs of it that follows many parts on a CPU without f64.
+/// An impact in f32, for searches that follow many parts on a CPU without f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SingleImpact<S> {
     /// Duration of the flight (symbol d) in rad of drive phase, at least 0.
@@ -81,11 +82,11 @@ pub struct SingleImpact<S> {
     pub next: S,
 }
 
-/// One flight on a microcontroller: its time in exact steps of the phase.
+/// One flight on a microcontroller, with its time in exact steps of the phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Landing<S> {
-    /// Flight time (symbol d) in steps of 2^-32 turns, at least 0; the phase of `next` is that of launch
-    /// plus this, exactly.
+    /// Flight time (symbol d) in steps of 2^-32 turns, at least 0. Launch phase plus this is
+    /// exactly the phase of `next`.
     pub steps: i64,
     /// The state just after the impact.
     pub next: S,
@@ -111,7 +112,7 @@ impl<S> Landing<S> {
     }
 }
 
-/// The impact map in one arithmetic: parameters in, set-up constants kept, one impact at a time.
+/// The impact map in one arithmetic: parameters in, set-up constants kept, one impact per call.
 ///
 /// ```
 /// use kband::impact::{Hybrid, Integer, Kernel, Map, Single};
@@ -135,16 +136,20 @@ pub trait Kernel: Sized {
     /// Its name on the command line and in JSON.
     const NAME: &'static str;
 
-    /// The map for `k` and a restitution; the refusal names the parameter and the range of this
-    /// arithmetic.
+    /// The map for `k` and a restitution.
+    ///
+    /// Errors: `OutOfRange` with the parameter and the range of this arithmetic.
     fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange>;
 
-    /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`; refused where
-    /// the arithmetic cannot hold it.
+    /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`.
+    ///
+    /// Errors: `OutOfRange` where the arithmetic cannot represent it.
     fn state(phase: f64, velocity: f64) -> Result<Self::State, OutOfRange>;
 
-    /// Whether a launch from `state` is within the range of this arithmetic. An impact may leave faster
-    /// where restitution is near 1: its state is right, but [`Kernel::impact`] flies it at the top velocity.
+    /// Whether a launch from `state` is within the range of this arithmetic.
+    ///
+    /// Near restitution 1 an impact may leave faster. Its state is right, but [`Kernel::impact`]
+    /// limits the next launch to the top velocity.
     #[must_use]
     fn flies(_state: Self::State) -> bool {
         true
@@ -153,10 +158,11 @@ pub trait Kernel: Sized {
     /// The state as phase in rad and velocity in `b w`.
     fn observe(state: Self::State) -> PartState;
 
-    /// The first impact after `state`. A resting part (velocity 0 where `sin t < k`) stays: flight 0.
+    /// The first impact after `state`. A resting part (velocity 0 where `sin t < k`) stays, with
+    /// flight 0.
     fn impact(&self, state: Self::State) -> Impact<Self::State>;
 
-    /// [`Kernel::impact`] in f32, each number to its rounding; without f64 where the arithmetic has none.
+    /// [`Kernel::impact`] in f32, rounded to nearest; without f64 where the arithmetic has none.
     fn impact_single(&self, state: Self::State) -> SingleImpact<Self::State> {
         let impact = self.impact(state);
         let PartState { phase, velocity } = Self::observe(impact.next);
@@ -168,8 +174,9 @@ pub trait Kernel: Sized {
         }
     }
 
-    /// The state at the same phase with its velocity times `factor`, at least 0: that of a part on a track that has
-    /// come to move less by it.
+    /// The state at the same phase with its velocity times `factor`, at least 0.
+    ///
+    /// It rescales a part after the amplitude, the unit of velocity, has changed.
     fn scaled(state: Self::State, factor: f32) -> Result<Self::State, OutOfRange> {
         let PartState { phase, velocity } = Self::observe(state);
         Self::state(phase, velocity * f64::from(factor))
@@ -203,19 +210,21 @@ pub trait Kernel: Sized {
 /// ```
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub trait WaveKernel: Kernel {
-    /// The map on a track with this second and third harmonic for `k` and a restitution; the refusal
-    /// names the parameter and the range of this arithmetic.
+    /// The map on a track with this second and third harmonic, for `k` and a restitution.
     ///
-    /// Those for microcontrollers round amplitudes and angles to steps of 2^-32, of 1 and of a turn.
+    /// The microcontroller kernels round amplitudes to 2^-32 and angles to 2^-32 turns. Errors:
+    /// `OutOfRange` with the parameter and the range of this arithmetic.
     fn on_tones(tones: [Tone; 2], k: f64, restitution: f64) -> Result<Self, OutOfRange>;
 }
 
-/// Refuses a phase in rad whose own last digit is coarser than a step of 2^-32 turns: beyond 2^53 of them
-/// (2^21 turns) nobody can say which part of the track is meant, and each arithmetic would take another.
+/// Refuses a phase in rad whose last digit is coarser than 2^-32 turns.
+///
+/// Beyond 2^21 turns (2^53 steps) the phase is undefined, and each arithmetic would take another.
 pub(super) fn accept_phase(phase: f64) -> Result<(), OutOfRange> {
     const MOST: f64 = (1_u32 << 21) as f64 * core::f64::consts::TAU;
     let accepted = "-1.3e7..1.3e7 rad: 2^21 turns, 2^53 steps of the phase";
-    // The bits of positive numbers are in their order, NaN's beyond: software f64 takes far longer to compare.
+    // Positive floats compare like their bits, with NaN above all: software f64 compares far
+    // slower.
     let accepts = libm::fabs(phase).to_bits() <= MOST.to_bits();
     if accepts {
         Ok(())

@@ -1,26 +1,27 @@
 //! The exact impact map of a part on a vibrating track (Hongler & Figour 1989, equations 7 to 10).
 //!
-//! A part launched at phase t with velocity psi relative to the track, in units of `b w`, flies for
-//! the FIRST d > 0 with
-//! `u(d) = (cos t + psi) d - k d^2 / 2 - [sin(t + d) - sin t] = 0` and leaves again with
-//! `psi' = R v`, where `v = -u'(d)` is its arrival speed. On a track of several tones S stands for the sine
-//! and S' for the cosine (`Wave`).
+//! A part is launched at phase t with velocity psi relative to the track, in units of `b w`. The
+//! flight time is the smallest d > 0 with
+//! `u(d) = (cos t + psi) d - k d^2 / 2 - [sin(t + d) - sin t] = 0`. After the impact `psi' = R v`,
+//! with the arrival speed `v = -u'(d)`. On a track of several tones S replaces the sine and S' the
+//! cosine (`Wave`).
 //!
-//! Where the first impact is found, for each arithmetic:
+//! Where each arithmetic finds the first impact:
 //!
-//! | kernel | for | its impact, from the launch to the landing | the cases that closed forms leave open |
+//! | kernel | for | from launch to landing | cases without a closed form |
 //! |---|---|---|---|
-//! | [`Map`] | f64, at the desk | `double/first.rs`, by kind: `double/{tall,short,low}.rs` | `double/search.rs` |
-//! | `WaveMap` | f64, a track of two or three tones | `tones/first.rs` | `tones/search.rs` |
-//! | `batch::Block` | many orbits in f64 | `batch/{in_place,gathered}.rs`: that of [`Map`] over lanes | `double/first.rs` |
-//! | [`Hybrid`] | a CPU with an FPU for f32: the board | `anchor/hybrid.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
-//! | [`Single`] | f32, pictures | `anchor/single.rs`, by `anchor/candidate.rs` | `anchor/search.rs` |
-//! | `WaveSingle` | f32, tracks of two or three tones: plans on the board | `anchor/tones/search.rs` | |
-//! | [`Integer`] | a CPU without an FPU | `integer/map.rs`, by `integer/approach.rs` | `integer/search.rs` |
+//! | [`Map`] | f64, desk | `double/{first,tall,short,low}.rs` | `double/search.rs` |
+//! | `WaveMap` | f64, two or three tones | `tones/first.rs` | `tones/search.rs` |
+//! | `batch::Block` | many f64 orbits | `batch/{in_place,gathered}.rs` | `double/first.rs` |
+//! | [`Hybrid`] | CPU with f32: the board | `anchor/{hybrid,candidate}.rs` | `anchor/search.rs` |
+//! | [`Single`] | f32, pictures | `anchor/{single,candidate}.rs` | `anchor/search.rs` |
+//! | `WaveSingle` | f32, two or three tones | `anchor/tones/search.rs` | |
+//! | [`Integer`] | CPU without an FPU | `integer/{map,approach}.rs` | `integer/search.rs` |
 //!
-//! `kernel.rs` says what they have in common, `wave.rs` how a track of several tones moves, `set_up.rs` what those for
-//! microcontrollers are set up from, and `orbit/` strings impacts, rests and lift-offs together. The families share no search: each is
-//! certified by the rounding of its own arithmetic.
+//! `kernel.rs` defines the states, the impact and the common trait. `wave.rs` defines the motion of
+//! a track of several tones. `set_up.rs` computes the constants of the microcontroller kernels.
+//! `orbit/` joins impacts, rests and lift-offs. The families share no search, because each is
+//! certified against the rounding of its own arithmetic.
 
 mod anchor;
 #[cfg(any(test, feature = "analysis"))]

@@ -1,18 +1,20 @@
-//! Restitution that scatters from impact to impact, as that of every body that tumbles.
+//! Restitution that varies at random from impact to impact, as that of any tumbling body (Gaussian,
+//! clipped).
 
 use crate::arithmetic::gauss;
 use crate::feeder::{OutOfRange, accept};
 
-/// Largest restitution that is drawn: the clip to 0..1, 1 itself excluded.
+/// Restitution: largest draw, the clip to [0, 1).
 const HIGHEST: f64 = 1.0 - f64::EPSILON;
 
-/// Largest standard deviation, as an f32 has it: a scene and the wire say 0.3 in single precision, which is above 0.3.
+/// Standard deviation of the restitution: largest. It is 0.3 rounded to f32, because scenes and
+/// wire use f32.
 const WIDEST: f64 = 0.3_f32 as f64;
 
 /// A seeded stream of restitutions: Gaussian about a mean, clipped to [0, 1).
 ///
-/// Only sums, products, quotients and square roots of f64 are used, so that a seed gives the same bits on every
-/// machine. The Gaussian is exact but for the 53 bits of its uniform numbers.
+/// Uses only sums, products, quotients and square roots of f64, so a seed gives the same bits on
+/// every machine. The Gaussian is exact but for the 53 bits of its uniform numbers.
 ///
 /// ```
 /// use kband::impact::Scatter;
@@ -30,6 +32,8 @@ pub struct Scatter {
 
 impl Scatter {
     /// Restitutions with a `mean` in 0..=1, a standard deviation (symbol s) in 0..=0.3 and a seed.
+    ///
+    /// Errors: `OutOfRange` for a mean or a deviation out of range.
     pub fn build(mean: f64, deviation: f64, seed: u64) -> Result<Self, OutOfRange> {
         Self {
             mean: 0.0,
@@ -142,7 +146,7 @@ mod tests {
         };
         assert_eq!(draws(3), draws(3));
         assert_ne!(draws(3), draws(4));
-        // A program of its own gives these bits.
+        // An independent program gives these bits.
         assert_eq!(draws(3)[0], 0x3fce_bfc0_011c_ccbe, "{:#x}", draws(3)[0]);
     }
 

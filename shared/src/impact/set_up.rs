@@ -1,4 +1,4 @@
-//! What every kernel for microcontrollers is set up from, in integers: f64 is slow where it is software.
+//! Set-up constants of the microcontroller kernels, in integers: f64 is slow in software.
 
 use core::f64::consts::TAU;
 
@@ -10,14 +10,14 @@ use crate::feeder::{OutOfRange, accept};
 /// 1 in steps of 2^-61.
 const ONE: u64 = 1 << 61;
 
-/// Set-up constants of a track and a part: the one routine all kernels take theirs from.
+/// Set-up constants of a track and a part, shared by the microcontroller kernels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SetUp {
     /// k.
     pub k: Positive,
-    /// k, nearest.
+    /// k, rounded to nearest.
     pub single: f32,
-    /// k in steps of 2^-61, of which every f64 from 0.005 to 4 is a whole number.
+    /// k in steps of 2^-61, which represent every f64 from 0.005 to 4 exactly.
     steps: u64,
     /// Phase where a hump begins, `arcsin k`; a quarter turn where k >= 1.
     pub lift_off: Phase,
@@ -30,17 +30,18 @@ pub(crate) struct SetUp {
 }
 
 impl SetUp {
-    /// The constants for `k`, with the refusal of a k or a restitution that no kernel for
-    /// microcontrollers takes.
+    /// The constants for `k` and `restitution`.
+    ///
+    /// Errors: `OutOfRange` outside k 0.005..=4 or restitution 0..=1.
     #[inline(always)]
     pub fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
-        // The bits of positive numbers are in their order, those of NaN and of negative ones beyond.
+        // Positive floats compare like their bits; NaN and negative ones are above.
         let within =
             |x: f64, [from, to]: [f64; 2]| (from.to_bits()..=to.to_bits()).contains(&x.to_bits());
         if !within(k, [0.005, 4.0]) {
             accept("k", k, false, "0.005..4")?;
         }
-        // 0 without its sign.
+        // 0 with either sign.
         let nothing = restitution.to_bits() << 1 == 0;
         if !(nothing || within(restitution, [0.0, 1.0])) {
             accept("restitution", restitution, false, "0..1")?;
@@ -73,7 +74,7 @@ impl SetUp {
             return above;
         }
         let (less, more) = (ONE - steps, ONE + steps);
-        // Even, so that the root's places are whole.
+        // Even, so that the root has whole places.
         let shift = (less.leading_zeros() - 1) & !1;
         let root = root(upper(less << shift, more << 2));
         let lift_off = arcsine(steps, single, root >> ((shift / 2) & 31));
@@ -85,13 +86,13 @@ impl SetUp {
         }
     }
 
-    /// k in steps of 2^-`F`, nearest, of which there are below 2^32; beyond modulo that.
+    /// k in steps of 2^-`F`, rounded to nearest, modulo 2^32 of them.
     #[inline(always)]
     pub fn fixed<const F: u32>(&self) -> Fixed<F> {
         Fixed(((self.steps + (1 << (60 - F))) >> (61 - F)) as i32)
     }
 
-    /// The lesser of k and 1.
+    /// The smaller of k and 1.
     pub fn threshold(&self) -> Fixed<30> {
         if self.steps >= ONE {
             Fixed::ONE
@@ -100,7 +101,7 @@ impl SetUp {
         }
     }
 
-    /// What of k is above 1.
+    /// Excess of k over 1, at least 0.
     pub fn excess(&self) -> f32 {
         if self.steps > ONE {
             Positive::steps(self.steps - ONE, 61).single()
@@ -109,8 +110,9 @@ impl SetUp {
         }
     }
 
-    /// The least square of the speed at height 0 of a tall flight, with what rounding may take: from
-    /// there on the speed at every height h is above `sqrt(1 - h^2)`, the track's.
+    /// Squared speed at height 0: least of a tall flight, with a margin for rounding.
+    ///
+    /// Above it the speed at every height h exceeds the track's, `sqrt(1 - h^2)`.
     pub fn tall(&self) -> Positive {
         const SPARE: u64 = (0.01 * (1_u64 << 60) as f64) as u64;
         let least = if self.hump > 0 {
@@ -121,12 +123,12 @@ impl SetUp {
         Positive::many(SPARE + least, 60)
     }
 
-    /// k pi, as f64 has it.
+    /// k pi, in the rounding of f64.
     pub fn half_turn_fall(&self) -> Fixed<48, i64> {
         self.k.times_pi_in_double()
     }
 
-    /// `1 / k`, nearest.
+    /// `1 / k`, rounded to nearest.
     pub fn inverse(&self) -> f32 {
         self.k.inverse_single(self.single)
     }
@@ -138,8 +140,11 @@ impl SetUp {
     }
 }
 
-/// The phase at which the sine is `sine` < 1, in steps of 2^-61 and nearly, from the cosine there, in steps of 2^-62: from
-/// the nearest node by `sin(a - b) = sin a cos b - cos a sin b`, less than 5e-7 steps off before it is rounded.
+/// Phase of a `sine` < 1 in steps of 2^-61, given approximately as f32 and with its cosine in steps
+/// of 2^-62.
+///
+/// From the nearest node by `sin(a - b) = sin a cos b - cos a sin b`; the error before rounding is
+/// below 5e-7 steps.
 #[inline(always)]
 fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
     /// `x` in steps of 2^-`places`.
@@ -152,7 +157,8 @@ fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
     // In steps of 2^-61, below 2^-6.
     let apart = upper(2 * sine, beside) as i64 - upper(cosine, below) as i64;
     let x = apart.unsigned_abs();
-    // What the arc has more, from 32 bits: x in steps of 2^-38, its square of 2^-44 and its cube of 2^-50.
+    // Excess of the arc over its sine, from 32 bits: x in steps of 2^-38, its square of 2^-44, its
+    // cube of 2^-50.
     let short = (x >> 23) as u32;
     let square = high(short, short);
     let fifth = part(3.0 / 40.0, 32) as u32 + (high(square, part(15.0 / 336.0, 32) as u32) >> 12);
@@ -169,10 +175,10 @@ fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
     Phase::from_bits(((angle + (1 << 30)) >> 31) as u32)
 }
 
-/// Nodes in a quarter turn.
+/// Number of nodes in a quarter turn.
 const QUARTER: usize = node::COUNT / 4;
 
-/// The node that is nearest where the sine is `x`, and a half; 0.002 off (Abramowitz & Stegun 4.4.45).
+/// The node nearest to the arcsine of `x`, plus a half; error 0.002 (Abramowitz & Stegun 4.4.45).
 #[inline(always)]
 fn nodes(x: f32) -> f32 {
     const fn in_nodes(x: f64) -> f32 {
@@ -190,10 +196,11 @@ mod tests {
 
     use super::*;
 
-    /// Phase of lift-off; slope there, inverse and tall in f32; half turn's fall; turns, slope and tall in steps.
+    /// Phase of lift-off; slope there, inverse and tall in f32; half turn's fall; turns, slope and
+    /// tall in steps.
     type Constants = (u32, f32, f32, f32, i64, u32, i32, i32);
 
-    /// Those of f64, as far as a kernel rounds them.
+    /// The constants in f64, rounded as the kernels round them.
     fn expected(k: f64) -> Constants {
         let lift_off = if k < 1.0 {
             Phase::from_radians(libm::asin(k)).bits()
@@ -228,7 +235,7 @@ mod tests {
         )
     }
 
-    /// How many k were tried, and of how many a constant is not that of f64: a step of the phase, or another rounding.
+    /// Counts: all k, those with another phase step than f64, those with another rounding than f64.
     fn tried(ks: impl Iterator<Item = f64>) -> [u32; 3] {
         let mut counts = [0; 3];
         for k in ks {
@@ -270,7 +277,7 @@ mod tests {
         assert!(tried > 400_000);
     }
 
-    /// Every f32: minutes.
+    /// Every f32; takes minutes.
     #[test]
     #[ignore = "81 million k: with --release --ignored"]
     fn the_constants_of_every_single_k_are_those_of_f64() {
@@ -280,7 +287,7 @@ mod tests {
         std::println!(
             "of {tried} k {phases} lift off a step apart, {others} have a constant rounded otherwise"
         );
-        // What libm's last digit decides.
+        // Differences from the last digit of libm.
         assert!(phases < 40 && others < 40);
     }
 

@@ -1,4 +1,6 @@
 //! The shape of the track's motion: a sine and its second and third harmonic.
+//!
+//! A bound of the second derivative isolates the extrema; safeguarded Newton steps refine them.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -14,14 +16,14 @@ pub struct Tone {
     pub angle: f64,
 }
 
-/// What the track does at a phase, over lanes.
+/// Motion of the track at a phase, over lanes.
 #[derive(Clone, Copy)]
 pub(super) struct Motion<L> {
     /// Displacement S.
     pub height: L,
     /// S'.
     pub speed: L,
-    /// `A = -S''`: the part leaves where it rises through k.
+    /// `A = -S''`: a resting part leaves where A rises through k.
     pub push: L,
     /// A'.
     pub surge: L,
@@ -33,8 +35,8 @@ pub(super) struct Motion<L> {
 pub(super) type Parts<L> = [[L; 2]; 3];
 
 /// The shape of the track's motion in units of the fundamental's amplitude b,
-/// `S(t) = sin t + e sin(2 t + th) + e3 sin(3 t + th3)` (Hongler & Figour 1989, reference 19 there, for two
-/// tones).
+/// `S(t) = sin t + e sin(2 t + th) + e3 sin(3 t + th3)` (Hongler & Figour 1989, reference 19 there,
+/// for two tones).
 ///
 /// ```
 /// use kband::impact::{Tone, Wave};
@@ -57,14 +59,17 @@ pub struct Wave {
     steepest: f64,
 }
 
-/// Most zeros of a trigonometric polynomial of three tones in a turn.
+/// Number of zeros in a turn: largest for a trigonometric polynomial of three tones.
 pub(super) const MOST: usize = 6;
 
-/// What rounding may take from a bound of S or S'.
+/// Rounding of a bound of S or S', in b or `b w`.
 const SPARE: f64 = 1e-12;
 
 impl Wave {
-    /// The wave with these second and third harmonics; the refusal names the one out of range.
+    /// The wave with these second and third harmonics.
+    ///
+    /// Errors: `OutOfRange` with the tone that is out of range (amplitude 0..=0.5, angle -2 pi..=2
+    /// pi).
     pub fn build(second: Tone, third: Tone) -> Result<Self, OutOfRange> {
         let names = [
             ("second tone, amplitude", "second tone, angle"),
@@ -79,7 +84,7 @@ impl Wave {
         Ok(Self::of(second, third))
     }
 
-    /// The wave of tones that are within their ranges.
+    /// The wave of tones within their ranges.
     fn of(second: Tone, third: Tone) -> Self {
         let mixed = [second, third].map(|tone| {
             let turned = if tone.angle < 0.0 {
@@ -130,7 +135,7 @@ impl Wave {
             amplitude: 0.0,
             angle: 0.0,
         };
-        // What the search of `of` comes to, to the last bit: a plant asks for it at every impact.
+        // The same bits as the search in `of`: a plant uses this at every impact.
         Self {
             second: NONE,
             third: NONE,
@@ -162,7 +167,7 @@ impl Wave {
         self.third
     }
 
-    /// Its tones, each with its number; the first has amplitude 1 and angle 0.
+    /// The tones, each with its number; the first has amplitude 1 and angle 0.
     pub(crate) fn tones(&self) -> impl Iterator<Item = (f64, Tone)> {
         let first = Tone {
             amplitude: 1.0,
@@ -171,14 +176,15 @@ impl Wave {
         [(1.0, first), (2.0, self.second), (3.0, self.third)].into_iter()
     }
 
-    /// Whether it is the sine alone.
+    /// Whether the wave is a sine, without harmonics.
     #[must_use]
     pub fn is_sine(&self) -> bool {
         self.second.amplitude == 0.0 && self.third.amplitude == 0.0
     }
 
-    /// Largest acceleration of the track in units of `b w^2`, max |S''|; over k it is in units of
-    /// `g cos(alpha)`. Within 1e-14.
+    /// Largest acceleration of the track, max |S''|, in units of `b w^2`, within 1e-14.
+    ///
+    /// Divided by k it is in units of `g cos(alpha)`.
     #[must_use]
     pub fn peak_acceleration(&self) -> f64 {
         self.extrema()
@@ -192,7 +198,8 @@ impl Wave {
             .fold(0.0, |highest, [_, push]| highest.max(push))
     }
 
-    /// Displacement S, velocity S' and upward push A = -S'' at a phase in rad, and A': each within 4e-15.
+    /// Displacement S, velocity S', upward push A = -S'' and A' at a phase in rad, each
+    /// within 4e-15.
     #[must_use]
     pub(crate) fn motion(&self, phase: f64) -> [f64; 4] {
         let m = self.at(in_turn(phase));
@@ -209,7 +216,7 @@ impl Wave {
         }
     }
 
-    /// Whether it has no third harmonic.
+    /// Whether the third harmonic is absent.
     #[inline(always)]
     pub(super) fn is_of_two(&self) -> bool {
         self.third.amplitude == 0.0
@@ -235,7 +242,7 @@ impl Wave {
         self.extrema.iter().take(self.count).copied()
     }
 
-    /// The tones at a phase, from its sine and cosine; N of them.
+    /// The first N tones at a phase, from its sine and cosine.
     #[inline(always)]
     pub(super) fn parts<L: Lane, const N: usize>(&self, sine: L, cosine: L) -> Parts<L> {
         let double = (sine + sine) * cosine;
@@ -253,9 +260,11 @@ impl Wave {
         [[sine, cosine], second, third]
     }
 
-    /// The zeros of a derivative of S that is given with its own, of which the second derivative is at most
-    /// `bound`: from where it is large in steps that can pass none, but for pairs of them within 1e-7 rad,
-    /// between which it is below 1e-14 of that bound.
+    /// Zeros of a derivative of S in a turn; `of` gives it with its own derivative, `bound` bounds
+    /// the next one.
+    ///
+    /// It starts where the function is large and takes steps too short to pass a zero. It may miss
+    /// pairs of zeros within 1e-7 rad, between which the function is below 1e-14 of `bound`.
     fn zeros(&self, of: impl Fn(&Motion<f64>) -> [f64; 2], bound: f64) -> Zeros {
         const SHORTEST: f64 = 1e-7;
         let at = |phase: f64| of(&self.at(in_turn(phase)));
@@ -272,7 +281,7 @@ impl Wave {
         };
         let (mut phase, mut value) = (start, at(start));
         while phase < start + TAU {
-            // Up to the root of |value| - slope h - bound h^2/2 its sign is the same.
+            // The sign is constant up to the root of |value| - slope h - bound h^2/2.
             let (size, slope) = if value[0] < 0.0 {
                 (-value[0], -value[1])
             } else {
@@ -305,14 +314,14 @@ impl Zeros {
     }
 }
 
-/// Displacement and velocity over its frequency of a tone with these `e cos th` and `e sin th`.
+/// Displacement and velocity over its frequency of a tone, from its `e cos th` and `e sin th`.
 #[inline(always)]
 fn mixed<L: Lane>([a, b]: [f64; 2], sine: L, cosine: L) -> [L; 2] {
     let (a, b) = (L::splat(a), L::splat(b));
     [a * sine + b * cosine, a * cosine - b * sine]
 }
 
-/// What the tones do together.
+/// Sum of the tones: the motion of the track.
 #[inline(always)]
 pub(super) fn motion<L: Lane, const N: usize>(parts: &Parts<L>) -> Motion<L> {
     let [[s, c], [s2, c2], [s3, c3]] = *parts;
@@ -341,7 +350,9 @@ pub(super) fn in_turn(angle: f64) -> f64 {
     if turned < TAU { turned } else { 0.0 }
 }
 
-/// Where a function, given with its derivative, crosses zero between two places at which it has two signs.
+/// Zero of a function between two places of opposite sign, by safeguarded Newton steps.
+///
+/// `at` gives the value and its derivative.
 pub(super) fn crossing(at: &impl Fn(f64) -> [f64; 2], low: f64, high: f64) -> f64 {
     let (mut low, mut high) = (low, high);
     let negative = at(low)[0] < 0.0;
@@ -387,8 +398,9 @@ mod tests {
         })
     }
 
-    /// Sines where they stand, and no extremum searched for: bounds hold on a fine grid and are reached on
-    /// it to its second order.
+    /// Direct sines, without a search for extrema.
+    ///
+    /// Bounds hold on a fine grid and are reached on it to second order.
     #[test]
     fn bounds_hold_and_are_reached() {
         for wave in waves() {

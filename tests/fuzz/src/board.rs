@@ -1,4 +1,4 @@
-//! The board's side of the link with all that is behind it: frames, drive cycles, power that comes and goes.
+//! The board's side of the link and its state: frames, drive cycles, power failures.
 
 use embassy_futures::block_on;
 use kband::control::{Cycle, Event, Inputs, StartCause, State};
@@ -39,7 +39,7 @@ impl Board {
         }
     }
 
-    /// A drive cycle in which the track swings by so many per cent of what the output and `gain` would make of it.
+    /// A drive cycle with a track amplitude of `per_cent` of the predicted one.
     fn cycle(&mut self, inputs: Inputs, per_cent: u8, readings: [u16; 2]) {
         let settings = self.station.settings();
         let report = self.station.report();
@@ -55,7 +55,7 @@ impl Board {
             if matches!(report.state, State::Off | State::Fault) {
                 assert!(command.amplitude == 0.0 && command.immediate);
             }
-            // Where another fault is acknowledged, this one is told in the next cycle.
+            // If it acknowledges another fault, this one is reported in the next cycle.
             let acknowledged = report
                 .events
                 .iter()
@@ -68,7 +68,7 @@ impl Board {
         block_on(self.service.keep_fault(&self.station));
     }
 
-    /// The frame that answers these bytes, if one does.
+    /// The frame that answers these bytes, if any.
     fn take(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
         let mut answer = None;
         for byte in bytes {
@@ -79,12 +79,12 @@ impl Board {
         answer
     }
 
-    /// A frame with a sound check: counted, answered or not, and where it is refused without effect.
+    /// A frame with a valid checksum: it is counted, and a refused one has no effect.
     fn ask(&mut self, sequence: u8, message: &[u8]) -> bool {
         let Some(frame) = framed(sequence, message) else {
             return false;
         };
-        // What came before it ends here.
+        // Ends any frame before it.
         let _ = self.take(&[0]);
         let (station, service) = (&self.station, &self.service);
         let (settings, target) = (station.settings(), station.target());
@@ -119,7 +119,7 @@ impl Board {
     }
 }
 
-/// What happens to a board, one thing after the other.
+/// A sequence of events for a board.
 #[must_use]
 pub fn service(input: &[u8]) -> bool {
     let flash = Flash::default();

@@ -1,4 +1,4 @@
-//! What the desk reads: files that a user wrote, recorded, built or was given.
+//! Inputs of the desk: files that a user wrote, recorded, built or received.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use kband_host::verbs::settings::Imported;
 use crate::Taker;
 use crate::frames::framed;
 
-/// Words of a scene.
+/// Dictionary of a scene.
 pub const SCENE: &[&[u8]] = &[
     b"[track]",
     b"[part]",
@@ -35,9 +35,9 @@ pub const SCENE: &[&[u8]] = &[
     b"gain = ",
     b"quality = 200.0",
 ];
-/// Words of a file of settings.
+/// Dictionary of a settings file.
 pub const SETTINGS: &[&[u8]] = &[b"frequency = ", b"1e400", b"inf", b"[a]\n", b"\"\"\""];
-/// Words of a table of launches.
+/// Dictionary of a table of launches.
 pub const ROWS: &[&[u8]] = &[
     b"k,restitution,phase,velocity",
     b"\n",
@@ -46,13 +46,13 @@ pub const ROWS: &[&[u8]] = &[
     b"0x1p3",
     b"-0",
 ];
-/// Words of an image.
+/// Dictionary of an image.
 pub const ELF: &[&[u8]] = &[b"stm32f405rg", b"stm32g474re", b".chip", b".vector_table"];
 
-/// Longest message that a person may be asked to read.
+/// Length in bytes: longest message for a person.
 const READABLE: usize = 10_000;
 
-/// A refusal is one message that can be read.
+/// A refusal is one readable message.
 fn said(refusal: &Refusal) {
     let message = refusal.to_string();
     assert!(message.len() < READABLE, "{} bytes", message.len());
@@ -70,7 +70,7 @@ fn text<T>(input: &[u8], read: impl FnOnce(&str) -> Result<T, Refusal>) -> Optio
     }
 }
 
-/// A scene: read, and begun in both fidelities.
+/// A scene: parsed, and started in both fidelities.
 #[must_use]
 pub fn scene(input: &[u8]) -> bool {
     let Some(file) = text(input, SceneFile::parse) else {
@@ -108,7 +108,7 @@ fn launches<K: Kernel>(input: &[u8], build: fn(f64, f64) -> Result<K, OutOfRange
     true
 }
 
-/// A table of launches, in the arithmetics that hold most and least of them.
+/// A table of launches, in the arithmetics with the widest and the narrowest range.
 #[must_use]
 pub fn rows(input: &[u8]) -> bool {
     let double = launches::<Map>(input, Map::build);
@@ -120,7 +120,7 @@ pub fn rows(input: &[u8]) -> bool {
     double
 }
 
-/// A record of what a board said: the bytes themselves, or behind a 0 messages whose frames are sound.
+/// A record of a board's output: raw bytes, or after a 0 messages in valid frames.
 #[must_use]
 pub fn record(input: &[u8]) -> bool {
     let mut count = 0_u64;

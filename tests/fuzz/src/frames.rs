@@ -1,11 +1,11 @@
-//! Frames on the link, as they come and behind a sound check that nobody would guess.
+//! Frames on the link: raw bytes, and messages behind a valid checksum.
 
 use kband::wire::{
     FRAME_MOST, Incoming, Outgoing, Receiver, Request, SCHEMA, VERSION, crc32, read_answer,
     read_reading, read_request, write_request, write_response,
 };
 
-/// A frame whose check is sound, with the byte that ends it; nothing where it is longer than any.
+/// A frame with a valid checksum and its end byte; `None` if it is too long.
 #[must_use]
 pub fn framed(sequence: u8, message: &[u8]) -> Option<Vec<u8>> {
     let [low, high, ..] = SCHEMA.to_le_bytes();
@@ -27,10 +27,10 @@ pub fn framed(sequence: u8, message: &[u8]) -> Option<Vec<u8>> {
     (frame.len() <= FRAME_MOST).then_some(frame)
 }
 
-/// What is inside a frame that was written.
+/// Payload of a written frame.
 ///
 /// # Panics
-/// Where it is none.
+/// If it is not a frame.
 #[must_use]
 pub fn inside(frame: &[u8]) -> Vec<u8> {
     let mut receiver = Receiver::new();
@@ -42,7 +42,7 @@ pub fn inside(frame: &[u8]) -> Vec<u8> {
     inside.expect("a frame that was written is sound").to_vec()
 }
 
-/// What was read means the same once it is written and read again.
+/// A parsed message is the same after writing and parsing it again.
 fn read(bytes: &[u8]) -> bool {
     let mut known = false;
     if let Ok(Incoming::Request { sequence, request }) = read_request(bytes) {
@@ -55,7 +55,7 @@ fn read(bytes: &[u8]) -> bool {
         }
         let mut buffer = [0; FRAME_MOST];
         if let Ok(frame) = write_request(&mut buffer, sequence, &request) {
-            // By its print, in which a number that is none equals itself.
+            // Compares the printed forms, in which NaN equals itself.
             let told = format!("{request:?}");
             match read_request(&inside(frame)) {
                 Ok(Incoming::Request { request, .. }) => assert_eq!(format!("{request:?}"), told),
@@ -79,7 +79,7 @@ fn read(bytes: &[u8]) -> bool {
     known
 }
 
-/// Bytes off the line, and the same as what is behind a sound check.
+/// Raw bytes from the line, and the same bytes behind a valid checksum.
 #[must_use]
 pub fn frames(input: &[u8]) -> bool {
     let mut receiver = Receiver::new();

@@ -1,8 +1,9 @@
-//! Everything that kband reads from outside, as functions of bytes that nobody wrote.
+//! Fuzz targets: everything that kband reads from outside, as functions of arbitrary bytes.
 //!
-//! Each target panics where something is wrong, and tells whether it made sense of its input. `tests/inputs.rs` replays the
-//! corpus and what a seeded [`Mutator`] makes of it in every test run; `tests/fuzz/run.sh` searches by coverage with
-//! libFuzzer and the address sanitizer, for as long as it is told.
+//! Each target panics on a failure and returns whether it accepted its input. `tests/inputs.rs`
+//! replays the corpus and mutations from a seeded [`Mutator`] in every test run.
+//! `tests/fuzz/run.sh` runs coverage-guided fuzzing with libFuzzer and the address sanitizer, for a
+//! given time.
 
 use std::path::{Path, PathBuf};
 
@@ -16,20 +17,20 @@ pub mod store;
 
 pub use mutate::Mutator;
 
-/// One way into kband.
+/// One input of kband.
 #[derive(Clone, Copy, Debug)]
 pub struct Target {
-    /// Its name, and that of its folder in the corpus.
+    /// Name of the target and of its corpus folder.
     pub name: &'static str,
-    /// Takes an input; whether anything of it made sense.
+    /// Processes an input; returns whether any of it was valid.
     pub run: fn(&[u8]) -> bool,
-    /// Mutated inputs of a short run: a second or two of a busy machine.
+    /// Number of mutated inputs in a short run, a second or two on a busy machine.
     pub short: u32,
-    /// Words that its inputs are made of.
+    /// Dictionary of its inputs.
     pub words: &'static [&'static [u8]],
 }
 
-/// Every way into kband.
+/// All targets.
 pub const TARGETS: &[Target] = &[
     Target {
         name: "scene",
@@ -95,7 +96,7 @@ impl Target {
         TARGETS.iter().find(|target| target.name == name)
     }
 
-    /// Where its corpus lies.
+    /// Folder of the corpus.
     #[must_use]
     pub fn folder(&self) -> PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -103,10 +104,10 @@ impl Target {
             .join(self.name)
     }
 
-    /// Its corpus, in the order of the files' names; the scenes of the tests are among it.
+    /// The corpus, sorted by file name; it includes the test scenes.
     ///
     /// # Panics
-    /// Where the folder cannot be read.
+    /// If the folder cannot be read.
     #[must_use]
     pub fn corpus(&self) -> Vec<Vec<u8>> {
         let mut files = Vec::new();
@@ -120,10 +121,10 @@ impl Target {
         files.into_iter().map(read).collect()
     }
 
-    /// What searches by coverage found, as `keep.py` beside it packs that.
+    /// Inputs found by coverage-guided fuzzing, as packed by `keep.py`.
     ///
     /// # Panics
-    /// Where the file cannot be read, or is cut short.
+    /// If the file cannot be read or is cut short.
     #[must_use]
     pub fn found(&self) -> Vec<Vec<u8>> {
         let file = self.folder().join("../../found").join(self.name);
@@ -142,7 +143,7 @@ impl Target {
     }
 }
 
-/// Takes numbers off an input; nothing where it ends.
+/// Parses numbers from an input; `None` at its end.
 #[derive(Clone, Copy, Debug)]
 pub struct Taker<'a>(pub &'a [u8]);
 
@@ -159,7 +160,7 @@ impl<'a> Taker<'a> {
         Some(u16::from_le_bytes([self.byte()?, self.byte()?]))
     }
 
-    /// As many bytes as the next one says, or what is left.
+    /// A piece whose length is the next byte, or the rest.
     pub fn piece(&mut self) -> Option<&'a [u8]> {
         let length = usize::from(self.byte()?).min(self.0.len());
         let (piece, rest) = self.0.split_at(length);

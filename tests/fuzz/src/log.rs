@@ -10,7 +10,7 @@ thread_local! {
     static WORDS: OnceCell<&'static Words> = const { OnceCell::new() };
 }
 
-/// What the image of the default board can say: a file named by `KBAND_IMAGE`, or built.
+/// Log messages of the default board's image: the file in `KBAND_IMAGE`, or a built one.
 fn words() -> &'static Words {
     let read = || {
         let image = match std::env::var_os("KBAND_IMAGE") {

@@ -1,4 +1,4 @@
-//! Inputs made of other inputs, always the same for a seed.
+//! Mutation of inputs, determined by a seed.
 
 /// A source of inputs near those of a corpus.
 #[derive(Clone, Debug)]
@@ -8,7 +8,7 @@ pub struct Mutator<'a> {
     state: u64,
 }
 
-/// Numbers at which widths and lengths end.
+/// Numbers at the limits of integer widths and lengths.
 const EDGES: [&[u8]; 8] = [
     &[0],
     &[0xff],
@@ -19,7 +19,7 @@ const EDGES: [&[u8]; 8] = [
     b"1e39",
     b"-nan",
 ];
-/// Most bytes of an input.
+/// Bytes of an input: largest number.
 const MOST: usize = 1 << 16;
 
 impl<'a> Mutator<'a> {
@@ -64,7 +64,7 @@ impl<'a> Mutator<'a> {
     /// The next input.
     pub fn make(&mut self) -> Vec<u8> {
         let mut input = self.one().to_vec();
-        // Mostly one or two changes: what differs little gets far.
+        // Mostly one or two changes: small differences get far.
         let most = self.below(6) + 1;
         for _ in 0..=self.below(most) {
             let at = self.below(input.len() + 1);
@@ -75,7 +75,7 @@ impl<'a> Mutator<'a> {
                 }
                 1 if at < input.len() => {
                     input[at] = match input[at] {
-                        // Another digit leaves a number one.
+                        // Another digit keeps a number valid.
                         b'0'..=b'9' => b'0' + self.below(10) as u8,
                         _ => self.bits() as u8,
                     };
@@ -97,7 +97,7 @@ impl<'a> Mutator<'a> {
                     self.stretch(other)
                 }
             };
-            // Half of what is put in takes the place of what was there.
+            // Half of the insertions replace existing bytes.
             let end = match self.below(2) {
                 0 => at,
                 _ => (at + piece.len()).min(input.len()),

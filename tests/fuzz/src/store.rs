@@ -1,4 +1,4 @@
-//! The memory of the settings: whatever lies in it, whenever the power goes.
+//! The memory of the settings, with arbitrary content and power failures at any time.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -14,7 +14,7 @@ use kband_firmware::waiting::Waiting;
 
 use crate::Taker;
 
-/// Bytes of a page, the smallest of a board.
+/// Bytes of a flash page, the smallest of a board.
 pub const PAGE: usize = 2048;
 
 struct Cells {
@@ -22,12 +22,13 @@ struct Cells {
     power: usize,
 }
 
-/// NOR flash of four pages that programs only what is erased, for as many words as its power lasts; its copies are the same
-/// flash.
+/// NOR flash of four pages that programs only erased words, until its power fails.
+///
+/// Clones share the same flash.
 #[derive(Clone)]
 pub struct Flash(Rc<RefCell<Cells>>);
 
-/// The power went, or what was to be programmed was not erased.
+/// A power failure, or programming of a word that was not erased.
 #[derive(Clone, Copy, Debug)]
 pub struct Failed;
 
@@ -53,7 +54,7 @@ impl Flash {
         Ok(())
     }
 
-    /// From now on the power lasts for so many words.
+    /// Sets the number of words until the power fails.
     pub fn power(&self, words: usize) {
         self.0.borrow_mut().power = words;
     }
@@ -115,7 +116,7 @@ impl NorFlash for Flash {
     }
 }
 
-/// Settings that are accepted, others for each number.
+/// Valid settings, different for each number.
 fn some(number: u8) -> Settings {
     Settings {
         amplitude_limit: 0.1 + f32::from(number) * 0.01,
@@ -132,19 +133,19 @@ fn one(number: u8) -> Target {
     }
 }
 
-/// What is done to a memory, one thing after the other.
+/// A sequence of operations on a memory.
 #[must_use]
 pub fn store(input: &[u8]) -> bool {
     let flash = Flash::default();
     let mut records = flash.records();
     let mut input = Taker(input);
-    // Whether only kband has written to it.
+    // Whether only kband has written to the memory.
     let mut sound = true;
     let mut whole = false;
     while let Some(what) = input.byte() {
         let number = input.byte().unwrap_or(0);
         match what % 5 {
-            // Anything lies there after a change of firmware or an accident.
+            // Arbitrary content, as after a change of firmware or an accident.
             0 => {
                 let at = usize::from(input.half().unwrap_or(0)) % (4 * PAGE);
                 let piece = input.piece().unwrap_or(&[]);
@@ -179,7 +180,7 @@ pub fn store(input: &[u8]) -> bool {
                     assert_eq!((newest.fault, newest.seconds), (fault.fault, fault.seconds));
                 }
             }
-            // The power goes.
+            // The power fails.
             3 => {
                 let before = block_on(records.load());
                 flash.power(usize::from(input.half().unwrap_or(0)) % 700);

@@ -1,6 +1,6 @@
-//! Every way into kband, with its corpus and what a seeded mutator makes of that.
+//! Every fuzz target, with its corpus and mutations from a seeded mutator.
 //!
-//! `KBAND_FUZZED` inputs of each target instead of some thousand, from the seed `KBAND_SEED`.
+//! `KBAND_FUZZED` inputs per target instead of some thousand, from the seed `KBAND_SEED`.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -16,7 +16,7 @@ fn number(variable: &str) -> Option<u64> {
     )
 }
 
-/// Runs an input; one that fails is kept beside the build.
+/// Runs an input; a failing one is stored beside the build.
 fn run(target: &Target, input: &[u8]) -> bool {
     let outcome = catch_unwind(AssertUnwindSafe(|| (target.run)(input)));
     outcome.unwrap_or_else(|_| {
@@ -37,7 +37,7 @@ fn no_input_is_more_than_refused() {
         assert!(!found.is_empty(), "{}: nothing was found", target.name);
         let sense = found.iter().filter(|input| run(target, input)).count();
         let count = number("KBAND_FUZZED").unwrap_or(target.short.into());
-        // As many near what makes sense as near what reaches far.
+        // Half of the inputs from the corpus, half from coverage-guided fuzzing.
         let mut near = [&corpus, &found].map(|inputs| Mutator::new(inputs, target.words, seed));
         let made = (0..count)
             .filter(|n| run(target, &near[(n % 2) as usize].make()))

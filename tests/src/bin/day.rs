@@ -1,15 +1,17 @@
-//! Days of simulated operation: `day [--days N] [--seed S] [--fidelity waveform|envelope]`; fails on a fault
-//! that was not injected, on a lock that does not come back, on a cycle that is not counted and on
-//! anything that drifts.
+//! Days of simulated operation: `day [--days N] [--seed S] [--fidelity waveform|envelope]`.
+//!
+//! It fails on a fault without injection, a lock that does not return, an uncounted cycle, and any
+//! drift.
 
 use std::process::ExitCode;
 
 use kband_host::simulate::Fidelity;
 use kband_tests::day::operate;
 
-/// Most that the mean error of the phase heard in lock may differ between two tenths of the time, in rad.
+/// Difference in rad between the mean errors of the phase in lock of two tenths of the time:
+/// largest allowed.
 const DRIFT: f64 = 0.01;
-/// Most that the time may be off in s: a sample for where a wrap falls, and one for the sample that sees it.
+/// Time error in s: largest allowed. One sample for the place of a wrap, one for its detection.
 const TIME_OFF: f64 = 2.01 / 20_000.0;
 
 fn main() -> ExitCode {

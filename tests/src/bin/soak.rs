@@ -1,4 +1,5 @@
-//! Random and adversarial launches in every arithmetic against the oracle, for as long as asked.
+//! Soak test: random and adversarial launches in every arithmetic against the oracle, for a
+//! requested number.
 
 use std::collections::HashMap;
 use std::process::ExitCode;
@@ -11,7 +12,8 @@ use kband_tests::tones;
 const USAGE: &str = "usage: soak [--tones] [--threads N] [MILLIONS [SEED]]
        soak --replay K RESTITUTION PHASE VELOCITY";
 
-/// Wrong impacts of one arithmetic or kind that are printed: one cause can have thousands, and another a single one.
+/// Printed wrong impacts per arithmetic or kind: one cause can have thousands, another a single
+/// one.
 const PRINTED: u32 = 40;
 
 fn main() -> ExitCode {
@@ -76,15 +78,16 @@ fn once(launch: &Launch) -> ExitCode {
     }
 }
 
-/// Rounds of a soak, and launches of each of so many kinds in one: a round has some of every kind, so that a soak that is cut
-/// short has tried them all.
+/// Number of rounds of a soak, and launches per kind in a round.
+///
+/// A round has some of every kind, so a soak that is cut short has tried them all.
 fn rounds(millions: f64, kinds: usize) -> (u64, u64) {
     let rounds = (millions / 5.0).ceil().max(1.0);
     let count = (millions * 1e6 / (rounds * kinds as f64)).ceil();
     (rounds as u64, count as u64)
 }
 
-/// Prints the first wrong impacts of each arithmetic or kind, which begins what is told of them.
+/// Prints the first wrong impacts of each arithmetic or kind, the first word of the message.
 fn printer() -> impl Fn(&str) + Sync {
     let printed = Mutex::new(HashMap::<String, u32>::new());
     move |cause: &str| {

@@ -1,4 +1,4 @@
-//! Random tracks of two and three tones, and launches from them: ordinary ones and the hardest that were thought of.
+//! Random tracks of two and three tones, and launches from them: ordinary and adversarial ones.
 
 use std::f64::consts::TAU;
 
@@ -17,7 +17,7 @@ pub enum Kind {
     High,
     /// psi log-uniform in 1e-20..3.
     Chatter,
-    /// Phases within 1e-16..0.1 of where the push passes k, psi = 0 or tiny.
+    /// Phases within 1e-16..0.1 of an edge, where the push passes k; psi = 0 or tiny.
     Edge,
     /// Flights that touch a hump within 1e-17..1e-2.
     Grazing,
@@ -37,10 +37,10 @@ impl Kind {
     ];
 }
 
-/// A random track, of two tones as often as of three; k up to where the track throws nothing any more.
+/// A random track, of two or three tones with equal chance; k up to the highest throw.
 ///
 /// # Panics
-/// Where the library refuses tones that it takes.
+/// If the library refuses valid tones.
 pub fn track(random: &mut Random) -> (Track, Wave) {
     let second = if random.sign() > 0.0 {
         random.between(0.0, 0.5)
@@ -143,11 +143,11 @@ pub struct Launches {
     drawn: u32,
 }
 
-/// Launches that pass one touch on either side: to find it takes as long as to judge a dozen.
+/// Launches that pass one touch on either side: finding a touch takes as long as a dozen verdicts.
 const ASIDE: u32 = 32;
 
 impl Launches {
-    /// From this track; nothing where it has none of this kind.
+    /// The launches of a kind from this track; `None` where it has none.
     pub fn from(track: &Track, kind: Kind, random: &mut Random) -> Option<Self> {
         let edges = match kind {
             Kind::Edge => edges(track, random).collect(),
@@ -161,9 +161,9 @@ impl Launches {
         })
     }
 
-    /// The next one, if the draw gives any.
+    /// The next launch, if the draw gives one.
     ///
-    /// Every other one is of a step that all arithmetics hold, of 2^-32 of a turn and 2^-26 or f32.
+    /// Every second one is rounded to the steps of all arithmetics, 2^-32 turns and 2^-26 or f32.
     pub fn draw(&mut self, track: &Track, random: &mut Random) -> Option<PartState> {
         let anywhere = random.between(0.0, TAU);
         let (mut phase, mut velocity) = match self.kind {

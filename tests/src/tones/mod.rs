@@ -1,4 +1,5 @@
-//! Tracks of several tones: launches that try a map, the oracle that judges it, and their soak.
+//! Tracks of several tones: launches for testing a map, the oracle that judges it, and the soak
+//! test.
 
 mod launches;
 mod oracle;

@@ -1,8 +1,9 @@
-//! An independent impact map for tracks of several tones: slow, simple, unable to jump over an impact.
+//! An independent impact map for tracks of several tones: slow, simple, unable to jump over an
+//! impact.
 //!
-//! It shares no code and no idea with the kernels: it evaluates every tone where it stands and steps by a
-//! lower bound of the gap. With M the sum of `q^4 e_q` the fourth derivative is within -M..M, so that the
-//! Taylor series to the third power less `M h^4/24` is below `u(d + h)`.
+//! It shares no code and no idea with the kernels: it evaluates every tone where it stands and
+//! steps by a lower bound of the gap. With M the sum of `q^4 e_q` the fourth derivative is within
+//! -M..M, so that the Taylor series to the third power less `M h^4/24` is below `u(d + h)`.
 
 use crate::oracle::{Flight, clear_for};
 
@@ -90,7 +91,8 @@ impl Track {
         f64::EPSILON * turned
     }
 
-    /// The first impact after a launch that is not at rest: at `told`, where that is soon proven, else by stepping.
+    /// The first impact after a launch that is not at rest: at `told` if the quick certificate
+    /// proves it, else by stepping.
     #[must_use]
     pub fn first_impact_by(&self, phase: f64, velocity: f64, told: f64) -> Flight {
         let launched = self.launched(phase, velocity);
@@ -110,11 +112,14 @@ impl Track {
         self.first_impact(phase, velocity)
     }
 
-    /// Whether no impact before `d` is proven; `d` itself is a zero of the gap to rounding.
+    /// Whether the impact at `d` is proven to be the first; `d` is a zero of the gap to rounding.
     ///
-    /// A ball that leaves the reach of the track faster than the track ever moves meets it once; above that reach there
-    /// is no track; the lower bound of the gap holds from anywhere; and where the slope is negative from here to the
-    /// impact, the gap before it is positive.
+    /// The four facts of the quick certificate, for several tones:
+    ///
+    /// - A ball that leaves the track's reach faster than the track's top speed meets it once.
+    /// - Above that reach there is no track.
+    /// - The lower bound of the gap holds from any point.
+    /// - Where the slope is negative up to the impact, the gap before it is positive.
     #[must_use]
     fn is_first(&self, launched: &Launched, phase: f64, [d, slope, curvature]: [f64; 3]) -> bool {
         let velocity = launched.velocity;
@@ -174,7 +179,7 @@ impl Track {
         if launch > 0.0 && leaving >= fastest * fastest {
             d = d.max((launch + leaving.sqrt()) / self.k * (1.0 - 1e-15));
         }
-        // How near the bound comes to 0 within a step, over the rounding of what it bounds.
+        // Smallest ratio, within a step, of the lower bound to the rounding of the gap.
         let near =
             |from: f64, [at, least]: [f64; 2]| least / self.rounding(phase, velocity, from + at);
         let mut clearance = lowest([velocity, quotient[1], quotient[2], -bound / 24.0, 0.0], d)
@@ -184,7 +189,8 @@ impl Track {
         for n in 0..40_000 {
             let at = launched.gap(d);
             let rounding = self.rounding(phase, velocity, d);
-            // Where the gap is all but level its bound within a step has no lowest point: the one before it was low then.
+            // Where the gap is nearly level, its bound within a step has no minimum; then the value
+            // before it was the low one.
             if falls && at[0] > before {
                 clearance = clearance.min(before / rounding);
             }
@@ -211,7 +217,8 @@ impl Track {
     }
 }
 
-/// A launch from a track: its velocity, and of each tone its frequency and amplitude times sine and cosine there.
+/// A launch from a track: its velocity; per tone its frequency, and its amplitude times sine and
+/// cosine.
 struct Launched {
     k: f64,
     velocity: f64,
@@ -219,7 +226,8 @@ struct Launched {
 }
 
 impl Launched {
-    /// The track where it launches: height, speed, push (the second derivative, turned) and the third, turned.
+    /// The track at launch: height, speed, push (minus the second derivative) and minus the third
+    /// derivative.
     fn track(&self) -> [f64; 4] {
         let mut sums = [0.0; 4];
         for [q, s, c] in self.tones {
@@ -267,22 +275,25 @@ fn sagitta(x: f64) -> f64 {
     x * z * (1.0 - z * sum) / 6.0
 }
 
-/// How long the gap stays positive from launch, at least, up to `stride`: `u/d = psi + (A - k) d/2 + A' d^2/6 - ...`
+/// Time up to `stride` for which the gap surely stays positive from launch.
+///
+/// The bounded function is `u/d = psi + (A - k) d/2 + A' d^2/6 - ...`.
 fn clear_of_launch([u, v, a]: [f64; 3], bound: f64, stride: f64) -> f64 {
     clear_for([u, v, a, -bound / 24.0, 0.0], stride)
 }
 
-/// How long it stays positive from where the gap and its derivatives are these, at least.
+/// Time for which the gap surely stays positive, from a point with this gap and these derivatives.
 fn clear_from(at: [f64; 4], bound: f64) -> f64 {
     clear_for(onward(at, bound), STRIDE)
 }
 
-/// The terms of what it is above from there on, as [`clear_for`] takes them.
+/// Coefficients of the lower bound from there on, for [`clear_for`].
 fn onward([u, v, a, b]: [f64; 4], bound: f64) -> [f64; 5] {
     [u, v, 0.5 * a, b / 6.0, bound / 24.0]
 }
 
-/// Where between 0 and `end` `u + v x + a x^2 + b x^3 - w x^4` is lowest, and how low, if it rises again from there.
+/// Minimum of `u + v x + a x^2 + b x^3 - w x^4` in 0..`end`, place and value, if it rises again
+/// from there.
 fn lowest([u, v, a, b, w]: [f64; 5], end: f64) -> Option<[f64; 2]> {
     const PIECES: u32 = 16;
     let rise = |x: f64| v + x * (2.0 * a + x * (3.0 * b - 4.0 * w * x));

@@ -1,7 +1,7 @@
-//! The soak on several tones: each launch through every arithmetic, its first impact proven once.
+//! Soak test on several tones: each launch through every arithmetic, its first impact proven once.
 //!
-//! What an arithmetic rounds a launch to is a launch of its own. Where several hold the same one, as every other one is drawn,
-//! they are held against one proof.
+//! An arithmetic rounds a launch to another launch. Every second launch is drawn so that all round
+//! it alike. Those share one proof.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,43 +15,44 @@ use crate::oracle::Flight;
 use crate::soak::watched;
 use crate::states::Random;
 
-/// Launches from one track: its set-up takes as long as to judge some of them.
+/// Launches per track: the set-up takes as long as some verdicts.
 const BLOCK: u64 = 2000;
 /// Restitution of every launch.
 const RESTITUTION: f64 = 0.5;
 /// The arithmetics, in the order of a [`Tally`].
 pub const NAMES: [&str; 2] = [WaveMap::NAME, WaveSingle::NAME];
 
-/// What an arithmetic holds.
+/// Resolution of an arithmetic.
 #[derive(Clone, Copy, Debug)]
 enum Held {
     /// f64, to the rounding of the gap's terms.
     Double,
-    /// What it rounds.
+    /// A microcontroller kernel, with its rounding.
     Rounded(Rounding),
 }
 
-/// What an arithmetic for microcontrollers rounds and leaves out.
+/// Rounding and omitted terms of a microcontroller kernel.
 #[derive(Clone, Copy, Debug)]
 struct Rounding {
-    /// Of a height, and of it for each rad of flight.
+    /// Rounding of a height: constant part, and part per rad of flight.
     height: f64,
     turned: f64,
 }
 
-/// Flights that f64 takes from the height divided by their time, with no more than the rounding of its terms, are shorter, in rad.
+/// Flight time in rad below which f64 uses the height divided by the time, to the rounding of its
+/// terms.
 const SHORT_HOP: f64 = 0.5 / 3.0;
 
-/// The last step of f32 in rad, and the largest `b2 u0` over the slope's square there.
+/// The last step of f32 in rad, and the largest ratio of `b2 u0` to the squared slope there.
 const LEAP: f64 = 0.02;
 const SIMPLE: f64 = 0.1;
 
 impl Rounding {
-    /// By how much the time of an impact is off, beside what a height's rounding moves it, where the third derivative of the
-    /// track is at most `jerk`.
+    /// Error of the impact time beside the effect of a height's rounding, for a third derivative up
+    /// to `jerk`.
     ///
-    /// Of the root of `u0 + u1 d + b2 d^2 + c d^3` with Newton's step n, `a = b2 n/u1` and `b = c n^2/u1` Householder's step
-    /// leaves `n (2 a b + 2 b^2 - a^3)` and higher powers.
+    /// For a root of `u0 + u1 d + b2 d^2 + c d^3` let n be Newton's step, `a = b2 n/u1` and
+    /// `b = c n^2/u1`. Householder's step then leaves `n (2 a b + 2 b^2 - a^3)` and higher powers.
     fn late(arrival: f64, jerk: f64) -> f64 {
         let cube = jerk / 6.0 * LEAP * LEAP / arrival;
         LEAP * (SIMPLE * SIMPLE * SIMPLE + 2.0 * SIMPLE * cube + 2.0 * cube * cube)
@@ -66,25 +67,25 @@ const HELD: [Held; 2] = [
     }),
 ];
 
-/// What a soak saw of one arithmetic.
+/// Results of a soak for one arithmetic.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Seen {
     /// Launches tried.
     pub launches: u64,
-    /// Said to graze.
+    /// Impacts flagged as grazing.
     pub flagged: u64,
-    /// Within rounding of another impact, or so launched.
+    /// Impacts within rounding of another one, or launched within rounding of an edge.
     pub doubtful: u64,
     /// Wrong impacts.
     pub wrong: u64,
 }
 
-/// What a soak saw, by arithmetic.
+/// Results of a soak, by arithmetic.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally(pub [Seen; 2]);
 
 impl Tally {
-    /// Adds what was seen elsewhere.
+    /// Adds another tally.
     pub fn add(&mut self, other: &Self) {
         for (seen, other) in self.0.iter_mut().zip(&other.0) {
             seen.launches += other.launches;
@@ -99,7 +100,7 @@ impl Tally {
 #[derive(Clone, Copy, Debug)]
 struct Truth {
     state: PartState,
-    /// Push less k there, and how fast that grows with the phase.
+    /// Push minus k at launch, and its derivative by the phase.
     excess: f64,
     surge: f64,
     flight: Flight,
@@ -121,9 +122,9 @@ struct Bench {
     single: WaveSingle,
 }
 
-/// What the arithmetics for microcontrollers make of a launch.
+/// The rounded launch of a microcontroller kernel, and its impact.
 fn flown<K: WaveKernel>(kernel: &K, launch: PartState) -> Option<(PartState, Impact<PartState>)> {
-    // To what velocity they are held.
+    // Velocity in `b w` up to which the kernels are judged.
     const FASTEST: f64 = 20.0;
     if launch.velocity > FASTEST {
         return None;
@@ -140,7 +141,7 @@ fn flown<K: WaveKernel>(kernel: &K, launch: PartState) -> Option<(PartState, Imp
 }
 
 impl Bench {
-    /// A random track, as the arithmetics for microcontrollers round it.
+    /// A random track, rounded as in the microcontroller kernels.
     fn draw(random: &mut Random) -> Self {
         let (drawn, wave) = track(random);
         let rounded = |tone: Tone| Tone {
@@ -151,7 +152,7 @@ impl Bench {
         Self::build(f64::from((drawn.k as f32).clamp(0.01, 4.0)), tones)
     }
 
-    /// Of a second and a third tone.
+    /// The bench of a second and a third tone.
     fn build(k: f64, tones: [Tone; 2]) -> Self {
         let [second, third] = tones.map(|tone| [tone.amplitude, tone.angle]);
         Self {
@@ -161,7 +162,7 @@ impl Bench {
         }
     }
 
-    /// The launch that each arithmetic holds instead of this one, and its impact.
+    /// The rounded launch of each arithmetic, and its impact.
     fn impacts(&self, launch: PartState) -> [Option<(PartState, Impact<PartState>)>; 2] {
         [
             Some((launch, self.map.impact(launch))),
@@ -169,7 +170,7 @@ impl Bench {
         ]
     }
 
-    /// The first impact after a launch, which may be `told`.
+    /// The first impact after a launch; `told` is tried first.
     fn truth(&self, state: PartState, told: f64) -> Truth {
         let PartState { phase, velocity } = state;
         let flight = self.track.first_impact_by(phase, velocity, told);
@@ -202,7 +203,7 @@ impl Bench {
         {
             return Err("state".into());
         }
-        // The rounding of a push of up to 7.5; a step of the phase moves it by up to 18 of them.
+        // Rounding of a push of up to 7.5; a step of the phase changes it by up to 18 of these.
         let room = match held {
             Held::Double => 2e-14,
             Held::Rounded(_) => 4e-8,
@@ -215,8 +216,8 @@ impl Bench {
                 Err("rests though it is thrown".into())
             };
         }
-        // The gap near there is `psi d - (k - A) d^2/2 + A' d^3/6`: that rounding decides between a hop of next to nothing and
-        // a throw.
+        // Near launch the gap is `psi d - (k - A) d^2/2 + A' d^3/6`. The rounding decides between a
+        // tiny hop and a throw.
         let limit = |pull: f64| 0.375 * pull.max(0.0) * pull.max(0.0);
         let (least, most) = (limit(-truth.excess - room), limit(-truth.excess + room));
         if truth.surge > 0.0
@@ -247,7 +248,7 @@ impl Bench {
                 if impact.grazes {
                     return Ok(Verdict::Flagged);
                 }
-                // What proves an impact does not see how near a touch came.
+                // The proof of an impact does not measure the distance of a touch.
                 let Flight { clearance, .. } = self.track.first_impact(phase, velocity);
                 if clearance < 8.0 || arrival * arrival < 16.0 * rounding {
                     return Ok(Verdict::Doubtful);
@@ -280,7 +281,7 @@ impl Bench {
         Err(format!("wrong root, expected flight {duration:e}"))
     }
 
-    /// Judges how the part leaves an impact that is at its time.
+    /// Judges the state after an impact at the right time.
     fn leaves(
         &self,
         truth: &Truth,
@@ -295,7 +296,7 @@ impl Bench {
         }
         let [slope, curvature] = truth.ends;
         let speed = RESTITUTION * (-slope).max(0.0);
-        // What the time is off by moves the speed, by the curvature and where it changes.
+        // The time's error changes the speed, by the curvature and its change.
         let room = 16.0 * (moved * (curvature.abs() + 20.0 * moved) + turned + 1e-15 + step);
         if (impact.next.velocity - speed).abs() > room {
             return Err(format!("velocity, expected {speed:e} within {room:e}"));
@@ -308,7 +309,7 @@ fn on<K: WaveKernel>(tones: [Tone; 2], k: f64) -> K {
     K::on_tones(tones, k, RESTITUTION).expect("a track that every arithmetic holds")
 }
 
-/// The tally of a launch; `spoil` may change what the arithmetic of a number made of it.
+/// The tally of a launch; `spoil` may change the impact of an arithmetic.
 fn one(
     bench: &Bench,
     launch: PartState,
@@ -344,7 +345,7 @@ fn one(
     tally
 }
 
-/// The launches of a block: always the same for the same seed.
+/// The launches of a block; the seed determines them.
 fn drawn(kind: Kind, seed: u64, number: u64) -> (Bench, Vec<PartState>) {
     let mut seeds = Random::new(seed ^ ((kind as u64) << 56) ^ (number << 8));
     let mut random = Random::new(seeds.bits());
@@ -354,7 +355,7 @@ fn drawn(kind: Kind, seed: u64, number: u64) -> (Bench, Vec<PartState>) {
             continue;
         };
         let mut found = Vec::with_capacity(BLOCK as usize);
-        // Few touches of a track that hardly throws.
+        // A track that hardly throws has few touches.
         for _ in 0..4 * BLOCK {
             found.extend(launches.draw(&bench.track, &mut random));
             if found.len() as u64 == BLOCK {
@@ -364,7 +365,8 @@ fn drawn(kind: Kind, seed: u64, number: u64) -> (Bench, Vec<PartState>) {
     }
 }
 
-/// Tries `count` launches of every kind on `threads` threads, telling of wrong impacts as they come.
+/// Tries `count` launches of every kind on `threads` threads and reports wrong impacts as they
+/// come.
 #[must_use]
 pub fn soak(
     count: u64,
@@ -415,8 +417,11 @@ fn spoiled(
 mod tests {
     use super::*;
 
-    /// Impacts of one arithmetic that are noticed where each is spoiled, as a share of those that are not said to graze nor
-    /// left to rounding nor at rest (some are both: a little more than 1 is all of them). Nothing is said of the other arithmetics' impacts.
+    /// Share of an arithmetic's changed impacts that are detected, among those that neither graze,
+    /// rest nor are doubtful.
+    ///
+    /// Some are both, so that all of them are a little more than 1. The other arithmetics' impacts
+    /// are unchanged.
     fn noticed(n: usize, spoil: impl Fn(&mut Impact<PartState>) + Sync) -> f64 {
         let rests = AtomicUsize::new(0);
         let only_this = |which: usize, impact: &mut Impact<PartState>| {
@@ -440,11 +445,12 @@ mod tests {
         wrong as f64 / (of - rests.into_inner() as u64) as f64
     }
 
-    /// What soaks told of that the judge had wrong: launch and track, and the arithmetics that it is of.
+    /// Launches and tracks that an earlier judge rejected wrongly, with the arithmetics concerned.
     #[test]
     fn what_arithmetics_round_and_leave_out_is_not_wrong() {
         let told = [
-            // The f64 map touches where 50 digits have the gap 1.3e-16 below 0: its steps passed it.
+            // The f64 map touches where the gap is 1.3e-16 below 0 in 50 digits: its steps passed
+            // it.
             (
                 [0.6687744855880737, 4.956585342922264, 0.05858538063683924],
                 [
@@ -453,7 +459,8 @@ mod tests {
                 ],
                 0,
             ),
-            // f32 ends 3.4e-5 rad before the impact, its step 0.02 long and half as steep at its end as at its begin.
+            // f32 ends 3.4e-5 rad before the impact. Its step is 0.02 rad, with half the slope at
+            // its end.
             (
                 [0.036666177213191986, 0.9351735011128768, 1.1779218912124634],
                 [
@@ -462,7 +469,8 @@ mod tests {
                 ],
                 1,
             ),
-            // The f64 map ends 1e-9 rad before the impact, with the gap 4.2e-16 below 0 and falling at 4e-7.
+            // The f64 map ends 1e-9 rad before the impact, where the gap is 4.2e-16 below 0 and
+            // falls at 4e-7.
             (
                 [0.8734670281410217, 1.7890589832244281, 0.016837129153128648],
                 [
@@ -471,7 +479,7 @@ mod tests {
                 ],
                 0,
             ),
-            // f32 meets a stretch that is level for 0.1 rad, 1.5e-7 above 0.
+            // f32 lands on a stretch that is level for 0.1 rad, 1.5e-7 above 0.
             (
                 [0.45561397075653076, 4.725681662626832, 1.6527704000473022],
                 [
@@ -493,11 +501,12 @@ mod tests {
     #[test]
     fn a_wrong_impact_is_noticed_in_every_arithmetic() {
         for (n, name) in NAMES.iter().enumerate() {
-            // Far above what each rounds, far below the distance of another root.
+            // Far above each rounding, far below the distance of another root.
             let off = if n == 0 { 1e-9 } else { 1e-2 };
             let shares = crate::bench::spoils(off).map(|spoil| noticed(n, spoil));
             println!("{name}: {shares:.4?}");
-            // Slow arrivals, and flights of next to nothing, are held to less; another root is always noticed.
+            // Slow arrivals and tiny flights have wider tolerances; another root is always
+            // detected.
             assert!(shares.iter().all(|share| *share > 0.9), "{name} {shares:?}");
             assert!(shares[4] >= 1.0, "{name} {shares:?}");
         }

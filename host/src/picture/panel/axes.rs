@@ -1,4 +1,4 @@
-//! Axes, grid, words above the plot and the ribbon.
+//! Axes, grid, text above the plot and the ribbon.
 
 use super::style::{frame_of, swatch, text};
 use super::{LEFT, LINE, Panel, RIBBON, SMALL};
@@ -25,7 +25,7 @@ impl Pixels<'_> {
         (-1e-9..=1.0 + 1e-9).contains(&self.panel.x.part(x))
     }
 
-    /// Words of the marks, in as many rows as they need side by side; returns where the rows end.
+    /// Draws the text of the marks in as many rows as needed; returns where the rows end.
     pub(super) fn draw_marks(&self, theme: Theme, shapes: &mut Vec<Shape>) -> f64 {
         let mut marks: Vec<&(f64, String, bool)> = self
             .panel
@@ -41,7 +41,7 @@ impl Pixels<'_> {
         let mut placed = Vec::new();
         for (x, words, _) in marks {
             let width = font::width(words, SMALL, false);
-            // Only words that are wider than the panel stick out of it, to the left.
+            // Only text wider than the panel extends beyond it, to the left.
             let last = (self.plot.right() - width).max(self.plot.left - 0.5 * LEFT);
             let first = self.plot.left.min(last);
             let start = (self.across(*x) - 0.5 * width).clamp(first, last);
@@ -123,7 +123,7 @@ impl Pixels<'_> {
     }
 
     pub(super) fn x_ticks(&self) -> Vec<(f64, String)> {
-        // A column of print has room for four labels.
+        // A printed column has room for four labels.
         let fewest = if self.plot.width > 200.0 { 4 } else { 2 };
         self.panel
             .x

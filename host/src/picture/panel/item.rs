@@ -1,4 +1,4 @@
-//! What is drawn between the axes.
+//! Items between the axes.
 
 use std::sync::Arc;
 
@@ -28,7 +28,7 @@ pub(super) enum Item {
         bars: Vec<(f64, f64, f64)>,
     },
     Density(Vec<(f64, f64)>),
-    /// Heights and how many points have them, of evenly spaced columns.
+    /// Heights and their numbers of points, of evenly spaced columns.
     Columns(Vec<Arc<[(f32, u32)]>>),
     Heat {
         grid: Grid<f64>,
@@ -75,7 +75,7 @@ impl Pixels<'_> {
                     .map(|(x, y)| (self.across(*x), self.down(*y)))
                     .filter(|(x, y)| x.is_finite() && y.is_finite())
                     .collect();
-                // One on the frame is whole.
+                // A marker on the frame is drawn whole.
                 let clip = Rect {
                     left: plot.left - 4.0,
                     top: plot.top - 4.0,
@@ -199,13 +199,15 @@ impl Pixels<'_> {
                     ));
                 }
             }
-            // After everything else.
+            // Drawn last.
             Item::Note { .. } => {}
         }
     }
 
-    /// The line as pieces of finite points; where several fall on half a pixel's width, first, lowest,
-    /// highest and last stay, which looks the same.
+    /// The line as pieces of finite points.
+    ///
+    /// Within half a pixel's width only first, lowest, highest and last point remain, which looks
+    /// the same.
     pub(super) fn pieces(&self, points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
         let mut pieces: Vec<Vec<(f64, f64)>> = Vec::new();
         let mut piece: Vec<(f64, f64)> = Vec::new();
@@ -241,7 +243,7 @@ impl Pixels<'_> {
                 piece.clear();
                 continue;
             }
-            // Far outside the panel nothing is seen, and the file stays free of huge numbers.
+            // Clamps places far outside the panel, which keeps huge numbers out of the file.
             let place = (
                 place.0.clamp(self.plot.left - 2e3, self.plot.right() + 2e3),
                 place.1.clamp(self.plot.top - 2e3, self.plot.bottom() + 2e3),

@@ -15,13 +15,13 @@ pub(super) enum Key {
     Area(usize),
     Strip,
     Fill(Fill),
-    /// A fill of a map, where hatches do not show.
+    /// A fill of a map, without hatches.
     Plain(Fill),
     Ink,
 }
 
 impl Panel {
-    /// Whether what a key stands for is there to be seen.
+    /// Whether the item of a key is visible.
     fn shows(&self, key: &Key) -> bool {
         let within =
             |axis: &Axis, low: f64, high: f64| axis.part(high) > 0.0 && axis.part(low) < 1.0;
@@ -50,7 +50,7 @@ impl Panel {
         }) || matches!(key, Key::Fill(fill) if self.ribbon.iter().any(|stretch| stretch.2 == *fill))
     }
 
-    /// Points that lie beyond the ends of an axis, and so are not drawn.
+    /// Number of points beyond the ends of an axis, which are not drawn.
     fn left_out(&self) -> usize {
         let outside = |axis: &Axis, value: f64| !(-1e-9..=1.0 + 1e-9).contains(&axis.part(value));
         let count = |points: &[(f64, f64)]| {

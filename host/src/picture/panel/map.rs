@@ -40,7 +40,7 @@ impl<T> Grid<T> {
     }
 }
 
-/// How many points fall into each cell of a raster.
+/// Number of points in each cell of a raster.
 struct Counts {
     columns: usize,
     rows: usize,
@@ -58,7 +58,7 @@ impl Counts {
         }
     }
 
-    /// Adds points at a part of the height, 0 at its foot; what is beyond it is left out.
+    /// Adds points at a relative height, 0 at the bottom; values outside 0..1 are omitted.
     fn add(&mut self, column: usize, up: f64, times: u32) {
         if (0.0..=1.0).contains(&up) {
             let column = column.min(self.columns - 1);
@@ -90,8 +90,8 @@ impl Counts {
 
 impl Pixels<'_> {
     pub(super) fn density(&self, theme: Theme, points: &[(f64, f64)]) -> Raster {
-        // Single points must be seen: where they are few the cells are wider than a pixel, unless many
-        // stand close together.
+        // Single points must be visible: with few points the cells are wider than a pixel, unless
+        // many are close together.
         let cells = if points.len() > 40_000 {
             1.5
         } else if self.is_dense(points) {
@@ -123,7 +123,7 @@ impl Pixels<'_> {
         counts.raster(theme)
     }
 
-    /// Whether squares of two pixels that hold a point hold many.
+    /// Whether the occupied squares of two pixels hold many points each.
     fn is_dense(&self, points: &[(f64, f64)]) -> bool {
         let square = |(x, y): &(f64, f64)| {
             let place = (0.5 * self.across(*x), 0.5 * self.down(*y));

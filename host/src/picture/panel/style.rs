@@ -1,4 +1,4 @@
-//! Words, frames, swatches and markers as every panel draws them.
+//! Text, frames, swatches and markers of every panel.
 
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
 use crate::picture::theme::{Colour, Fill, Hatch, Marker, Theme};
@@ -64,7 +64,7 @@ pub(super) fn swatch(theme: Theme, fill: Fill, rect: Rect, frame: bool, shapes: 
         Hatch::Cross => &[1.0, -1.0],
         Hatch::Upright => &[0.0],
     };
-    // The pattern hangs on the sheet, not on the rectangle, so that neighbours join.
+    // The pattern is aligned to the sheet, not to the rectangle, so neighbours join.
     for rise in rises {
         let reach = rise.abs() * rect.height;
         let first = ((rect.left - reach) / step).ceil() as i64;
@@ -80,7 +80,7 @@ pub(super) fn swatch(theme: Theme, fill: Fill, rect: Rect, frame: bool, shapes: 
         }
     }
     if !pieces.is_empty() {
-        // What stands out from the fill more: the words' colour or the sheet's.
+        // The colour with more contrast to the fill: that of the text or of the sheet.
         let fill = fill.colour(theme).luminance();
         let [ink, sheet] = [theme.text(), theme.background()];
         let from = |colour: Colour| (colour.luminance() - fill).abs();
@@ -122,7 +122,7 @@ pub(super) fn clipped(
     (!outside).then(|| (clip(a), clip(b)))
 }
 
-/// More markers than this are drawn small.
+/// Number of markers from which they are drawn small.
 const MANY: usize = 120;
 
 pub(super) fn marks(
@@ -155,7 +155,7 @@ pub(super) fn marks(
             (-1.0, -1.0),
         ],
     };
-    // Many markers lie over each other: smaller and without an edge none wipes out its neighbour.
+    // Many markers overlap: smaller ones without an edge do not hide each other.
     let many = places.len() > MANY;
     let size = if many { 0.55 } else { 1.0 };
     let piece = |(x, y): &(f64, f64)| {

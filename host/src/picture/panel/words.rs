@@ -1,4 +1,4 @@
-//! Words beside points and lines, put where they cover the least.
+//! Label placement: text beside points and lines, at the candidate place of least cost.
 
 use super::SMALL;
 use super::axes::Pixels;
@@ -8,19 +8,19 @@ use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape};
 use crate::picture::theme::Theme;
 
-/// Half the width of a marker in pixels, with a little room.
+/// Half the width of a marker in pixels, with a margin.
 const MARKER: f64 = 8.0;
-/// What stays free between words, and between words and the frame.
+/// Space in pixels between texts, and between a text and the frame.
 const APART: f64 = 6.0;
-/// Space between words and what they stand beside.
+/// Space in pixels between a text and its point.
 const BESIDE: f64 = 9.0;
-/// What it costs words to cover a line, a marker or other words, or to leave the panel.
+/// Costs of a text that covers a line, a marker or another text, or leaves the panel.
 const LINE_COVERED: u32 = 1;
 const MARKER_COVERED: u32 = 6;
 const WORDS_COVERED: u32 = 30;
 const OUTSIDE: u32 = 200;
 
-/// A place for words.
+/// A candidate place for a text.
 #[derive(Clone, Copy)]
 struct Place {
     x: f64,
@@ -33,7 +33,7 @@ impl Place {
         Self { x, y, anchor }
     }
 
-    /// The patch that words cover here.
+    /// The rectangle that a text covers here.
     fn patch(&self, words: &str) -> Rect {
         let width = font::width(words, SMALL, false);
         let left = match self.anchor {
@@ -50,7 +50,7 @@ impl Place {
     }
 }
 
-/// What is in the way of words.
+/// Obstacles of texts.
 struct Obstacles {
     plot: Rect,
     markers: Vec<(f64, f64)>,
@@ -112,7 +112,7 @@ impl Obstacles {
             + words.count() as u32 * WORDS_COVERED
     }
 
-    /// The first of the places that cost least.
+    /// The first place of least cost.
     fn choose(&mut self, words: &str, places: &[Place]) -> Option<Place> {
         let cost = |place: &&Place| self.cost(&place.patch(words));
         let chosen = places.iter().min_by_key(cost).copied()?;
@@ -121,7 +121,7 @@ impl Obstacles {
     }
 }
 
-/// Whether a stretch of a line comes into a rectangle (Liang and Barsky 1984).
+/// Whether a line segment intersects a rectangle (Liang and Barsky 1984).
 fn crosses(patch: &Rect, [from, to]: &[(f64, f64); 2]) -> bool {
     let (dx, dy) = (to.0 - from.0, to.1 - from.1);
     let (mut enters, mut leaves) = (0.0_f64, 1.0_f64);
@@ -143,7 +143,7 @@ fn crosses(patch: &Rect, [from, to]: &[(f64, f64); 2]) -> bool {
 }
 
 impl Pixels<'_> {
-    /// The dashed lines across the panel and all words within it.
+    /// The dashed lines across the panel and all text within it.
     pub(super) fn draw_words(&self, theme: Theme, shapes: &mut Vec<Shape>) {
         let plot = self.plot;
         let mut obstacles = Obstacles::of(self);
@@ -183,7 +183,7 @@ impl Pixels<'_> {
         }
     }
 
-    /// Words on a patch of background, legible over anything.
+    /// Text on a patch of background, legible over anything.
     fn put(&self, theme: Theme, words: &str, place: Option<Place>, shapes: &mut Vec<Shape>) {
         let Some(place) = place.filter(|place| place.x.is_finite() && place.y.is_finite()) else {
             return;
@@ -223,13 +223,13 @@ mod tests {
                 Place::new(x - BESIDE, y + 4.0, Anchor::End),
             ]
         };
-        // A marker stands to the right, a line runs above: to the left.
+        // A marker on the right, a line above: the text goes to the left.
         let first = obstacles.choose("hybrid", &around(100.0, 100.0)).unwrap();
         assert_eq!(first.anchor, Anchor::End);
-        // What stands there first keeps its place.
+        // Earlier texts keep their place.
         let second = obstacles.choose("integer", &around(100.0, 100.0)).unwrap();
         assert_ne!(second.anchor, Anchor::End);
-        // Nothing leaves the panel where it need not.
+        // No text leaves the panel without need.
         let edge = obstacles.choose("bracket", &around(395.0, 150.0)).unwrap();
         assert_eq!(edge.anchor, Anchor::End);
     }

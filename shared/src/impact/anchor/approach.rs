@@ -1,15 +1,18 @@
-//! Steps on nodes from the fall of the parabola.
+//! Approach: Householder's method of order 3 on table nodes (Householder 1970), from the fall of
+//! the parabola.
 
 use super::flight::{Flight, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest};
 use crate::arithmetic::square_root_single;
 
-/// The impact of a tall flight, nearly: node and offset; `None` where the flight is not tall or the
-/// steps do not converge soon.
+/// Node and offset near the impact of a tall flight.
 ///
-/// Tall is a flight that passes every height h of the track faster than the track ever does there, which
-/// is at most `sqrt(1 - h^2)`: on the rise it cannot meet the track, on the fall it crosses it once. The
-/// square of its speed, `v^2 + 2 k (sin - h)`, is above `1 - h^2` for all of them where that at height 0
-/// is above `1 + k^2`, or `2 k` where k >= 1; on any track, above the largest `S'^2 + 2 k S` of a turn.
+/// `None` if the flight is not tall or the steps do not converge soon.
+///
+/// A flight is tall if it passes every height h of the track faster than the track's speed there,
+/// at most `sqrt(1 - h^2)`. It cannot meet the track on the rise, and crosses it once on the fall.
+/// The squared speed `v^2 + 2 k (sin - h)` must exceed `1 - h^2` for all h. At height 0 the
+/// condition is `1 + k^2`, or `2 k` where k >= 1. On any track the condition is the largest
+/// `S'^2 + 2 k S` of a turn.
 #[inline(always)]
 pub(super) fn fall<F: Flight>(
     track: &impl Track,
@@ -17,7 +20,8 @@ pub(super) fn fall<F: Flight>(
     height: f32,
     rise: f32,
 ) -> Option<Approach> {
-    // With the sign of the rise: of a part that sinks it is below 2 k h, and so below what is asked.
+    // The sign of the rise makes the value of a sinking part smaller than 2 k h, below the
+    // threshold.
     let square = rise * abs(rise) + 2.0 * track.k() * height;
     let is_tall = square >= track.tall();
     if !is_tall {
@@ -28,33 +32,33 @@ pub(super) fn fall<F: Flight>(
     approach::<F>(track, node, -offset, speed, 0.0)
 }
 
-/// The last of some steps on nodes.
+/// The last step of an approach.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Approach {
-    /// Where it started.
+    /// Node where the step starts.
     pub node: i32,
-    /// Its length, rad.
+    /// Length of the step in rad.
     pub step: f32,
-    /// How long after the height of the first step it started, in rad.
+    /// Time in rad from the first step's height to the start.
     late: f32,
-    /// Speed downwards against the track at that node, half the rate at which it grows, A' and -A''.
+    /// Speed downwards relative to the track at that node, half its growth rate, A' and -A''.
     speed: f32,
     gain: f32,
     surge: f32,
     bend: f32,
-    /// The node nearest to where it ends and the distance from there.
+    /// The node nearest to the step's end and the distance in rad from it.
     pub end: (i32, f32),
 }
 
 impl Approach {
-    /// Arrival speed where it ends, near to its node.
+    /// Arrival speed at the step's end, which is near its node.
     #[inline(always)]
     pub fn arrival(&self) -> f32 {
         let bend = 0.5 * self.surge - self.bend * (1.0 / 6.0) * self.step;
         self.speed + self.step * (self.gain + self.gain - bend * self.step)
     }
 
-    /// Whether the steps from a node `late` after that height have kept the distance.
+    /// Whether the steps from a node at time `late` preserved the distance.
     #[inline(always)]
     pub fn has_kept(&self, node: i32, late: f32) -> bool {
         let walked = self.node.wrapping_sub(node) as f32 * SPACING;
@@ -62,24 +66,22 @@ impl Approach {
     }
 }
 
-/// Steps after which an approach is given up for the search, which bounds its time. Of 420 000 launches none more
-/// is wrong or flagged with 2 to 12.
+/// Number of steps after which the search replaces the approach, which bounds the time.
 const ROUNDS: u32 = 6;
-/// Largest height that an approach ends at: the fastest part is nearer to its crossing of height 0. Between 2,
-/// beyond which the exact height wraps, and 100 no impact changes.
+/// Height in b: largest at the end of an approach; beyond 2 the exact height wraps.
 const NEAR: f32 = 2.0;
 
-/// Largest `b2 u0` over the slope's square at the last step of a kernel that settles no further: of so simple a root a
-/// third-order step leaves a thousandth of itself. Between 0.01 and 10 none more is wrong or flagged, for `LEAP` is
-/// what bounds the error.
+/// Ratio of `b2 u0` to the squared slope: largest at the last step of a final approach. At so
+/// simple a root a third-order step leaves a thousandth of itself. `LEAP` bounds the error.
 const SIMPLE: f32 = 0.1;
 
-/// What the distance from launch may have lost on the way, in rad, where a kernel settles no further: a step from where the part is
-/// hardly nearer to the track leads a thousand rad away, and the next one back.
+/// Distance from launch in rad: largest loss over the steps of a final approach. Where the part
+/// moves nearly parallel to the track, one step can lead a thousand rad away and the next back.
 const LOST: f32 = 2e-6;
 
-/// Householder's third-order step on nodes until it is short: from a node `late` after the part was at
-/// height `base`, going down at `speed`.
+/// Householder's method of order 3 on nodes until a step is short.
+///
+/// It starts at a node, `late` rad after the part fell through height `base` at `speed`.
 #[inline(always)]
 pub(super) fn approach<F: Flight>(
     track: &impl Track,
@@ -104,12 +106,12 @@ pub(super) fn approach<F: Flight>(
         let step = householder(u0, u1, square, product, -surge);
         let (jump, count) = nearest(step * NODES_PER_RADIAN);
         let next = node.wrapping_add(jump);
-        // Householder's step is short as well where it leads to no root, but not Newton's. The steps may
-        // have led back to launch, where the part rises over the track.
+        // Householder's step is also short where it leads to no root; Newton's step is not. The
+        // steps may also have led back to launch, where the part rises over the track.
         let ends = if F::FINAL {
             abs(u0) < F::LEAP * (u1 - F::SLOW) && abs(product) < SIMPLE * square
         } else {
-            // Far from a root the step is short by chance, and the exact height wraps.
+            // Far from a root a step may be short by chance, and the exact height wraps.
             abs(step) < F::LEAP && abs(u0) < NEAR
         };
         if ends {
@@ -130,8 +132,9 @@ pub(super) fn approach<F: Flight>(
     None
 }
 
-/// Householder's third-order step on `u0 + u1 d + b2 d^2 + cos d^3 / 6`, from the square of `u1` and the
-/// product `b2 u0`.
+/// Step of Householder's method of order 3 on `u0 + u1 d + b2 d^2 + cos d^3 / 6`.
+///
+/// `square` is that of `u1`, `product` is `b2 u0`.
 #[inline(always)]
 pub(super) fn householder(u0: f32, u1: f32, square: f32, product: f32, cosine: f32) -> f32 {
     -u0 * (square - product) / (u1 * (square - 2.0 * product) + cosine * (1.0 / 6.0) * u0 * u0)

@@ -1,4 +1,6 @@
-//! Where the first impact of a low flight may be, without a search.
+//! Candidate: a place where the first impact of a low flight may be, without a search.
+//!
+//! It comes from the roots of the cubic near launch, or from the fall of the parabola.
 
 use core::f32::consts::TAU;
 
@@ -8,53 +10,53 @@ use super::shape::Shape;
 use super::short::{DOUBLE, hop, is_flat};
 use crate::arithmetic::square_root_single;
 
-// The thresholds below choose between two ways to the same impact. What they cost was measured over
-// 200 000 launches a set: velocities 0..3, near lift-off, and such that all but touch a hump.
+// The thresholds below choose between two ways to the same impact. Their cost was measured over
+// 200 000 launches per set: velocities 0..3, near lift-off, and nearly touching a hump.
 
-/// No start near launch is farther, in rad: there the cubic does not tell. At 2 more flights are searched
-/// (6.2 % of those below velocity 3, for 3.5 %), at 8 few less (3.1 %) for 3 % more steps.
+/// Flight time in rad: longest start from the cubic near launch, which is inaccurate beyond.
 const FAR: f32 = 4.0;
 
-/// The cubic's roots may be complex by this share of `a1^2` and still start an approach, as terms left out
-/// may make them real. Cost alone: between 0 and 1 it moves only flights that all but touch a hump.
+/// Share of `a1^2` by which the cubic's discriminant may be negative: omitted terms may make its
+/// roots real. It affects cost only.
 pub(super) const NEARLY_REAL: f32 = 0.06;
 
-/// Flights up to this many rad are corrected by the next two terms at once. Tuned: at 2 more flights are
-/// searched (5.4 % for 3.5 %), at 4 `kernels_survive_their_whole_range` fails; at 0.5 it takes 4 % more
-/// steps.
+/// Flight time in rad up to which one correction covers the next two terms.
 const CORRECTED: f32 = 1.0;
 
-/// The correction divides by the root of the discriminant, which must be this share of `a1^2`: its slope is
+/// Share of `a1^2`: least discriminant for the correction, which divides by its root. The slope is
 /// then at least a seventh of `a1`.
 const STEEP: f32 = 0.02;
 
-/// The least square of the speed at height 0 of a fall that an approach starts from; below, the parabola
-/// hardly reaches the middle of the stroke. At 0.4 a twentieth more flights are searched, at 0 no fewer.
+/// Squared speed at height 0: least for an approach from the fall. Below it the parabola hardly
+/// reaches the middle of the stroke.
 pub(super) const LEAST: f32 = 0.1;
 
-/// How far beyond a turn from lift-off a fall may end, in rad: the end of the hump after the next and what
-/// the crossing of height 0 is off by. At 3 a tenth fewer launches near lift-off are searched, for as many
-/// more steps.
+/// Flight time in rad beyond a turn from lift-off up to which a fall can end. It covers the end of
+/// the hump after the next and the error of the crossing of height 0.
 pub(super) const BEYOND: f32 = 0.5;
 
 /// Where the first impact of a low flight may be.
 pub(crate) enum Candidate {
-    /// A short hop: flight in rad and arrival speed, final.
+    /// A short hop: flight in rad and arrival speed, both final.
     Hop { flight: f32, arrival: f32 },
     /// Near `offset` rad from a node, if a down-crossing there is the first.
     Near { node: i32, offset: f32 },
-    /// At the end of an approach that is [`Flight::FINAL`], if that is the first.
+    /// The end of a final approach ([`Flight::FINAL`]), if that is the first.
     Final(Approach),
-    /// Nowhere that is told so quickly.
+    /// No candidate without a search.
     Unknown,
 }
 
 /// A candidate from the flight near launch or the fall of the parabola.
 ///
-/// Up to the end of the next hump a down-crossing is the first impact: it may lie in that hump, where `u`
-/// is convex and so above it from its begin on, and where `u` is above 0 at its begin it is above 0 on
-/// the concave stretch from launch; or it lies on that stretch, which it ends. From within a hump `u`
-/// rises to the stretch. See [`Shape::ends`].
+/// Up to the end of the next hump a down-crossing is the first impact:
+///
+/// - In that hump `u` is convex, so it is above 0 from the hump's begin on, and also on the concave
+///   stretch before.
+/// - On the concave stretch from launch the down-crossing ends the stretch above 0.
+/// - From within a hump `u` rises to the concave stretch.
+///
+/// See [`Shape::ends`].
 #[inline(always)]
 pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate {
     let Launch {
@@ -69,7 +71,7 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
     let a2 = cosine * (1.0 / 6.0);
     let discriminant = a1 * a1 - 4.0 * a2 * velocity;
     let mut near = FAR;
-    // Below the lower bound it clears the coming hump, or nearly so.
+    // Below the lower bound the flight clears the coming hump, or nearly so.
     let square = a1 * a1;
     if a1 > 0.0 && discriminant > -NEARLY_REAL * square {
         let slope = root(discriminant);
@@ -110,7 +112,7 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
         }
         speed = square_root_single(square);
         origin = (rise + speed) * shape.inverse;
-        // No flight that ends after the hump after the next one is told here.
+        // Leaves flights that end after the hump after the next one to the search.
         let to_lift_off = shape.lift_off.wrapping_sub(launch.phase) as f32 * RADIANS_PER_STEP;
         if origin > to_lift_off + (TAU + BEYOND) {
             return Candidate::Unknown;

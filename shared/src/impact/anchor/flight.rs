@@ -1,4 +1,4 @@
-//! A launch and its flight in f32, as the search asks a kernel for them.
+//! A launch and its flight in f32, as inputs of the search.
 
 use crate::arithmetic::{Phase, node, square_root_single};
 
@@ -7,7 +7,7 @@ pub(super) const SPACING: f32 = node::SPACING as f32;
 pub(super) const NODES_PER_RADIAN: f32 = (1.0 / node::SPACING) as f32;
 pub(super) const RADIANS_PER_STEP: f32 = Phase::RADIANS_PER_STEP as f32;
 pub(super) const STEPS_PER_RADIAN: f32 = Phase::STEPS_PER_RADIAN as f32;
-/// 1.5 * 2^23: adding it rounds an f32 below 2^22 to an integer, which then stands in the low bits.
+/// 1.5 * 2^23: adding it rounds an f32 below 2^22 to an integer in the low bits.
 const ROUND: f32 = 12_582_912.0;
 
 /// A launch in f32.
@@ -24,18 +24,19 @@ pub(crate) struct Launch {
     pub pull: f32,
 }
 
-/// Height and slope of the flight above the track at a node, with the track's push and what it becomes.
+/// Height and slope of the flight above the track at a node, with the track's push and its
+/// derivatives.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Local {
     pub height: f32,
     pub slope: f32,
-    /// `A = -S''` there, its slope and its downward curvature: for a sine its sine, cosine and sine.
+    /// `A = -S''`, A' and -A''. A sine has its sine, cosine and sine.
     pub push: f32,
     pub surge: f32,
     pub bend: f32,
 }
 
-/// What the track does at a node.
+/// Motion of the track at a node.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::impact) struct Motion {
     /// Displacement S.
@@ -48,49 +49,51 @@ pub(in crate::impact) struct Motion {
     pub bend: f32,
 }
 
-/// A track as steps on nodes ask for it.
+/// A track, for steps on nodes.
 pub(super) trait Track {
     /// k, half of it and its inverse.
     fn k(&self) -> f32;
     fn half_k(&self) -> f32;
     fn inverse(&self) -> f32;
-    /// The least square of the speed at height 0 of a tall flight.
+    /// Squared speed at height 0: least of a tall flight.
     fn tall(&self) -> f32;
     /// The track at a node, from f32.
     fn at(&self, node: i32) -> Motion;
 }
 
-/// A flight as its kernel knows it.
+/// A flight in the arithmetic of its kernel.
 pub(crate) trait Flight {
-    /// The flight at a node, counted from phase 0 of the turn of launch; near an impact to the full
-    /// precision of the kernel. A height of 2 or -2 may stand for any beyond.
+    /// The flight at a node, counted from phase 0 of the turn of launch.
+    ///
+    /// Near an impact it has the kernel's full precision. A height of 2 or -2 may replace any
+    /// beyond.
     fn local(&self, node: i32) -> Local;
-    /// Flights below this many rad keep more digits in the deflated form than on a node.
+    /// Flight time in rad below which the form divided by the flight time keeps more digits than a
+    /// node.
     const SHORT: f32;
-    /// A gap over a hump below this, and what is added to it for each rad of flight, is within rounding.
+    /// Gap over a hump that is within rounding: constant part, and part per rad of flight.
     const ROUNDING: f32;
     const DRIFT: f32;
     /// Rounding of the pull.
     const PULL: f32;
-    /// Where an approach begins.
+    /// Node at which an approach begins, and the offset in rad.
     #[inline(always)]
     fn node_of(phase: u32, x: f32) -> (i32, f32) {
         node_of(phase, x)
     }
-    /// The step at which an approach ends, in rad.
+    /// Step in rad: longest last step of an approach.
     const LEAP: f32;
-    /// An arrival at less than this speed may be a graze within rounding.
+    /// Arrival speed below which a graze may be within rounding.
     const SLOW: f32;
-    /// Whether the end of an approach is the impact, as near as the kernel can tell.
+    /// Whether an approach ends at the impact, to the precision of the kernel.
     const FINAL: bool;
-    /// The last correction of a settled impact that leaves an error within rounding, in rad at an arrival
-    /// speed of 1.
+    /// Last correction in rad that leaves an error within rounding, at an arrival speed of 1.
     const NEAR: f32;
 }
 
 /// A flight over a sine.
 pub(crate) trait OverSine: Flight {
-    /// Ballistic height over k at `steps` after launch, where f32 makes it `nearly` 0; k < 1.
+    /// Ballistic height minus k at `steps` after launch, for an f32 value `nearly` 0; k < 1.
     fn above_k(&self, steps: i64, nearly: f32) -> f32;
 }
 
@@ -109,7 +112,7 @@ pub(crate) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// Square root of what is positive of `x`.
+/// Square root of `x`, 0 for negative `x`.
 #[inline(always)]
 pub(super) fn root(x: f32) -> f32 {
     if x > 0.0 { square_root_single(x) } else { 0.0 }

@@ -1,4 +1,5 @@
-//! The impact map on a CPU with a single-precision FPU: integer state and residual, f32 corrections.
+//! The impact map on a CPU with a single-precision FPU: integer state and residual, f32
+//! corrections.
 
 use super::approach::fall;
 use super::candidate::{Candidate, candidate};
@@ -18,9 +19,9 @@ use crate::impact::set_up::SetUp;
 
 /// The impact map for the Cortex-M4F, the default on the board (`hybrid`).
 ///
-/// Phase and velocity are integers; the height at a table node is computed in 64-bit integers, exactly
-/// but for the last places, and only the correction from that node, below 0.0123 rad, in f32. Measured
-/// against the f64 map from the same 400 000 states, k 0.02..0.98:
+/// Phase and velocity are integers. The height at a table node is a 64-bit integer, exact but for
+/// the last places. Only the correction from that node, below 0.0123 rad, is f32. Measured against
+/// the f64 map from the same 400 000 states, k 0.02..0.98:
 ///
 /// | velocities | phase error: median | p99 | max (rad) | velocity: max |
 /// |---|---|---|---|---|
@@ -29,13 +30,13 @@ use crate::impact::set_up::SetUp;
 /// | 3e-7..3, logarithmic | 1.1e-9 | 1.4e-7 | 1.1e-5 | 2.4e-7 |
 /// | launches within 0.1 rad of lift-off | 7e-10 | 2.1e-8 | 7.2e-6 | 7.1e-8 |
 ///
-/// One step of the phase is 1.46e-9 rad. The first impact is the right one down to a gap of 1e-8 over a
-/// hump, at any flight time; nearer it is flagged. About 290 instructions an
-/// impact on a Cortex-M4F, at most 400 on any locked or chaotic orbit tried.
+/// One step of the phase is 1.46e-9 rad. The first impact is the right one down to a gap of 1e-8
+/// over a hump, at any flight time; nearer ones are flagged. An impact takes about 290 instructions
+/// on a Cortex-M4F, at most 400 on any locked or chaotic orbit tried.
 ///
-/// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
-/// only with a restitution above 0.96): its velocity is then right, `Hybrid::state` refuses it,
-/// [`Kernel::flies`] tells it, and a launch from it is held at 60.
+/// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. With a restitution above 0.96 an impact
+/// may leave faster, by at most 2.5. Its velocity is then right. `Hybrid::state` refuses it,
+/// [`Kernel::flies`] returns false, and a launch from it is limited to 60.
 ///
 /// ```
 /// use kband::impact::{Hybrid, Kernel, Map};
@@ -53,9 +54,9 @@ use crate::impact::set_up::SetUp;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hybrid {
     shape: Shape,
-    /// The lesser of k and 1.
+    /// The smaller of k and 1.
     threshold: Fixed<30>,
-    /// What of k is above 1.
+    /// Excess of k over 1, at least 0.
     excess: f32,
     /// k pi.
     half_turn_fall: Fixed<48, i64>,
@@ -65,7 +66,7 @@ pub struct Hybrid {
 
 const TOP: f64 = 60.0;
 const TOP_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::of(TOP);
-/// A launch at the top arrives at most 2 faster.
+/// Arrival velocity in `b w`: largest possible. A launch at the top arrives at most 2 faster.
 const FASTEST: Fixed<26, u32> = Fixed::<26, u32>::of(TOP + 3.0);
 
 impl Hybrid {
@@ -111,7 +112,7 @@ impl Hybrid {
                 grazes: false,
             };
         }
-        // At lift-off itself the pull must not be rounded against the phase, nor to 0.
+        // At lift-off itself rounding must not change the sign of the pull, nor make it 0.
         let pull = self.threshold.saturating_sub(sine);
         let pull = if throws {
             pull.min(-Fixed::<30>::STEP)
@@ -128,7 +129,8 @@ impl Hybrid {
         self.low(phase, sine, flight.rise, velocity, cosine, pull)
     }
 
-    /// A flight that is not tall. It comes in registers: a struct would be stored before it is known whether it is needed.
+    /// A flight that is not tall. Its arguments stay in registers: a struct would be stored before
+    /// it is needed.
     #[inline(never)]
     fn low(
         &self,
@@ -184,7 +186,7 @@ impl Hybrid {
         self.landing(launch.phase, i64::from(steps), speed, grazes)
     }
 
-    /// The impact that the search finds, settled.
+    /// The impact from the search, settled.
     #[inline(always)]
     fn searched(&self, flight: &Ballistic<'_>, launch: &Launch) -> Landing<HybridState> {
         let (k, phase) = (self.shape.k, flight.phase);
@@ -203,7 +205,7 @@ impl Hybrid {
                 let impact_at = |settled: Settled, grazes: bool| {
                     let speed = speed(&settled, slope);
                     let steps = flight.steps_at(node, &settled);
-                    // No arrival is so fast: it was rounded below 0 at a graze.
+                    // Faster than any arrival: the speed was rounded below 0 at a graze.
                     if speed > FASTEST {
                         return self.landing(phase, steps, Fixed(0), true);
                     }
@@ -246,7 +248,7 @@ impl Hybrid {
     }
 }
 
-/// Arrival speed, above [`FASTEST`] for one below 0.
+/// Arrival speed; negative ones wrap above [`FASTEST`].
 #[inline(always)]
 fn speed(settled: &Settled, slope: Fixed<26, u32>) -> Fixed<26, u32> {
     let Fixed(gain) = Fixed::<26>::from_single(settled.speed_gain);
@@ -308,14 +310,15 @@ impl Ballistic<'_> {
     }
 }
 
-/// Rise of the ball `steps` after launch at this mean velocity, modulo 4: near an impact it is within 2.
+/// Rise of the ball `steps` after launch at this mean velocity, modulo 4; near an impact it is
+/// within 2.
 #[inline(always)]
 fn rise_after(steps: i64, mean: Fixed<48, i64>) -> Fixed<30> {
     let turns = product_32(steps, mean).narrow::<32>();
     turns.product(RADIANS_PER_TURN)
 }
 
-/// `turns b` for turns in steps of a phase, modulo 2^64 steps.
+/// `turns b`, with `turns` in steps of a phase, modulo 2^64 steps.
 #[inline(always)]
 fn product_32<const F: u32>(turns: i64, Fixed(b): Fixed<F, i64>) -> Fixed<F, i64> {
     let a = turns;
@@ -333,30 +336,28 @@ fn product_32<const F: u32>(turns: i64, Fixed(b): Fixed<F, i64>) -> Fixed<F, i64
 }
 
 impl Flight for Ballistic<'_> {
-    // Each tried at other values over 420 000 launches, 60 000 of them grazing.
-    //
-    // Half of it doubles the errors of slow flights, and 2 more launches next to the top of the track are wrong; twice as
-    // much halves them, at a longer way for flights that a node decides as well.
+    // Flight time in rad. Larger values reduce the errors of slow flights, but more flights take
+    // the longer form.
     const SHORT: f32 = 0.06;
-    // From 0.06 to 1 no impact is wrong or flagged that is not now: from here on it is settled with all digits.
+    // Step in rad: from here on settling uses all digits.
     const LEAP: f32 = 0.25;
-    // From 1e-4 to 1e-2 the same.
+    // Arrival speed in `b w` of a possible graze.
     const SLOW: f32 = 1e-3;
     const FINAL: bool = false;
-    // What is left is its cube: from 2e-4 on the same errors, at 5e-3 a seventh more near lift-off.
+    // Correction in rad: the remaining error is its cube.
     const NEAR: f32 = 1e-3;
     // Two steps of 2^-30.
     const PULL: f32 = 2e-9;
-    // Eleven steps of 2^-30. With 3e-9 none more of the 60 000 is wrong, with 1e-9 321.
+    // Gap in b: eleven steps of 2^-30.
     const ROUNDING: f32 = 1e-8;
-    // What the rounding of the velocity at launch moves the height by. Without it none more is wrong; it flags 62 of the
-    // 60 000.
+    // Gap in b per rad of flight: effect of the launch velocity's rounding.
     const DRIFT: f32 = 3e-11;
 
     fn local(&self, node: i32) -> Local {
         let local = self.exact(node).0;
         let steps = self.steps_to(node);
-        // More than the track's stroke, over 2 pi: beyond a height of 2 the bits of the exact one wrap.
+        // Height over 2 pi: larger than the track's stroke. Beyond a height of 2 the exact bits
+        // wrap.
         const FAR: Fixed<32, i64> = Fixed::<32, i64>::of(0.375);
         let turns = product_32(steps, self.velocities(steps).0).to::<32>();
         let height = if turns > FAR {
@@ -380,7 +381,7 @@ impl OverSine for Ballistic<'_> {
     #[inline(never)]
     fn above_k(&self, steps: i64, _: f32) -> f32 {
         let rise = rise_after(steps, self.velocities(steps).0);
-        // Within rounding of k, far from the ends of i32.
+        // Within rounding of k, far from the limits of i32.
         rise.wrapping_add(self.sine)
             .wrapping_sub(self.kernel.threshold)
             .single()
@@ -468,7 +469,7 @@ impl Kernel for Hybrid {
 mod tests {
     use super::*;
 
-    /// What a kernel does that has f64.
+    /// The result of a kernel with f64.
     fn expected(kernel: &Hybrid, state: HybridState) -> SingleImpact<HybridState> {
         let impact = kernel.impact(state);
         let PartState { phase, velocity } = Hybrid::observe(impact.next);
@@ -480,7 +481,8 @@ mod tests {
         }
     }
 
-    /// Launches that touch a hump so gently that their arrival rounds below 0; taken for a number it is the largest there is.
+    /// Launches that touch a hump so gently that their arrival rounds below 0; unsigned it is the
+    /// largest number.
     #[test]
     fn an_arrival_that_rounds_below_zero_is_a_graze() {
         for [k, restitution, phase, velocity] in [

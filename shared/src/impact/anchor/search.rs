@@ -1,4 +1,5 @@
-//! The segment of convex or concave height that holds the first impact.
+//! Search for the convex or concave segment that holds the first impact
+//! (docs/theory-impacts.md#t3.2).
 
 use core::f32::consts::TAU;
 use core::f64::consts::PI;
@@ -13,7 +14,7 @@ use super::short::{ShortFlight, hop, short_flight};
 use super::solve::{Bracket, Found, LaunchPoint, solve};
 use crate::arithmetic::{Phase, sine_cosine_single};
 
-/// The first impact of any flight that is not at rest, and whether it grazes a hump.
+/// The first impact of a flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
 pub(crate) fn search<F: OverSine>(shape: &Shape, launch: &Launch, flight: &F) -> (Found, bool) {
     let first = short_flight::<F>(launch);
@@ -79,7 +80,7 @@ fn segment<F: OverSine>(
         0 => (Phase::STEPS, TAU),
         steps => (i64::from(steps), steps as f32 * RADIANS_PER_STEP),
     };
-    // f32 keeps the height over k to 1e-5 here; nearer to 0 the kernel's own precision decides.
+    // f32 keeps the height over k to 1e-5 here; nearer to 0 the kernel's full precision decides.
     let mut at_entry = over_k(lift_off);
     if abs(at_entry) < 3e-5 {
         at_entry = flight.above_k(to_lift_off, at_entry);
@@ -109,7 +110,7 @@ fn segment<F: OverSine>(
     }
     // Time when the ball falls through height k.
     let through = (v + root(v * v - 2.0 * k * pull)) * inverse;
-    // Whether the ball has fallen through height k, by f32 unless that is near.
+    // Whether the ball has fallen through height k; near that time in the kernel's full precision.
     let falls = |time: f32, steps: i64| {
         if abs(time - through) < 1e-4 {
             flight.above_k(steps, over_k(time)) <= 0.0
@@ -123,10 +124,11 @@ fn segment<F: OverSine>(
     } else {
         (lift_off, to_lift_off)
     };
-    // A hump that ends below height 1 holds the root; so at most the humps at either end of the window
-    // above height 1 are looked at, and the rounds are bounded by their count with room for rounding.
+    // A hump that ends below height 1 holds the root. So at most the humps at either end of the
+    // window above height 1 are visited, which bounds the rounds.
     for _ in 0..16 {
-        // Newton's step from the begin of a hump does not overshoot, on the convex side nor on the concave one.
+        // Newton's step from the begin of a hump does not overshoot, on the convex and on the
+        // concave side.
         let from_begin = || {
             let slope = over_flank(begin);
             let step = if slope < 0.0 {
@@ -165,7 +167,7 @@ fn segment<F: OverSine>(
                 };
                 return (bracket, grazes);
             }
-            // 1 - cos x >= 4 x^2 / pi^2 within the hump keeps the track below a parabola of its own.
+            // Within the hump `1 - cos x >= 4 x^2 / pi^2`, which keeps the track below a parabola.
             let spare = (4.0 / (PI * PI)) as f32 - half_k;
             let safe =
                 spare > 0.0 && over_top > 1e-4 && 4.0 * spare * (over_top - 1e-4) > slope * slope;
@@ -195,8 +197,9 @@ fn segment<F: OverSine>(
     (bracket, true)
 }
 
-/// Humps between the one that begins at `begin` and the last after it that lies under a ball above
-/// height 1 with all between them, which left at `v` from where the sine is `sine`.
+/// Number of humps under a ball above height 1, from the one at `begin` to the last.
+///
+/// The ball left at `v` from a track with sine `sine`.
 #[inline(never)]
 fn skip(shape: &Shape, v: f32, sine: f32, begin: f32) -> i32 {
     let leaving = v * v - 2.0 * shape.k * (1.0 - sine);
@@ -210,8 +213,10 @@ fn skip(shape: &Shape, v: f32, sine: f32, begin: f32) -> i32 {
     }
 }
 
-/// The lowest point over a hump around `middle`: a bracket that ends there if it is below the track,
-/// and whether that is within rounding.
+/// Minimum of the gap over a hump around `middle`.
+///
+/// Returns a bracket that ends there if the minimum is below the track, and whether it is within
+/// rounding.
 #[inline(never)]
 fn lowest<F: Flight>(
     shape: &Shape,
@@ -236,8 +241,9 @@ fn lowest<F: Flight>(
             low = d;
             high
         };
-        // The gap is convex: above its tangent from here to the end of the hump beyond its lowest point.
-        // A third tangent costs more, over the orbits tried, than the rounds that it spares.
+        // The gap is convex: it lies above its tangent, from here to the hump's end beyond the
+        // minimum. A third tangent costs more, over the orbits tried, than the rounds that it
+        // saves.
         if round < 2 {
             let gap = over_top + d * (slope - shape.half_k * d) + (1.0 - c);
             if gap + rate * (beyond - d) > 1e-3 + 1e-5 * middle {

@@ -1,40 +1,43 @@
-//! An impact near a node to the precision of the kernel.
+//! Settle: the impact near a node, to the precision of the kernel.
+//!
+//! Simple roots take Chebyshev's method, nearly double roots Cauchy's step with a cubic correction
+//! (Traub 1964).
 
 use super::flight::{Flight, Local, abs, larger, root, smaller};
 
-// Each of these chooses between two ways to the same impact. Measured over 420 000 launches: none more is wrong, nor more
-// than 2 flagged, within what is said of it.
+// The constants choose between two ways to the same impact, measured over 420 000 launches. Within
+// the ranges of docs/internals-tuning-impact.md none more is wrong, at most 2 more are flagged.
 
-/// The farthest from a node at which its expansion is used, in rad: what it leaves out, `d^5/120`, is then below
-/// 2e-10. From 0.02 to 1 no impact changes: hardly any first step leads so far.
+/// Distance from a node in rad: largest for its expansion, whose remainder `d^5/120` is below
+/// 2e-10.
 const FARTHEST: f32 = 0.03;
 
-/// The longest step in rad of the careful way. The search came nearer than this, but where three roots nearly meet
-/// within rounding: such an impact is flagged. At 0.003 1300 more are, at 0.3 no fewer.
+/// Step in rad: longest of the careful way. Only nearly triple roots need longer ones, and they are
+/// flagged.
 const LONGEST_STEP: f32 = 0.02;
 
-/// Largest `b2 u0` over the slope's square, and longest last step in rad, of a root that Newton's step with its
-/// quadratic correction settles: it leaves `2 SIMPLE^2` of the step, 1.6e-8 rad. From 1e-5 to 0.02 each.
+/// Ratio of `b2 u0` to the squared slope, and last step in rad: largest for Chebyshev's method. It
+/// leaves `2 SIMPLE^2` of the step, 1.6e-8 rad.
 const SIMPLE: f32 = 2e-3;
 
-/// Largest cubic correction of Cauchy's step, as a share of it: beyond, the cubic is not small. From 0 to 10.
+/// Ratio of the cubic correction to Cauchy's step: largest that is applied.
 const CORRECTION: f32 = 0.25;
 
-/// The longest last step of Cauchy's, in rad: it leaves its square over the distance of the two roots. At 0.02 the
-/// errors of touching flights are three times as large, at 2e-5 six touches more of 60 000 are told in f32.
+/// Step in rad: longest last step of Cauchy's. The remaining error is its square over the roots'
+/// distance.
 const LAST_STEP: f32 = 2e-4;
 
-/// Steps after which it ends where it is: with 2 one touch more is missed in f32, from 4 to 16 none.
+/// Number of steps after which the current place counts as the root.
 const ROUNDS: u32 = 8;
 
-/// A settled impact: offset from its node in rad, and the arrival speed less minus the node's slope.
+/// A settled impact: offset from its node in rad, and arrival speed plus the node's slope.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Settled {
     pub offset: f32,
     pub speed_gain: f32,
 }
 
-/// Height and slope gained over `d` from a node, and half the curvature there.
+/// Height and slope at `d` from a node relative to the node's, and half the curvature there.
 #[inline(always)]
 pub(super) fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
     let Local {
@@ -55,9 +58,10 @@ pub(super) fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
     )
 }
 
-/// A simple root from `offset` near a node by Newton steps with their quadratic correction, the second
-/// only where the first is not enough; `None` where that is not either, or at no down-crossing (the steps
-/// may have led back to launch), or at one so slow that it may be a graze.
+/// A simple root from `offset` near a node, by one or two steps of Chebyshev's method.
+///
+/// `None` if two steps do not suffice, at an up-crossing (the steps may have led back to launch),
+/// or near a graze.
 #[inline(always)]
 pub(crate) fn settle<F: Flight>(k: f32, local: &Local, offset: f32) -> Option<Settled> {
     let (settled, left) = settle_once::<F>(k, local, offset);
@@ -71,7 +75,7 @@ pub(crate) fn settle<F: Flight>(k: f32, local: &Local, offset: f32) -> Option<Se
     None
 }
 
-/// One step; and a value below 0 where it is enough.
+/// One step of Chebyshev's method; the second value is below 0 if it suffices.
 #[inline(always)]
 fn settle_once<F: Flight>(k: f32, local: &Local, offset: f32) -> (Settled, f32) {
     let (height, gain, b2) = expand(k, local, offset);
@@ -79,7 +83,7 @@ fn settle_once<F: Flight>(k: f32, local: &Local, offset: f32) -> (Settled, f32) 
     let inverse = 1.0 / slope;
     let newton = height * inverse;
     let e = -newton * (1.0 + b2 * newton * inverse);
-    // What is left is about 2 (b2 newton / slope)^2 newton.
+    // The remaining error is about 2 (b2 newton / slope)^2 newton.
     (
         finished(local, offset, gain, b2, e),
         abs(newton) + F::NEAR * (slope + F::SLOW),
@@ -95,8 +99,9 @@ fn finished(local: &Local, offset: f32, gain: f32, b2: f32, e: f32) -> Settled {
     }
 }
 
-/// The first root of `u0 + u1 d + b2 d^2` by a down-crossing (its extremum where there is none) and
-/// the root of the discriminant (Cauchy's step).
+/// Cauchy's step: to the down-crossing of `u0 + u1 d + b2 d^2`, or to its extremum without one.
+///
+/// The second value is the root of the discriminant.
 #[inline(always)]
 pub(super) fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
     let square = root(u1 * u1 - 4.0 * b2 * u0);
@@ -108,7 +113,7 @@ pub(super) fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
     (if under != 0.0 { over / under } else { 0.0 }, square)
 }
 
-/// The first root from `offset` near a node, also where two roots nearly meet; and whether it is doubtful.
+/// The first root from `offset` near a node, also near a double root; and whether it is doubtful.
 #[inline(never)]
 pub(crate) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settled, bool) {
     let mut doubtful = false;

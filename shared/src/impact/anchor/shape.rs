@@ -1,4 +1,4 @@
-//! A track as the search knows it: which flights a comparison tells, in f32.
+//! Shape: the constants of a track for the search in f32, and closed tests of a flight.
 
 use super::flight::{
     Flight, Motion, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger, sine_cosine_at,
@@ -7,19 +7,19 @@ use crate::arithmetic::Phase;
 use crate::arithmetic::positive::Positive;
 use crate::impact::set_up::SetUp;
 
-/// What the search needs to know of the track, in f32.
+/// Constants of the track for the search, in f32.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Shape {
     pub k: f32,
     pub(super) half_k: f32,
     pub(super) inverse: f32,
-    /// What of k is above 1.
+    /// Excess of k over 1, at least 0.
     pub(super) excess: f32,
     pub(super) lift_off_cosine: f32,
     pub(super) hump_length: f32,
-    /// The least square of the speed at height 0 of a tall flight.
+    /// Squared speed at height 0: least of a tall flight.
     pub(super) tall: f32,
-    /// The steepest slope down to a hump's begin from which its near side is told by the cubic.
+    /// Slope down to a hump's begin: steepest for the cubic bound of [`Shape::clears`].
     pub(super) skim: f32,
     pub lift_off: u32,
     pub hump: u32,
@@ -28,7 +28,8 @@ pub(crate) struct Shape {
 impl Shape {
     #[inline(always)]
     pub fn new(set_up: &SetUp) -> Self {
-        // How far into a hump the cubic of [`Shape::clears`] holds: `k x / (4 c)` is 0.12 and `x^2 / 20` 0.08 there.
+        // Time in rad into a hump up to which the cubic bound holds: `k x / (4 c)` is 0.12 and
+        // `x^2 / 20` 0.08 there.
         const FARTHEST: f32 = 1.26;
         let SetUp { single, hump, .. } = *set_up;
         let inverse = set_up.inverse();
@@ -55,9 +56,12 @@ impl Shape {
         phase.wrapping_sub(self.lift_off) < self.hump
     }
 
-    /// Whether a down-crossing `steps` after launch at `phase` comes before the end of the next hump, and
-    /// not so soon that it may be launch itself or is settled with more digits as a short hop: a fifth below
-    /// the longest of these, for a candidate is only nearly the impact. Between 0 and half of them nothing changes.
+    /// Whether a down-crossing `steps` after launch lies between the short hops and the end of the
+    /// next hump.
+    ///
+    /// The lower bound excludes launch itself and impacts that the short form settles with more
+    /// digits. It is a fifth below the longest short hop, because a candidate only approximates the
+    /// impact.
     #[inline(always)]
     pub fn ends<F: Flight>(&self, phase: u32, steps: i64) -> bool {
         let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
@@ -65,18 +69,19 @@ impl Shape {
             && steps <= i64::from(to_lift_off) + i64::from(self.hump)
     }
 
-    /// Whether a down-crossing `steps` after a launch at `phase` with the ball's velocity `v` comes before the hump after the next one, and the flight
-    /// clears the next one.
+    /// Whether the flight clears the next hump and a down-crossing `steps` after launch comes
+    /// before the hump after it.
     ///
-    /// From its begin, where `u` has the height `h` and falls at `p`, `u` is above `h - p x + f x^3 / 6`
-    /// with `f = 0.8 lift_off_cosine`, as far as `k x / (4 lift_off_cosine) + x^2 / 20 <= 0.2`. The least of that, at
-    /// `x^2 = 2 p / f`, is above 0 where `h^2 f > 8 p^3 / 9`; from there on `u` rises.
+    /// At the hump's begin `u` has the height `h` and falls at `p`. From there on `u` is above
+    /// `h - p x + f x^3 / 6` with `f = 0.8 lift_off_cosine`. This holds as far as
+    /// `k x / (4 lift_off_cosine) + x^2 / 20 <= 0.2`. The minimum of that bound, at
+    /// `x^2 = 2 p / f`, is above 0 where `h^2 f > 8 p^3 / 9`; beyond it `u` rises.
     #[inline(never)]
     pub fn clears(&self, phase: u32, v: f32, pull: f32, steps: i64) -> bool {
         let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
         let x = to_lift_off as f32 * RADIANS_PER_STEP;
-        // Less and more than rounding makes them. Without the first, 41 of 420 000 launches in f32 are not flagged
-        // that touch within rounding; ten times as much changes none.
+        // Lower and upper bounds that include rounding. Without the first, 41 of 420 000 touches in
+        // f32 are not flagged.
         let height = x * (v - self.half_k * x) - pull - 1e-4;
         let fall = larger(self.lift_off_cosine + self.k * x - v, 0.0) + 1e-5;
         height > 0.0
@@ -86,8 +91,10 @@ impl Shape {
             && steps <= i64::from(to_lift_off) + Phase::STEPS
     }
 
-    /// `k - sin` where the difference of the rounded ones is small: by the distance from the nearer end
-    /// of a hump, to which half a step of the phase is all that rounds.
+    /// `k - sin` near an end of a hump, where the difference of the rounded values loses digits.
+    ///
+    /// It is computed from the distance to the nearer end, whose rounding is half a step of the
+    /// phase.
     #[inline(never)]
     pub fn pull_near_ends(&self, phase: u32) -> f32 {
         let after_begin = phase.wrapping_sub(self.lift_off) as i32 as f32 * RADIANS_PER_STEP;
@@ -105,7 +112,7 @@ impl Shape {
     }
 }
 
-/// So many steps of a phase in rad, nearest.
+/// `steps` of a phase in rad, rounded to nearest.
 #[inline(always)]
 fn radians(steps: u32) -> f32 {
     const PER_STEP: Positive = Positive::of(Phase::RADIANS_PER_STEP);
@@ -164,7 +171,7 @@ mod tests {
             let cosine = libm::sqrt(((1.0 - k) * (1.0 + k)).max(0.0));
             let reach = (0.48 * cosine / k).min(1.26);
             let skim = 0.4 * cosine * reach * reach;
-            // Fifteen roundings to f32: five of the reach, which stands there twice, and five more.
+            // Fifteen roundings to f32: five of the reach, which enters twice, and five more.
             let off = (f64::from(shape.skim) - skim).abs();
             assert!(off <= 15.0 * 6e-8 * skim, "{k:e}");
             let length = (f64::from(set_up.hump) * Phase::RADIANS_PER_STEP) as f32;

@@ -1,4 +1,8 @@
-//! Short hops, on the height over the flight time: it keeps every digit.
+//! Short hops in f32: the root of the height divided by the flight time (deflation of the root at
+//! launch).
+//!
+//! The steps are Chebyshev's, or Cauchy's near a double root (Traub 1964). The form keeps every
+//! digit.
 
 use super::flight::{Flight, Launch, abs, larger, root, smaller};
 use super::settle::down_crossing;
@@ -25,34 +29,32 @@ fn deflated(launch: &Launch, x: f32) -> (f32, f32) {
     )
 }
 
-/// Two short roots whose discriminant is below this share of `a1^2` are told apart by the valley of `u/d`
-/// between them. At 0 f32 decides 293 of 200 000 launches that all but touch a hump wrongly, for 211; from
-/// there to 0.6 nothing else changes.
+/// Share of `a1^2`: discriminant below which the minimum of `u/d` separates two short roots.
 pub(super) const DOUBLE: f32 = 0.2;
 
-/// The longest such valley, in rad: beyond, heights keep enough digits. Tuned: at 0.02
-/// `hybrid_holds_its_errors` fails, at 0.3 105 of 200 000 grazing launches are wrong, and
-/// `grazing_flights_are_decided_down_to_rounding` fails at 0.5.
+/// Time in rad of the minimum between two short roots: largest; beyond it heights keep enough
+/// digits.
 const LONGEST_VALLEY: f32 = 0.08;
 
-/// Rounding of `u/d` for each `b w` of velocity: some 3 roundings of f32, 1.2e-7 each.
+/// Rounding of `u/d` per `b w` of velocity: some 3 roundings of f32, 1.2e-7 each.
 const ROUNDING: f32 = 4e-7;
 
-/// The square of `w1` over `w b2` from which a third-order step converges: it leaves that squared, 1e-4 of
-/// the step. Between 1e-3 and 1/4 no impact changes, nor the mean count of steps.
+/// Ratio of `w b2` to `w1^2`: largest at which a third-order step converges. It leaves that ratio
+/// squared, 1e-4 of the step.
 pub(super) const QUADRATIC: f32 = 1e-2;
 
-/// The share of a flight that the last third-order step may be: it leaves its cube, an f32's rounding.
+/// Ratio of the last third-order step to the flight: largest. It leaves its cube, an f32's
+/// rounding.
 pub(super) const LAST: f32 = 4e-3;
 
-/// What the cubic near launch says of the first impact.
+/// Result of the cubic near launch.
 pub(super) enum ShortFlight {
-    /// Nothing.
+    /// Undecided.
     Open,
-    /// The first impact is `near` this flight time, as far as the cubic holds; whether the flight clears
-    /// the coming hump but for rounding.
+    /// The first impact is `near` this flight time, to the accuracy of the cubic. `grazes`: the
+    /// flight clears the coming hump but for rounding.
     Hop { near: f32, grazes: bool },
-    /// The flight clears the coming hump; whether by rounding alone.
+    /// The flight clears the coming hump; `grazes`: by rounding alone.
     Clears { grazes: bool },
 }
 
@@ -93,8 +95,8 @@ fn flat_hop(launch: Launch, limit: f32, rounding: f32) -> ShortFlight {
     } else {
         (a2 - root(square)) / (3.0 * a3)
     };
-    // Newton's steps do not overshoot from launch down a convex slope into the valley (or to the
-    // inflection where there is none), nor from the right of the last root.
+    // Newton's steps do not overshoot from launch down a convex slope to the minimum, or to the
+    // inflection. Nor do they from the right of the last root.
     let least = if valley > 0.0 {
         deflated(&launch, smaller(valley, limit)).0
     } else {
@@ -110,7 +112,7 @@ fn flat_hop(launch: Launch, limit: f32, rounding: f32) -> ShortFlight {
     } else {
         return ShortFlight::Open;
     };
-    // They converge monotonically; where the root is nearly double each halves the way.
+    // They converge monotonically; near a double root each step halves the distance.
     for _ in 0..40 {
         let (w, w1) = deflated(&launch, x);
         if w1 >= 0.0 {
@@ -122,7 +124,7 @@ fn flat_hop(launch: Launch, limit: f32, rounding: f32) -> ShortFlight {
         }
         let moved = abs(next - x);
         x = next;
-        // The hop that follows converges from here; between 1e-5 and 0.1 no impact changes.
+        // The short-hop steps converge from here.
         if moved < 1e-3 * x {
             break;
         }
@@ -138,7 +140,7 @@ fn simple_hop(near: f32) -> ShortFlight {
     }
 }
 
-/// Two nearly equal short roots: find the minimum of `u/d` between them.
+/// Two nearly equal short roots, separated by the minimum of `u/d`.
 #[inline(never)]
 fn double_hop(launch: Launch, a1: f32, a2: f32, rounding: f32) -> ShortFlight {
     let mut x = a1 / (2.0 * a2);
@@ -162,7 +164,7 @@ fn double_hop(launch: Launch, a1: f32, a2: f32, rounding: f32) -> ShortFlight {
     }
 }
 
-/// A short hop from its start `x`: third-order steps on `u/d`.
+/// A short hop from its start `x`, by third-order steps on `u/d`.
 #[inline(always)]
 pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
     let mut round = 0;
@@ -178,7 +180,7 @@ pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
         };
         round += 1;
         if abs(e) <= LAST * x || round >= 6 {
-            // At the root u' = d w'; w'' = 2 b2 carries w' over the last step.
+            // At the root u' = d w'; w'' = 2 b2 extrapolates w' over the last step.
             let flight = x + e;
             return (flight, larger(-flight * (w1 + 2.0 * b2 * e), 0.0));
         }
@@ -186,13 +188,12 @@ pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
     }
 }
 
-/// Whether the cubic does not tell a short hop: pull and cosine vanish together at the top of the track
-/// with k near 1.
+/// Whether the cubic is too inaccurate for a short hop: pull and cosine both vanish at the top of
+/// the track, with k near 1.
 ///
-/// Within a short hop of the top the cosine is below [`Flight::SHORT`] (and the sine above 0.96, which is
-/// quicker asked), and where the pull is below the second bound the fourth order of `u`, `d^4/24`, is over
-/// a quarter of what it takes. Tuned: without it `kernels_survive_their_whole_range` fails; with a third of
-/// either bound some of 200 000 launches near the top at k within 0.1 of 1 are wrong.
+/// Within a short hop of the top the cosine is below [`Flight::SHORT`] and the sine above 0.96,
+/// which is a quicker test. Below the bound of the pull, the fourth order of `u`, `d^4/24`, exceeds
+/// a quarter of the pull's term.
 #[inline(always)]
 pub(super) fn is_flat<F: Flight>(launch: &Launch) -> bool {
     launch.sine > 0.96

@@ -1,4 +1,4 @@
-//! The impact map in f32.
+//! The impact map in f32, with an integer phase.
 
 use super::approach::{Approach, fall};
 use super::candidate::{Candidate, candidate};
@@ -26,8 +26,9 @@ pub struct SingleState {
 
 /// The impact map in f32, for displays and pictures (`f32`).
 ///
-/// The phase is an integer, so that it never drifts; everything else is f32, whose step at the flight
-/// time limits the error. Measured against the f64 map from the same 400 000 states, k 0.02..0.98:
+/// The phase is an integer, so it never drifts. Everything else is f32. The resolution of f32 at
+/// the flight time limits the error. Measured against the f64 map from the same 400 000 states, k
+/// 0.02..0.98:
 ///
 /// | velocities | phase error: median | p99 | max (rad) | velocity: max |
 /// |---|---|---|---|---|
@@ -35,13 +36,13 @@ pub struct SingleState {
 /// | 0..3 | 2.2e-7 | 8.6e-6 | 8.6e-5 | 4.7e-5 |
 /// | 3e-7..3, logarithmic | 6e-9 | 3.1e-6 | 3.9e-4 | 6.9e-5 |
 ///
-/// The first impact is the right one down to a gap of 1e-5 over a hump (times the flight time, where
-/// that is above 1); nearer it is flagged. About 170 instructions an impact on a Cortex-M4F, at most 281
-/// on any locked or chaotic orbit tried.
+/// The first impact is the right one down to a gap of 1e-5 over a hump, times the flight time above
+/// 1 rad. Nearer ones are flagged. An impact takes about 170 instructions on a Cortex-M4F, at
+/// most 281 on any locked or chaotic orbit tried.
 ///
-/// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. An impact may leave faster (by at most 2.5, and
-/// only with a restitution above 0.96): its velocity is then right, `Single::state` refuses it,
-/// [`Kernel::flies`] tells it, and a launch from it is held at 60.
+/// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. With a restitution above 0.96 an impact
+/// may leave faster, by at most 2.5. Its velocity is then right. `Single::state` refuses it,
+/// [`Kernel::flies`] returns false, and a launch from it is limited to 60.
 ///
 /// ```
 /// use kband::impact::{Kernel, Map, Single};
@@ -102,12 +103,11 @@ impl Single {
             };
         }
         let mut pull = self.shape.k - sine;
-        // There the difference has lost its digits. From 1e-5 to 1e-2 the same are right; at 0.05, where the cubic about
-        // the end of the hump ends, 10 of 420 000 are not.
+        // The difference loses its digits near an end of a hump.
         if pull < 1e-3 && pull > -1e-3 {
             pull = self.shape.pull_near_ends(phase);
         }
-        // At lift-off itself the pull must not be rounded against the phase, nor to 0.
+        // At lift-off itself rounding must not change the sign of the pull, nor make it 0.
         launch.pull = if throws {
             smaller(pull, -1e-20)
         } else {
@@ -116,7 +116,7 @@ impl Single {
         self.low(&{ flight }, &{ launch })
     }
 
-    /// The same with this restitution, 0..=1, at the impact.
+    /// [`Single::land`] with another restitution, 0..=1, at the impact.
     #[cfg(any(test, feature = "analysis", feature = "control"))]
     #[inline]
     pub(super) fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
@@ -133,7 +133,7 @@ impl Single {
         self.shape.throws(phase.bits())
     }
 
-    /// Where the track throws a part that rests; `None` where it never does.
+    /// Phase at which the track throws a resting part; `None` where it never does.
     #[cfg(feature = "control")]
     pub(super) fn lift_off(&self) -> Option<Phase> {
         (self.shape.hump > 0).then(|| Phase::from_bits(self.shape.lift_off))
@@ -188,7 +188,7 @@ impl Single {
     }
 }
 
-/// The impact that a search found, settled.
+/// The impact that the search found, settled.
 #[inline(always)]
 pub(super) fn settled<F: Flight>(
     k: f32,
@@ -283,25 +283,22 @@ struct Ballistic {
 }
 
 impl Flight for Ballistic {
-    // Each tried at other values over 420 000 launches, 60 000 of them grazing.
-    //
-    // At half of it flights next to the top of the track have five times the error, at a quarter and at four times of it
-    // 58 and 53 more of the 420 000 are wrong.
+    // Flight time in rad. Near the top of the track, other values give larger errors or wrong
+    // impacts.
     const SHORT: f32 = 0.25;
-    // The last step of an approach leaves its cube: at twice of it slow flights have twice the error, at half 5 % less.
+    // Step in rad: the remaining error is its cube.
     const LEAP: f32 = 0.03;
-    // At a third of it the errors of slow flights grow by a sixth and 245 fewer are flagged; from there to ten times it
-    // the same are.
+    // Arrival speed in `b w` of a possible graze.
     const SLOW: f32 = 0.015;
     const FINAL: bool = true;
-    // From a fifth to twenty times of it no error changes: the careful way takes over.
+    // Correction in rad: beyond it the careful way takes over.
     const NEAR: f32 = 5e-3;
-    // An ulp of 1. Without it 76 launches next to lift-off are not flagged.
+    // Pull in `b w^2`: an ulp of 1.
     const PULL: f32 = 1.2e-7;
-    // Some eighty ulps, the roundings of a height at 60 b w. `grazing_flights_are_decided_down_to_rounding` promises it; a
-    // tenth flags 6700 fewer of the 60 000 and none more of them is wrong by more than a thousandth of its flight.
+    // Gap in b: some eighty ulps, the roundings of a height at 60 b w.
+    // `grazing_flights_are_decided_down_to_rounding` tests it.
     const ROUNDING: f32 = 1e-5;
-    // Eight ulps for each rad. Without it 1300 fewer are flagged.
+    // Gap in b per rad of flight: eight ulps.
     const DRIFT: f32 = 1e-6;
 
     #[inline(always)]

@@ -1,4 +1,7 @@
-//! The root in a bracket that holds one.
+//! The root in a bracket with one down-crossing.
+//!
+//! Householder's method of order 3 for simple roots, safeguarded Cauchy steps with bisection for
+//! the rest.
 
 use super::approach::householder;
 use super::flight::{
@@ -6,53 +9,49 @@ use super::flight::{
 };
 use super::settle::down_crossing;
 
-// The thresholds below decide when a step is believed. Measured over 200 000 launches a set (velocities 0..3,
-// near lift-off, and such that all but touch a hump), they change no impact where nothing else is said.
+// The thresholds decide which steps are accepted. They were measured over 200 000 launches per set:
+// velocities 0..3, near lift-off, and nearly touching a hump. See docs/internals-tuning-impact.md.
 
-/// Householder's step wants a slope down of this; slower arrivals are left to the safeguarded search. Cost
-/// alone, between 0 and 0.1.
+/// Slope in `b w`: least for Householder's step; slower arrivals use the safeguarded search. It
+/// affects cost only.
 const SLOWEST: f32 = 0.01;
 
-/// That step also wants `b2 u0` below this share of the slope's square, a quarter being where the parabola has no root. At 0.05
-/// twice as many flights below velocity 3 need the safeguarded search (2.4 % steps of it for 1.0 %), at 0.3
-/// hardly any; but near the top of the track steps are then taken that lead to no root.
+/// Ratio of `b2 u0` to the squared slope: largest for Householder's step. From a quarter on the
+/// parabola has no root.
 const SIMPLE: f32 = 0.15;
 
-/// How far outside the bracket a step may end, in rad: rounding of the times of its ends in f32. Between 0
-/// and 0.01 no impact changes.
+/// Distance in rad by which a step may leave the bracket: rounding of the bracket's ends in f32.
 const SLACK: f32 = 1e-4;
 
-/// The longest last step in rad: what it leaves is settled on the nodes next to the root. At 0.05 an eighth
-/// more steps, at 0.3 as many fewer.
+/// Step in rad: longest last one. The nodes next to the root settle the remaining error.
 const LAST_STEP: f32 = 0.15;
 
-/// The square of the discriminant's root from which the cubic correction of Cauchy's step is small; between
-/// 0 and 0.01 no impact changes.
+/// Squared root of the discriminant from which the cubic correction of Cauchy's step is small.
 const CORRECTED: f32 = 1e-3;
 
-/// The largest correction, as a share of the step: at 2 twice as many launches near the top of the track are
-/// flagged.
+/// Ratio of the correction to the step: largest that is applied.
 const CORRECTION: f32 = 0.5;
 
-/// The longest last step of Cauchy's as a share of the discriminant's root. At 0.02 a tenth more steps.
+/// Ratio of Cauchy's last step to the discriminant's root: largest.
 const CURVED: f32 = 0.1;
 
-/// A step that moves the time by less, in rad, is the last. At 2e-4 a tenth more steps; at 0.1 23 times as
-/// many launches near the top of the track are flagged.
+/// Change of time in rad: a step below it is the last.
 const MOVED: f32 = 2e-3;
 
-/// A height beyond which a kernel may know no more than its sign ([`Flight::local`]): no step from there ends at an impact.
+/// Height in b beyond which a kernel may keep only the sign ([`Flight::local`]): no step from there
+/// ends at an impact.
 const FAR: f32 = 2.0;
 
-/// A bracket narrower than this, in rad, is the root; between 1e-5 and 1e-3 nothing changes.
+/// Width in rad: a narrower bracket counts as the root.
 const NARROW: f32 = 1e-4;
 
-/// Where the first impact is, nearly.
+/// Approximate place of the first impact.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Found {
-    /// A short hop: flight in rad and arrival speed, final.
+    /// A short hop: flight in rad and arrival speed, both final.
     Short { flight: f32, arrival: f32 },
-    /// At `offset` rad from a node; settled with care for a double root unless it is `simple`.
+    /// At `offset` rad from a node; unless `simple`, the careful way settles a possible double
+    /// root.
     Near {
         node: i32,
         offset: f32,
@@ -68,7 +67,7 @@ pub(super) struct LaunchPoint {
     pub(super) rise: f32,
 }
 
-/// The bracket and start that the segment search hands to the solver.
+/// A bracket with one down-crossing, and the start in it, in rad after launch.
 #[derive(Clone, Copy)]
 pub(super) struct Bracket {
     pub(super) low: f32,
@@ -76,9 +75,10 @@ pub(super) struct Bracket {
     pub(super) start: f32,
 }
 
-/// The root in `bracket`, nearly. The bracket holds one down-crossing, so that any step that converges
-/// within it has found it: Householder's where the root is simple and near, else the safeguarded
-/// search.
+/// Approximate root in `bracket`, which holds one down-crossing.
+///
+/// So any step that converges within it has found the root. Householder's method serves simple and
+/// near roots, the safeguarded search all others.
 #[inline(always)]
 pub(super) fn solve<F: Flight>(
     track: &impl Track,
@@ -133,8 +133,9 @@ pub(super) fn solve<F: Flight>(
     }
 }
 
-/// The root in `bracket`, nearly, by Cauchy's step on nodes to the full precision of the kernel, with
-/// bisection where there is no root near or the step leaves the bracket.
+/// Approximate root in `bracket`, by Cauchy's step on nodes in the kernel's full precision.
+///
+/// Bisection replaces steps without a near root and steps that leave the bracket.
 #[inline(never)]
 fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> (i32, f32) {
     let Bracket {
@@ -156,8 +157,8 @@ fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> 
                 step += cubic;
             }
         }
-        // The one down-crossing is after every height above 0; near launch, on a concave rise, even one
-        // rounded below 0 is before it.
+        // The only down-crossing is after every height above 0. Near launch, on a concave rise,
+        // even a height rounded below 0 is before it.
         let before = height > 0.0 || (b2 < 0.0 && slope > 0.0);
         if time > low && time < high {
             if before {
@@ -177,7 +178,7 @@ fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> 
         x = next;
         round += 1;
         let near = (abs(step) < CURVED * square && abs(step) < LAST_STEP) || moved < MOVED;
-        // Bisection alone is at the rounding of f32 after 32 halvings of a few turns.
+        // After 32 halvings of a few turns bisection alone reaches the rounding of f32.
         if found && near || high - low < NARROW || round >= 32 {
             let (jump, count) = nearest(step * NODES_PER_RADIAN);
             return (node.wrapping_add(jump), step - count * SPACING);

@@ -1,10 +1,10 @@
-//! The orbits of a block, quantity by quantity.
+//! The orbits of a block as columns, one per quantity (structure of arrays).
 
 use super::lanes::LANES;
 use crate::arithmetic::lane::{Lane, WIDEST};
 use crate::impact::double::launch::{Launch, Track};
 
-/// One quantity of many orbits; it begins with a cache line, so that no register reaches over two.
+/// One quantity of many orbits, aligned to a cache line, so that no register spans two.
 #[derive(Clone, Debug)]
 #[repr(align(64))]
 pub(super) struct Aligned<const N: usize>(pub [f64; N]);
@@ -13,7 +13,7 @@ impl<const N: usize> Aligned<N> {
     pub const ZERO: Self = Self([0.0; N]);
 }
 
-/// What a block knows of its orbits.
+/// The columns of a block.
 #[derive(Clone, Debug)]
 pub(super) struct Columns {
     phase: Aligned<LANES>,
@@ -48,7 +48,7 @@ impl Columns {
         self.restitution.0[lane] = restitution;
     }
 
-    /// Phase and velocity of a lane whose sine and cosine are not known yet.
+    /// Sets phase and velocity of a lane; its sine and cosine are computed later.
     pub fn start(&mut self, lane: usize, phase: f64, velocity: f64) {
         self.phase.0[lane] = phase;
         self.velocity.0[lane] = velocity;
@@ -65,7 +65,7 @@ impl Columns {
         self.flight.0[lane]
     }
 
-    /// The launches of a register of neighbours.
+    /// The launches of a register of neighbouring lanes.
     #[inline(always)]
     pub fn launch_at<L: Lane>(&self, at: usize) -> Launch<L> {
         Launch {
@@ -76,8 +76,9 @@ impl Columns {
         }
     }
 
-    /// The launches of a register of neighbours; sine and cosine of those that `which` holds for are found
-    /// and remembered.
+    /// The launches of a register of neighbouring lanes.
+    ///
+    /// Computes and stores sine and cosine for the lanes of `which`.
     #[inline(always)]
     pub fn begin_at<L: Lane>(&mut self, at: usize, which: L::Mask) -> Launch<L> {
         let Launch {
@@ -89,7 +90,8 @@ impl Columns {
         launch
     }
 
-    /// k of a register of neighbours, all that a tall flight knows of its track from its crossing on.
+    /// k of a register of neighbouring lanes: the only track constant of a tall flight after its
+    /// crossing.
     #[inline(always)]
     pub fn track_at<L: Lane>(&self, at: usize) -> Track<L> {
         let k = L::load(&self.k.0, at);
@@ -101,13 +103,13 @@ impl Columns {
         }
     }
 
-    /// The restitutions of a register of neighbours.
+    /// The restitutions of a register of neighbouring lanes.
     #[inline(always)]
     pub fn restitution_at<L: Lane>(&self, at: usize) -> L {
         L::load(&self.restitution.0, at)
     }
 
-    /// Lands those lanes of a register of neighbours that `which` holds for.
+    /// Stores the landings of the lanes of `which` in a register of neighbouring lanes.
     #[inline(always)]
     pub fn land_at<L: Lane>(&mut self, at: usize, which: L::Mask, flight: L, next: &Launch<L>) {
         flight.store_only(which, &mut self.flight.0, at);
@@ -146,7 +148,7 @@ impl Columns {
         L::pick(&self.restitution.0, lanes)
     }
 
-    /// Lands these lanes.
+    /// Stores the landings of these lanes.
     #[inline(always)]
     pub fn land<L: Lane>(&mut self, lanes: [u8; WIDEST], flight: L, next: &Launch<L>) {
         scatter(flight, &mut self.flight, lanes);

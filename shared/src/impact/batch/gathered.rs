@@ -1,4 +1,4 @@
-//! Flights of one kind, gathered from wherever their lanes stand.
+//! Flights of one kind, gathered from lanes anywhere in the block.
 
 use super::columns::Columns;
 use super::lanes::Set;
@@ -10,9 +10,11 @@ use crate::impact::double::launch::{Launch, Track};
 use crate::impact::double::step::Landing;
 use crate::impact::double::{low, short, tall};
 
-/// One impact of the queued lanes. Registers of all kinds go through a stage together: where the queues
-/// are short, one kind alone would wait for itself. A CPU holds only so many results at a time, so each stage is short: then
-/// it begins the next registers before the first is through.
+/// One impact of the queued lanes.
+///
+/// Registers of all kinds pass a stage together; in short queues one kind alone would wait for its
+/// own results. A CPU holds only so many results at a time. So each stage is short, and the next
+/// registers begin before the first is through.
 #[inline(always)]
 pub(super) fn advance<L: Lane>(
     columns: &mut Columns,
@@ -118,10 +120,11 @@ pub(super) fn advance<L: Lane>(
     }
 }
 
-/// Lanes of low flights that may clear a hump by little, gathered from their registers: there are few in each.
+/// Lanes of low flights that may barely clear a hump, gathered from their registers: each has only
+/// a few.
 struct Open {
     lanes: [u8; ROOM + WIDEST],
-    /// The register of each, its place there, and how many lanes of that register count.
+    /// Register, place in it, and number of valid lanes of that register, for each lane.
     places: [[u8; 3]; ROOM],
     count: usize,
 }
@@ -133,7 +136,7 @@ impl Open {
         count: 0,
     };
 
-    /// Adds those of register `n` whose bits are set.
+    /// Adds the lanes of register `n` whose bits are set.
     fn add(&mut self, n: usize, bits: u32, (lanes, count): ([u8; WIDEST], usize)) {
         for (m, lane) in lanes.into_iter().enumerate().take(count) {
             if bits >> m & 1 == 1
@@ -146,7 +149,7 @@ impl Open {
         }
     }
 
-    /// Their landings.
+    /// Computes their landings.
     #[inline(always)]
     fn land<L: Lane>(&self, columns: &Columns, grazing: &mut Set, stages: &mut Stages) {
         for at in (0..self.count).step_by(L::WIDTH) {
@@ -190,7 +193,7 @@ impl Open {
     }
 }
 
-/// Puts the landing of lane `m` of register `n`, of which `count` lanes count.
+/// Stores the landing of lane `m` in register `n`, which has `count` valid lanes.
 #[inline(always)]
 fn replace<L: Lane>(stages: &mut Stages, n: usize, m: usize, count: usize, landing: &Landing<f64>) {
     stages.replace_landing::<L>(n, m, landing);
@@ -202,7 +205,7 @@ fn replace<L: Lane>(stages: &mut Stages, n: usize, m: usize, count: usize, landi
     }
 }
 
-/// The first stage of register `n`.
+/// First stage of register `n`.
 #[inline(always)]
 fn begin<L: Lane>(
     columns: &Columns,
@@ -227,14 +230,14 @@ fn begin<L: Lane>(
     }
 }
 
-/// Hands on the stretch that register `n` ends in.
+/// Stores the stretch of register `n`.
 #[inline(always)]
 fn begin_in<L: Lane>(stages: &mut Stages, n: usize, launch: &Launch<L>, stretch: &low::Stretch<L>) {
     stages.put_stretch(n, stretch);
     stages.put_name(n, stretch.node(launch));
 }
 
-/// The landings of those lanes of register `n` of which the closed forms are not certain.
+/// Landings of the lanes of register `n` that the closed forms cannot certify.
 #[inline(always)]
 fn decide<L: Lane>(
     columns: &Columns,

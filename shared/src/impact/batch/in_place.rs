@@ -1,4 +1,4 @@
-//! Tall flights where their lanes stand.
+//! Tall flights, computed in their own lanes without gathering.
 
 use super::columns::Columns;
 use super::lanes::LANES;
@@ -10,26 +10,29 @@ use crate::impact::double::launch::Launch;
 use crate::impact::double::step::{Close, Near};
 use crate::impact::double::tall;
 
-/// Registers that go through a stage together.
+/// Number of registers that pass a stage together.
 const GROUP: usize = 8;
 
-/// What a register hands on from stage to stage, each where no later stage asks for what was there; launch and track are in
-/// the columns.
+/// Number of quantities that a register keeps between stages; launch and track are in the columns.
+///
+/// A later quantity reuses the place of one that no later stage needs.
 const QUANTITIES: usize = 11;
-/// Nodes and speed of the crossing, and the name of its node.
+/// Nodes and speed of the crossing, and the sum of its node.
 const CROSSING: usize = 0;
 /// Sine and cosine of the node next to the impact.
 const NODE: usize = 0;
-/// The name of the node that the approach begins at.
+/// The sum of the node at which the approach begins.
 const NAME: usize = 2;
-/// How far before it the impact is, and the name of the node next to that.
+/// Distance of the impact before that node, and the sum of the node next to the impact.
 const BACK: usize = 3;
 const NEXT: usize = 4;
-/// The gap there, and then the landing.
+/// The gap there, later the landing.
 const NEAR: usize = 5;
 
-/// One impact of the tall lanes of those registers half of which are tall; the other tall ones
-/// are queued. Lanes that are not tall next are added to `unsorted`.
+/// One impact of the tall lanes, in registers of which at least half are tall; other tall lanes are
+/// queued.
+///
+/// Lanes whose next flight is not tall are added to `unsorted`.
 #[inline(always)]
 pub(super) fn advance<L: Lane>(
     columns: &mut Columns,
@@ -100,7 +103,7 @@ pub(super) fn advance<L: Lane>(
             let track = columns.track_at(at);
             let [sine, cosine] = stages.get_at::<L, _>(n * QUANTITIES + NODE);
             let [rounded, flight, phase, arrival] = stages.get_at(n * QUANTITIES + NEXT);
-            // The launch does not ask how far the node lies ahead.
+            // The launch ignores the node's distance.
             let node = Node {
                 sine,
                 cosine,
@@ -117,8 +120,9 @@ pub(super) fn advance<L: Lane>(
     }
 }
 
-/// The tall lanes of a register that flies where it stands. A lone lane does so only where it is tall:
-/// no mask is made of its bit.
+/// The tall lanes of a register that flies in place.
+///
+/// A lone lane flies in place only if it is tall, so its bit needs no mask.
 #[inline(always)]
 fn flying<L: Lane>(bits: u32) -> u32 {
     if L::WIDTH == 1 { 1 } else { bits }

@@ -1,11 +1,11 @@
-//! Which lanes, as a set.
+//! Sets of lanes.
 
 use crate::arithmetic::lane::{COLUMN, WIDEST};
 
-/// Lanes of a block: what is known of them stays in the first level of the cache.
+/// Number of lanes of a block: its columns fit into the first-level cache.
 pub const LANES: usize = COLUMN;
 
-/// A yes or no for each lane.
+/// A set of lanes, one bit each.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Set([u64; LANES / 64]);
 
@@ -26,13 +26,13 @@ impl Set {
         }
     }
 
-    /// Adds those of the lanes from `at` on, a multiple of their number, whose bits are set.
+    /// Adds the lanes from `at` on whose bits are set; `at` is a multiple of the register width.
     #[inline(always)]
     pub fn add(&mut self, at: usize, bits: u32) {
         self.0[at / 64] |= u64::from(bits) << (at % 64);
     }
 
-    /// The `width` lanes from a multiple of it on, one bit each.
+    /// The `width` lanes from `at` on, one bit each; `at` is a multiple of `width`.
     #[inline(always)]
     pub fn bits(&self, at: usize, width: usize) -> u32 {
         (self.0[at / 64] >> (at % 64)) as u32 & ((1 << width) - 1)
@@ -47,15 +47,14 @@ impl Set {
     }
 }
 
-/// A yes or no for each lane, a byte each: those of lanes from all over the block are set without asking
-/// which they are.
+/// A set of lanes, one byte each: lanes from all over the block are set without a branch.
 #[derive(Clone, Debug)]
 pub(super) struct Flags([u8; LANES + WIDEST]);
 
 impl Flags {
     pub const EMPTY: Self = Self([0; LANES + WIDEST]);
 
-    /// Sets those of the first `width` of these lanes by their bits.
+    /// Sets the first `width` of these lanes by their bits.
     #[inline(always)]
     pub fn put(&mut self, lanes: [u8; WIDEST], width: usize, bits: u32) {
         for (n, lane) in lanes.into_iter().enumerate().take(width) {
@@ -69,7 +68,7 @@ impl Flags {
         }
     }
 
-    /// The `width` from `at` on, one bit each.
+    /// The `width` lanes from `at` on, one bit each.
     #[inline(always)]
     pub fn bits(&self, at: usize, width: usize) -> u32 {
         if width == 1 {
@@ -77,7 +76,7 @@ impl Flags {
         }
         let mut flags = [0; WIDEST];
         flags.copy_from_slice(&self.0[at..at + WIDEST]);
-        // Byte n goes to bit n of the topmost byte.
+        // Moves byte n to bit n of the topmost byte.
         let bits = u64::from_le_bytes(flags).wrapping_mul(0x0102_0408_1020_4080) >> 56;
         bits as u32 & ((1 << width) - 1)
     }

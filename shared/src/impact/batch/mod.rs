@@ -1,10 +1,10 @@
-//! Many orbits at a time: blocks of lanes, each with its own k and restitution.
+//! Many orbits at a time: blocks of SIMD lanes, each with its own k and restitution.
 //!
-//! Every lane gives the bits that [`Map`] gives, whatever its neighbours do and whatever the CPU offers:
-//! the kernels are the same source over one or eight f64. Lanes stand where they are as long as half
-//! of a register fly [tall](super::double::tall); the others are gathered by the kind of their flight,
-//! so that all lanes of a register take the same path. A group of registers goes through each stage of a
-//! kernel together, which hides the latency of one behind the others.
+//! Every lane gives the bits of [`Map`], whatever its neighbours and the CPU: the source is the
+//! same over one or eight f64. Lanes fly in place while at least half of a register fly
+//! [tall](super::double::tall). The others are gathered by kind of flight, so all lanes of a
+//! register take the same path. A group of registers passes each stage together, which hides
+//! latency.
 
 mod columns;
 mod gathered;
@@ -51,19 +51,19 @@ pub struct Block {
     columns: Columns,
     /// Lanes that hold an orbit.
     filled: Set,
-    /// Lanes that wait for their caller.
+    /// Lanes that wait for the caller.
     resting: Set,
     /// Lanes whose last impact grazes.
     grazing: Set,
-    /// The lanes that fly next, and those of the last impact.
+    /// The next lanes to fly, and those of the last impact.
     plans: [Plan; 2],
-    /// Whether those that fly next come second.
+    /// Whether the second plan is the next one.
     turned: bool,
-    /// Lanes that are in no plan yet, and of which no more than the state is known.
+    /// Lanes without a plan; only their state is set.
     fresh: Set,
-    /// Lanes that are planned though their orbit is gone.
+    /// Planned lanes whose orbit was removed.
     gone: Set,
-    /// Lanes that are to be planned.
+    /// Lanes to plan.
     unsorted: Queue,
     stages: Stages,
 }
@@ -75,13 +75,13 @@ impl Default for Block {
 }
 
 impl Block {
-    /// An empty block, computed in the widest registers of this CPU.
+    /// An empty block in the widest registers of this CPU.
     #[must_use]
     pub fn new() -> Self {
         Self::in_width(Simd::widest())
     }
 
-    /// An empty block in registers of a given width; `None` where this CPU has none so wide.
+    /// An empty block in registers of a given width; `None` where this CPU has no such width.
     #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn with(simd: Simd) -> Option<Self> {
@@ -104,17 +104,17 @@ impl Block {
         }
     }
 
-    /// The width of the registers it is computed in.
+    /// Width of the block's registers.
     #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn simd(&self) -> Simd {
         self.simd
     }
 
-    /// Puts an orbit into a lane, in place of what was there.
+    /// Puts an orbit into a lane and replaces any other there.
     ///
     /// # Errors
-    /// Where there is no such lane.
+    /// `OutOfRange` for a lane that does not exist.
     pub fn put(&mut self, lane: usize, map: &Map, state: PartState) -> Result<(), OutOfRange> {
         accept("lane", lane as f64, lane < LANES, "0..255")?;
         self.withdraw(lane);
@@ -123,10 +123,11 @@ impl Block {
         Ok(())
     }
 
-    /// Restarts the orbit of a lane from another state, on the same track; cheapest where it rests.
+    /// Restarts the orbit of a lane from another state, on the same track; cheapest for a resting
+    /// lane.
     ///
     /// # Errors
-    /// Where there is no orbit in such a lane.
+    /// `OutOfRange` for a lane without an orbit.
     pub fn restart(&mut self, lane: usize, state: PartState) -> Result<(), OutOfRange> {
         let filled = self.filled.contains(lane);
         accept("lane", lane as f64, filled, "a lane with an orbit in it")?;
@@ -140,7 +141,7 @@ impl Block {
         self.withdraw(lane);
     }
 
-    /// Takes a lane out. One that flies stands in a plan, which it leaves before the next impact.
+    /// Removes a lane. A flying lane leaves its plan before the next impact.
     fn withdraw(&mut self, lane: usize) {
         let planned = self.filled.contains(lane)
             && !self.resting.contains(lane)
@@ -160,7 +161,7 @@ impl Block {
         self.fresh.put(lane, true);
     }
 
-    /// The state of the orbit in a lane; `None` where there is none.
+    /// The state of a lane's orbit; `None` without an orbit.
     #[must_use]
     pub fn state(&self, lane: usize) -> Option<PartState> {
         self.filled.contains(lane).then(|| {
@@ -169,8 +170,7 @@ impl Block {
         })
     }
 
-    /// The last impact of the orbit in a lane (flight 0 where it had none); `None` where there is no
-    /// orbit.
+    /// The last impact of a lane's orbit, with flight 0 before the first; `None` without an orbit.
     #[must_use]
     pub fn impact(&self, lane: usize) -> Option<Impact<PartState>> {
         self.state(lane).map(|next| Impact {
@@ -180,21 +180,22 @@ impl Block {
         })
     }
 
-    /// The lanes whose part is at rest, or chatters so closely to rest that
-    /// [`Contact::time_to_rest`](super::Contact::time_to_rest) sums the rest of it. They wait until they
-    /// are restarted, cleared or put anew. A lane is looked at when [`Block::advance`] begins and after
-    /// each of its impacts.
+    /// The lanes whose part rests, or has a closed chatter, see
+    /// [`Contact::time_to_rest`](super::Contact::time_to_rest).
+    ///
+    /// They wait until they are restarted, cleared or replaced. [`Block::advance`] checks a lane at
+    /// its begin and after each impact.
     pub fn resting(&self) -> impl Iterator<Item = usize> + '_ {
         self.resting.iter()
     }
 
-    /// Whether the orbit in a lane waits, as [`Block::resting`] says.
+    /// Whether the orbit in a lane waits, see [`Block::resting`].
     #[must_use]
     pub fn rests(&self, lane: usize) -> bool {
         self.resting.contains(lane)
     }
 
-    /// Takes every orbit that does not rest this many impacts further.
+    /// Advances every orbit that does not rest by this many impacts.
     pub fn advance(&mut self, impacts: u32) {
         if self.gone != Set::EMPTY {
             self.plans[usize::from(self.turned)].leave_out(&self.gone);
@@ -208,7 +209,7 @@ impl Block {
     }
 }
 
-/// Takes every orbit that does not rest this many impacts further.
+/// Advances every orbit that does not rest by this many impacts.
 #[inline(always)]
 fn advance<L: Lane>(block: &mut Block, impacts: u32) {
     let Block {
@@ -242,7 +243,7 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
     *turned ^= impacts % 2 == 1;
 }
 
-/// Plans the first flights of lanes of which no more than the state is known.
+/// Plans the first flights of lanes with only a state.
 #[inline(always)]
 fn begin<L: Lane>(
     columns: &mut Columns,
@@ -263,7 +264,7 @@ fn begin<L: Lane>(
     sort::<L>(columns, next, resting, unsorted);
 }
 
-/// Plans the next flights of the lanes of a queue, and empties it.
+/// Plans the next flights of a queue's lanes, and empties it.
 #[inline(always)]
 fn sort<L: Lane>(columns: &Columns, next: &mut Plan, resting: &mut Set, unsorted: &mut Queue) {
     for register in unsorted.registers(L::WIDTH) {

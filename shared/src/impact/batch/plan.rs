@@ -1,4 +1,4 @@
-//! Which lanes fly next, by the kind of their flights.
+//! Plan of the next flights: lanes by kind of flight.
 
 use super::lanes::{Flags, Set};
 use crate::arithmetic::lane::queue::Queue;
@@ -21,11 +21,11 @@ impl Kind {
 /// The lanes that fly next.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
-    /// Those whose flights are tall, where they were told by registers of several neighbours.
+    /// Tall lanes from registers of several neighbouring lanes.
     tall: Set,
-    /// Those whose flights are tall, where they were told one by one or in registers that were gathered.
+    /// Tall lanes from single lanes or from gathered registers.
     gathered: Flags,
-    /// The others by their [`Kind`], and those tall ones that are gathered.
+    /// The other lanes by [`Kind`], and the gathered tall ones.
     pub queues: [Queue; 4],
 }
 
@@ -44,7 +44,7 @@ impl Plan {
         }
     }
 
-    /// Adds tall ones of `width` lanes from a multiple of it on, one bit each.
+    /// Adds tall lanes by their bits, `width` lanes from `at` on; `at` is a multiple of `width`.
     #[inline(always)]
     pub fn add_tall(&mut self, at: usize, width: usize, bits: u32) {
         if width == 1 {
@@ -54,7 +54,8 @@ impl Plan {
         }
     }
 
-    /// The tall ones of `width` lanes from a multiple of it on, one bit each.
+    /// The tall ones of the `width` lanes from `at` on, one bit each; `at` is a multiple of
+    /// `width`.
     #[inline(always)]
     pub fn tall_bits(&self, at: usize, width: usize) -> u32 {
         let gathered = self.gathered.bits(at, width);
@@ -65,7 +66,7 @@ impl Plan {
         }
     }
 
-    /// Leaves out lanes whose orbits are gone.
+    /// Removes lanes without an orbit.
     pub fn leave_out(&mut self, gone: &Set) {
         for lane in gone.iter() {
             self.tall.put(lane, false);
@@ -76,8 +77,8 @@ impl Plan {
         }
     }
 
-    /// Plans the flights of some lanes, the first `count` of a register; those that rest are added to
-    /// `resting` instead.
+    /// Plans the flights of the first `count` lanes of a register; resting lanes are added to
+    /// `resting`.
     #[inline(always)]
     pub fn sort<L: Lane>(
         &mut self,

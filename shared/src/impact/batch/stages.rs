@@ -1,4 +1,4 @@
-//! What the stages of the kernels hand on: register by register, dense.
+//! Intermediate results between the stages, dense and register by register.
 
 use super::columns::Aligned;
 use crate::arithmetic::lane::Lane;
@@ -6,36 +6,40 @@ use crate::impact::double::launch::{Launch, Track};
 use crate::impact::double::step::{Close, Landing, Near};
 use crate::impact::double::{low, tall};
 
-/// Lanes that go through the stages together.
+/// Number of lanes that pass the stages together.
 pub(super) const ROOM: usize = 64;
 
-/// What the stages hand on: all of a register together, so that the cache holds them all.
+/// Intermediate results, with all quantities of a register side by side, so that the cache holds
+/// them.
 #[derive(Clone, Debug)]
 pub(super) struct Stages(Aligned<{ ROOM * QUANTITIES }>);
 
 const QUANTITIES: usize = 16;
 const LAUNCH: usize = 0;
 const TRACK: usize = 4;
-/// Where the first stage takes the flight: a crossing, or a stretch.
+/// Start of the first stage: a crossing or a stretch.
 const BEGIN: usize = 7;
 const CLOSE: usize = 11;
 const LANDING: usize = 13;
-/// The [`ROUNDER`](crate::arithmetic::lane::ROUNDER) sum that names the node that the next stage begins at, until there is
-/// a landing: that stage then waits for nothing but its loads.
+/// [`ROUNDER`](crate::arithmetic::lane::ROUNDER) sum of the next stage's first node, until there is
+/// a landing.
+///
+/// The next stage then waits only for its loads.
 const NAME: usize = 13;
-/// The gap near the impact, in the place of the launch: how far the node of the approach lies ahead, the time from the node
-/// next to the impact, value and slope.
+/// The gap near the impact, in the place of the launch.
+///
+/// Distance of the approach's node, time from the node next to the impact, value and slope.
 const GAP: usize = LAUNCH;
 /// Sine and cosine of the track there.
 const GAP_TRACK: usize = 14;
-/// The name of the node next to the phase of a landing, in the place of what the landing came from.
+/// Sum of the node next to a landing's phase, in the place of the landing's inputs.
 const PHASE_NAME: usize = 11;
 const RESTITUTION: usize = 12;
 
 impl Stages {
     pub const EMPTY: Self = Self(Aligned::ZERO);
 
-    /// Hands on quantities of a register, from number `first` on.
+    /// Stores quantities of a register, from number `first` on.
     #[inline(always)]
     pub fn put_at<L: Lane, const N: usize>(&mut self, first: usize, values: [L; N]) {
         let places = &mut self.0.0[first * L::WIDTH..][..N * L::WIDTH];
@@ -55,13 +59,13 @@ impl Stages {
         values
     }
 
-    /// Sine and cosine of the node whose name is quantity number `place`.
+    /// Sine and cosine of the node whose sum is quantity number `place`.
     #[inline(always)]
     pub fn node_at<L: Lane>(&self, place: usize) -> (L, L) {
         L::node_at(&self.0.0, place * L::WIDTH)
     }
 
-    /// Hands on quantities of register `n`, from number `first` on.
+    /// Stores quantities of register `n`, from number `first` on.
     #[inline(always)]
     fn put<L: Lane, const N: usize>(&mut self, n: usize, first: usize, values: [L; N]) {
         self.put_at(n * QUANTITIES + first, values);
@@ -72,13 +76,13 @@ impl Stages {
         self.get_at(n * QUANTITIES + first)
     }
 
-    /// Hands on the name of the node that the next stage begins at.
+    /// Stores the sum of the next stage's first node.
     #[inline(always)]
     pub fn put_name<L: Lane>(&mut self, n: usize, rounded: L) {
         self.put(n, NAME, [rounded]);
     }
 
-    /// The name of that node, and its sine and cosine.
+    /// The sum of that node, and its sine and cosine.
     #[inline(always)]
     pub fn named<L: Lane>(&self, n: usize) -> (L, (L, L)) {
         self.named_at(n, NAME)
@@ -90,7 +94,7 @@ impl Stages {
         (rounded, self.node_at(n * QUANTITIES + place))
     }
 
-    /// Hands on the name of the node next to a landing, and the restitution there.
+    /// Stores the sum of the node next to a landing, and the restitution.
     #[inline(always)]
     pub fn put_after<L: Lane>(&mut self, n: usize, rounded: L, restitution: L) {
         self.put(n, PHASE_NAME, [rounded, restitution]);
@@ -104,7 +108,7 @@ impl Stages {
         Launch::at(landing.phase, velocity, rounded, node)
     }
 
-    /// What [`Stages::put_after`] was told.
+    /// The restitution of [`Stages::put_after`].
     #[inline(always)]
     pub fn restitution<L: Lane>(&self, n: usize) -> L {
         let [restitution] = self.get(n, RESTITUTION);
@@ -216,7 +220,7 @@ impl Stages {
         Close { rounded, back }
     }
 
-    /// Finds the gap near the impact and hands it on in the place of the launch.
+    /// Computes the gap near the impact and stores it in the place of the launch.
     #[inline(always)]
     pub fn find_near<L: Lane>(&mut self, n: usize) {
         let (rounded, node) = self.named(n);

@@ -1,4 +1,8 @@
-//! What every certified search in f64 does in a stretch where the gap is convex, or has one root.
+//! Safeguarded root and minimum search in f64, on a stretch where the gap is convex or has one
+//! root.
+//!
+//! The root search takes Cauchy's step, the root of the second-order Taylor polynomial (Traub
+//! 1964). The minimum search takes Newton's step on the slope. Both fall back to bisection.
 
 use super::step::Landing;
 use crate::arithmetic::square_root;
@@ -18,19 +22,20 @@ pub(crate) struct Gap {
     pub rounding: f64,
 }
 
-/// A flight of which the gap is known at any time.
+/// A flight whose gap can be evaluated at any time.
 pub(crate) trait Path {
-    /// Up to this time the gap is computed as `d (u/d)`, which keeps its digits, in rad.
+    /// Longest flight time in rad for which the gap is computed as `d (u/d)`, which keeps its
+    /// digits.
     const LONGEST_HOP: f64;
 
     /// The gap `d` after the launch.
     fn at(&self, d: f64) -> Gap;
 
-    /// `2 psi` over the pull at launch: where a short hop ends; `None` where the part is not pulled.
+    /// Flight time of a short hop in rad, `2 psi` over the pull at launch; `None` without a pull.
     fn hop(&self) -> Option<f64>;
 }
 
-/// The lowest gap over the hump `begin..end`, where the slope changes from - to +.
+/// Time and gap of the minimum over the hump `begin..end`, where the slope changes from - to +.
 pub(crate) fn lowest(path: &impl Path, begin: f64, end: f64) -> (f64, Gap) {
     let (mut low, mut high) = (begin, end);
     let mut d = 0.5 * (low + high);
@@ -41,7 +46,7 @@ pub(crate) fn lowest(path: &impl Path, begin: f64, end: f64) -> (f64, Gap) {
         } else {
             low = d;
         }
-        // Below its value here less what the slope can take, or above zero no more: it is decided.
+        // The tangent bounds a convex gap from below. Stop once the sign of the minimum is certain.
         let least = at.value - at.slope.abs() * (high - low);
         if at.value < -4.0 * at.rounding || least > 4.0 * at.rounding {
             return (d, at);
@@ -62,7 +67,8 @@ pub(crate) fn lowest(path: &impl Path, begin: f64, end: f64) -> (f64, Gap) {
     (d, at)
 }
 
-/// The impact in `low..high`, where the gap goes from + to - once; at `low` = 0 it leaves zero upwards.
+/// The impact in `low..high`, the only crossing from + to -; at `low` = 0 the gap leaves zero
+/// upwards.
 pub(crate) fn root<P: Path>(path: &P, low: f64, high: f64, grazes: bool) -> (Landing<f64>, bool) {
     let (mut below, mut above) = (low, high);
     let mut d = high;
@@ -106,7 +112,7 @@ pub(crate) fn root<P: Path>(path: &P, low: f64, high: f64, grazes: bool) -> (Lan
         close = moved <= 1e-7 * d && round % 4 != 3;
     }
     let arrival = (-at.slope).max(0.0);
-    // Two roots within rounding of each other.
+    // A double root within rounding.
     let double = arrival * arrival <= 4.0 * at.curvature.abs() * at.rounding && at.curvature > 0.0;
     (
         Landing {
@@ -118,7 +124,7 @@ pub(crate) fn root<P: Path>(path: &P, low: f64, high: f64, grazes: bool) -> (Lan
     )
 }
 
-/// Step to where `f + g x + b x^2` crosses zero going down; to its extremum where it does not.
+/// Cauchy's step: to the down-crossing of `f + g x + b x^2`, or to its extremum without one.
 fn down_crossing(f: f64, g: f64, b: f64) -> f64 {
     let root = square_root((g * g - 4.0 * b * f).max(0.0));
     if g > 0.0 {

@@ -1,22 +1,22 @@
 //! The first impact of a flight, by the kind of the flight.
 //!
 //! With `v = psi + cos t` the ball's height over the middle of the track's stroke is the parabola
-//! `y(d) = sin t + v d - k d^2/2`; the gap to the track is `u(d) = y(d) - sin(t + d)`. A flight is
+//! `y(d) = sin t + v d - k d^2/2`; the gap to the track is `u(d) = y(d) - sin(t + d)`. The kinds:
 //!
-//! - [`tall`]: it leaves height 1 faster than the track ever moves, so it meets the track once, in one
-//!   monotone stretch;
-//! - [`short`]: over within a fraction of a turn; solved for `u/d`, which keeps every digit down to the
-//!   smallest hops;
-//! - [once](low::once): over before the track next pushes as hard as k, or faster at height 1 than the
-//!   track ever moves; so it meets the track once;
-//! - [`low`]: anything else that closed forms can certify;
-//! - left to [`search`] where a decision comes close to rounding.
+//! - [`tall`]: the ball leaves height 1 faster than the track's top speed; it meets the track once,
+//!   in a monotone stretch;
+//! - [`short`]: the flight ends within a fraction of a turn; the root of `u/d`, which keeps every
+//!   digit down to the smallest hops;
+//! - [once](low::once): the flight ends before the next hump, or exceeds the top speed at height 1;
+//!   it meets the track once;
+//! - [`low`]: any other flight that closed forms certify;
+//! - [`search`]: a decision is close to rounding.
 //!
-//! All but the last are written over [`Lane`]: one orbit or several side by side, the same bits. A flight
-//! costs nearly its whole chain of dependent operations, as a CPU cannot hold enough of them waiting to
-//! begin the next flight early. So the kinds are told apart early, each has a short chain of its own, and
-//! sums are in the order in which their terms are ready. Those few that need another step take it in
-//! [`hard`].
+//! All but the search are generic over [`Lane`]: one orbit or several side by side, with the same
+//! bits. The latency of the chain of dependent operations sets the cost of a flight. A CPU cannot
+//! hold enough waiting operations to begin the next flight early. So the kinds branch early, each
+//! with a short chain of its own, and sums follow the readiness of their terms. The few flights
+//! that need another step take it in [`hard`].
 
 use super::launch::{Launch, Track};
 use super::step::Landing;
@@ -82,14 +82,14 @@ fn not_tall(
     Some((landing, false))
 }
 
-/// The first impact of a short flight of which the quick form is not certain, and whether it grazes.
+/// First impact of a short flight that the quick form cannot certify, and whether it grazes.
 #[cold]
 pub(crate) fn hard_hop(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
     short::careful(track, launch)
         .map_or_else(|| searched(track, launch), |landing| (landing, false))
 }
 
-/// The same of a low flight, with the stretch that was found.
+/// The same for a low flight, within the stretch already found.
 #[cold]
 pub(crate) fn hard(
     track: &Track<f64>,
@@ -100,7 +100,7 @@ pub(crate) fn hard(
         .map_or_else(|| searched(track, launch), |landing| (landing, false))
 }
 
-/// The same of any flight, by the search.
+/// The same for any flight, by the search.
 #[cold]
 pub(crate) fn searched(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
     search::landing(track, launch, search::PassedHumps::Skip)

@@ -1,4 +1,4 @@
-//! A launch on a track: what every kind of flight needs of it.
+//! A launch and its track, with the quantities that every kind of flight uses.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -11,7 +11,7 @@ pub(crate) struct Track<L> {
     pub k: L,
     /// `1/k`.
     pub per_k: L,
-    /// `arcsin k`, where the track's acceleration passes the ball's going up; pi/2 where k >= 1.
+    /// Phase of lift-off, `arcsin k`, in rad; pi/2 where k >= 1. A hump begins here.
     pub lift_off: L,
     /// Cosine of `lift_off`.
     pub lift_off_cosine: L,
@@ -49,15 +49,17 @@ impl<L: Lane> Track<L> {
         self.k.min(L::splat(1.0))
     }
 
-    /// Phase where the track stops pushing, `pi - arcsin k`: the end of a hump. `u` is convex over the hump, from
-    /// lift-off to here, and concave from here to the next lift-off.
+    /// Phase in rad at which a hump ends, `pi - arcsin k`: the track's push falls below k.
+    ///
+    /// `u` is convex over the hump, from lift-off to here, and concave from here to the next
+    /// lift-off.
     #[inline(always)]
     pub(super) fn hump_end(&self) -> L {
         L::splat(PI) - self.lift_off
     }
 }
 
-/// A launch: the state just after an impact, with what every kind of flight needs of it.
+/// The state just after an impact, with sine and cosine of its phase.
 #[derive(Clone, Copy)]
 pub(crate) struct Launch<L> {
     /// Phase t in rad, 0..2 pi.
@@ -77,7 +79,7 @@ impl<L: Lane> Launch<L> {
         Self::with(phase, velocity, sine_cosine(phase))
     }
 
-    /// The launch of a state of which the node nearest to its phase is known: the sum that names it, its sine and cosine.
+    /// The launch of a state, given its nearest table node: the node's sum, sine and cosine.
     #[cfg(any(test, feature = "analysis"))]
     #[inline(always)]
     pub fn at(phase: L, velocity: L, rounded: L, node: (L, L)) -> Self {
@@ -85,7 +87,7 @@ impl<L: Lane> Launch<L> {
         Self::with(phase, velocity, near)
     }
 
-    /// The launch of a state that an impact near `node` leads to, in those lanes that `which` holds for.
+    /// The launch of a state after an impact near `node`, in the lanes of `which`.
     #[cfg(any(test, feature = "analysis"))]
     #[inline(always)]
     pub fn near(
@@ -119,37 +121,37 @@ impl<L: Lane> Launch<L> {
         self.sine + d * (self.rise() - track.half() * d)
     }
 
-    /// How fast the ball leaves height 1, squared; negative where it does not reach it.
+    /// Square of the ball's speed at height 1; negative where the ball does not reach it.
     #[inline(always)]
     pub fn leaving(&self, track: &Track<L>) -> L {
         let v = self.rise();
         v * v - (track.k + track.k) * (L::splat(1.0) - self.sine)
     }
 
-    /// Square of the ball's speed at height 0; negative where it does not reach it.
+    /// Square of the ball's speed at height 0; negative where the ball does not reach it.
     #[inline(always)]
     pub(super) fn level(&self, track: &Track<L>) -> L {
         let v = self.rise();
         v * v + (track.k + track.k) * self.sine
     }
 
-    /// How long until the track next pushes harder than k: the begin of the next hump.
+    /// Time in rad until the track next pushes harder than k: the begin of the next hump.
     #[inline(always)]
     pub(super) fn wait(&self, track: &Track<L>) -> L {
         let wait = track.lift_off - self.phase;
         wait + L::splat(TAU).only(!L::splat(0.0).below(wait))
     }
 
-    /// Bound of the rounding of a height: 30 times that at the apex.
+    /// Bound of the rounding error of a height: 30 times that at the apex.
     #[inline(always)]
     pub(super) fn margin(&self, track: &Track<L>) -> L {
         let v = self.rise();
         L::splat(6e-14) * (L::splat(1.0) + v * v * track.per_k)
     }
 
-    /// Whether the part rests: it has no velocity and the track does not push it off.
+    /// Whether the part rests: its velocity is 0 and the track does not throw it.
     ///
-    /// Within rounding of lift-off (`sin t = k` going up) it is thrown off.
+    /// Within rounding of lift-off (`sin t = k` going up) the part is thrown.
     #[inline(always)]
     pub fn rests(&self, track: &Track<L>) -> L::Mask {
         let zero = L::splat(0.0);
@@ -162,10 +164,12 @@ impl<L: Lane> Launch<L> {
         !zero.below(self.velocity) & !held.below(zero)
     }
 
-    /// Whether the part is slow enough that it may [chatter out](Self::chatters_out), which is dearer to ask.
+    /// Whether the velocity is low enough for [`chatters_out`](Self::chatters_out), which costs
+    /// more.
     ///
-    /// With `A = k - sin t`, at most `1 + k`: `psi^3 (2.1 c^2 + 0.9 |s| A)` is then at most [`REMAINDER`] `A^5`. Either `|s|` is at
-    /// least 1/2, or `c^2` is at least 3/4: psi is at most 7.7e-6 (1 + k)^(5/3).
+    /// Let `A = k - sin t`, at most `1 + k`. Then `psi^3 (2.1 c^2 + 0.9 |s| A)` is at most
+    /// [`REMAINDER`] `A^5`. Either `|s|` is at least 1/2, or `c^2` is at least 3/4: psi is at
+    /// most 7.7e-6 (1 + k)^(5/3).
     #[cfg(any(test, feature = "analysis"))]
     #[inline(always)]
     pub fn may_chatter_out(&self, track: &Track<L>) -> L::Mask {
@@ -173,12 +177,11 @@ impl<L: Lane> Launch<L> {
         !(L::splat(1e-5) * (reach * reach)).below(self.velocity)
     }
 
-    /// Whether the part rests, or hops so little that the closed form of its chatter to rest is exact
-    /// to f64.
+    /// Whether the part rests, or hops so little that its chatter has a closed form exact to f64.
     ///
-    /// With `A = k - sin t` and `z = psi / (A (1 - R))`: the third order of the chatter's duration, at
-    /// most `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`, is below [`REMAINDER`], and A changes by less than
-    /// [`CHANGE`] of itself meanwhile. Written without divisions.
+    /// Let `A = k - sin t` and `z = psi / (A (1 - R))`. The third order of the chatter's duration
+    /// is at most `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`. It must be below [`REMAINDER`], and the relative
+    /// change of A below [`CHANGE`]. The form has no divisions.
     #[inline(always)]
     pub fn chatters_out(&self, track: &Track<L>, restitution: L) -> L::Mask {
         let zero = L::splat(0.0);
@@ -196,10 +199,10 @@ impl<L: Lane> Launch<L> {
     }
 }
 
-/// Largest third order of a chatter's duration that its closed form leaves out, in rad: half an ulp of
-/// a phase.
+/// Remainder in rad of a chatter's duration: largest third order that the closed form omits, half
+/// an ulp of a phase.
 pub(crate) const REMAINDER: f64 = 2e-16;
-/// Largest relative change of the pull during a chatter that is closed. It keeps the rest inside
+/// Relative change of the pull: largest during a chatter in closed form. It keeps the rest inside
 /// `sin < k` and the fourth order below the third.
 pub(crate) const CHANGE: f64 = 1e-3;
 
@@ -207,7 +210,7 @@ pub(crate) const CHANGE: f64 = 1e-3;
 mod tests {
     use super::*;
 
-    /// Launches of every speed at which some chatter out, on tracks that pull as hard as they can there.
+    /// Launches at every speed at which some chatter out, on tracks with the hardest pull there.
     #[test]
     fn none_that_may_not_chatter_out_does() {
         let (mut closed, mut largest) = (0, 0.0_f64);

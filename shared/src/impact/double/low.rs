@@ -1,10 +1,11 @@
-//! Flights that end near the track's stroke: which stretch of the track they meet, in closed form.
+//! Low flights: closed forms find the stretch of the track that holds the first impact.
 //!
-//! Where `sin = k` going up (a hump of the track begins) and going down (it ends) the gap is
-//! `y - k`, in the middle of the hump it is `y - 1`: no trigonometry. Of the turn in which the parabola
-//! falls through height 0 these three signs say which of its stretches holds the impact, each with one
-//! root, provided that no hump before it pokes through the parabola. A flight that meets the track only
-//! once needs none of them.
+//! The track's sine equals k at both ends of a hump and 1 in its middle. So the gap there is
+//! `y - k` or `y - 1`, without trigonometry. In the turn where the parabola falls through height 0,
+//! these three signs select the stretch with the one root. No earlier hump may poke through the
+//! parabola. A flight that meets the track only once needs no signs.
+//!
+//! The start is the intersection of two parabolas; Householder's method then converges to the root.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -13,44 +14,42 @@ use super::step::{Close, Landing, Local, Near, householder, in_turn};
 use crate::arithmetic::lane::{Lane, Node, ROUNDER, floor};
 use crate::arithmetic::node;
 
-/// The track about the middle of a half turn, `sin(pi/2 + x) ~ CREST - BEND x^2`: within 0.028 up to 1.45 rad,
-/// 0.059 at its ends. From 0.9 to 1, and `BEND` from 0.38 to 0.5, leave the golden impacts right: the step that
-/// follows is told by [`FAIR`].
+/// Height of the parabola `sin(pi/2 + x) ~ CREST - BEND x^2`, in units of b. Its error is
+/// within 0.028 up to 1.45 rad, 0.059 at the ends of the half turn.
 const CREST: f64 = 0.972;
-/// See [`CREST`].
+/// Curvature of the parabola of [`CREST`], per rad^2.
 const BEND: f64 = 0.4177;
 
-/// Flights shorter than this are left to the search, which keeps their relative accuracy. From 0.03 to 0.25 they
-/// have the same residual.
+/// Flight time in rad below which the search decides, because it keeps the relative accuracy.
 const SHORTEST: f64 = 0.125;
 
-/// Flights that are over within this are started from their launch. From 0.5 to 2.2 they are as right: it costs
-/// steps.
+/// Flight time in rad up to which the start is computed from the launch, by `u/d`; it affects cost
+/// only.
 const HOP: f64 = 1.1;
 
-/// Slower arrivals are left to the search too: where three roots nearly meet steps end anywhere. At 0.01
-/// `the_residual_of_f64_is_within_four_roundings` fails.
+/// Arrival speed in `b w` below which the search decides: near a triple root steps end anywhere.
 const SLOWEST: f64 = 0.03;
 
-/// Largest `f u''/u'^2` of a step that ends near the impact. A quarter is where the parabola has no root. From 0.06
-/// to 1 no golden impact is lost: what is no root is refused by the certificate.
+/// Largest `f u''/u'^2` of a step that ends near the impact; the parabola has no root from a
+/// quarter on.
 const FAIR: f64 = 0.24;
 
-/// More than the rounding of a height or of the square of a speed, where the flight is not tall. From 0 to 1e-6 no
-/// golden impact is lost.
+/// Margin above the rounding of a height or of a squared speed, for flights that are not tall.
 const SPARE: f64 = 1e-9;
 
 impl<L: Lane> Launch<L> {
-    /// Whether the ball leaves height 1 faster than the track ever moves: it meets the track once.
+    /// Whether the ball leaves height 1 faster than the track's top speed, so that it meets the
+    /// track once.
     #[inline(always)]
     fn is_certified(&self, track: &Track<L>) -> L::Mask {
         L::splat(1.0 + SPARE).below(self.leaving(track)) & L::splat(0.0).below(self.rise())
     }
 
-    /// Whether the flight, if it is neither tall nor short, meets the track once: it
-    /// [is certified](Self::is_certified), or over before the next hump, as the ball is below the
-    /// track there. Up to there the gap is concave, or convex (and grows) and then concave; so it has one
-    /// root.
+    /// Whether a flight that is neither tall nor short meets the track once.
+    ///
+    /// Either it [is certified](Self::is_certified), or the ball is below the track at the next
+    /// hump's begin. Up to there the gap is concave, or convex and growing and then concave; so it
+    /// has one root.
     #[inline(always)]
     pub fn meets_once(&self, track: &Track<L>) -> L::Mask {
         let height = self.height(track, self.wait(track));
@@ -58,7 +57,7 @@ impl<L: Lane> Launch<L> {
     }
 }
 
-/// Signs of the gap at a hump's begin, middle and end, of the turn that begins at `turn`.
+/// Signs of the gap at begin, middle and end of a hump.
 struct Hump<L: Lane> {
     begin_above: L::Mask,
     begin_below: L::Mask,
@@ -66,17 +65,19 @@ struct Hump<L: Lane> {
     middle_below: L::Mask,
     end_above: L::Mask,
     end_below: L::Mask,
-    /// Given that all three are above: whether the whole hump is.
+    /// Whether the gap is above 0 over the whole hump, if all three signs are +.
     clear: L::Mask,
-    /// Where it was looked for, the lowest gap: about the time after the launch at which the ball meets the hump before
-    /// it, the time of the lowest gap, and whether the ball is below the track there.
+    /// Times in rad of the down-crossing before the minimum (estimated) and of the minimum, if
+    /// computed.
     dip: [L; 2],
+    /// Whether the minimum of the gap is below 0.
     dips: L::Mask,
 }
 
 impl<L: Lane> Hump<L> {
-    /// The hump of the turn that begins `turn` after the launch; `CLOSELY`, its lowest gap is looked for where the
-    /// tangents leave it open.
+    /// The hump of the turn that begins `turn` rad after the launch.
+    ///
+    /// `CLOSELY` computes the minimum of the gap where the tangents leave its sign open.
     #[inline(always)]
     fn at<const CLOSELY: bool>(track: &Track<L>, launch: &Launch<L>, turn: L, margin: L) -> Self {
         let zero = L::splat(0.0);
@@ -95,7 +96,8 @@ impl<L: Lane> Hump<L> {
         let above_parabola =
             zero.below(bend) & (slope_middle * slope_middle).below(L::splat(4.0) * bend * u_middle);
         let half_width = middle - begin;
-        // Where the tangents at the middle and at one end cross, times the difference of the slopes.
+        // Height at which the tangents at the middle and one end cross, times the difference of the
+        // slopes.
         let left = u_begin * slope_middle - slope_begin * u_middle
             + slope_begin * slope_middle * half_width;
         let right =
@@ -126,20 +128,22 @@ impl<L: Lane> Hump<L> {
         }
     }
 
-    /// Whether the parabola certainly passes over it.
+    /// Whether the parabola certainly passes over the hump.
     #[inline(always)]
     fn passed(&self) -> L::Mask {
         self.begin_above & self.middle_above & self.end_above & self.clear
     }
 }
 
-/// The gap next to where it is lowest over the hump `begin..end`, on which it is convex: there its tangent bounds it from
-/// below. Newton's steps from the middle, where the slope grows the fastest, come to it from one side.
-// Not inlined on a microcontroller, nor is `settle`: they stand in four places of the soft double's, 6 KiB of flash.
+/// The gap near its minimum over the hump `begin..end`, where it is convex.
+///
+/// The tangent there bounds the gap from below. Newton's steps on the slope start in the middle,
+/// where the slope grows fastest, and converge from one side.
+// Not inlined on a microcontroller, like `settle`: four soft-f64 copies would take 6 KiB of flash.
 #[cfg_attr(target_os = "none", inline(never))]
 #[cfg_attr(not(target_os = "none"), inline(always))]
 fn lowest<L: Lane>(track: &Track<L>, launch: &Launch<L>, begin: L, end: L) -> (L, Near<L>) {
-    /// A smaller curvature is that of an end.
+    /// Smallest curvature that a step divides by; below it the hump is at its end.
     const FLAT: f64 = 1e-9;
     let mut d = (begin + end) * L::splat(0.5);
     for _ in 0..4 {
@@ -151,21 +155,21 @@ fn lowest<L: Lane>(track: &Track<L>, launch: &Launch<L>, begin: L, end: L) -> (L
     (d, Near::at(track, launch, &Close::after(launch, d)))
 }
 
-/// The stretch of the track that holds the impact, with one root of the gap in it.
+/// The stretch of the track that holds the impact, with exactly one root of the gap.
 #[derive(Clone, Copy)]
 pub(crate) struct Stretch<L: Lane> {
-    /// Where parabola meets parabola, inside.
+    /// Start in rad after launch: intersection of the ball's and the track's parabola.
     pub start: L,
     /// Begin of the stretch, after launch.
     pub low: L,
     /// Its end.
     pub high: L,
-    /// Whether the closed forms are certain of it.
+    /// Whether the closed forms certify the stretch.
     pub certain: L::Mask,
 }
 
 impl<L: Lane> Stretch<L> {
-    /// Whether it is certain that a landing is the root in it.
+    /// Whether a landing is certainly the root in this stretch.
     #[inline(always)]
     pub(super) fn holds(&self, landing: &Landing<L>) -> L::Mask {
         self.certain
@@ -174,7 +178,7 @@ impl<L: Lane> Stretch<L> {
             & L::splat(SLOWEST).below(landing.arrival)
     }
 
-    /// The [`ROUNDER`] sum that names the node nearest to its start.
+    /// The [`ROUNDER`] sum of the node nearest to the start.
     #[inline(always)]
     pub(crate) fn node(&self, launch: &Launch<L>) -> L {
         let per_node = L::splat(node::COUNT as f64 / TAU);
@@ -206,9 +210,10 @@ impl<L: Lane> Stretch<L> {
     }
 }
 
-/// The stretch that a flight which [meets the track once](Launch::meets_once) ends in: in the half turn in which its
-/// parabola falls through height 0, as there the track is not at the height of the ball where its sine is
-/// zero.
+/// The stretch of a flight that [meets the track once](Launch::meets_once).
+///
+/// It lies in the half turn in which the parabola falls through height 0. At the ends of that half
+/// turn the sine is 0, and the track is not at the ball's height.
 #[inline(always)]
 pub(crate) fn once<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
     let (zero, quarter) = (L::splat(0.0), L::splat(FRAC_PI_2));
@@ -230,7 +235,7 @@ pub(crate) fn once<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> 
     let below = launch.sine - to_middle * L::splat(CREST / FRAC_PI_2);
     let gap = below + centre * (v - track.half() * centre);
     let slope = v - k * centre;
-    // A flight that is over soon is better seen from its launch, by u/d.
+    // A short flight starts more accurately from its launch, by u/d.
     let hop = launch.is_over_within(track, HOP);
     let centre = centre.only(!hop);
     let gap = L::select(hop, launch.velocity, gap);
@@ -247,13 +252,13 @@ pub(crate) fn once<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> 
     }
 }
 
-/// Which stretch a low flight ends in.
+/// The stretch that a low flight ends in.
 #[inline(always)]
 pub(crate) fn stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
     stretch_over::<L, false>(track, launch)
 }
 
-/// [`stretch`]; `CLOSELY`, also of a flight that clears a hump by little or dips into it.
+/// [`stretch`]; `CLOSELY` also decides flights that barely clear a hump or barely touch it.
 #[inline(always)]
 fn stretch_over<L: Lane, const CLOSELY: bool>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
     let (zero, one, turn) = (L::splat(0.0), L::splat(1.0), L::splat(TAU));
@@ -277,7 +282,7 @@ fn stretch_over<L: Lane, const CLOSELY: bool>(track: &Track<L>, launch: &Launch<
     let (mut dip, mut dips) = (zero, zero.below(zero));
 
     if L::any(!certified) {
-        // The hump that decides: that of the crossing's turn, unless the flight does not pass all before it.
+        // The deciding hump is that of the crossing's turn, unless an earlier one pokes through.
         let passes = !certified & turn.below(begin);
         let (mut base, mut clear, mut sooner) = (base, !passes, zero.below(zero));
         if L::any(passes) {
@@ -353,7 +358,7 @@ fn stretch_over<L: Lane, const CLOSELY: bool>(track: &Track<L>, launch: &Launch<
     stretch
 }
 
-/// Whether the parabola is above the track's reach from the hump of the turn at `from` to that at `to`.
+/// Whether the parabola is above height 1 from the hump of the turn at `from` to that at `to`.
 #[inline(always)]
 fn beyond<L: Lane>(track: &Track<L>, launch: &Launch<L>, from: L, to: L, margin: L) -> L::Mask {
     let bar = L::splat(1.0) + margin;
@@ -361,8 +366,9 @@ fn beyond<L: Lane>(track: &Track<L>, launch: &Launch<L>, from: L, to: L, margin:
         & !launch.height(track, to + track.hump_end()).below(bar)
 }
 
-/// A flight time close to the impact in the stretch: one step of fourth order from its start, within 1e-6 for
-/// all but one in a hundred.
+/// Flight time close to the impact in the stretch, by one step of Householder's method of order 4.
+///
+/// The error is within 1e-6 rad for all but one flight in a hundred.
 #[inline(always)]
 pub(crate) fn approach<L: Lane>(
     track: &Track<L>,
@@ -372,13 +378,13 @@ pub(crate) fn approach<L: Lane>(
     approach_from(track, launch, stretch.node(launch))
 }
 
-/// [`approach`] from the node that the [`ROUNDER`] sum names.
+/// [`approach`] from the node of the [`ROUNDER`] sum.
 #[inline(always)]
 pub(super) fn approach_from<L: Lane>(track: &Track<L>, launch: &Launch<L>, rounded: L) -> Close<L> {
     approach_on(track, launch, rounded, L::node(rounded))
 }
 
-/// [`approach_from`], where that node's sine and cosine are known.
+/// [`approach_from`], given that node's sine and cosine.
 #[inline(always)]
 pub(crate) fn approach_on<L: Lane>(
     track: &Track<L>,
@@ -386,7 +392,7 @@ pub(crate) fn approach_on<L: Lane>(
     rounded: L,
     (sine, cosine): (L, L),
 ) -> Close<L> {
-    // Near the impact to 1e-12 is near enough.
+    // An error of 1e-12 is small enough here.
     let distance = (rounded - L::splat(ROUNDER)) * L::splat(node::SPACING) - launch.phase;
     let v = launch.rise();
     let f = distance * (v - track.half() * distance) + (launch.sine - sine);
@@ -395,8 +401,9 @@ pub(crate) fn approach_on<L: Lane>(
     Close { rounded, back }
 }
 
-/// The end of a low flight from a time close to it; the mask says where it is certain to be the first
-/// impact. Where the last step falls short in any lane it is taken once more, for that lane alone.
+/// Landing of a low flight from a time close to it; the mask marks certified first impacts.
+///
+/// Lanes whose last step is too long repeat it.
 #[inline(always)]
 pub(crate) fn landing<L: Lane>(
     track: &Track<L>,
@@ -407,7 +414,7 @@ pub(crate) fn landing<L: Lane>(
     settled(track, || *launch, stretch, settle(track, launch, close))
 }
 
-/// [`landing`] from the gap near it.
+/// [`landing`], given the gap near it.
 #[cfg(any(test, feature = "analysis"))]
 #[inline(always)]
 pub(crate) fn landing_near<L: Lane>(
@@ -419,7 +426,7 @@ pub(crate) fn landing_near<L: Lane>(
     settled(track, launch, stretch, settle_near(track, near))
 }
 
-/// What the last step came to, taken once more in those lanes of a certain stretch that it falls short in.
+/// Repeats the last step in the lanes of a certain stretch where it was too long.
 #[inline(always)]
 fn settled<L: Lane>(
     track: &Track<L>,
@@ -438,8 +445,10 @@ fn settled<L: Lane>(
     (landing, settled & stretch.holds(&landing))
 }
 
-/// The end of a low flight that clears a hump by little or dips into it, as nearly all do whose [`stretch`] is not certain.
-/// The mask says where it is certain to be the first impact; with it comes the stretch that it is looked for in.
+/// Landing, mask and stretch of a low flight that barely clears a hump or barely touches it.
+///
+/// Nearly every flight whose [`stretch`] is not certain is of this kind. The mask marks certified
+/// first impacts.
 #[cfg(any(test, feature = "analysis"))]
 #[inline(always)]
 pub(crate) fn over<L: Lane>(
@@ -452,8 +461,10 @@ pub(crate) fn over<L: Lane>(
     (landing, certain, stretch)
 }
 
-/// The end of a low flight of which [`landing`] is not certain, with as many steps as it takes in the stretch that was found,
-/// or where that is not certain in the one that is found closely; `None` where it is not certain then either.
+/// Landing of a low flight that [`landing`] cannot certify, with up to eight steps.
+///
+/// Without a certain stretch it searches the one of `CLOSELY`; `None` where that is not certain
+/// either.
 #[cold]
 pub(crate) fn careful(
     track: &Track<f64>,
@@ -497,8 +508,10 @@ pub(crate) fn careful(
     None
 }
 
-/// The last step, of third order; the mask says where it was so short that what it leaves is below
-/// rounding. The phase may be a hair below zero.
+/// The last step, by Chebyshev's method (third order, Traub 1964).
+///
+/// The mask marks steps so short that the remaining error is below rounding. The phase may be a
+/// rounding error below zero.
 #[cfg_attr(target_os = "none", inline(never))]
 #[cfg_attr(not(target_os = "none"), inline(always))]
 fn settle<L: Lane>(
@@ -509,7 +522,7 @@ fn settle<L: Lane>(
     settle_near(track, &Near::at(track, launch, close))
 }
 
-/// [`settle`] from the gap.
+/// [`settle`], given the gap.
 #[inline(always)]
 pub(super) fn settle_near<L: Lane>(track: &Track<L>, near: &Near<L>) -> (Landing<L>, L::Mask) {
     let per_slope = L::splat(1.0) / near.slope;
@@ -522,11 +535,10 @@ pub(super) fn settle_near<L: Lane>(track: &Track<L>, near: &Near<L>) -> (Landing
     (near.landing(back, arrival), settled)
 }
 
-/// Largest Newton step of a last step of third order that leaves less than rounding. At 3e-5
-/// `the_residual_of_f64_is_within_four_roundings` fails.
+/// Newton step in rad up to which Chebyshev's method leaves an error below rounding.
 const NEAR: f64 = 3e-6;
 
-/// Where `f + g x + b x^2` crosses zero going down; its extremum where it does not.
+/// Cauchy's step: to the down-crossing of `f + g x + b x^2`, or to its extremum without one.
 #[inline(always)]
 fn down_crossing<L: Lane>(f: L, g: L, b: L) -> L {
     let zero = L::splat(0.0);
@@ -540,8 +552,9 @@ mod tests {
     use super::super::search::{self, PassedHumps};
     use super::*;
 
-    /// Launches whose parabola nearly touches a hump, by 1e-6 to 0.3 over it or under it: where the closed form is
-    /// certain its impact is that of the search.
+    /// Launches whose parabola passes a hump by 1e-6 to 0.3 above or below.
+    ///
+    /// Where the closed form is certain, its impact is that of the search.
     #[test]
     fn humps_that_are_cleared_by_little_or_dipped_into_are_told_from_each_other() {
         let (mut cleared, mut dipped) = (0, 0);
@@ -564,7 +577,7 @@ mod tests {
                 continue;
             }
             let (landing, certain, _) = over(&track, &launch);
-            // What is left to the search arrives too slowly to be told by steps.
+            // The search decides arrivals that are too slow for steps.
             if !f64::any(certain) {
                 continue;
             }
@@ -583,8 +596,10 @@ mod tests {
         assert!(cleared > 10_000 && dipped > 3000, "{cleared} {dipped}");
     }
 
-    /// Slow launches on tracks of small k, which meet a hump a turn and more before their parabola falls through height 0:
-    /// nearly all are told, by the impact of the search.
+    /// Slow launches on tracks of small k, which meet a hump a turn or more before the fall through
+    /// height 0.
+    ///
+    /// Closed forms decide nearly all of them, with the impact of the search.
     #[test]
     fn humps_before_the_turn_of_the_fall_are_met_in_closed_form() {
         let (mut open, mut told) = (0, 0);
@@ -606,7 +621,7 @@ mod tests {
             told += 1;
             let (expected, grazes) = search::landing(&track, &launch, PassedHumps::Walk);
             let off = (landing.flight - expected.flight).abs();
-            // A few roundings of a height over the speed: both are within 3 of a time of some 50 rad.
+            // A few roundings of a height over the speed: both are within 3 of a time near 50 rad.
             assert!(
                 !grazes && off < 1e-13 * (1.0 + expected.flight) / expected.arrival,
                 "{n} {off} {grazes}"

@@ -1,4 +1,4 @@
-//! The impact map in f64.
+//! The impact map in f64: state in, next state out.
 
 use core::f64::consts::TAU;
 
@@ -14,10 +14,10 @@ use crate::impact::kernel::{Impact, Kernel, PartState, accept_phase};
 
 /// The impact map in f64 for one k and one restitution.
 ///
-/// Flights are anchored on the nodes of a sine table, so that no impact needs a trigonometric call, and
-/// which stretch of the track they meet is decided in closed form or by a certified search
-/// (docs/theory-impacts.md#t3). The flight time is the root of `u` to rounding; hops of any shortness
-/// keep the relative accuracy of flight and arrival speed.
+/// Each flight is expanded about a node of a sine table, so no impact needs a trigonometric call.
+/// Closed forms or a certified search select the stretch of the track (docs/theory-impacts.md#t3).
+/// The flight time is the root of `u` to rounding. The shortest hops keep the relative accuracy of
+/// flight and arrival speed.
 ///
 /// ```
 /// use kband::impact::{Kernel, Map};
@@ -43,8 +43,7 @@ impl Map {
         self.track.k
     }
 
-    /// The first impact by the certified search alone, without the closed forms: slower, the same root
-    /// to rounding.
+    /// The first impact by the certified search alone: slower, the same root to rounding.
     #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn search(&self, state: PartState, passed: PassedHumps) -> Impact<PartState> {
@@ -57,7 +56,9 @@ impl Map {
         )
     }
 
-    /// Refuses a k or a restitution that has no map, without the set-up of one.
+    /// Checks `k` and `restitution` without the set-up of a map.
+    ///
+    /// Errors: `OutOfRange` outside k 0.001..=1000 or restitution 0..=1.
     pub(crate) fn accepts(k: f64, restitution: f64) -> Result<(), OutOfRange> {
         accept("k", k, (1e-3..=1e3).contains(&k), "0.001..1000")?;
         let held = (0.0..=1.0).contains(&restitution);

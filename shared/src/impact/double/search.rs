@@ -1,8 +1,8 @@
-//! The certified search: for flights whose decisions come close to rounding (docs/theory-impacts.md#t3.2).
+//! The certified search, for decisions close to rounding (docs/theory-impacts.md#t3.2).
 //!
-//! It walks the stretches of the track in order. Between a hump's end and the begin of the next the gap
-//! is concave, so its sign there tells whether the stretch holds the impact; over a hump it is
-//! convex, so the sign of its minimum does. Nothing can be jumped over, every root is bracketed.
+//! It visits the stretches of the track in order. Between humps the gap is concave, so its sign at
+//! the end decides whether the stretch holds the impact. Over a hump the gap is convex, so the sign
+//! of its minimum decides. No impact can be missed, and every root is bracketed.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -69,19 +69,18 @@ fn gap(track: &Track<f64>, launch: &Launch<f64>, d: f64) -> Gap {
     }
 }
 
-/// What the search does with the humps of the track while the ball is above all of them.
+/// How the search treats the humps of the track while the ball is above height 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PassedHumps {
-    /// It jumps over them: no impact is possible there.
+    /// Skip them: no impact is possible there.
     #[default]
     Skip,
-    /// It looks at each; to show what the jump saves and that it changes nothing.
+    /// Visit each, to show that the skip changes nothing and how much time it saves.
     #[cfg(any(test, feature = "unstable"))]
     Walk,
 }
 
-/// The first impact after `launch`, and whether it grazes: whether an earlier or later touch is within
-/// rounding of this decision.
+/// The first impact after `launch`, and whether it grazes: another touch is within rounding.
 #[cold]
 pub(crate) fn landing(
     track: &Track<f64>,
@@ -100,7 +99,7 @@ pub(crate) fn landing(
     };
     let width = 2.0 * (FRAC_PI_2 - track.lift_off);
     let hump_end = PI - track.lift_off;
-    // At rest up to lift-off, or a rounding before it: the hump has begun.
+    // At rest up to lift-off, or one rounding before it: the hump has begun.
     let lifting = launch.velocity == 0.0 && launch.cosine > 0.0 && launch.phase < hump_end;
     let (mut low, first) = if launch.phase < track.lift_off && !lifting {
         (0.0, track.lift_off - launch.phase)
@@ -136,7 +135,7 @@ pub(crate) fn landing(
         }
         low = end;
         turns += 1.0;
-        // Every hump that begins and ends while the ball is above height 1.
+        // Skips every hump that begins and ends while the ball is above height 1.
         let next = first + turns * TAU;
         if above_from <= next {
             let skipped = floor((above_to - (next + width)) * (1.0 / TAU));

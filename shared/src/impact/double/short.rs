@@ -1,8 +1,8 @@
-//! Short hops: the gap divided by the flight time.
+//! Short hops: the root of the gap divided by the flight time (deflation of the root at launch).
 //!
-//! `w(d) = u/d = psi - d [(k - s)/2 - c d (1/6 - d^2/120 + ...) + s d^2 (1/24 - d^2/720 + ...)]` has lost
-//! nothing when psi is 1e-30: d and the arrival speed are accurate relative to themselves throughout a
-//! chatter.
+//! `w(d) = u/d = psi - d [(k - s)/2 - c d (1/6 - d^2/120 + ...) + s d^2 (1/24 - d^2/720 + ...)]`
+//! has no cancellation, even at psi = 1e-30 (docs/theory-impacts.md#t2.3). So d and the arrival
+//! speed keep their relative accuracy throughout a chatter.
 
 use core::f64::consts::TAU;
 
@@ -10,7 +10,7 @@ use super::launch::{Launch, Track};
 use super::step::{Landing, householder};
 use crate::arithmetic::lane::Lane;
 
-/// Longest short hop in rad, about. At 0.25 `the_residual_of_f64_is_within_four_roundings` fails.
+/// Flight time in rad, approximate: longest short hop.
 pub(crate) const LONGEST_HOP: f64 = 0.5;
 
 impl<L: Lane> Launch<L> {
@@ -20,9 +20,11 @@ impl<L: Lane> Launch<L> {
         self.is_over_within(track, LONGEST_HOP)
     }
 
-    /// Whether the flight, if it is not tall, is over within about `longest`, by the quadratic of `u/d`:
-    /// either it crosses zero before half of that and its two roots are well apart, or it bends down and
-    /// is below zero then.
+    /// Whether a flight that is not tall ends within about `longest` rad, by the quadratic of
+    /// `u/d`.
+    ///
+    /// Either the quadratic crosses zero before half of `longest` and its roots are well apart, or
+    /// it bends down and is below zero at `longest`.
     #[inline(always)]
     pub(super) fn is_over_within(&self, track: &Track<L>, longest: f64) -> L::Mask {
         let (psi, c) = (self.velocity, self.cosine);
@@ -78,7 +80,7 @@ pub(super) fn deflated<L: Lane>(pull: L, launch: &Launch<L>, d: L) -> Deflated<L
     }
 }
 
-/// A first guess of a short hop: the root of the quadratic of `u/d`.
+/// First guess of a short hop in rad: the root of the quadratic of `u/d`.
 #[inline(always)]
 pub(crate) fn guess<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> L {
     let psi = launch.velocity;
@@ -90,8 +92,9 @@ pub(crate) fn guess<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> L {
     L::select(pulled, psi + psi, a1 - root) / L::select(pulled, a1 + root, a2 + a2)
 }
 
-/// The end of a short hop from a guess; the mask says where it is certain to be the first impact. Where the
-/// last step falls short in any lane it is taken once more, for that lane alone.
+/// Landing of a short hop from a guess; the mask marks certified first impacts.
+///
+/// Lanes whose last step is too long repeat it.
 #[inline(always)]
 pub(crate) fn landing<L: Lane>(
     track: &Track<L>,
@@ -108,8 +111,7 @@ pub(crate) fn landing<L: Lane>(
     (landing, settled & holds(track, launch, &landing))
 }
 
-/// [`landing`] with as many steps as it takes, for the few that it takes more; `None` where it is not
-/// certain then either.
+/// [`landing`] with up to four steps; `None` where the first impact stays uncertain.
 #[cold]
 pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landing<f64>> {
     let mut d = guess(track, launch);
@@ -123,8 +125,9 @@ pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landin
     None
 }
 
-/// Whether a landing is the first: u is concave from the launch, or convex and then concave, up to the
-/// next hump, so it has one root there.
+/// Whether a landing is the first.
+///
+/// Up to the next hump u is concave, or convex and then concave, so it has one root there.
 #[inline(always)]
 fn holds<L: Lane>(track: &Track<L>, launch: &Launch<L>, landing: &Landing<L>) -> L::Mask {
     let (d, zero) = (landing.flight, L::splat(0.0));
@@ -134,13 +137,13 @@ fn holds<L: Lane>(track: &Track<L>, launch: &Launch<L>, landing: &Landing<L>) ->
         & zero.below(landing.arrival)
 }
 
-/// One step towards the end of the hop: within 1e-7 of it, relative, from a guess within a tenth.
+/// One step of Householder's method of order 4: relative error 1e-7 from a guess within a tenth.
 #[inline(always)]
 fn closer<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> L {
     let (psi, s, c) = (launch.velocity, launch.sine, launch.cosine);
     let pull = track.k - s;
     let z = d * d;
-    // The powers of d in u/d; with them its derivatives, times that power of d.
+    // The powers of d in u/d; weighted sums of them give its derivatives times powers of d.
     let (first, second, third) = (
         d * (pull * L::splat(0.5)),
         z * (c * L::splat(1.0 / 6.0)),
@@ -159,8 +162,9 @@ fn closer<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> L {
     d - d * back
 }
 
-/// The last step, of third order; the mask says where it was so short that what it leaves is below
-/// rounding.
+/// The last step, by Chebyshev's method (third order, Traub 1964).
+///
+/// The mask marks steps so short that the remaining error is below rounding.
 #[inline(always)]
 fn settle<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> (Landing<L>, L::Mask) {
     let (s, c) = (launch.sine, launch.cosine);
@@ -187,6 +191,6 @@ fn settle<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> (Landing<L>, L
     (landing, newton.abs().below(d * L::splat(NEAR)))
 }
 
-/// Largest Newton step of a last step of third order, relative to the flight: it leaves less than rounding. At 5e-5
-/// `the_residual_of_f64_is_within_four_roundings` fails.
+/// Newton step, relative to the flight, up to which Chebyshev's method leaves an error below
+/// rounding.
 const NEAR: f64 = 5e-7;

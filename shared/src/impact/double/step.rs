@@ -1,4 +1,6 @@
-//! Steps to an impact: the gap around a node of the table, and Householder's step to its root.
+//! Root-finding steps in f64: the gap around a table node, and Householder's method of order 4.
+//!
+//! Source: A. S. Householder, The Numerical Treatment of a Single Nonlinear Equation, 1970.
 
 use core::f64::consts::TAU;
 
@@ -18,7 +20,7 @@ pub(crate) struct Landing<L> {
     pub arrival: L,
 }
 
-/// What a landing means for a part of this restitution, launched in `state`; without one it rests.
+/// The impact of a part launched in `state`; without a landing the part rests.
 #[inline(always)]
 pub(crate) fn impact_of(
     restitution: f64,
@@ -84,9 +86,10 @@ impl<L: Lane> Local<L> {
     }
 }
 
-/// Householder's fourth-order step to the root of a function, from its value `f` and its derivatives
-/// `g`, `g2`, `g3` and `g4`: how far the root lies behind; one division. The sign of the whole function
-/// does not matter.
+/// Step of Householder's method of order 4, backwards to the root, with one division.
+///
+/// `f` is the value, `g` to `g4` are the derivatives. The sign of the whole function does not
+/// matter.
 #[inline(always)]
 pub(crate) fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
     let (gg, ff, bent) = ((g * g).lone(), (f * f).lone(), (g2 * f).lone());
@@ -97,17 +100,17 @@ pub(crate) fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
     (f * top / bottom).lone()
 }
 
-/// About where a flight ends: so far before a node of the table.
+/// Estimated landing: a table node and a distance before it.
 #[derive(Clone, Copy)]
 pub(crate) struct Close<L> {
-    /// The [`ROUNDER`] sum that names the node.
+    /// The [`ROUNDER`] sum of the node.
     pub rounded: L,
-    /// How far before it, in rad.
+    /// Distance before the node in rad.
     pub back: L,
 }
 
 impl<L: Lane> Close<L> {
-    /// `d` after the launch.
+    /// The estimate `d` rad after the launch.
     #[inline(always)]
     pub(super) fn after(launch: &Launch<L>, d: L) -> Self {
         let node = Node::near(launch.phase, d);
@@ -117,24 +120,24 @@ impl<L: Lane> Close<L> {
         }
     }
 
-    /// The [`ROUNDER`] sum that names the node next to it.
+    /// The [`ROUNDER`] sum of the nearest node.
     #[inline(always)]
     pub fn next(&self) -> L {
         self.rounded - self.back * L::splat(node::COUNT as f64 / TAU)
     }
 }
 
-/// The gap near an impact, to rounding: the ball from the node that the approach began at, the track from
-/// the node next to the impact.
+/// The gap near an impact, to rounding.
 ///
-/// What comes late is used late: every sum is in the order in which its terms are ready.
+/// The ball is expanded about the node of the approach, the track about the node next to the
+/// impact. Every sum follows the readiness of its terms.
 #[derive(Clone, Copy)]
 pub(crate) struct Near<L> {
-    /// The node next to the impact, and how far the other lies ahead of the launch.
+    /// The node next to the impact; its distance is that of the approach's node from the launch.
     pub node: Node<L>,
-    /// Time from that other node back.
+    /// Time in rad back from the approach's node.
     pub back: L,
-    /// Time from the node next to it.
+    /// Time in rad from the node next to the impact.
     pub x: L,
     /// `u`.
     pub value: L,
@@ -153,8 +156,10 @@ impl<L: Lane> Near<L> {
         Self::around(track, launch, close, close.next())
     }
 
-    /// What another stage has found, handed on in this order: `back`, name and distance of the node, `x`, `value`, `slope`, `sine`
-    /// and `cosine`. No step asks for the node's own sine and cosine: they stand in it for nothing.
+    /// The gap from the results of another stage.
+    ///
+    /// The order is `back`, the node's sum and distance, `x`, `value`, `slope`, `sine`, `cosine`.
+    /// No later step uses the node's own sine and cosine, so those fields hold the track's.
     #[cfg(any(test, feature = "analysis"))]
     #[inline(always)]
     pub fn handed_on([back, rounded, distance, x, value, slope, sine, cosine]: [L; 8]) -> Self {
@@ -174,7 +179,7 @@ impl<L: Lane> Near<L> {
         }
     }
 
-    /// [`Near::at`], where the node next to the impact is known.
+    /// [`Near::at`], given the sum of the node next to the impact.
     #[inline(always)]
     pub(super) fn around(
         track: &Track<L>,
@@ -185,7 +190,7 @@ impl<L: Lane> Near<L> {
         Self::on(track, launch, close, rounded, L::node(rounded))
     }
 
-    /// [`Near::around`], where the sine and cosine of that node are known too.
+    /// [`Near::around`], given that node's sine and cosine too.
     #[inline(always)]
     pub fn on(
         track: &Track<L>,
@@ -222,7 +227,7 @@ impl<L: Lane> Near<L> {
         }
     }
 
-    /// The landing `back` before; its phase may be a hair below zero.
+    /// The landing `back` rad earlier; its phase may be a rounding error below zero.
     #[inline(always)]
     pub(super) fn landing(&self, back: L, arrival: L) -> Landing<L> {
         let (high, low) = L::within_turn(self.node.rounded);
@@ -233,7 +238,7 @@ impl<L: Lane> Near<L> {
         }
     }
 
-    /// The last step, to the root, of fourth order.
+    /// The last step to the root, by Householder's method of order 4.
     #[inline(always)]
     pub fn finish(&self, track: &Track<L>) -> Landing<L> {
         let mut landing = self.finish_unturned(track);
@@ -241,7 +246,7 @@ impl<L: Lane> Near<L> {
         landing
     }
 
-    /// [`Near::finish`] of those lanes that `which` holds for: the others' phases may lie anywhere.
+    /// [`Near::finish`] for the lanes of `which`: the phases of the others may lie anywhere.
     #[cfg(any(test, feature = "analysis"))]
     #[inline(always)]
     pub fn finish_only(&self, track: &Track<L>, which: L::Mask) -> Landing<L> {
@@ -252,7 +257,7 @@ impl<L: Lane> Near<L> {
         landing
     }
 
-    /// [`Near::finish`], of which the phase may be a hair below zero.
+    /// [`Near::finish`], whose phase may be a rounding error below zero.
     #[inline(always)]
     fn finish_unturned(&self, track: &Track<L>) -> Landing<L> {
         let (f, g, sine, g3) = (self.value, self.slope, self.sine, self.cosine);
@@ -265,12 +270,12 @@ impl<L: Lane> Near<L> {
     }
 }
 
-/// A phase in 0..2 pi from one that may be a hair below zero.
+/// A phase in 0..2 pi from one that may be a rounding error below zero.
 #[inline(always)]
 pub(crate) fn in_turn<L: Lane>(phase: L) -> L {
     let below = phase.below(L::splat(0.0));
     if L::any(below) {
-        // A hair below zero rounds up to the whole turn.
+        // A tiny negative phase rounds up to the whole turn.
         (phase + L::splat(TAU).only(below)).min(L::splat(TAU.next_down()))
     } else {
         phase

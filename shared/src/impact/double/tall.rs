@@ -1,9 +1,10 @@
-//! Tall flights: the ball leaves height 1 faster than the track ever moves (docs/theory-impacts.md#t3.1).
+//! Tall flights: the ball leaves height 1 faster than the track's top speed
+//! (docs/theory-impacts.md#t3.1).
 //!
-//! It then returns through height 1 as fast, so no earlier impact is possible and the gap is monotone
-//! where it ends: `-V x - k x^2/2 = sin(phi + x)`, with V the ball's speed through height 0, is Kepler's
-//! equation with eccentricity 1/V < 1 bent by the parabola. From the crossing of height 0 two steps
-//! of fourth order, each on a node of the table, reach rounding.
+//! The ball returns through height 1 equally fast, so no earlier impact is possible. The gap is
+//! monotone where the flight ends: `-V x - k x^2/2 = sin(phi + x)`, with V the speed at height 0.
+//! This is Kepler's equation with eccentricity 1/V < 1, bent by the parabola. From the crossing of
+//! height 0, two steps of Householder's method of order 4 reach rounding, each on a table node.
 
 use core::f64::consts::TAU;
 
@@ -12,10 +13,11 @@ use super::step::{Close, Landing, Near, householder};
 use crate::arithmetic::lane::{Lane, ROUNDER};
 use crate::arithmetic::node;
 
-/// Smallest square of the speed at height 1 of a tall flight. The certificate holds from 1; from here
-/// on one step of fourth order comes within 1.4e-3 of the root (4.4e-4 from 4 on, 9.4e-5 from 6 on, up to 400):
-/// measured over 300 000 states or more in each of five ranges of it, k in 0.02..0.98. What the second then leaves is in
-/// the residual that the golden data are held against.
+/// Smallest squared speed at height 1 of a tall flight, in `(b w)^2`; the certificate holds from 1.
+///
+/// At 3 one step comes within 1.4e-3 of the root, at 4 within 4.4e-4, at 6 within 9.4e-5. Measured
+/// over 300 000 states or more in each of five ranges, k in 0.02..0.98. The golden data bound the
+/// residual after the second step.
 pub(crate) const LEAVING: f64 = 3.0;
 
 impl<L: Lane> Launch<L> {
@@ -37,14 +39,15 @@ pub(crate) struct Crossing<L> {
 }
 
 impl<L: Lane> Crossing<L> {
-    /// The [`ROUNDER`] sum that names the node next to it.
+    /// The [`ROUNDER`] sum of the nearest node.
     #[inline(always)]
     pub(crate) fn name(&self) -> L {
         self.nodes + L::splat(ROUNDER)
     }
 }
 
-/// The crossing that a tall flight starts from, to the 24 bits of a rough square root: 2e-8 of the flight.
+/// The crossing of height 0 of a tall flight, to 2e-8 of the flight (24 bits of a rough square
+/// root).
 #[inline(always)]
 pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossing<L> {
     let per_node = L::splat(node::COUNT as f64 / TAU);
@@ -56,14 +59,14 @@ pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossin
     }
 }
 
-/// Within 1.4e-3 of the impact.
+/// Landing within 1.4e-3 rad, by one step of Householder's method of order 4.
 #[inline(always)]
 pub(crate) fn approach<L: Lane>(track: &Track<L>, crossing: &Crossing<L>) -> Close<L> {
     let rounded = crossing.name();
     approach_from(track, crossing, rounded, L::node(rounded))
 }
 
-/// [`approach`], where the node next to the crossing is known.
+/// [`approach`], given the node next to the crossing.
 #[inline(always)]
 pub(crate) fn approach_from<L: Lane>(
     track: &Track<L>,
@@ -72,7 +75,8 @@ pub(crate) fn approach_from<L: Lane>(
     (sine, cosine): (L, L),
 ) -> Close<L> {
     let past = ((rounded - L::splat(ROUNDER)) - crossing.nodes) * L::splat(node::SPACING);
-    // Relative to the crossing nothing cancels. What gravity adds to the fall within `past` is below 1e-4.
+    // Relative to the crossing nothing cancels. Gravity adds less than 1e-4 to the fall within
+    // `past`.
     let below = past * crossing.speed + sine;
     let speed = (crossing.speed + track.k * past) + cosine;
     let back = householder(below, speed, track.k - sine, -cosine, sine);

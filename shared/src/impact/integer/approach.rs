@@ -1,4 +1,5 @@
-//! Steps on nodes from the fall of the parabola or from the cubic near launch, in 15 bits.
+//! Approach in 15 bits: Chebyshev's method (Traub 1964) on nodes, from the fall or from the cubic
+//! near launch.
 
 use core::f64::consts::{PI, TAU};
 
@@ -7,7 +8,7 @@ use super::constants::HALF;
 use crate::arithmetic::fixed::{Fixed, Reciprocal, square_root_scaled};
 use crate::arithmetic::node;
 
-/// Where steps on nodes start: a node `late` rad after the part was at height `base`, going down at `speed`.
+/// Start of the steps: a node, `late` rad after the part fell through height `base` at `speed`.
 pub(super) struct StepsFrom {
     pub node: i32,
     pub late: Fixed<17>,
@@ -15,14 +16,14 @@ pub(super) struct StepsFrom {
     pub base: Fixed<30>,
 }
 
-/// Distance of two nodes in rad.
+/// Node spacing in rad.
 const SPACING: Fixed<17> = Fixed::<17>::of(node::SPACING);
 /// Nodes in a radian.
 const NODES_PER_RADIAN: Fixed<6> = Fixed::<6>::of(node::COUNT as f64 / TAU);
-/// The longest last step, in rad: from there on it is settled with all digits.
+/// Step in rad: longest last one; after it settling uses all digits.
 const LAST: Fixed<16> = Fixed::<16>::of(0.03967);
 
-/// The node nearest to a time in turns, and how late it is.
+/// The node nearest to a time in turns, and its distance in rad from that time.
 #[inline(always)]
 fn nearest_node(time: Fixed<18>) -> (i32, Fixed<17>) {
     let Fixed(node) = (time + Fixed::<18>(1 << 9)).to::<8>();
@@ -31,7 +32,7 @@ fn nearest_node(time: Fixed<18>) -> (i32, Fixed<17>) {
 }
 
 impl StepsFrom {
-    /// `near` rad after a launch at `phase`, where the part was at height `base` of the track.
+    /// The start `near` rad after a launch at `phase` and height `base`.
     #[inline(always)]
     pub(super) fn launch(phase: u32, near: Fixed<17>, speed: Fixed<13>, base: Fixed<30>) -> Self {
         let turns = near.to::<14>().short_times(Fixed::<17>::of(1.0 / TAU));
@@ -44,8 +45,11 @@ impl StepsFrom {
         }
     }
 
-    /// Where a part that left at `phase` and rose at `rise` falls through height 0 at about `speed`; `square` is that
-    /// speed's, `inverse` the time in turns over the velocity lost.
+    /// The start where a part falls through height 0, from a launch at `phase` with velocity
+    /// `rise`.
+    ///
+    /// `speed` is the approximate speed there, `square` its square, `inverse` the time in turns per
+    /// velocity lost.
     #[inline(always)]
     pub(super) fn fall(
         phase: u32,
@@ -61,7 +65,7 @@ impl StepsFrom {
         };
         let mut turns = time_of(speed);
         if turns > Fixed::<18, u32>::of(3.0) {
-            // So long a flight shows the error of the root: one step of Heron's.
+            // A long flight amplifies the error of the root: one step of Heron's method.
             let reached = Fixed::<52, i64>(speed.wide::<26, 52>(speed).0 as i64);
             let rest = (square() - reached).narrow::<30>();
             let gain: Fixed<25> = Reciprocal::coarse(speed).times(rest);
@@ -84,8 +88,9 @@ fn turns_of(phase: u32) -> Fixed<18, u32> {
     Fixed::<32, u32>(phase).to()
 }
 
-/// Time in rad after a launch at which the height `d (psi - a1 d + a2 d^2)` is 0 again, from `least` to 4; `Some(None)` where
-/// it does not come back so soon, and `None` where it comes back sooner.
+/// Time in rad, from `least` to 4, at which the height `d (psi - a1 d + a2 d^2)` returns to 0.
+///
+/// `Some(None)` where it does not return so soon, `None` where it returns sooner.
 #[inline(always)]
 pub(super) fn near_launch(
     a1: Fixed<15>,
@@ -118,7 +123,7 @@ pub(super) fn near_launch(
     Some(Some(near).filter(|near| *near < Fixed::<17>::of(4.0)))
 }
 
-/// Steps on nodes until they are short: a node and the distance from it in rad.
+/// Steps on nodes until one is short: a node and the distance from it in rad.
 #[inline(never)]
 pub(super) fn approach(flight: &Ballistic<'_>, from: StepsFrom) -> Option<(i32, Fixed<34>)> {
     let StepsFrom {
@@ -161,21 +166,20 @@ pub(super) fn approach(flight: &Ballistic<'_>, from: StepsFrom) -> Option<(i32, 
 }
 
 impl Ballistic<'_> {
-    /// The impact of a tall flight, nearly; see the search of the kernels with an FPU.
+    /// Node and offset near the impact of a tall flight, see `anchor/approach.rs`.
     #[inline(always)]
     pub(super) fn fall(&self) -> Option<(i32, Fixed<34>)> {
         let crossing = self.crossing(self.constants.tall)?;
         approach(self, crossing)
     }
 
-    /// The velocity of launch in the frame of the feeder.
+    /// Launch velocity in the frame of the feeder, in `b w`.
     #[inline(always)]
     fn rise(&self) -> Fixed<26> {
         self.velocity.signed() + self.cosine.to()
     }
 
-    /// Where the parabola crosses height 0 on its fall, if the square of the speed there is at least
-    /// `least`.
+    /// Crossing of height 0 on the parabola's fall, if the squared speed there is at least `least`.
     #[inline(always)]
     pub(super) fn crossing(&self, least: Fixed<27>) -> Option<StepsFrom> {
         let constants = self.constants;
@@ -190,7 +194,7 @@ impl Ballistic<'_> {
         }
         let v = (rise >> (26 - scale)) as u32;
         let shift = 28 - 2 * scale;
-        // 2 k sin, and so the square of the speed at the top of the track and at height 0.
+        // 2 k sin, for the squared speed at the top of the track and at height 0.
         let lift = constants.k.times::<30, 28>(self.sine).scaled::<27>();
         let needed = least.wrapping_sub(lift).0 as u32;
         if lift < least && (v * v) >> 1 < needed >> shift {
@@ -214,7 +218,7 @@ impl Ballistic<'_> {
         ))
     }
 
-    /// Where the first impact of a low flight may be, nearly; see the search of the kernels with an FPU.
+    /// Approximate place of a low flight's first impact, see `anchor/candidate.rs`.
     #[inline(always)]
     pub(super) fn candidate(&self) -> Option<(i32, Fixed<34>)> {
         // Half the pull, a sixth of the cosine, the velocity.
@@ -234,7 +238,7 @@ impl Ballistic<'_> {
             }
         }
         let crossing = self.crossing(Fixed::<27>::of(0.1))?;
-        // A root more than half a rad before the crossing is none of a fall.
+        // A root more than half a rad before the crossing does not belong to a fall.
         let limit = self.constants.limit(self.phase) + HALF;
         (self.steps_to(crossing.node) < limit)
             .then(|| approach(self, crossing))

@@ -5,7 +5,7 @@ use crate::arithmetic::fixed::{Fixed, wide};
 use crate::arithmetic::node;
 use crate::arithmetic::trigonometry::Powers;
 
-/// Height and slope of the flight above the track at a node, and what the track does there.
+/// Height and slope of the flight above the track at a node, and the motion of the track there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Local {
     /// Saturating.
@@ -20,7 +20,7 @@ pub(super) struct Local {
 
 /// The track at a node, to 15 bits.
 pub(super) struct Motion {
-    /// Sine less a height.
+    /// Sine minus a height.
     pub below: Fixed<16>,
     /// Its slope.
     pub speed: Fixed<13>,
@@ -40,8 +40,7 @@ pub(super) struct Ballistic<'a> {
 }
 
 impl Ballistic<'_> {
-    /// `mean` flight velocity, `v - k d / 2`, after `steps`, and what it fell short of the launch
-    /// velocity.
+    /// Mean velocity `v - k d / 2` after `steps`, and its loss relative to the launch velocity.
     #[inline(always)]
     pub(super) fn mean(&self, steps: i64) -> (Fixed<48, i64>, Fixed<48, i64>) {
         let fall = product_32(steps, self.constants.half_turn_fall);
@@ -67,7 +66,7 @@ impl Ballistic<'_> {
     #[inline(always)]
     pub(super) fn over(&self, steps: i64, level: Fixed<30>) -> (Fixed<30>, Fixed<26>) {
         let (turns, velocity) = self.ballistic(steps);
-        // Steps of 2^-28 do not overflow; those of 2^-30 do beyond a height of 2.
+        // Steps of 2^-28 cannot overflow; those of 2^-30 do beyond a height of 2.
         let rise: Fixed<28> = turns.times(RADIANS_PER_TURN);
         let coarse = rise + self.sine.to::<28>() - level.to::<28>();
         let height = if coarse >= Fixed::<28>::of(2.0) {
@@ -93,7 +92,7 @@ impl Ballistic<'_> {
     pub(super) fn motion(&self, node: i32, base: Fixed<30>) -> Motion {
         let [sine, cosine] = node::FIXED[(node & 255) as usize];
         Motion {
-            // From one end of the stroke to the other it is 2, for which there is no place.
+            // From one end of the stroke to the other the value is 2, which saturates.
             below: sine.saturating_add(-base).to(),
             speed: cosine.to(),
             curvature: self.constants.k.to::<13>() - sine.to(),
@@ -114,7 +113,7 @@ impl Ballistic<'_> {
         }
     }
 
-    /// Height and slope at `d`, within reach, from a node, where they are small.
+    /// Height and slope at a small distance `d` from a node, where both are small.
     #[inline(always)]
     pub(super) fn expanded(&self, local: &Local, d: Fixed<34>) -> (Fixed<30>, Fixed<26>) {
         let powers = Powers::of(d);
@@ -140,7 +139,7 @@ impl Local {
         self.curvature + self.cosine.times(d)
     }
 
-    /// The mean curvature over `d` from a place with this `curvature` on.
+    /// Mean curvature over `d` from a place with this `curvature`.
     #[inline(always)]
     pub(super) fn bent(&self, curvature: Fixed<28>, d: Fixed<34>) -> Fixed<28> {
         let half: Fixed<27> = self.cosine.times(d);
@@ -148,7 +147,7 @@ impl Local {
     }
 }
 
-/// `turns b` for turns in steps of a phase, below 2^48 of them, modulo 2^64 steps.
+/// `turns b`, for `turns` below 2^48 steps of a phase, modulo 2^64 steps.
 #[inline(always)]
 pub(super) fn product_32<const F: u32>(turns: i64, Fixed(b): Fixed<F, i64>) -> Fixed<F, i64> {
     let a = turns;

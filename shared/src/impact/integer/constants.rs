@@ -1,21 +1,22 @@
-//! A track and a part in the integers that a flight is computed from.
+//! Constants of a track and a part, as integers.
 
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::{Phase, node};
 use crate::impact::set_up::SetUp;
 
-/// An arrival that is slower may be a graze within rounding: its squares are taken with all digits.
+/// Arrival speed in `b w` below which a graze may be within rounding: its squares use all digits.
 pub(super) const SLOW: Fixed<26> = Fixed::<26>::of(1.0 / 64.0);
-/// A flight of 1/16 rad in steps of a phase: shorter ones have a form that keeps every digit.
+/// Flight time of 1/16 rad in steps of a phase; shorter flights use the divided form, which keeps
+/// every digit.
 pub(super) const SHORT: i64 = (Phase::STEPS_PER_RADIAN / 16.0) as i64;
 /// Half a rad in steps of a phase.
 pub(super) const HALF: i64 = 8 * SHORT;
-/// The farthest that the expansion about a node is used, in rad: a little over the distance of two nodes, and within
-/// the 2^-5 that the powers hold.
+/// Distance from a node in rad: largest for its expansion. It slightly exceeds the node spacing and
+/// stays within the 2^-5 range of the powers.
 pub(super) const REACH: Fixed<34> = Fixed::<34>::at_most(1.0 / 40.0);
-/// Distance of two nodes in rad.
+/// Node spacing in rad.
 pub(super) const SPACING: Fixed<34> = Fixed::<34>::of(node::SPACING);
-/// 2 pi, and what a rad is of a turn.
+/// Radians per turn, 2 pi, and turns per radian.
 pub(super) use crate::arithmetic::trigonometry::{RADIANS_PER_TURN, TURNS_PER_RADIAN};
 
 /// An angle in rad in steps of a phase.
@@ -41,14 +42,14 @@ pub(super) struct Constants {
     pub half_turn_fall: Fixed<48, i64>,
     /// 1 / (2 pi k).
     pub inverse: Fixed<24, u32>,
-    /// The least square of the speed at height 0 of a tall flight.
+    /// Squared speed at height 0: least of a tall flight.
     pub tall: Fixed<27>,
     /// Restitution, 1 as 1 - 2^-32.
     pub restitution: Fixed<32, u32>,
 }
 
 impl Constants {
-    /// Those of a set-up, rounded to their steps.
+    /// The constants of a set-up, rounded to their steps.
     pub fn new(set_up: &SetUp) -> Self {
         Self {
             lift_off: set_up.lift_off.bits(),
@@ -63,14 +64,14 @@ impl Constants {
         }
     }
 
-    /// Whether a down-crossing `steps` after launch at `phase` comes before the end of the next hump, and
-    /// not so soon that it is settled with more digits as a short hop.
+    /// Whether a down-crossing `steps` after launch lies between the short hops and the end of the
+    /// next hump.
     #[inline(always)]
     pub fn ends(&self, phase: u32, steps: i64) -> bool {
         steps >= SHORT && steps <= self.limit(phase)
     }
 
-    /// Steps from `phase` to the end of the next hump, and no fewer than 1 to its begin.
+    /// Steps from `phase` to the end of the next hump; at least 1 to its begin.
     #[inline(always)]
     pub fn limit(&self, phase: u32) -> i64 {
         let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);

@@ -1,4 +1,4 @@
-//! The map in integers: a launch, by the kind of its flight.
+//! The impact map in integers, by kind of flight.
 
 use super::ballistic::Ballistic;
 use super::constants::{Constants, SLOW, TURNS_PER_RADIAN};
@@ -22,13 +22,14 @@ use crate::impact::set_up::SetUp;
 /// | 3e-7..3, logarithmic | 1.2e-9 | 4.4e-7 | 2.0e-5 | 3.7e-7 |
 /// | launches within 0.1 rad of lift-off | 1.4e-9 | 5.1e-8 | 3.5e-5 | 5.3e-7 |
 ///
-/// No wrong impact among them. The first impact is the right one down to a gap of 1e-7 over a hump (times
-/// the flight time, where that is above 1); nearer it is flagged. About 1700 instructions an impact on a
-/// Cortex-M0, at most 2912 on any locked or chaotic orbit tried.
+/// No wrong impact among them. The first impact is the right one down to a gap of 1e-7 over a hump,
+/// times the flight time above 1 rad. Nearer ones are flagged. An impact takes about 1700
+/// instructions on a Cortex-M0, at most 2912 on any locked or chaotic orbit tried.
 ///
-/// State and range as [`Hybrid`](crate::impact::Hybrid), but for the velocity: 0..=29. An impact may leave faster
-/// (by at most 2.5, and only with a restitution above 0.93): its velocity is then right,
-/// `Integer::state` refuses it, [`Kernel::flies`] tells it, and a launch from it is held at 29.
+/// State and range as [`Hybrid`](crate::impact::Hybrid), but velocity 0..=29. With a restitution
+/// above 0.93 an impact may leave faster, by at most 2.5. Its velocity is then right.
+/// `Integer::state` refuses it, [`Kernel::flies`] returns false, and a launch from it is limited
+/// to 29.
 ///
 /// ```
 /// use kband::impact::{Integer, Kernel, Map};

@@ -1,4 +1,5 @@
-//! The segment of convex or concave height that holds the first impact.
+//! Search for the convex or concave segment that holds the first impact
+//! (docs/theory-impacts.md#t3.2).
 
 use super::ballistic::Ballistic;
 use core::f64::consts::PI;
@@ -7,11 +8,11 @@ use super::constants::{RADIANS_PER_TURN, TURNS_PER_RADIAN, turn_steps};
 use crate::arithmetic::Phase;
 use crate::arithmetic::fixed::{Fixed, Reciprocal};
 
-/// A height below which the lowest point over a hump is looked for, though its middle is under the track:
-/// the flight may graze.
+/// Height in b over a hump's middle below the track: smaller ones need the minimum, as the flight
+/// may graze.
 const BARELY: Fixed<30> = Fixed::<30>::of(1.0 / 8192.0);
 
-/// A bracket with one down-crossing, where to begin in it, all in steps of a phase.
+/// A bracket with one down-crossing and the start in it, in steps of a phase after launch.
 #[derive(Clone, Copy)]
 pub(super) struct Bracket {
     pub(super) low: i64,
@@ -54,7 +55,7 @@ impl Ballistic<'_> {
             (height, slope) = self.at_begin(begin);
         }
         let mut grazes = false;
-        // With 4, 2500 more of 420 000 are given up and flagged; with 6 none.
+        // The hump count bounds the rounds.
         for _ in 0..16 {
             if height <= Fixed::<30>::ZERO {
                 let low = begin - (Phase::STEPS - i64::from(constants.hump));
@@ -106,14 +107,15 @@ impl Ballistic<'_> {
         (bracket, true)
     }
 
-    /// Height over k and slope over the track at the begin of a hump.
+    /// Height minus k, and slope relative to the track, at a hump's begin.
     #[inline(always)]
     pub(super) fn at_begin(&self, begin: i64) -> (Fixed<30>, Fixed<26>) {
         let (height, velocity) = self.over(begin, self.constants.threshold);
         (height, velocity - self.constants.lift_off_cosine)
     }
 
-    /// The bracket where the track is concave throughout: up to where the parabola leaves height -1.
+    /// The bracket on a track that is concave throughout: up to the parabola's fall below
+    /// height -1.
     #[inline(never)]
     pub(super) fn concave(&self) -> Bracket {
         // v^2 + 2 k (1 + sin), below 37 where the flight is not tall.
@@ -134,34 +136,37 @@ impl Ballistic<'_> {
         }
     }
 
-    /// Whether `1 - cos x >= 4 x^2 / pi^2` within the hump keeps the track below the parabola, from the
-    /// height over 1 and the velocity at the middle of the hump.
+    /// Whether `1 - cos x >= 4 x^2 / pi^2` keeps the track below the parabola over the hump.
+    ///
+    /// The inputs are the height over 1 and the velocity at the middle of the hump.
     #[inline(always)]
     pub(super) fn is_safe(&self, over_top: Fixed<30>, velocity: Fixed<26>) -> bool {
-        // Below it k is below 1.
+        // A positive spare implies k below 1.
         const BOUND: Fixed<28> = Fixed::<28>::at_most(16.0 / (PI * PI));
         let spare = BOUND - (self.constants.k + self.constants.k);
         let height: Fixed<26> = spare.times(over_top);
         let square: Fixed<52, i64> = velocity.wide(velocity);
-        // Both rounded to the careful side.
+        // Both rounded to the safe side.
         spare > Fixed::<28>::ZERO && i64::from(height.0) - 1 > square.to::<26>().0 + 1
     }
 
-    /// The last hump at or after the one at `begin` under a ball above height 1, with all between them.
+    /// The last hump, from the one at `begin` on, with the ball above height 1 over all of them.
     #[inline(never)]
     pub(super) fn skip(&self, begin: i64) -> i64 {
         let (over, velocity) = self.over(begin, Fixed::<30>::ONE);
         if over < Fixed::<30>::ONE || velocity <= Fixed::<26>::ZERO {
             return begin;
         }
-        // Rising above height 2: 2 velocity / k until it is there again.
+        // Rising above height 2: the ball returns there after 2 velocity / k.
         let turns: Fixed<50, u64> = velocity.unsigned().wide(self.constants.inverse);
         let rounds = turns.scaled::<49>().to::<0>().0 as i64;
         begin + (rounds - 2).max(0) * Phase::STEPS
     }
 
-    /// The lowest point over the hump from `begin` to `end`: where it is, twice, if it is below the
-    /// track, and whether that is within rounding.
+    /// Minimum of the gap over the hump from `begin` to `end`: its time twice if it is below the
+    /// track.
+    ///
+    /// The second value: whether it is within rounding.
     #[inline(never)]
     pub(super) fn lowest(&self, begin: i64, end: i64) -> (Option<(i64, i64)>, bool) {
         let phase = i64::from(self.phase);
@@ -176,7 +181,7 @@ impl Ballistic<'_> {
             }
         }
         let (node, local) = (low, self.local(low));
-        // Within the hump the slope rises, so that bisection finds its zero.
+        // Within the hump the slope increases, so bisection finds its zero.
         let place = |steps: i64| {
             let steps = (steps - self.steps_to(node)).clamp(0, 1 << 24) as i32;
             Fixed::<32>(steps).times::<28, 34>(RADIANS_PER_TURN)
@@ -192,11 +197,10 @@ impl Ballistic<'_> {
         }
         let d = Fixed((left.0 + right.0) / 2);
         let height = self.expanded(&local, d).0;
-        // Steps that the height's products round by. With 6 no more of 60 000 grazing flights are wrong, with 3 34 more,
-        // with 0 458.
+        // Steps by which the products of a height round.
         const ROUNDED: u32 = 11;
-        // The cosine at launch, rounded to 4e-9, moves the height by that times the flight: 5 steps of 2^-30 for each
-        // radian. With a sixteenth of it 2 more are wrong, without it 11.
+        // The cosine at launch, rounded to 4e-9, shifts the height by that times the flight: 5
+        // steps of 2^-30 per rad.
         let drift = (self.steps_to(node) >> 27) as u32;
         let touches = height.unsigned_abs().0 < ROUNDED + drift;
         let turns: Fixed<32> = d.times(TURNS_PER_RADIAN);
@@ -208,7 +212,7 @@ impl Ballistic<'_> {
     }
 }
 
-/// Where Newton's step leads from the begin of a hump, steps of a phase, not before `low`.
+/// Newton's step from a hump's begin, in steps of a phase, not before `low`.
 #[inline(always)]
 pub(super) fn from_begin(lift_off: i64, height: Fixed<30>, slope: Fixed<26>, low: i64) -> i64 {
     if slope >= Fixed::<26>::ZERO {

@@ -1,4 +1,6 @@
-//! The root in a bracket that holds one, and an impact near a node to the precision of the constants.
+//! The root in a bracket with one down-crossing, and the impact near a node to full precision.
+//!
+//! Simple roots take Chebyshev's method, nearly double roots Cauchy's step (Traub 1964).
 
 use super::ballistic::{Ballistic, Local};
 use super::constants::{RADIANS_PER_TURN, REACH, SLOW, SPACING, TURNS_PER_RADIAN, turn_steps};
@@ -7,14 +9,14 @@ use crate::arithmetic::fixed::{Fixed, Reciprocal, square_root_scaled};
 use crate::arithmetic::{Phase, Velocity};
 use crate::impact::kernel::{HybridState, Landing};
 
-/// An impact: steps of a phase after launch, arrival speed, and whether it is a simple root.
+/// An impact: steps of a phase after launch, arrival speed, and whether the root is simple.
 pub(super) struct Settled {
     pub(super) steps: i64,
     pub(super) speed: Fixed<26>,
     pub(super) converged: bool,
 }
 
-/// A step in rad after which rounding is all that is left.
+/// Step in rad after which only rounding remains.
 const SMALL: Fixed<34> = Fixed::<34>::of(1.0 / 4096.0);
 
 /// The state after an impact at `speed` of at least 0.
@@ -38,7 +40,7 @@ pub(super) fn landing(
     }
 }
 
-/// The root in `bracket`: a node, the flight there, and the offset of the root from it, nearly.
+/// Approximate root in `bracket`: a node, the flight there, and the root's offset from it.
 #[inline(never)]
 pub(super) fn solve(flight: &Ballistic<'_>, bracket: Bracket) -> (i32, Local, Fixed<34>) {
     let Bracket {
@@ -51,7 +53,7 @@ pub(super) fn solve(flight: &Ballistic<'_>, bracket: Bracket) -> (i32, Local, Fi
         let node = ((place + i64::from(flight.phase) + (1 << 23)) >> 24) as i32;
         let time = flight.steps_to(node);
         let local = flight.local(node);
-        // The bracket's middle if steps do not find the root in time: within the reach of the node.
+        // After 60 rounds the bracket's middle, within the reach of the node.
         if round >= 60 {
             let offset = Fixed::<32>((place - time) as i32);
             return (node, local, offset.times(RADIANS_PER_TURN));
@@ -63,8 +65,8 @@ pub(super) fn solve(flight: &Ballistic<'_>, bracket: Bracket) -> (i32, Local, Fi
             return (node, local, step.to());
         }
         if time > low && time < high {
-            // The one down-crossing is after every height above 0; near launch, on a concave rise,
-            // even one rounded below 0 is before it.
+            // The only down-crossing is after every height above 0. Near launch, on a concave rise,
+            // even a height rounded below 0 is before it.
             let before = local.height > Fixed::<30>::ZERO
                 || (local.curvature < Fixed::<28>::ZERO && local.slope > Fixed::<26>::ZERO);
             if before {
@@ -124,7 +126,7 @@ pub(super) fn settle(
             let step = down_crossing(&nearly).0;
             step.clamp((-REACH).to(), farthest).to()
         };
-        // What is left of a simple root is about 2 (b2 e / slope)^2 e.
+        // The remaining error of a simple root is about 2 (b2 e / slope)^2 e.
         let reach = match slope.unsigned_abs().to::<2>().0 {
             0 => SMALL,
             1..4 => Fixed::<34>::of(2.0 / 4096.0),
@@ -136,7 +138,7 @@ pub(super) fn settle(
         let small = size < SMALL.unsigned();
         d = d.saturating_add(step);
         if d.unsigned_abs() > REACH.unsigned() && round < 10 {
-            // From far along a long fall by several nodes at once.
+            // Far along a long fall it moves by several nodes at once.
             let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
             let jump = (turns + Fixed::<34>(1 << 25)).to::<8>().0;
             node += jump;
@@ -156,7 +158,7 @@ pub(super) fn settle(
     }
 }
 
-/// The state after a settled impact, which at a graze may have come out at launch or with a speed of 0.
+/// The state after a settled impact; at a graze it may have ended at launch or with a speed of 0.
 #[inline(always)]
 pub(super) fn arrival(
     flight: &Ballistic<'_>,
@@ -170,7 +172,7 @@ pub(super) fn arrival(
     landing(flight, steps, settled.speed, grazes)
 }
 
-/// `u1^2` and `2 (S - k) u0`, whose difference is the discriminant of the local parabola.
+/// `u1^2` and `2 (S - k) u0`; their difference is the discriminant of the local parabola.
 #[inline(always)]
 fn squares(
     height: Fixed<30>,
@@ -182,7 +184,7 @@ fn squares(
     (slope.wide(slope), Fixed::<53, i64>(bend >> 5).scaled())
 }
 
-/// Root of what is positive of `square`, to about 2^-15 of it.
+/// Square root of `square`, 0 for negative ones, to about 2^-15 of it.
 #[inline(always)]
 fn square_root(Fixed(square): Fixed<52, i64>) -> Fixed<26, u32> {
     Fixed(if square <= 0 {
@@ -196,8 +198,9 @@ fn square_root(Fixed(square): Fixed<52, i64>) -> Fixed<26, u32> {
     })
 }
 
-/// The step to the first down-crossing of the parabola at a node in rad, at most 2.9; to its extremum where
-/// there is none, which the second value tells.
+/// Cauchy's step in rad to the down-crossing of the parabola at a node, at most 2.9.
+///
+/// Without a crossing it leads to the extremum, and the second value is false.
 #[inline(always)]
 fn down_crossing(local: &Local) -> (Fixed<24>, bool) {
     let Local {

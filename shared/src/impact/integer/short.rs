@@ -1,13 +1,15 @@
-//! Short hops, below 1/16 rad, in a form that keeps every digit.
+//! Short hops below 1/16 rad: the root of the height divided by the flight time, by Newton's
+//! method.
 
 use super::ballistic::Ballistic;
 use crate::arithmetic::fixed::{Fixed, Reciprocal, high, wide, wide_signed};
 
-/// The longest short hop, in rad.
+/// Flight time in rad: longest short hop.
 const LONGEST_HOP: Fixed<34> = Fixed::<34>::of(1.0 / 16.0);
 
-/// The flight near launch: its height is `d (2 psi - d G) / 2` with
-/// `G = pull - cos d / 3 + sin d^2 / 12`. How many places its numbers have is known as it flies only.
+/// The flight near launch, with the height `d (2 psi - d G) / 2`.
+///
+/// `G = pull - cos d / 3 + sin d^2 / 12`. The number of places varies from flight to flight.
 #[derive(Clone, Copy)]
 struct NearLaunch {
     /// `k - sin` and sine of the phase of launch, cosine / 3: steps of 2^(down - 30).
@@ -15,7 +17,8 @@ struct NearLaunch {
     sine: i32,
     third: i32,
     cosine: i32,
-    /// 2 psi, steps of 2^(down - 64), at most 1/4 (1 where `down` is 2), which no short hop reaches.
+    /// 2 psi in steps of 2^(down - 64), at most 1/4 (1 where `down` is 2), which no short hop
+    /// reaches.
     twice: i64,
     down: u32,
 }
@@ -47,20 +50,21 @@ impl NearLaunch {
     /// Newton's step from `d` to where `d G` reaches 2 psi, for a slope above 0.
     #[inline(always)]
     fn newton(&self, d: Fixed<34>, mean: i32, slope: i32) -> Fixed<34> {
-        // As if `down` were 0: what it is cancels.
+        // Computed as if `down` were 0: its value cancels.
         let reciprocal = Reciprocal::coarse(Fixed::<30, u32>(slope as u32));
         let rest = self.twice - wide_signed(d.0, mean);
-        // So that the shortest hops from rest keep their digits.
+        // The shortest hops from rest keep their digits this way.
         if rest == i64::from(rest as i32) {
             return reciprocal.times(Fixed::<64>(rest as i32));
         }
-        // A saturated one still leads towards the root.
+        // A saturated step still leads towards the root.
         let rest = (rest >> 24).clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32;
         reciprocal.times(Fixed::<40>(rest))
     }
 
-    /// The hop where `d G` reaches 2 psi, by Newton's steps from near it, or from its left on a concave
-    /// or its right on a convex `d G`.
+    /// The hop where `d G` reaches 2 psi, by Newton's method.
+    ///
+    /// It starts near the root, or on the left of a concave or on the right of a convex `d G`.
     #[inline(always)]
     fn hop(&self, mut d: Fixed<34>) -> ShortFlight {
         let mut round = 0;
@@ -75,15 +79,14 @@ impl NearLaunch {
                 return self.before_end();
             }
             round += 1;
-            // Or the steps go around the root by the resolution of a small pull.
-            // With 6 rounds 41 of 420 000 are wrong, with 10 none.
+            // Without convergence the steps circle the root within the resolution of a small pull.
             if step.unsigned_abs() <= d.to::<22>().unsigned_abs().scaled() || round == 24 {
                 // u' = -d (d G)' / 2 at the root; half a step rounds.
                 let slope = slope - 2 * (high(self.third, step.0) >> 2);
                 let up = 7 - self.down;
                 let arrival = Fixed((high(d.0, slope) + (1 << (up - 1))) >> up);
-                // Rounding of the pull, some 2^-29, moves d G by what separates the root from the
-                // greatest value of d G: slope^2 / (4 cos / 3).
+                // The flight grazes where the rounding of the pull, some 2^-29, shifts d G by the
+                // distance to its maximum, slope^2 / (4 cos / 3).
                 let grazes = self.down == 0
                     && slope.unsigned_abs() < 1 << 15
                     && slope * slope < high(self.cosine, d.0);
@@ -96,15 +99,14 @@ impl NearLaunch {
         }
     }
 
-    /// The hop from the right end, 1/16 rad, if there is one before it.
+    /// The hop from the right end, 1/16 rad, if one ends before it.
     #[inline(never)]
     fn before_end(&self) -> ShortFlight {
         let mut d = LONGEST_HOP - Fixed::<34>::STEP;
         let (mean, _) = self.mean_and_slope(d);
         if self.twice >= wide_signed(d.0, mean) {
-            // So near to the throw d G has its greatest value, at 3 pull / (2 cos), before the right end,
-            // and 2 psi is above it. At 1/24 of the cosine 16 more of 420 000 are wrong, at 1/64 9 fewer, at 1/256 the
-            // search no longer finds its bracket.
+            // So near to the throw the maximum of d G, at 3 pull / (2 cos), lies before the right
+            // end and below 2 psi.
             let clears = self.down == 0 && self.pull > 0 && self.pull < self.cosine >> 5;
             return if clears {
                 ShortFlight::Clears {
@@ -134,8 +136,9 @@ impl NearLaunch {
         }
     }
 
-    /// Whether 2 psi is above the greatest `d G` by rounding alone, or by what `G` leaves out: it is `cos d^3 / 60` too small, at
-    /// most 4e-6.
+    /// Whether 2 psi exceeds the maximum of `d G` by rounding alone, or by the omitted terms.
+    ///
+    /// `G` is too small by `cos d^3 / 60`, at most 4e-6.
     #[inline(never)]
     fn skims(&self) -> bool {
         let reciprocal = Reciprocal::coarse(Fixed::<30, u32>(self.cosine as u32));
@@ -157,22 +160,23 @@ impl NearLaunch {
     }
 }
 
-/// What the flight near launch says.
+/// Result of the flight near launch.
 pub(super) enum ShortFlight {
-    /// A short hop: flight in rad and arrival speed; whether it clears the coming hump but for rounding.
+    /// A short hop: flight in rad, arrival speed, and whether it clears the coming hump but for
+    /// rounding.
     Hop {
         flight: Fixed<34>,
         arrival: Fixed<26>,
         grazes: bool,
     },
-    /// The flight clears the coming hump; whether by rounding alone.
+    /// The flight clears the coming hump; `grazes`: by rounding alone.
     Clears { grazes: bool },
-    /// Nothing.
+    /// Undecided.
     Open,
 }
 
 impl Ballistic<'_> {
-    /// The flight near launch: short hops, below 1/16 rad, in a form that keeps every digit.
+    /// The flight near launch: short hops below 1/16 rad, in a form that keeps every digit.
     #[inline(always)]
     pub(super) fn short_flight(&self, throws: bool) -> ShortFlight {
         let constants = self.constants;
@@ -180,7 +184,7 @@ impl Ballistic<'_> {
         let wide_pull = constants.k - self.sine.to();
         let near = if wide_pull < Fixed::<28>::ONE {
             let pull = constants.threshold.wrapping_sub(self.sine);
-            // At lift-off itself the pull must not be rounded against the phase, nor to 0.
+            // At lift-off itself rounding must not change the sign of the pull, nor make it 0.
             let pull = if throws {
                 pull.0.min(-1)
             } else {
@@ -212,7 +216,7 @@ impl Ballistic<'_> {
         let first = Fixed::<34>(first as i32);
         // d = z (1 + e + 2 e^2) with z = 2 psi / pull, e = cos z / (3 pull).
         let bend: Fixed<30> = reciprocal.times(Fixed::<30>(near.third).times::<34, 32>(first));
-        // Larger, the first terms say nothing; from 1/4 on the start may overflow.
+        // Beyond this bound the first terms are useless; from 1/4 on the start may overflow.
         if bend.abs() < Fixed::<30>::of(1.0 / 16.0) {
             let square: Fixed<30> = bend.times(bend);
             near.hop(first + first.times(bend + square + square))

@@ -1,10 +1,10 @@
-//! What carries parts along the track: the law of contact that an orbit is watched with.
+//! Motion of parts along the track: the contact law that an orbit is watched with.
 
 use super::contact::Contact;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::kernel::{Impact, PartState};
 
-/// What every law asks of the track's motion: `k`, `eta`, gamma in rad, and the tangent of the incline.
+/// Refuses a motion out of range: `k`, `eta`, gamma in rad, or the tangent of the incline.
 pub(super) fn accept_motion(
     k: f64,
     amplitude_ratio: f64,
@@ -34,44 +34,48 @@ pub(super) fn accept_motion(
     Ok(())
 }
 
-/// What a part did while it lay on the track.
+/// Motion of a part during a contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lain {
-    /// Way along the track in units of b.
+    /// Distance along the track in units of b.
     pub distance: f64,
     /// Velocity along the track at the end in units of `b w`.
     pub velocity: f64,
-    /// Time in which it slid up the track, in rad.
+    /// Sliding time up the track in rad.
     pub forward: f64,
-    /// Time in which it slid down the track, in rad.
+    /// Sliding time down the track in rad.
     pub backward: f64,
 }
 
-/// A law of motion along the track: [`Tangential`](super::Tangential), the paper's restitution along it, or
-/// [`Friction`](super::Friction). These two alone: what a law owes an orbit may change with any version.
+/// A law of motion along the track: [`Tangential`](super::Tangential) or
+/// [`Friction`](super::Friction).
+///
+/// Only these two implement it; its methods may change with any version.
 pub trait Along: AlongLaw {}
 
 impl<L: AlongLaw> Along for L {}
 
-/// What a law of motion along the track owes an orbit.
+/// Methods of a law of motion along the track.
 pub trait AlongLaw: Copy {
-    /// Whether a part at rest has forgotten how it came there, so that its orbit repeats from lift-off to lift-off.
+    /// Whether rest erases the history of a part, so that its orbit repeats from lift-off to
+    /// lift-off.
     const FORGETS: bool;
 
-    /// The flight of `impact` from `launch`, left with `velocity` along the track: way in b and velocity after the impact.
+    /// Distance in b and velocity after `impact`, for a launch with `velocity` along the track.
     fn fly(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> (f64, f64);
 
-    /// The endless hops of `chatter` rad that bring a part to rest after `last`.
+    /// The infinitely many hops of `chatter` rad that bring a part to rest after `last`.
     fn chatter(&self, contact: &Contact, last: PartState, chatter: f64, velocity: f64) -> Lain;
 
-    /// The part lies on the track from `phase` on for `wait` rad.
+    /// A contact from `phase` on for `wait` rad.
     fn lie(&self, phase: f64, wait: f64, velocity: f64) -> Lain;
 
-    /// Whether any motion along the track can be steady.
+    /// Whether a steady motion along the track is possible.
     fn is_held(&self) -> bool {
         true
     }
 
-    /// One drive cycle of a part that lies there for ever; `None` where it does not move, or not steadily.
+    /// One drive cycle of a part that never leaves the track; `None` without motion or without a
+    /// steady one.
     fn stay(&self) -> Option<Lain>;
 }

@@ -8,7 +8,7 @@ use crate::impact::double::Map;
 use crate::impact::double::launch::{Launch, REMAINDER, Track};
 use crate::impact::kernel::{Kernel, PartState};
 
-/// When contact of a part with the track begins and ends.
+/// Begin and end of a part's contact with the track.
 ///
 /// ```
 /// use kband::impact::{Contact, PartState};
@@ -28,7 +28,8 @@ use crate::impact::kernel::{Kernel, PartState};
 pub struct Contact {
     track: Track<f64>,
     restitution: f64,
-    /// No velocity above this can be closed at any phase, so fast hops cost no trigonometry.
+    /// Velocity in `b w` above which no chatter has a closed form at any phase: saves trigonometry
+    /// for fast hops.
     ceiling: f64,
     lift_off: Option<f64>,
 }
@@ -46,8 +47,8 @@ impl Contact {
     }
 
     fn of(k: f64, restitution: f64) -> Self {
-        // The remainder is z^3 (2.1 (c/A)^2 + 0.9 |s|/A) with A <= 1 + k. Where |s| < 1/2, c^2 > 3/4,
-        // so the bracket is at least the smaller of these two.
+        // The remainder is z^3 (2.1 (c/A)^2 + 0.9 |s|/A) with A <= 1 + k. Where |s| < 1/2,
+        // c^2 > 3/4, so the bracket is at least the smaller of these two.
         let pull = 1.0 + k;
         let least = (0.45 / pull).min(1.575 / (pull * pull));
         let track = Track::new(k);
@@ -66,16 +67,19 @@ impl Contact {
         self.lift_off
     }
 
-    /// Duration of the infinitely many hops that end at rest, in rad, where `state` chatters to rest
-    /// so closely that the closure is exact to f64; else `None`, and the part goes on hopping.
+    /// Duration in rad of the infinitely many hops that end at rest, if its closed form is exact to
+    /// f64.
     ///
-    /// With `A = k - sin t`, `c = cos t` and `z = psi / (A (1 - R))` the duration is
-    /// `2 z + (4/3) (c/A) z^2`. The third order is
-    /// `(2/9) z^3 (8 (c/A)^2 (1 + 3R/2 + R^2) - 3 (s/A) (1 + R)^2) / (1 + R + R^2)`, at most
-    /// `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`; the closure is taken where that is below 2e-16 rad and the
-    /// pull A changes by less than 1e-3 of itself, so that the part is still pulled down when it
-    /// comes to rest. A velocity of 0 rests at once where the track does not throw it. A lane of
-    /// `batch::Block` waits on the same decision.
+    /// `None` otherwise: the part goes on hopping.
+    ///
+    /// Let `A = k - sin t`, `c = cos t` and `z = psi / (A (1 - R))`. The duration is
+    /// `2 z + (4/3) (c/A) z^2`. The third order is `(2/9) z^3 (8 (c/A)^2 (1 + 3R/2 + R^2) - 3 (s/A)
+    /// (1 + R)^2) / (1 + R + R^2)`, at most `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`.
+    ///
+    /// The closed form is used if that is below 2e-16 rad and the pull A changes by less than
+    /// 1e-3 of itself. So the track still pulls the part down when it comes to rest. A velocity
+    /// of 0 rests at once where the track does not throw it. A lane of `batch::Block` waits on the
+    /// same decision.
     #[must_use]
     pub fn time_to_rest(&self, state: PartState) -> Option<f64> {
         let PartState { phase, velocity } = state;
@@ -95,8 +99,10 @@ impl Contact {
         Some(2.0 * z + 4.0 / 3.0 * slope * z * z)
     }
 
-    /// Way that a velocity along the track carries the part during a closed chatter, per unit of that
-    /// velocity, in rad: `2 psi / (A (1 - R Rt))`, to first order in psi.
+    /// Distance along the track during a chatter, per unit of the initial velocity along the track,
+    /// in rad.
+    ///
+    /// It is `2 psi / (A (1 - R Rt))`, to first order in psi.
     #[cfg(any(test, feature = "analysis", feature = "control"))]
     #[must_use]
     pub(crate) fn chatter_reach(&self, state: PartState, tangential_restitution: f64) -> f64 {
@@ -108,19 +114,22 @@ impl Contact {
         }
     }
 
-    /// Wait from `phase`, where the part rests, to lift-off, in rad, 0 where the track throws it at
-    /// once; `None` where it rests for ever.
+    /// Time in rad from rest at `phase` to lift-off, 0 where the track throws the part at once.
+    ///
+    /// `None` where it rests for ever.
     #[must_use]
     pub fn wait(&self, phase: f64) -> Option<f64> {
         let lift_off = self.lift_off?;
         let past = turned(phase - lift_off);
-        // Within rounding of the end of a hump a resting part stays: the track has thrown what it throws.
+        // Within rounding of a hump's end a resting part stays: the track has already thrown all
+        // others.
         let thrown = past == 0.0 || past < (PI - 2.0 * lift_off) * (1.0 - 1e-9);
         Some(if thrown { 0.0 } else { TAU - past })
     }
 
-    /// [`Contact::wait`] without the jump: asks the track at every 1/256 turn whether it throws the
-    /// part. It exists to show what the jump saves and that it changes nothing.
+    /// [`Contact::wait`] by polling the track every 1/256 turn.
+    ///
+    /// It measures the time that the jump saves and proves that the jump changes nothing.
     #[must_use]
     pub(super) fn wait_by_polling(&self, phase: f64) -> Option<f64> {
         const STEP: f64 = TAU / 256.0;
@@ -131,7 +140,7 @@ impl Contact {
             let (from, to) = (f64::from(n) * STEP, f64::from(n + 1) * STEP);
             let crest = turned(FRAC_PI_2 - phase - from) < STEP && self.track.k < 1.0;
             if crest || libm::sin(phase + to) >= self.track.k {
-                // The polled step holds the crossing, the exact phase of which is arcsin k.
+                // The crossing lies in this polled step; its exact phase is arcsin k.
                 return self
                     .wait(phase)
                     .map(|wait| if wait <= to { wait } else { to });
@@ -196,8 +205,8 @@ mod tests {
                     }
                 }
             }
-            // Up to 60 hops each round a phase of up to 6.3 by half an ulp (4e-16); the hops between
-            // chatter amplify that, the second case by about 1e3.
+            // Each of up to 60 hops rounds a phase of up to 6.3 by half an ulp (4e-16). The hops
+            // between the chatters amplify that, the second case by about 1e3.
             assert!((ended.unwrap() - rest).abs() < 1e-11, "{k}: {ended:?}");
             assert_eq!(left.is_some(), lift_off.is_some());
             if let (Some(left), Some(lift_off)) = (left, lift_off) {
@@ -206,8 +215,10 @@ mod tests {
         }
     }
 
-    /// The closure against the hops that it stands for: hop on until the closure would be 100 times
-    /// shorter, so that its own remainder is 1e-6 of the one tested.
+    /// The closed form against the hops that it sums.
+    ///
+    /// It hops on until the closed form is 100 times shorter, with a remainder of 1e-6 of the
+    /// tested one.
     #[test]
     fn the_closure_is_the_sum_of_the_hops() {
         for k in [0.05, 0.43, 0.9, 1.0, 1.5] {
@@ -240,7 +251,8 @@ mod tests {
                     summed += contact
                         .time_to_rest(hop)
                         .unwrap_or_else(|| panic!("{k} {restitution} {state:?} {hop:?}"));
-                    // The remainder, and the rounding of phases of 2 pi into which tiny hops are added.
+                    // The remainder, and the rounding of phases of 2 pi to which tiny hops are
+                    // added.
                     assert!(
                         (summed - closed).abs() < REMAINDER + 1e-9 * closed,
                         "{k} {restitution} {phase}: {summed} {closed}"

@@ -1,4 +1,4 @@
-//! The stream of events of one part on one track.
+//! Events of one part on one track: impacts, rests and lift-offs (event-driven simulation).
 
 use super::contact::{Contact, turned};
 use super::observe::Observer;
@@ -8,22 +8,22 @@ use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, Kernel, PartState};
 use crate::impact::scatter::Scatter;
 
-/// Least mean restitution about which one is drawn.
+/// Mean restitution: smallest one that can scatter.
 const LEAST_SCATTERED: f64 = 1e-6;
 
-/// What happens to a part next.
+/// The next event of a part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OrbitEvent {
-    /// It flew and struck the track.
+    /// The part flew and struck the track.
     Impact(Impact<PartState>),
-    /// It chattered to rest.
+    /// The part chattered to rest.
     Rest {
-        /// Duration of the chatter that the closure summed, in rad.
+        /// Duration of the chatter in rad, from its closed form.
         chatter: f64,
         /// Phase at rest, in rad, 0..2 pi.
         phase: f64,
     },
-    /// It rested and was thrown off with velocity 0.
+    /// The part rested and was thrown off with velocity 0.
     LiftOff {
         /// Time at rest, in rad.
         wait: f64,
@@ -32,22 +32,23 @@ pub enum OrbitEvent {
     },
 }
 
-/// Work that an orbit leaves out because the answer is known. None of them changes a bit of it; each
-/// can be switched off to prove that, and to measure what it saves.
+/// Shortcuts of an orbit. None changes a bit of it.
+///
+/// Each can be switched off to prove that, and to measure the time that it saves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Skips {
-    /// A part at rest jumps to lift-off; off: the track is polled until it throws the part.
+    /// A part at rest jumps to lift-off; off: poll the track until it throws the part.
     pub rest_jump: bool,
-    /// The flight that follows lift-off depends on k only and is computed once; off: every time.
+    /// The flight after lift-off depends on k only and is computed once; off: every time.
     pub release: bool,
-    /// [`Orbit::watch`] ends at the second lift-off, from which on the orbit repeats itself; off: it
-    /// goes on computing the same events.
+    /// [`Orbit::watch`] ends at the second lift-off, where the orbit repeats; off: go on with the
+    /// same events.
     pub repeat: bool,
 }
 
 #[cfg(any(test, feature = "unstable"))]
 impl Skips {
-    /// Nothing is left out.
+    /// No shortcut.
     pub const NONE: Self = Self {
         rest_jump: false,
         release: false,
@@ -56,7 +57,7 @@ impl Skips {
 }
 
 impl Default for Skips {
-    /// Everything that can be left out is.
+    /// Every shortcut.
     fn default() -> Self {
         Self {
             rest_jump: true,
@@ -69,18 +70,20 @@ impl Default for Skips {
 /// Why [`Orbit::watch`] stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
-    /// The impacts asked for have been seen.
+    /// The requested number of impacts was reached.
     Counted,
-    /// The part was thrown off a second time: what was seen between the two lift-offs repeats for
-    /// ever, as velocity and motion along the track begin anew at each.
+    /// The part was thrown a second time. The orbit repeats from here for ever.
+    ///
+    /// Velocity and motion along the track restart at each lift-off.
     Repeats,
     /// The part rests for ever (k >= 1).
     RestsForEver,
 }
 
-/// The orbit of one part: an endless iterator of events, ended only by rest for ever (k >= 1).
+/// The orbit of one part: an iterator of events that ends only when the part rests for ever
+/// (k >= 1).
 ///
-/// On a kernel other than f64 give its contact explicitly, see [`Orbit::on`].
+/// Kernels other than f64 need an explicit contact, see [`Orbit::on`].
 ///
 /// ```
 /// use core::f64::consts::TAU;
@@ -100,10 +103,10 @@ pub struct Orbit<'a, K: Kernel<State = PartState> = Map> {
     skips: Skips,
     state: PartState,
     stage: Stage,
-    /// The release of the part, once known.
+    /// The release of the part, once computed.
     release: Option<Release<PartState>>,
     scatter: Option<Scatter>,
-    /// The restitution of the last impact over that of the kernel.
+    /// The last drawn restitution over that of the kernel.
     drawn: f64,
 }
 
@@ -124,7 +127,7 @@ impl<'a> Orbit<'a> {
         Self::on(map, Contact::new(map), start)
     }
 
-    /// The orbit that begins at rest; it lifts off at `arcsin k`.
+    /// The orbit that begins at rest; the first lift-off is at `arcsin k`.
     #[must_use]
     pub fn from_rest(map: &'a Map) -> Self {
         let origin = PartState {
@@ -153,8 +156,10 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
         }
     }
 
-    /// This orbit with a restitution that `scatter` draws at each impact, about that of the kernel, which must not be 0.
-    /// A chatter is closed at the kernel's.
+    /// This orbit with a restitution drawn by `scatter` at each impact, about that of the kernel.
+    ///
+    /// A chatter's closed form uses the kernel's restitution. Errors: `OutOfRange` for a mean
+    /// restitution below 1e-6.
     ///
     /// ```
     /// use kband::impact::{OrbitEvent, Kernel, Map, Orbit, Scatter};
@@ -185,14 +190,14 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
         Ok(self)
     }
 
-    /// The restitution of the last impact over that of the kernel; 1 where it does not scatter.
+    /// The last drawn restitution over that of the kernel; 1 without scatter.
     #[cfg(any(test, feature = "analysis"))]
     #[must_use]
     pub(crate) fn drawn(&self) -> f64 {
         self.drawn
     }
 
-    /// `impact` with the speed that a drawn restitution leaves.
+    /// `impact` with its velocity scaled to a drawn restitution.
     fn scattered(&mut self, mut impact: Impact<PartState>) -> Impact<PartState> {
         if let Some(scatter) = &mut self.scatter {
             self.drawn = scatter.draw() / scatter.mean();
@@ -201,7 +206,7 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
         impact
     }
 
-    /// This orbit, leaving out only what `skips` says.
+    /// This orbit with the shortcuts of `skips` only.
     #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn with(mut self, skips: Skips) -> Self {
@@ -215,10 +220,10 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
         self.state
     }
 
-    /// Runs the orbit until `impacts` more impacts have been seen, showing every event to `observer`.
+    /// Runs the orbit for `impacts` impacts and passes every event to `observer`.
     ///
-    /// It ends at the second lift-off it sees; an observer of means that starts
-    /// anew at the first ([`Observer::lift_off`]) then holds the exact mean of the endless orbit.
+    /// It ends at the second lift-off. An observer of means that restarts at the first
+    /// ([`Observer::lift_off`]) then holds the exact mean of the endless orbit.
     pub fn watch(&mut self, impacts: u64, observer: &mut impl Observer) -> Ended {
         let mut seen = 0;
         let mut lift_offs = 0;
@@ -243,8 +248,8 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
         Ended::Counted
     }
 
-    /// The release of this orbit's part; `None` where the kernel sees no flight at all, which is k within
-    /// rounding of 1.
+    /// The release of the part; `None` where the kernel finds no flight, for k within rounding
+    /// of 1.
     fn released(&mut self) -> Option<Release<PartState>> {
         if !self.skips.release || self.release.is_none() {
             self.release = Release::of(self.kernel, self.contact.lift_off()?, 0.0);
@@ -290,7 +295,8 @@ impl<K: Kernel<State = PartState>> Iterator for Orbit<'_, K> {
                 }
                 let impact = self.kernel.impact(self.state);
                 if impact.flight <= 0.0 {
-                    // The kernel's sine and this one's differ by an ulp at sin t = k: it rests.
+                    // The sines of kernel and contact differ by an ulp at sin t = k: the part
+                    // rests.
                     return Some(self.settle(0.0));
                 }
                 impact
@@ -344,14 +350,14 @@ mod tests {
             let Some(OrbitEvent::Impact(impact)) = orbit.next() else {
                 panic!("then it flies");
             };
-            // Rounding of arcsin k (1e-16) times the sensitivity of the flight (below 10), and the
-            // kernel's own rounding.
+            // Rounding of arcsin k (1e-16) times the flight's sensitivity (below 10), plus the
+            // kernel's rounding.
             assert!((impact.flight - flight).abs() < 2e-14, "{}", impact.flight);
             assert!((impact.next.velocity - velocity).abs() < 2e-14);
         }
     }
 
-    /// Each skip on its own, and all of them, against none: the same events, bit for bit.
+    /// Each shortcut alone, and all of them, against none: the same events, bit for bit.
     #[test]
     fn skips_change_no_bit() {
         for (k, restitution) in [
@@ -386,7 +392,7 @@ mod tests {
         }
     }
 
-    /// What [`Skips::repeat`] leaves out is what was already seen.
+    /// [`Skips::repeat`] omits only repeated events.
     #[test]
     fn after_a_second_lift_off_the_orbit_repeats_itself_bit_for_bit() {
         for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.6, 0.1), (0.7, 0.0)] {

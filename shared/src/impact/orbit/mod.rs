@@ -1,4 +1,4 @@
-//! The orbit of a part: impacts, rests and lift-offs in turn, and what is watched of them.
+//! The orbit of a part: the sequence of impacts, rests and lift-offs, and its observers.
 
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 mod along;

@@ -1,12 +1,12 @@
-//! What is wanted of an orbit: observers, composed at compile time.
+//! Observers of an orbit, composed at compile time.
 
 use crate::impact::kernel::{Impact, PartState};
 
-/// Something that watches an orbit.
+/// An observer of an orbit (observer pattern).
 ///
-/// An orbit yields impacts, rests and lift-offs; each quantity wanted of it (conveying, tangent map,
-/// histogram of intervals) is an observer. Observers compose as tuples, so what nobody watches is not
-/// computed: `()` watches nothing and costs nothing.
+/// An orbit yields impacts, rests and lift-offs. Each quantity (conveying speed, tangent map,
+/// histogram of intervals) is one observer. Observers compose as tuples, so unobserved quantities
+/// cost nothing: `()` observes nothing.
 ///
 /// ```
 /// use kband::impact::{Count, Impact, Kernel, Map, Observer, Orbit, PartState};
@@ -34,8 +34,9 @@ pub trait Observer {
         let _ = (launch, impact);
     }
 
-    /// The part chattered to rest from `last`, its state after the last impact that was computed, in
-    /// `chatter` rad; it rests from `phase` on.
+    /// The part chattered to rest in `chatter` rad; it rests from `phase` on.
+    ///
+    /// `last` is the state after the last computed impact.
     #[inline]
     fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
         let _ = (last, chatter, phase);
@@ -99,7 +100,7 @@ compose!(A, B);
 compose!(A, B, C);
 compose!(A, B, C, D);
 
-/// Counts of what happened: the cheapest observer.
+/// Counts of events: the cheapest observer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Count {
     /// Impacts.
@@ -134,7 +135,7 @@ mod tests {
     use crate::impact::kernel::Kernel;
     use crate::impact::orbit::{Orbit, Skips};
 
-    /// Impact phases and flights, folded into 64 bits in order (FNV-1a over the bits).
+    /// FNV-1a hash of the bits of impact phases and flights, in order.
     struct Hash(u64);
 
     impl Observer for Hash {

@@ -1,28 +1,30 @@
-//! The flight of a part that the track throws off from rest.
+//! Release: the flight of a part that the track throws off from rest.
 
 use crate::impact::kernel::{Impact, Kernel};
 
 /// A part thrown off from rest: its launch and the flight that follows.
 ///
-/// It leaves where `sin t = k` going up with velocity 0, whatever it did before
-/// (docs/theory-impacts.md#t4.2), so both depend on k and the restitution alone.
+/// The launch is at `sin t = k` going up with velocity 0, whatever came before
+/// (docs/theory-impacts.md#t4.2). So launch and flight depend on k and the restitution alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Release<S> {
-    /// The state that it is thrown off with.
+    /// The state at launch.
     pub launch: S,
     /// The flight from there.
     pub impact: Impact<S>,
 }
 
-/// Delay of a lift-off in rad for arithmetics coarser than f64: more than the rounding of `arcsin k` and
-/// of a phase there, so that the part is never left on the track. The launch velocity that it omits is at
-/// most half its square, 5e-9 `b w`.
+/// Delay of a lift-off in rad, for arithmetics coarser than f64.
+///
+/// It exceeds their rounding of `arcsin k` and of a phase, so that the part always leaves the
+/// track. It omits a launch velocity of at most half its square, 5e-9 `b w`.
 #[cfg(any(test, feature = "analysis", feature = "control"))]
 pub const LATE: f64 = 1e-4;
 
 impl<S: Copy> Release<S> {
-    /// The release `delay` rad (0, or [`LATE`]) after `lift_off`, which is `arcsin k` in rad; `None` where
-    /// the kernel sees no flight there.
+    /// The release `delay` rad (0, or [`LATE`]) after `lift_off`, which is `arcsin k` in rad.
+    ///
+    /// `None` where the kernel finds no flight there.
     #[must_use]
     pub fn of<K: Kernel<State = S>>(kernel: &K, lift_off: f64, delay: f64) -> Option<Self> {
         let launch = K::state(lift_off + delay, 0.0).ok()?;
@@ -38,7 +40,8 @@ mod tests {
     use crate::impact::double::Map;
     use crate::impact::integer::Integer;
 
-    /// Flights from rest at k evenly and down to rounding below 1, where the top of the sine is flat.
+    /// Flights from rest at k evenly and down to rounding below 1, where the top of the sine is
+    /// flat.
     fn flights<K: Kernel>(delay: f64) -> impl Iterator<Item = (f64, Option<f64>)> {
         (0..40_000).map(move |step| {
             let part = (f64::from(step) * 0.618_034).rem_euclid(1.0);
@@ -63,7 +66,7 @@ mod tests {
             .chain(flights::<Single>(LATE))
             .chain(flights::<Integer>(LATE));
         for (k, flight) in coarse {
-            // Within LATE of the top of the sine it is past the track's push by then.
+            // Within LATE of the top of the sine the track's push has ended after the delay.
             assert!(flight.is_some() || k > 1.0 - LATE * LATE, "{k:e}");
         }
     }
@@ -75,8 +78,8 @@ mod tests {
             let lift_off = libm::asin(k);
             let prompt = Release::of(&map, lift_off, 0.0).unwrap().impact;
             let late = Release::of(&map, lift_off, LATE).unwrap().impact;
-            // The flight ends where it did, but for the launch velocity omitted times the time since,
-            // over an arrival speed of 0.1 at least.
+            // The flight ends at the same time, but for the omitted launch velocity. That acts for
+            // the time since launch, over an arrival speed of at least 0.1.
             let apart = late.flight + LATE - prompt.flight;
             assert!(apart.abs() < 10.0 * 5e-9 * prompt.flight, "{k} {apart:e}");
             let slower = late.next.velocity - prompt.next.velocity;

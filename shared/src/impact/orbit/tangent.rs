@@ -1,4 +1,7 @@
-//! The tangent map of an impact.
+//! The tangent map of an impact (variational equation) and the Lyapunov exponents of an orbit.
+//!
+//! The exponents follow from a frame that is orthogonalised after every impact (Benettin et al.
+//! 1980).
 
 use super::observe::Observer;
 use crate::impact::double::Map;
@@ -28,8 +31,8 @@ pub struct Tangent {
 }
 
 impl Tangent {
-    /// The tangent of the impact that `map` took from `state`; `None` where it arrives with speed 0,
-    /// where no derivative exists.
+    /// The tangent of the impact that `map` computed from `state`; `None` at arrival speed 0, where
+    /// no derivative exists.
     #[must_use]
     pub fn of(map: &Map, state: PartState, impact: &Impact<PartState>) -> Option<Self> {
         let PartState {
@@ -60,7 +63,7 @@ impl Tangent {
         })
     }
 
-    /// The same on a track of several tones.
+    /// The tangent on a track of several tones.
     #[cfg(any(test, feature = "analysis", feature = "control"))]
     #[must_use]
     pub fn on_tones(map: &WaveMap, state: PartState, impact: &Impact<PartState>) -> Option<Self> {
@@ -108,11 +111,10 @@ impl Tangent {
     }
 }
 
-/// Growth of a small area and of its longest side along an orbit: an observer that holds both
-/// exponents.
+/// Mean growth rates of an orbit's tangent vectors: an observer of both Lyapunov exponents.
 ///
-/// A frame of two directions is carried by the tangent map and made orthogonal again after every
-/// impact. It starts anew at lift-off, where an orbit forgets everything.
+/// The tangent map carries a frame of two directions, which is orthogonalised after every impact.
+/// The frame restarts at lift-off, which erases the history of an orbit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Growth<'a> {
     map: &'a Map,
@@ -120,9 +122,9 @@ pub struct Growth<'a> {
     direction: [f64; 2],
     sums: [f64; 2],
     impacts: u64,
-    /// Impacts that turn the frame before any is summed.
+    /// Number of impacts that align the frame before the sums begin.
     settle: u64,
-    /// Of those, what is left.
+    /// Remaining impacts of those.
     settling: u64,
 }
 
@@ -140,8 +142,10 @@ impl<'a> Growth<'a> {
         }
     }
 
-    /// The same, with the frame turned by so many impacts before the first that is summed. On an orbit of a few impacts
-    /// its first direction is remembered for ever otherwise: 1e-3 of an exponent over 3000 impacts.
+    /// The same, with `impacts` impacts that align the frame before the sums begin.
+    ///
+    /// Otherwise the first direction biases the exponents of a periodic orbit, by 1e-3 over 3000
+    /// impacts.
     #[must_use]
     pub fn settling(map: &'a Map, impacts: u64) -> Self {
         Self {
@@ -151,8 +155,9 @@ impl<'a> Growth<'a> {
         }
     }
 
-    /// Both Lyapunov exponents per impact, the larger first; `None` before the first impact. Their sum
-    /// is `2 ln R` but for what the ends of the orbit add, `ln(psi_first / psi_last) / impacts`.
+    /// Both Lyapunov exponents per impact, the larger first; `None` before the first impact.
+    ///
+    /// Their sum is `2 ln R` plus the end terms `ln(psi_first / psi_last) / impacts`.
     #[must_use]
     pub fn exponents(&self) -> Option<[f64; 2]> {
         let count = self.impacts as f64;
@@ -169,8 +174,8 @@ impl Observer for Growth<'_> {
         let [x, y] = self.direction;
         let (u, v) = (a * x + b * y, c * x + d * y);
         let length = libm::hypot(u, v);
-        // The area spanned by the images of the frame, over the longer side, is the other side. The
-        // determinant as a difference of products would lose the digits that a long flight cancels.
+        // The area of the frame's image over its longer side is the other side. The determinant as
+        // a difference of products would lose the digits that cancel in a long flight.
         let restitution = self.map.restitution();
         let area = restitution * restitution * launch.velocity / impact.next.velocity;
         if length > 0.0 && area > 0.0 && area.is_finite() {
@@ -217,8 +222,8 @@ mod tests {
                         let exact =
                             restitution * restitution * from.velocity / impact.next.velocity;
                         let [[a, b], [c, d]] = tangent.jacobian;
-                        // 1e-12 of the products whose difference the determinant is: where the flight
-                        // itself is known to 1e-15 d and the condition is d/s.
+                        // 1e-12 of the products whose difference is the determinant. There the
+                        // flight's error is 1e-15 d and the condition number d/s.
                         let scale = (a * d).abs() + (b * c).abs() + exact;
                         assert!(
                             (tangent.determinant() - exact).abs() < 1e-12 * scale,
@@ -244,7 +249,7 @@ mod tests {
             growth.exponents().unwrap()[0]
         };
         assert!((of(Growth::settling(&map, 64)) - exact).abs() < 1e-9);
-        // Without, the first direction is in the mean for ever.
+        // Without alignment the first direction biases the mean for ever.
         assert!((of(Growth::new(&map)) - exact).abs() > 1e-4);
     }
 
@@ -310,7 +315,7 @@ mod tests {
                 (larger + smaller - ends - exact).abs() < 1e-12,
                 "k {k} R {restitution}"
             );
-            // Each determinant is known to 1e-15 (d/s)^2, which averages 1e-12 or less.
+            // The error of each determinant is 1e-15 (d/s)^2, in the mean 1e-12 or less.
             assert!(
                 (determinants.sum / count - ends - exact).abs() < 1e-11,
                 "{k} {restitution}"
@@ -338,7 +343,7 @@ mod tests {
         }
     }
 
-    /// A start near the period-1 orbit of order 1, which all regimes of the test grow from.
+    /// A start near the period-1 orbit of order 1, from which all regimes of the test evolve.
     fn near_lock(k: f64, restitution: f64) -> PartState {
         use core::f64::consts::{PI, TAU};
         let phase = libm::acos((PI * k * (1.0 - restitution) / (1.0 + restitution)).min(1.0));

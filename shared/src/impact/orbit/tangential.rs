@@ -1,4 +1,5 @@
-//! Motion along the track: what a flight and an impact do to it (equations 10 and 11; docs/theory-transport.md#t8.1).
+//! Motion along the track with a tangential restitution (equations 10 and 11;
+//! docs/theory-transport.md#t8.1).
 
 use super::along::{AlongLaw, Lain, accept_motion};
 use super::contact::Contact;
@@ -7,11 +8,12 @@ use crate::impact::kernel::{Impact, PartState};
 #[cfg(feature = "plant")]
 use crate::impact::wave::Wave;
 
-/// What the motion along the track depends on besides k.
+/// Parameters of the motion along the track besides k.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TangentialSettings {
-    /// Restitution along the track (symbol Rt, R_par in the paper), 0..1, 1 itself excluded: a part
-    /// that keeps its speed at every impact never settles on an incline.
+    /// Restitution along the track (symbol Rt, R_par in the paper), 0..1, without 1.
+    ///
+    /// A part that keeps its speed at every impact never reaches a steady speed on an incline.
     pub restitution: f64,
     /// Amplitude parallel to the track over the amplitude normal to it (symbol eta), 0..=100.
     pub amplitude_ratio: f64,
@@ -62,8 +64,9 @@ pub struct Tangential {
 }
 
 impl Tangential {
-    /// The motion along a track of these settings at `k` (0.001..=1000); the refusal names the
-    /// parameter.
+    /// The motion along a track of these settings at `k`, 0.001..=1000.
+    ///
+    /// Errors: `OutOfRange` with the parameter.
     pub fn build(k: f64, settings: TangentialSettings) -> Result<Self, OutOfRange> {
         let TangentialSettings {
             restitution,
@@ -84,17 +87,17 @@ impl Tangential {
         })
     }
 
-    /// What it was built from.
+    /// The settings of this motion.
     #[must_use]
     pub fn settings(&self) -> TangentialSettings {
         self.settings
     }
 
-    /// Distance along the track, in units of b, positive up the incline, that a part covers in the flight of `impact` from `launch`,
-    /// leaving with `velocity` (symbol phi) along the track: `W d` of equation 11.
+    /// Distance along the track of a flight, in units of b, positive up the incline.
     ///
-    /// Written as `phi d + d^2 { eta [sin(t+gamma) (1-cos d)/d^2 + cos(t+gamma) (d - sin d)/d^2] -
-    /// (k/2) tan(alpha) }`, which keeps its digits down to the shortest hops.
+    /// The part leaves `launch` with `velocity` (symbol phi) along the track: `W d` of equation 11.
+    /// The form `phi d + d^2 { eta [sin(t+gamma) (1-cos d)/d^2 + cos(t+gamma) (d - sin d)/d^2] -
+    /// (k/2) tan(alpha) }` keeps its digits for the shortest hops.
     #[must_use]
     pub fn distance(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> f64 {
         let d = impact.flight;
@@ -103,8 +106,10 @@ impl Tangential {
         self.travelled(d, velocity, shaken)
     }
 
-    /// As [`Tangential::distance`], on a track of several tones: the motion along it is `eta` times the normal one, led by
-    /// gamma as a whole, `eta S(t + gamma)`.
+    /// [`Tangential::distance`] on a track of several tones.
+    ///
+    /// The parallel motion is `eta` times the normal one, led by gamma as a whole:
+    /// `eta S(t + gamma)`.
     #[must_use]
     #[cfg(feature = "plant")]
     pub(crate) fn distance_on(
@@ -127,19 +132,19 @@ impl Tangential {
         self.travelled(d, velocity, shaken)
     }
 
-    /// The distance of a flight in which the track's own motion gave `shaken d^2`.
+    /// The distance of a flight, with the track's share `shaken d^2`.
     fn travelled(&self, flight: f64, velocity: f64, shaken: f64) -> f64 {
         let push = self.settings.amplitude_ratio * shaken - 0.5 * self.gravity;
         flight * (velocity + flight * push)
     }
 
-    /// The velocity after a flight in which that of the track changed by `change`.
+    /// Velocity after a flight in which the track's velocity changed by `change`.
     fn kept(&self, flight: f64, velocity: f64, change: f64) -> f64 {
         let arrived = velocity - self.settings.amplitude_ratio * change - self.gravity * flight;
         self.settings.restitution * arrived
     }
 
-    /// As [`Tangential::after`], on a track of several tones.
+    /// [`Tangential::after`] on a track of several tones.
     #[must_use]
     #[cfg(feature = "plant")]
     pub(crate) fn after_on(
@@ -174,7 +179,7 @@ impl Tangential {
     }
 }
 
-/// At rest the velocity is 0 (the paper's model: infinitely many impacts have taken it).
+/// At rest the velocity is 0: the infinitely many impacts of the chatter use it up.
 impl AlongLaw for Tangential {
     const FORGETS: bool = true;
 
@@ -184,8 +189,9 @@ impl AlongLaw for Tangential {
         (distance, self.after(launch, impact, velocity))
     }
 
-    /// The velocity dies geometrically over hops that shrink geometrically. What the shaking does meanwhile is of second
-    /// order in a chatter of at most 1e-4 rad.
+    /// The velocity decays geometrically over hops that shrink geometrically.
+    ///
+    /// The drive's effect is of second order in a chatter of at most 1e-4 rad.
     fn chatter(&self, contact: &Contact, last: PartState, _: f64, velocity: f64) -> Lain {
         Lain {
             distance: velocity * contact.chatter_reach(last, self.settings.restitution),
@@ -207,7 +213,7 @@ fn versine(d: f64) -> f64 {
     versine_of(0.5 * d, libm::sin(0.5 * d))
 }
 
-/// The same from half of d, and its sine.
+/// The same from half of d and the sine of that half.
 pub(super) fn versine_of(half: f64, sine: f64) -> f64 {
     if half == 0.0 {
         return 0.5;
@@ -243,8 +249,8 @@ mod tests {
         incline_tangent: 0.05,
     };
 
-    /// The equation of motion `v'' = eta sin(tau + gamma) - k tan(alpha)` integrated by the classical
-    /// Runge-Kutta rule: distance and velocity after `d`.
+    /// The equation of motion `v'' = eta sin(tau + gamma) - k tan(alpha)` integrated by the
+    /// classical Runge-Kutta rule: distance and velocity after `d`.
     fn integrated(k: f64, t: f64, d: f64, velocity: f64) -> (f64, f64) {
         let push = |tau: f64| {
             SETTINGS.amplitude_ratio * libm::sin(tau + SETTINGS.phase_lead)

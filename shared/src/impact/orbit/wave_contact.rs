@@ -1,15 +1,17 @@
-//! How a chatter on a track of several tones comes to rest.
+//! Chatter to rest on a track of several tones (docs/theory-impacts.md#t4.1).
 
 use crate::impact::double::launch::{CHANGE, REMAINDER};
 use crate::impact::kernel::PartState;
 use crate::impact::tones::track::Track;
 
-/// Duration of the infinitely many hops that end at rest, in rad, where `state` chatters to rest so closely that the
-/// closure is exact to f64; else `None`, and the part goes on hopping.
+/// Duration in rad of the infinitely many hops that end at rest, if its closed form is exact to
+/// f64.
 ///
-/// [`Contact`](super::Contact) with the track's push A for the sine, A' for the cosine and -A'' for the sine of its
-/// curvature: with the pull `P = k - A` and `z = psi / (P (1 - R))` it is `2 z + (4/3) (A'/P) z^2`; the third order is at
-/// most `z^3 (2.1 (A'/P)^2 + 0.9 |A''|/P)`. A velocity of 0 rests at once where the track does not throw the part.
+/// `None` otherwise: the part goes on hopping. It is the form of [`Contact`](super::Contact) with
+/// the push A for the sine and A' for the cosine. Let `P = k - A` be the pull and
+/// `z = psi / (P (1 - R))`. The duration is `2 z + (4/3) (A'/P) z^2`. The third order is at most
+/// `z^3 (2.1 (A'/P)^2 + 0.9 |A''|/P)`. A velocity of 0 rests at once where the track does not throw
+/// the part.
 pub(super) fn time_to_rest(track: &Track, restitution: f64, state: PartState) -> Option<f64> {
     let hop = state.velocity;
     let at = track.wave.at(state.phase);

@@ -1,4 +1,4 @@
-//! The stream of events of one part on a track of several tones.
+//! Events of one part on a track of several tones: impacts, rests and lift-offs.
 
 use super::events::OrbitEvent;
 use super::wave_contact::time_to_rest;
@@ -6,7 +6,8 @@ use crate::impact::kernel::{Impact, Kernel, PartState};
 use crate::impact::tones::WaveMap;
 use crate::impact::wave::in_turn;
 
-/// The orbit of one part on a track of several tones: impacts, rests and lift-offs, ended only by rest for ever.
+/// The orbit of one part on a track of several tones: an iterator that ends when the part rests for
+/// ever.
 #[derive(Clone, Copy, Debug)]
 pub struct WaveOrbit {
     map: WaveMap,
@@ -23,7 +24,8 @@ impl WaveOrbit {
         }
     }
 
-    /// The orbit that begins at rest, phase 0; it lifts off where the push of the track first rises through k.
+    /// The orbit that begins at rest, phase 0; the first lift-off is where the push first rises
+    /// through k.
     #[must_use]
     pub(crate) fn from_rest(map: &WaveMap) -> Self {
         Self {
@@ -53,10 +55,10 @@ impl Iterator for WaveOrbit {
     }
 }
 
-/// A part on a track of several tones, between two events. It flies by whoever holds it.
+/// A part on a track of several tones, between two events. Its owner computes the flights.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WavePart {
-    /// The restitution at which a chatter is closed.
+    /// Restitution for the closed form of a chatter.
     restitution: f64,
     state: PartState,
     stage: Stage,
@@ -72,12 +74,12 @@ enum Stage {
     Released,
 }
 
-/// What a part does next.
+/// The next step of a part.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Next {
-    /// It came to rest, or was thrown off.
+    /// The part came to rest or was thrown.
     Contact(OrbitEvent),
-    /// It flies from this state; [`WavePart::land`] takes the impact.
+    /// The part flies from this state; [`WavePart::land`] takes the impact.
     Flight(PartState),
 }
 
@@ -105,7 +107,7 @@ impl WavePart {
         }
     }
 
-    /// What it does next on the track of `map`; `None` at rest for ever.
+    /// The next step on the track of `map`; `None` at rest for ever.
     pub fn next(&mut self, map: &WaveMap) -> Option<Next> {
         Some(match self.stage {
             Stage::Resting => Next::Contact(self.lift_off(map)?),
@@ -117,10 +119,10 @@ impl WavePart {
         })
     }
 
-    /// Takes the impact that ends its flight, with the velocity of an elastic part, and its restitution there.
+    /// Ends the flight: takes the impact of an elastic part and its restitution.
     pub fn land(&mut self, mut impact: Impact<PartState>, restitution: f64) -> OrbitEvent {
         if impact.flight <= 0.0 {
-            // Within rounding of the edge of a window: it rests.
+            // Within rounding of a window's edge: the part rests.
             return self.settle(0.0);
         }
         impact.next.velocity *= restitution;
@@ -141,8 +143,8 @@ impl WavePart {
 
     fn lift_off(&mut self, map: &WaveMap) -> Option<OrbitEvent> {
         let (wait, phase) = map.track().throw(self.state.phase)?;
-        // Rounding may put the edge before the crossing as the map sees it, where the part still rests; the flat
-        // top of a window that is hardly one needs more than an ulp.
+        // Rounding may put the edge before the crossing that the map finds, where the part still
+        // rests. On the flat top of a very short window the difference exceeds an ulp.
         let mut late = 0.0;
         for _ in 0..40 {
             let start = PartState {
@@ -180,7 +182,7 @@ mod tests {
             let one = Map::build(k, restitution).unwrap();
             let same = WaveMap::build(k, restitution).unwrap();
             let start = Map::state(2.0, 0.5).unwrap();
-            // Until rounding, which an orbit amplifies, parts them.
+            // Compares until rounding, which an orbit amplifies, separates them.
             for (a, b) in Orbit::new(&one, start)
                 .zip(WaveOrbit::new(&same, start))
                 .take(12)

@@ -1,9 +1,13 @@
 //! The first impact of a flight on a track of several tones.
 //!
-//! Where the push passes k the gap is `y - S` with S known there: no trigonometry. The earliest edge at which
-//! the gap is below zero ends the stretch that holds the impact: the concave one before a hump, or the hump
-//! itself. It has one root there, provided that every hump before it that the flight passes over with both
-//! ends is cleared by its tangents, too. A tall flight and one that is over at once need no edge.
+//! At a hump's edge the push equals k, and the gap is `y - S` with S precomputed: no trigonometry.
+//! The earliest edge with a gap below zero ends the stretch that holds the impact. That is the
+//! concave stretch before a hump, or the hump itself. It has one root there if the tangents clear
+//! every earlier hump whose ends the flight passes above. A tall flight and a very short one need
+//! no edge.
+//!
+//! The root is found by Householder's method of order 4 (Householder 1970), with Cauchy's step as
+//! fallback.
 
 use core::f64::consts::TAU;
 
@@ -16,23 +20,21 @@ use crate::arithmetic::node;
 use crate::impact::double::step::{Landing, householder, in_turn};
 use crate::impact::wave::motion;
 
-/// Flights shorter than this, in rad of the highest tone, are left to the search where they are not short hops: it
-/// keeps their relative accuracy. From 0.03 to 0.25 `every_golden_impact_has_the_right_root`.
+/// Flight time in rad of the highest tone below which the search decides, because it keeps relative
+/// accuracy. Short hops are exempt.
 const SHORTEST: f64 = 0.125;
 
-/// Flights over within this, in rad of the highest tone, are started from their launch. From 0.5 to 2.2
-/// `every_golden_impact_has_the_right_root`: it costs steps.
+/// Flight time in rad of the highest tone up to which the start is computed from the launch; it
+/// affects cost only.
 const HOP: f64 = 1.1;
 
-/// Slower arrivals are left to the search: where three roots nearly meet steps end anywhere. From 0.001 to 0.1
-/// `every_golden_impact_has_the_right_root`; the map of one tone needs it from 0.03 on.
+/// Arrival speed in `b w` below which the search decides: near a triple root steps end anywhere.
 const SLOWEST: f64 = 0.01;
 
-/// Turns whose humps are looked at one by one. From 1 to 8 `every_golden_impact_has_the_right_root`: a longer
-/// flight goes to the search.
+/// Number of turns whose humps are visited one by one; the search takes longer flights.
 const TURNS: u32 = 8;
 
-/// The stretch of the track that holds the impact, with one root of the gap in it.
+/// The stretch of the track that holds the impact, with exactly one root of the gap.
 struct Stretch<L: Lane> {
     start: L,
     low: L,
@@ -40,7 +42,7 @@ struct Stretch<L: Lane> {
     certain: L::Mask,
 }
 
-/// All lanes.
+/// Mask with every lane set.
 #[inline(always)]
 fn everywhere<L: Lane>() -> L::Mask {
     L::splat(0.0).below(L::splat(1.0))
@@ -52,7 +54,7 @@ fn is_short<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> L::Ma
     launch.is_over_within(track, short::LONGEST_HOP / N as f64)
 }
 
-/// Whether the ball is below the track where the next hump begins.
+/// Whether the ball is below the track at the next hump's begin.
 #[inline(always)]
 fn meets_once<L: Lane>(track: &Track, launch: &Launch<L>) -> L::Mask {
     Edge::next(track, launch).over.below(-launch.margin(track))
@@ -75,7 +77,7 @@ pub(super) fn first_impact<const N: usize>(
     not_tall::<N>(track, launch.phase, launch.velocity, sine, cosine)
 }
 
-/// [`first_impact`] of a flight that is not tall, or of which that form is not certain.
+/// [`first_impact`] of a flight that is not tall, or whose tall form is not certain.
 #[inline(never)]
 fn not_tall<const N: usize>(
     track: &Track,
@@ -103,7 +105,7 @@ fn not_tall<const N: usize>(
     Some(search::landing::<N>(track, launch))
 }
 
-/// The impact of a tall flight: the only one at which the ball comes down onto the track.
+/// Landing of a tall flight, the only contact on the ball's fall.
 #[inline(always)]
 fn tall<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> (Landing<L>, L::Mask) {
     let mut d = launch.falls_to(track, 0.0);
@@ -130,7 +132,7 @@ fn tall<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> (Landing<
     (landing, certain)
 }
 
-/// The impact in a stretch, and where it is certain.
+/// Landing in a stretch; the mask marks certified first impacts.
 #[inline(always)]
 fn within<L: Lane, const N: usize>(
     track: &Track,
@@ -171,7 +173,7 @@ fn within<L: Lane, const N: usize>(
     (landing, certain)
 }
 
-/// The fall of a ball down to the track's lowest reach, where the gap is concave throughout.
+/// The stretch down to the track's lowest reach, where the gap is concave throughout.
 #[inline(always)]
 fn falling<L: Lane>(track: &Track, launch: &Launch<L>) -> Stretch<L> {
     let zero = L::splat(0.0);
@@ -183,10 +185,10 @@ fn falling<L: Lane>(track: &Track, launch: &Launch<L>) -> Stretch<L> {
     }
 }
 
-/// The gap where a hump begins.
+/// The gap at a hump's begin.
 #[derive(Clone, Copy)]
 struct Edge<L> {
-    /// When.
+    /// Time in rad after launch.
     time: L,
     /// u there.
     over: L,
@@ -196,12 +198,12 @@ struct Edge<L> {
     surge: L,
     /// -A'' there.
     bend: L,
-    /// Length of the concave stretch before it.
+    /// Length in rad of the concave stretch before it.
     before: L,
 }
 
 impl<L: Lane> Edge<L> {
-    /// Where `hump` begins, at `time` after the launch.
+    /// The edge at the begin of `hump`, `time` rad after the launch.
     #[inline(always)]
     fn at(track: &Track, launch: &Launch<L>, hump: &Hump, time: L) -> Self {
         Self {
@@ -214,7 +216,7 @@ impl<L: Lane> Edge<L> {
         }
     }
 
-    /// None.
+    /// No edge.
     #[inline(always)]
     fn never() -> Self {
         let (zero, one) = (L::splat(0.0), L::splat(1.0));
@@ -241,7 +243,7 @@ impl<L: Lane> Edge<L> {
         }
     }
 
-    /// Where the next hump begins.
+    /// The begin of the next hump.
     #[inline(always)]
     fn next(track: &Track, launch: &Launch<L>) -> Self {
         let Some((first, others)) = track.humps().split_first() else {
@@ -255,7 +257,8 @@ impl<L: Lane> Edge<L> {
         next
     }
 
-    /// The stretch `low..high` that holds the impact, begun where the step of fifth order from this edge leads.
+    /// The stretch `low..high` of the impact; its start is one step of Householder's method from
+    /// this edge.
     #[inline(always)]
     fn stretch<const N: usize>(
         &self,
@@ -279,7 +282,7 @@ impl<L: Lane> Edge<L> {
     }
 }
 
-/// The stretch before the next hump, below the begin of which the ball is.
+/// The stretch before the next hump, if the ball is below the track at that hump's begin.
 #[inline(always)]
 fn before_next_hump<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> Stretch<L> {
     let edge = Edge::next(track, launch);
@@ -287,7 +290,7 @@ fn before_next_hump<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) 
     edge.stretch::<N>(track, launch, low, edge.time, everywhere::<L>())
 }
 
-/// The stretch by the signs of the gap at the edges of the humps.
+/// The stretch, from the signs of the gap at the edges of the humps.
 #[inline(always)]
 fn between_edges<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> Stretch<L> {
     if track.humps().is_empty() {
@@ -358,8 +361,9 @@ fn between_edges<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>) -> 
     met.stretch::<N>(track, launch, low, high, high.below(doubt))
 }
 
-/// Whether the gap over a stretch on which it is convex is certainly above `margin`, by its value and slope at both
-/// ends: it lies above its tangents there.
+/// Whether a convex gap is certainly above `margin`, by value and slope at both ends.
+///
+/// The gap lies above its tangents there.
 #[inline(always)]
 fn is_clear<L: Lane>(margin: L, [u, du]: [L; 2], [then, dthen]: [L; 2], width: L) -> L::Mask {
     let zero = L::splat(0.0);
@@ -367,8 +371,10 @@ fn is_clear<L: Lane>(margin: L, [u, du]: [L; 2], [then, dthen]: [L; 2], width: L
     !du.below(zero) | !zero.below(dthen) | (margin * (dthen - du)).below(cross)
 }
 
-/// A point near the lowest one of the gap over a hump of which the ends are above the track, in time after launch;
-/// whether the gap is below the track there; and whether it is certainly above it over the whole hump.
+/// Minimum of the gap over a hump whose ends are above the track: approximate time in rad after
+/// launch.
+///
+/// The masks: the gap there is below 0; the gap is certainly above 0 over the whole hump.
 #[inline(always)]
 fn over_hump<L: Lane, const N: usize>(
     track: &Track,
@@ -404,9 +410,10 @@ fn over_hump<L: Lane, const N: usize>(
     (lowest, inside & value.below(-margin), inside & clears)
 }
 
-/// The time of the node next to `d`, a time closer to the impact, and whether the gap at the node is
-/// positive: from it a step of fourth order where that is fair, else to where the quadratic crosses zero
-/// going down.
+/// Time of the node next to `d`, a time closer to the impact, and whether the gap at the node is
+/// positive.
+///
+/// The step is Householder's of order 4 within [`FAIR`], else Cauchy's to the down-crossing.
 #[inline(always)]
 fn approach<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>, d: L) -> (L, L, L::Mask) {
     let zero = L::splat(0.0);
@@ -426,17 +433,19 @@ fn approach<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>, d: L) ->
     (node.distance, node.distance + step, zero.below(f))
 }
 
-/// Largest `f u''/u'^2` from which a step of fourth order is taken.
+/// Largest `f u''/u'^2` for a step of Householder's method.
 const FAIR: f64 = 0.24;
 
-/// A step shorter than this, in rad of the highest tone, ends near enough to the impact for the last step.
+/// Step in rad of the highest tone: from a shorter one the last step follows.
 const LEAP: f64 = 0.7;
 
-/// Most steps towards an impact.
+/// Number of steps towards an impact: largest.
 const APPROACHES: u32 = 4;
 
-/// The last step, of fifth order; the mask says where it was so short that what it leaves is below
-/// rounding. The phase may be a hair below zero.
+/// The last step, by Householder's method of order 4 (convergence of order 5).
+///
+/// The mask marks steps so short that the remaining error is below rounding. The phase may be a
+/// rounding error below zero.
 #[inline(always)]
 fn settle<L: Lane, const N: usize>(
     track: &Track,
@@ -473,5 +482,6 @@ fn settle<L: Lane, const N: usize>(
     (landing, settled)
 }
 
-/// Largest Newton step, in rad of the highest tone, of a last step of fifth order that leaves less than rounding.
+/// Newton step in rad of the highest tone, up to which the last step leaves an error below
+/// rounding.
 const NEAR: f64 = 2e-4;

@@ -6,20 +6,20 @@ use super::track::Track;
 use crate::arithmetic::lane::{Lane, sine_cosine};
 use crate::impact::wave::{Motion, Parts, motion};
 
-/// The state just after an impact, with what every kind of flight needs of it.
+/// The state just after an impact, with the quantities that every kind of flight uses.
 #[derive(Clone, Copy)]
 pub(super) struct Launch<L> {
     /// Phase t in rad, 0..2 pi.
     pub phase: L,
     /// Velocity psi relative to the track.
     pub velocity: L,
-    /// Its tones there.
+    /// The tones at the phase.
     pub parts: Parts<L>,
-    /// What they do together.
+    /// Motion of the track at the phase.
     pub at: Motion<L>,
 }
 
-/// More than the rounding of a height or of the square of a speed of a flight that is not tall.
+/// Margin above the rounding of a height or of a squared speed, for flights that are not tall.
 pub(super) const SPARE: f64 = 1e-9;
 
 impl<L: Lane> Launch<L> {
@@ -30,7 +30,7 @@ impl<L: Lane> Launch<L> {
         Self::with::<N>(track, phase, velocity, sine, cosine)
     }
 
-    /// The launch of a state whose sine and cosine are known.
+    /// The launch of a state, given its sine and cosine.
     #[inline(always)]
     pub fn with<const N: usize>(track: &Track, phase: L, velocity: L, sine: L, cosine: L) -> Self {
         let parts = track.wave.parts::<L, N>(sine, cosine);
@@ -48,7 +48,7 @@ impl<L: Lane> Launch<L> {
         self.velocity + self.at.speed
     }
 
-    /// `k - A`: how hard the part is pulled to the track.
+    /// Pull to the track, `k - A`, in `b w^2`.
     #[inline(always)]
     pub fn pull(&self, track: &Track) -> L {
         L::splat(track.k) - self.at.push
@@ -67,38 +67,41 @@ impl<L: Lane> Launch<L> {
         v * v + L::splat(2.0 * track.k) * (self.at.height - L::splat(height))
     }
 
-    /// When the ball falls through a height.
+    /// Time in rad at which the ball falls through a height.
     #[inline(always)]
     pub fn falls_to(&self, track: &Track, height: f64) -> L {
         let speed = self.speed_at(track, height).max(L::splat(0.0)).sqrt();
         (self.rise() + speed) * L::splat(track.per_k)
     }
 
-    /// Bound of the rounding of a height: 30 times that at the apex.
+    /// Bound of the rounding error of a height: 30 times that at the apex.
     #[inline(always)]
     pub fn margin(&self, track: &Track) -> L {
         let v = self.rise();
         L::splat(6e-14) * (L::splat(2.0) + v * v * L::splat(track.per_k))
     }
 
-    /// Whether the ball leaves the track's reach faster than the track ever moves: it comes back as fast, so
-    /// that it meets the track once, in one monotone stretch.
+    /// Whether the ball leaves the track's reach faster than the track's top speed.
+    ///
+    /// It returns equally fast, so it meets the track once, in one monotone stretch.
     #[inline(always)]
     pub fn is_tall(&self, track: &Track) -> L::Mask {
         let leaving = self.speed_at(track, track.wave.top());
         L::splat(1.2 * track.fastest + SPARE).below(leaving) & L::splat(0.0).below(self.rise())
     }
 
-    /// How far an edge lies ahead, in 0..=2 pi, 0 excluded.
+    /// Time in rad until a phase is reached, in 0..=2 pi, without 0.
     #[inline(always)]
     pub fn ahead(&self, phase: f64) -> L {
         let ahead = L::splat(phase) - self.phase;
         ahead + L::splat(TAU).only(!L::splat(0.0).below(ahead))
     }
 
-    /// Whether the flight, if it is not tall, is over within about `longest`, by the quadratic of `u/d`:
-    /// either it crosses zero before half of that and its two roots are well apart, or it bends down and
-    /// is below zero then.
+    /// Whether a flight that is not tall ends within about `longest` rad, by the quadratic of
+    /// `u/d`.
+    ///
+    /// Either the quadratic crosses zero before half of `longest` and its roots are well apart, or
+    /// it bends down and is below zero at `longest`.
     #[inline(always)]
     pub fn is_over_within(&self, track: &Track, longest: f64) -> L::Mask {
         let (psi, c) = (self.velocity, self.at.surge);
@@ -110,7 +113,7 @@ impl<L: Lane> Launch<L> {
         caught | falling
     }
 
-    /// The root of the quadratic of `u/d`, for a flight that [is over](Self::is_over_within) soon.
+    /// The root of the quadratic of `u/d`, for a flight that [ends soon](Self::is_over_within).
     #[inline(always)]
     pub fn over_after(&self, track: &Track) -> L {
         let (zero, psi) = (L::splat(0.0), self.velocity);
@@ -121,9 +124,9 @@ impl<L: Lane> Launch<L> {
         L::select(pulled, psi + psi, a1 - root) / L::select(pulled, a1 + root, a2 + a2)
     }
 
-    /// Whether the part rests: it has no velocity and the track does not push it off.
+    /// Whether the part rests: its velocity is 0 and the track does not throw it.
     ///
-    /// Within rounding of lift-off (A rising through k) it is thrown off.
+    /// Within rounding of lift-off (A rising through k) the part is thrown.
     #[inline(always)]
     pub fn rests(&self, track: &Track) -> L::Mask {
         let zero = L::splat(0.0);

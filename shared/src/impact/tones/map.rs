@@ -13,14 +13,14 @@ use crate::impact::double::step::impact_of;
 use crate::impact::kernel::{Impact, Kernel, PartState, WaveKernel};
 use crate::impact::wave::{Tone, Wave};
 
-/// The impact map in f64 for one [`Wave`], one k and one restitution; with the sine alone it is the map of
-/// [`Map`], to rounding.
+/// The impact map in f64 for one [`Wave`], one k and one restitution.
 ///
-/// The track is evaluated on the nodes of a sine table, its harmonics from there by their addition theorems:
-/// no impact needs a trigonometric call. Which stretch of the track a flight meets is decided at the edges
-/// where the push passes k, and never by stepping. Certified are flights for |S| <= 1 + e + e3 with up to
-/// three humps in a turn; an impact is missed only where a touch before it is within rounding, and then it
-/// is flagged.
+/// With the sine alone it is the map of [`Map`], to rounding.
+///
+/// Nodes of a sine table give the fundamental, addition theorems its harmonics: no impact needs a
+/// trigonometric call. The edges where the push passes k decide which stretch of the track a flight
+/// meets; no step does. The certificate covers |S| <= 1 + e + e3 and up to three humps in a turn.
+/// It misses an impact only where an earlier touch is within rounding, and then flags it.
 ///
 /// ```
 /// use kband::impact::{Kernel, Tone, Wave, WaveMap};
@@ -41,7 +41,9 @@ pub struct WaveMap {
 }
 
 impl WaveMap {
-    /// The map for a wave, k within 0.001..=1000 and a restitution.
+    /// The map for a wave, k within 0.001..=1000 and a restitution within 0..=1.
+    ///
+    /// Errors: `OutOfRange` with the parameter.
     pub fn on(wave: Wave, k: f64, restitution: f64) -> Result<Self, OutOfRange> {
         Map::build(k, restitution)?;
         Ok(Self {
@@ -68,8 +70,7 @@ impl WaveMap {
         self.restitution
     }
 
-    /// The first impact by the certified search alone, without the closed forms: slower, the same root
-    /// to rounding.
+    /// The first impact by the certified search alone: slower, the same root to rounding.
     #[cfg(any(test, feature = "unstable"))]
     #[must_use]
     pub fn search(&self, state: PartState) -> Impact<PartState> {
@@ -97,7 +98,7 @@ impl WaveMap {
         impact_of(restitution, state, first_impact::<N>(&self.track, &launch))
     }
 
-    /// The impact of a part that loses nothing: its velocity is the speed of arrival.
+    /// The impact of an elastic part: its velocity is the arrival speed.
     pub(crate) fn elastic_impact(&self, state: PartState) -> Impact<PartState> {
         self.restituted(1.0, state)
     }
@@ -111,8 +112,10 @@ impl WaveMap {
         }
     }
 
-    /// The wait from `phase` in rad, where a part rests, to lift-off, and the phase of it; 0 and `phase` where the track
-    /// throws it at once; `None` where it rests for ever.
+    /// Time in rad from rest at `phase` to lift-off, and its phase; 0 and `phase` where the track
+    /// throws at once.
+    ///
+    /// `None` where the part rests for ever.
     #[cfg(feature = "plant")]
     pub(crate) fn throw(&self, phase: f64) -> Option<(f64, f64)> {
         self.track.throw(phase)

@@ -1,11 +1,12 @@
-//! The impact map in f64 on a track of two or three tones, `S = sin t + e sin(2 t + th) + e3 sin(3 t + th3)`.
+//! The impact map in f64 on a track of two or three tones.
 //!
-//! Everything of the map holds with S for the sine and S' for the cosine (docs/theory-real-parts.md#t10.3). What a sine gives in closed form,
-//! where the track's acceleration passes k, is found once per track: [`Wave`](super::Wave) knows every extremum of S and
-//! its derivatives, [`track`] the humps for one k, of which a turn may hold up to three. From there
-//! [`first`] finds the first impact, and [`search`] what closed forms leave open.
+//! `S = sin t + e sin(2 t + th) + e3 sin(3 t + th3)` replaces the sine, S' the cosine
+//! (docs/theory-real-parts.md#t10.3). On a sine the phases at which the push passes k have a closed
+//! form. Here they are computed once per track. [`Wave`](super::Wave) holds every extremum of S and
+//! its derivatives. [`track`] holds the humps for one k, up to three in a turn. From there
+//! [`first`] finds the first impact, and [`search`] the cases without a closed form.
 //!
-//! A track of one tone has its own kernel, [`Map`](super::Map), which pays nothing for this one.
+//! A track of one tone has its own kernel, [`Map`](super::Map), at no extra cost.
 
 mod first;
 mod launch;

@@ -1,8 +1,10 @@
-//! The certified search on a track of several tones, for flights whose decisions come close to rounding.
+//! The certified search on a track of several tones, for decisions close to rounding
+//! (docs/theory-impacts.md#t3.2).
 //!
-//! It walks the stretches between the edges in order: where the push is below k the gap is concave, so its
-//! sign at the end tells whether the stretch holds the impact; over a hump it is convex, so the sign of its
-//! minimum does. Nothing can be jumped over, every root is bracketed.
+//! It visits the stretches between the edges in order. Where the push is below k the gap is
+//! concave, so its sign at the end decides whether the stretch holds the impact. Over a hump the
+//! gap is convex, so the sign of its minimum decides. No impact can be missed, and every root is
+//! bracketed.
 
 use core::f64::consts::TAU;
 
@@ -21,20 +23,20 @@ struct Flight<'a, const N: usize> {
     launch: &'a Launch<f64>,
 }
 
-/// The first impact after `launch`, and whether it grazes: whether an earlier or later touch is within
-/// rounding of this decision.
+/// The first impact after `launch`, and whether it grazes: another touch is within rounding.
 #[cold]
 pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch<f64>) -> (Landing<f64>, bool) {
     let flight = Flight::<N> { track, launch };
     let humps = track.humps();
     let Some(first) = humps.first() else {
-        // Concave throughout: below the track's reach there is none.
+        // Concave throughout: below the track's reach there is no impact.
         let v = launch.rise();
         let deepest = launch.speed_at(track, -track.wave.bottom()).max(0.0);
         let high = (v + square_root(deepest)) * track.per_k;
         return root(&flight, 0.0, high + 1e-9 * (1.0 + high), false);
     };
-    // The hump that the launch is in. At rest up to lift-off, or a rounding before it, one has begun.
+    // The hump that holds the launch. At rest up to lift-off, or one rounding before it, a hump has
+    // begun.
     let lifting = launch.velocity == 0.0 && launch.at.surge > 0.0;
     let within = |hump: &&Hump| {
         let past = ahead(hump.begin.phase, launch.phase);
@@ -88,7 +90,7 @@ pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch<f64>) -> (L
             latest = end;
         }
         turns += TAU;
-        // Every turn whose humps begin and end while the ball is above the track's reach.
+        // Skips every turn whose humps begin and end while the ball is above the track's reach.
         if above_from <= turns {
             let skipped = floor((above_to - (latest + TAU)) * (1.0 / TAU));
             if skipped > 0.0 {
@@ -100,7 +102,7 @@ pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch<f64>) -> (L
 }
 
 impl<const N: usize> Flight<'_, N> {
-    /// From when to when the ball is above the track's reach.
+    /// Begin and end in rad of the ball's time above the track's reach.
     fn above(&self) -> (f64, f64) {
         let v = self.launch.rise();
         let leaving = self.launch.speed_at(self.track, self.track.wave.top()) - SPARE;

@@ -1,5 +1,7 @@
-//! Short hops on a track of several tones: the gap divided by the flight time, as in
-//! [`double::short`](super::super::double), one term for each tone.
+//! Short hops on a track of several tones: the root of the gap divided by the flight time, one term
+//! per tone.
+//!
+//! Method as in [`double::short`](super::super::double).
 
 use core::f64::consts::TAU;
 
@@ -9,7 +11,7 @@ use crate::arithmetic::lane::Lane;
 use crate::impact::double::short::remainders;
 use crate::impact::double::step::{Landing, householder};
 
-/// Longest short hop in rad of the highest tone, about.
+/// Flight time in rad of the highest tone, approximate: longest short hop.
 pub(super) const LONGEST_HOP: f64 = 0.5;
 
 /// `u/d` and `u'` at some flight time.
@@ -52,8 +54,9 @@ pub(super) fn deflated<L: Lane, const N: usize>(
     }
 }
 
-/// The end of a short hop; the mask says where it is certain to be the first impact. The last step is
-/// taken up to twice more where it falls short, for those lanes alone.
+/// Landing of a short hop; the mask marks certified first impacts.
+///
+/// Lanes whose last step is too long repeat it up to twice.
 #[inline(always)]
 pub(super) fn landing<L: Lane, const N: usize>(
     track: &Track,
@@ -71,8 +74,9 @@ pub(super) fn landing<L: Lane, const N: usize>(
     (landing, settled & holds::<L, N>(track, launch, &landing))
 }
 
-/// Whether a landing is the first: u is concave from the launch, or convex and then concave, up to the
-/// next hump, so it has one root there.
+/// Whether a landing is the first.
+///
+/// Up to the next hump u is concave, or convex and then concave, so it has one root there.
 #[inline(always)]
 fn holds<L: Lane, const N: usize>(
     track: &Track,
@@ -90,7 +94,7 @@ fn holds<L: Lane, const N: usize>(
         & zero.below(landing.arrival)
 }
 
-/// One step of fourth order on the first terms of `u/d`.
+/// One step of Householder's method of order 4 on the first terms of `u/d`.
 #[inline(always)]
 fn closer<L: Lane>(track: &Track, launch: &Launch<L>, d: L) -> L {
     let (c, s) = (launch.at.surge, launch.at.bend);
@@ -103,8 +107,9 @@ fn closer<L: Lane>(track: &Track, launch: &Launch<L>, d: L) -> L {
     d - householder(w, w1, w2, -(L::splat(6.0) * third), L::splat(0.0))
 }
 
-/// The last step, of third order; the mask says where it was so short that what it leaves is below
-/// rounding.
+/// The last step, by Chebyshev's method (third order, Traub 1964).
+///
+/// The mask marks steps so short that the remaining error is below rounding.
 #[inline(always)]
 fn settle<L: Lane, const N: usize>(
     track: &Track,
@@ -133,6 +138,6 @@ fn settle<L: Lane, const N: usize>(
     (landing, newton.abs().below(d * L::splat(NEAR)))
 }
 
-/// Largest Newton step of a last step of third order, relative to the flight: it leaves less than
+/// Newton step, relative to the flight, up to which Chebyshev's method leaves an error below
 /// rounding.
 const NEAR: f64 = 2e-7;

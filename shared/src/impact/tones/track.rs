@@ -1,10 +1,10 @@
-//! A track of several tones with one k: where it pushes harder than k.
+//! A track of several tones with one k: its humps, where the push exceeds k.
 
 use core::f64::consts::TAU;
 
 use crate::impact::wave::{MOST, Motion, Wave, crossing};
 
-/// The track where its push passes k.
+/// Edge of a hump: the push equals k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::impact) struct HumpEnd {
     /// Phase in rad, 0..2 pi.
@@ -19,20 +19,20 @@ pub(in crate::impact) struct HumpEnd {
     pub bend: f64,
 }
 
-/// A stretch on which the track pushes harder than k: there the gap is convex, elsewhere concave.
+/// A stretch on which the push exceeds k: there the gap is convex, elsewhere concave.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::impact) struct Hump {
-    /// Where it begins: a resting part is thrown off here.
+    /// Begin of the hump: a resting part is thrown off here.
     pub begin: HumpEnd,
-    /// Where it ends.
+    /// End of the hump.
     pub end: HumpEnd,
-    /// Its length in rad.
+    /// Length in rad.
     pub width: f64,
-    /// Length of the concave stretch before it, back to the end of the hump before.
+    /// Length in rad of the concave stretch before it, from the end of the previous hump.
     pub before: f64,
 }
 
-/// Most humps in a turn.
+/// Number of humps in a turn: largest.
 const HUMPS: usize = MOST / 2;
 
 /// The set-up constants of one track.
@@ -45,7 +45,7 @@ pub(in crate::impact) struct Track {
     pub per_k: f64,
     humps: [Hump; HUMPS],
     count: usize,
-    /// Square of the track's highest speed.
+    /// Square of the track's top speed, in `(b w)^2`.
     pub fastest: f64,
 }
 
@@ -60,7 +60,7 @@ impl Track {
             count: 0,
             fastest: wave.steepest() * wave.steepest(),
         };
-        // A is monotone from one of its extrema to the next.
+        // A is monotone between neighbouring extrema.
         let mut extrema = [[0.0; 2]; MOST];
         let mut count = 0;
         for (place, extremum) in extrema.iter_mut().zip(wave.extrema()) {
@@ -107,7 +107,7 @@ impl Track {
                 falling += 1;
             }
         }
-        // Both are in the order of their phases, but for those that crossed the turn.
+        // Both are in the order of their phases, but for those that passed the turn.
         begins[..rising].sort_unstable_by(|a, b| a.phase.total_cmp(&b.phase));
         for (n, begin) in begins.iter().enumerate().take(rising) {
             let nearest = ends[..falling]
@@ -129,20 +129,21 @@ impl Track {
         track
     }
 
-    /// Its humps in the order of the phases where they begin.
+    /// The humps in the order of their begins.
     #[inline(always)]
     pub fn humps(&self) -> &[Hump] {
         &self.humps[..self.count.min(HUMPS)]
     }
 
-    /// The wait from a phase at which a part rests until the track throws it, and the phase at which it
-    /// does; `None` where it rests for ever.
+    /// Time in rad from rest at a phase to the next throw, and its phase; `None` where the part
+    /// rests for ever.
     pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {
         self.humps()
             .iter()
             .map(|hump| {
                 let past = ahead(hump.begin.phase, phase);
-                // Within rounding of the falling hump_end a resting part stays: the track has thrown what it throws.
+                // Within rounding of a hump's end a resting part stays: the track has already
+                // thrown all others.
                 if past < hump.width * (1.0 - 1e-9) {
                     (0.0, phase)
                 } else {
@@ -153,7 +154,7 @@ impl Track {
     }
 }
 
-/// How far `to` lies ahead of `from` in its turn, in 0..2 pi.
+/// Distance from `from` forward to `to`, in 0..2 pi.
 pub(super) fn ahead(from: f64, to: f64) -> f64 {
     if to < from {
         to - from + TAU

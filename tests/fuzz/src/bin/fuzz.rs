@@ -1,4 +1,4 @@
-//! One target under libFuzzer: `KBAND_FUZZ` names it.
+//! One target under libFuzzer, selected by `KBAND_FUZZ`.
 #![no_main]
 
 use std::sync::OnceLock;

@@ -47,7 +47,7 @@ impl Harmonic {
         })
     }
 
-    /// `e sin` and `e cos` of its angle at a node of n times the phase.
+    /// `e sin` and `e cos` of the tone's angle, at a node of n times the phase.
     #[inline(always)]
     fn at_node(&self, [sine, cosine]: [f32; 2]) -> [f32; 2] {
         let [a, b] = self.mixed;
@@ -72,7 +72,7 @@ impl Harmonic {
 pub(super) struct Harmonics {
     pub second: Harmonic,
     pub third: Harmonic,
-    /// Whether there is a third.
+    /// Whether the third harmonic is present.
     pub is_of_three: bool,
 }
 
@@ -81,7 +81,9 @@ pub(super) struct Harmonics {
 pub(super) struct Parts(pub [[f32; 2]; 3]);
 
 impl Harmonics {
-    /// Those of a wave; the refusal names the one out of range.
+    /// The harmonics of a wave.
+    ///
+    /// Errors: `OutOfRange` with the tone out of range.
     pub fn build(second: Tone, third: Tone) -> Result<Self, OutOfRange> {
         Ok(Self {
             second: Harmonic::build(second, "second tone, amplitude", "second tone, angle")?,
@@ -96,7 +98,7 @@ impl Harmonics {
         1.0 + self.second.size * power(2) + self.third.size * power(3)
     }
 
-    /// What they do at a node.
+    /// Motion of the track at a node.
     #[inline(always)]
     pub fn at_node(&self, node: i32) -> Motion {
         let at = |node: i32| SINGLE[(node & 255) as usize];
@@ -137,7 +139,7 @@ impl Harmonics {
     /// The sum of the tones' sines, each times a weight, within 3e-9.
     #[inline(never)]
     pub fn sines(&self, phase: Phase, [second, third]: [i64; 2]) -> Fixed<35, i64> {
-        // The fine one of the two is the cosine.
+        // The finer value of the pair is the cosine.
         let sine = |phase: Phase| {
             let quarter = Phase::from_bits(1 << 30);
             sine_cosine_fine(phase - quarter).1

@@ -4,10 +4,11 @@ use super::harmonics::Parts;
 use super::track::Track;
 use crate::impact::anchor::flight::{abs, larger, smaller};
 
-/// A pull below this is known to 3e-9, a larger one to the rounding of a sum in f32.
+/// Pull in `b w^2` below which its error is 3e-9; above it is a sum's rounding in f32.
 const NEAR_LEVEL: f32 = 0.02;
 
-/// What rounding takes from a pull near level, most often by far: some steps of 2^-35 for each tone. (Its bound is 3e-9.)
+/// Rounding of a pull near level in `b w^2`: typical, some steps of 2^-35 per tone; the bound
+/// is 3e-9.
 const ROUNDING: f32 = 5e-10;
 
 /// A launch in f32.
@@ -21,7 +22,7 @@ pub(super) struct Launch {
     pub height: f32,
     /// The ball's velocity, `psi + S'`.
     pub rise: f32,
-    /// `k - A`, of the sign that the humps say.
+    /// `k - A`, with the sign given by the humps.
     pub pull: f32,
     /// A' there.
     pub surge: f32,
@@ -49,7 +50,7 @@ impl Launch {
             velocity,
             height: parts.sines(1.0, 1.0),
             rise: velocity + parts.cosines(2.0, 3.0),
-            // At lift-off itself the pull must not be rounded against the phase, nor to 0.
+            // At lift-off itself rounding must not change the sign of the pull, nor make it 0.
             pull: if throws {
                 smaller(pull, -1e-20)
             } else {
@@ -60,14 +61,16 @@ impl Launch {
         }
     }
 
-    /// Whether the pull is known to more digits than a sum in f32 has.
+    /// Whether the pull has more digits than a sum in f32.
     #[inline(always)]
     pub fn is_near_level(&self) -> bool {
         abs(self.pull) < NEAR_LEVEL
     }
 
-    /// Whether it is a matter of rounding that the track throws the part, or that it hops and stays: the pull is level and
-    /// falls, and the quadratic near launch has a root for one rounding of it and none for another.
+    /// Whether rounding alone decides between a throw and a hop.
+    ///
+    /// The pull is level and falls, and its rounding decides whether the quadratic near launch has
+    /// a root.
     #[inline(always)]
     pub fn is_level(&self) -> bool {
         if abs(self.pull) > 20.0 * ROUNDING {

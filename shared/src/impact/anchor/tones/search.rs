@@ -1,4 +1,5 @@
-//! The first impact on a track of several tones: the stretch between edges that holds it, and the root in it.
+//! The first impact on a track of several tones: the stretch between edges that holds it, and the
+//! root in it.
 
 use core::f32::consts::TAU;
 
@@ -14,7 +15,8 @@ use crate::impact::anchor::settle::{down_crossing, expand};
 use crate::impact::anchor::short::{LAST, QUADRATIC};
 use crate::impact::anchor::solve::{Bracket, Found, LaunchPoint, solve};
 
-/// The longest flight in the deflated form: its terms left out are below the rounding of f32.
+/// Flight time in rad up to which the divided form is used: its omitted terms are below the
+/// rounding of f32.
 #[inline(always)]
 fn longest(track: &Track) -> f32 {
     if track.tones.is_of_three {
@@ -24,27 +26,30 @@ fn longest(track: &Track) -> f32 {
     }
 }
 
-/// What f32 may take from a height, and for each rad of flight.
+/// Rounding of a height in f32, in b: constant part, and part per rad of flight.
 const NOISE: f32 = 3e-5;
 const DRIFT: f32 = 4e-6;
 
-/// Half the pull below which a step of the phase decides whether the track throws the part.
+/// Half the pull in `b w^2` below which a step of the phase decides whether the track throws the
+/// part.
 const LEVEL: f32 = 1e-7;
 
-/// Farthest start, in rad, that is taken from the quadratic near launch: beyond, the track's later turns outweigh it.
+/// Flight time in rad: longest start from the quadratic near launch. Beyond it the track's later
+/// turns dominate.
 const FAR: f32 = 2.0;
 
-/// First guess, in rad, for a flight that the track pushes off and whose parabola falls through height 0 sooner than this: the track
-/// has sunk by then, so that the part meets it later.
+/// First guess in rad for a part that the track throws and whose parabola soon falls through
+/// height 0. The track has sunk by then, so the part meets it later.
 const PUSHED: f32 = 2.0;
 
-/// Least time from launch to the begin of a hump, in rad, for the hump to be passed without a search: sooner, heights lose their digits.
+/// Time in rad from launch to a hump's begin: least for passing the hump without a search. Earlier
+/// heights lose digits.
 const SOONEST: f32 = 0.2;
 
-/// Flights up to this many rad start from the quadratic near launch.
+/// Flight time in rad up to which the quadratic near launch gives the start.
 const HOP: f32 = 0.6;
 
-/// Where the first impact of a low flight may be, without a search.
+/// Candidate: a place where the first impact of a low flight may be, without a search.
 pub(super) enum Candidate {
     /// A short hop: flight in rad and arrival speed.
     Hop { flight: f32, arrival: f32 },
@@ -52,9 +57,11 @@ pub(super) enum Candidate {
     Near(Approach),
 }
 
-/// A candidate from the flight near launch or the fall of the parabola through height 0, and between which steps it is
-/// the first impact: not so soon that it may be launch itself or is settled with more digits as a short hop, and within
-/// [`Track::limit`] or as far as [`Limits::hold`] sees.
+/// A candidate from the flight near launch or from the fall of the parabola, with its validity
+/// limits.
+///
+/// The lower limit excludes launch itself and impacts that the short form settles with more digits.
+/// The upper limit is [`Track::limit`] or the reach of [`Limits::hold`].
 #[inline(always)]
 pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Limits)> {
     let Launch {
@@ -120,7 +127,7 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
         .then_some((Candidate::Near(approach), limits))
 }
 
-/// Between which steps after launch a down-crossing is the first impact.
+/// Times in steps after launch between which a down-crossing is the first impact.
 #[derive(Clone, Copy)]
 pub(super) struct Limits {
     first: i64,
@@ -134,8 +141,8 @@ impl Limits {
         self.first <= steps && (steps <= self.limit.last || self.hold_beyond(track, launch, steps))
     }
 
-    /// The same beyond the hump that [`Track::limit`] sees: where the flight is above the reach of the track or clears
-    /// the humps on its way.
+    /// The same beyond the hump of [`Track::limit`]: the flight is above the track's reach or
+    /// clears the humps.
     #[inline(never)]
     fn hold_beyond(&self, track: &Track, launch: &Launch, steps: i64) -> bool {
         let Launch {
@@ -151,11 +158,13 @@ impl Limits {
     }
 }
 
-/// Humps that are passed before a flight is left to the search.
+/// Number of humps passed before the search takes over.
 const PASSED: usize = 6;
 
-/// Whether a flight clears every hump but the last before `steps` after launch, by more than f32 may take from a height:
-/// over a hump the gap is convex, above its tangents at both ends.
+/// Whether a flight clears every hump but the last before `steps`, by more than the rounding of
+/// f32.
+///
+/// Over a hump the gap is convex, above its tangents at both ends.
 fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
     let Launch {
         phase,
@@ -214,7 +223,7 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
     false
 }
 
-/// The first impact of any flight that is not at rest, and whether it grazes a hump.
+/// The first impact of a flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
 pub(super) fn search(
     track: &Track,
@@ -241,8 +250,9 @@ pub(super) fn search(
     (found, grazes, bracket)
 }
 
-/// Whether an arrival at `speed` may have been settled elsewhere than in its bracket: where the gap is all but flat steps
-/// lead anywhere, back to launch for one.
+/// Whether an arrival at `speed` may lie outside its bracket.
+///
+/// Where the gap is nearly flat a step can lead anywhere, even back to launch.
 #[inline(always)]
 pub(super) fn has_left(bracket: &Bracket, steps: i64, speed: f32) -> bool {
     const SLACK: f32 = 1e-3;
@@ -253,7 +263,7 @@ pub(super) fn has_left(bracket: &Bracket, steps: i64, speed: f32) -> bool {
     time < bracket.low - SLACK || time > bracket.high + SLACK || time < 0.5 * bracket.low
 }
 
-/// The root in a bracket by halving it alone: time in rad and arrival speed, both as f32 has them.
+/// The root in a bracket by bisection alone: time in rad and arrival speed, in f32.
 #[inline(never)]
 pub(super) fn halved(
     track: &Track,
@@ -281,12 +291,11 @@ pub(super) fn halved(
     (high, larger(-edges.at(high).1, 0.0))
 }
 
-/// The stretch between edges that holds the first impact, with one root of the gap in it, and whether the
-/// flight grazes on its way there.
+/// The stretch between edges that holds the first impact, and whether the flight grazes on the way.
 ///
-/// Between humps the gap is concave and positive at the begin of the stretch, or 0 and not falling there
-/// at launch: it has a root if it is below 0 at the end, and one. Over a hump it is convex: below 0 at its
-/// end it has one root; else none, or two around its minimum.
+/// The stretch holds one root of the gap. Between humps the gap is concave and starts positive, or
+/// at launch at 0 without falling. It has one root if it is below 0 at the end. Over a hump the gap
+/// is convex. If it is below 0 at the end it has one root, else none or two around its minimum.
 #[inline(always)]
 fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_>) -> (Bracket, bool) {
     let Launch {
@@ -315,7 +324,7 @@ fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_>) -> (Bracket, 
         flight,
         short: longest(track),
     };
-    // While the ball is above the reach of the track no hump meets it.
+    // While the ball is above the track's reach no hump meets it.
     let (from, to) = track.above(height, rise);
     let mut grazes = false;
     let mut turn = 0_u32;
@@ -339,9 +348,10 @@ fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_>) -> (Bracket, 
             }
             let over_begin = edges.gap(begin, &hump.begin);
             let over_end = || edges.gap(end, &hump.end);
-            // A launch one step before the hump is at its begin: above the track from there on.
+            // A launch one step before the hump counts as at its begin: above the track from there
+            // on.
             if over_begin.height <= 0.0 && begin > 0.0 {
-                // Rounding alone may have put the begin there.
+                // The begin may lie there by rounding alone.
                 grazes |= over_begin.height > -edges.rounding(begin)
                     && edges.is_level(begin, end, over_begin, over_end());
                 return (concave(launch, low, begin, over_begin, hump), grazes);
@@ -359,7 +369,8 @@ fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_>) -> (Bracket, 
                 return (bracket, grazes);
             }
             if over_begin.slope < 0.0 && over_end.slope > 0.0 {
-                // Where the tangents at both ends meet, times the difference of their slopes.
+                // Height at which the tangents at both ends meet, times the difference of their
+                // slopes.
                 let turning = over_end.slope - over_begin.slope;
                 let meet = over_begin.height * over_end.slope
                     + over_begin.slope * (over_end.slope * hump.width - over_end.height);
@@ -401,7 +412,7 @@ fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_>) -> (Bracket, 
     )
 }
 
-/// A root of the quadratic near launch, where it tells.
+/// A root of the quadratic near launch, where that is accurate.
 #[inline(always)]
 fn near_launch(launch: &Launch) -> Option<f32> {
     let a1 = 0.5 * launch.pull;
@@ -414,7 +425,7 @@ fn near_launch(launch: &Launch) -> Option<f32> {
     (near < HOP).then_some(near)
 }
 
-/// The concave stretch before `hump`, at whose begin the gap is below 0.
+/// The concave stretch before `hump`; the gap is below 0 at the hump's begin.
 #[inline(always)]
 fn concave(launch: &Launch, low: f32, begin: f32, gap: Gap, hump: &Hump) -> Bracket {
     let near = if low == 0.0 {
@@ -430,7 +441,7 @@ fn concave(launch: &Launch, low: f32, begin: f32, gap: Gap, hump: &Hump) -> Brac
     }
 }
 
-/// A step of third order from an edge, where u'' is 0.
+/// A step of Householder's method of order 3 from an edge, where u'' is 0.
 #[inline(always)]
 fn from_edge(time: f32, gap: Gap, edge: &Edge) -> f32 {
     let Gap { height, slope } = gap;
@@ -475,8 +486,10 @@ impl Edges<'_> {
         }
     }
 
-    /// The lowest point over the hump from `begin` to `end`, sought from a share of it: a bracket that ends
-    /// there if it is below the track, and whether that is within rounding.
+    /// Minimum of the gap over the hump from `begin` to `end`, with a start at a share of it.
+    ///
+    /// Returns a bracket that ends there if the minimum is below the track, and whether it is
+    /// within rounding.
     #[inline(never)]
     fn lowest(&self, begin: f32, end: f32, share: f32) -> (Option<Bracket>, bool) {
         let (mut low, mut high) = (begin, end);
@@ -496,7 +509,7 @@ impl Edges<'_> {
             };
             let moved = abs(next - x);
             x = next;
-            // The gap there is found from its slope, to the cube of what is left.
+            // The slope gives the gap there, to the cube of the remaining distance.
             if moved <= smaller(1e-3, 1e-2 * x) {
                 break;
             }
@@ -523,7 +536,8 @@ impl Edges<'_> {
         (bracket, abs(lowest) < self.rounding(x))
     }
 
-    /// Whether the gap over the hump from `begin` to `end`, below 0 at one of them, is nowhere farther below 0 than its rounding.
+    /// Whether the gap over the hump, below 0 at one end, is nowhere below 0 by more than its
+    /// rounding.
     #[inline(never)]
     fn is_level(&self, begin: f32, end: f32, over_begin: Gap, over_end: Gap) -> bool {
         if over_begin.slope >= 0.0 {
@@ -536,12 +550,12 @@ impl Edges<'_> {
         }
     }
 
-    /// What rounding may take from the gap after `x`.
+    /// Rounding of the gap after `x`.
     fn rounding(&self, x: f32) -> f32 {
         if x >= self.short {
             return Ballistic::ROUNDING + Ballistic::DRIFT * x;
         }
-        // Some roundings of f32 and of the pull: of each of its tones where it is a sum in f32.
+        // Some roundings of f32 and of the pull: per tone where the pull is a sum in f32.
         let pull = if self.launch.is_near_level() {
             Ballistic::PULL
         } else {
@@ -588,7 +602,8 @@ impl Edges<'_> {
     }
 }
 
-/// The short hop near `x` and below `short`, by third-order steps on `u/d` where it is a simple root.
+/// The short hop near `x` and below `short`, by third-order steps on `u/d`; `None` unless the root
+/// is simple.
 #[inline(always)]
 fn simple_hop(launch: &Launch, mut x: f32, short: f32) -> Option<(f32, f32)> {
     for _ in 0..4 {
@@ -644,7 +659,7 @@ fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
             down_crossing(value, slope, half_bend).0
         };
         round += 1;
-        // Rounding may put the root at an end.
+        // Rounding may move the root to an end.
         let inside = x + e >= low && x + e <= high || abs(e) <= 1e-6 * x;
         if !inside {
             e = 0.5 * (low + high) - x;

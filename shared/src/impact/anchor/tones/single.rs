@@ -15,14 +15,15 @@ use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{Impact, Kernel, Landing, PartState, WaveKernel};
 use crate::impact::wave::Tone;
 
-/// The impact map in f32 on a track of two or three tones (`f32-tones`); of one tone it is [`Single`], bit for
-/// bit.
+/// The impact map in f32 on a track of two or three tones (`f32-tones`).
 ///
-/// Its last step, of up to 0.02 rad, leaves a thousandth of itself, and more where the track's third derivative is high over the speed of
-/// arrival: such an impact is a few 1e-5 rad off.
+/// With one tone it is [`Single`], bit for bit.
 ///
-/// It is set up in f32 and integers, for the planner on a board: about 6 000 instructions of a Cortex-M4F, where an impact
-/// takes some 400, and 200 bytes.
+/// The last step, of up to 0.02 rad, leaves a thousandth of itself. It leaves more where the
+/// track's third derivative is large relative to the arrival speed, a few 1e-5 rad.
+///
+/// The set-up uses f32 and integers, for the planner on a board. It takes about 6 000 instructions
+/// of a Cortex-M4F, where an impact takes some 400, and 200 bytes.
 ///
 /// ```
 /// use kband::impact::{Kernel, Single, Tone, WaveKernel, WaveMap, WaveSingle};
@@ -40,7 +41,7 @@ pub struct WaveSingle {
     restitution: f32,
 }
 
-/// What the track is.
+/// The track's shape: a sine or several tones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Shape {
     Sine(Single),
@@ -55,7 +56,7 @@ impl WaveSingle {
         self.land_at(state, self.restitution)
     }
 
-    /// The same with this restitution, 0..=1, at the impact.
+    /// [`WaveSingle::land`] with another restitution, 0..=1, at the impact.
     #[must_use]
     #[inline(always)]
     pub(crate) fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
@@ -75,8 +76,7 @@ impl WaveSingle {
         }
     }
 
-    /// Where the track next throws a part that rests at `phase`, which it does not throw there; `None` where
-    /// it rests for ever.
+    /// Next lift-off phase of a part that rests at `phase`; `None` where it rests for ever.
     #[must_use]
     #[cfg(feature = "control")]
     pub(crate) fn lift_off(&self, phase: Phase) -> Option<Phase> {
@@ -87,7 +87,7 @@ impl WaveSingle {
     }
 }
 
-/// The impact on a track that is no sine.
+/// The impact on a track of several tones.
 #[inline(always)]
 fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleState> {
     let velocity = smaller(state.velocity, TOP as f32);

@@ -1,4 +1,7 @@
-//! A track of several tones with one k, set up without f64: where it pushes harder than k.
+//! A track of several tones with one k, set up without f64: the humps, where the push exceeds k.
+//!
+//! Bounds of the push's derivatives limit the steps over nodes, so no hump of relevant size is
+//! missed.
 
 use core::f32::consts::TAU;
 
@@ -11,7 +14,7 @@ use crate::impact::anchor::flight::{
 };
 use crate::impact::wave::Tone;
 
-/// Where the push passes k.
+/// Edge of a hump: the push equals k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Edge {
     /// S there.
@@ -25,7 +28,7 @@ pub(super) struct Edge {
 /// A stretch on which the track pushes harder than k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Hump {
-    /// Where it begins: a resting part is thrown off here.
+    /// Begin of the hump, in steps of a phase: a resting part is thrown off here.
     pub phase: u32,
     /// Its length in steps of a phase and in rad.
     pub length: u32,
@@ -34,20 +37,22 @@ pub(super) struct Hump {
     pub end: Edge,
 }
 
-/// Most humps in a turn: A has at most six extrema.
+/// Number of humps in a turn: largest, as A has at most six extrema.
 const HUMPS: usize = 3;
 
-/// Until when a flight is told without a search, in steps after launch.
+/// Time limits in steps after launch, up to which no search is needed.
 #[derive(Clone, Copy)]
 pub(super) struct Limit {
-    /// A ball that is above the reach of the track at this time or before has met none of it.
+    /// A ball that is above the track's reach at or before this time has met none of it.
     pub clear: i64,
     /// A down-crossing up to this time is the first impact.
     ///
-    /// Up to the end of the next hump it is: on the concave stretch up to that hump it ends what is above 0 from
-    /// launch on; within the hump, where the gap is convex, it is above 0 from the begin on, and so was the stretch
-    /// before. Where the gap rises at the begin of the hump it rises before it, from launch on, and until the hump
-    /// ends; so the same holds up to the end of the hump after it.
+    /// Up to the end of the next hump this holds. On the concave stretch up to that hump, the
+    /// down-crossing ends the part above 0 from launch on. Within the hump the gap is convex, so it
+    /// is above 0 from the begin on, and so was the stretch before.
+    ///
+    /// Where the gap rises at the begin of the hump, it rises from launch on and until the hump
+    /// ends. So the same holds up to the end of the hump after it.
     pub last: i64,
 }
 
@@ -63,7 +68,7 @@ pub(super) struct Track {
     pub reach: f32,
     humps: [Hump; HUMPS],
     count: usize,
-    /// k, as the push is compared with it.
+    /// k, in the resolution of the push.
     threshold: Fixed<35, i64>,
 }
 
@@ -85,7 +90,8 @@ impl Track {
             threshold: Fixed::<35, i64>::nearest(k),
         };
         track.find_humps();
-        // The largest S'^2 + 2 k S of a turn stands where its slope 2 S' (k - A) vanishes; and what rounding may take.
+        // The largest S'^2 + 2 k S of a turn lies where its slope 2 S' (k - A) vanishes; 0.02
+        // covers rounding.
         let edges = track.humps().iter().flat_map(|hump| [hump.begin, hump.end]);
         track.tall = 0.02
             + edges.fold(2.0 * single * track.reach, |most, edge| {
@@ -94,7 +100,7 @@ impl Track {
         Ok(track)
     }
 
-    /// Its humps in the order of their phases, from any of them.
+    /// The humps in the order of their phases, from any of them.
     #[inline(always)]
     pub fn humps(&self) -> &[Hump] {
         &self.humps[..self.count.min(HUMPS)]
@@ -108,7 +114,7 @@ impl Track {
             .any(|hump| phase.wrapping_sub(hump.phase) < hump.length)
     }
 
-    /// Until when a flight from `phase`, with the ball's velocity `rise`, is told without a search; `None` where there is no
+    /// Time limits of a flight from `phase`, with the ball's velocity `rise`; `None` without a
     /// hump.
     #[inline(always)]
     pub fn limit(&self, phase: u32, rise: f32) -> Option<Limit> {
@@ -140,8 +146,11 @@ impl Track {
         })
     }
 
-    /// The same for a ball that leaves the reach of the track before it meets any: from when it sinks into it, in steps
-    /// after launch from `height`, up to the end of the next hump, or of the one it sinks over.
+    /// Time limit of a ball that leaves the track's reach before it meets the track, in steps after
+    /// launch.
+    ///
+    /// It is the end of the next hump after the ball sinks into the reach, or of the one it sinks
+    /// over.
     #[inline(never)]
     pub fn limit_from_above(
         &self,
@@ -151,7 +160,7 @@ impl Track {
         limit: Limit,
     ) -> Option<i64> {
         let (from, to) = self.above(height, rise);
-        // Earlier than it sinks, by more than f32 may take from the time.
+        // Earlier than the time of sinking, by more than its rounding in f32.
         let sinks = to - 1e-3 - 1e-6 * to;
         if !(from < (limit.clear >> 8) as i32 as f32 * (256.0 * RADIANS_PER_STEP) && from < sinks) {
             return None;
@@ -163,7 +172,7 @@ impl Track {
             if past < hump.length {
                 hump.length - past
             } else {
-                // The longest hump is shorter than what is left of the turn.
+                // The longest hump is shorter than the rest of the turn.
                 hump.phase.wrapping_sub(there).saturating_add(hump.length)
             }
         };
@@ -171,7 +180,7 @@ impl Track {
         Some(sinks + i64::from(soonest))
     }
 
-    /// Where it next throws a part that rests at `phase` but is not thrown there.
+    /// Next lift-off phase of a part that rests at `phase`, in steps of a phase.
     #[cfg(feature = "control")]
     pub fn lift_off(&self, phase: u32) -> Option<u32> {
         let begins = self.humps().iter().map(|hump| hump.phase);
@@ -193,11 +202,11 @@ impl Track {
         self.tones.at(phase).cosines(8.0, 27.0)
     }
 
-    /// Every stretch with A > k, node by node: from a node where A is far from k as many are passed over as the
-    /// slope allows.
+    /// Finds every stretch with A > k, node by node.
     ///
-    /// A hump that is not found is shorter than the distance of two nodes, with two more extrema of A within it: A exceeds k so
-    /// little and so briefly there that the gap is concave to 1e-8 all the same.
+    /// From a node where A is far from k it skips as many nodes as the slope allows. A hump that it
+    /// misses is shorter than a node distance, with two more extrema of A within it. There A
+    /// exceeds k so little and so briefly that the gap is concave to 1e-8.
     fn find_humps(&mut self) {
         let excess = |track: &Self, node: i32| flight::Track::at(track, node).push - track.k;
         // The mean of A over evenly spread nodes is 0.
@@ -206,7 +215,7 @@ impl Track {
             .find(|&node| excess(self, node) < 0.0)
             .unwrap_or(0);
         let per_node = 1.0 / (self.tones.bound(3) * SPACING);
-        // Farther from k than this at a node, A cannot reach k and come back before the next one.
+        // Beyond this distance from k at a node, A cannot reach k and return before the next node.
         let turning = 0.5 * self.tones.bound(4) * SPACING * SPACING;
         let mut begin = None;
         let (mut node, mut value) = (start, excess(self, start));
@@ -229,7 +238,7 @@ impl Track {
         }
     }
 
-    /// Where between two nodes A passes k and comes back, if it does: an extremum of it.
+    /// Extremum of A between two nodes where A passes k and returns; `None` without one.
     fn hidden(&self, low: u32, width: u32, above: bool) -> Option<u32> {
         let toward = |at: u32| (self.surge(low.wrapping_add(at)) < 0.0) == above;
         if !toward(0) || toward(width) {
@@ -247,7 +256,9 @@ impl Track {
         ((self.excess(low.wrapping_add(near)) > 0.0) != above).then_some(near)
     }
 
-    /// Takes the edge within `width` steps of `low` as the begin of a hump or the end of the one begun.
+    /// Finds the edge within `width` steps of `low`, by safeguarded Newton steps.
+    ///
+    /// It becomes the begin of a hump, or the end of the open one.
     fn pass(&mut self, begun: &mut Option<u32>, low: u32, width: u32) {
         let rising = begun.is_none();
         let (mut near, mut far) = (0.0, width as f32);
@@ -261,7 +272,7 @@ impl Track {
             } else {
                 parts.sines(4.0, 9.0) - self.k
             };
-            // Near the edge the sum in f32 has too few digits to tell the side.
+            // Near the edge the sum in f32 has too few digits for its sign.
             if fine || abs(excess) > 1e-5 {
                 if (excess > 0.0) == rising {
                     far = x;
@@ -312,13 +323,13 @@ impl Track {
         }
     }
 
-    /// When the ball last falls through the lowest reach of the track, from its height and rise.
+    /// Time in rad at which the ball falls through the lowest reach of the track.
     pub fn fallen(&self, height: f32, rise: f32) -> f32 {
         let square = rise * rise + 2.0 * self.k * (height + self.reach);
         (rise + flight::root(square)) * self.inverse
     }
 
-    /// From when to when the ball is above the reach of the track; an empty span where it is not.
+    /// Begin and end in rad of the ball's time above the track's reach; an empty span without one.
     pub fn above(&self, height: f32, rise: f32) -> (f32, f32) {
         let square = rise * rise + 2.0 * self.k * (height - self.reach) - 1e-4;
         if !(rise > 0.0 && square > 0.0) {

@@ -1,5 +1,6 @@
-//! Motion along the track with Coulomb friction: stick, slide both ways, hop and impact by one event map
-//! (docs/theory-real-parts.md#t10.4).
+//! Motion along the track with Coulomb friction: one event map for stick, slide, flight and impact.
+//!
+//! Method: docs/theory-real-parts.md#t10.4.
 
 mod push;
 
@@ -11,12 +12,12 @@ use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Wave;
 
-/// What the motion along the track depends on besides k, where parts rub on it.
+/// Parameters of the motion along the track besides k, with friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrictionSettings {
-    /// Coefficient of friction of a part that lies still (symbol mu_s), `sliding`..=10.
+    /// Static friction coefficient (symbol mu_s), `sliding`..=10.
     pub sticking: f64,
-    /// Coefficient of friction of one that slides or strikes (symbol mu), 0..=10.
+    /// Kinetic friction coefficient of a sliding or striking part (symbol mu), 0..=10.
     pub sliding: f64,
     /// Amplitude parallel to the track over the amplitude normal to it (symbol eta), 0..=100.
     pub amplitude_ratio: f64,
@@ -39,7 +40,9 @@ impl FrictionSettings {
         }
     }
 
-    /// Refuses a k or settings that have no motion along the track.
+    /// Checks `k` and the settings.
+    ///
+    /// Errors: `OutOfRange` with the parameter.
     fn check(&self, k: f64) -> Result<(), OutOfRange> {
         let Self {
             sticking,
@@ -64,7 +67,7 @@ impl FrictionSettings {
         Ok(())
     }
 
-    /// The acceleration relative to the track of a part that nothing holds, at a `k`.
+    /// Acceleration of a free part relative to the track, at a `k`.
     fn free(&self, wave: &Wave, k: f64) -> Push {
         Push::of(
             wave,
@@ -74,8 +77,9 @@ impl FrictionSettings {
         )
     }
 
-    /// [`Friction::flown`] of a single flight, on a track whose shape is told where it is more than a sine; `None` where
-    /// [`Friction::on`] refuses.
+    /// [`Friction::flown`] of a single flight; `wave` is `None` for a sine.
+    ///
+    /// `None` where [`Friction::on`] refuses the settings.
     #[cfg(feature = "plant")]
     #[must_use]
     pub(crate) fn flown(
@@ -98,14 +102,15 @@ impl FrictionSettings {
         Some((velocity * d + distance, velocity + gained))
     }
 
-    /// What an impact of a normal impulse (per mass) leaves of a velocity along the track, both in one unit.
+    /// Velocity along the track after an impact with a normal impulse per mass, in the unit of the
+    /// impulse.
     #[must_use]
     pub(crate) fn struck(&self, velocity: f64, impulse: f64) -> f64 {
         let left = velocity.abs() - self.sliding * impulse;
         libm::copysign(left.max(0.0), velocity)
     }
 
-    /// What a chatter that begins with a normal velocity takes less of a velocity along the track than a contact would.
+    /// Velocity along the track that a chatter removes less than a contact of the same duration.
     #[must_use]
     pub(crate) fn spared(&self, velocity: f64, normal: f64) -> f64 {
         if velocity == 0.0 {
@@ -115,9 +120,11 @@ impl FrictionSettings {
         }
     }
 
-    /// Throw number (1/k) above which a part that lies on a sinusoidal track slides upwards, or downwards:
-    /// `(mu_s + T)/|mu_s + eta e^(i gamma)|` and `(mu_s - T)/|mu_s - eta e^(i gamma)|`, at gamma = 0 Boothroyd's limits.
-    /// `None` where it never does.
+    /// Throw number (1/k) above which a part at rest on a sinusoidal track slides upwards, or
+    /// downwards.
+    ///
+    /// `(mu_s + T)/|mu_s + eta e^(i gamma)|` and `(mu_s - T)/|mu_s - eta e^(i gamma)|`, at
+    /// gamma = 0 Boothroyd's limits. `None` where it never slides.
     #[must_use]
     pub fn slides_above(&self, upwards: bool) -> Option<f64> {
         let c = if upwards { 1.0 } else { -1.0 };
@@ -128,7 +135,8 @@ impl FrictionSettings {
         (push > 0.0).then(|| (hold / push).max(0.0))
     }
 
-    /// The same on a track of several tones: `(mu_s +- T)` over the highest of `mu_s A(tau) +- eta A(tau + gamma)`.
+    /// The same on a track of several tones: `(mu_s +- T)` over the maximum of
+    /// `mu_s A(tau) +- eta A(tau + gamma)`.
     #[must_use]
     pub fn slides_above_on(&self, wave: &Wave, upwards: bool) -> Option<f64> {
         let c = if upwards { 1.0 } else { -1.0 };
@@ -141,14 +149,16 @@ impl FrictionSettings {
     }
 }
 
-/// The motion along the track for one k, with friction. Velocities relative to the track in units of `b w`.
+/// The motion along the track for one k, with friction. Velocities relative to the track in units
+/// of `b w`.
 ///
-/// In contact the normal force is `N = k - A`, `A = sin tau` on one tone. A part that lies still is pushed by
-/// `f = eta A(tau + gamma) - k tan(alpha)` and sticks while `|f| <= mu_s N`; one that slides in direction c has
-/// `v'' = f - c mu N`, in closed form until v' is 0. An impact takes `mu` times its normal impulse, at most all there is:
-/// `phi' = sgn(phi) max(0, |phi| - mu (s + psi'))`. While c does not change, `v' + c mu u'` feels no contact force.
+/// In contact the normal force is `N = k - A`, with `A = sin tau` on one tone. The push on a part
+/// at rest is `f = eta A(tau + gamma) - k tan(alpha)`; it sticks while `|f| <= mu_s N`. A part that
+/// slides in direction c has `v'' = f - c mu N`, in closed form until v' is 0. An impact removes
+/// `mu` times its normal impulse: `phi' = sgn(phi) max(0, |phi| - mu (s + psi'))`. While c does not
+/// change, `v' + c mu u'` is independent of the contact force.
 ///
-/// Events are found to 1e-14 rad of the phase, by steps that cannot jump over one.
+/// Event phases have an error below 1e-14 rad; the steps cannot jump over an event.
 ///
 /// ```
 /// use kband::impact::{Friction, FrictionSettings};
@@ -168,13 +178,13 @@ impl FrictionSettings {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Friction {
     settings: FrictionSettings,
-    /// `f`, the acceleration relative to the track of a part that nothing holds.
+    /// `f`, the acceleration of a free part relative to the track.
     free: Push,
-    /// `A - k`: minus the normal force on a part in contact, and u'' of one in flight.
+    /// `A - k`: minus the normal force in contact, and u'' in flight.
     normal: Push,
 }
 
-/// Friction in direction c while a part lies on the track.
+/// Friction state of a part in contact; `Sliding` holds the direction c.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Contacting {
     Sticking,
@@ -182,12 +192,15 @@ enum Contacting {
 }
 
 impl Friction {
-    /// The motion along a sinusoidal track at `k` (0.001..=1000); the refusal names the parameter.
+    /// The motion along a sinusoidal track at `k`, 0.001..=1000.
+    ///
+    /// Errors: `OutOfRange` with the parameter.
     pub fn build(k: f64, settings: FrictionSettings) -> Result<Self, OutOfRange> {
         Self::on(&Wave::sine(), k, settings)
     }
 
-    /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a whole.
+    /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a
+    /// whole.
     pub fn on(wave: &Wave, k: f64, settings: FrictionSettings) -> Result<Self, OutOfRange> {
         settings.check(k)?;
         Ok(Self {
@@ -197,36 +210,36 @@ impl Friction {
         })
     }
 
-    /// A flight of `d` rad from a phase, begun with `velocity` along the track: way in b and velocity in `b w` just before
-    /// the impact.
+    /// Distance in b and velocity in `b w` just before the impact, after a flight of `d` rad from
+    /// `phase`.
     #[must_use]
     fn flown(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
         let (distance, gained) = self.free.integrals(phase, d);
         (velocity * d + distance, velocity + gained)
     }
 
-    /// A chatter of so many rad that brings a part to rest after `last`.
+    /// A chatter of `chatter` rad that brings a part to rest after `last`.
     #[must_use]
     pub(crate) fn chattered(&self, last: PartState, chatter: f64, velocity: f64) -> Lain {
-        // Over its whole length the impacts push as the contact would, but for the velocity that the part came with:
-        // their impulses add up to the integral of N less psi.
+        // Over its duration the impacts push like a contact, but for the part's initial normal
+        // velocity. Their impulses sum to the integral of N less psi.
         let spared = self.settings.spared(velocity, last.velocity);
         self.lain(last.phase, chatter, velocity + spared)
     }
 
-    /// What pushes a part that slides in direction c.
+    /// The push on a part that slides in direction c.
     fn sliding(&self, c: f64) -> Push {
         self.free.plus(c * self.settings.sliding, &self.normal)
     }
 
-    /// By how much sticking friction exceeds the push in direction c: `mu_s N - c f`.
+    /// Margin of static friction over the push in direction c: `mu_s N - c f`.
     fn slack(&self, c: f64) -> Push {
         Push::default()
             .plus(-self.settings.sticking, &self.normal)
             .plus(-c, &self.free)
     }
 
-    /// What a part of velocity 0 does at `phase`.
+    /// Friction state of a part of velocity 0 at `phase`.
     fn held(&self, phase: f64) -> Contacting {
         let free = self.free.at(phase);
         let hold = -self.settings.sticking * self.normal.at(phase);
@@ -237,9 +250,10 @@ impl Friction {
         }
     }
 
-    /// A part that lies on the track from `phase` on for `duration` rad, sliding at first with `velocity`.
+    /// A contact from `phase` on for `duration` rad, with initial `velocity`.
     fn lain(&self, phase: f64, duration: f64, velocity: f64) -> Lain {
-        /// Rad by which the phase goes on at an event that leads nowhere: a push that only touches what holds.
+        /// Phase step in rad past an event that changes nothing: the push only touches the friction
+        /// limit.
         const TOUCH: f64 = 1e-7;
         let mut lain = Lain {
             velocity,
@@ -273,7 +287,8 @@ impl Friction {
                 Contacting::Sliding(c) => {
                     let push = self.sliding(c);
                     let begun = c * lain.velocity;
-                    // Where it begins to slide both velocity and push may be 0; then the push's slope makes the first way.
+                    // At the begin of a slide velocity and push may be 0; then the push's slope
+                    // gives the first distance.
                     let slope = c * push.slope(at);
                     let lead = if begun <= 0.0 && c * push.at(at) <= 1e-9 {
                         (1.5 * slope / push.bound(2).max(f64::MIN_POSITIVE)).clamp(0.0, left)
@@ -313,11 +328,15 @@ impl Friction {
         lain
     }
 
-    /// One drive cycle of a part that is never thrown, once its motion repeats; `None` where it does not settle, which
-    /// is an incline that friction cannot hold, and where the track throws.
+    /// One drive cycle of a part that is never thrown, once its motion repeats.
+    ///
+    /// `None` without a steady motion (friction cannot hold the incline) and where the track
+    /// throws.
     #[must_use]
     pub fn lying_for_ever(&self) -> Option<Lain> {
-        /// A slide that stops once forgets all; one that never does settles within its own damping.
+        /// Drive cycles before the motion counts as unsteady.
+        ///
+        /// A slide that stops erases the history; one that never stops settles by its own damping.
         const CYCLES: usize = 20_000;
         if !self.is_held() {
             return None;
@@ -339,7 +358,7 @@ impl Friction {
 
     /// Whether the normal force falls below 0 somewhere in a cycle.
     fn throws(&self) -> bool {
-        // From a phase where it is held down.
+        // Starts at a phase where gravity holds the part down.
         let up = |d: f64| (-self.normal.at(d), -self.normal.slope(d));
         if up(0.0).0 < 0.0 {
             return true;
@@ -371,8 +390,8 @@ impl AlongLaw for Friction {
         self.lain(phase, wait, velocity)
     }
 
-    /// Over time the normal force is `k` in the mean, whatever a part does, so that friction holds an incline of at most
-    /// `mu_s`.
+    /// The normal force is `k` in the mean, whatever the motion, so friction holds an incline of at
+    /// most `mu_s`.
     fn is_held(&self) -> bool {
         self.settings.incline_tangent.abs() <= self.settings.sticking
     }
@@ -451,7 +470,7 @@ mod tests {
         for (upwards, closed) in [(true, forward), (false, backward)] {
             assert!((slow.slides_above(upwards).unwrap() - closed).abs() < 1e-15);
         }
-        // With a lead, against the contact itself.
+        // With a phase lead: against the contact itself.
         for lead in [-1.0, 0.5, 2.0] {
             let led = FrictionSettings {
                 phase_lead: lead,
@@ -469,7 +488,7 @@ mod tests {
         assert!(at(forward + 1e-4).forward > 0.0);
         assert_eq!(at(backward - 1e-6).backward, 0.0);
         assert!(at(backward + 1e-3).backward > 0.0);
-        // A part that sticks better slides later, but then all the same.
+        // A part with more static friction starts to slide later, but then slides alike.
         let sticky = FrictionSettings {
             sticking: 1.0,
             ..slow
@@ -479,7 +498,8 @@ mod tests {
         assert!(cycle(later + 1e-6, sticky).distance > 1e-2);
     }
 
-    /// The classical Runge-Kutta rule's way over one contact, with the direction of each small step.
+    /// Distance over one contact by the classical Runge-Kutta method, with the direction of each
+    /// small step.
     fn stepped(along: &Friction, k: f64, phase: f64, duration: f64, start: f64) -> (f64, f64) {
         let s = along.settings;
         let steps = 400_000;
@@ -528,7 +548,7 @@ mod tests {
         assert!(cases > 10, "{cases}");
     }
 
-    /// While a part slides in one direction, v' + c mu u' feels no contact force, through slides and impacts.
+    /// While a part slides in one direction, v' + c mu u' is independent of the contact force.
     #[test]
     fn what_friction_and_impact_share_is_conserved() {
         let mut runs = 0;

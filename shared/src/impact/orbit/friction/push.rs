@@ -1,4 +1,7 @@
-//! Accelerations that the drive gives: a few harmonics and a constant, integrated in closed form.
+//! Acceleration by the drive: up to three harmonics and a constant, integrated in closed form.
+//!
+//! The first zero is found by steps that a bound of the second derivative limits, see
+//! docs/theory-impacts.md#t3.3.
 
 use crate::impact::orbit::tangential::{sagitta, versine_of};
 use crate::impact::wave::Wave;
@@ -64,7 +67,7 @@ impl Push {
         (0..self.count).map(|n| (n as f64 + 1.0, self.sine[n], self.cosine[n]))
     }
 
-    /// Its value at a phase.
+    /// Value at a phase.
     pub(super) fn at(&self, phase: f64) -> f64 {
         let tones = self.tones().map(|(n, p, q)| {
             let (sine, cosine) = libm::sincos(n * phase);
@@ -73,7 +76,7 @@ impl Push {
         tones.sum::<f64>() - self.constant
     }
 
-    /// Its slope at a phase.
+    /// Slope at a phase.
     pub(super) fn slope(&self, phase: f64) -> f64 {
         let tones = self.tones().map(|(n, p, q)| {
             let (sine, cosine) = libm::sincos(n * phase);
@@ -82,7 +85,7 @@ impl Push {
         tones.sum()
     }
 
-    /// What it adds to a velocity in `d` rad from `phase` on.
+    /// Velocity gained in `d` rad from `phase` on.
     pub(super) fn velocity(&self, phase: f64, d: f64) -> f64 {
         let tones = self.tones().map(|(n, p, q)| {
             let half = 0.5 * n * d;
@@ -92,7 +95,7 @@ impl Push {
         tones.sum::<f64>() - self.constant * d
     }
 
-    /// The way that it adds in `d` rad from `phase` on, and [what](Push::velocity) it adds to a velocity.
+    /// Distance and [velocity](Push::velocity) gained in `d` rad from `phase` on.
     pub(super) fn integrals(&self, phase: f64, d: f64) -> (f64, f64) {
         let (mut way, mut gained) = (-0.0, -0.0);
         for (n, p, q) in self.tones() {
@@ -109,9 +112,10 @@ impl Push {
         (d * d * (way - 0.5 * constant), gained - constant * d)
     }
 
-    /// Its highest value in a turn, within 1e-12 of its size.
+    /// Maximum in a turn, within 1e-12 of its size.
     pub(super) fn highest(&self) -> f64 {
-        /// Phases between which it has one maximum at most: three harmonics have three.
+        /// Number of phases between which the push has at most one maximum: three harmonics have
+        /// three.
         const PHASES: u32 = 256;
         let step = core::f64::consts::TAU / f64::from(PHASES);
         let mut highest = f64::NEG_INFINITY;
@@ -134,7 +138,7 @@ impl Push {
         highest
     }
 
-    /// Bound of its `order`-th derivative.
+    /// Bound of the derivative of this order.
     pub(super) fn bound(&self, order: i32) -> f64 {
         self.tones()
             .map(|(n, p, q)| powi(n, order) * libm::hypot(p, q))
@@ -146,15 +150,16 @@ fn powi(n: f64, order: i32) -> f64 {
     (0..order).fold(1.0, |power, _| power * n)
 }
 
-/// The first `d` in 0..=limit at which a function that begins at or above 0 has come down to 0; `None` where it does not
-/// within `limit`. `at` gives value and slope; `bend` bounds the second derivative from above, so that the smallest
-/// positive root of `value + slope h - bend h^2/2` never steps over a zero. It converges as Newton's rule does.
+/// The first `d` in 0..=limit at which a function that begins at or above 0 reaches 0.
 ///
-/// A function that begins at 0 and rises is taken to have left it.
+/// `None` without a zero within `limit`. `at` gives value and slope; `bend` bounds the second
+/// derivative. The step is the smallest positive root of `value + slope h - bend h^2/2`, so it
+/// never passes a zero. It converges like Newton's method. A function that begins at 0 and rises
+/// counts as having left 0.
 pub(super) fn first_zero(limit: f64, bend: f64, at: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
-    /// Steps after which a zero is taken to be where the steps have come to: one needs some ten.
+    /// Steps after which the current `d` counts as the zero; most zeros need some ten.
     const STEPS: usize = 10_000;
-    /// Rad within which a zero is found; a step of it at most is lost.
+    /// Error of a zero in rad; at most one such step is lost.
     const FINE: f64 = 1e-14;
     let mut d = 0.0;
     for _ in 0..STEPS {
@@ -162,7 +167,7 @@ pub(super) fn first_zero(limit: f64, bend: f64, at: impl Fn(f64) -> (f64, f64)) 
         let value = value.max(0.0);
         let step = if bend > 0.0 {
             let root = libm::sqrt(slope * slope + 2.0 * bend * value);
-            // The form that does not cancel.
+            // This form has no cancellation.
             if slope > 0.0 {
                 (slope + root) / bend
             } else {
@@ -230,7 +235,7 @@ mod tests {
             let push = Push::of(&wave, 1.5, 0.4, 0.3);
             let scanned = (0..100_000).map(|n| push.at(1e-4 * f64::from(n)));
             let scanned = scanned.fold(f64::NEG_INFINITY, f64::max);
-            // What a step of 1e-4 rad misses of a maximum.
+            // A scan in steps of 1e-4 rad misses this much of a maximum.
             let missed = 0.125 * 1e-8 * push.bound(2);
             let highest = push.highest();
             assert!(
@@ -240,7 +245,7 @@ mod tests {
         }
     }
 
-    /// Every zero of a fine scan is found, none is stepped over.
+    /// Finds every zero of a fine scan and passes none.
     #[test]
     fn the_first_zero_is_the_first() {
         let push = push();
