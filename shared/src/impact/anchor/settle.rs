@@ -6,7 +6,7 @@
 use super::flight::{Flight, Local, abs, larger, root, smaller};
 
 // The constants choose between two ways to the same impact, measured over 420 000 launches. Within
-// the ranges of docs/internals-tuning-impact.md none more is wrong, at most 2 more are flagged.
+// the ranges of docs/tuning.md none more is wrong, at most 2 more are flagged.
 
 /// Distance from a node in rad: largest for its expansion, whose remainder `d^5/120` is below
 /// 2e-10.

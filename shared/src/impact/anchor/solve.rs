@@ -10,7 +10,7 @@ use super::flight::{
 use super::settle::down_crossing;
 
 // The thresholds decide which steps are accepted. They were measured over 200 000 launches per set:
-// velocities 0..3, near lift-off, and nearly touching a hump. See docs/internals-tuning-impact.md.
+// velocities 0..3, near lift-off, and nearly touching a hump. See docs/tuning.md.
 
 /// Slope in `b w`: least for Householder's step; slower arrivals use the safeguarded search. It
 /// affects cost only.

@@ -8,7 +8,7 @@
 //! was set to a quarter to four times its value, to 0 and to the largest that fits, over 420 000
 //! launches. The launches are fast, slow, from rest, about lift-off, at k near 1, and 60 000 graze.
 //! The same impacts stay wrong (13) and flagged (19 991). The error that one in a hundred exceeds
-//! changes by less than a tenth. Exceptions are in docs/internals-tuning-impact.md.
+//! changes by less than a tenth. Exceptions are in docs/tuning.md.
 
 mod approach;
 mod ballistic;
