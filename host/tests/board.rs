@@ -476,6 +476,10 @@ fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     let folder = folder();
     let words = "settings set gain 0.8 --save --flash-image board.flash";
     kband(folder.path(), words).done();
+    let words = "settings commission --sensor --flash-image board.flash";
+    kband(folder.path(), words).refused(&["0 mm", "kband target gear 1"]);
+    let words = "target order 1 --save --flash-image board.flash";
+    kband(folder.path(), words).done();
     let words =
         "settings commission --sensor --apply --within 100 --format json --flash-image board.flash";
     let found = json(kband(folder.path(), words));

@@ -155,7 +155,9 @@ pub fn count(
         for (_, request) in requests().iter().cycle().take(30 * requests().len()) {
             let report = drive(&mut signal, &mut bench, station, enable);
             service.tick(station);
-            if !enable && !matches!(report.state, State::Off) {
+            // `Defaults` ends in fault 8 until settings are saved: the drive would not start.
+            let stops = !enable && matches!(request, Request::Defaults);
+            if stops || !enable && !matches!(report.state, State::Off) {
                 continue;
             }
             if let Ok(frame) = write_request(&mut frame, 1, request) {

@@ -109,13 +109,19 @@ pub(super) fn run(
     if let Some(off) = why_off(&mut link)? {
         return Err(off);
     }
+    let held = link.held()?;
+    if held == Target::Amplitude(0.0) {
+        return Err(Refusal::new(
+            "the board's target is an amplitude of 0 mm, at which nothing can be measured",
+            "request the working target first, for example kband target gear 1 --save",
+        ));
+    }
     rest(&mut link)?;
     let mean = mean_at_rest(&mut link, desk);
     // Measured or not, the board goes on as before.
     link.tell(&Request::Enable(true))?;
     let mean = mean?;
     let within = Duration::from_secs_f64(within);
-    let held = link.held()?;
     link.tell(&Request::Target(Target::K(quiet_k(&known))))?;
     let quiet = measure(&mut link, &known, within, desk);
     link.tell(&Request::Target(held))?;
