@@ -146,6 +146,8 @@ pub fn count(
     let mut corrupt = [1; 250];
     corrupt[249] = 0;
     counted("corrupt", &mut service, &corrupt);
+    // `Defaults` ended in fault 8, which lasts until settings are saved.
+    station.saved();
     timer.set_reload(APART);
     timer.clear_current();
     // At rest, where settings may change, then with the drive on.
@@ -155,7 +157,7 @@ pub fn count(
         for (_, request) in requests().iter().cycle().take(30 * requests().len()) {
             let report = drive(&mut signal, &mut bench, station, enable);
             service.tick(station);
-            // `Defaults` ends in fault 8 until settings are saved: the drive would not start.
+            // `Defaults` would end in fault 8 again.
             let stops = !enable && matches!(request, Request::Defaults);
             if stops || !enable && !matches!(report.state, State::Off) {
                 continue;
