@@ -335,6 +335,14 @@ pub const FLAGS: [Flag; 11] = [
     ),
 ];
 
+/// A key of `[drive]` that older scenes have. It set a lower bound of the output, and has no effect.
+pub(super) const OUTPUT_MINIMUM: Field = field(
+    "output_minimum",
+    [0.0, 0.5],
+    "",
+    "Of older scenes; no effect: the output has no lower bound.",
+);
+
 /// Settings that a section of a scene file carries, the first `required` of them required.
 pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
     (

@@ -7,7 +7,9 @@ use toml::{Table, Value};
 
 use super::engine::Fidelity;
 use super::expect::Expectation;
-use super::fields::{CONTROLLER, MASS, PLANT, SCATTER, SECTIONS, SENSOR, SENSOR_SETTINGS, belongs};
+use super::fields::{
+    CONTROLLER, MASS, OUTPUT_MINIMUM, PLANT, SCATTER, SECTIONS, SENSOR, SENSOR_SETTINGS, belongs,
+};
 use super::parts::{self, Distribution};
 use super::section::{Section, line_of};
 use super::timeline::{describe, read_disturbances, read_target};
@@ -88,6 +90,9 @@ impl SceneFile {
             let mut section = root.section(name)?;
             for (n, key) in keys.iter().enumerate() {
                 section.setting(&mut settings, key, n < required)?;
+            }
+            if name == "drive" {
+                section.field(&OUTPUT_MINIMUM, &mut 0.0)?;
             }
             section.finish()?;
         }

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::engine::Fidelity;
 use super::fields::{CHANGES, FLAGS, Field, MASS, PLANT, SCATTER, SENSOR};
-use super::fields::{CONTROLLER, SECTIONS, SENSOR_SETTINGS};
+use super::fields::{CONTROLLER, OUTPUT_MINIMUM, SECTIONS, SENSOR_SETTINGS};
 
 /// Where editors find it, as far as they ask.
 const DIALECT: &str = "http://json-schema.org/draft-07/schema#";
@@ -293,10 +293,11 @@ pub fn schema() -> Value {
     );
     for (name, keys, required) in SECTIONS {
         let words = format!("The {name}, as the controller is told.");
-        properties.insert(
-            name.into(),
-            object(settings(keys), &keys[..required], &words),
-        );
+        let mut inner = settings(keys);
+        if name == "drive" {
+            inner.extend(fields([&OUTPUT_MINIMUM]));
+        }
+        properties.insert(name.into(), object(inner, &keys[..required], &words));
     }
     properties.insert("part".into(), part());
     let mut sensor = settings(&SENSOR_SETTINGS);
