@@ -133,7 +133,7 @@ impl Exchange {
         self.news.fetch_or(SIGNAL, Ordering::Release);
     }
 
-    /// Takes the bits of what is new for the sample interrupt.
+    /// Takes the flags of new data for the sample interrupt.
     #[inline]
     pub(crate) fn news(&self) -> u8 {
         match self.news.load(Ordering::Acquire) {

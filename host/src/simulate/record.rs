@@ -10,8 +10,8 @@ use kband::regime::gear::{GearWatch, Share};
 use super::engine::{Glance, Lot};
 use crate::refusal::Refusal;
 
-/// Time from which on it counts how long the parts are in gear and how fast they are, in s: by then
-/// a drive has come to its setpoint and the first kicks are over.
+/// Start of the statistics of gear and speed, in s. By then the drive has reached its setpoint and
+/// the first kicks are over.
 pub const SETTLED: f64 = 5.0;
 
 /// Time over which the end of a scene is judged, in s.
@@ -29,8 +29,8 @@ pub type Take<'a, T> = &'a mut dyn FnMut(&T) -> Result<(), Refusal>;
 pub struct Watch<'a> {
     /// Whether it is to be drawn.
     pub drawn: bool,
-    /// Whether the regime that the controller hears at the end is told, also where it does not act
-    /// on it.
+    /// Whether the regime estimated at the end is reported, even if the controller does not act on
+    /// it.
     pub regime: bool,
     /// Whether every cycle is kept.
     pub kept: bool,

@@ -121,8 +121,8 @@ pub(super) fn told_over(settle: usize, impacts: usize) -> usize {
 
 /// The impacts of one column after `settle` others, from `state` or from rest where it is `None`;
 /// `state` is left where they end, `None` where the part rests for ever. An orbit that is back at a
-/// state to the last bit repeats what followed it, so that nothing is flown twice; what the column
-/// is is told from the same impacts.
+/// state to the last bit repeats what followed it, so that nothing is flown twice. The
+/// same impacts classify the column.
 pub(super) fn flown(
     endings: &Endings,
     state: &mut Option<PartState>,
