@@ -20,7 +20,7 @@ fn main() {
         ".git/HEAD",
         ".git/logs/HEAD",
         "host/src",
-        "shared/src",
+        "shared",
         "Cargo.lock",
     ] {
         watch(&root.join(path));

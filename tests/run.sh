@@ -7,7 +7,12 @@
 #                         envelope; a million frames at the emulated board; every mutant; five minutes of search by
 #                         coverage for each way in). A million launches takes some 4 s of one core on one tone and 5 s on
 #                         several: 1000 of them an hour and an hour and a half.
-#   tests/run.sh --mutants [WHICH...]  instead: the mutants alone, of these files or numbers (tests/mutants/run.py)
+#   tests/run.sh --mutants [COUNT [SEED]]  instead: 300 or so many mutants, drawn by a seed that it prints; at least 90 %
+#                         must be caught. It needs cargo-mutants: cargo install --locked cargo-mutants
+#   tests/run.sh --mutants listed [WHICH...]  instead: those of tests/mutants/mutants.toml, of these files or numbers
+#   tests/run.sh --drawn [MINUTES [SEED]]  instead: rounds of drawn scenes, lots, settings, request sequences, power cuts
+#                         and inputs, 30 minutes of them or so many, each round with a new seed that it prints. A seed that
+#                         fails becomes a scene or a case of the tests.
 #   tests/run.sh --fuzz [SECONDS [TARGET...]]  instead: the search by coverage alone, 60 s for each target (tests/fuzz/run.sh)
 #   tests/run.sh --reproducible  instead: the board's image from two folders with two homes of cargo, the same bits: some minutes
 #   tests/run.sh --features  instead: the desk with every cargo feature (probe, Parquet): a few minutes more
@@ -122,7 +127,34 @@ fi
 
 if [ "${1:-}" = --mutants ]; then
     shift
-    step "mutants" 14400 tests/mutants/run.py "$@"
+    if [ "${1:-}" = listed ]; then
+        shift
+        step "mutants" 14400 tests/mutants/run.py "$@"
+        finish
+    fi
+    count=${1:-300} seed=${2:-$RANDOM}
+    case $count$seed in *[!0-9]*) echo "tests/run.sh: --mutants takes a count and a seed, or: listed"; exit 2 ;; esac
+    echo "mutants of seed $seed"
+    step "drawn mutants" 28800 tests/mutants/run.py --drawn "$count" "$seed"
+    finish
+fi
+
+if [ "${1:-}" = --drawn ]; then
+    minutes=${2:-30} seed=${3:-$RANDOM}
+    case $minutes$seed in *[!0-9]*) echo "tests/run.sh: --drawn takes a number of minutes and a seed"; exit 2 ;; esac
+    step "test builds" 3600 cargo test --locked --no-run --package kband-control --package kband-plant --package kband-firmware \
+        --package kband-fuzz --package kband-tests --test random_scenes --test loops --test inputs --lib || finish
+    export KBAND_SCENES=100 KBAND_LOTS=30 KBAND_FUZZED=20000
+    while [ $((SECONDS - began)) -lt $((60 * minutes)) ] && [ ${#failures[@]} = 0 ]; do
+        export KBAND_SEED=$seed
+        step "scenes of seed $seed" 7200 cargo test --locked --package kband-tests --test random_scenes
+        step "feeders of seed $seed" 7200 cargo test --locked --package kband-plant --lib drawn
+        step "lots of seed $seed" 7200 cargo test --locked --package kband-plant --test loops lots
+        step "settings of seed $seed" 7200 cargo test --locked --package kband-control --lib bounds
+        step "requests and power cuts of seed $seed" 7200 cargo test --locked --package kband-firmware --lib
+        step "inputs of seed $seed" 7200 cargo test --locked --package kband-fuzz --test inputs
+        seed=$((seed + 1))
+    done
     finish
 fi
 
@@ -157,7 +189,6 @@ step "clippy for the desk" 1200 cargo clippy --locked --workspace --all-targets 
 # Profile and folder of the images: their build scripts and macros are then compiled once for both.
 step "clippy for the target" 1200 $cross clippy --config firmware/image.toml --locked --profile firmware --target $thumb \
     --target-dir "$target/emulated" --package kband-firmware --package kband-emulated -- -D warnings
-step "every combination of features" 600 tests/features.sh $cross
 # What the tests ask for, as they ask for it: one package at a time, or the packages would get each
 # other's features. The second board first: its image lies where the first board's will.
 image() {

@@ -23,7 +23,8 @@ kband transport --restitution 0.2 --incline 3 --out transport.svg
 kband margins --out margins.svg
 kband transport --restitution 0.2 --friction 0.3 --incline 3 --throw 0.4..3 --out friction.svg
 kband bands --restitution 0.10..0.30 --second-tone 0.15,2.356 --orders 1 --out bands.svg
-kband simulate --restitution 0.3 --compare-second-tone 0.15 --out tones.svg
+"$KBAND" simulate --print-scene | sed 's/^second_tone = 0.0/second_tone = 0.15/' >tones.toml
+kband simulate tones.toml --restitution 0.3 --out tones.svg --trace trace.csv
 cp "$root/tests/scenes/hopper_dump.toml" dump.toml
 kband simulate dump.toml --out dump.svg --trace trace.csv
 # A picture says of itself which commit drew it, and so never has that of the commit it is in.

@@ -1,11 +1,11 @@
 //! Write access over the link: a strap and a PIN make the link read-only.
 
-use kband::wire::{Access, Pin, Refusal};
+use kband_control::wire::{Access, Pin, Refusal};
 
 /// Number of wrong PINs after which the link waits.
-const WRONG_PINS: u8 = 5;
+const MAX_WRONG_PINS: u8 = 5;
 /// Time for which the link then refuses PINs, s.
-const WAIT_SECONDS: u32 = 60;
+const PIN_WAIT_S: u32 = 60;
 
 /// The lock of the link.
 #[derive(Clone, Copy, Debug, Default)]
@@ -22,7 +22,6 @@ pub struct LinkLock {
 
 impl LinkLock {
     /// Builds a closed lock with the saved PIN.
-    #[must_use]
     pub fn new(pin: Option<Pin>) -> Self {
         Self {
             pin,
@@ -31,13 +30,11 @@ impl LinkLock {
     }
 
     /// The PIN to be saved with the settings.
-    #[must_use]
     pub fn pin(&self) -> Option<Pin> {
         self.pin
     }
 
     /// Access of the desk; `strapped`: the strap is wired to ground.
-    #[must_use]
     pub fn access(&self, strapped: bool) -> Access {
         if strapped {
             Access::Strapped
@@ -58,10 +55,10 @@ impl LinkLock {
     /// # Errors
     /// The PIN is wrong, or the wait after five wrong ones is not over.
     pub fn unlock(&mut self, pin: Pin, now: u32) -> Result<(), Refusal<'static>> {
-        if self.wrong >= WRONG_PINS {
+        if self.wrong >= MAX_WRONG_PINS {
             let waited = now.saturating_sub(self.since);
-            if waited < WAIT_SECONDS {
-                return Err(Refusal::Wait((WAIT_SECONDS - waited) as u16));
+            if waited < PIN_WAIT_S {
+                return Err(Refusal::Wait((PIN_WAIT_S - waited) as u16));
             }
             self.wrong = 0;
         }

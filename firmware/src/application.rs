@@ -1,16 +1,16 @@
 //! Sampled control of the drive in two tasks: the sample interrupt and the control of each cycle.
 //!
 //! The sample interrupt demodulates the acceleration, in phase and in quadrature to the drive
-//! (docs/glossary.md), and sets the output. It switches the drive off after [`COMMANDS_LAST`]
+//! (docs/glossary.md), and sets the output. It switches the drive off after [`MAX_COMMAND_AGE_CYCLES`]
 //! cycles without a command.
 
 use embassy_futures::yield_now;
 use kband::arithmetic::Phase;
-use kband::control::{PLAN_SLICES, Signal};
+use kband_control::{PLAN_SLICES, Signal};
 
 use crate::board::{Drive, Monitor, Panel, Sense};
 use crate::enable::{Contact, Debounce, EnableCycle};
-use crate::exchange::{COMMAND, COMMANDS_LAST, Exchange, SIGNAL};
+use crate::exchange::{COMMAND, Exchange, MAX_COMMAND_AGE_CYCLES, SIGNAL};
 use crate::station::Station;
 use crate::watch::{Roll, Watched};
 
@@ -27,13 +27,13 @@ pub struct Sampler<S, D> {
     roll: &'static Roll,
     enable: Debounce,
     /// Whether the enable input was high at any sample of this cycle.
-    given: bool,
+    enable_was_high: bool,
     on: bool,
     /// Drive cycles since the last command.
-    silence: u8,
+    cycles_since_command: u8,
     /// Whether the interrupt switched the drive off. It stays off until the control has commanded
     /// it off too.
-    cut: bool,
+    is_forced_off: bool,
     /// Whether the previous sample ended a cycle that is not handed over yet.
     ended: bool,
 }
@@ -55,10 +55,10 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
             exchange,
             roll,
             enable: Debounce::new(),
-            given: false,
+            enable_was_high: false,
             on: false,
-            silence: 0,
-            cut: false,
+            cycles_since_command: 0,
+            is_forced_off: false,
             ended: false,
         }
     }
@@ -70,36 +70,37 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         if let Some(contact) = contact {
             self.follow_enable(contact);
         }
-        let news = self.exchange.news();
+        let news = self.exchange.take_news_bits();
         if news & SIGNAL != 0
-            && let Some(signal) = self.exchange.signal()
+            && let Some(signal) = self.exchange.take_signal_path()
         {
             self.signal = signal;
         }
         if news & COMMAND != 0 {
-            let command = self.exchange.commanded();
-            self.silence = 0;
+            let command = self.exchange.newest_command();
+            self.cycles_since_command = 0;
             self.signal.command(command);
             let off = command.immediate && command.amplitude <= 0.0;
-            if off && self.cut {
-                self.cut = false;
+            if off && self.is_forced_off {
+                self.is_forced_off = false;
                 self.exchange.set_late(false);
             }
             // Only a debounced press of the enable input starts the drive, even when the control
             // commands it on.
-            self.cut |= !off && contact.is_some() && !self.enable.is_on();
-            self.on = !off && !self.cut;
+            self.is_forced_off |= !off && contact.is_some() && !self.enable.is_on();
+            self.on = !off && !self.is_forced_off;
             if !self.on {
                 self.drive.off();
             }
         }
-        let sampled = self.signal.sample(self.sense.sample());
+        let code = self.sense.sample();
+        let sampled = self.signal.sample_with(code, || self.sense.current());
         if self.on {
             // This comparison is false for NaN as well.
             if sampled.output.abs() <= 1.0 {
                 self.drive.set(sampled.output);
             } else {
-                self.cut_off();
+                self.switch_off_late();
             }
         }
         // The sample that ends a cycle has the longest run time: the next sample hands the cycle
@@ -107,19 +108,19 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         if self.ended {
             self.ended = false;
             let enable = contact.is_some().then(|| EnableCycle {
-                given: self.given,
-                held_off: self.cut || !self.enable.is_on(),
+                given: self.enable_was_high,
+                held_off: self.is_forced_off || !self.enable.is_on(),
                 chatters: self.enable.take_chatter(),
             });
-            self.given = false;
+            self.enable_was_high = false;
             self.exchange.post(self.signal.cycle(), enable);
         }
         if sampled.wrapped {
             self.ended = true;
             if self.on {
-                self.silence += 1;
-                if self.silence >= COMMANDS_LAST {
-                    self.cut_off();
+                self.cycles_since_command += 1;
+                if self.cycles_since_command >= MAX_COMMAND_AGE_CYCLES {
+                    self.switch_off_late();
                 }
             }
             self.roll.check_in(Watched::Samples);
@@ -130,31 +131,30 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
     /// in this sample.
     #[inline]
     fn follow_enable(&mut self, contact: Contact) {
-        self.given |= contact != Contact::Open;
+        self.enable_was_high |= contact != Contact::Open;
         if !self.enable.sample(contact) && self.on {
-            self.hold_off();
+            self.switch_off_until_commanded_off();
         }
     }
 
     /// Switches the drive off because the control missed its deadline.
     #[cold]
-    fn cut_off(&mut self) {
-        self.hold_off();
+    fn switch_off_late(&mut self) {
+        self.switch_off_until_commanded_off();
         self.exchange.set_late(true);
     }
 
     /// Switches the drive off until the control has commanded it off too.
     #[cold]
-    fn hold_off(&mut self) {
+    fn switch_off_until_commanded_off(&mut self) {
         self.on = false;
-        self.cut = true;
+        self.is_forced_off = true;
         self.signal.off();
         self.drive.off();
     }
 
     /// Phase of the output at the last sample.
     #[inline]
-    #[must_use]
     pub fn phase(&self) -> Phase {
         self.signal.phase()
     }
@@ -163,7 +163,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
 /// Control task of the drive cycles: control, report, then planning in slices.
 ///
 /// Deadline: one drive cycle (20 ms at 50 Hz). A missed deadline is counted, and the drive keeps
-/// its amplitude for another cycle. After [`COMMANDS_LAST`] cycles without a command the sample
+/// its amplitude for another cycle. After [`MAX_COMMAND_AGE_CYCLES`] cycles without a command the sample
 /// interrupt switches the drive off. Other tasks run between slices of planning; a new cycle ends
 /// the planning.
 pub async fn control(
@@ -192,11 +192,11 @@ pub async fn control(
             continue;
         };
         exchange.command(report.command);
-        station.took(panel.now().wrapping_sub(began));
+        station.record_control_cycles(panel.now().wrapping_sub(began));
         monitor.report(&report, station.ready());
         exchange.controlled();
         for _ in 0..PLAN_SLICES {
-            if exchange.waits() || !station.plan_step() {
+            if exchange.has_waiting_cycle() || !station.plan_step() {
                 break;
             }
             roll.check_in(Watched::Cycle);
@@ -213,10 +213,10 @@ mod tests {
     use core::future::Future;
     use core::pin::pin;
     use core::task::{Context, Poll, Waker};
-    use kband::control::{
+    use kband_control::{
         AdcCode, Command, Fault, Inputs, Report, StartCause, State, Target, phase_step,
     };
-    use kband::plant::{Bench, Change, ClosedLoop, Disturbance, Scene};
+    use kband_plant::{Bench, Change, ClosedLoop, Disturbance, Scene};
     use std::boxed::Box;
     use std::rc::Rc;
     use std::vec::Vec;
@@ -236,6 +236,10 @@ mod tests {
     impl Sense for Shared {
         fn sample(&mut self) -> AdcCode {
             self.0.borrow_mut().bench.sample()
+        }
+
+        fn current(&mut self) -> AdcCode {
+            self.0.borrow().bench.current()
         }
 
         fn enable(&mut self) -> Option<Contact> {
@@ -332,12 +336,12 @@ mod tests {
             let step = (sampler.phase() - before).bits();
             let output = desk.0.borrow().output;
             desk.0.borrow_mut().bench.hold(output, step);
-            if exchange.owed() {
+            if exchange.is_unfinished() {
                 waiting += 1;
             }
             if waiting > late {
                 waiting = 0;
-                while exchange.owed() {
+                while exchange.is_unfinished() {
                     let _ = task.as_mut().poll(&mut context);
                 }
                 off.push(desk.0.borrow().off);
@@ -365,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn a_control_within_its_deadline_gives_the_same_whenever_it_runs() {
+    fn control_within_its_deadline_gives_the_same_report() {
         // The changes lie in the later half of their cycles. With a delay of 100 samples the
         // control reads the same inputs. The sensor is lost after cycle 150; only switching off
         // acts within a cycle.
@@ -407,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_that_was_cut_off_stays_off_until_the_control_says_so_too() {
+    fn a_forced_off_drive_stays_off_until_commanded_off() {
         static ROLL: Roll = Roll::of(&[Watched::Samples]);
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
         let scene = Scene::default();
@@ -465,7 +469,7 @@ mod tests {
             desk.0.borrow_mut().contact = Some(contact);
             for _ in 0..20 * time {
                 sampler.interrupt();
-                if exchange.waits()
+                if exchange.has_waiting_cycle()
                     && let Poll::Ready((_, enable)) = pin!(exchange.next()).poll(&mut context)
                 {
                     last = enable;
@@ -477,13 +481,15 @@ mod tests {
     }
 
     #[test]
-    fn the_drive_runs_after_a_press_alone_whatever_the_control_says() {
+    fn only_a_press_lets_the_drive_run() {
         use Contact::{Closed, Moved, Open};
         let given = |given, held_off, chatters| EnableCycle {
             given,
             held_off,
             chatters,
         };
+        // The control commands it on although the input was never on.
+        assert!(commanded(0.2, &[(Open, 300)]).0);
         // The control commands it on from the start: it must command it off first.
         let (off, enable) = commanded(0.2, &[(Open, 120), (Closed, 100)]);
         assert!(off && enable == given(true, true, false));
@@ -542,7 +548,7 @@ mod tests {
 
     #[test]
     fn a_control_that_comes_too_late_ends_in_its_fault() {
-        // Each control runs 5.5 cycles late, beyond [`COMMANDS_LAST`]. The report after the delay
+        // Each control runs 5.5 cycles late, beyond [`MAX_COMMAND_AGE_CYCLES`]. The report after the delay
         // carries the fault.
         let (reports, off, _) = run(&scene(), 12, 2200);
         let late = |report: &Report| report.fault == Some(Fault::ControlLate);
@@ -571,7 +577,7 @@ mod tests {
     }
 
     #[test]
-    fn commands_age_and_what_is_no_number_is_no_output() {
+    fn old_commands_and_nan_outputs_switch_off() {
         let exchange = || -> &'static Exchange { Box::leak(Box::new(Exchange::new())) };
         let going = exchange();
         assert_eq!(until_off(going, |_| Some(0.2)), None);

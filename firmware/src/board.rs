@@ -1,6 +1,6 @@
 //! Interfaces of the application to a board.
 
-use kband::control::{AdcCode, Inputs, Report, Target};
+use kband_control::{AdcCode, Inputs, Report, Target};
 
 use crate::enable::Contact;
 
@@ -15,10 +15,14 @@ pub trait Drive {
     fn off(&mut self);
 }
 
-/// Inputs that are read at each sample: the accelerometer and the enable input.
+/// Inputs that are read at each sample: the accelerometer, the drive's current and the
+/// enable input.
 pub trait Sense {
     /// The newest reading of the converter.
     fn sample(&mut self) -> AdcCode;
+
+    /// The reading of the current sensor in the same sample; read where the settings have one.
+    fn current(&mut self) -> AdcCode;
 
     /// The enable input since the last sample; `None` where only the [`Panel`] reads it, once a
     /// drive cycle.

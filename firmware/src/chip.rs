@@ -10,9 +10,9 @@ use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::pac::Interrupt;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 
-use kband::wire::SetUp;
+use kband_control::wire::SetUp;
 
-use crate::start::Signs;
+use crate::start::ResetFlags;
 use crate::store::{Store, StoreFailed};
 
 /// The clocks that a chip starts with.
@@ -55,13 +55,13 @@ pub trait Chip {
     /// Configuration in the option bytes.
     fn set_up() -> SetUp;
 
-    /// Sets up the converter and its sampling time for the accelerometer. The conversion takes well
-    /// below 50 us.
+    /// Sets up the converter and its sampling time for accelerometer and current. Both conversions
+    /// take well below 50 us.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime);
 
     /// Opens the settings in at least two pages at the end of the flash, which no image reaches.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed>;
 
     /// Flags of the last reset; the call clears them.
-    fn signs() -> Signs;
+    fn signs() -> ResetFlags;
 }

@@ -40,7 +40,6 @@ static WAITING: Kept<Waiting> = Kept(UnsafeCell::new(Waiting::EMPTY));
 
 /// Queue of the faults that are not in the flash yet, those from before a reset included. `None`
 /// after the first call.
-#[must_use]
 pub fn waiting_faults() -> Option<&'static mut Waiting> {
     static GIVEN: AtomicBool = AtomicBool::new(false);
     if GIVEN.swap(true, Ordering::Relaxed) {
@@ -52,7 +51,6 @@ pub fn waiting_faults() -> Option<&'static mut Waiting> {
 }
 
 /// Message of the image before this reset; the call clears it.
-#[must_use]
 pub fn take_last_words() -> LastWords {
     cortex_m::interrupt::free(|_| {
         // SAFETY: interrupts are off and no other reference lives; any bytes are a valid
@@ -71,7 +69,6 @@ static RUNNING: [AtomicU32; 4] = [const { AtomicU32::new(0) }; 4];
 const RUNNING_MARK: [u32; 4] = [0x6b62_616e, 0x9d8a_2e51, 0x1f3c_77e0, 0xc4d1_05b9];
 
 /// Whether the RAM kept its mark from before this start; sets the mark.
-#[must_use]
 pub fn remembers_running() -> bool {
     let mut known = true;
     for (word, mark) in RUNNING.iter().zip(RUNNING_MARK) {
@@ -200,7 +197,6 @@ fn stack_bounds() -> (u32, u32) {
 /// Largest use of the stack since the start, and its size, bytes.
 ///
 /// The start-up code painted the stack (stack watermark); overwritten paint counts as used.
-#[must_use]
 pub fn stack_use() -> (u32, u32) {
     let (bottom, top) = stack_bounds();
     let mut clean = bottom;
@@ -216,7 +212,6 @@ pub fn stack_use() -> (u32, u32) {
 }
 
 /// Number of stack bytes that were never used.
-#[must_use]
 pub fn stack_free() -> u32 {
     let (used, size) = stack_use();
     size - used
@@ -227,7 +222,6 @@ const LOOKED_AT: u32 = 16;
 
 /// Whether the stack's last eighth was ever used. Each call checks a few of its words, one after
 /// the other; 80 calls cover all of them.
-#[must_use]
 pub fn stack_low() -> bool {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     static LOW: AtomicU32 = AtomicU32::new(0);
@@ -262,7 +256,6 @@ impl<T> Default for Owned<T> {
 
 impl<T> Owned<T> {
     /// Builds it empty.
-    #[must_use]
     pub const fn new() -> Self {
         Self(UnsafeCell::new(None))
     }

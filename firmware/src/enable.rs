@@ -3,7 +3,7 @@
 //! A gap is a sample in which the input was not high all the time. Sampling detects gaps down to
 //! one sample (50 us); the chip's edge detector latches narrower ones.
 
-use kband::control::SAMPLE_RATE;
+use kband_control::SAMPLE_RATE;
 
 /// State of the enable input between two samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -77,7 +77,6 @@ impl Default for Debounce {
 
 impl Debounce {
     /// Builds an input of unknown state: the drive is off until the input was settled low.
-    #[must_use]
     pub const fn new() -> Self {
         Self {
             on: false,
@@ -109,7 +108,6 @@ impl Debounce {
 
     /// Whether the drive may run.
     #[inline]
-    #[must_use]
     pub fn is_on(&self) -> bool {
         self.on
     }

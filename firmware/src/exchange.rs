@@ -9,7 +9,7 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::arithmetic::Phase;
-use kband::control::{Command, Cycle, Overtone, Signal, UPPER};
+use kband_control::{Command, Cycle, Overtone, Signal, UPPER};
 
 use crate::enable::EnableCycle;
 
@@ -20,7 +20,7 @@ pub struct Exchange {
     signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
     news: AtomicU8,
     /// Whether the last cycle has no command yet.
-    due: AtomicBool,
+    command_due: AtomicBool,
     /// Whether the last cycle's control or planning is not finished yet.
     owed: AtomicBool,
     late: AtomicBool,
@@ -35,7 +35,6 @@ impl Default for Exchange {
 
 impl Exchange {
     /// Builds an empty exchange.
-    #[must_use]
     pub const fn new() -> Self {
         Self {
             cycle: Mailbox::new(),
@@ -50,7 +49,7 @@ impl Exchange {
             })),
             signal: Mutex::new(Cell::new(None)),
             news: AtomicU8::new(0),
-            due: AtomicBool::new(false),
+            command_due: AtomicBool::new(false),
             owed: AtomicBool::new(false),
             late: AtomicBool::new(false),
             missed: AtomicU32::new(0),
@@ -58,19 +57,16 @@ impl Exchange {
     }
 
     /// Whether the control task has not finished the last cycle, its planning included.
-    #[must_use]
-    pub fn owed(&self) -> bool {
+    pub fn is_unfinished(&self) -> bool {
         self.owed.load(Ordering::Acquire)
     }
 
     /// Number of cycles that ended before the control of the previous one was finished.
-    #[must_use]
     pub fn missed(&self) -> u32 {
         self.missed.load(Ordering::Relaxed)
     }
 
-    /// Whether the drive was switched off because no command came for [`COMMANDS_LAST`] cycles.
-    #[must_use]
+    /// Whether the drive was switched off because no command came for [`MAX_COMMAND_AGE_CYCLES`] cycles.
     pub fn late(&self) -> bool {
         self.late.load(Ordering::Acquire)
     }
@@ -82,7 +78,7 @@ impl Exchange {
     #[inline(always)]
     pub(crate) fn post(&self, cycle: &Cycle, enable: Option<EnableCycle>) {
         self.owed.store(true, Ordering::Release);
-        if self.due.swap(true, Ordering::AcqRel) {
+        if self.command_due.swap(true, Ordering::AcqRel) {
             self.missed.fetch_add(1, Ordering::Relaxed);
         }
         self.cycle.signal((cycle.clone(), enable));
@@ -91,7 +87,7 @@ impl Exchange {
     /// Marks the control of the last cycle as finished. Planning after it does not count as late.
     pub(crate) fn controlled(&self) {
         if !self.cycle.signaled() {
-            self.due.store(false, Ordering::Release);
+            self.command_due.store(false, Ordering::Release);
         }
     }
 
@@ -105,18 +101,18 @@ impl Exchange {
 
     /// The newest command; new where [`Self::news`] has the bit [`COMMAND`].
     #[inline]
-    pub(crate) fn commanded(&self) -> Command {
+    pub(crate) fn newest_command(&self) -> Command {
         self.command.lock(Cell::get)
     }
 
     /// Takes the new signal path; present where [`Self::news`] has the bit [`SIGNAL`].
     #[inline]
-    pub(crate) fn signal(&self) -> Option<Signal> {
+    pub(crate) fn take_signal_path(&self) -> Option<Signal> {
         self.signal.lock(Cell::take)
     }
 
     /// Whether a cycle waits for its control.
-    pub(crate) fn waits(&self) -> bool {
+    pub(crate) fn has_waiting_cycle(&self) -> bool {
         self.cycle.signaled()
     }
 
@@ -135,7 +131,7 @@ impl Exchange {
 
     /// Takes the flags of new data for the sample interrupt.
     #[inline]
-    pub(crate) fn news(&self) -> u8 {
+    pub(crate) fn take_news_bits(&self) -> u8 {
         match self.news.load(Ordering::Acquire) {
             0 => 0,
             _ => self.news.swap(0, Ordering::AcqRel),
@@ -145,7 +141,7 @@ impl Exchange {
 
 /// Number of drive cycles for which a command remains valid. Four are half the envelope's time
 /// constant at Q = 25. The amplitude covers at most 40 % of the way to its end value.
-pub const COMMANDS_LAST: u8 = 4;
+pub const MAX_COMMAND_AGE_CYCLES: u8 = 4;
 /// Bit of [`Exchange::news`]: a new command.
 pub(crate) const COMMAND: u8 = 1;
 /// Bit of [`Exchange::news`]: a new signal path.

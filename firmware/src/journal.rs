@@ -27,7 +27,7 @@
 
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
-use kband::wire::crc32;
+use kband_control::wire::crc32;
 
 /// Reason for which a record was not stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +50,7 @@ const MARK: [u8; 8] = [0x6b, 0x94, 0x62, 0x9d, 0x65, 0x9a, 0x72, 0x8d];
 /// Number of bytes in a slot beside its content.
 pub const OVERHEAD: usize = NUMBER + CHECK + SEAL;
 /// Number of slots that are read before other tasks run.
-const SLICE: u32 = 16;
+const SLOTS_PER_SLICE: u32 = 16;
 
 /// State of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,7 +168,7 @@ impl Survey {
 
     /// Whether a spoilt record may be newer than the newest valid one; `slots` is the size of a
     /// bank. The other bank is used once the first is full, and erased once it is not.
-    fn doubtful(&self, slots: u32) -> bool {
+    fn may_have_lost_newest(&self, slots: u32) -> bool {
         let Some((Place { bank, index }, _)) = self.newest else {
             return self.spoilt != [0; 2];
         };
@@ -248,13 +248,13 @@ impl<const SLOT: usize> Journal<SLOT> {
         }
     }
 
-    async fn look<F: NorFlash>(&mut self, flash: &mut F) -> Result<Survey, StoreFailed> {
+    async fn survey_banks<F: NorFlash>(&mut self, flash: &mut F) -> Result<Survey, StoreFailed> {
         let mut survey = Survey::BLANK;
         for bank in 0..2 {
             for index in 0..self.slots() {
                 let place = Place { bank, index };
                 survey.take(place, Slot::read(&self.read(flash, place).await?));
-                if index % SLICE == 0 {
+                if index % SLOTS_PER_SLICE == 0 {
                     yield_now().await;
                 }
             }
@@ -265,10 +265,10 @@ impl<const SLOT: usize> Journal<SLOT> {
 
     /// State of the newest record; its content is copied to `content`.
     pub async fn newest<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
-        let Ok(survey) = self.look(flash).await else {
+        let Ok(survey) = self.survey_banks(flash).await else {
             return Newest::Spoilt;
         };
-        if survey.doubtful(self.slots()) {
+        if survey.may_have_lost_newest(self.slots()) {
             return Newest::Spoilt;
         }
         let Some((place, _)) = survey.newest else {
@@ -287,12 +287,15 @@ impl<const SLOT: usize> Journal<SLOT> {
     pub async fn holds<F: NorFlash>(&mut self, flash: &mut F, content: &[u8]) -> bool {
         let survey = match self.survey {
             Some(survey) => survey,
-            None => match self.look(flash).await {
+            None => match self.survey_banks(flash).await {
                 Ok(survey) => survey,
                 Err(_) => return false,
             },
         };
-        let Some((place, _)) = survey.newest.filter(|_| !survey.doubtful(self.slots())) else {
+        let Some((place, _)) = survey
+            .newest
+            .filter(|_| !survey.may_have_lost_newest(self.slots()))
+        else {
             return false;
         };
         match self.read(flash, place).await {
@@ -313,7 +316,7 @@ impl<const SLOT: usize> Journal<SLOT> {
     ) -> Option<u32> {
         let survey = match self.survey {
             Some(survey) => survey,
-            None => self.look(flash).await.ok()?,
+            None => self.survey_banks(flash).await.ok()?,
         };
         let (Place { bank, index }, _) = survey.newest?;
         let here = (0..=index).rev().map(|index| Place { bank, index });
@@ -345,7 +348,7 @@ impl<const SLOT: usize> Journal<SLOT> {
     ) -> Result<(), StoreFailed> {
         let mut survey = match self.survey.take() {
             Some(survey) => survey,
-            None => self.look(flash).await?,
+            None => self.survey_banks(flash).await?,
         };
         if survey.used == [0; 2] {
             for bank in 0..2 {
@@ -465,7 +468,7 @@ mod tests {
         };
         let sound = survey(usize::MAX, Slot::Blank);
         let newest = sound.newest.map(|(place, _)| place);
-        assert!(!sound.doubtful(slots as u32));
+        assert!(!sound.may_have_lost_newest(slots as u32));
         let (mut kept, mut spoilt) = (0, 0);
         for (at, chunk) in chunks.iter().enumerate() {
             let mut seen: Vec<(Slot, bool)> = Vec::new();
@@ -477,7 +480,7 @@ mod tests {
                 let known = seen.iter().find(|(seen, _)| *seen == kind).copied();
                 let (_, doubtful) = known.unwrap_or_else(|| {
                     let flipped = survey(at, kind);
-                    let doubtful = flipped.doubtful(slots as u32);
+                    let doubtful = flipped.may_have_lost_newest(slots as u32);
                     assert!(
                         doubtful || flipped.newest.map(|(place, _)| place) == newest,
                         "slot {at}, bit {bit}: {kind:?}"
@@ -581,7 +584,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bank_that_reads_blank_without_a_mark_is_erased_before_its_first_record() {
+    fn a_blank_bank_without_mark_is_erased_before_use() {
         // A full bank with its mark, and one without. The other bank reads blank, but its erasure
         // was cut short.
         for mut nor in [filled::<2048>(7), unmarked::<2048>(8)] {
@@ -610,7 +613,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_cut_hides_no_older_record() {
+    fn a_cut_record_hides_no_older_one() {
         let mut nor = Nor::<2048>::new();
         let mut content = [0; 40 - OVERHEAD];
         for record in 0..10_u32 {

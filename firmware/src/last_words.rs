@@ -45,7 +45,6 @@ impl LastWords {
     }
 
     /// The stored text, if its record is valid.
-    #[must_use]
     pub fn read(&self) -> Option<&str> {
         let length = usize::try_from(self.length).ok()?;
         if self.mark != MARK || self.check != checksum(&self.text) {

@@ -8,29 +8,29 @@ use core::future::Future;
 
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
-use kband::control::{self, AdcCode, PLAN_SLICES, Settings, Signal, StartCause};
 use kband::feeder::OutOfRange;
-use kband::wire::{
-    Access, Counters, FRAME_MOST, Identity, Incoming, Inputs, Kept, Pin, Receiver, Refusal,
-    Request, Response, SCHEMA, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, VERSION,
-    fold_output, read_reading, read_request, write_identity, write_response,
+use kband_control::wire::{
+    Access, Counters, Identity, Incoming, Kept, MAX_FRAME_BYTES, Pin, Receiver, Refusal, Request,
+    Response, SCHEMA, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, VERSION, fold_output,
+    read_reading, read_request, write_identity, write_response,
 };
+use kband_control::{AdcCode, Inputs, PLAN_SLICES, Settings, Signal, StartCause, Target};
 
 use crate::access::LinkLock;
 use crate::saves::Saves;
-use crate::station::{NotTaken, Station};
+use crate::station::{SettingsRefused, Station};
 use crate::store::{Condition, Store, StoreFailed};
 
 /// Number of requests answered in a drive cycle. The dearest request takes 81 196 instructions
 /// (counted). Thirty-two take 2.6 of the 3.36 million core cycles at 50 Hz.
-const ALLOWANCE: u8 = 32;
+const MAX_REQUESTS_PER_CYCLE: u8 = 32;
 /// Largest mean acceleration at rest, m/s^2: 9.81 along the sensor's axis and an error of 20 %.
-const AT_REST: f32 = 11.8;
+const MAX_MEAN_AT_REST: f32 = 11.8;
 
 /// Longest time that an answer waits for room on the line, ms.
 const ANSWER_WAIT_MS: u32 = 100;
 /// Share of the line's rate for telemetry, percent; the rest is for answers.
-const TELEMETRY_SHARE: u64 = 80;
+const MAX_TELEMETRY_SHARE_PERCENT: u64 = 80;
 
 /// A serial line to the desk.
 pub trait Line {
@@ -68,10 +68,10 @@ pub struct Service<S> {
     allowance: u8,
     saves: Saves,
     lock: LinkLock,
-    every: u16,
-    since: u16,
+    telemetry_interval: u16,
+    cycles_since_telemetry: u16,
     simulation: Option<Simulation>,
-    buffer: [u8; FRAME_MOST],
+    buffer: [u8; MAX_FRAME_BYTES],
 }
 
 /// The signal path of a plant that the desk simulates.
@@ -91,18 +91,17 @@ impl<S: Store> Service<S> {
             store,
             receiver: Receiver::new(),
             counters: Counters::default(),
-            allowance: ALLOWANCE,
+            allowance: MAX_REQUESTS_PER_CYCLE,
             saves: Saves::default(),
             lock: LinkLock::new(pin),
-            every: 0,
-            since: 0,
+            telemetry_interval: 0,
+            cycles_since_telemetry: 0,
             simulation: None,
-            buffer: [0; FRAME_MOST],
+            buffer: [0; MAX_FRAME_BYTES],
         }
     }
 
     /// Counters since the start.
-    #[must_use]
     pub fn counters(&self) -> Counters {
         self.counters
     }
@@ -117,19 +116,19 @@ impl<S: Store> Service<S> {
             allowance,
             saves,
             lock,
-            every,
+            telemetry_interval: every,
             simulation,
             buffer,
             ..
         } = self;
-        let incoming = match receiver.take(byte)?.and_then(read_request) {
+        let incoming = match receiver.push(byte)?.and_then(read_request) {
             Ok(incoming) => incoming,
             Err(why) => {
                 counters.count(why);
                 return None;
             }
         };
-        station.hear();
+        station.record_valid_frame();
         // During a simulation the drive is off: requests need no limit.
         if simulation.is_none() {
             let Some(left) = allowance.checked_sub(1) else {
@@ -158,10 +157,10 @@ impl<S: Store> Service<S> {
                         telemetry(cycles, every, &station.settings(), image.line_rate)
                     }
                     Request::Simulate { target, start } => {
-                        begin(simulation, target.into(), start.into(), station)
+                        begin_simulation(simulation, target, start, station)
                     }
                     Request::Samples { codes, end } => {
-                        samples(simulation, codes, end, station).await
+                        run_samples(simulation, codes, end, station).await
                     }
                     Request::Save | Request::Lock(_) => {
                         let mut locked = *lock;
@@ -219,15 +218,15 @@ impl<S: Store> Service<S> {
 
     /// Ends a drive cycle; returns the telemetry frame if one is due.
     pub fn tick(&mut self, station: &Station) -> Option<&[u8]> {
-        self.allowance = ALLOWANCE;
-        if self.every == 0 {
+        self.allowance = MAX_REQUESTS_PER_CYCLE;
+        if self.telemetry_interval == 0 {
             return None;
         }
-        self.since = self.since.saturating_add(1);
-        if self.since < self.every {
+        self.cycles_since_telemetry = self.cycles_since_telemetry.saturating_add(1);
+        if self.cycles_since_telemetry < self.telemetry_interval {
             return None;
         }
-        self.since = 0;
+        self.cycles_since_telemetry = 0;
         let telemetry = Response::Telemetry(Telemetry::from(&station.report()));
         write_response(&mut self.buffer, 0, &telemetry).ok()
     }
@@ -243,22 +242,22 @@ async fn answer<'a>(
 ) -> Response<'a> {
     match *request {
         Request::Setting(number) => setting(station, usize::from(number)),
-        Request::Get(key) => match position(key) {
+        Request::Get(key) => match setting_position(key) {
             Some(number) => setting(station, number),
             None => Response::Refused(Refusal::Unknown),
         },
         Request::Set { key, value } => {
-            if position(key).is_none() {
+            if setting_position(key).is_none() {
                 return Response::Refused(Refusal::Unknown);
             }
             let mut settings = station.settings();
             match settings.set(key, value) {
-                Ok(()) => taken(station.set_settings(&settings)),
+                Ok(()) => response_of(station.set_settings(&settings)),
                 Err(refused) => out_of_range(refused),
             }
         }
-        Request::Defaults => taken(station.restore_defaults()),
-        Request::Target(target) => match station.set_target(target.into()) {
+        Request::Defaults => response_of(station.restore_defaults()),
+        Request::Target(target) => match station.set_target(target) {
             Ok(()) => Response::Done,
             Err(refused) => out_of_range(refused),
         },
@@ -283,7 +282,7 @@ async fn answer<'a>(
             let found = store.load().await;
             let in_use = (found.settings, found.target) == (station.settings(), station.target());
             Response::SelfTest(SelfTest {
-                sensor: station.mean().abs() <= AT_REST,
+                sensor: station.mean().abs() <= MAX_MEAN_AT_REST,
                 settings: match found.condition {
                     Condition::Whole if in_use => Kept::InUse,
                     Condition::Whole => Kept::Others,
@@ -293,15 +292,15 @@ async fn answer<'a>(
                 stack_free: (image.stack_free)(),
                 missed: station.missed(),
                 set_up: SetUp {
-                    control: station.longest(),
+                    control: station.longest_control_cycles(),
                     ..(image.set_up)()
                 },
             })
         }
         Request::Counters => Response::Counters(*counters),
         Request::LastWords => Response::LastWords(station.last_words()),
-        Request::Identification => Response::Identification(station.identification().into()),
-        Request::Held => Response::Held(station.target().into()),
+        Request::Identification => Response::Identification(station.identification()),
+        Request::Held => Response::Held(station.target()),
         Request::Fault(back) => {
             if !station.at_rest() {
                 return Response::Refused(Refusal::Running);
@@ -329,7 +328,9 @@ fn changes(request: &Request<'_>) -> bool {
 fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Response<'static> {
     let frequency = (settings.frequency + settings.tracking) as u64 + 1;
     let bytes = frequency * TELEMETRY_FRAME as u64 * 100;
-    let fewest = bytes.div_ceil(u64::from(rate) * TELEMETRY_SHARE).max(1);
+    let fewest = bytes
+        .div_ceil(u64::from(rate) * MAX_TELEMETRY_SHARE_PERCENT)
+        .max(1);
     if cycles > 0 && u64::from(cycles) < fewest {
         return Response::Refused(Refusal::Faster(fewest as u16));
     }
@@ -350,7 +351,7 @@ async fn save(
     if !store.supply_is_good() {
         return Response::Refused(Refusal::SupplyLow);
     }
-    if !saves.one_more(station.seconds()) {
+    if !saves.take_save(station.seconds()) {
         return Response::Refused(Refusal::TooOften);
     }
     match store.save(&station.settings(), station.target(), pin).await {
@@ -365,9 +366,9 @@ async fn save(
 
 /// Starts a simulation by the desk; a call of its own keeps the stack small.
 #[inline(never)]
-fn begin(
+fn begin_simulation(
     simulation: &mut Option<Simulation>,
-    target: control::Target,
+    target: Target,
     start: StartCause,
     station: &Station,
 ) -> Response<'static> {
@@ -380,12 +381,12 @@ fn begin(
             });
             Response::Done
         }
-        Err(why) => taken(Err(why)),
+        Err(why) => response_of(Err(why)),
     }
 }
 
 /// Runs signal path and controller over readings of a simulated converter.
-async fn samples(
+async fn run_samples(
     simulation: &mut Option<Simulation>,
     mut codes: &[u8],
     end: Option<Inputs>,
@@ -421,7 +422,7 @@ async fn samples(
     let Some(inputs) = end else {
         return Response::Done;
     };
-    let report = station.simulated_cycle(signal.cycle(), inputs.into());
+    let report = station.simulated_cycle(signal.cycle(), inputs);
     signal.command(report.command);
     for _ in 0..PLAN_SLICES {
         if !station.plan_step() {
@@ -431,11 +432,11 @@ async fn samples(
     }
     Response::Cycle {
         outputs: core::mem::take(outputs),
-        report: (&report).into(),
+        report,
     }
 }
 
-fn position(key: &str) -> Option<usize> {
+fn setting_position(key: &str) -> Option<usize> {
     Settings::KEYS.iter().position(|known| known.name == key)
 }
 
@@ -454,11 +455,11 @@ fn setting(station: &Station, number: usize) -> Response<'static> {
     })
 }
 
-fn taken(result: Result<(), NotTaken>) -> Response<'static> {
+fn response_of(result: Result<(), SettingsRefused>) -> Response<'static> {
     match result {
         Ok(()) => Response::Done,
-        Err(NotTaken::Running) => Response::Refused(Refusal::Running),
-        Err(NotTaken::OutOfRange(refused)) => out_of_range(refused),
+        Err(SettingsRefused::Running) => Response::Refused(Refusal::Running),
+        Err(SettingsRefused::OutOfRange(refused)) => out_of_range(refused),
     }
 }
 

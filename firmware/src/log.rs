@@ -1,6 +1,6 @@
 //! Log of the board for a debug probe.
 
-use kband::control::{Event, Report};
+use kband_control::{Event, Report};
 
 use crate::cortex::IDENTITY;
 use crate::last_words::LastWords;

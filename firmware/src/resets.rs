@@ -3,14 +3,14 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use kband::control::StartCause;
+use kband_control::StartCause;
 
 use crate::start::ResetCause;
 
 /// Number of successive resets by a watchdog or the firmware at which the board stays at rest.
-const RESETS_IN_A_ROW: u32 = 3;
+const MAX_SUCCESSIVE_RESETS: u32 = 3;
 /// Time of good operation after which the count is cleared, s.
-pub const GOOD_SECONDS: u64 = 10;
+pub const GOOD_OPERATION_S: u64 = 10;
 /// Value of the count after an acknowledgement.
 const ACKNOWLEDGED: u32 = 0xacac_acac;
 /// Mark that distinguishes a count from the arbitrary RAM content after power-on.
@@ -24,7 +24,6 @@ pub struct Resets {
 
 impl Resets {
     /// No resets.
-    #[must_use]
     pub const fn none() -> Self {
         Self {
             count: AtomicU32::new(0),
@@ -48,14 +47,14 @@ impl Resets {
         let count = match (cause, self.count()) {
             // The reset after an acknowledgement is no fault.
             (ResetCause::Software, ACKNOWLEDGED) => {
-                self.forget();
+                self.clear();
                 return StartCause::PowerOn;
             }
             (ResetCause::Power | ResetCause::BrownOut, _) | (_, ACKNOWLEDGED) => 0,
             (ResetCause::Watchdog | ResetCause::Software, count) => count + 1,
         };
-        self.keep(count.min(RESETS_IN_A_ROW));
-        if count < RESETS_IN_A_ROW {
+        self.keep(count.min(MAX_SUCCESSIVE_RESETS));
+        if count < MAX_SUCCESSIVE_RESETS {
             cause.start()
         } else {
             StartCause::Repeated
@@ -63,7 +62,7 @@ impl Resets {
     }
 
     /// Clears the count after good operation.
-    pub fn forget(&self) {
+    pub fn clear(&self) {
         self.keep(0);
     }
 
@@ -83,7 +82,7 @@ mod tests {
         let (fault, repeated) = (StartCause::Reset, StartCause::Repeated);
         assert_eq!(resets.start(ResetCause::Power), StartCause::PowerOn);
         for cause in [ResetCause::Watchdog, ResetCause::Software] {
-            resets.forget();
+            resets.clear();
             assert_eq!(resets.start(cause), fault);
             assert_eq!(resets.start(ResetCause::Watchdog), fault);
             assert_eq!(resets.start(cause), repeated);

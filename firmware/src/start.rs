@@ -1,10 +1,10 @@
 //! Cause of the last reset, and whether the drive may run at once.
 
-use kband::control::StartCause;
+use kband_control::StartCause;
 
 /// Flags of the chip after a reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Signs {
+pub struct ResetFlags {
     /// A watchdog caused the reset.
     pub watchdog: bool,
     /// The firmware caused the reset.
@@ -34,8 +34,7 @@ impl ResetCause {
     ///
     /// A chip reports a sag below its lowest limit as power-on, and noise on its reset pin as a
     /// button. RAM that kept its mark shows that the power was not really off.
-    #[must_use]
-    pub fn of(signs: Signs) -> Self {
+    pub fn of(signs: ResetFlags) -> Self {
         if signs.watchdog {
             Self::Watchdog
         } else if signs.software {
@@ -48,7 +47,6 @@ impl ResetCause {
     }
 
     /// Name in the log.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Power => "power-on",
@@ -63,7 +61,6 @@ impl ResetCause {
     /// A feeder must not start by itself when its supply returns (IEC 60204-1, 7.5). After any
     /// reset the drive stays off until the enable input has a new edge. After any but power-on this
     /// is a fault.
-    #[must_use]
     pub fn start(self) -> StartCause {
         match self {
             Self::Power => StartCause::PowerOn,
@@ -75,13 +72,13 @@ impl ResetCause {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kband::control::{Controller, Cycle, Inputs, Settings, State, Target};
+    use kband_control::{Controller, Cycle, Inputs, Settings, State, Target};
 
     #[test]
-    fn only_signs_of_nothing_at_all_are_power_on() {
+    fn only_no_flag_at_all_is_power_on() {
         let mut times = 0;
         for bits in 0..16_u8 {
-            let signs = Signs {
+            let signs = ResetFlags {
                 watchdog: bits & 1 != 0,
                 software: bits & 2 != 0,
                 sag: bits & 4 != 0,
@@ -92,10 +89,10 @@ mod tests {
             times += u8::from(ordinary);
         }
         assert_eq!(times, 1);
-        let watchdog = Signs {
+        let watchdog = ResetFlags {
             watchdog: true,
             remembered: true,
-            ..Signs::default()
+            ..ResetFlags::default()
         };
         assert_eq!(ResetCause::of(watchdog), ResetCause::Watchdog);
     }

@@ -4,19 +4,19 @@ use core::cell::{Cell, RefCell};
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
-use kband::control::{
+use kband::feeder::OutOfRange;
+use kband_control::wire::{Access, KeptFault, Record, Status};
+use kband_control::{
     Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Report, SAMPLE_RATE,
     Settings, Signal, StartCause, State, Target,
 };
-use kband::feeder::OutOfRange;
-use kband::wire::{Access, KeptFault, Record, Status};
 
 use crate::exchange::Exchange;
 use crate::last_words::LastWords;
 use crate::store::{Condition, Found};
 
 /// Number of records in the event log, 20 bytes each.
-const LOG: usize = 64;
+const LOG_RECORDS: usize = 64;
 
 /// Fault record for a cause of the start; `None` if the start is no fault.
 fn fault_of(start: StartCause) -> Option<KeptFault> {
@@ -35,7 +35,7 @@ fn fault_of(start: StartCause) -> Option<KeptFault> {
 }
 
 /// Cause of the start for the controller. Settings that are missing or damaged make it a refusal.
-fn start_with(found: &Found, start: StartCause) -> StartCause {
+fn start_cause_for(found: &Found, start: StartCause) -> StartCause {
     match (found.condition, start) {
         (Condition::Whole, _) | (_, StartCause::ImageDamaged) => start,
         (Condition::Never | Condition::Lost, _) => StartCause::Refused,
@@ -43,11 +43,11 @@ fn start_with(found: &Found, start: StartCause) -> StartCause {
 }
 
 /// Time in s without a request after which a simulation by the desk ends.
-const SIMULATION_LASTS: u32 = 10;
+const SIMULATION_TIMEOUT_S: u32 = 10;
 
 /// Reason for which settings were refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum NotTaken {
+pub enum SettingsRefused {
     /// The drive runs, or a fault is not acknowledged yet.
     Running,
     /// A value is out of range, alone or in combination with others.
@@ -56,7 +56,7 @@ pub enum NotTaken {
 
 /// Ring buffer of the last events, each with its number.
 struct Log {
-    records: [Option<Record>; LOG],
+    records: [Option<Record>; LOG_RECORDS],
     next: u32,
 }
 
@@ -66,7 +66,7 @@ impl Log {
         let load = report.load.filter(|_| event == Event::Weighed);
         let load = load.unwrap_or_default();
         self.next = number.wrapping_add(1);
-        self.records[number as usize % LOG] = Some(Record {
+        self.records[number as usize % LOG_RECORDS] = Some(Record {
             number,
             cycle: report.cycle,
             event: event.number(),
@@ -77,9 +77,9 @@ impl Log {
     }
 
     fn from(&self, number: u32) -> Option<Record> {
-        let oldest = self.next.saturating_sub(LOG as u32);
+        let oldest = self.next.saturating_sub(LOG_RECORDS as u32);
         let number = number.max(oldest);
-        self.records[number as usize % LOG].filter(|record| record.number == number)
+        self.records[number as usize % LOG_RECORDS].filter(|record| record.number == number)
     }
 }
 
@@ -106,15 +106,16 @@ pub struct Station {
     settings: Cell<Settings>,
     report: Cell<Report>,
     mean: Cell<f32>,
+    current: Cell<f32>,
     log: RefCell<Log>,
-    heard: Cell<bool>,
+    frame_received: Cell<bool>,
     /// Whether the desk withholds the drive's enable.
     withheld: Cell<bool>,
     /// Time in s since the start of the last request for the simulated plant; `None` without a
     /// simulation.
     simulated: Cell<Option<u32>>,
     /// The board's own interlock and target while the desk simulates a plant.
-    held: RefCell<Option<(Interlock, Target)>>,
+    board_interlock_and_target: RefCell<Option<(Interlock, Target)>>,
     /// The board's inputs in the last cycle; all off before the first cycle.
     inputs: Cell<Inputs>,
     /// Longest control of a drive cycle, core cycles.
@@ -122,7 +123,7 @@ pub struct Station {
     tick: Mailbox<NoopRawMutex, ()>,
     uptime: Cell<Uptime>,
     /// A fault that the store does not hold yet.
-    fresh: Cell<Option<KeptFault>>,
+    unsaved_fault: Cell<Option<KeptFault>>,
     exchange: &'static Exchange,
     last_words: LastWords,
 }
@@ -138,14 +139,13 @@ impl Station {
     /// A value is out of range.
     #[inline(never)]
     pub fn controller(found: &Found, start: StartCause) -> Result<Controller, OutOfRange> {
-        Controller::build(&found.settings, found.target, start_with(found, start))
+        Controller::build(&found.settings, found.target, start_cause_for(found, start))
     }
 
     /// Builds the station from the stored settings and the controller for them
     /// ([`Self::controller`]). It is inlined, so that the station is built in place: the stack has
     /// no room for two.
     #[inline(always)]
-    #[must_use]
     pub fn new(
         found: &Found,
         start: StartCause,
@@ -158,19 +158,20 @@ impl Station {
             settings: Cell::new(found.settings),
             report: Cell::new(Report::default()),
             mean: Cell::new(0.0),
+            current: Cell::new(0.0),
             log: RefCell::new(Log {
-                records: [None; LOG],
+                records: [None; LOG_RECORDS],
                 next: 0,
             }),
-            heard: Cell::new(false),
+            frame_received: Cell::new(false),
             withheld: Cell::new(false),
             simulated: Cell::new(None),
-            held: RefCell::new(None),
+            board_interlock_and_target: RefCell::new(None),
             inputs: Cell::new(Inputs::default()),
             longest: Cell::new(0),
             tick: Mailbox::new(),
             uptime: Cell::new(Uptime::default()),
-            fresh: Cell::new(fault_of(start_with(found, start))),
+            unsaved_fault: Cell::new(fault_of(start_cause_for(found, start))),
             exchange,
             last_words,
         }
@@ -183,7 +184,7 @@ impl Station {
         self.uptime.set(self.uptime.get().after(cycle.samples));
         self.inputs.set(inputs);
         if let Some(heard) = self.simulated.get() {
-            if self.seconds().wrapping_sub(heard) <= SIMULATION_LASTS {
+            if self.seconds().wrapping_sub(heard) <= SIMULATION_TIMEOUT_S {
                 return None;
             }
             self.end_simulation();
@@ -192,7 +193,7 @@ impl Station {
             cycle,
             Inputs {
                 withheld: self.withheld.get(),
-                link_heard: self.heard.take() || inputs.link_heard,
+                link_heard: self.frame_received.take() || inputs.link_heard,
                 ..inputs
             },
         ))
@@ -212,18 +213,20 @@ impl Station {
     /// # Errors
     /// Refused while the drive runs or its enable input is on. A simulation must not take a machine
     /// out of service.
-    pub fn simulate(&self, target: Target, start: StartCause) -> Result<Signal, NotTaken> {
+    pub fn simulate(&self, target: Target, start: StartCause) -> Result<Signal, SettingsRefused> {
         if self.simulated.get().is_none() && (!self.at_rest() || self.inputs.get().enable) {
-            return Err(NotTaken::Running);
+            return Err(SettingsRefused::Running);
         }
         let settings = self.settings.get();
         let interlock = Interlock::begin(start, settings.frequency);
         let own = (self.interlock(), self.target());
         self.renew_controller(&settings, target, &interlock)?;
-        self.held.borrow_mut().get_or_insert(own);
+        self.board_interlock_and_target
+            .borrow_mut()
+            .get_or_insert(own);
         self.simulated.set(Some(self.seconds()));
         // Built last because it is large; it cannot fail with the settings in use.
-        Signal::build(&settings).map_err(NotTaken::OutOfRange)
+        Signal::build(&settings).map_err(SettingsRefused::OutOfRange)
     }
 
     /// Ends a simulation and restores the board's interlock and target. The drive then waits for an
@@ -231,7 +234,7 @@ impl Station {
     #[inline(never)]
     fn end_simulation(&self) {
         self.simulated.set(None);
-        if let Some((interlock, target)) = self.held.borrow_mut().take() {
+        if let Some((interlock, target)) = self.board_interlock_and_target.borrow_mut().take() {
             // Settings and target were accepted before and are accepted again.
             let _ = self.renew_controller(&self.settings.get(), target, &interlock.latched());
         }
@@ -252,30 +255,30 @@ impl Station {
         settings: &Settings,
         target: Target,
         interlock: &Interlock,
-    ) -> Result<(), NotTaken> {
+    ) -> Result<(), SettingsRefused> {
         match Controller::resume(settings, target, interlock) {
             Ok(controller) => {
                 *self.controller.borrow_mut() = controller;
                 Ok(())
             }
-            Err(refused) => Err(NotTaken::OutOfRange(refused)),
+            Err(refused) => Err(SettingsRefused::OutOfRange(refused)),
         }
     }
 
     /// Hands a new signal path to the sample interrupt.
     #[inline(never)]
-    fn renew_signal(&self, settings: &Settings) -> Result<(), NotTaken> {
-        let signal = Signal::build(settings).map_err(NotTaken::OutOfRange)?;
+    fn renew_signal(&self, settings: &Settings) -> Result<(), SettingsRefused> {
+        let signal = Signal::build(settings).map_err(SettingsRefused::OutOfRange)?;
         self.exchange.replace_signal(signal);
         Ok(())
     }
 
     /// Refuses settings for which no signal path can be built.
     #[inline(never)]
-    fn check_signal(settings: &Settings) -> Result<(), NotTaken> {
+    fn check_signal(settings: &Settings) -> Result<(), SettingsRefused> {
         match Signal::build(settings) {
             Ok(_) => Ok(()),
-            Err(refused) => Err(NotTaken::OutOfRange(refused)),
+            Err(refused) => Err(SettingsRefused::OutOfRange(refused)),
         }
     }
 
@@ -283,11 +286,12 @@ impl Station {
         let report = self.controller.borrow_mut().cycle(cycle, &inputs);
         let before = self.report.replace(report);
         self.mean.set(cycle.mean);
+        self.current.set(cycle.current);
         if let Some(fault) = report.fault
             && before.fault.is_none()
             && self.simulated.get().is_none()
         {
-            self.fresh.set(Some(KeptFault {
+            self.unsaved_fault.set(Some(KeptFault {
                 number: 0,
                 seconds: self.uptime.get().seconds,
                 fault: fault.number(),
@@ -311,19 +315,17 @@ impl Station {
     }
 
     /// Whether the target is met.
-    #[must_use]
     pub fn ready(&self) -> bool {
-        self.controller.borrow().ready()
+        self.controller.borrow().is_ready()
     }
 
     /// Records the duration of one cycle's control, in core cycles.
-    pub fn took(&self, cycles: u32) {
+    pub fn record_control_cycles(&self, cycles: u32) {
         self.longest.set(self.longest.get().max(cycles));
     }
 
     /// Longest control of a drive cycle since the start, core cycles.
-    #[must_use]
-    pub fn longest(&self) -> u32 {
+    pub fn longest_control_cycles(&self) -> u32 {
         self.longest.get()
     }
 
@@ -333,39 +335,36 @@ impl Station {
     }
 
     /// Report of the last drive cycle.
-    #[must_use]
     pub fn report(&self) -> Report {
         self.report.get()
     }
 
     /// Mean acceleration over the last cycle, m/s^2.
-    #[must_use]
     pub fn mean(&self) -> f32 {
         self.mean.get()
     }
 
     /// Inputs and outputs of the board in the last cycle, and the access of the desk.
-    #[must_use]
     pub fn status(&self, access: Access) -> Status {
         Status {
-            inputs: self.inputs.get().into(),
+            inputs: self.inputs.get(),
             permitted: !self.withheld.get(),
             access,
             ready: self.ready(),
             mean: self.mean.get(),
+            current: self.current.get(),
             seconds: self.seconds(),
         }
     }
 
     /// Whether the drive is off or in fault, so that flash and settings may be written.
-    #[must_use]
     pub fn at_rest(&self) -> bool {
         matches!(self.report.get().state, State::Off | State::Fault)
     }
 
     /// Records that a valid frame arrived.
-    pub fn hear(&self) {
-        self.heard.set(true);
+    pub fn record_valid_frame(&self) {
+        self.frame_received.set(true);
     }
 
     /// Withholds the drive's enable, or releases it.
@@ -382,19 +381,16 @@ impl Station {
     }
 
     /// The configured target.
-    #[must_use]
     pub fn target(&self) -> Target {
         self.controller.borrow().target()
     }
 
     /// State of the identification of the parts' restitution.
-    #[must_use]
     pub fn identification(&self) -> Identification {
         self.controller.borrow().identification()
     }
 
     /// The settings in use.
-    #[must_use]
     pub fn settings(&self) -> Settings {
         self.settings.get()
     }
@@ -404,13 +400,13 @@ impl Station {
     /// # Errors
     /// Refused, with nothing changed, while the drive runs or where the settings do not fit
     /// together.
-    pub fn set_settings(&self, settings: &Settings) -> Result<(), NotTaken> {
+    pub fn set_settings(&self, settings: &Settings) -> Result<(), SettingsRefused> {
         self.take_settings(settings, Interlock::clone)
     }
 
     /// Sets the defaults, as [`Station::set_settings`]. They fit no machine. The drive stays off,
     /// with the fault for invalid settings, until settings are saved.
-    pub fn restore_defaults(&self) -> Result<(), NotTaken> {
+    pub fn restore_defaults(&self) -> Result<(), SettingsRefused> {
         self.take_settings(&Settings::default(), Interlock::without_settings)
     }
 
@@ -418,7 +414,7 @@ impl Station {
         &self,
         settings: &Settings,
         keep: fn(&Interlock) -> Interlock,
-    ) -> Result<(), NotTaken> {
+    ) -> Result<(), SettingsRefused> {
         if self.simulated.get().is_some() && self.at_rest() {
             self.end_simulation();
         }
@@ -426,9 +422,9 @@ impl Station {
         match (report.state, report.fault) {
             // The desk sets one value at a time; saving them acknowledges the fault.
             (State::Off, _) | (State::Fault, Some(Fault::SettingsInvalid)) => {}
-            _ => return Err(NotTaken::Running),
+            _ => return Err(SettingsRefused::Running),
         }
-        settings.check().map_err(NotTaken::OutOfRange)?;
+        settings.check().map_err(SettingsRefused::OutOfRange)?;
         Self::check_signal(settings)?;
         self.renew_controller(settings, self.target(), &keep(&self.interlock()))?;
         self.settings.set(*settings);
@@ -445,30 +441,26 @@ impl Station {
     }
 
     /// Time since the start, s.
-    #[must_use]
     pub fn seconds(&self) -> u32 {
         self.uptime.get().seconds
     }
 
     /// Takes the fault that the store does not hold yet, while the drive is at rest.
     pub fn fresh_fault(&self) -> Option<KeptFault> {
-        self.at_rest().then(|| self.fresh.take()).flatten()
+        self.at_rest().then(|| self.unsaved_fault.take()).flatten()
     }
 
     /// The first record of the event log whose number is at least `number`.
-    #[must_use]
     pub fn event(&self, number: u32) -> Option<Record> {
         self.log.borrow().from(number)
     }
 
     /// Message of the firmware before its last reset.
-    #[must_use]
     pub fn last_words(&self) -> Option<&str> {
         self.last_words.read()
     }
 
     /// Number of drive cycles whose control missed its deadline.
-    #[must_use]
     pub fn missed(&self) -> u32 {
         self.exchange.missed()
     }

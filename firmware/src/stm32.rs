@@ -22,7 +22,8 @@ use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Lock, Mms, Ossi};
 use embassy_stm32::pac::wwdg::regs::Cr;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{
-    ADC1, DAC1, PA1, PA2, PA3, PA4, PA7, PA8, PB0, PB1, PB11, PB12, PC1, PC2, PC3, TIM1, USART2,
+    ADC1, DAC1, PA1, PA2, PA3, PA4, PA7, PA8, PB0, PB1, PB11, PB12, PC0, PC1, PC2, PC3, TIM1,
+    USART2,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::complementary_pwm::{ComplementaryPwm, ComplementaryPwmPin};
@@ -32,7 +33,7 @@ use embassy_stm32::timer::{BkIn1, BreakInputPin, Channel};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, ConfigError};
 use embassy_time::Timer;
 use embedded_io_async::{Read, Write};
-use kband::control::{AdcCode, Inputs, Report, SAMPLE_RATE};
+use kband_control::{AdcCode, Inputs, Report, SAMPLE_RATE};
 
 use crate::board::{Drive, Monitor, Panel, Sense, Watchdog};
 use crate::cortex::stack_low;
@@ -77,7 +78,6 @@ impl HalfBridge {
     /// open until the drive was switched off and on again. The bridge closes only where `closable`
     /// returns true.
     #[allow(clippy::too_many_arguments)]
-    #[must_use]
     pub fn new(
         timer: Peri<'static, TIM1>,
         high: Peri<'static, PA8>,
@@ -230,30 +230,43 @@ pub fn drive_off() {
         .write(|register| register.set_dhr(MIDDLE));
 }
 
-/// The accelerometer on PA1, converted at TIM1's update, far from the bridge's edges.
-pub struct Converter(InjectedAdc<'static, ADC1, 1>);
+/// The accelerometer on PA1, converted at TIM1's update, far from the bridge's edges; then the
+/// current sensor on PC0.
+pub struct Converter {
+    _sequence: InjectedAdc<'static, ADC1, 2>,
+}
 
 impl Converter {
     /// Sets up the converter, with an interrupt at the end of each conversion.
-    #[must_use]
     pub fn new(
         converter: Adc<'static, ADC1>,
         accelerometer: Peri<'static, PA1>,
+        current: Peri<'static, PC0>,
         sample_time: SampleTime,
     ) -> Self {
-        Self(converter.setup_injected_conversions(
-            [(accelerometer.degrade_adc(), sample_time)],
-            embassy_stm32::triggers::TIM1_TRGO,
-            pac::adc::vals::Exten::RISING_EDGE,
-            true,
-        ))
+        Self {
+            _sequence: converter.setup_injected_conversions(
+                [
+                    (accelerometer.degrade_adc(), sample_time),
+                    (current.degrade_adc(), sample_time),
+                ],
+                embassy_stm32::triggers::TIM1_TRGO,
+                pac::adc::vals::Exten::RISING_EDGE,
+                true,
+            ),
+        }
     }
 }
 
 impl Sense for Converter {
     #[inline]
     fn sample(&mut self) -> AdcCode {
-        AdcCode(self.0.read_injected_samples()[0])
+        AdcCode(pac::ADC1.jdr(0).read().jdata())
+    }
+
+    #[inline]
+    fn current(&mut self) -> AdcCode {
+        AdcCode(pac::ADC1.jdr(1).read().jdata())
     }
 
     #[inline]
@@ -308,7 +321,6 @@ pub struct Terminals {
 
 impl Terminals {
     /// Sets up the inputs so that a broken wire stops the drive.
-    #[must_use]
     pub fn new(
         enable: Peri<'static, PB0>,
         cool: Peri<'static, PB1>,
@@ -355,7 +367,6 @@ pub fn watch_strap(strap: Peri<'static, PC1>) {
 }
 
 /// Whether the strap of the link is wired to ground.
-#[must_use]
 pub fn strapped() -> bool {
     pac::GPIOC.idr().read().idr(1) == pac::gpio::vals::Idr::LOW
 }
@@ -368,7 +379,6 @@ pub struct Lamps {
 
 impl Lamps {
     /// Sets up the outputs, both off.
-    #[must_use]
     pub fn new(ready: Peri<'static, PC2>, fault: Peri<'static, PB11>) -> Self {
         Self {
             ready: Output::new(ready, Level::Low, Speed::Low),
@@ -391,7 +401,6 @@ pub struct Guard;
 impl Guard {
     /// Starts the watchdog; only a reset stops it. It has an oscillator of its own and needs no
     /// other clock.
-    #[must_use]
     pub fn start() -> Self {
         let (prescaler, reload) = WATCHDOG;
         let watchdog = pac::IWDG;
@@ -540,7 +549,6 @@ const CRC_RESET: u32 = 1;
 
 /// Whether the flash holds the program as written. The word behind the image is its CRC-32, which
 /// `kband flash` computes and writes.
-#[must_use]
 pub fn image_is_whole() -> bool {
     unsafe extern "C" {
         static _image_start: u32;

@@ -8,12 +8,12 @@ use core::borrow::BorrowMut;
 use core::future::Future;
 
 use embedded_storage_async::nor_flash::NorFlash;
-use kband::control::{Settings, Shape, Target, UpperTone};
-use kband::wire::{KeptFault, Pin};
+use kband_control::wire::{KeptFault, Pin};
+use kband_control::{Settings, Shape, Target, UpperTone};
 
 pub use crate::journal::StoreFailed;
 use crate::journal::{Journal, Newest, OVERHEAD};
-use crate::waiting::{RECORD, Waiting};
+use crate::waiting::{RECORD_SIZE, Waiting};
 
 /// Version of a record's meaning; raised when a setting keeps its name and changes its meaning.
 const VERSION: u32 = 3;
@@ -27,10 +27,10 @@ const COUNT: usize = Settings::KEYS.len();
 /// Size of a slot for a fault, bytes. The smallest page holds 50 of them and its mark.
 const FAULT_SLOT: usize = 40;
 /// Number of faults that are kept.
-pub const FAULTS: u32 = 32;
+pub const KEPT_FAULTS: u32 = 32;
 /// Size of the content of a fault record, bytes.
 const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
-const _: () = assert!(FAULT_CONTENT == RECORD);
+const _: () = assert!(FAULT_CONTENT == RECORD_SIZE);
 
 const _: () = assert!(4 + 4 * COUNT + 24 + 4 <= CONTENT);
 
@@ -61,7 +61,6 @@ pub struct Found {
 
 impl Found {
     /// Defaults with a target that does not drive.
-    #[must_use]
     pub fn none(condition: Condition) -> Self {
         Self {
             settings: Settings::default(),
@@ -99,7 +98,7 @@ pub trait Store {
     /// Queues a fault for [`Store::keep_faults`]. The queue survives a reset.
     fn take_fault(&mut self, fault: &KeptFault);
 
-    /// Stores the queued faults once the supply is good; the last [`FAULTS`] are kept. Call it only
+    /// Stores the queued faults once the supply is good; the last [`KEPT_FAULTS`] are kept. Call it only
     /// while the drive is at rest.
     fn keep_faults(&mut self) -> impl Future<Output = ()>;
 
@@ -131,7 +130,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
     ) -> Result<Self, StoreFailed> {
         Ok(Self {
             settings: Journal::new(&flash, settings, 1)?,
-            faults: Journal::new(&flash, faults, FAULTS)?,
+            faults: Journal::new(&flash, faults, KEPT_FAULTS)?,
             flash,
             waiting,
             supply_settled,
@@ -154,7 +153,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
         match self.settings.newest(&mut self.flash, &mut content).await {
             Newest::Nothing => Found::none(Condition::Never),
             Newest::Spoilt => Found::none(Condition::Lost),
-            Newest::Whole => read(&content).unwrap_or(Found::none(Condition::Lost)),
+            Newest::Whole => decode_settings(&content).unwrap_or(Found::none(Condition::Lost)),
         }
     }
 
@@ -164,7 +163,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
         target: Target,
         pin: Option<Pin>,
     ) -> Result<(), StoreFailed> {
-        let content = write(settings, target, pin);
+        let content = encode_settings(settings, target, pin);
         if self.settings.holds(&mut self.flash, &content).await {
             return Ok(());
         }
@@ -210,7 +209,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
 }
 
 /// Hash of the settings' names and order (FNV-1a).
-const SCHEMA: u32 = {
+const SETTINGS_SCHEMA: u32 = {
     let mut sum = 0x811c_9dc5 ^ VERSION;
     let mut key = 0;
     while key < COUNT {
@@ -247,7 +246,7 @@ fn put(content: &mut [u8], words: impl IntoIterator<Item = u32>) {
     }
 }
 
-fn write(settings: &Settings, target: Target, pin: Option<Pin>) -> [u8; CONTENT] {
+fn encode_settings(settings: &Settings, target: Target, pin: Option<Pin>) -> [u8; CONTENT] {
     let mut content = [0; CONTENT];
     let values = settings.values().map(f32::to_bits);
     let mut tones = Shape::SINE;
@@ -272,15 +271,19 @@ fn write(settings: &Settings, target: Target, pin: Option<Pin>) -> [u8; CONTENT]
         .into_iter()
         .chain(tones.into_iter().flatten());
     let pin = [pin.map_or(0, Pin::number)];
-    let words = [SCHEMA].into_iter().chain(values).chain(target).chain(pin);
+    let words = [SETTINGS_SCHEMA]
+        .into_iter()
+        .chain(values)
+        .chain(target)
+        .chain(pin);
     put(&mut content, words);
     content
 }
 
 /// Decodes a record; `None` if its settings are not those of this firmware or not accepted.
-fn read(content: &[u8]) -> Option<Found> {
+fn decode_settings(content: &[u8]) -> Option<Found> {
     let mut words = Words(content);
-    if words.next()? != SCHEMA {
+    if words.next()? != SETTINGS_SCHEMA {
         return None;
     }
     let mut settings = Settings::default();
@@ -289,16 +292,8 @@ fn read(content: &[u8]) -> Option<Found> {
     }
     settings.check().ok()?;
     let (kind, number) = (words.next()?, words.next()?);
-    let mut tone = || {
-        Some(UpperTone {
-            ratio: words.number()?,
-            phase: words.number()?,
-        })
-    };
-    let shape = Shape {
-        second: tone()?,
-        third: tone()?,
-    };
+    let mut tone = || Some(UpperTone::new(words.number()?, words.number()?));
+    let shape = Shape::new(tone()?, tone()?);
     let target = match kind {
         0 => Target::Locked {
             order: u8::try_from(number).ok()?,
@@ -320,7 +315,7 @@ fn read(content: &[u8]) -> Option<Found> {
     };
     let pin = match words.next()? {
         0 => None,
-        number => Some(Pin::numbered(number)?),
+        number => Some(Pin::from_number(number)?),
     };
     Some(Found {
         settings,

@@ -8,7 +8,7 @@ pub const SETTLING_TIME: u32 = 100;
 /// Reports of the supply monitor.
 #[derive(Debug, Default)]
 pub struct Supply {
-    /// Whether the supply has fallen since the last call of [`Supply::take_low`].
+    /// Whether the supply has fallen since the last call of [`Supply::take_is_low`].
     fell: AtomicBool,
     /// Time since the start at which the supply was last low, ms. A start counts as low.
     low_at: AtomicU32,
@@ -16,7 +16,6 @@ pub struct Supply {
 
 impl Supply {
     /// Builds a supply that was low at the start.
-    #[must_use]
     pub const fn new() -> Self {
         Self {
             fell: AtomicBool::new(false),
@@ -29,15 +28,14 @@ impl Supply {
         self.fell.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the supply has fallen since the last call of [`Supply::take_low`].
-    #[must_use]
-    pub fn fell(&self) -> bool {
+    /// Whether the supply has fallen since the last call of [`Supply::take_is_low`].
+    pub fn has_fallen(&self) -> bool {
         self.fell.load(Ordering::Relaxed)
     }
 
     /// Whether the supply is low (`low`), or has fallen since the last call, at `now` ms since the
     /// start. For the control of each cycle.
-    pub fn take_low(&self, low: bool, now: u32) -> bool {
+    pub fn take_is_low(&self, low: bool, now: u32) -> bool {
         let low = self.fell.swap(false, Ordering::Relaxed) || low;
         if low {
             self.low_at.store(now, Ordering::Relaxed);
@@ -48,7 +46,7 @@ impl Supply {
     /// Whether the supply was good for [`SETTLING_TIME`] up to `now` ms since the start; `low`: it
     /// is low now.
     pub fn is_settled(&self, low: bool, now: u32) -> bool {
-        if low || self.fell() {
+        if low || self.has_fallen() {
             self.low_at.store(now, Ordering::Relaxed);
             return false;
         }
@@ -61,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_supply_is_settled_a_tenth_of_a_second_after_it_was_low() {
+    fn the_supply_settles_100_ms_after_it_was_low() {
         let supply = Supply::new();
         assert!(!supply.is_settled(false, 99), "after the start");
         assert!(supply.is_settled(false, 100));
@@ -71,13 +69,13 @@ mod tests {
             !supply.is_settled(false, 2000),
             "the control has not seen it"
         );
-        assert!(supply.take_low(false, 2010));
-        assert!(!supply.take_low(false, 2020));
+        assert!(supply.take_is_low(false, 2010));
+        assert!(!supply.take_is_low(false, 2020));
         assert!(!supply.is_settled(false, 2109));
         assert!(supply.is_settled(false, 2110));
         assert!(!supply.is_settled(true, 3000));
         assert!(!supply.is_settled(false, 3099));
         assert!(supply.is_settled(false, 3100));
-        assert!(supply.take_low(true, 4000) && !supply.is_settled(false, 4099));
+        assert!(supply.take_is_low(true, 4000) && !supply.is_settled(false, 4099));
     }
 }

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use kband::control::{Report, Shape, StartCause, Target, UpperTone};
-use kband::plant::{Change, Disturbance, Scene};
+use kband_control::{Report, Shape, StartCause, Target, UpperTone};
+use kband_plant::{Change, Disturbance, Scene};
 
 /// A scene and how long it runs.
 #[derive(Clone, Copy, Debug)]
@@ -48,10 +48,10 @@ impl Trial {
     };
 
     /// The default scene with a lot that makes the plan take its largest effort.
-    pub const LIVELY: Self = Self {
+    pub const LARGEST_PLAN: Self = Self {
         name: "lively",
         cycles: 500,
-        scene: lively,
+        scene: largest_plan,
     };
 
     /// The default scene, without end.
@@ -76,13 +76,11 @@ impl Trial {
     };
 
     /// The trial of this name.
-    #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|trial| trial.name == name)
     }
 
     /// The trial's scene.
-    #[must_use]
     pub fn scene(&self) -> Scene {
         (self.scene)()
     }
@@ -128,16 +126,13 @@ fn two_tones() -> Scene {
     scene.parts = [0.2, 0.3].into_iter().collect();
     scene.target = Target::Tones {
         k: 0.35,
-        shape: Shape::of_two(UpperTone {
-            ratio: 0.15,
-            phase: 2.356,
-        }),
+        shape: Shape::of_two(UpperTone::new(0.15, 2.356)),
     };
     scene
 }
 
 /// The default scene with livelier parts.
-fn lively() -> Scene {
+fn largest_plan() -> Scene {
     let mut scene = Scene::default();
     scene.parts.fill(0.5);
     scene.settings.restitution_low = 0.48;
@@ -145,9 +140,15 @@ fn lively() -> Scene {
     scene
 }
 
+/// The default scene with the target of the desk's built-in scene, gear of order 1.
+fn geared(mut scene: Scene) -> Scene {
+    scene.target = Target::Gear { order: 1 };
+    scene
+}
+
 /// The default scene for the real link: the scene's own is silent, and the enable input is off.
 fn linked() -> Scene {
-    let mut scene = Scene::default();
+    let mut scene = geared(Scene::default());
     let changes = [Change::Link(false), Change::Enable(false)];
     scene.disturbances = changes
         .map(|change| Disturbance { at: 0.0, change })
@@ -158,7 +159,7 @@ fn linked() -> Scene {
 
 /// The default scene from power-on for the real link: the scene's own is silent.
 fn running() -> Scene {
-    let mut scene = powered();
+    let mut scene = geared(powered());
     let unheard = Disturbance {
         at: 0.0,
         change: Change::Link(false),

@@ -2,29 +2,29 @@
 //!
 //! After power-on the RAM is arbitrary: a record counts only with a valid checksum.
 
-use kband::wire::crc32;
+use kband_control::wire::crc32;
 
 /// Size of a record, bytes.
-pub const RECORD: usize = 24;
+pub const RECORD_SIZE: usize = 24;
 /// Number of records that may wait.
-const RECORDS: usize = 4;
+const MAX_RECORDS: usize = 4;
 /// Added to the checksum, so that RAM of zeros holds no record.
 const MARK: u32 = 0x6b62_5746;
 
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 struct Entry {
-    content: [u8; RECORD],
+    content: [u8; RECORD_SIZE],
     check: u32,
 }
 
 impl Entry {
     const EMPTY: Self = Self {
-        content: [0; RECORD],
+        content: [0; RECORD_SIZE],
         check: 0,
     };
 
-    fn check(content: &[u8; RECORD]) -> u32 {
+    fn check(content: &[u8; RECORD_SIZE]) -> u32 {
         crc32(content).wrapping_add(MARK)
     }
 
@@ -36,7 +36,7 @@ impl Entry {
 /// The queued records, the oldest first.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
-pub struct Waiting([Entry; RECORDS]);
+pub struct Waiting([Entry; MAX_RECORDS]);
 
 impl Default for Waiting {
     fn default() -> Self {
@@ -46,10 +46,10 @@ impl Default for Waiting {
 
 impl Waiting {
     /// No records.
-    pub const EMPTY: Self = Self([Entry::EMPTY; RECORDS]);
+    pub const EMPTY: Self = Self([Entry::EMPTY; MAX_RECORDS]);
 
     /// Adds a record. A full queue drops it: the first faults are nearest to the cause.
-    pub fn push(&mut self, content: [u8; RECORD]) {
+    pub fn push(&mut self, content: [u8; RECORD_SIZE]) {
         let sound = self.0.iter().rposition(Entry::is_sound);
         if let Some(entry) = self.0.get_mut(sound.map_or(0, |last| last + 1)) {
             let check = Entry::check(&content);
@@ -58,8 +58,7 @@ impl Waiting {
     }
 
     /// The oldest record.
-    #[must_use]
-    pub fn first(&self) -> Option<[u8; RECORD]> {
+    pub fn first(&self) -> Option<[u8; RECORD_SIZE]> {
         let first = self.0.iter().find(|entry| entry.is_sound());
         first.map(|entry| entry.content)
     }
@@ -82,7 +81,7 @@ mod tests {
         let mut waiting = Waiting::EMPTY;
         assert_eq!(waiting.first(), None);
         for n in 1..=6 {
-            waiting.push([n; RECORD]);
+            waiting.push([n; RECORD_SIZE]);
         }
         let mut seen = Vec::new();
         while let Some(record) = waiting.first() {
@@ -90,27 +89,30 @@ mod tests {
             waiting.drop_first();
         }
         assert_eq!(seen, [1, 2, 3, 4]);
-        waiting.push([7; RECORD]);
-        assert_eq!(waiting.first(), Some([7; RECORD]));
+        waiting.push([7; RECORD_SIZE]);
+        assert_eq!(waiting.first(), Some([7; RECORD_SIZE]));
     }
 
     #[test]
     fn noise_and_every_flipped_bit_are_no_record() {
         let mut sound = Waiting::EMPTY;
-        sound.push([9; RECORD]);
-        for bit in 0..8 * (RECORD + 4) {
+        sound.push([9; RECORD_SIZE]);
+        for bit in 0..8 * (RECORD_SIZE + 4) {
             let mut flipped = sound;
             let entry = &mut flipped.0[0];
             match entry.content.get_mut(bit / 8) {
                 Some(byte) => *byte ^= 1 << (bit % 8),
-                None => entry.check ^= 1 << (bit - 8 * RECORD),
+                None => entry.check ^= 1 << (bit - 8 * RECORD_SIZE),
             }
             assert_eq!(flipped.first(), None, "bit {bit}");
         }
         for byte in [0, 0xff, 0xa5] {
             let check = u32::from_le_bytes([byte; 4]);
-            let content = [byte; RECORD];
-            assert_eq!(Waiting([Entry { content, check }; RECORDS]).first(), None);
+            let content = [byte; RECORD_SIZE];
+            assert_eq!(
+                Waiting([Entry { content, check }; MAX_RECORDS]).first(),
+                None
+            );
         }
     }
 }

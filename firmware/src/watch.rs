@@ -21,7 +21,6 @@ pub struct Roll {
 
 impl Roll {
     /// Builds a roll on which all of `expected` must appear.
-    #[must_use]
     pub const fn of(expected: &[Watched]) -> Self {
         let mut bits = 0;
         let mut index = 0;

@@ -37,15 +37,6 @@ impl Desk {
         })
     }
 
-    /// The same desk with another number of threads: the wish to stop is one.
-    pub fn with_threads(&self, threads: usize) -> Result<Self, Refusal> {
-        let desk = Self::new(Some(threads))?;
-        Ok(Self {
-            stop: Arc::clone(&self.stop),
-            ..desk
-        })
-    }
-
     /// Ctrl-C (and SIGTERM) from now on ask the work to stop; a second one stops at once.
     pub fn listen_for_interruption(&self) {
         let stop = Arc::clone(&self.stop);
@@ -91,17 +82,6 @@ impl Desk {
         results
     }
 
-    /// Like [`Desk::map`] without a bar, for work whose result nobody reads.
-    pub fn quietly(&self, count: usize, work: impl Fn(usize) + Sync + Send) -> Result<(), Refusal> {
-        self.pool.install(|| {
-            (0..count).into_par_iter().try_for_each(|n| {
-                self.go_on()?;
-                work(n);
-                Ok(())
-            })
-        })
-    }
-
     /// Like [`Desk::map`] for work that can itself refuse; the first refusal in order is returned.
     pub fn try_map<T: Send>(
         &self,
@@ -133,7 +113,6 @@ impl Desk {
     }
 
     /// Number of threads that work.
-    #[must_use]
     pub fn threads(&self) -> usize {
         self.pool.current_num_threads()
     }
@@ -152,7 +131,6 @@ pub struct Progress {
 
 impl Progress {
     /// A bar of `length` steps.
-    #[must_use]
     pub fn new(title: &str, length: u64) -> Self {
         Self::on(title, length, std::io::stderr().is_terminal())
     }

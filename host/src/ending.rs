@@ -13,11 +13,12 @@ use std::slice;
 use std::sync::OnceLock;
 
 use kband::impact::{Kernel, Map, PartState};
-use kband::regime::HIGHEST_ORDER;
 use kband::regime::Lock;
+use kband::regime::MAX_ORDER;
 use kband::regime::classify::Regime;
 
 pub use gears::{Gears, InGear};
+use memory::MEMORY;
 pub use seen::{SEEN, Seen};
 use to_rest::ToRest;
 pub use together::of_each;
@@ -37,31 +38,26 @@ pub const TOGETHER: usize = 4096;
 const RELAUNCHED: usize = 200_000;
 
 /// Number of starts on one track from which the table of certain rests saves time.
-const MANY: usize = 64;
+const MIN_STARTS_FOR_TABLE: usize = 64;
 
 /// Number of gear orders in which chaos is detected.
 const ORDERS: usize = 8;
 
 /// Name of a regime of an orbit that was followed for `followed` impacts.
-#[must_use]
-pub fn told(regime: Regime, followed: usize) -> String {
+pub fn describe_regime(regime: Regime, followed: usize) -> String {
     match regime {
-        Regime::Undecided => format!("undecided after {followed} impacts"),
+        Regime::Undecided if followed < MEMORY => format!("undecided after {followed} impacts"),
+        Regime::Undecided => chaotic_so_far(followed),
         other => name(other),
     }
 }
 
-/// Name of a regime over `impacts` impacts, without a statement on later ones.
-#[must_use]
-pub fn told_over(regime: Regime, impacts: usize) -> String {
-    match regime {
-        Regime::Chaotic => format!("chaotic over {impacts} impacts"),
-        other => told(other, impacts),
-    }
+/// Name of an orbit without repetition that may still come to rest.
+pub fn chaotic_so_far(impacts: usize) -> String {
+    format!("chaotic for at least {impacts} impacts; whether it is a transient is open")
 }
 
 /// Name of a regime in tables and legends.
-#[must_use]
 pub fn name(regime: Regime) -> String {
     let plural = |count: u32| if count == 1 { "" } else { "s" };
     match regime {
@@ -79,12 +75,11 @@ pub fn name(regime: Regime) -> String {
         }
         Regime::Rest => "rests for ever".into(),
         Regime::Chaotic => "chaotic".into(),
-        Regime::Undecided => "undecided".into(),
+        Regime::Undecided => "chaotic so far".into(),
     }
 }
 
 /// Fill of a regime in pictures.
-#[must_use]
 pub fn fill(regime: Regime) -> Fill {
     match regime {
         Regime::Locked { .. } => Fill::Locked,
@@ -105,7 +100,7 @@ pub const FILLS: [(Fill, &str); 7] = [
     (Fill::Chaotic, "chaotic"),
     (Fill::HopAndRest, "hops and rests"),
     (Fill::Rest, "rests for ever"),
-    (Fill::Undecided, "undecided"),
+    (Fill::Undecided, "chaotic so far"),
 ];
 
 /// Classifies orbits of one map by their final regime.
@@ -146,22 +141,17 @@ impl Endings {
         Ok(all)
     }
 
-    /// The classifier for [`Seen`]: chaos by its look alone, and without the regime of a part from
-    /// rest.
+    /// The classifier for [`Seen`], without the regime of a part from rest.
     pub fn seen(k: f64, restitution: f64) -> Result<Self, Refusal> {
-        let one = Self::unrested(k, restitution, 0)?;
-        for order in 1..=ORDERS {
-            one.set_held(order as u32, true);
-        }
-        Ok(one)
+        Self::unrested(k, restitution, 0)
     }
 
     /// The classifier without the regime of a part from rest.
     fn unrested(k: f64, restitution: f64, impacts: usize) -> Result<Self, Refusal> {
         let map = Map::build(k, restitution)?;
         let mut locks = Vec::new();
-        for order in 1..=HIGHEST_ORDER {
-            let Some(lock) = Lock::at(k, restitution, order)? else {
+        for order in 1..=MAX_ORDER {
+            let Some(lock) = Lock::build(k, restitution, order)? else {
                 break;
             };
             locks.push(Some(lock).filter(|lock| lock.attracts() && lock.is_first_return()));
@@ -179,7 +169,6 @@ impl Endings {
     }
 
     /// The map of the orbits.
-    #[must_use]
     pub fn map(&self) -> &Map {
         &self.map
     }
@@ -199,21 +188,18 @@ impl Endings {
     }
 
     /// Final regime of a part that starts from rest.
-    #[must_use]
     pub fn from_rest(&self) -> Regime {
         self.after_rest
     }
 
     /// Final regime of a part that starts just after an impact.
-    #[must_use]
     pub fn of(&self, start: PartState) -> Regime {
         self.of_all([start].into_iter())[0]
     }
 
     /// Final regimes of parts that start just after an impact, in the order of their starts.
-    #[must_use]
     pub fn of_all(&self, starts: impl ExactSizeIterator<Item = PartState>) -> Vec<Regime> {
-        if starts.len() >= MANY {
+        if starts.len() >= MIN_STARTS_FOR_TABLE {
             self.to_rest
                 .get_or_init(|| Box::new(ToRest::new(self.map.k(), self.map.restitution())));
         }
@@ -229,7 +215,6 @@ impl Endings {
     }
 
     /// Whether irregular flights in gear of an order stay there; computed on the first call.
-    #[must_use]
     pub fn holds(&self, order: u32) -> bool {
         if self.held(order).is_none() {
             together::hold(slice::from_ref(self), &BTreeSet::from([(0, order)]));
@@ -351,7 +336,7 @@ mod tests {
             ),
             (0.35, Regime::Chaotic),
         ] {
-            let start = Lock::at(k, 0.2, 1).unwrap().unwrap().state();
+            let start = Lock::build(k, 0.2, 1).unwrap().unwrap().state();
             let beside = PartState {
                 phase: start.phase + 1e-3,
                 ..start

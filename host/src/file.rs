@@ -21,9 +21,35 @@ static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 static STANDARD_OUTPUT_TAKEN: AtomicBool = AtomicBool::new(false);
 
 /// Whether a result goes to standard output.
-#[must_use]
 pub fn takes_standard_output() -> bool {
     STANDARD_OUTPUT_TAKEN.load(Ordering::Relaxed)
+}
+
+/// Whether the reader of standard output has gone away (`| head`).
+static READER_GONE: AtomicBool = AtomicBool::new(false);
+
+/// Whether the reader of standard output has gone away: the run then ends quietly.
+pub fn reader_is_gone() -> bool {
+    READER_GONE.load(Ordering::Relaxed)
+}
+
+/// Standard output that notes when its reader has gone away.
+struct Standard(std::io::Stdout);
+
+impl Write for Standard {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let written = self.0.write(bytes);
+        if let Err(error) = &written
+            && error.kind() == ErrorKind::BrokenPipe
+        {
+            READER_GONE.store(true, Ordering::Relaxed);
+        }
+        written
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.0.flush()
+    }
 }
 
 /// The ending in `-` or `-.png`, which are standard output; `None` for the name of a file.
@@ -129,7 +155,7 @@ impl Destination {
 
     /// The same for a file that nobody named: also refused where one of its name is there that kband did not write, which
     /// `own` tells by how it begins.
-    pub fn unasked(path: &Path, own: fn(&str) -> bool, option: &str) -> Result<Self, Refusal> {
+    pub fn default_name(path: &Path, own: fn(&str) -> bool, option: &str) -> Result<Self, Refusal> {
         let target = Self::check(path)?;
         if target.replaces {
             let mut begin = vec![0; 2048];
@@ -149,7 +175,6 @@ impl Destination {
     }
 
     /// That it was written, for the user.
-    #[must_use]
     pub fn told(&self) -> String {
         if self.standard {
             return "wrote standard output".into();
@@ -159,7 +184,6 @@ impl Destination {
     }
 
     /// Ending of the file name in small letters, without the dot; empty where there is none.
-    #[must_use]
     pub fn ending(&self) -> String {
         self.path
             .extension()
@@ -168,7 +192,6 @@ impl Destination {
     }
 
     /// The path that will be written.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -191,13 +214,10 @@ impl Destination {
     ) -> Result<T, Refusal> {
         let refuse = |error: std::io::Error| self.unwritten(&error);
         if self.standard {
-            let mut out = BufWriter::new(std::io::stdout());
+            let mut out = BufWriter::new(Standard(std::io::stdout()));
             let result = work(&mut out)?;
-            // A reader that has gone away (`| head`) is no failure.
-            return match out.flush() {
-                Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(refuse(error)),
-                _ => Ok(result),
-            };
+            out.flush().map_err(refuse)?;
+            return Ok(result);
         }
         if fs::metadata(&self.path).is_ok_and(|data| !data.is_file()) {
             let opened = File::options().write(true).open(&self.path);
@@ -404,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_killed_run_left_is_found_and_what_a_live_one_writes_is_not() {
+    fn only_files_of_killed_runs_are_found() {
         let folder = folder_of("killed");
         // The largest number that Linux gives to a process is 2^22.
         let left = folder.join(".a.csv.4194999.unfinished");

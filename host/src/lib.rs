@@ -6,6 +6,7 @@
 //! | [`refusal`] | the one message of a refused or failed run, and exit status |
 //! | [`report`] | tables: for reading, as CSV, as JSON |
 //! | [`mod@file`] | files that are written whole or not at all |
+//! | `causes` | what keeps parts out of gear, and the remedies |
 //! | [`board`] | a board on the link, and a scene's controller on it |
 //! | [`mod@bench`] | the kernels of the impact map side by side, and the baselines |
 //! | [`chip`] | the board's chip: its image, and the way to it through a debug probe |
@@ -23,6 +24,7 @@
 pub mod arguments;
 pub mod bench;
 pub mod board;
+pub(crate) mod causes;
 pub mod chip;
 pub mod desk;
 pub mod ending;

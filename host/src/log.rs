@@ -74,7 +74,6 @@ impl<'a> Log<'a> {
     }
 
     /// Frames so far that could not be read.
-    #[must_use]
     pub fn unreadable(&self) -> u64 {
         self.unreadable
     }

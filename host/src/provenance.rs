@@ -1,7 +1,7 @@
 //! What a result came from, written into every file and every CSV or JSON on standard output: version, commit, command,
 //! parameters with their units, seed and arithmetic.
 //!
-//! A run has one provenance, told once by the command line. It holds nothing that differs between two runs of the same
+//! A run has one provenance, set once by the command line. It holds nothing that differs between two runs of the same
 //! command: no time, no machine, no number of threads.
 
 use std::ffi::OsString;
@@ -24,7 +24,7 @@ pub const FIRST: &str = "# kband ";
 
 static RUN: Mutex<Option<Run>> = Mutex::new(None);
 
-/// What this process was asked for.
+/// Request that this process carries out.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Run {
     command: String,
@@ -45,11 +45,11 @@ struct Parameter {
 impl Parameter {
     fn json(parameters: &[Self]) -> Json {
         let pair = |parameter: &Self| {
-            let mut told = json!({"value": parameter.value});
+            let mut fields = json!({"value": parameter.value});
             if !parameter.unit.is_empty() {
-                told["unit"] = parameter.unit.as_str().into();
+                fields["unit"] = parameter.unit.as_str().into();
             }
-            (parameter.name.clone(), told)
+            (parameter.name.clone(), fields)
         };
         Json::Object(parameters.iter().map(pair).collect())
     }
@@ -239,10 +239,9 @@ fn spelled(words: &[String]) -> String {
 }
 
 /// The provenance as a JSON object; `units` are those of the numbers in the file, by name.
-#[must_use]
 pub fn object(units: Map<String, Json>) -> Json {
     let run = held().clone().unwrap_or_default();
-    let mut told = json!({
+    let mut fields = json!({
         "kband": VERSION,
         "commit": COMMIT,
         "command": run.command,
@@ -251,29 +250,27 @@ pub fn object(units: Map<String, Json>) -> Json {
         "arithmetic": run.arithmetic,
     });
     if !run.scene.is_empty() {
-        told["scene"] = Parameter::json(&run.scene);
+        fields["scene"] = Parameter::json(&run.scene);
     }
     if !units.is_empty() {
-        told["units"] = Json::Object(units);
+        fields["units"] = Json::Object(units);
     }
-    told
+    fields
 }
 
 /// The provenance as one line of JSON, for pictures and other files that hold words about themselves.
-#[must_use]
 pub fn line() -> String {
     object(Map::new()).to_string()
 }
 
 /// Name and version of the program with its commit.
-#[must_use]
 pub fn program() -> String {
     format!("kband {VERSION}, commit {COMMIT}")
 }
 
 /// Writes the provenance as comments above the header of a CSV.
 pub fn write_comments(units: Map<String, Json>, out: &mut dyn Write) -> std::io::Result<()> {
-    let Json::Object(told) = object(units) else {
+    let Json::Object(fields) = object(units) else {
         return Ok(());
     };
     let line = |value: &Json| match value {
@@ -283,16 +280,15 @@ pub fn write_comments(units: Map<String, Json>, out: &mut dyn Write) -> std::io:
     writeln!(
         out,
         "{FIRST}{}",
-        told.get("kband").map_or_else(String::new, line)
+        fields.get("kband").map_or_else(String::new, line)
     )?;
-    for (key, value) in told.iter().filter(|(key, _)| *key != "kband") {
+    for (key, value) in fields.iter().filter(|(key, _)| *key != "kband") {
         writeln!(out, "{COMMENT}{key}: {}", line(value))?;
     }
     Ok(())
 }
 
 /// A JSON document with its provenance first; a list becomes the `rows` of an object.
-#[must_use]
 pub fn with(document: Json, units: Map<String, Json>) -> Json {
     let mut whole = Map::new();
     whole.insert("provenance".into(), object(units));
@@ -309,7 +305,6 @@ pub fn with(document: Json, units: Map<String, Json>) -> Json {
 }
 
 /// A JSON document without its provenance, as it was before [`with`]: for those who compare results of several commands.
-#[must_use]
 pub fn without(mut document: Json) -> Json {
     if let Json::Object(fields) = &mut document
         && fields.shift_remove("provenance").is_some()
@@ -322,7 +317,6 @@ pub fn without(mut document: Json) -> Json {
 }
 
 /// A CSV, JSON or SVG without its provenance, likewise.
-#[must_use]
 pub fn stripped(text: &str) -> String {
     if let Ok(document) = serde_json::from_str::<Json>(text) {
         return format!("{:#}\n", without(document));
@@ -345,7 +339,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_command_is_what_a_shell_takes_and_says_nothing_of_threads() {
+    fn the_command_runs_in_a_shell_and_names_no_threads() {
         let words = [
             "/bin/kband",
             "target",
@@ -406,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn a_commit_is_told_only_where_there_is_one() {
+    fn a_commit_is_reported_only_where_there_is_one() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path();
         assert_eq!(commit::commit(path), "unknown");

@@ -29,7 +29,6 @@ pub struct Refusal {
 
 impl Refusal {
     /// A refusal with its cause and the next step.
-    #[must_use]
     pub fn new(cause: impl Into<String>, next: impl Into<String>) -> Self {
         Self {
             cause: cause.into(),
@@ -41,7 +40,6 @@ impl Refusal {
     }
 
     /// `key = value` is not within `accepted`; `next` says what to do.
-    #[must_use]
     pub fn value(
         key: impl fmt::Display,
         value: impl fmt::Display,
@@ -55,20 +53,17 @@ impl Refusal {
     }
 
     /// The same refusal, with what is accepted.
-    #[must_use]
     pub fn accepting(mut self, accepted: impl Into<String>) -> Self {
         self.accepted = Some(accepted.into());
         self
     }
 
     /// A file that could not be read or written.
-    #[must_use]
     pub fn file(path: &Path, error: &std::io::Error, next: impl Into<String>) -> Self {
         Self::new(format!("{}: {error}", path.display()), next)
     }
 
     /// The run was stopped by Ctrl-C before its result was complete.
-    #[must_use]
     pub fn interrupted() -> Self {
         Self::cut(
             "interrupted before the result was complete; nothing was written",
@@ -77,7 +72,6 @@ impl Refusal {
     }
 
     /// The run was stopped by Ctrl-C in the middle of what `cause` tells.
-    #[must_use]
     pub fn cut(cause: impl Into<String>, next: impl Into<String>) -> Self {
         Self {
             interrupted: true,
@@ -86,34 +80,29 @@ impl Refusal {
     }
 
     /// The same refusal, of a key of a scene.
-    #[must_use]
     pub fn of_key(mut self, key: impl Into<String>) -> Self {
         self.key = Some(key.into());
         self
     }
 
     /// The key of a scene that it is about.
-    #[must_use]
     pub fn key(&self) -> Option<&str> {
         self.key.as_deref()
     }
 
     /// The same refusal, preceded by where it was met (a line of a file, a key of a scene).
-    #[must_use]
     pub fn at(mut self, place: impl fmt::Display) -> Self {
         self.cause = format!("{place}: {}", self.cause);
         self
     }
 
     /// The same refusal with another next step.
-    #[must_use]
     pub fn then(mut self, next: impl Into<String>) -> Self {
         self.next = next.into();
         self
     }
 
     /// The exit status that goes with it.
-    #[must_use]
     pub fn status(&self) -> u8 {
         if self.interrupted { 130 } else { 2 }
     }
@@ -130,15 +119,15 @@ impl fmt::Display for Refusal {
 }
 
 /// Characters of a message's part that a person may still read.
-const READABLE: usize = 2000;
+const MAX_MESSAGE_CHARACTERS: usize = 2000;
 
 /// The text with its middle left out where nobody would read it: what is refused may be a file of 3 MB.
 fn readable(text: &str) -> Cow<'_, str> {
     let count = text.chars().count();
-    if count <= READABLE {
+    if count <= MAX_MESSAGE_CHARACTERS {
         return text.into();
     }
-    let half = READABLE / 2;
+    let half = MAX_MESSAGE_CHARACTERS / 2;
     let begin: String = text.chars().take(half).collect();
     let end: String = text.chars().skip(count - half).collect();
     let left_out = count - 2 * half;
@@ -171,7 +160,11 @@ mod tests {
     fn a_message_is_short_enough_to_be_read() {
         let long = "\u{e9}".repeat(3_000_000);
         let message = Refusal::value("key", &long, &long, "the end").to_string();
-        assert!(message.chars().count() < 3 * READABLE, "{}", message.len());
+        assert!(
+            message.chars().count() < 3 * MAX_MESSAGE_CHARACTERS,
+            "{}",
+            message.len()
+        );
         assert!(message.starts_with("error: key = "), "{message}");
         assert!(message.contains("characters left out") && message.ends_with("next: the end"));
     }

@@ -6,9 +6,12 @@ mod parquet;
 pub mod rows_file;
 mod table;
 mod value;
+mod view;
 
 pub use table::{Column, CsvRows, Rows, Table};
 pub use value::{Value, number, shortest};
+pub(crate) use view::fields;
+pub use view::{Field, View};
 
 use std::io::{ErrorKind, Write};
 
@@ -45,7 +48,6 @@ type WriteRows = dyn Fn(&mut dyn Rows) -> Result<(), Refusal>;
 
 impl Printout {
     /// The printout of a table; its JSON is the array of its rows.
-    #[must_use]
     pub fn new(table: Table) -> Self {
         Self {
             table,
@@ -54,16 +56,20 @@ impl Printout {
     }
 
     /// The printout with a line above the table to read.
-    #[must_use]
     pub fn heading(mut self, heading: impl Into<String>) -> Self {
         self.heading = heading.into();
         self
     }
 
     /// The printout with one more line below the table to read.
-    #[must_use]
     pub fn note(mut self, note: impl Into<String>) -> Self {
         self.notes.push(note.into());
+        self
+    }
+
+    /// With the columns that do not fit on a screen below the others, as text.
+    pub fn folded(mut self) -> Self {
+        self.table = self.table.folded();
         self
     }
 
@@ -79,7 +85,6 @@ impl Printout {
     }
 
     /// The printout with rows of its own as CSV, for more of them than a table should hold.
-    #[must_use]
     pub fn csv(
         mut self,
         columns: &[Column],
@@ -90,7 +95,6 @@ impl Printout {
     }
 
     /// The printout with another table as CSV.
-    #[must_use]
     pub fn csv_of(self, table: Table) -> Self {
         let columns = table.columns().to_vec();
         self.csv(&columns, move |rows| table.write_rows(rows))
@@ -151,7 +155,20 @@ impl Printout {
 
     /// Writes it whole into a file.
     pub fn save(&self, format: Format, target: &Destination) -> Result<(), Refusal> {
+        if let (Format::Csv, Some((_, write))) = (format, &self.csv) {
+            let mut counted = table::CountedRows::default();
+            write(&mut counted)?;
+            state_size(target, counted.bytes());
+        }
         target.write(|out| self.write(format, out))
+    }
+}
+
+/// States the size of a file that will have more than 100 MB.
+pub fn state_size(target: &Destination, bytes: u64) {
+    if bytes > 100_000_000 {
+        let (path, size) = (target.path().display(), bytes / 1_000_000);
+        eprintln!("note: {path} will have about {size} MB");
     }
 }
 

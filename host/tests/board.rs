@@ -6,11 +6,13 @@ use std::fs::File;
 use std::path::Path;
 #[cfg(feature = "log")]
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use came::Came;
 use kband_host::provenance;
 use kband_machines::emulator::Machine;
 use kband_machines::images;
+use kband_machines::terminal::Terminal;
 use serde_json::Value;
 
 /// Wall-clock seconds for one command, a loaded machine allowed for.
@@ -64,7 +66,7 @@ fn an_image_is_checked_without_a_probe() {
     assert_eq!(kept["what"], "settings and faults, left alone");
     assert_eq!(kept["sectors"], serde_json::json!([8, 11]));
     assert_eq!(plan["option_bytes"], Value::Null);
-    // What else would be set is told, and refused where it cannot be.
+    // Other option bytes to set are listed; those that cannot be set are refused.
     let asked = ["--option-bytes", image.to_str().unwrap()];
     let plan = run(folder.path(), words, &asked).done();
     assert!(plan.contains("brown-out reset at level 3"), "{plan}");
@@ -76,6 +78,7 @@ fn an_image_is_checked_without_a_probe() {
         &std::fs::read(&image).unwrap()[..5000],
     )
     .unwrap();
+    std::fs::write(folder.path().join("words"), "no image").unwrap();
     for (image, expected) in [
         (
             emulated.to_str().unwrap(),
@@ -83,7 +86,7 @@ fn an_image_is_checked_without_a_probe() {
         ),
         (desk, ["64 bits", "cargo feeder"]),
         ("short", ["short", "cargo feeder"]),
-        (".said", ["no ELF", "cargo feeder"]),
+        ("words", ["no ELF", "cargo feeder"]),
         ("none", ["none", "cargo feeder"]),
     ] {
         run(folder.path(), words, &[image]).refused(&expected);
@@ -99,10 +102,6 @@ fn an_image_is_checked_without_a_probe() {
     came.refused(&[expected, "next:"]);
 }
 
-fn json(came: Came) -> Value {
-    provenance::without(serde_json::from_str(&came.done()).unwrap())
-}
-
 fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()
 }
@@ -111,8 +110,11 @@ fn folder() -> tempfile::TempDir {
 fn the_board_says_who_and_how_it_is() {
     let folder = folder();
     let words = "identify --format json";
-    let board = json(kband(folder.path(), words));
-    assert_eq!(board["schema"], format!("{:08x}", kband::wire::SCHEMA));
+    let board = kband(folder.path(), words).json();
+    assert_eq!(
+        board["schema"],
+        format!("{:08x}", kband_control::wire::SCHEMA)
+    );
     assert_eq!(board["fits_this_desk"], true);
     assert_eq!(board["self_test"]["sensor"], true);
     assert_eq!(board["self_test"]["settings"], "never saved");
@@ -127,10 +129,10 @@ fn the_board_says_who_and_how_it_is() {
 fn a_saved_change_of_settings_outlasts_a_restart() {
     let folder = folder();
     let words = "settings list --format json";
-    let list = json(kband(folder.path(), words));
+    let list = kband(folder.path(), words).json();
     let list = list.as_array().unwrap();
-    assert_eq!(list.len(), kband::control::Settings::KEYS.len());
-    for (row, key) in list.iter().zip(kband::control::Settings::KEYS) {
+    assert_eq!(list.len(), kband_control::Settings::KEYS.len());
+    for (row, key) in list.iter().zip(kband_control::Settings::KEYS) {
         assert_eq!(
             (row["key"].as_str(), row["unit"].as_str()),
             (Some(key.name), Some(key.unit))
@@ -147,7 +149,7 @@ fn a_saved_change_of_settings_outlasts_a_restart() {
     assert!(kband(folder.path(), words).done().contains("--save"));
     let value = |key: &str| {
         let words = format!("settings get {key} --format json --flash-image board.flash");
-        json(kband(folder.path(), &words))[0]["value"].as_f64()
+        kband(folder.path(), &words).json()[0]["value"].as_f64()
     };
     assert_eq!(value("restitution_high"), Some(0.22));
     let words = "settings set restitution_high 0.31 --save --flash-image board.flash";
@@ -167,7 +169,7 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
     let all = std::fs::read_to_string(folder.path().join("all.toml")).unwrap();
     assert_eq!(
         all.matches(" = ").count(),
-        kband::control::Settings::KEYS.len()
+        kband_control::Settings::KEYS.len()
     );
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
     // Neither bound of the interval may move alone.
@@ -221,6 +223,7 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
 #[test]
 fn a_refusal_names_cause_range_and_next_step() {
     let folder = folder();
+    std::fs::write(folder.path().join("words"), "no flash").unwrap();
     for (words, expected) in [
         (
             "settings get freqency",
@@ -235,7 +238,7 @@ fn a_refusal_names_cause_range_and_next_step() {
         ("settings save", ["no flash", "--flash-image"]),
         ("settings import none.toml", ["none.toml", "next:"]),
         ("settings export none/all.toml", ["none", "mkdir"]),
-        ("settings list --flash-image .out", [".out", "four pages"]),
+        ("settings list --flash-image words", ["words", "four pages"]),
     ] {
         kband(folder.path(), words).refused(&expected);
     }
@@ -245,7 +248,7 @@ fn a_refusal_names_cause_range_and_next_step() {
         .map(|entry| entry.file_name())
         .collect();
     names.sort();
-    assert_eq!(names, [".out", ".said"]);
+    assert_eq!(names, ["words"]);
 }
 
 #[test]
@@ -333,8 +336,8 @@ fn logged(out: &str) -> Vec<(u32, String)> {
 #[cfg(feature = "log")]
 #[test]
 fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
-    use kband::control::StartCause;
-    use kband::plant::{Change, ClosedLoop, Disturbance, Scene};
+    use kband_control::StartCause;
+    use kband_plant::{Change, ClosedLoop, Disturbance, Scene};
 
     let folder = folder();
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
@@ -393,12 +396,12 @@ fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
     // Beside the telemetry of a board that runs, recorded and printed again.
     let words = "monitor --rows 5 --format json --record-log again.defmt";
     let out = kband_with(folder.path(), words, &["--elf", image]).done();
-    let heard = logged(&out);
-    assert_eq!(heard[0], expected[0], "{out}");
+    let logged_lines = logged(&out);
+    assert_eq!(logged_lines[0], expected[0], "{out}");
     assert!(out.contains("\"state\":\"starting\""), "{out}");
     let again = "monitor --log again.defmt --format json";
     let again = run(folder.path(), again, &["--elf", image]).done();
-    assert_eq!(logged(&again), heard);
+    assert_eq!(logged(&again), logged_lines);
     kband_with(folder.path(), words, &["--elf", image])
         .refused(&["again.defmt", "is there already"]);
 }
@@ -443,7 +446,7 @@ fn the_drive_response_at_multiples_is_measured_and_saved() {
         assert_eq!(found["applied"], true, "{found}");
         // Beyond a loss of power.
         let words = "settings list --format json --flash-image board.flash";
-        let all = json(kband(folder.path(), words));
+        let all = kband(folder.path(), words).json();
         let kept = |key: &str| {
             let mut settings = all.as_array().unwrap().iter();
             let own = settings.find(|setting| setting["key"] == key).unwrap();
@@ -474,18 +477,20 @@ fn the_drive_response_at_multiples_is_measured_and_saved() {
 #[test]
 fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     let folder = folder();
-    let words = "settings set gain 0.8 --save --flash-image board.flash";
-    kband(folder.path(), words).done();
+    for change in ["gain 0.8", "current_sensitivity 0.3"] {
+        let words = format!("settings set {change} --save --flash-image board.flash");
+        kband(folder.path(), &words).done();
+    }
     let words = "settings commission --sensor --flash-image board.flash";
     kband(folder.path(), words).refused(&["0 mm", "kband target gear 1"]);
     let words = "target order 1 --save --flash-image board.flash";
     kband(folder.path(), words).done();
     let words =
         "settings commission --sensor --apply --within 100 --format json --flash-image board.flash";
-    let found = json(kband(folder.path(), words));
+    let found = kband(folder.path(), words).json();
     assert_eq!(found["applied"], true, "{found}");
     let words = "settings list --format json --flash-image board.flash";
-    let all = json(kband(folder.path(), words));
+    let all = kband(folder.path(), words).json();
     let kept = |key: &str| {
         let mut settings = all.as_array().unwrap().iter();
         let own = settings.find(|setting| setting["key"] == key).unwrap();
@@ -493,6 +498,7 @@ fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     };
     assert!((kept("sensor_rest") - 1.65).abs() < 1e-3, "{found}");
     assert!((kept("gain") - 1.0).abs() < 0.03, "{found}");
+    assert!((kept("current_gain") - 0.5).abs() < 0.015, "{found}");
     let tolerance = kept("gain_tolerance");
     assert!((1.3..1.4).contains(&tolerance), "{found}");
     let tolerance = kept("load_tolerance");
@@ -501,67 +507,31 @@ fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     let words = "settings commission --sensor --within 100 --flash-image board.flash";
     let said = kband(folder.path(), words).done();
     assert!(said.contains("settings set gain_tolerance"), "{said}");
+    assert!(said.contains("settings set current_gain 0."), "{said}");
     let words = "settings commission --sensor --second-tone";
     kband(folder.path(), words).refused(&["--sensor", "--second-tone"]);
 }
 
 /// An emulated board that runs on from command to command, at the end of a pseudo-terminal.
-struct Standing {
-    board: std::process::Child,
-    port: String,
-}
+struct Standing(Terminal);
 
 impl Standing {
     fn start() -> Self {
-        use std::io::{BufRead, BufReader};
-        use std::process::{Command, Stdio};
-
         let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-        let mut board = Command::new("qemu-system-arm")
-            .args([
-                "-M",
-                "olimex-stm32-h405",
-                "-display",
-                "none",
-                "-monitor",
-                "none",
-            ])
-            .args(["-serial", "null", "-serial", "pty", "-semihosting-config"])
-            .arg("enable=on,target=native,arg=image,arg=run")
-            .arg("-kernel")
-            .arg(&image)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        // "char device redirected to /dev/pts/3 (label serial1)"
-        let mut said = BufReader::new(board.stdout.take().unwrap()).lines();
-        let line = said.next().unwrap().unwrap();
-        let port = line
-            .split(' ')
-            .find(|word| word.starts_with("/dev/"))
-            .unwrap();
-        Self {
-            board,
-            port: port.into(),
-        }
+        Self(Terminal::start(&image, "run", Duration::from_secs(300)))
+    }
+
+    fn port(&self) -> &str {
+        self.0.port().to_str().unwrap()
     }
 
     fn ask(&self, words: &str) -> Value {
-        let folder = folder();
-        json(run(
-            folder.path(),
+        run(
+            folder().path(),
             words,
-            &["--on", &self.port, "--format", "json"],
-        ))
-    }
-}
-
-impl Drop for Standing {
-    fn drop(&mut self) {
-        let _ = self.board.kill();
-        let _ = self.board.wait();
+            &["--on", self.port(), "--format", "json"],
+        )
+        .json()
     }
 }
 
@@ -601,7 +571,7 @@ fn a_board_is_given_targets_and_its_enable_and_tells_how_it_is() {
     assert!(reached, "{}", board.ask("status"));
     let folder = folder();
     let refused = |words: &str, said: &[&str]| {
-        run(folder.path(), words, &["--on", &board.port]).refused(said);
+        run(folder.path(), words, &["--on", board.port()]).refused(said);
     };
     refused(
         "target mm",
@@ -623,7 +593,7 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
 
     let board = Standing::start();
     let folder = folder();
-    let on = ["--on", &board.port];
+    let on = ["--on", board.port()];
     let step = |words: &[&str]| {
         let begin = ["commission", "record.html", "--seconds", "1"];
         came::run(folder.path(), LIMIT, &[&begin[..], words, &on].concat()).done()
@@ -757,7 +727,7 @@ fn on_a_port_that_says(words: &str, bytes: &[u8]) -> Came {
 #[derive(Clone, Debug, PartialEq)]
 struct Keeps {
     settings: Vec<f32>,
-    target: kband::wire::Target,
+    target: kband_control::Target,
 }
 
 /// A board after it measured its parts: setpoint, saved settings, and whether its drive runs.
@@ -774,24 +744,25 @@ impl Commissioned {
     fn serve(&mut self, far: &mut File) {
         use std::io::{Read, Write};
 
-        use kband::wire::{FRAME_MOST, Incoming, Receiver, read_request};
+        use kband_control::wire::{Incoming, MAX_FRAME_BYTES, Receiver, read_request};
 
         let mut receiver = Receiver::new();
         let mut byte = [0];
         while matches!(far.read(&mut byte), Ok(1)) {
-            let Some(Ok(frame)) = receiver.take(byte[0]) else {
+            let Some(Ok(frame)) = receiver.push(byte[0]) else {
                 continue;
             };
             let mut answers = Vec::new();
             match read_request(frame).unwrap() {
                 Incoming::Question { sequence } => {
-                    let identity = kband::wire::Identity {
-                        version: kband::wire::VERSION,
-                        schema: kband::wire::SCHEMA,
+                    let identity = kband_control::wire::Identity {
+                        version: kband_control::wire::VERSION,
+                        schema: kband_control::wire::SCHEMA,
                         image: "0.1.0+stand-in",
                     };
-                    let mut buffer = [0; FRAME_MOST];
-                    let frame = kband::wire::write_identity(&mut buffer, sequence, &identity);
+                    let mut buffer = [0; MAX_FRAME_BYTES];
+                    let frame =
+                        kband_control::wire::write_identity(&mut buffer, sequence, &identity);
                     answers.extend_from_slice(frame.unwrap());
                 }
                 Incoming::Request { sequence, request } => {
@@ -804,12 +775,16 @@ impl Commissioned {
         }
     }
 
-    fn answer(&mut self, sequence: u8, request: &kband::wire::Request, answers: &mut Vec<u8>) {
-        use kband::control::{Settings, State};
-        use kband::wire::{
-            FRAME_MOST, Identification, Identified, Refusal, Request, Response, Setting, Telemetry,
-            write_response,
+    fn answer(
+        &mut self,
+        sequence: u8,
+        request: &kband_control::wire::Request,
+        answers: &mut Vec<u8>,
+    ) {
+        use kband_control::wire::{
+            MAX_FRAME_BYTES, Refusal, Request, Response, Setting, Telemetry, write_response,
         };
+        use kband_control::{Identification, Identified, Settings, State};
 
         let place = |key: &str| Settings::KEYS.iter().position(|known| known.name == key);
         let response = match *request {
@@ -857,7 +832,7 @@ impl Commissioned {
             }
             _ => Response::Done,
         };
-        let mut buffer = [0; FRAME_MOST];
+        let mut buffer = [0; MAX_FRAME_BYTES];
         answers.extend_from_slice(write_response(&mut buffer, sequence, &response).unwrap());
         if let Request::Telemetry(1) = request {
             let state = if self.running {
@@ -877,8 +852,8 @@ impl Commissioned {
 #[cfg(unix)]
 #[test]
 fn commissioning_saves_its_result_with_the_old_target() {
-    use kband::control::Settings;
-    use kband::wire::Target;
+    use kband_control::Settings;
+    use kband_control::Target;
 
     let before = Keeps {
         settings: Settings::default().values().to_vec(),
@@ -901,7 +876,7 @@ fn commissioning_saves_its_result_with_the_old_target() {
             drop(near);
             came
         });
-        assert_eq!(json(came)["applied"], apply);
+        assert_eq!(came.json()["applied"], apply);
         assert!(board.running);
         assert_eq!(board.holds.target, before.target);
         if apply {
@@ -922,21 +897,21 @@ fn commissioning_saves_its_result_with_the_old_target() {
 #[cfg(unix)]
 #[test]
 fn garbage_and_another_version_give_different_messages() {
-    use kband::wire::{FRAME_MOST, Identity, write_identity};
+    use kband_control::wire::{Identity, MAX_FRAME_BYTES, write_identity};
 
     // Another baud rate, or another program's device.
     let words = "settings list";
     on_a_port_that_says(words, b"\x80\x7f\0\xf8\x06\0").refused(&[
-        "frames that cannot be read",
+        "unreadable frames",
         "115200 baud",
         "next:",
     ]);
     let identity = Identity {
-        version: kband::wire::VERSION,
+        version: kband_control::wire::VERSION,
         schema: 0x0bad_cafe,
         image: "0.0.9+old",
     };
-    let mut buffer = [0; FRAME_MOST];
+    let mut buffer = [0; MAX_FRAME_BYTES];
     let frame = write_identity(&mut buffer, 0, &identity).unwrap();
     on_a_port_that_says(words, frame).refused(&["0.0.9+old", "0badcafe", "kband flash"]);
     // Any board answers a request of its identity.

@@ -134,7 +134,7 @@ fn page(name: &str) -> String {
 #[test]
 fn the_table_of_settings_is_that_of_the_controller() {
     let mut table = String::from("| key | default | accepted | is |\n|---|---|---|---|\n");
-    for key in kband::control::Settings::KEYS {
+    for key in kband_control::Settings::KEYS {
         let (name, default) = (key.name, key.default);
         let (accepted, meaning) = (key.accepted.trim(), key.meaning.trim());
         table += &format!("| `{name}` | {default} | {accepted} | {meaning} |\n");
@@ -147,7 +147,7 @@ fn the_table_of_settings_is_that_of_the_controller() {
 
 #[test]
 fn the_table_of_states_is_that_of_the_controller() {
-    use kband::control::{State, TRANSITIONS};
+    use kband_control::{State, TRANSITIONS};
     let names: Vec<&str> = State::ALL.iter().map(|state| state.name()).collect();
     let mut table = format!("| from, to | {} |\n|---|", names.join(" | "));
     table += &"---|".repeat(names.len());
@@ -183,7 +183,7 @@ fn the_scene_shown_is_the_default_one() {
 
 #[test]
 fn the_link_page_names_this_version() {
-    let (version, schema) = (kband::wire::VERSION, kband::wire::SCHEMA);
+    let (version, schema) = (kband_control::wire::VERSION, kband_control::wire::SCHEMA);
     let line = format!("This is version {version}, schema `{schema:#010x}`.");
     assert!(
         page("link.md").contains(&line),

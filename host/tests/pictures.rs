@@ -13,10 +13,10 @@ fn every_picture_is_what_its_command_draws() {
         .stdin(Stdio::null())
         .output()
         .expect("bash is on the path");
-    let told = String::from_utf8_lossy(&output.stdout);
+    let printed = String::from_utf8_lossy(&output.stdout);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(
         output.status.success(),
-        "docs/pictures/draw.sh draws anew:\n{told}{said}"
+        "docs/pictures/draw.sh draws anew:\n{printed}{said}"
     );
 }

@@ -8,14 +8,14 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use came::Came;
-use kband::plant::Scene;
-use kband::wire::{Request, Response};
+use kband_control::wire::{Request, Response};
 use kband_host::chip::{Image, STM32F405RG};
 use kband_machines::chip::Chip;
 use kband_machines::emulator::Machine;
 use kband_machines::images;
 use kband_machines::probe::Probe;
 use kband_machines::rig::Rig;
+use kband_plant::Scene;
 use object::{Object, ObjectSymbol};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -149,8 +149,9 @@ fn option_bytes_are_never_set_on_a_protected_chip() {
     rig.run(ERASED);
     assert_eq!(rig.resets().len(), 1);
     rig.ask(&Request::SelfTest, |response| {
-        let reports =
-            |test: kband::wire::SelfTest| test.set_up.brown_out == 2830 && test.set_up.watchdog;
+        let reports = |test: kband_control::wire::SelfTest| {
+            test.set_up.brown_out == 2830 && test.set_up.watchdog
+        };
         assert!(matches!(response, Response::SelfTest(test) if reports(test)));
     });
     // Once more changes nothing.

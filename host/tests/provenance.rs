@@ -1,25 +1,14 @@
 //! What a file says of itself: where it came from, and in which units its numbers are.
 
+mod came;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
-use std::path::Path;
-use std::process::{Command, Output, Stdio};
 
+use came::kband;
 use kband_host::provenance;
 use serde_json::Value;
-
-fn kband(folder: &Path, words: &str) -> Output {
-    let output = Command::new(env!("CARGO_BIN_EXE_kband"))
-        .args(words.split_whitespace())
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .output()
-        .expect("kband starts");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "kband {words}: {said}");
-    output
-}
 
 /// The comments of a CSV, each `key: value`.
 fn comments(csv: &str) -> BTreeMap<String, String> {
@@ -34,19 +23,22 @@ fn comments(csv: &str) -> BTreeMap<String, String> {
 }
 
 /// What every file has to say, of `kband basins` with b in mm.
-fn complete(told: &Value, command: &str) {
-    assert_eq!(told["kband"], env!("CARGO_PKG_VERSION"), "{told}");
-    assert!(!told["commit"].as_str().unwrap().is_empty(), "{told}");
-    assert_eq!(told["command"], command, "{told}");
-    let parameters = &told["parameters"];
+fn complete(recorded: &Value, command: &str) {
+    assert_eq!(recorded["kband"], env!("CARGO_PKG_VERSION"), "{recorded}");
+    assert!(
+        !recorded["commit"].as_str().unwrap().is_empty(),
+        "{recorded}"
+    );
+    assert_eq!(recorded["command"], command, "{recorded}");
+    let parameters = &recorded["parameters"];
     let b = serde_json::json!({"value": 0.235, "unit": "mm"});
-    assert_eq!(parameters["b"], b, "{told}");
+    assert_eq!(parameters["b"], b, "{recorded}");
     // A default says its unit as well.
     let velocity = serde_json::json!({"value": 3, "unit": "b w"});
-    assert_eq!(parameters["velocity"], velocity, "{told}");
-    assert_eq!(parameters["grid"]["value"], 3, "{told}");
-    assert_eq!(told["arithmetic"], "f64", "{told}");
-    assert!(told["seed"].is_null(), "{told}");
+    assert_eq!(parameters["velocity"], velocity, "{recorded}");
+    assert_eq!(parameters["grid"]["value"], 3, "{recorded}");
+    assert_eq!(recorded["arithmetic"], "f64", "{recorded}");
+    assert!(recorded["seed"].is_null(), "{recorded}");
 }
 
 /// The text of a PNG's Provenance.
@@ -63,12 +55,12 @@ fn every_kind_of_file_says_what_it_came_from() {
     for ending in ["csv", "json", "svg", "png", "pdf"] {
         let words = format!("basins --b 0.235 --restitution 0.2 --grid 3 --out a.{ending}");
         let command = format!("kband {words}");
-        kband(folder.path(), &format!("{words} --threads 2"));
+        kband(folder.path(), &format!("{words} --threads 2")).done();
         let bytes = fs::read(folder.path().join(format!("a.{ending}"))).unwrap();
         let text = String::from_utf8_lossy(&bytes).into_owned();
-        let told: Value = match ending {
+        let recorded: Value = match ending {
             "csv" => {
-                let mut told: Value = comments(&text)
+                let mut recorded: Value = comments(&text)
                     .into_iter()
                     .map(|(key, value)| {
                         let value = serde_json::from_str(&value).unwrap_or(Value::String(value));
@@ -76,8 +68,8 @@ fn every_kind_of_file_says_what_it_came_from() {
                     })
                     .collect();
                 let first = text.lines().next().unwrap();
-                told["kband"] = first.trim_start_matches(provenance::FIRST).into();
-                told
+                recorded["kband"] = first.trim_start_matches(provenance::FIRST).into();
+                recorded
             }
             "json" => serde_json::from_str::<Value>(&text).unwrap()["provenance"].clone(),
             "svg" => {
@@ -97,7 +89,7 @@ fn every_kind_of_file_says_what_it_came_from() {
                 serde_json::from_str(object).unwrap_or_else(|_| panic!("{object}"))
             }
         };
-        complete(&told, &command);
+        complete(&recorded, &command);
     }
 }
 
@@ -108,16 +100,22 @@ fn outputs_contain_their_whole_scene() {
         folder.path(),
         "simulate --duration 1 --seed 5 --scope scope.csv --format json",
     );
-    let document: Value = serde_json::from_slice(&out.stdout).unwrap();
-    let told = &document["provenance"];
-    assert_eq!(told["seed"], 5, "{told}");
+    let document: Value = serde_json::from_str(&out.done()).unwrap();
+    let recorded = &document["provenance"];
+    assert_eq!(recorded["seed"], 5, "{recorded}");
     let frequency = serde_json::json!({"value": 50.0, "unit": "Hz"});
-    assert_eq!(told["scene"]["track.frequency"], frequency, "{told}");
-    assert_eq!(told["scene"]["sensor.noise"]["unit"], "m/s^2", "{told}");
+    assert_eq!(
+        recorded["scene"]["track.frequency"], frequency,
+        "{recorded}"
+    );
+    assert_eq!(
+        recorded["scene"]["sensor.noise"]["unit"], "m/s^2",
+        "{recorded}"
+    );
     for name in ["kband-simulate.csv", "scope.csv"] {
         let text = fs::read_to_string(folder.path().join(name)).unwrap();
         let scene: Value = serde_json::from_str(&comments(&text)["scene"]).unwrap();
-        assert_eq!(scene, told["scene"], "{name}");
+        assert_eq!(scene, recorded["scene"], "{name}");
     }
     let svg = fs::read_to_string(folder.path().join("kband-simulate.svg")).unwrap();
     assert!(svg.contains("track.frequency"));
@@ -161,7 +159,7 @@ fn a_csv_is_read_with_its_units_by_another_program() {
         ),
     ];
     for (words, column, unit) in commands {
-        kband(folder.path(), &format!("{words} --out a.csv"));
+        kband(folder.path(), &format!("{words} --out a.csv")).done();
         let path = folder.path().join("a.csv");
         let text = fs::read_to_string(&path).unwrap();
         let units: BTreeMap<String, String> = comments(&text)
@@ -210,10 +208,9 @@ fn kband_reads_what_it_wrote() {
     let folder = tempfile::tempdir().unwrap();
     let rows = "# kband 0\n# command: by hand\nk,restitution,phase,velocity\n0.43,0.2,1,1\n";
     fs::write(folder.path().join("in.csv"), rows).unwrap();
-    let first = kband(folder.path(), "impacts --from in.csv").stdout;
-    let again = kband(folder.path(), "impacts --from in.csv").stdout;
+    let first = kband(folder.path(), "impacts --from in.csv").done();
+    let again = kband(folder.path(), "impacts --from in.csv").done();
     assert_eq!(first, again);
-    let text = String::from_utf8(first).unwrap();
-    assert!(text.starts_with(provenance::FIRST), "{text}");
-    assert_eq!(provenance::stripped(&text).lines().count(), 2, "{text}");
+    assert!(first.starts_with(provenance::FIRST), "{first}");
+    assert_eq!(provenance::stripped(&first).lines().count(), 2, "{first}");
 }

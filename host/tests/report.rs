@@ -1,28 +1,13 @@
 //! The page of a feeder in a real browser: its sliders moved, its values compared with what the
 //! verbs say.
 
-use std::path::Path;
-use std::process::{Command, Stdio};
+mod came;
 
+use std::path::Path;
+
+use came::kband;
 use kband_machines::browser::{Browser, keys};
 use serde_json::Value as Json;
-
-fn kband(folder: &Path, arguments: &[&str]) -> String {
-    kband_said(folder, arguments).0
-}
-
-/// What it printed, and what it said besides.
-fn kband_said(folder: &Path, arguments: &[&str]) -> (String, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_kband"))
-        .args(arguments)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .output()
-        .unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{arguments:?}: {said}");
-    (String::from_utf8(output.stdout).unwrap(), said)
-}
 
 /// The numbers in a text.
 fn numbers(text: &str) -> Vec<f64> {
@@ -34,17 +19,8 @@ fn numbers(text: &str) -> Vec<f64> {
 
 /// Ends of the band, setpoint in mm and margin in percent, as `kband bands` has them of order 1.
 fn band(folder: &Path, lot: &str, frequency: &str) -> [f64; 4] {
-    let options = [
-        "--restitution",
-        lot,
-        "--frequency",
-        frequency,
-        "--format",
-        "json",
-    ];
-    let rows = kband(folder, &[&["bands"][..], &options].concat());
-    let rows: Json = serde_json::from_str(&rows).unwrap();
-    let rows = rows.get("rows").unwrap_or(&rows);
+    let words = format!("bands --restitution {lot} --frequency {frequency} --format json");
+    let rows = kband(folder, &words).json();
     let of = |name: &str| {
         rows[0][name]
             .as_f64()
@@ -60,7 +36,7 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
     let file = path.join("page.html");
     // A page that is named takes the place of what is there.
     std::fs::write(&file, "mine").unwrap();
-    let (_, said) = kband_said(path, &["report", "--out", "page.html"]);
+    let said = kband(path, "report --out page.html").ended(0).said;
     assert!(said.contains("replaced page.html"), "{said}");
     let html = std::fs::read_to_string(&file).unwrap();
     assert!(html.len() < 2_000_000, "{} bytes", html.len());
@@ -89,8 +65,11 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
         let said = verdict();
         // R low, high, order, Hz, from, to, setpoint, margin.
         let [from, to, setpoint, margin] = band(path, lot, frequency);
-        for (told, expected) in said[4..].iter().zip([from, to, setpoint, margin]) {
-            assert!((told / expected - 1.0).abs() < 6e-3, "{said:?}: {expected}");
+        for (printed, expected) in said[4..].iter().zip([from, to, setpoint, margin]) {
+            assert!(
+                (printed / expected - 1.0).abs() < 6e-3,
+                "{said:?}: {expected}"
+            );
         }
         assert_eq!(said.len(), 8);
     };
@@ -128,30 +107,15 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
     let map =
         browser.script("return data.basins.maps[document.getElementById('basin').valueAsNumber]");
     let k = map["k"].to_string();
-    let told = kband(
-        path,
-        &[
-            "basins",
-            "--k",
-            &k,
-            "--restitution",
-            "0.2",
-            "--grid",
-            "80",
-            "--impacts",
-            "1000",
-            "--format",
-            "json",
-        ],
-    );
-    let told: Json = serde_json::from_str(&told).unwrap();
+    let basins = "basins --restitution 0.2 --grid 80 --impacts 1000 --format json";
+    let printed = kband(path, &format!("{basins} --k {k}")).json();
     let share = |shares: &Json, name: &str| -> f64 {
         let shares = shares.as_array().unwrap().iter();
         let of = shares.filter(|one| one["regime"] == name);
         of.filter_map(|one| one["share"].as_f64()).sum()
     };
     let locked = share(&map["shares"], "locked, r = 1");
-    assert!(locked > 0.1 && (locked - share(&told["shares"], "locked, r = 1")).abs() < 1e-3);
+    assert!(locked > 0.1 && (locked - share(&printed["shares"], "locked, r = 1")).abs() < 1e-3);
 
     // Friction of 0.05 does not hold a part on 3 degrees; more of it conveys more.
     browser.press("#friction", &keys::HOME.to_string());
@@ -198,4 +162,46 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
     assert!(over.as_f64().unwrap() <= 0.0, "{over} pixels too wide");
     assert!(browser.print().starts_with("JVBER"), "no PDF");
     whole("used");
+}
+
+/// For each figure of a page, how many dots and middles of lines' first segments lie within its own
+/// clip, and at how many of them the browser finds the mark.
+const MARKS: &str = "
+    return [...document.querySelectorAll('svg')].map((svg) => {
+        svg.scrollIntoView();
+        let [due, seen] = [0, 0];
+        for (const path of svg.querySelectorAll('path[clip-path]:not([stroke-dasharray])')) {
+            const own = svg.querySelector(path.getAttribute('clip-path').slice(4, -1) + ' rect');
+            const box = own.getBBox();
+            const starts = /M([0-9.-]+) ([0-9.-]+)(?:L([0-9.-]+) ([0-9.-]+))?/g;
+            for (const [, ...ends] of path.getAttribute('d').matchAll(starts)) {
+                const [u, v, s = u, t = v] = ends.map((end) => end && Number(end));
+                const [x, y] = [(u + s) / 2, (v + t) / 2];
+                const [right, below] = [x - box.x, y - box.y];
+                if (right < 1 || right > box.width - 1 || below < 1 || below > box.height - 1) continue;
+                due += 1;
+                const at = new DOMPoint(x, y).matrixTransform(path.getScreenCTM());
+                seen += document.elementsFromPoint(at.x, at.y).includes(path);
+            }
+        }
+        return [due, seen];
+    })";
+
+#[test]
+fn browser_shows_every_mark_of_the_figures_of_paper() {
+    let folder = tempfile::tempdir().unwrap();
+    kband(folder.path(), "paper --out page.html").ended(0);
+    let browser = Browser::start();
+    // Higher than the highest figure: only what is in the window can be found there.
+    browser.resize(1000, 1500);
+    browser.open(&folder.path().join("page.html"));
+    let figures = browser.script(MARKS);
+    let figures = figures.as_array().unwrap();
+    assert_eq!(figures.len(), 7);
+    for (n, figure) in figures.iter().enumerate() {
+        let [due, seen] = [0, 1].map(|which| figure[which].as_u64().unwrap());
+        assert_eq!(seen, due, "figure {n} of {figures:?}");
+    }
+    let due: u64 = figures.iter().filter_map(|figure| figure[0].as_u64()).sum();
+    assert!(due > 500, "{figures:?}");
 }

@@ -4,186 +4,66 @@
 //! `KBAND_ACCEPT=1 cargo test -p kband-host --test schemas` writes the schemas from what the
 //! commands print.
 
-use std::collections::BTreeSet;
+mod came;
+
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
 use kband_host::report::columns;
 use kband_machines::emulator::Machine;
 use kband_machines::images;
 use serde_json::{Map, Value, json};
 
-/// Results that have a form of their own, and commands that print them.
-const DESK: &[(&str, &[&str])] = &[
-    (
-        "bands",
-        &[
-            "bands --restitution 0.2",
-            "bands --restitution 0.10..0.30 --orders 1",
-            "bands --restitution 0.0..0.9 --orders 1",
-        ],
-    ),
-    (
-        "bands-of-tones",
-        &[
-            "bands --restitution 0.2 --second-tone 0.15,2.356 --orders 1",
-            "bands --restitution 0..0.9 --second-tone 0.15,2.356 --orders 1",
-        ],
-    ),
-    ("bench", &["bench --rounds 1 --launches 512"]),
-    ("bench-chains", &["bench --show chains --rounds 1"]),
-    (
-        "bench-scaling",
-        &["bench --show scaling --rounds 1 --impacts 1000"],
-    ),
-    (
-        "bench-verbs",
-        &["bench --show verbs --rounds 1 --only cascade"],
-    ),
-    ("basins", &["basins --k 0.43 --restitution 0.2 --grid 4"]),
-    (
-        "capture",
-        &[
-            "capture --restitution 0.2 --runs 4 --parts 1 --factor 1..2:6",
-            "capture --restitution 0.2 --k 0.394 --runs 2 --parts 1 --factor 1..1.01:2 --longest 10 --effort 1000",
-        ],
-    ),
-    (
-        "cascade",
-        &[
-            "cascade --doublings 3",
-            "cascade --doublings 1 --noise 0.01",
-        ],
-    ),
-    (
-        "diagram",
-        &["diagram --k 0.3..0.5:5 --impacts 4 --settle 100"],
-    ),
-    (
-        "diagram-of-regimes",
-        &["diagram --show regimes --k 0.2..0.5:3 --restitution 0.1..0.3:2"],
-    ),
-    (
-        "exponent",
-        &[
-            "exponent --k 0.34 --impacts 640 --settle 10",
-            "exponent --b 0.235 --impacts 320 --settle 100",
-            "exponent --k 0.9 --impacts 320 --settle 100",
-        ],
-    ),
-    (
-        "gear",
-        &[
-            "gear --restitution 0.3 --scatter 0.05 --k 0.4..0.5:3",
-            "gear --restitution 0.1..0.3 --scatter 0.05 --k 0.4..0.5:3 --second-tone 0.15,2.356",
-        ],
-    ),
-    ("gear-table", &["gear --table 1 --lot 0.3,0.05"]),
-    (
-        "impacts",
-        &["impacts --k 0.43 --restitution 0.2 --phase 1 --velocity 1 --count 2"],
-    ),
-    ("impacts-of-rows", &["impacts --from rows.csv"]),
-    ("margins", &["margins"]),
-    ("paper", &["paper"]),
-    (
-        "simulate",
-        &[
-            "simulate --duration 1",
-            "simulate --duration 6 --restitution 0.2",
-            "simulate over_amplitude.toml",
-            "simulate identification.toml",
-        ],
-    ),
-    ("simulate-runs", &["simulate --duration 6 --runs 2"]),
-    (
-        "simulate-sweep",
-        &["simulate --duration 6 --sweep part.restitution=0.2..0.3:2"],
-    ),
-    (
-        "simulate-compared",
-        &["simulate --restitution 0.3 --duration 6 --compare-second-tone 0.15"],
-    ),
-    (
-        "transport",
-        &[
-            "transport --k 0.4..0.43:2 --impacts 100 --settle 10 --starts 2",
-            "transport --k 0.2 --impacts 100 --settle 10 --starts 2 --part-length 15 --phase-lead 20",
-        ],
-    ),
-    (
-        "transport-intervals",
-        &[
-            "transport --show intervals --restitution 0.9 --k 0.05 --impacts 200 --settle 10 --starts 2",
-        ],
-    ),
-    ("transport-return", &["transport --k 0.2 --show return"]),
-    (
-        "transport-friction",
-        &[
-            "transport --friction 0.3 --throw 0.9..1.2:2",
-            "transport --friction 0.1 --incline 8 --throw 1.2",
-            "transport --friction 0.3 --second-tone 0.15,2.356 --throw 0.9..3:3",
-        ],
-    ),
-];
+/// The results that have a form of their own with the commands that print them: those of the desk,
+/// and after a line of dashes those of a board.
+const RESULTS: &str = include_str!("schemas.txt");
 
-/// The same of an emulated board.
-const BOARD: &[(&str, &[&str])] = &[
-    ("identify", &["identify"]),
-    ("monitor", &["monitor --every 5 --rows 8"]),
-    ("settings", &["settings list"]),
-    ("status", &["status", "target k 0.43"]),
-];
-
-/// The same of what is counted on the emulated CPUs.
-const COUNTED: &[(&str, &[&str])] = &[
-    ("bench-classes", &["bench --on qemu --show classes"]),
-    ("bench-instructions", &["bench --on qemu"]),
-];
+/// The results of a part of the list, each with its commands.
+fn listed(part: &str) -> BTreeMap<&str, Vec<&str>> {
+    let mut results: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for (name, words) in part.lines().filter_map(|line| line.split_once(": ")) {
+        results.entry(name).or_default().push(words);
+    }
+    results
+}
 
 /// What is null in all that the commands above print, and what it is otherwise.
 const NULLABLE: [(&str, &str); 18] = [
     ("fault", "string"),
-    ("flip_heard", "number"),
+    ("flip_estimated", "number"),
     ("flow_weighed", "number"),
+    ("gear_band_high", "number"),
+    ("gear_band_low", "number"),
     ("in_gear", "number"),
     ("in_gear_error", "number"),
-    ("instructions_m0", "number"),
-    ("instructions_m4f", "number"),
     ("last_words", "string"),
     ("lock_phase", "number"),
     ("mass_weighed", "number"),
     ("periods_to_loss", "number"),
-    ("restitution_heard", "number"),
-    ("scatter_heard", "number"),
+    ("restitution_estimated", "number"),
+    ("scatter_estimated", "number"),
     ("seed", "integer"),
-    ("to_loss_heard", "number"),
-    ("trace_heard", "number"),
+    ("to_loss_estimated", "number"),
+    ("trace_estimated", "number"),
     ("in_gear_expected", "number"),
-    ("phase_heard", "number"),
+    ("phase_measured", "number"),
 ];
 
-fn run(folder: &Path, words: &str, more: &[&str], format: &str) -> Vec<u8> {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_kband"));
-    if words.starts_with("bench") && !words.contains("--on") {
-        // Without the emulator, which counts for half a minute: what it counts is null then.
-        command.env("PATH", folder);
-    }
-    let output = command
-        .args(words.split_whitespace())
-        .args(more)
-        .args(["--format", format])
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .output()
-        .expect("kband starts");
-    let said = String::from_utf8_lossy(&output.stderr);
+fn run(folder: &Path, words: &str, more: &[&str], format: &str) -> String {
+    let words: Vec<&str> = words.split(' ').chain(more.iter().copied()).collect();
+    let came = came::run(
+        folder,
+        came::LIMIT,
+        &[&words[..], &["--format", format]].concat(),
+    );
     // A board that is not as expected ends with 1, and has its JSON.
-    let code = output.status.code();
-    assert!(matches!(code, Some(0 | 1)), "kband {words}: {said}");
-    output.stdout
+    assert!(
+        matches!(came.status, Some(0 | 1)),
+        "{words:?}: {}",
+        came.said
+    );
+    came.out
 }
 
 fn root() -> PathBuf {
@@ -336,15 +216,15 @@ fn unknown(schema: &Value, found: &mut BTreeSet<String>) {
 }
 
 /// Checks what these commands print, or writes their schemas.
-fn check(folder: &Path, results: &[(&str, &[&str])], more: &[&str]) {
+fn check(folder: &Path, results: &BTreeMap<&str, Vec<&str>>, more: &[&str]) {
     let accept = std::env::var_os("KBAND_ACCEPT").is_some_and(|value| value == "1");
     let mut wrong = Vec::new();
     for (name, commands) in results {
         // Each line of what runs on is a document.
         let mut documents: Vec<(&str, Value)> = Vec::new();
-        for words in *commands {
+        for words in commands {
             let printed = run(folder, words, more, "json");
-            for document in serde_json::Deserializer::from_slice(&printed).into_iter() {
+            for document in serde_json::Deserializer::from_str(&printed).into_iter() {
                 let document = document.unwrap_or_else(|error| panic!("{words}: {error}"));
                 documents.push((words, document));
             }
@@ -361,7 +241,7 @@ fn check(folder: &Path, results: &[(&str, &[&str])], more: &[&str]) {
             if *name == "monitor" {
                 // Its lines leave out what there is none of; the CSV has a column for it.
                 let csv = run(folder, commands[0], more, "csv");
-                with_columns(&mut schema, &String::from_utf8(csv).unwrap());
+                with_columns(&mut schema, &csv);
             }
             let own = json!({"$schema": "http://json-schema.org/draft-07/schema#", "title": format!("kband {name}")});
             let mut whole = own.as_object().unwrap().clone();
@@ -394,7 +274,8 @@ fn what_the_desk_prints_keeps_to_its_schemas() {
         let place = root().join("tests/scenes").join(scene);
         fs::copy(place, folder.path().join(scene)).unwrap();
     }
-    check(folder.path(), DESK, &[]);
+    let (desk, _) = RESULTS.split_once("---").unwrap();
+    check(folder.path(), &listed(desk), &[]);
 }
 
 #[test]
@@ -402,45 +283,9 @@ fn what_it_prints_of_a_board_keeps_to_its_schemas() {
     let folder = tempfile::tempdir().unwrap();
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let board = ["--on", "qemu", "--image", image.to_str().unwrap()];
-    check(folder.path(), BOARD, &board);
+    let (_, results) = RESULTS.split_once("---").unwrap();
+    check(folder.path(), &listed(results), &board);
     let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
-    let words = [("flash", &["flash --dry-run"][..])];
-    check(folder.path(), &words, &[image.to_str().unwrap()]);
-}
-
-#[test]
-fn what_it_counts_on_the_emulated_cpus_keeps_to_its_schemas() {
-    let folder = tempfile::tempdir().unwrap();
-    for machine in [Machine::CortexM4F, Machine::CortexM0] {
-        for image in ["kernel_cost", "kernel_orbits"] {
-            assert!(images::build("kband-emulated", image, machine).is_file());
-        }
-    }
-    check(folder.path(), COUNTED, &[]);
-}
-
-#[test]
-fn a_document_that_breaks_its_schema_is_noticed() {
-    let schema = inferred(
-        "",
-        &[
-            &json!({"k": 0.4, "rows": [{"b": 0.2}]}),
-            &json!({"k": null, "rows": []}),
-        ],
-    );
-    let count = |value: Value| {
-        let mut found = Vec::new();
-        broken(&value, &schema, "", &mut found);
-        found.len()
-    };
-    assert_eq!(count(json!({"k": 0.5, "rows": [{"b": 1}]})), 0);
-    assert_eq!(count(json!({"rows": []})), 1);
-    assert_eq!(count(json!({"k": "0.5", "rows": []})), 1);
-    assert_eq!(count(json!({"k": 0.5, "rows": [{"b_mm": 0.2}]})), 2);
-    let mut names = BTreeSet::new();
-    unknown(
-        &json!({"properties": {"b_mm": {}, "rows": {"items": {"properties": {"b": {}}}}}}),
-        &mut names,
-    );
-    assert_eq!(names, BTreeSet::from(["b_mm".to_string()]));
+    let flash = listed("flash: flash --dry-run");
+    check(folder.path(), &flash, &[image.to_str().unwrap()]);
 }

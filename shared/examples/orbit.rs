@@ -6,12 +6,12 @@ use std::error::Error;
 
 use kband::impact::{Kernel, Map, Orbit, OrbitEvent};
 use kband::regime::Lock;
-use kband::regime::classify::{Classifier, HearingSettings, Regime};
+use kband::regime::classify::{Classifier, Regime, TimingAccuracy};
 
 /// The regime of a part that started from rest, after some thousand events.
 fn regime(k: f64, restitution: f64) -> Result<Regime, Box<dyn Error>> {
     let map = Map::build(k, restitution)?;
-    let mut classifier = Classifier::<256>::build(HearingSettings::COMPUTED)?;
+    let mut classifier = Classifier::<256>::build(TimingAccuracy::COMPUTED)?;
     for event in Orbit::from_rest(&map).take(3000) {
         match event {
             OrbitEvent::Impact(impact) => classifier.flight(impact.flight),
@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for (n, event) in Orbit::from_rest(&map).take(12).enumerate() {
         println!("{n:3}  {event:?}");
     }
-    let lock = Lock::at(0.405, 0.2, 1)?.ok_or("no lock of order 1")?;
+    let lock = Lock::build(0.405, 0.2, 1)?.ok_or("no lock of order 1")?;
     println!("it goes to the lock at {:?}", lock.state());
     for k in [0.405, 0.43, 0.365, 0.35] {
         println!("from rest at k = {k}: {:?}", regime(k, 0.2)?);

@@ -1,7 +1,7 @@
 //! Track shape that keeps parts with random restitution in gear longest, under one peak
 //! acceleration.
 //!
-//! `cargo run --release -p kband --features analysis --example shapes [TRIES]`, some minutes for
+//! `cargo run --release -p kband --example shapes [TRIES]`, some minutes for
 //! the 4000 tries of the manual's table. Method: random search over shapes of one, two and three
 //! tones, then local random refinement of the best. Their shares of time in gear come from fresh
 //! runs.
@@ -41,7 +41,7 @@ fn share(
         .collect::<Result<_, _>>()?;
     let mut sum = Share::default();
     shares_from_rest(&map, &scatters, 1, periods, |_, share| {
-        sum = sum.and(&share)
+        sum = sum.plus(&share)
     })?;
     Ok(sum.share())
 }

@@ -30,7 +30,7 @@ impl fmt::Display for OutOfRange {
 impl core::error::Error for OutOfRange {}
 
 /// `value` if `accepts` is true and it is no NaN, else an error that names the parameter.
-pub(crate) fn accept(
+pub fn accept(
     parameter: &'static str,
     value: f64,
     accepts: bool,
@@ -85,19 +85,16 @@ impl Restitution {
     }
 
     /// The low bound.
-    #[must_use]
     pub fn low(self) -> f64 {
         self.low
     }
 
     /// The high bound.
-    #[must_use]
     pub fn high(self) -> f64 {
         self.high
     }
 
     /// The middle of the interval.
-    #[must_use]
     pub fn middle(self) -> f64 {
         0.5 * (self.low + self.high)
     }
@@ -194,68 +191,57 @@ impl Track {
     }
 
     /// Drive frequency in Hz.
-    #[must_use]
     pub fn frequency(&self) -> f64 {
         self.angular_frequency / TAU
     }
 
     /// Incline (symbol alpha) in rad.
-    #[must_use]
     pub fn incline(&self) -> f64 {
         self.incline
     }
 
     /// Tangent of the incline.
-    #[must_use]
     pub fn incline_tangent(&self) -> f64 {
         libm::tan(self.incline)
     }
 
     /// Parallel amplitude over normal amplitude (symbol eta).
-    #[must_use]
     pub fn amplitude_ratio(&self) -> f64 {
         self.amplitude_ratio
     }
 
     /// Phase lead of the parallel motion (symbol gamma) in rad.
-    #[must_use]
     pub fn phase_lead(&self) -> f64 {
         self.phase_lead
     }
 
     /// Gravity normal to the track (symbol g cos alpha) in m/s^2.
-    #[must_use]
-    pub(crate) fn normal_gravity(&self) -> f64 {
+    pub fn normal_gravity(&self) -> f64 {
         self.gravity * libm::cos(self.incline)
     }
 
     /// `k = g cos(alpha) / (b w^2)` for a normal amplitude b in m; infinite at b = 0.
-    #[must_use]
     pub fn k(&self, amplitude: f64) -> f64 {
         self.normal_gravity() / (amplitude * self.angular_frequency * self.angular_frequency)
     }
 
     /// Normal amplitude b in m for a value of k; infinite at k = 0. The inverse of [`Track::k`].
-    #[must_use]
     pub fn amplitude(&self, k: f64) -> f64 {
         self.normal_gravity() / (k * self.angular_frequency * self.angular_frequency)
     }
 
     /// Peak normal acceleration of the track over gravity for a normal amplitude b in m.
-    #[must_use]
     pub fn acceleration(&self, amplitude: f64) -> f64 {
         amplitude * self.angular_frequency * self.angular_frequency / self.gravity
     }
 
     /// Velocity unit `b w` in m/s for a normal amplitude b in m.
-    #[must_use]
     pub fn velocity_unit(&self, amplitude: f64) -> f64 {
         amplitude * self.angular_frequency
     }
 }
 
 /// Throw number (symbol Gamma) as quoted by feeder makers: `1/k`.
-#[must_use]
 pub fn throw_number(k: f64) -> f64 {
     1.0 / k
 }
@@ -282,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_names_the_parameter() {
+    fn refusal_names_the_parameter() {
         let refused = Track::build(TrackSettings {
             incline: 90.0,
             ..PAPER

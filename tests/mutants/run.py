@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Mutation testing: every mutant of mutants.toml, one build for all of them.
+"""Mutation testing: one build for many mutants.
 
-    tests/mutants/run.py                  all of them
+    tests/mutants/run.py                  all mutants of mutants.toml
     tests/mutants/run.py firmware/ 17     those of files whose path begins so, and number 17
-    tests/mutants/run.py --with unit,firmware firmware/    by tests of these programs alone: a first look
+    tests/mutants/run.py --with control,firmware firmware/    by tests of these programs alone: a first look
     tests/mutants/run.py --check          only whether each place is where the list says, without a build
+    tests/mutants/run.py --drawn 300 7    300 mutants of seed 7, drawn by draw.py from the whole code
 
 Copies the tree to target/mutants/tree, puts each mutant behind a switch that the environment (KBAND_MUTANT, for the programs
 of this machine) or a word of the flash (for an image on the emulated chip) sets, and builds the test programs once. Each test
@@ -18,6 +19,7 @@ import concurrent.futures
 import json
 import os
 import pathlib
+import re
 import shutil
 import subprocess
 import sys
@@ -25,20 +27,36 @@ import tempfile
 import time
 import tomllib
 
+sys.dont_write_bytecode = True
+import draw
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
 TREE = TARGET / "mutants" / "tree"
 TABLE = ROOT / "tests/mutants/results.md"
 LEAST = 0.95
+DRAWN_LEAST = 0.9
+# One more than the mutants that the switch can tell apart.
+MOST = 1024
 JOBS = int(os.environ.get("KBAND_JOBS", os.cpu_count() or 1))
 # Seconds of tests that one process runs before it is asked whether one failed.
 BATCH = 4.0
 PROGRAMS = {
-    "unit": ("kband", "kband"),
+    "map": ("kband", "kband"),
+    "control": ("kband-control", "kband_control"),
+    "plant": ("kband-plant", "kband_plant"),
+    "loops": ("kband-plant", "loops"),
     "firmware": ("kband-firmware", "kband_firmware"),
     "hazards": ("kband-machines", "hazards"),
-    **{name: ("kband-tests", name) for name in ("scenes", "safety", "automatic", "ends", "flashed")},
+    "host": ("kband-host", "kband"),
+    **{name: ("kband-host", name) for name in ("command_line", "regimes")},
+    **{name: ("kband-tests", name) for name in ("scenes", "safety", "automatic", "ends", "flashed", "accuracy",
+                                                "first_impact", "gear", "golden", "tones")},
 }
+LIBRARIES = ("map", "control", "plant", "firmware", "host")
+# What judges a drawn mutant. Those on the emulated chip, which take minutes, judge the firmware alone.
+DESK = ("map", "control", "plant", "loops", "firmware", "scenes", "safety", "automatic", "accuracy", "first_impact", "gear",
+        "golden", "tones", "host", "command_line", "regimes")
 # They run an image: which mutants it reaches is not recorded, the list names the test.
 EMULATED = ("hazards", "ends", "flashed")
 SWITCH = """//! Which mutant this run has.
@@ -67,7 +85,7 @@ pub fn is(number: u32) -> bool {
     use std::sync::LazyLock;
     static WHICH: LazyLock<u32> =
         LazyLock::new(|| std::env::var("KBAND_MUTANT").ok().and_then(|text| text.parse().ok()).unwrap_or(0));
-    static SEEN: [AtomicBool; 1024] = [const { AtomicBool::new(false) }; 1024];
+    static SEEN: [AtomicBool; MOST] = [const { AtomicBool::new(false) }; MOST];
     let seen = &SEEN[number as usize];
     if !seen.load(Ordering::Relaxed) && !seen.swap(true, Ordering::Relaxed) {
         if let Some(path) = std::env::var_os("KBAND_REACHED") {
@@ -101,35 +119,40 @@ def mutants():
             yield number, file["path"], place, expression, becomes, own or file["tests"]
 
 
+def switch_of(path):
+    """The crate that holds the switch, as this file names it."""
+    return "crate" if path.startswith("shared/src/") else "kband"
+
+
 def mutated(text, found, path):
     """The text with each of its mutants behind the switch."""
-    module = "crate" if path.startswith("shared/") else "kband"
-    spots = []
+    module = switch_of(path)
+    spots = {}
     for number, _, place, expression, becomes, _ in found:
         context = place.replace("@", expression)
         if text.count(context) != 1:
             sys.exit(f"mutant {number}: {path} has {text.count(context)} times {context!r}")
         start = text.index(context) + place.index("@")
-        spots.append((start, start + len(expression), number, expression, becomes))
-    for start, end, number, expression, becomes in sorted(spots, reverse=True):
-        switch = f"(if {module}::mutation::is({number}) {{ {becomes} }} else {{ {expression} }})"
+        # Several mutants may replace one expression.
+        spots.setdefault((start, start + len(expression), expression), []).append((number, becomes))
+    for (start, end, expression), variants in sorted(spots.items(), reverse=True):
+        switch = "".join(f"if {module}::mutation::is({number}) {{ {becomes} }} else " for number, becomes in variants)
         if text[:start].rstrip().endswith("."):
-            sys.exit(f"mutant {number}: a method alone is no expression")
-        text = text[:start] + switch + text[end:]
+            sys.exit(f"mutant {variants[0][0]}: a method alone is no expression")
+        text = f"{text[:start]}({switch}{{ {expression} }}){text[end:]}"
     return text
 
 
-def plant(found):
-    """The tree with all mutants in it; files that stay as they were keep their time, and what was built of them."""
+def plant(changed):
+    """The tree with these files changed; files that stay as they were keep their time, and what was built of them."""
     wanted = {}
     names = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, check=True,
                            stdout=subprocess.PIPE).stdout
     for name in filter(None, names.decode().split("\0")):
         if (ROOT / name).is_file():
             wanted[name] = (ROOT / name).read_bytes()
-    for path in {path for _, path, *_ in found}:
-        wanted[path] = mutated(wanted[path].decode(), [m for m in found if m[1] == path], path).encode()
-    wanted["shared/src/mutation.rs"] = SWITCH.encode()
+    wanted.update((path, text.encode()) for path, text in changed.items())
+    wanted["shared/src/mutation.rs"] = SWITCH.replace("MOST", str(MOST)).encode()
     library = wanted["shared/src/lib.rs"].decode().replace("forbid(unsafe_code)", "deny(unsafe_code)")
     library += "\n#[allow(missing_docs, unsafe_code)]\npub mod mutation;\n"
     wanted["shared/src/lib.rs"] = library.encode()
@@ -154,13 +177,14 @@ def build(names):
     found = {}
     for name in sorted(names):
         package, program = PROGRAMS[name]
-        what = ["--lib"] if name in ("unit", "firmware") else ["--test", program]
+        what = ["--lib"] if name in LIBRARIES else ["--test", program]
         command = ["cargo", "test", "--locked", "--no-run", "--message-format=json", "-p", package, *what]
         ran = subprocess.run(command, cwd=TREE, env=environment, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
+        lines = [json.loads(line) for line in ran.stdout.decode().splitlines()]
         if ran.returncode:
-            sys.exit(f"{name} cannot be built")
-        for line in ran.stdout.decode().splitlines():
-            said = json.loads(line)
+            errors = [said["message"]["rendered"] for said in lines if said.get("message", {}).get("level") == "error"]
+            sys.exit("".join(errors) + f"{name} cannot be built")
+        for said in lines:
             if said.get("executable") and said.get("profile", {}).get("test"):
                 file, folder = said["executable"], pathlib.Path(said["manifest_path"]).parent
         listing = subprocess.run([file, "--list", "--format=terse"], cwd=folder, check=True, stdout=subprocess.PIPE).stdout
@@ -240,8 +264,67 @@ def batches(judges, seconds):
         yield batch, held
 
 
+def of_file(found):
+    """The mutants of each file."""
+    files = {}
+    for mutant in found:
+        files.setdefault(mutant[1], []).append(mutant)
+    return files
+
+
+def compiling(found):
+    """The tree with these drawn mutants, without those that the compiler refuses; returns the others."""
+    cargo = ["cargo", "check", "--locked", "--message-format=json", "--keep-going"]
+    board = ["--config", "firmware/image.toml", "--profile", "firmware", "--target", "thumbv7em-none-eabihf",
+             "--package", "kband-firmware", "--bins"]
+    while True:
+        changed, lines = {}, {}
+        for path, mutants in of_file(found).items():
+            changed[path], lines[path] = draw.mutated((ROOT / path).read_text(), mutants, switch_of(path))
+        plant(changed)
+        refused, errors = set(), []
+        for what in (["--package", "kband-host", "--package", "kband-firmware"], board):
+            environment = dict(os.environ, CARGO_TARGET_DIR=str(TARGET / "mutants"), CARGO_NET_OFFLINE="true")
+            ran = subprocess.run([*cargo, *what], cwd=TREE, env=environment, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
+            for said in map(json.loads, ran.stdout.decode().splitlines()):
+                if said.get("message", {}).get("level") != "error":
+                    continue
+                errors.append(said["message"]["rendered"])
+                for span in said["message"]["spans"]:
+                    for first, last, numbers in lines.get(span["file_name"], ()):
+                        if first <= span["line_end"] and span["line_start"] <= last:
+                            refused.update(numbers)
+        if not errors:
+            return found
+        if not refused:
+            sys.exit("".join(errors))
+        print(f"mutants: the compiler refuses {len(refused)}", flush=True)
+        found = [mutant for mutant in found if mutant[0] not in refused]
+
+
+def drawn(count, seed):
+    """Draws mutants and has every test that reaches one judge it."""
+    began = time.time()
+    if not 0 < count < MOST:
+        sys.exit(f"{count} mutants: accepted: 1..{MOST - 1}")
+    found = compiling(draw.draw(ROOT, count, seed))
+    chosen = []
+    for number, path, *_, shown in found:
+        chip = EMULATED if path.startswith("firmware/") else ()
+        chosen.append((number, path, shown, [*DESK, *chip]))
+    verdicts = judged(chosen, began)
+    survived = [shown for number, _, shown, _ in chosen if not verdicts[number]]
+    print("".join(f"survived: {shown}\n" for shown in survived), end="")
+    share = 1.0 - len(survived) / len(chosen)
+    print(f"mutants: {len(chosen) - len(survived)} of {len(chosen)} drawn with seed {seed} caught, {100 * share:.1f} %, "
+          f"{time.time() - began:.0f} s")
+    sys.exit(share < DRAWN_LEAST)
+
+
 def main():
     asked = sys.argv[1:]
+    if asked[:1] == ["--drawn"]:
+        drawn(int(asked[1]), int(asked[2]))
     allowed = set(PROGRAMS)
     if asked[:1] == ["--with"]:
         allowed = set(asked[1].split(","))
@@ -249,6 +332,14 @@ def main():
     every = list(mutants())
     for path in {path for _, path, *_ in every}:
         mutated((ROOT / path).read_text(), [m for m in every if m[1] == path], path)
+    for judge in {judge for *_, judges in every for judge in judges}:
+        name, *filters = judge.split()
+        files = [*ROOT.glob(f"tests/**/tests/{name}.rs")] if name in EMULATED else [
+            file for folder in ("firmware", "shared", "tests") for file in (ROOT / folder).rglob("*.rs")]
+        sources = "".join(file.read_text() for file in files)
+        for each in filters:
+            if not re.search(rf"\bfn \w*{each.split('::')[-1]}", sources):
+                sys.exit(f"{judge}: no such test")
     if asked == ["--check"]:
         print(f"mutants: {len(every)} in {len({m[1] for m in every})} files, each at its place")
         return
@@ -258,7 +349,19 @@ def main():
     if not chosen:
         sys.exit("no such mutant")
     began = time.time()
-    plant(every)
+    plant({path: mutated((ROOT / path).read_text(), mutants, path) for path, mutants in of_file(every).items()})
+    shown = [(number, path, f"{path}: {change(*rest)}", judges) for number, path, *rest, judges in chosen]
+    noticed = judged(shown, began)
+    verdicts = {key(*mutant): noticed[number] for number, *mutant, _ in chosen}
+    caught = sum(each is not None for each in verdicts.values())
+    share = caught / len(chosen)
+    print(f"mutants: {caught} of {len(chosen)} caught, {100 * share:.1f} %, {time.time() - began:.0f} s")
+    write(every, verdicts)
+    sys.exit(share < LEAST)
+
+
+def judged(chosen, began):
+    """The first test that fails, of each mutant (number, path, how it is shown, judges), by its number."""
     programs, environment = build({test.split()[0] for *_, tests in chosen for test in tests})
     built = time.time() - began
     pool = concurrent.futures.ThreadPoolExecutor(JOBS)
@@ -282,18 +385,11 @@ def main():
                 return noticed, time.time() - start, len(judges)
         return None, time.time() - start, len(judges)
 
-    verdicts, caught = {}, 0
-    for (number, path, place, expression, becomes, _), (noticed, took, reach) in zip(chosen, pool.map(look, chosen)):
-        caught += noticed is not None
-        shown = change(place, expression, becomes)
-        verdict = noticed or f"SURVIVED {reach} tests that reach it"
-        verdicts[key(path, place, expression, becomes)] = noticed
-        print(f"{number:3} {path}: {shown}: {verdict}, {took:.0f} s", flush=True)
-    share = caught / len(chosen)
-    summary = f"mutants: {caught} of {len(chosen)} caught, {100 * share:.1f} %, {time.time() - began:.0f} s"
-    print(summary)
-    write(every, verdicts)
-    sys.exit(share < LEAST)
+    verdicts = {}
+    for (number, _, shown, _), (noticed, took, reach) in zip(chosen, pool.map(look, chosen)):
+        verdicts[number] = noticed
+        print(f"{number:3} {shown}: {noticed or f'SURVIVED {reach} tests that reach it'}, {took:.0f} s", flush=True)
+    return verdicts
 
 
 def change(place, expression, becomes):

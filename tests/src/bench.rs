@@ -28,7 +28,6 @@ pub struct Judged {
 
 impl Bench {
     /// The bench of a track.
-    #[must_use]
     pub fn build(k: f64, restitution: f64) -> Self {
         Self {
             map: Map::build(k, restitution).ok(),
@@ -39,7 +38,6 @@ impl Bench {
     }
 
     /// The map in f64.
-    #[must_use]
     pub fn map(&self) -> Option<&Map> {
         self.map.as_ref()
     }
@@ -175,12 +173,7 @@ mod tests {
                 1.060_746_879_001_771e-30,
             ),
         ] {
-            let launch = Launch {
-                k,
-                restitution,
-                phase,
-                velocity,
-            };
+            let launch = Launch::new(k, restitution, phase, velocity);
             let judged = Bench::build(k, restitution).judge(&launch);
             let verdict = judged.map(|judged| judged.verdict);
             assert_eq!(verdict, Ok(Verdict::Undecided), "{launch:?}");

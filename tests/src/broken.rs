@@ -1,13 +1,13 @@
 //! Scenes with a fault injected into their controller: into its configuration, inputs or outputs.
 //!
-//! The product contains no injection. The loop of [`kband::plant::ClosedLoop`] is rebuilt here from
+//! The product contains no injection. The loop of [`kband_plant::ClosedLoop`] is rebuilt here from
 //! its public parts, with one fault between two of them.
 
-use kband::control::{
+use kband_control::{
     Controller, Cycle, PLAN_SLICES, Report, SAMPLE_RATE, Signal, StartCause, State, Target,
 };
-use kband::plant::{Bench, Change, Moment, Scene};
 use kband_host::simulate::{Outcome, SceneFile};
+use kband_plant::{Bench, Change, Moment, Scene};
 
 /// The injected fault.
 #[derive(Clone, Copy, Debug)]
@@ -47,7 +47,6 @@ impl Broken {
     ///
     /// # Panics
     /// Where the scene is refused.
-    #[must_use]
     pub fn build(scene: &Scene, how: Break) -> Self {
         let mut told = scene.clone();
         if let Break::Told(tell) = how {
@@ -159,7 +158,6 @@ impl Broken {
 ///
 /// # Panics
 /// Where the scene is refused.
-#[must_use]
 pub fn run(file: &SceneFile, how: Break) -> Outcome {
     let mut closed = Broken::build(&file.scene, how);
     Outcome::of(file, || {

@@ -15,7 +15,6 @@ use crate::oracle::{clear_from, clear_of_launch, gap, rounding};
 const STRIDE: f64 = 2.0;
 
 /// Whether the impact at `d` is proven to be the first; `d` is a zero of the gap to rounding.
-#[must_use]
 pub fn is_first(k: f64, phase: f64, velocity: f64, d: f64) -> bool {
     let (s, c) = phase.sin_cos();
     let launch = velocity + c;

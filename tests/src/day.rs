@@ -5,9 +5,9 @@
 
 use std::collections::BTreeMap;
 
-use kband::control::{Controller, Event, Fault, Limits, SAMPLE_RATE, State};
-use kband::plant::{Change, ClosedLoop, EnvelopeLoop, Moment, Scene};
 use kband::regime::Lock;
+use kband_control::{Controller, Event, Fault, Limits, SAMPLE_RATE, State};
+use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Moment, Scene};
 
 use kband_host::simulate::Fidelity;
 
@@ -39,7 +39,6 @@ pub struct Shift {
 
 impl Shift {
     /// Mean error of the estimated phase in lock in a tenth of the time, in rad.
-    #[must_use]
     pub fn mean_error(&self, tenth: usize) -> f64 {
         let (sum, count) = self.error[tenth];
         sum / f64::from(count.max(1))
@@ -189,7 +188,6 @@ impl Feeder {
 ///
 /// # Panics
 /// Where the default scene is refused.
-#[must_use]
 pub fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
     let mut closed = Feeder::build(&Scene::default(), fidelity);
     let mut script = Script::new(seed, seconds);
@@ -241,7 +239,7 @@ pub fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
 fn locked_phase(closed: &Feeder, restitution: f32) -> Option<f64> {
     let controller = closed.controller();
     let k = f64::from(controller.k(controller.setpoint()));
-    let lock = Lock::at(k, f64::from(restitution), 1).ok()??;
+    let lock = Lock::build(k, f64::from(restitution), 1).ok()??;
     Some(lock.state().phase)
 }
 

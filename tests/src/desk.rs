@@ -5,7 +5,9 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver as Bytes, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use kband::wire::{FRAME_MOST, Outgoing, Receiver, Request, Response, read_answer, write_request};
+use kband_control::wire::{
+    MAX_FRAME_BYTES, Outgoing, Receiver, Request, Response, read_answer, write_request,
+};
 
 /// Longest wait for an answer; on a busy machine the emulator runs far below the board's speed.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -24,7 +26,6 @@ impl Desk {
     ///
     /// # Panics
     /// If the image does not start.
-    #[must_use]
     pub fn start(mut command: Command) -> Self {
         let mut child = command
             .stdin(Stdio::piped())
@@ -72,7 +73,7 @@ impl Desk {
         let end = Instant::now() + PATIENCE;
         loop {
             while let Some(byte) = self.waiting.pop_front() {
-                if let Some(Ok(inside)) = self.receiver.take(byte)
+                if let Some(Ok(inside)) = self.receiver.push(byte)
                     && let Ok(answer) = read_answer(inside)
                 {
                     return look(answer);
@@ -92,7 +93,7 @@ impl Desk {
     /// # Panics
     /// If no answer arrives in time.
     pub fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
-        let mut buffer = [0; FRAME_MOST];
+        let mut buffer = [0; MAX_FRAME_BYTES];
         let frame = write_request(&mut buffer, 1, request).expect("the request fits a frame");
         let frame = frame.to_vec();
         self.send(&frame);

@@ -24,7 +24,6 @@ const SHORT: f64 = 0.25;
 /// The refined impact of a launch that neither rests nor grazes.
 ///
 /// `None` if the Newton step is longer than the rounding of a simple root.
-#[must_use]
 pub fn refine(map: &Map, state: PartState) -> Option<Refined> {
     let d = map.impact(state).flight;
     let (time, k) = (Twofold::from(d), Twofold::from(map.k()));

@@ -17,7 +17,6 @@ pub struct Footprint {
 ///
 /// # Panics
 /// If the file is not such an image.
-#[must_use]
 pub fn footprint(image: &Path) -> Footprint {
     let bytes = std::fs::read(image).expect("the image is read");
     assert_eq!(

@@ -10,6 +10,7 @@ pub mod exact;
 pub mod footprint;
 pub mod oracle;
 pub mod proof;
+pub mod scenes;
 pub mod soak;
 pub mod states;
 pub mod tones;

@@ -21,14 +21,12 @@ pub struct Flight {
 }
 
 /// The gap and its first two derivatives `d` after a launch.
-#[must_use]
 pub fn gap(k: f64, phase: f64, velocity: f64, d: f64) -> [f64; 3] {
     let (s, c) = phase.sin_cos();
     gap_from([s, c], k, phase, velocity, d)
 }
 
 /// The same where sine and cosine of the phase are known.
-#[must_use]
 pub fn gap_from([s, c]: [f64; 2], k: f64, phase: f64, velocity: f64, d: f64) -> [f64; 3] {
     let half_sine = (0.5 * d).sin();
     let (middle_sine, middle_cosine) = (phase + 0.5 * d).sin_cos();
@@ -51,14 +49,12 @@ pub fn gap_from([s, c]: [f64; 2], k: f64, phase: f64, velocity: f64, d: f64) -> 
 }
 
 /// Rounding error of [`gap`]: half a unit in the last place of every term it sums.
-#[must_use]
 pub fn rounding(k: f64, phase: f64, velocity: f64, d: f64) -> f64 {
     let (s, c) = phase.sin_cos();
     rounding_from([s, c], k, velocity, d)
 }
 
 /// The same where sine and cosine of the phase are known.
-#[must_use]
 pub fn rounding_from([s, c]: [f64; 2], k: f64, velocity: f64, d: f64) -> f64 {
     let terms = if d < 0.5 {
         d * (velocity + d * ((s - k).abs() + k + s.abs() + d * c.abs()))
@@ -69,7 +65,6 @@ pub fn rounding_from([s, c]: [f64; 2], k: f64, velocity: f64, d: f64) -> f64 {
 }
 
 /// The first impact after a launch that is not at rest.
-#[must_use]
 pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
     let (s, c) = phase.sin_cos();
     let mut d = 0.999 * clear_of_launch(k, phase, velocity, STRIDE);
@@ -151,7 +146,6 @@ pub(crate) fn clear_for([u, v, a, b, w]: [f64; 5], mut stride: f64) -> f64 {
 }
 
 /// How long the gap stays positive from `d` on, at least, up to `stride`; `at` is the gap there.
-#[must_use]
 pub fn clear_from(at: [f64; 3], phase: f64, d: f64, stride: f64) -> f64 {
     // The fourth derivative is within -1..1; the phase rounds.
     let cosine = (phase + d).cos() - 2.0 * f64::EPSILON * (phase + d);
@@ -162,7 +156,6 @@ pub fn clear_from(at: [f64; 3], phase: f64, d: f64, stride: f64) -> f64 {
 }
 
 /// How long the gap stays positive from launch, at least, up to `stride`.
-#[must_use]
 pub fn clear_of_launch(k: f64, phase: f64, velocity: f64, stride: f64) -> f64 {
     let (s, c) = phase.sin_cos();
     // u/d = psi + (s - k) d/2 + c d^2/6 - s d^3/24 - ...

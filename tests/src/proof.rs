@@ -12,7 +12,6 @@ pub struct Launched {
 
 impl Launched {
     /// From a launch.
-    #[must_use]
     pub fn of(launch: Launch) -> Self {
         let (sine, cosine) = launch.phase.sin_cos();
         Self {
@@ -22,13 +21,11 @@ impl Launched {
     }
 
     /// The launch.
-    #[must_use]
     pub fn launch(&self) -> &Launch {
         &self.launch
     }
 
     /// The gap and its first two derivatives `d` after the launch.
-    #[must_use]
     pub fn gap(&self, d: f64) -> [f64; 3] {
         let Launch {
             k, phase, velocity, ..
@@ -37,19 +34,16 @@ impl Launched {
     }
 
     /// Rounding error of that gap.
-    #[must_use]
     pub fn rounding(&self, d: f64) -> f64 {
         oracle::rounding_from(self.track, self.launch.k, self.launch.velocity, d)
     }
 
     /// Excess of the track's push over k at the launch.
-    #[must_use]
     pub fn excess(&self) -> f64 {
         self.track[0] - self.launch.k
     }
 
     /// Distance in rad from the launch to the phase at which the push passes k.
-    #[must_use]
     pub fn from_edge(&self) -> f64 {
         (self.excess() / self.track[1]).abs()
     }
@@ -60,25 +54,24 @@ pub struct Proof {
     /// The launch.
     pub launched: Launched,
     /// The impact time of the f64 map.
-    told: f64,
+    guess: f64,
     /// The proven time of the quick certificate, after the first attempt.
     soon: Option<Option<f64>>,
     first: Option<f64>,
 }
 
 impl Proof {
-    /// The proof of a launch; it tries the impact time `told` first.
-    #[must_use]
-    pub fn of(launch: Launch, told: f64) -> Self {
+    /// The proof of a launch; it tries the impact time `guess` first.
+    pub fn of(launch: Launch, guess: f64) -> Self {
         Self {
             launched: Launched::of(launch),
-            told,
+            guess,
             soon: None,
             first: None,
         }
     }
 
-    /// The first impact's time, if the quick certificate proves `told`.
+    /// The first impact's time, if the quick certificate proves `guess`.
     pub fn soon(&mut self) -> Option<f64> {
         if self.soon.is_none() {
             self.soon = Some(self.proven());
@@ -90,7 +83,7 @@ impl Proof {
         let Launch {
             k, phase, velocity, ..
         } = *self.launched.launch();
-        let d = self.told;
+        let d = self.guess;
         let [height, slope, curvature] = self.launched.gap(d);
         let noise = self.launched.rounding(d);
         let simple = slope < 0.0 && slope * slope > 100.0 * curvature.abs() * noise;

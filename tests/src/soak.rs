@@ -142,7 +142,6 @@ fn block(kind: Kind, seed: u64, number: u64, current: &AtomicUsize, tell: &impl 
 ///
 /// An endless search ends the process and prints its launch. The seed alone determines the
 /// launches.
-#[must_use]
 pub fn soak(
     count: u64,
     seed: u64,

@@ -18,13 +18,19 @@ pub struct Launch {
 }
 
 impl Launch {
-    /// Phase and velocity.
-    #[must_use]
-    pub fn state(&self) -> PartState {
-        PartState {
-            phase: self.phase,
-            velocity: self.velocity,
+    /// A launch at this k and restitution.
+    pub const fn new(k: f64, restitution: f64, phase: f64, velocity: f64) -> Self {
+        Self {
+            k,
+            restitution,
+            phase,
+            velocity,
         }
+    }
+
+    /// Phase and velocity.
+    pub fn state(&self) -> PartState {
+        PartState::new(self.phase, self.velocity)
     }
 }
 
@@ -34,7 +40,6 @@ pub struct Random(u64);
 
 impl Random {
     /// The sequence of `seed`.
-    #[must_use]
     pub fn new(seed: u64) -> Self {
         Self(seed)
     }
@@ -167,12 +172,12 @@ impl Kind {
             }
         };
         let phase = phase.rem_euclid(TAU);
-        Launch {
+        Launch::new(
             k,
             restitution,
-            phase: if phase < TAU { phase } else { 0.0 },
+            if phase < TAU { phase } else { 0.0 },
             velocity,
-        }
+        )
     }
 }
 
@@ -218,12 +223,7 @@ fn grazing(random: &mut Random, k: f64, restitution: f64) -> Launch {
         let velocity = c + k * far - phase.cos() + random.sign() * random.scale(1e-17, 1e-2);
         let phase = phase.rem_euclid(TAU);
         if (0.0..20.0).contains(&velocity) && phase < TAU {
-            return Launch {
-                k,
-                restitution,
-                phase,
-                velocity,
-            };
+            return Launch::new(k, restitution, phase, velocity);
         }
     }
 }

@@ -4,27 +4,15 @@ use std::f64::consts::{PI, TAU};
 
 use kband::arithmetic::Phase;
 use kband::impact::{Hybrid, Integer, Kernel, Map, PartState, Single, WaveMap, WaveSingle};
-
-/// Uniform numbers in 0..1 (splitmix64).
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
+use kband_tests::states::Random;
 
 /// k, phase and velocity of a test state.
 type Case = (f64, f64, f64);
 
 fn wide(random: &mut Random, velocity: impl Fn(f64) -> f64) -> Case {
-    let k = 0.02 + 0.96 * random.uniform();
-    let phase = TAU * random.uniform();
-    (k, phase, velocity(random.uniform()))
+    let k = 0.02 + 0.96 * random.between(0.0, 1.0);
+    let phase = TAU * random.between(0.0, 1.0);
+    (k, phase, velocity(random.between(0.0, 1.0)))
 }
 
 fn high(random: &mut Random) -> Case {
@@ -41,13 +29,17 @@ fn logarithmic(random: &mut Random) -> Case {
 
 /// Phases around lift-off, from rest or nearly.
 fn launch(random: &mut Random) -> Case {
-    let k = 0.02 + 0.96 * random.uniform();
-    let side = if random.uniform() < 0.5 { -1.0 } else { 1.0 };
-    let phase = k.asin() + side * 10_f64.powf(-15.0 + 14.0 * random.uniform());
-    let velocity = if random.uniform() < 0.5 {
+    let k = 0.02 + 0.96 * random.between(0.0, 1.0);
+    let side = if random.between(0.0, 1.0) < 0.5 {
+        -1.0
+    } else {
+        1.0
+    };
+    let phase = k.asin() + side * 10_f64.powf(-15.0 + 14.0 * random.between(0.0, 1.0));
+    let velocity = if random.between(0.0, 1.0) < 0.5 {
         0.0
     } else {
-        10_f64.powf(-14.0 + 13.0 * random.uniform())
+        10_f64.powf(-14.0 + 13.0 * random.between(0.0, 1.0))
     };
     (k, phase, velocity)
 }
@@ -63,7 +55,7 @@ struct Errors {
 }
 
 fn measure<K: Kernel>(count: usize, mut case: impl FnMut(&mut Random) -> Case) -> Errors {
-    let mut random = Random(1);
+    let mut random = Random::new(1);
     let (mut flights, mut velocities, mut wrong) = (Vec::new(), Vec::new(), 0);
     for _ in 0..count {
         let (k, phase, velocity) = case(&mut random);
@@ -153,33 +145,33 @@ fn integer_holds_its_errors() {
 
 /// The corners of a kernel's range and random states in it.
 fn everywhere<K: Kernel>(top: f64, count: usize, mut check: impl FnMut(f64, f64, K::State, &K)) {
-    let mut random = Random(3);
+    let mut random = Random::new(3);
     for i in 0..count {
         let corner = |random: &mut Random, values: &[f64]| {
-            values[(random.uniform() * values.len() as f64) as usize]
+            values[(random.between(0.0, 1.0) * values.len() as f64) as usize]
         };
         let k = match i % 4 {
             0 => corner(
                 &mut random,
                 &[0.005, 0.02, 0.1, 0.5, 0.999, 1.0, 1.001, 2.0, 4.0],
             ),
-            1 => 1.0 + 1e-3 * (random.uniform() - 0.5),
-            _ => 0.005 * 800_f64.powf(random.uniform()),
+            1 => 1.0 + 1e-3 * (random.between(0.0, 1.0) - 0.5),
+            _ => 0.005 * 800_f64.powf(random.between(0.0, 1.0)),
         };
         let restitution = corner(&mut random, &[0.0, 0.2, 0.9, 1.0]);
         let lift_off = if k < 1.0 { k.asin() } else { 0.5 * PI };
         let step = Phase::from_bits(1).radians();
         let phase = match i % 5 {
-            0 => lift_off + step * (6.0 * random.uniform() - 3.0).round(),
-            1 => PI - lift_off + step * (6.0 * random.uniform() - 3.0).round(),
-            2 => step * (6.0 * random.uniform() - 3.0).round(),
-            _ => TAU * random.uniform(),
+            0 => lift_off + step * (6.0 * random.between(0.0, 1.0) - 3.0).round(),
+            1 => PI - lift_off + step * (6.0 * random.between(0.0, 1.0) - 3.0).round(),
+            2 => step * (6.0 * random.between(0.0, 1.0) - 3.0).round(),
+            _ => TAU * random.between(0.0, 1.0),
         };
         let velocity = match i % 7 {
             0 => corner(&mut random, &[0.0, 1e-12, 1.5e-8, 3e-8, 1e-6, top]),
-            1 => top * random.uniform(),
-            2 => 10_f64.powf(-12.0 * random.uniform()),
-            _ => 5.0 * random.uniform(),
+            1 => top * random.between(0.0, 1.0),
+            2 => 10_f64.powf(-12.0 * random.between(0.0, 1.0)),
+            _ => 5.0 * random.between(0.0, 1.0),
         };
         let kernel = K::build(k, restitution).unwrap();
         check(k, restitution, K::state(phase, velocity).unwrap(), &kernel);
@@ -222,9 +214,9 @@ fn kernels_survive_their_whole_range() {
 ///
 /// `None` where the backward flight starts outside 0..20.
 fn touch(random: &mut Random) -> Option<(Case, f64)> {
-    let k = 0.02 + 0.96 * random.uniform();
+    let k = 0.02 + 0.96 * random.between(0.0, 1.0);
     let lift_off = k.asin();
-    let phase = lift_off + (PI - 2.0 * lift_off) * random.uniform();
+    let phase = lift_off + (PI - 2.0 * lift_off) * random.between(0.0, 1.0);
     // Backwards along the parabola that touches the track at `phase`, down to the launch.
     let (s, c) = (phase.sin(), phase.cos());
     let height = |back: f64| s - c * back - 0.5 * k * back * back - (phase - back).sin();
@@ -242,8 +234,12 @@ fn touch(random: &mut Random) -> Option<(Case, f64)> {
         }
     }
     let velocity = c + k * near - (phase - near).cos();
-    let gap = 10_f64.powf(-9.5 + 5.0 * random.uniform());
-    let side = if random.uniform() < 0.5 { -1.0 } else { 1.0 };
+    let gap = 10_f64.powf(-9.5 + 5.0 * random.between(0.0, 1.0));
+    let side = if random.between(0.0, 1.0) < 0.5 {
+        -1.0
+    } else {
+        1.0
+    };
     let velocity = velocity + side * gap / near;
     (near < 60.0 && (0.0..20.0).contains(&velocity)).then_some(((k, phase - near, velocity), near))
 }
@@ -252,7 +248,7 @@ fn touch(random: &mut Random) -> Option<(Case, f64)> {
 ///
 /// The limit depends on the flight time where the kernel rounds the cosine at launch.
 fn decides<K: Kernel>(limit: fn(f64) -> f64) {
-    let mut random = Random(9);
+    let mut random = Random::new(9);
     let (mut narrow, mut flagged) = (0, 0);
     for _ in 0..60_000 {
         let Some(((k, phase, velocity), time)) = touch(&mut random) else {
@@ -345,7 +341,7 @@ fn says_where_its_range_ends<K: Kernel>(top: f64) {
         .map(|i| kernel.impact(highest(0.1 * f64::from(i))).next)
         .find(|&next| K::observe(next).velocity > top)
         .unwrap();
-    assert!(!K::flies(fast) && K::flies(highest(1.0)));
+    assert!(!K::is_in_range(fast) && K::is_in_range(highest(1.0)));
     let PartState { phase, velocity } = K::observe(fast);
     assert!(K::state(phase, velocity).is_err());
     assert_eq!(
@@ -355,7 +351,7 @@ fn says_where_its_range_ends<K: Kernel>(top: f64) {
 }
 
 #[test]
-fn a_launch_beyond_the_range_is_told() {
+fn a_launch_beyond_the_range_is_refused() {
     says_where_its_range_ends::<Hybrid>(60.0);
     says_where_its_range_ends::<Single>(60.0);
     says_where_its_range_ends::<Integer>(29.0);
@@ -369,7 +365,7 @@ fn place<K: Kernel>(phase: f64) -> Option<f64> {
 }
 
 #[test]
-fn every_arithmetic_takes_a_phase_for_the_same_part_of_the_track() {
+fn every_arithmetic_maps_a_phase_to_the_same_place() {
     // The input is exact to half a digit, at most 9.3e-10 rad, and so is its remainder by 2 pi. The
     // last digit of 2 pi, times 2^21 turns, adds 2^21 2.4e-16 = 5.1e-10. Half a step of the phase
     // is 7.3e-10.
@@ -392,7 +388,7 @@ fn every_arithmetic_takes_a_phase_for_the_same_part_of_the_track() {
 }
 
 #[test]
-fn a_phase_too_large_to_mean_a_place_is_refused_by_every_arithmetic() {
+fn every_arithmetic_refuses_a_phase_too_large_for_a_place() {
     for phase in [1.32e7, -1.32e7, 1e12, 1e16, 1e300, f64::INFINITY, f64::NAN] {
         let places = [
             place::<Map>(phase),

@@ -10,7 +10,6 @@ fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
     let shift = operate(1800.0, 1, Fidelity::Waveform);
     assert!(shift.wrong.is_empty(), "{}", shift.wrong.join("\n"));
     let times = |name| shift.happened.get(name).copied().unwrap_or(0);
-    println!("{:?}", shift.happened);
     // Every kind of event occurred, and each lost sensor gave a fault.
     for name in [
         "other parts",

@@ -3,32 +3,21 @@
 
 use std::sync::OnceLock;
 
-use kband::wire::{Kept, Request, Response, Target};
+use kband_control::Target;
+use kband_control::wire::{Kept, Request, Response};
 use kband_tests::chip::clocks::Cause;
 use kband_tests::chip::world::Seen;
 use kband_tests::chip::{Hang, flash};
-use kband_tests::emulator::Machine;
-use kband_tests::images;
+use kband_tests::images::{self, feeder};
 use kband_tests::rig::{Act, Rig};
-
-fn blank() -> Rig {
-    Rig::boot(&images::build(
-        "kband-firmware",
-        "feeder",
-        Machine::CortexM4F,
-    ))
-}
 
 /// A board at 0.4 s with saved settings and a small amplitude as target.
 fn commissioned() -> Rig {
-    let mut rig = blank();
+    let mut rig = Rig::boot(&feeder());
     rig.run(0.3);
-    rig.done(&Request::Target(Target::Amplitude(0.2)));
-    rig.done(&Request::Set {
-        key: "link_timeout",
-        value: 0.0,
-    });
-    rig.done(&Request::Save);
+    rig.request_done(&Request::Target(Target::Amplitude(0.2)));
+    rig.request_done(&Request::set("link_timeout", 0.0));
+    rig.request_done(&Request::Save);
     rig
 }
 
@@ -43,21 +32,6 @@ fn running() -> Rig {
         rig
     };
     RUNNING.get_or_init(play).clone()
-}
-
-fn kept(rig: &mut Rig) -> Kept {
-    rig.ask(&Request::SelfTest, |response| match response {
-        Response::SelfTest(test) => test.settings,
-        other => panic!("{other:?}"),
-    })
-}
-
-/// The newest fault record in flash.
-fn fault(rig: &mut Rig) -> Option<u8> {
-    rig.ask(&Request::Fault(0), |response| match response {
-        Response::Fault(fault) => fault.map(|fault| fault.fault),
-        other => panic!("{other:?}"),
-    })
 }
 
 #[test]
@@ -87,7 +61,7 @@ fn the_bridge_opens_in_time_whatever_ends() {
         ),
         // Four cycles of 20 ms, and the current one.
         ("the control hangs", Act::Hang(Hang::Thread), 0.1, None),
-        ("too hot", Act::Cool(false), 0.04, None),
+        ("too hot", Act::ThermalSwitch(false), 0.04, None),
     ];
     for (name, act, most, reset) in cases {
         let mut rig = rig.clone();
@@ -118,7 +92,7 @@ fn the_bridge_opens_in_time_whatever_ends() {
 }
 
 #[test]
-fn what_opened_the_bridge_is_told_and_kept() {
+fn the_cause_of_an_open_bridge_is_reported_and_kept() {
     let rig = running();
     for (act, number) in [(Act::OverCurrent(true), 11), (Act::Volts(2.8), 14)] {
         let mut rig = rig.clone();
@@ -127,22 +101,21 @@ fn what_opened_the_bridge_is_told_and_kept() {
         assert!(rig.seen_after(3.0, &Seen::Fault(true)).is_some(), "{act:?}");
         // The record waits until the supply has been good for 100 ms.
         rig.at(3.1, Act::Volts(3.3)).run(3.4);
-        assert_eq!(fault(&mut rig), Some(number), "{act:?}");
+        assert_eq!(rig.kept_fault(0), Some(number), "{act:?}");
     }
 }
 
 #[test]
 fn a_stack_that_is_nearly_used_up_stops_the_drive() {
     let mut rig = running();
-    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
     // In the last eighth of the stack; each cycle checks some words of it, all of them in 80
     // cycles.
-    let written = images::symbol(&image, "_stack_end") + 512;
+    let written = images::symbol(&feeder(), "_stack_end") + 512;
     rig.at(3.0, Act::Store(written, 0)).run(4.7);
     assert!(rig.opens_after(3.0).is_some());
     assert_eq!(rig.resets().len(), 1, "{:?}", rig.resets());
     rig.run(4.9);
-    assert_eq!(fault(&mut rig), Some(10));
+    assert_eq!(rig.kept_fault(0), Some(10));
 }
 
 #[test]
@@ -158,7 +131,7 @@ fn a_reset_by_the_pin_while_it_drives_is_a_fault() {
 #[test]
 fn a_link_that_waits_for_ever_is_no_reset() {
     let mut rig = running();
-    rig.done(&Request::Telemetry(1));
+    rig.request_done(&Request::Telemetry(1));
     let from = rig.time() + 0.01;
     // A stray write to control register 1 of the port: it disables the transmit request.
     rig.at(from, Act::Store(0x4000_440c, 0)).run(from + 1.6);
@@ -168,9 +141,9 @@ fn a_link_that_waits_for_ever_is_no_reset() {
 
 #[test]
 fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
-    let right = blank().chip.board.clocks.crystal;
+    let right = Rig::boot(&feeder()).chip.board.clocks.crystal;
     for crystal in [right, 0, 4_000_000, 12_000_000, 16_000_000, 25_000_000] {
-        let mut rig = blank();
+        let mut rig = Rig::boot(&feeder());
         rig.chip.board.clocks.crystal = crystal;
         rig.at(0.5, Act::Enable(true)).run(1.0);
         assert_eq!(rig.chip.board.clock(), 168_000_000, "{crystal}");
@@ -181,7 +154,7 @@ fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
         );
         assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None, "{crystal}");
         assert_eq!(rig.resets().len(), 1, "{crystal}: {:?}", rig.resets());
-        let told = rig.ask(&Request::Status, |response| match response {
+        let told = rig.request(&Request::Status, |response| match response {
             Response::Status(status) => status.inputs.clock_failed,
             other => panic!("{other:?}"),
         });
@@ -212,7 +185,7 @@ fn damaged_settings_never_drive() {
     rig.run(0.5);
     // The first slot is the bank's mark.
     let settings = 0x080c_0000 + 256 - flash::START as usize;
-    assert_eq!(kept(&mut rig), Kept::InUse);
+    assert_eq!(rig.kept(), Kept::InUse);
     for bit in [0, 3 * 8 + 1, 60 * 8, 110 * 8 + 5, 242 * 8] {
         let mut rig = rig.clone();
         rig.chip.flash_mut()[settings + bit / 8] ^= 1 << (bit % 8);
@@ -227,6 +200,6 @@ fn damaged_settings_never_drive() {
             rig.seen_after(1.5, &Seen::Fault(true)).is_some(),
             "bit {bit}"
         );
-        assert_eq!(kept(&mut rig), Kept::Damaged, "bit {bit}");
+        assert_eq!(rig.kept(), Kept::Damaged, "bit {bit}");
     }
 }

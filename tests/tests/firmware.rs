@@ -3,14 +3,14 @@
 
 use std::time::Duration;
 
-use kband::control::{Event, Fault, Settings, StartCause};
-use kband::plant::{ClosedLoop, Moment, Scene};
-use kband::wire::{
-    FRAME_MOST, Outgoing, Request, Response, SCHEMA, Target, VERSION, write_question,
+use kband_control::wire::{
+    MAX_FRAME_BYTES, Outgoing, Request, Response, SCHEMA, VERSION, write_question,
 };
+use kband_control::{Event, Fault, Settings, StartCause, Target};
 use kband_firmware::trial::{self, Trial};
 use kband_host::board::{Address, Emulated, Link};
 use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch};
+use kband_plant::{ClosedLoop, Moment, Scene};
 use kband_tests::desk::Desk;
 use kband_tests::emulator::{self, Clock, Machine, Options, Output};
 use kband_tests::footprint::footprint;
@@ -132,7 +132,7 @@ fn a_task_that_hangs_starves_the_watchdog() {
 }
 
 #[test]
-fn after_a_sag_of_the_supply_the_drive_stays_off_until_it_is_enabled_anew() {
+fn after_a_supply_sag_the_drive_stays_off_until_enabled_again() {
     let text = virtual_feeder("sag", 40).passed();
     let starts: Vec<&str> = text
         .lines()
@@ -188,6 +188,8 @@ fn samples_and_plan_take_their_share_of_the_core_at_most() {
         ("sample interrupt of two tones:", [222, 445]),
         ("signal path of three tones:", [238, 402]),
         ("sample interrupt of three tones:", [249, 469]),
+        ("signal path with a current sensor:", [256, 401]),
+        ("sample interrupt with a current sensor:", [262, 493]),
     ] {
         let (mean, most) = counts(name);
         println!("{name} mean {mean}, most {most} instructions a sample");
@@ -256,7 +258,7 @@ fn searched_within_bounds(searched: &str) -> u32 {
 }
 
 #[test]
-fn requests_take_their_share_of_a_cycle_and_keep_no_sample_waiting() {
+fn requests_take_their_share_of_a_cycle_and_delay_no_sample() {
     let text = clocked("count-link", Clock::Instructions, 60).passed();
     let requests: Vec<(&str, u32)> = text
         .lines()
@@ -266,7 +268,6 @@ fn requests_take_their_share_of_a_cycle_and_keep_no_sample_waiting() {
     // The identification request, 24 other requests, and two invalid frames.
     assert_eq!(requests.len(), 27, "{text}");
     let (dearest, most) = *requests.iter().max_by_key(|(_, count)| count).unwrap();
-    println!("requests of the link: {requests:?}");
     println!("request of the link: most {most} instructions a cycle ({dearest})");
     // A quarter of a cycle at 50 Hz and 168 MHz.
     assert!(most <= 840_000, "{text}");
@@ -316,7 +317,7 @@ fn the_emulated_board_talks_to_the_desk() {
     desk.receive(identified(0));
     // Garbage first; the board finds the request after it.
     desk.send(b"\0garbage\0\x05ab\0");
-    let mut buffer = [0; FRAME_MOST];
+    let mut buffer = [0; MAX_FRAME_BYTES];
     let question = write_question(&mut buffer, 9).unwrap().to_vec();
     desk.send(&question);
     desk.receive(identified(9));
@@ -324,10 +325,7 @@ fn the_emulated_board_talks_to_the_desk() {
         Response::Setting(setting) => assert_eq!(setting.value, 50.0),
         other => panic!("{other:?}"),
     });
-    let set = Request::Set {
-        key: "soft_start",
-        value: 0.2,
-    };
+    let set = Request::set("soft_start", 0.2);
     desk.ask(&set, |response| assert_eq!(response, Response::Done));
     desk.ask(&Request::Counters, |response| match response {
         Response::Counters(counters) => {
@@ -372,7 +370,7 @@ fn on_the_emulated_cpu(file: &SceneFile) -> Outcome {
 fn a_scene_with_its_controller_on_the_emulated_cpu_is_the_desks() {
     let mut file = SceneFile::parse(DEFAULT).unwrap();
     // Parts of constant restitution, which a kick locks.
-    file.scene.target = kband::control::Target::Locked { order: 1 };
+    file.scene.target = Target::Locked { order: 1 };
     file.scene.scatter.clear();
     // Soft start, holding, and the kick, planned on the emulated CPU.
     file.duration = 1.4;
@@ -446,23 +444,22 @@ fn the_stack_bears_every_request() {
         .unwrap()
     };
     let start = free(&mut link);
-    let settings = Settings::KEYS.iter().map(|key| Request::Set {
-        key: key.name,
-        value: key.default,
-    });
+    let settings = Settings::KEYS
+        .iter()
+        .map(|key| Request::set(key.name, key.default));
     let targets = [
         Target::Chaotic,
         Target::K(0.4),
         Target::Speed(40.0),
         Target::Identify,
-        Target::Gear(1),
-        Target::Locked(2),
+        Target::Gear { order: 1 },
+        Target::Locked { order: 2 },
     ];
     let simulation = [
         Request::Defaults,
         Request::Simulate {
-            target: Target::Locked(1),
-            start: kband::wire::StartCause::Ordinary,
+            target: Target::Locked { order: 1 },
+            start: StartCause::Ordinary,
         },
         Request::Samples {
             codes: &[0; 200],

@@ -1,34 +1,21 @@
 //! The board's image, bytes unchanged, on the emulated chip with the simulated track on its bridge.
 
-use kband::control::State;
-use kband::plant::{ClosedLoop, Scene};
-use kband::wire::{Request, Response};
+use kband_control::State;
+use kband_control::wire::{Request, Response};
+use kband_plant::{ClosedLoop, Scene};
 use kband_tests::chip::clocks::Cause;
 use kband_tests::chip::world::Seen;
-use kband_tests::emulator::Machine;
-use kband_tests::images;
+use kband_tests::images::feeder;
 use kband_tests::rig::{Act, Rig};
-
-/// The image on a chip, powered on at 0 s.
-fn board() -> Rig {
-    Rig::boot(&images::build(
-        "kband-firmware",
-        "feeder",
-        Machine::CortexM4F,
-    ))
-}
 
 /// A board with the machine's settings, saved at its first start, and the target lock.
 fn commissioned() -> Rig {
-    let mut rig = board();
+    let mut rig = Rig::boot(&feeder());
     rig.run(0.3);
-    rig.done(&Request::Target(kband::wire::Target::Locked(1)));
+    rig.request_done(&Request::Target(kband_control::Target::Locked { order: 1 }));
     // The desk sends one request and is then silent.
-    rig.done(&Request::Set {
-        key: "link_timeout",
-        value: 0.0,
-    });
-    rig.done(&Request::Save);
+    rig.request_done(&Request::set("link_timeout", 0.0));
+    rig.request_done(&Request::Save);
     rig
 }
 
@@ -52,7 +39,6 @@ fn from_power_on_to_lock_it_does_what_the_desk_does() {
     assert!(begins < 1.6, "{begins} s");
     assert!(rig.seen_after(1.5, &Seen::Ready(true)).is_some());
     let (board, desk) = (rig.amplitude(), desk());
-    println!("flashed image: b {board:.4} mm, desk {desk:.4} mm, locked at 9 s");
     assert!((board / desk - 1.0).abs() < 0.02, "{board} {desk}");
     assert!(rig.peak() < 0.3);
     // One reset, no fault, and the core's clock with five flash wait states.
@@ -61,10 +47,10 @@ fn from_power_on_to_lock_it_does_what_the_desk_does() {
     assert_eq!(rig.chip.board.clock(), 168_000_000);
     assert_eq!(rig.chip.board.flash.latency(), 5);
     // It answers the desk.
-    let state = rig.ask(&Request::SelfTest, |response| match response {
+    let state = rig.request(&Request::SelfTest, |response| match response {
         Response::Refused(_) => "runs",
         _ => "another",
     });
     assert_eq!(state, "runs");
-    rig.done(&Request::Alive);
+    rig.request_done(&Request::Alive);
 }

@@ -4,7 +4,8 @@
 //! `KBAND_FRAMES` frames instead of ten thousand, from the seed `KBAND_SEED`; `tests/run.sh --soak`
 //! sends a million.
 
-use kband::wire::{Request, Response, Target};
+use kband_control::Target;
+use kband_control::wire::{Request, Response};
 use kband_tests::chip::{LINK, SAMPLE};
 use kband_tests::emulator::Machine;
 use kband_tests::images;
@@ -37,10 +38,7 @@ fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
         Request::Counters,
         Request::Status,
         Request::Held,
-        Request::Set {
-            key: "amplitude_limit",
-            value: 0.5,
-        },
+        Request::set("amplitude_limit", 0.5),
         Request::Save,
         Request::SelfTest,
         Request::Target(Target::K(f32::NAN)),
@@ -70,26 +68,26 @@ fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
 }
 
 #[test]
-fn a_flood_of_frames_makes_no_sample_late_and_every_count_is_answered() {
+fn a_flood_of_frames_delays_no_sample_and_is_counted() {
     let frames = number("KBAND_FRAMES", 10_000);
     let mut random = Random::new(number("KBAND_SEED", 1));
     let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
     let mut rig = Rig::boot(&image);
     rig.run(0.3);
-    rig.done(&Request::Target(Target::K(0.41)));
-    rig.done(&Request::Save);
+    rig.request_done(&Request::Target(Target::K(0.41)));
+    rig.request_done(&Request::Save);
     rig.at(1.0, Act::Enable(true));
     for half in 2..=8 {
         rig.run(f64::from(half) * 0.5);
-        rig.done(&Request::Alive);
+        rig.request_done(&Request::Alive);
     }
-    rig.done(&Request::Telemetry(1));
+    rig.request_done(&Request::Telemetry(1));
     let held = rig.amplitude();
     let began = rig.time();
     rig.chip.forget_handlers();
     let lost = rig.chip.board.serials[1].lost;
     let count = |rig: &mut Rig| {
-        rig.ask(&Request::Counters, |response| match response {
+        rig.request(&Request::Counters, |response| match response {
             Response::Counters(counters) => counters,
             other => panic!("{other:?}"),
         })
@@ -142,14 +140,14 @@ fn a_flood_of_frames_makes_no_sample_late_and_every_count_is_answered() {
     );
     assert!(low > 0.98 * held && high < 1.02 * held);
     assert_eq!(rig.resets().len(), 1);
-    let state = rig.ask(&Request::Status, |response| match response {
+    let state = rig.request(&Request::Status, |response| match response {
         Response::Status(status) => status.ready,
         other => panic!("{other:?}"),
     });
     assert!(state, "it holds what it was told");
     rig.act(&Act::Enable(false));
     rig.run(rig.time() + 3.0);
-    let missed = rig.ask(&Request::SelfTest, |response| match response {
+    let missed = rig.request(&Request::SelfTest, |response| match response {
         Response::SelfTest(test) => Some(test.missed),
         _ => None,
     });

@@ -109,7 +109,7 @@ fn fixed_decimal(text: &str) -> i128 {
 
 #[test]
 fn the_oracle_in_twofold_rounds_phases_correctly() {
-    let (mut counted, mut beyond_half) = (0, 0);
+    let mut counted = 0;
     for golden in impacts() {
         let map = Map::build(golden.k, golden.restitution).unwrap();
         let state = Map::state(golden.phase, golden.velocity).unwrap();
@@ -126,12 +126,10 @@ fn the_oracle_in_twofold_rounds_phases_correctly() {
                 "{} ulp: {expected} {phase}",
                 error as f64 / ulp
             );
-            beyond_half += i32::from(error as f64 > 0.5 * ulp + 2.0);
             counted += 1;
         }
     }
     assert!(counted > 900, "{counted}");
-    println!("{beyond_half} of {counted} phases are not the nearest f64");
 }
 
 /// A step of the phase in rad, and half a step of a velocity in integers.
@@ -141,11 +139,9 @@ const HALF: f64 = 0.5 / 67_108_864.0;
 /// Golden impacts and hops in a microcontroller's arithmetic; grazing ones and merged roots are
 /// left out.
 ///
-/// Returns the largest error relative to the effect of roundings, and the numbers of tried and
-/// merged cases. The roundings are of `velocity` at launch and of `height`, relative to the gap's
-/// terms and to 1.
-fn golden<K: Kernel>(velocity: fn(f64) -> f64, [relative, height]: [f64; 2]) -> (f64, u32, u32) {
-    let (mut worst, mut tried, mut merged) = (0.0_f64, 0, 0);
+/// The roundings are of `velocity` at launch and of `height`, relative to the gap's terms and to 1.
+fn golden<K: Kernel>(velocity: fn(f64) -> f64, [relative, height]: [f64; 2]) {
+    let mut tried = 0;
     for golden in impacts().chain(hops()) {
         let Golden { k, phase, .. } = golden;
         let kernel = K::build(k, golden.restitution).unwrap();
@@ -159,7 +155,6 @@ fn golden<K: Kernel>(velocity: fn(f64) -> f64, [relative, height]: [f64; 2]) -> 
             + relative * terms
             + height * flight.min(1.0);
         if impact.grazes || slope * slope < 8.0 * curvature.abs() * moved {
-            merged += 1;
             continue;
         }
         let allowed = moved / slope.abs() + STEP;
@@ -181,25 +176,18 @@ fn golden<K: Kernel>(velocity: fn(f64) -> f64, [relative, height]: [f64; 2]) -> 
             K::NAME,
             golden.velocity
         );
-        worst = worst.max(error);
         tried += 1;
     }
-    (worst, tried, merged)
+    assert!(tried > 2_300, "{}: {tried}", K::NAME);
 }
 
 #[test]
 fn golden_impacts_hold_in_the_microcontrollers_arithmetic() {
     // Hybrid: sine and height to 2^-30. Integer: also the cosine, which moves the gap by the flight
     // time. f32: every term of the gap to 2^-24.
-    let results = [
-        golden::<Hybrid>(|_| HALF, [0.0, 3e-9]),
-        golden::<Integer>(|_| HALF + 4e-9, [0.0, 3e-9]),
-        golden::<Single>(|v| 6e-8 * v, [6e-8, 0.0]),
-    ];
-    for (worst, tried, merged) in results {
-        println!("worst {worst:.2} of what rounding moves, {tried} tried, {merged} merged");
-        assert!(tried > 2_300, "{tried}");
-    }
+    golden::<Hybrid>(|_| HALF, [0.0, 3e-9]);
+    golden::<Integer>(|_| HALF + 4e-9, [0.0, 3e-9]);
+    golden::<Single>(|v| 6e-8 * v, [6e-8, 0.0]);
 }
 
 /// Residual of the f64 map in roundings of the gap's terms, against 30 digits of the oracle.
@@ -208,7 +196,7 @@ fn the_residual_of_f64_is_within_four_roundings() {
     use kband_tests::states::{Kind, Random};
     for kind in [Kind::High, Kind::Low, Kind::Chatter, Kind::Edge] {
         let mut random = Random::new(77);
-        let (mut worst, mut sum, mut count) = (0.0_f64, 0.0, 0.0);
+        let mut count = 0;
         for _ in 0..40_000 {
             let launch = kind.draw(&mut random);
             let map = Map::build(launch.k, 1.0).unwrap();
@@ -227,15 +215,12 @@ fn the_residual_of_f64_is_within_four_roundings() {
             let gap = oracle::rounding(launch.k, launch.phase, launch.velocity, impact.flight);
             let roundings =
                 off * exact.arrival / (gap + 0.5 * f64::EPSILON * impact.flight * exact.arrival);
-            worst = worst.max(roundings);
-            sum += roundings;
-            count += 1.0;
+            count += 1;
             assert!(
                 roundings <= 4.0,
                 "{kind:?} {roundings}: {launch:?} {impact:?} {exact:?}"
             );
         }
-        println!("{kind:?}: worst {worst:.2}, mean {:.3}", sum / count);
-        assert!(count > 20_000.0);
+        assert!(count > 20_000, "{kind:?}: {count}");
     }
 }

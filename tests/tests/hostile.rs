@@ -2,10 +2,10 @@
 //!
 //! Fixed seeds, with overflow checks.
 
-use kband::control::{
+use kband_control::{
     AdcCode, Controller, PLAN_SLICES, Report, Settings, Signal, StartCause, State, Target,
 };
-use kband::plant::{Bench, Scene};
+use kband_plant::{Bench, Scene};
 use kband_tests::states::Random;
 
 /// A whole number below `count`.

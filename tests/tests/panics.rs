@@ -159,7 +159,7 @@ fn nearest(lines: &Loader, at: u32) -> String {
             continue;
         };
         last = format!("{file}:{}", line.unwrap_or(0));
-        for folder in ["/shared/src/", "/firmware/src/"] {
+        for folder in ["/shared/src/", "/shared/control/src/", "/firmware/src/"] {
             if let Some(start) = last.rfind(folder)
                 && !file.contains("/registry/")
                 && !file.contains("/rustc/")
@@ -275,7 +275,7 @@ fn no_panic_can_be_reached_from_the_sample_interrupt() {
     assert!(
         names
             .iter()
-            .any(|name| name.contains("6signal6Signal4take"))
+            .any(|name| name.contains("6signal6Signal14process_sample"))
     );
     assert!(!names.iter().any(|name| panics(name)), "{names:?}");
 }

@@ -5,11 +5,11 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use kband::control::{Event, Fault, Target};
-use kband::plant::{Change, Disturbance};
+use kband_control::{Event, Fault, Target};
 use kband_host::board::{Address, Emulated};
 use kband_host::desk::Desk;
 use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch};
+use kband_plant::{Change, Disturbance};
 use kband_tests::emulator::Machine;
 use kband_tests::images;
 use kband_tests::terminal::Terminal;
@@ -19,7 +19,7 @@ fn image() -> std::path::PathBuf {
 }
 
 #[test]
-fn a_whole_capture_behind_a_serial_port_is_the_desks_bit_for_bit() {
+fn a_capture_over_a_serial_port_has_the_bits_of_the_desk() {
     let board = Terminal::start(&image(), "link", Duration::from_secs(150));
     let mut file = SceneFile::parse(DEFAULT).unwrap();
     // Parts of constant restitution, which a kick locks.

@@ -8,9 +8,9 @@ use std::f64::consts::TAU;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use kband::control::{Fault, Limits, SAMPLE_RATE, State, TRANSITIONS, Target};
 use kband::feeder::STANDARD_GRAVITY;
-use kband::plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene, Strike};
+use kband_control::{Fault, Limits, SAMPLE_RATE, State, TRANSITIONS, Target};
+use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene, Strike};
 use kband_tests::root;
 use kband_tests::states::Random;
 
@@ -293,7 +293,7 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         }
         if let Some(before) = before.filter(|before| *before != report.state && !restarts) {
             let known =
-                |way: &&kband::control::Transition| way.from == before && way.to == report.state;
+                |way: &&kband_control::Transition| way.from == before && way.to == report.state;
             if !TRANSITIONS.iter().any(|way| known(&way)) {
                 say(format!("{before:?} went to {:?}", report.state));
             }
@@ -382,7 +382,7 @@ fn tell(scene: &Scene, seconds: f64) {
 }
 
 /// A number from the environment.
-fn told(name: &str, otherwise: u64) -> u64 {
+fn environment_number(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |value| value.parse().expect("a whole number"))
 }
 
@@ -576,8 +576,11 @@ fn length(random: &mut Random, scene: &Scene) -> f64 {
 }
 
 #[test]
-fn whatever_the_feeder_is_told_of_itself_it_keeps_to_its_rules() {
-    let (count, seed) = (told("KBAND_SCENES", 200), told("KBAND_SEED", 1));
+fn a_feeder_keeps_to_its_rules_under_any_settings() {
+    let (count, seed) = (
+        environment_number("KBAND_SCENES", 200),
+        environment_number("KBAND_SEED", 1),
+    );
     let drawn = |n: u64| {
         let mut random = random(seed, n);
         let scene = scene(&mut random);
@@ -585,7 +588,7 @@ fn whatever_the_feeder_is_told_of_itself_it_keeps_to_its_rules() {
         (scene, seconds)
     };
     if std::env::var_os("KBAND_SCENE").is_some() {
-        let (scene, seconds) = drawn(told("KBAND_SCENE", 0));
+        let (scene, seconds) = drawn(environment_number("KBAND_SCENE", 0));
         return tell(&scene, seconds);
     }
     let (mut wrong, mut apart, mut refused) = (Vec::new(), Vec::new(), 0);
@@ -645,8 +648,11 @@ fn whatever_the_feeder_is_told_of_itself_it_keeps_to_its_rules() {
 }
 
 #[test]
-fn whatever_happens_to_a_feeder_that_is_not_as_told_it_keeps_to_its_rules() {
-    let (count, seed) = (told("KBAND_SCENES", 200) / 2, told("KBAND_SEED", 1));
+fn a_misconfigured_feeder_keeps_to_its_rules() {
+    let (count, seed) = (
+        environment_number("KBAND_SCENES", 200) / 2,
+        environment_number("KBAND_SEED", 1),
+    );
     let (mut wrong, mut refused, mut faults, mut other) = (Vec::new(), 0, 0, 0);
     let drawn = |n: u64| {
         let mut random = random(seed ^ 0x5eed, n);
@@ -678,7 +684,7 @@ fn whatever_happens_to_a_feeder_that_is_not_as_told_it_keeps_to_its_rules() {
 ///
 /// The detector measures only groups that lock and strike at once.
 #[test]
-fn a_crowd_is_not_said_to_be_locked_by_the_loudest_of_its_rhythms() {
+fn the_loudest_rhythm_of_a_crowd_is_not_reported_as_a_lock() {
     let mut scene = Scene::default();
     let settings = &mut scene.settings;
     (settings.frequency, settings.incline) = (150.0, -6.659);

@@ -2,13 +2,12 @@
 //!
 //! It keeps its deadlines, counted in cycles on the emulated chip.
 
-use kband::control::{Event, Report, Shape, State, Target, UpperTone};
-use kband::plant::{ClosedLoop, Scene};
-use kband::wire::{Request, Response};
+use kband_control::wire::{Request, Response};
+use kband_control::{Event, Shape, State, Target, UpperTone};
+use kband_plant::{ClosedLoop, Scene};
 use kband_tests::chip::{LINK, MILLISECOND, SAMPLE};
-use kband_tests::emulator::Machine;
-use kband_tests::images;
-use kband_tests::rig::{Act, Rig, holding};
+use kband_tests::images::feeder;
+use kband_tests::rig::{Act, Rig, chip_with_image};
 
 /// Cycles of the core between two samples.
 const DEADLINE: u64 = 8400;
@@ -38,8 +37,7 @@ fn desk(scene: &Scene) -> f64 {
 
 /// The board with this configuration, after 4 s.
 fn board(scene: &Scene) -> Rig {
-    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
-    let mut rig = Rig::with(holding(&image), scene);
+    let mut rig = Rig::with(chip_with_image(&feeder()), scene);
     rig.chip.power_on();
     rig.run(0.3);
     let told = &scene.settings;
@@ -48,10 +46,10 @@ fn board(scene: &Scene) -> Rig {
         ("frequency", told.frequency),
         ("resonance", told.resonance),
     ] {
-        rig.done(&Request::Set { key, value });
+        rig.request_done(&Request::Set { key, value });
     }
-    rig.done(&Request::Target(scene.target.into()));
-    rig.done(&Request::Save);
+    rig.request_done(&Request::Target(scene.target));
+    rig.request_done(&Request::Save);
     // The desk keeps sending: a silent one would bring the safe amplitude.
     rig.at(2.0, Act::Enable(true));
     for half in 1..=12 {
@@ -59,7 +57,7 @@ fn board(scene: &Scene) -> Rig {
             rig.chip.forget_handlers();
         }
         rig.run(f64::from(half) * 0.5);
-        rig.done(&Request::Alive);
+        rig.request_done(&Request::Alive);
     }
     rig
 }
@@ -69,26 +67,11 @@ fn holds(frequency: f32, k: f32) {
     let (mut rig, desk) = (board(&scene), desk(&scene));
     let held = rig.amplitude();
     let sampling = rig.chip.handler(SAMPLE);
-    let [_, instructions, data] = rig.chip.board.flash.accelerator();
-    println!(
-        "{frequency} Hz: b {held:.5} mm, desk {desk:.5} mm; a sample {} cycles in the mean, {} at most, of {DEADLINE} \
-         ({} wait states, caches {}); stack {} bytes free",
-        sampling.sum / sampling.count,
-        sampling.longest,
-        rig.chip.board.flash.latency(),
-        if instructions && data { "on" } else { "off" },
-        rig.stack_free(),
-    );
     for (name, exception, deadline) in [
         ("the port", LINK, BYTE),
         ("the clock", MILLISECOND, 20 * DEADLINE),
     ] {
         let handler = rig.chip.handler(exception);
-        println!(
-            "{frequency} Hz: {name} {} cycles in the mean, {} at most, of {deadline}, samples among them included",
-            handler.sum / handler.count,
-            handler.longest,
-        );
         assert!(handler.longest < deadline, "{name}: {handler:?}");
     }
     assert!((held / desk - 1.0).abs() < 0.02, "{held} {desk}");
@@ -98,15 +81,11 @@ fn holds(frequency: f32, k: f32) {
     assert_eq!(rig.resets().len(), 1);
     rig.act(&Act::Enable(false));
     rig.run(8.0);
-    let missed = rig.ask(&Request::SelfTest, |response| match response {
+    let missed = rig.request(&Request::SelfTest, |response| match response {
         Response::SelfTest(test) => Some((test.missed, test.set_up.sample, test.set_up.control)),
         _ => None,
     });
     let (missed, sample, control) = missed.expect("it is at rest");
-    println!(
-        "{frequency} Hz: {missed} cycles whose control came too late; by its own counter {sample} cycles a sample and \
-         {control} a control at most"
-    );
     // New settings take effect at rest.
     assert!(u64::from(sample) < DEADLINE, "{sample}");
     let cycle = f64::from(DEADLINE as u32) * 20_000.0 / f64::from(frequency);
@@ -141,11 +120,8 @@ fn the_image_holds_500_hz() {
 
 /// A drive that allows a second tone and responds twice as strongly as configured.
 #[test]
-fn the_image_holds_a_second_tone_and_says_that_it_was_told_wrong() {
-    let wanted = UpperTone {
-        ratio: 0.15,
-        phase: 2.356,
-    };
+fn the_image_holds_a_second_tone_and_reports_wrong_settings() {
+    let wanted = UpperTone::new(0.15, 2.356);
     let mut scene = machine(50.0, 0.35);
     scene.target = Target::Tones {
         k: 0.35,
@@ -153,25 +129,20 @@ fn the_image_holds_a_second_tone_and_says_that_it_was_told_wrong() {
     };
     scene.settings.second_tone = 0.25;
     scene.drive.second_gain = 0.5;
-    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
-    let mut rig = Rig::with(holding(&image), &scene);
+    let mut rig = Rig::with(chip_with_image(&feeder()), &scene);
     rig.chip.power_on();
     rig.run(0.3);
     for (key, value) in [("second_tone", 0.25), ("second_gain", 0.25)] {
-        rig.done(&Request::Set { key, value });
+        rig.request_done(&Request::Set { key, value });
     }
-    rig.done(&Request::Target(scene.target.into()));
-    rig.done(&Request::Save);
+    rig.request_done(&Request::Target(scene.target));
+    rig.request_done(&Request::Save);
     rig.at(1.0, Act::Enable(true));
     for half in 1..=16 {
         rig.run(f64::from(half) * 0.5);
-        rig.done(&Request::Alive);
+        rig.request_done(&Request::Alive);
     }
     let (amplitude, made) = rig.chip.board.world.bench.plant().tones();
-    let Report { k, shape, .. } = ClosedLoop::build(&scene)
-        .map(|mut desk| (0..350).map(|_| desk.cycle().report).last().unwrap())
-        .unwrap();
-    println!("board: b {amplitude:e} {made:?}; desk: k {k} {shape:?}");
     let normal = f64::from(scene.settings.gravity) * 3_f64.to_radians().cos();
     let held = normal / (f64::from(amplitude) * (std::f64::consts::TAU * 50.0).powi(2));
     // As at the desk: the bridge's mean over a sample is its duty to 1/8400.
@@ -179,16 +150,9 @@ fn the_image_holds_a_second_tone_and_says_that_it_was_told_wrong() {
     let made = made.second;
     assert!((made.ratio - wanted.ratio).abs() < 0.003, "{made:?}");
     assert!((made.phase - wanted.phase).abs() < 0.03, "{made:?}");
-    let events: Vec<u8> = (0..20)
-        .map_while(|number| {
-            rig.ask(&Request::Event(number), |response| match response {
-                Response::Event(record) => record.map(|record| record.event),
-                _ => None,
-            })
-        })
-        .collect();
-    let unlike = Event::SecondToneUnlike.number();
-    assert!(events.contains(&unlike), "{events:?}");
+    let (unlike, events) = (Event::SecondToneUnlike.number(), rig.events());
+    let mut numbers = events.iter().map(|record| record.event);
+    assert!(numbers.any(|number| number == unlike), "{events:?}");
     // Without the enable input the second tone stops with the first.
     rig.act(&Act::Enable(false));
     rig.run(11.0);

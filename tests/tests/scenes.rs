@@ -1,9 +1,9 @@
 //! One test per scene: the events are exactly the expected ones.
 
-use kband::control::Event;
-use kband::plant::Moment;
+use kband_control::Event;
 use kband_host::desk::Desk;
 use kband_host::simulate::{Fidelity, Outcome, SceneFile, Watch};
+use kband_plant::Moment;
 
 fn run(name: &str) {
     let path = kband_tests::root()
@@ -102,100 +102,12 @@ fn agree(envelope: &Outcome, waveform: &Outcome) {
     }
 }
 
-macro_rules! scenes {
-    ($($name:ident)+) => {
+macro_rules! test_each {
+    ($($name:ident: $shows:expr, $how:expr;)+) => {
         $(#[test]
         fn $name() {
             run(stringify!($name));
         })+
-
-        #[test]
-        fn every_scene_has_its_test() {
-            let listed = [$(stringify!($name)),+];
-            for entry in std::fs::read_dir(kband_tests::root().join("tests/scenes")).unwrap() {
-                let path = entry.unwrap().path();
-                let name = path.file_stem().unwrap().to_string_lossy().into_owned();
-                assert!(listed.contains(&name.as_str()), "{name} has no test");
-            }
-        }
     };
 }
-
-scenes! {
-    acceleration_limit
-    amplitude_limit
-    amplitude_oscillates
-    brown_out
-    brown_out_stays_off
-    chaotic
-    deaf
-    detuned
-    doubled
-    drawn_parts
-    empty_band
-    enable_in_stopping
-    fault_at_rest
-    fault_in_capture
-    fault_in_holding
-    fault_in_limiting
-    fault_in_lost
-    fault_in_stopping
-    friction
-    from_rest
-    gain_drift
-    hopper_dump
-    identification
-    identification_without_parts
-    in_gear
-    link_lost
-    link_lost_in_capture
-    link_lost_in_holding
-    lock_lost
-    lock_comes_back
-    locked
-    locked_order_2
-    mains_ripple
-    nan
-    many_parts
-    new_target
-    no_common_chaos
-    no_response
-    not_captured
-    output_limit
-    outside_every_band
-    over_amplitude
-    over_current
-    over_temperature
-    over_temperature_in_start
-    image_damaged
-    repeated_resets
-    resonance_tracking
-    sensor_implausible
-    second_tone_cut
-    sensor_inverted
-    sensor_lost
-    sensor_saturated
-    settings_invalid
-    speed
-    speed_of_no_lock
-    stack_low
-    supply_low
-    clock_failed
-    control_late
-    stop_and_start
-    stop_in_capture
-    stop_in_holding
-    stop_in_limiting
-    stop_in_lost
-    stop_in_start
-    stop_in_sweep
-    stopped
-    target_in_capture
-    target_in_holding
-    target_in_limiting
-    target_in_lost
-    track_mass_unstable_gear
-    track_mass_unstable_k
-    watchdog_reset
-    watchdog_reset_stays_off
-}
+kband_tests::all_scenes!(test_each);

@@ -1,7 +1,7 @@
-//! The public names of the crate `kband` are those of the last release and the accepted additions.
+//! The public names of the crates below `shared/` are the accepted ones.
 //!
-//! They come from rustdoc's JSON, with default features and with none. rustdoc gives it to unstable
-//! compilers only; this call makes the stable one count as unstable.
+//! They come from rustdoc's JSON. rustdoc gives it to unstable compilers only; this call makes the
+//! stable one count as unstable.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -10,17 +10,19 @@ use std::process::{Command, Stdio};
 use kband_tests::root;
 use public_api::PublicApi;
 
-/// File of the accepted public names.
-const ACCEPTED: &str = "shared/public-api.txt";
-/// File of those without any feature: map and bands alone.
-const ALONE: &str = "shared/public-api-alone.txt";
+/// Each crate with the file of its accepted public names.
+const CRATES: [(&str, &str); 3] = [
+    ("kband", "shared/public-api.txt"),
+    ("kband-control", "shared/control/public-api.txt"),
+    ("kband-plant", "shared/plant/public-api.txt"),
+];
 /// Environment variable that makes this test rewrite the files.
 const ACCEPT: &str = "KBAND_ACCEPT";
 /// Time limit in s (wall clock) for rustdoc and its crates, on a loaded machine.
 const LIMIT: &str = "600";
 
-/// Runs rustdoc with these features, or the default ones; returns the JSON file.
-fn described(features: Option<&str>) -> PathBuf {
+/// Runs rustdoc on a crate; returns the JSON file.
+fn described(package: &str) -> PathBuf {
     let folder = std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from);
     // A folder of its own: unstable options would recompile everything else.
     let folder = root().join(folder).join("surface");
@@ -32,12 +34,9 @@ fn described(features: Option<&str>) -> PathBuf {
         "--quiet",
         "--locked",
         "--package",
-        "kband",
+        package,
         "--lib",
     ]);
-    if let Some(features) = features {
-        command.args(["--no-default-features", "--features", features]);
-    }
     command.arg("--target-dir").arg(&folder);
     command.args(["--", "-Z", "unstable-options", "--output-format", "json"]);
     for flags in [
@@ -59,7 +58,7 @@ fn described(features: Option<&str>) -> PathBuf {
         "rustdoc does not describe the crate:\n{}",
         String::from_utf8_lossy(&output.stderr)
     );
-    folder.join("doc/kband.json")
+    folder.join("doc").join(package.replace('-', "_") + ".json")
 }
 
 /// One line per public name and per trait implemented by hand, sorted by path.
@@ -167,7 +166,7 @@ fn compare(now: &[String], list: &str) {
     };
     assert!(
         gone.is_empty() && new.is_empty(),
-        "the public names of kband have changed:\n{}{}\
+        "the public names in {list} differ:\n{}{}\
          what is gone (-) breaks the programs of users: it takes a new minor version before 1.0, a new major one after it, \
          and a line in CHANGELOG.md\n\
          next: {ACCEPT}=1 cargo test -p kband-tests --test surface\n",
@@ -178,19 +177,12 @@ fn compare(now: &[String], list: &str) {
 
 #[test]
 fn the_public_names_are_the_accepted_ones() {
-    let all = surface(&described(None));
-    assert!(all.len() > 500, "{} lines are no surface", all.len());
-    compare(&all, ACCEPTED);
     // The rustdoc runs share a folder, so they run in sequence.
-    let alone = surface(&described(Some("")));
-    compare(&alone, ALONE);
-    assert_eq!(missing(&alone, &all), [""; 0], "a feature takes names away");
-    assert!(
-        4 * alone.len() < all.len(),
-        "the map and the bands alone are to stay small: {} of {} lines",
-        alone.len(),
-        all.len()
-    );
+    for (package, list) in CRATES {
+        let names = surface(&described(package));
+        assert!(names.len() > 20, "{package}: {} lines", names.len());
+        compare(&names, list);
+    }
 }
 
 #[test]

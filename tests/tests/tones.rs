@@ -41,10 +41,7 @@ fn golden() -> impl Iterator<Item = Golden> {
                 map: WaveMap::on(wave([at(3), at(4), at(5), at(6)]), at(1), at(2)).unwrap(),
                 state: WaveMap::state(at(7), at(8)).unwrap(),
                 flight: at(9),
-                next: PartState {
-                    phase: at(10),
-                    velocity: at(11),
-                },
+                next: PartState::new(at(10), at(11)),
                 condition: at(12),
             }
         })
@@ -52,7 +49,7 @@ fn golden() -> impl Iterator<Item = Golden> {
 
 #[test]
 fn every_golden_impact_has_the_right_root() {
-    let (mut counted, mut flagged) = (0, 0);
+    let mut counted = 0;
     for (n, golden) in golden().enumerate() {
         let Golden {
             class,
@@ -68,7 +65,6 @@ fn every_golden_impact_has_the_right_root() {
                 (impact.flight / flight - 1.0).abs() < 1e-6,
                 "row {n} {class} {map:?} {state:?}: {flight} {impact:?}"
             );
-            flagged += u32::from(impact.grazes);
             if condition < 100.0 {
                 assert!(
                     (impact.flight / flight - 1.0).abs() < 1e-12,
@@ -86,7 +82,6 @@ fn every_golden_impact_has_the_right_root() {
         }
     }
     assert!(counted > 2_500, "{counted}");
-    println!("{counted} within 1e-12, {flagged} flagged as grazing");
 }
 
 /// An impact without a graze flag is the first, within rounding; `soak --tones` tests more.
@@ -103,7 +98,6 @@ fn no_impact_is_missed_in_any_arithmetic() {
     assert!(wrong.is_empty(), "{wrong}");
     for (kind, Tally(seen)) in tallies {
         for (name, seen) in NAMES.iter().zip(seen) {
-            println!("{name} {kind:?}: {seen:?}");
             let Seen {
                 launches,
                 flagged,
@@ -168,13 +162,10 @@ fn golden_in<K: WaveKernel>(held: &Held) {
         }
     }
     let rms = f64::sqrt(squares / counted);
-    println!(
-        "{}: {counted} rows, RMS {rms:.1e}, max {largest:.1e}, {flagged} graze",
-        K::NAME
-    );
     assert!(
         rms < held.golden[0] && largest < held.golden[1],
-        "{rms:e} {largest:e}"
+        "{}: {rms:e} {largest:e}",
+        K::NAME
     );
     assert!(counted > 600.0 && flagged < 220, "{counted} {flagged}");
 }
@@ -194,10 +185,7 @@ fn golden_impacts_in_f32() {
 /// A rounding decides between a hop of no step and a throw of twenty turns. Found by seed 7.
 #[test]
 fn a_launch_from_a_level_push_is_said_to_graze_in_f32() {
-    let second = Tone {
-        amplitude: 0.114_249_847_130_849_96,
-        angle: 3.092_621_153_433_101_6,
-    };
+    let second = Tone::new(0.114_249_847_130_849_96, 3.092_621_153_433_101_6);
     let k = 0.012_204_137_630_760_67;
     let start = WaveSingle::state(6.178_004_592_814_933, 3.028_766_118_052_361e-26).unwrap();
     let tones = [second, Tone::default()];
@@ -265,10 +253,7 @@ fn thrown_at_the_edge_in<K: WaveKernel>() {
     while thrown < 200 {
         let tones = [random.between(0.05, 0.3), random.between(-3.0, 3.0)];
         let k = f64::from(random.between(0.3, 0.9) as f32);
-        let second = Tone {
-            amplitude: tones[0],
-            angle: tones[1],
-        };
+        let second = Tone::new(tones[0], tones[1]);
         let kernel = K::on_tones([second, Tone::default()], k, 1.0).unwrap();
         let track = Track::of(k, [tones[0], tones[1], 0.0, 0.0]);
         let Some(phase) = edge(&track, &mut random) else {
@@ -310,10 +295,7 @@ fn one_tone_keeps_its_bits() {
         let (k, restitution) = (random.between(0.02, 1.2), random.between(0.0, 1.0));
         let start = Single::state(random.between(0.0, TAU), random.scale(1e-7, 20.0)).unwrap();
         let one = Single::build(k, restitution).unwrap().impact(start);
-        let tones = [Tone {
-            amplitude: 0.0,
-            angle: 1.0,
-        }; 2];
+        let tones = [Tone::new(0.0, 1.0); 2];
         let same = WaveSingle::on_tones(tones, k, restitution).unwrap();
         assert_eq!(one, same.impact(start));
     }
@@ -343,17 +325,14 @@ fn one_tone_is_the_map_of_the_sine() {
 
 /// `det J = R^2 psi/psi'`, with the Jacobian from central differences of the map.
 #[test]
-fn the_determinant_is_r_squared_psi_over_psi_next() {
+fn determinant_is_r_squared_psi_over_psi_next() {
     let mut random = Random::new(4);
     let mut counted = 0;
     for _ in 0..20_000 {
         let (track, wave) = track(&mut random);
         let restitution = random.between(0.05, 1.0);
         let map = WaveMap::on(wave, track.k, restitution).unwrap();
-        let state = PartState {
-            phase: random.between(0.1, TAU - 0.1),
-            velocity: random.between(0.1, 4.0),
-        };
+        let state = PartState::new(random.between(0.1, TAU - 0.1), random.between(0.1, 4.0));
         let impact = map.impact(state);
         let arrival = impact.next.velocity / restitution;
         if impact.flight > 20.0 || arrival < 0.2 || !(0.1..TAU - 0.1).contains(&impact.next.phase) {
@@ -361,10 +340,10 @@ fn the_determinant_is_r_squared_psi_over_psi_next() {
         }
         const STEP: f64 = 1e-5;
         let at = |phase: f64, velocity: f64| {
-            let impact = map.impact(PartState {
-                phase: state.phase + phase,
-                velocity: state.velocity + velocity,
-            });
+            let impact = map.impact(PartState::new(
+                state.phase + phase,
+                state.velocity + velocity,
+            ));
             (impact.flight + phase, impact.next.velocity, impact.flight)
         };
         let ends = [at(STEP, 0.0), at(-STEP, 0.0), at(0.0, STEP), at(0.0, -STEP)];
@@ -396,15 +375,12 @@ fn the_determinant_is_r_squared_psi_over_psi_next() {
 #[test]
 fn the_tangent_on_tones_has_its_determinant() {
     let mut random = Random::new(44);
-    let (mut counted, mut largest) = (0, 0.0_f64);
+    let mut counted = 0;
     for _ in 0..400 {
         let (track, wave) = track(&mut random);
         let restitution = random.between(0.3, 1.0);
         let map = WaveMap::on(wave, track.k, restitution).unwrap();
-        let start = PartState {
-            phase: random.between(0.0, TAU),
-            velocity: random.between(0.5, 4.0),
-        };
+        let start = PartState::new(random.between(0.0, TAU), random.between(0.5, 4.0));
         let (mut state, mut sum) = (start, 0.0);
         for n in 0..40 {
             let impact = map.impact(state);
@@ -418,7 +394,6 @@ fn the_tangent_on_tones_has_its_determinant() {
             let expected = restitution * restitution * state.velocity / impact.next.velocity;
             let scale = (a * d).abs() + (b * c).abs();
             let error = (a * d - b * c - expected).abs() / scale;
-            largest = largest.max(error);
             assert!(error < 1e-11, "{track:?} {state:?} {error:e}");
             if scale < 1e4 * expected {
                 sum += (a * d - b * c).ln();
@@ -432,7 +407,6 @@ fn the_tangent_on_tones_has_its_determinant() {
             assert!((sum - 2.0 * flights * restitution.ln() - ends).abs() < 1e-6 * flights);
         }
     }
-    println!("{counted} impacts, within {largest:.1e} of their terms");
     assert!(counted > 4_000, "{counted}");
 }
 
@@ -476,7 +450,6 @@ fn the_exponents_on_tones_sum_to_twice_the_log_of_restitution() {
         let [larger, smaller] = sums.map(|sum| sum / f64::from(IMPACTS));
         let ends = (first.velocity / state.velocity).ln() / f64::from(IMPACTS);
         let off = larger + smaller - ends - 2.0 * restitution.ln();
-        println!("{tones:?} k {k} R {restitution}: {larger:.4} {smaller:.4}, off by {off:.1e}");
         assert!(off.abs() < 1e-9, "{off:e}");
         assert_eq!(larger > 0.0, chaotic, "{larger}");
     }

@@ -8,9 +8,9 @@ use std::println;
 use std::vec::Vec;
 
 use embassy_futures::block_on;
-use kband::control::{Cycle, Inputs, StartCause, State, Target};
-use kband::plant::Noise;
-use kband::wire::{KeptFault, Outgoing, read_answer, write_question, write_request};
+use kband::arithmetic::Noise;
+use kband_control::wire::{KeptFault, Outgoing, read_answer, write_question, write_request};
+use kband_control::{Cycle, Inputs, StartCause, State, Target};
 
 use super::*;
 use crate::exchange::Exchange;
@@ -85,8 +85,8 @@ const IMAGE: Image = Image {
 };
 
 const SIMULATE: Request<'static> = Request::Simulate {
-    target: kband::wire::Target::Locked(1),
-    start: kband::wire::StartCause::Ordinary,
+    target: Target::Locked { order: 1 },
+    start: StartCause::Ordinary,
 };
 
 struct Board {
@@ -146,7 +146,7 @@ impl Board {
 
     fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
         self.cycle();
-        let mut buffer = [0; FRAME_MOST];
+        let mut buffer = [0; MAX_FRAME_BYTES];
         let frame = write_request(&mut buffer, 7, request).unwrap().to_vec();
         let answers = self.send(&frame);
         assert_eq!(answers.len(), 1, "{request:?}");
@@ -171,9 +171,9 @@ fn open<T>(frame: &[u8], look: impl FnOnce(u8, Response<'_>) -> T) -> T {
     let mut receiver = Receiver::new();
     let (last, body) = frame.split_last().unwrap();
     for byte in body {
-        assert!(receiver.take(*byte).is_none());
+        assert!(receiver.push(*byte).is_none());
     }
-    match read_answer(receiver.take(*last).unwrap().unwrap()).unwrap() {
+    match read_answer(receiver.push(*last).unwrap().unwrap()).unwrap() {
         Outgoing::Response { sequence, response } => look(sequence, response),
         identity => panic!("{identity:?}"),
     }
@@ -193,10 +193,7 @@ fn settings_are_read_changed_and_saved_at_rest() {
         (true, 50.0)
     );
     assert_eq!(board.ask(&Request::Setting(0), frequency), (true, 50.0));
-    let set = |value| Request::Set {
-        key: "frequency",
-        value,
-    };
+    let set = |value| Request::set("frequency", value);
     board.done(&set(60.0));
     assert_eq!(
         board.ask(&Request::Get("frequency"), frequency),
@@ -230,10 +227,7 @@ fn settings_are_read_changed_and_saved_at_rest() {
     board.refused(&Request::Get("frequence"), Refusal::Unknown);
     board.refused(&Request::Setting(200), Refusal::Unknown);
     // The bounds together must keep their order.
-    let reversed = Request::Set {
-        key: "restitution_high",
-        value: 0.1,
-    };
+    let reversed = Request::set("restitution_high", 0.1);
     board.ask(&reversed, |response| match response {
         Response::Refused(Refusal::OutOfRange { parameter, .. }) => {
             assert_eq!(parameter, "restitution_high");
@@ -249,10 +243,7 @@ fn a_running_drive_is_not_worked_on_but_obeys() {
     board.cycle();
     assert_eq!(board.station.report().state, State::Starting);
     for request in [
-        Request::Set {
-            key: "frequency",
-            value: 60.0,
-        },
+        Request::set("frequency", 60.0),
         Request::Save,
         Request::Defaults,
         Request::SelfTest,
@@ -266,19 +257,16 @@ fn a_running_drive_is_not_worked_on_but_obeys() {
             assert_eq!(response, Response::Held(target));
         });
     };
-    held(&mut board, kband::wire::Target::Locked(1));
-    board.done(&Request::Target(kband::wire::Target::K(0.5)));
-    held(&mut board, kband::wire::Target::K(0.5));
-    board.ask(
-        &Request::Target(kband::wire::Target::K(f32::NAN)),
-        |response| {
-            assert!(matches!(
-                response,
-                Response::Refused(Refusal::OutOfRange { .. })
-            ));
-        },
-    );
-    held(&mut board, kband::wire::Target::K(0.5));
+    held(&mut board, Target::Locked { order: 1 });
+    board.done(&Request::Target(Target::K(0.5)));
+    held(&mut board, Target::K(0.5));
+    board.ask(&Request::Target(Target::K(f32::NAN)), |response| {
+        assert!(matches!(
+            response,
+            Response::Refused(Refusal::OutOfRange { .. })
+        ));
+    });
+    held(&mut board, Target::K(0.5));
     let permitted = |board: &mut Board, permitted: bool| {
         board.ask(&Request::Status, |response| match response {
             Response::Status(status) => {
@@ -323,7 +311,7 @@ fn a_drive_that_is_stopping_is_not_at_rest() {
 }
 
 #[test]
-fn a_sensor_that_reads_more_than_gravity_at_rest_fails_the_self_test() {
+fn sensor_above_gravity_at_rest_fails_the_self_test() {
     let mut board = Board::new();
     for (mean, sound) in [(9.8, true), (-9.8, true), (12.0, false), (-12.0, false)] {
         board.mean = mean;
@@ -366,7 +354,7 @@ impl Line for Stuck<'_> {
 #[test]
 fn an_answer_waits_100_ms_and_telemetry_does_not_wait() {
     let board = Board::new();
-    let mut buffer = [0; FRAME_MOST];
+    let mut buffer = [0; MAX_FRAME_BYTES];
     let frame = write_request(&mut buffer, 1, &Request::Alive)
         .unwrap()
         .to_vec();
@@ -377,7 +365,7 @@ fn an_answer_waits_100_ms_and_telemetry_does_not_wait() {
         waited: &waited,
     };
     let mut service = Service::new(IMAGE, Memory::of(Found::default()), None);
-    service.every = 1;
+    service.telemetry_interval = 1;
     let mut task = pin!(link(service, line, &board.station));
     for _ in 0..300 {
         let mut context = Context::from_waker(Waker::noop());
@@ -395,23 +383,17 @@ fn an_answer_waits_100_ms_and_telemetry_does_not_wait() {
 #[test]
 fn telemetry_that_the_line_cannot_carry_is_refused() {
     let mut board = Board::new();
-    // 80 % of 11 520 bytes a second are 68 telemetry frames of 135 bytes.
+    // 80 % of 11 520 bytes a second are 64 telemetry frames of 144 bytes.
     for (frequency, fewest) in [
         (5.0, 1),
         (50.0, 1),
-        (67.0, 1),
-        (68.0, 2),
+        (63.0, 1),
+        (65.0, 2),
         (100.0, 2),
         (500.0, 8),
     ] {
-        board.done(&Request::Set {
-            key: "safe_amplitude",
-            value: 0.0,
-        });
-        board.done(&Request::Set {
-            key: "frequency",
-            value: frequency,
-        });
+        board.done(&Request::set("safe_amplitude", 0.0));
+        board.done(&Request::set("frequency", frequency));
         for cycles in 1..fewest {
             board.refused(&Request::Telemetry(cycles), Refusal::Faster(fewest));
         }
@@ -441,15 +423,12 @@ fn telemetry_comes_as_often_as_asked() {
 fn a_silent_link_brings_the_safe_amplitude_after_its_time() {
     let mut board = Board::new();
     // Before the controller detects that the track never moves.
-    board.done(&Request::Set {
-        key: "link_timeout",
-        value: 0.1,
-    });
+    board.done(&Request::set("link_timeout", 0.1));
     board.enable = true;
     board.done(&Request::Alive);
     let lost = |board: &Board| {
         let limits = board.station.report().limits;
-        limits.contains(kband::control::Limits::LINK_LOST)
+        limits.contains(kband_control::Limits::LINK_LOST)
     };
     // 0.1 s at 50 Hz, and the cycle of the request.
     let cycles = (1..=20).find(|_| {
@@ -466,12 +445,12 @@ fn a_silent_link_brings_the_safe_amplitude_after_its_time() {
 fn a_flood_is_counted_and_costs_no_more_than_its_share() {
     let mut board = Board::new();
     board.cycle();
-    let mut buffer = [0; FRAME_MOST];
+    let mut buffer = [0; MAX_FRAME_BYTES];
     let frame = write_question(&mut buffer, 1).unwrap().to_vec();
     let answers: usize = (0..100).map(|_| board.send(&frame).len()).sum();
-    assert_eq!(answers, usize::from(ALLOWANCE));
+    assert_eq!(answers, usize::from(MAX_REQUESTS_PER_CYCLE));
     let counters = board.service.counters();
-    assert_eq!(counters.flooded, 100 - u32::from(ALLOWANCE));
+    assert_eq!(counters.flooded, 100 - u32::from(MAX_REQUESTS_PER_CYCLE));
     board.cycle();
     assert_eq!(board.send(&frame).len(), 1);
 }
@@ -506,9 +485,9 @@ impl Line for Flood<'_> {
 }
 
 #[test]
-fn input_that_never_ceases_stops_neither_telemetry_nor_the_other_tasks() {
+fn endless_input_blocks_neither_telemetry_nor_tasks() {
     let board = Board::new();
-    let mut buffer = [0; FRAME_MOST];
+    let mut buffer = [0; MAX_FRAME_BYTES];
     let question = write_question(&mut buffer, 1).unwrap().to_vec();
     for flood in [&question.repeat(5)[..], b"no frame at all", b"\0"] {
         let (answered, rows) = (Cell::new(0), Cell::new(0));
@@ -518,7 +497,7 @@ fn input_that_never_ceases_stops_neither_telemetry_nor_the_other_tasks() {
             rows: &rows,
         };
         let mut service = Service::new(IMAGE, Memory::of(Found::default()), None);
-        service.every = 1;
+        service.telemetry_interval = 1;
         let mut task = pin!(link(service, line, &board.station));
         for n in 0..10 {
             let inputs = Inputs::default();
@@ -543,11 +522,8 @@ fn garbage_is_counted_and_changes_nothing() {
     const FRAMES: u32 = 1_000_000;
     let mut board = Board::new();
     let mut noise = Noise::new(7);
-    let mut buffer = [0; FRAME_MOST];
-    let set = Request::Set {
-        key: "frequency",
-        value: 61.0,
-    };
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    let set = Request::set("frequency", 61.0);
     let sound = write_request(&mut buffer, 3, &set).unwrap().to_vec();
     let mut counted = 0_u32;
     for n in 0..FRAMES {
@@ -596,13 +572,13 @@ fn garbage_is_counted_and_changes_nothing() {
 
 #[test]
 fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
-    use kband::control::{AdcCode, Signal};
-    use kband::plant::{Bench, ClosedLoop, Scene};
-    use kband::wire::{fold_output, write_reading};
+    use kband_control::wire::{fold_output, write_reading};
+    use kband_control::{AdcCode, Signal};
+    use kband_plant::{Bench, ClosedLoop, Scene};
 
     let scene = Scene::default();
     let mut board = Board::new();
-    fn samples(codes: &[u8], end: Option<kband::wire::Inputs>) -> Request<'_> {
+    fn samples(codes: &[u8], end: Option<Inputs>) -> Request<'_> {
         Request::Samples { codes, end }
     }
     board.refused(&samples(&[], None), Refusal::OutOfStep);
@@ -616,8 +592,8 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     assert_eq!(
         SIMULATE,
         Request::Simulate {
-            target: scene.target.into(),
-            start: kband::wire::StartCause::Ordinary,
+            target: scene.target,
+            start: StartCause::Ordinary,
         }
     );
     board.done(&SIMULATE);
@@ -628,10 +604,7 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     for n in 0..100 {
         // Too few readings for a cycle, and an invalid reading after a valid one: neither is
         // accepted.
-        board.refused(
-            &samples(&[4; 3], Some(bench.inputs().into())),
-            Refusal::OutOfStep,
-        );
+        board.refused(&samples(&[4; 3], Some(bench.inputs())), Refusal::OutOfStep);
         board.refused(&samples(&[4, 0xff, 0xff, 0xff], None), Refusal::OutOfStep);
         let (mut bytes, mut used, mut check) = ([0; 200], 0, 0);
         loop {
@@ -650,11 +623,11 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
                 used = 0;
             }
         }
-        let end = Some(bench.inputs().into());
+        let end = Some(bench.inputs());
         let report = board.ask(&samples(&bytes[..used], end), |response| match response {
             Response::Cycle { outputs, report } => {
                 assert_eq!(outputs, check, "cycle {n}");
-                kband::control::Report::try_from(report).unwrap()
+                report
             }
             other => panic!("{other:?}"),
         });
@@ -662,21 +635,18 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
         signal.command(report.command);
     }
     // A missing or surplus reading is refused, never guessed.
-    board.refused(
-        &samples(&[0; 3], Some(bench.inputs().into())),
-        Refusal::OutOfStep,
-    );
+    board.refused(&samples(&[0; 3], Some(bench.inputs())), Refusal::OutOfStep);
     board.refused(&samples(&[0xff; 3], None), Refusal::OutOfStep);
 }
 
 /// A cycle at 50 Hz has 400 readings, the first one 401: the phase step is rounded down.
 #[test]
-fn readings_are_refused_where_a_cycle_ends_within_them_or_before_its_inputs() {
+fn readings_across_a_cycle_end_are_refused() {
     let mut board = Board::new();
     board.done(&SIMULATE);
     let samples = |count: usize, end: bool| Request::Samples {
         codes: &[0; 150][..count],
-        end: end.then(|| Inputs::default().into()),
+        end: end.then(Inputs::default),
     };
     board.done(&samples(150, false));
     board.done(&samples(150, false));
@@ -690,11 +660,13 @@ fn readings_are_refused_where_a_cycle_ends_within_them_or_before_its_inputs() {
 }
 
 #[test]
-fn a_desk_that_simulates_and_falls_silent_gives_the_board_back() {
+fn a_silent_simulation_ends() {
     let mut board = Board::new();
     board.done(&SIMULATE);
-    let mut second = Cycle::default();
-    second.samples = 20_000;
+    let second = Cycle {
+        samples: 20_000,
+        ..Cycle::default()
+    };
     let inputs = Inputs {
         enable: true,
         ..Inputs::default()
@@ -749,26 +721,20 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
             }
             board.station.report().fault
         };
-        let invalid = Some(kband::control::Fault::SettingsInvalid);
+        let invalid = Some(kband_control::Fault::SettingsInvalid);
         assert_eq!(fault(&mut board), invalid);
         let settings = |response: Response<'_>| match response {
             Response::SelfTest(test) => test.settings,
             other => panic!("{other:?}"),
         };
         assert_eq!(board.ask(&Request::SelfTest, settings), kept);
-        board.done(&Request::Set {
-            key: "gain",
-            value: 2.0,
-        });
-        board.done(&Request::Target(kband::wire::Target::K(0.5)));
+        board.done(&Request::set("gain", 2.0));
+        board.done(&Request::Target(Target::K(0.5)));
         assert_eq!(fault(&mut board), invalid);
         board.done(&Request::Save);
         assert_eq!(board.ask(&Request::SelfTest, settings), Kept::InUse);
         let found = board.service.store.found;
-        assert_eq!(
-            (found.settings.gain, found.target),
-            (2.0, kband::control::Target::K(0.5))
-        );
+        assert_eq!((found.settings.gain, found.target), (2.0, Target::K(0.5)));
         assert_eq!(fault(&mut board), None);
     }
 }
@@ -791,7 +757,7 @@ fn defaults_drive_nothing_until_settings_are_saved() {
     board.done(&Request::Save);
     assert_eq!(state(&mut board), (State::Starting, None));
     board.done(&Request::Defaults);
-    let invalid = Some(kband::control::Fault::SettingsInvalid);
+    let invalid = Some(kband_control::Fault::SettingsInvalid);
     assert_eq!(state(&mut board), (State::Fault, invalid));
     board.done(&Request::Save);
     assert_eq!(state(&mut board), (State::Starting, None));
@@ -808,11 +774,8 @@ fn defaults_in_the_place_of_lost_settings_move_nothing() {
         for request in [
             Request::Defaults,
             Request::Enable(true),
-            Request::Target(kband::wire::Target::K(0.5)),
-            Request::Set {
-                key: "safe_amplitude",
-                value: 0.5,
-            },
+            Request::Target(Target::K(0.5)),
+            Request::set("safe_amplitude", 0.5),
             Request::Alive,
         ] {
             board.done(&request);
@@ -849,7 +812,7 @@ fn a_fault_is_kept_beyond_a_loss_of_power() {
     assert!(until.is_some());
     block_on(board.service.keep_fault(&board.station));
     block_on(board.service.keep_fault(&board.station));
-    let number = (board.station.report().fault).map(kband::control::Fault::number);
+    let number = (board.station.report().fault).map(kband_control::Fault::number);
     board.ask(&Request::Fault(0), |response| match response {
         Response::Fault(Some(kept)) => {
             assert_eq!(Some(kept.fault), number);

@@ -58,14 +58,14 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
     }
 
     /// `k = 0.43`, and the amplitude where that was given.
-    pub fn told(self, k: f64) -> Result<String, Refusal> {
-        let k_told = format!("k = {}", number(k, 6));
+    pub fn describe(self, k: f64) -> Result<String, Refusal> {
+        let k_text = format!("k = {}", number(k, 6));
         if self.b.is_none() {
-            return Ok(k_told);
+            return Ok(k_text);
         }
         let track = self.track()?;
         Ok(format!(
-            "b = {} mm at {} Hz, incline {}° ({k_told})",
+            "b = {} mm at {} Hz, incline {}° ({k_text})",
             number(1e3 * track.amplitude(k), 6),
             number(track.frequency(), 6),
             number(track.incline().to_degrees(), 6)
@@ -75,18 +75,18 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
 
 /// k at an amplitude in mm, within the range of the map.
 pub fn k_of(track: &Track, amplitude: f64) -> Result<f64, Refusal> {
-    const LEAST: f64 = 0.001;
-    const MOST: f64 = 1000.0;
+    const MIN_K: f64 = 0.001;
+    const MAX_K: f64 = 1000.0;
     let k = track.k(1e-3 * amplitude);
-    if (LEAST..=MOST).contains(&k) {
+    if (MIN_K..=MAX_K).contains(&k) {
         return Ok(k);
     }
-    let ends = [MOST, LEAST].map(|k| number(1e3 * track.amplitude(k), 3));
+    let ends = [MAX_K, MIN_K].map(|k| number(1e3 * track.amplitude(k), 3));
     Err(Refusal::value(
         "--b",
         format!("{} mm", number(amplitude, 6)),
         format!(
-            "{}..{} mm, which is k = {MOST}..{LEAST} at this frequency and incline",
+            "{}..{} mm, which is k = {MAX_K}..{MIN_K} at this frequency and incline",
             ends[0], ends[1]
         ),
         "give an amplitude in this range",
@@ -113,7 +113,7 @@ mod tests {
         let k = of(0.2, 0.2, 1).or_k(None).unwrap().unwrap();
         assert!((k - expected).abs() < 1e-14, "{k}");
         assert_eq!(
-            of(0.2, 0.2, 1).told(k).unwrap(),
+            of(0.2, 0.2, 1).describe(k).unwrap(),
             "b = 0.2 mm at 60 Hz, incline 10° (k = 0.339766)"
         );
         let both = of(0.1, 0.2, 2).or_range(None).unwrap().unwrap();

@@ -1,44 +1,172 @@
-//! Benchmark: run time against error of every arithmetic of the impact map.
+//! Run time against error of the impact map, in each arithmetic and by two baselines.
 //!
-//! All kernels are measured in one run, turn by turn, so a busy machine slows them alike. The
-//! medians of the turns are compared. Errors are against the f64 impact of the state as the kernel
-//! represents it.
+//! The kernels take turns, so a busy machine slows them alike. The times are those of the thread
+//! on a CPU. Errors are against the f64 impact of the state as the kernel represents it.
 
-pub mod bracket;
-pub mod chains;
-pub mod classes;
-pub mod contest;
-pub mod instructions;
-pub mod scaling;
-pub mod scene;
-pub mod skips;
-pub mod textbook;
-pub mod verbs;
-pub mod waves;
+pub mod baseline;
 pub mod workload;
 
-/// A flight of a baseline.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Flight {
-    /// Duration in rad.
-    pub duration: f64,
-    /// Phase of the impact, 0..2 pi.
-    pub phase: f64,
-    /// Speed of arrival in units of `b w`.
-    pub arrival: f64,
+use std::f64::consts::TAU;
+use std::hint::black_box;
+use std::time::Duration;
+
+use baseline::{Bracket, Textbook};
+use kband::impact::batch::{Block, LANES};
+use kband::impact::{Hybrid, Integer, Kernel, Map, Single};
+use workload::Launch;
+
+/// Relative flight difference (in rad, over 1 + flight) above which a flight is another root. The
+/// coarsest arithmetic has errors of 3e-4.
+const ANOTHER_ROOT: f64 = 1e-3;
+
+/// A launch as the kernel represents it, and flight and phase of its impact in rad.
+pub type Flown = (Launch, f64, f64);
+
+/// A kernel or baseline with its launches.
+pub trait Contestant {
+    /// Its name.
+    fn name(&self) -> &'static str;
+    /// Makes the impact of each launch once; returns the CPU time of an impact in ns.
+    fn pass(&mut self) -> f64;
+    /// The impact of each launch.
+    fn impacts(&mut self) -> Vec<Flown>;
 }
 
-/// The measurement of one kernel on one workload.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Measurement {
-    /// Name of the kernel.
-    pub kernel: &'static str,
-    /// Name of the workload.
-    pub workload: &'static str,
-    /// Run time of one impact in ns, median of the turns.
-    pub nanoseconds: f64,
-    /// Errors of the phase in rad, if judged.
-    pub errors: Option<Errors>,
+/// All contestants; the slow baseline makes an eighth of the impacts.
+pub fn contestants(launches: &[Launch]) -> Vec<Box<dyn Contestant>> {
+    let few: Vec<Launch> = launches.iter().copied().step_by(8).collect();
+    vec![
+        Box::new(Kernels::<Bracket>::new(&few)),
+        Box::new(Kernels::<Textbook>::new(launches)),
+        Box::new(Kernels::<Map>::new(launches)),
+        Box::new(Blocks {
+            blocks: vec![Block::new(); launches.len().div_ceil(LANES)],
+            lanes: Kernels::new(launches),
+        }),
+        Box::new(Kernels::<Hybrid>::new(launches)),
+        Box::new(Kernels::<Single>::new(launches)),
+        Box::new(Kernels::<Integer>::new(launches)),
+    ]
+}
+
+/// CPU time of this thread; the time of day where the system does not count it.
+pub fn cpu_time() -> Duration {
+    #[cfg(unix)]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec as u32)
+    }
+    #[cfg(not(unix))]
+    std::time::UNIX_EPOCH.elapsed().unwrap_or_default()
+}
+
+fn nanoseconds_since(begun: Duration) -> f64 {
+    cpu_time().saturating_sub(begun).as_nanos() as f64
+}
+
+/// One kernel, one impact at a time.
+struct Kernels<K: Kernel> {
+    ready: Vec<(K, K::State, Launch)>,
+}
+
+impl<K: Kernel> Kernels<K> {
+    fn new(launches: &[Launch]) -> Self {
+        // Leaves out launches that the arithmetic cannot represent.
+        let ready = |launch: &Launch| {
+            let kernel = K::build(launch.k, launch.restitution).ok()?;
+            let state = K::state(launch.state.phase, launch.state.velocity).ok()?;
+            let held = Launch {
+                state: K::observe(state),
+                ..*launch
+            };
+            Some((kernel, state, held))
+        };
+        Self {
+            ready: launches.iter().filter_map(ready).collect(),
+        }
+    }
+}
+
+impl<K: Kernel> Contestant for Kernels<K> {
+    fn name(&self) -> &'static str {
+        K::NAME
+    }
+
+    fn pass(&mut self) -> f64 {
+        let begun = cpu_time();
+        for (kernel, state, _) in &self.ready {
+            // By reference, to avoid a copy of the result.
+            black_box(&kernel.impact(*state));
+        }
+        nanoseconds_since(begun) / self.ready.len() as f64
+    }
+
+    fn impacts(&mut self) -> Vec<Flown> {
+        let flown = |(kernel, state, launch): &(K, K::State, Launch)| {
+            let impact = kernel.impact(*state);
+            (*launch, impact.flight, K::observe(impact.next).phase)
+        };
+        self.ready.iter().map(flown).collect()
+    }
+}
+
+/// The batch kernel in the widest registers of this CPU, one impact of each launch.
+struct Blocks {
+    blocks: Vec<Block>,
+    lanes: Kernels<Map>,
+}
+
+impl Contestant for Blocks {
+    fn name(&self) -> &'static str {
+        "batch"
+    }
+
+    fn pass(&mut self) -> f64 {
+        let lanes = self.lanes.ready.chunks(LANES);
+        for (block, lanes) in self.blocks.iter_mut().zip(lanes) {
+            for (lane, (map, state, _)) in lanes.iter().enumerate() {
+                // A chunk has at most as many launches as lanes.
+                let _ = block.put(lane, map, *state);
+            }
+            // Sorts the lanes.
+            block.advance(0);
+        }
+        let begun = cpu_time();
+        for block in &mut self.blocks {
+            block.advance(1);
+        }
+        nanoseconds_since(begun) / self.lanes.ready.len() as f64
+    }
+
+    fn impacts(&mut self) -> Vec<Flown> {
+        self.pass();
+        let flown = |(n, (.., launch)): (usize, &(_, _, Launch))| {
+            let impact = self.blocks[n / LANES].impact(n % LANES)?;
+            Some((*launch, impact.flight, impact.next.phase))
+        };
+        let ready = self.lanes.ready.iter().enumerate();
+        ready.filter_map(flown).collect()
+    }
+}
+
+/// Run time of an impact over the rounds, in ns of CPU time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Time {
+    /// Median.
+    pub median: f64,
+    /// Interquartile range.
+    pub range: f64,
+}
+
+impl Time {
+    /// Median and interquartile range of the rounds.
+    pub fn of(mut rounds: Vec<f64>) -> Self {
+        rounds.sort_by(f64::total_cmp);
+        Self {
+            median: quantile(&rounds, 0.5),
+            range: quantile(&rounds, 0.75) - quantile(&rounds, 0.25),
+        }
+    }
 }
 
 /// Errors of the phase of the next impact in rad, over the impacts with the right root.
@@ -55,29 +183,100 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// The errors of the given impacts, and the number of those at another root.
-    #[must_use]
-    pub fn of(mut errors: Vec<f64>, wrong_roots: u64) -> Self {
+    /// Compares impacts with those in f64, except where these graze and rounding decides the first
+    /// root.
+    pub fn of(impacts: &[Flown]) -> Self {
+        let (mut errors, mut wrong_roots) = (Vec::new(), 0);
+        for (launch, flight, phase) in impacts {
+            let Ok(map) = Map::build(launch.k, launch.restitution) else {
+                continue;
+            };
+            let truth = map.impact(launch.state);
+            if truth.grazes {
+                continue;
+            }
+            // NaN counts as another root.
+            if (flight - truth.flight).abs() <= ANOTHER_ROOT * (1.0 + truth.flight) {
+                let turned = (phase - truth.next.phase).abs();
+                errors.push(turned.min((TAU - turned).abs()));
+            } else {
+                wrong_roots += 1;
+            }
+        }
         errors.sort_by(f64::total_cmp);
-        let part = |share: f64| {
-            let last = errors.len().saturating_sub(1) as f64;
-            errors
-                .get((share * last).round() as usize)
-                .copied()
-                .unwrap_or(f64::NAN)
-        };
         Self {
-            median: part(0.5),
-            p99: part(0.99),
-            largest: part(1.0),
+            median: quantile(&errors, 0.5),
+            p99: quantile(&errors, 0.99),
+            largest: quantile(&errors, 1.0),
             wrong_roots,
         }
     }
 }
 
-/// Median of some measurements.
-#[must_use]
-pub fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+/// The value below which this share of the sorted values lies; NaN without any.
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let last = sorted.len().saturating_sub(1) as f64;
+    let value = sorted.get((share * last).round() as usize);
+    value.copied().unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::workload::WORKLOADS;
+    use super::*;
+
+    #[test]
+    fn one_slow_round_moves_neither_median_nor_range() {
+        let rounds: Vec<f64> = (0..21).map(f64::from).collect();
+        let time = Time::of(rounds.clone());
+        assert_eq!(
+            time,
+            Time {
+                median: 10.0,
+                range: 10.0
+            }
+        );
+        let mut slow = rounds;
+        slow[20] = 1e6;
+        assert_eq!(Time::of(slow), time);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn waiting_takes_no_cpu_time() {
+        let waited = Duration::from_millis(50);
+        let begun = cpu_time();
+        std::thread::sleep(waited);
+        assert!(cpu_time() - begun < waited / 2);
+    }
+
+    #[test]
+    fn a_wrong_root_is_counted_and_a_wrong_phase_is_an_error() {
+        let launches = WORKLOADS[1].1(512);
+        let mut impacts = Kernels::<Map>::new(&launches).impacts();
+        let exact = Errors::of(&impacts);
+        assert_eq!((exact.largest, exact.wrong_roots), (0.0, 0));
+        impacts[0].1 += 1.0;
+        for (.., phase) in &mut impacts[1..] {
+            *phase = (*phase + 1e-3).rem_euclid(TAU);
+        }
+        let found = Errors::of(&impacts);
+        assert_eq!(found.wrong_roots, 1);
+        assert!((found.median - 1e-3).abs() < 1e-12, "{found:?}");
+    }
+
+    #[test]
+    fn every_contestant_finds_the_impacts_of_f64() {
+        for (workload, launches) in WORKLOADS {
+            for mut contestant in contestants(&launches(512)) {
+                let impacts = contestant.impacts();
+                let errors = Errors::of(&impacts);
+                let name = contestant.name();
+                assert!(impacts.len() >= 60, "{name}, {workload}: {}", impacts.len());
+                assert!(errors.median < 1e-4, "{name}: {errors:?}");
+                assert!(errors.wrong_roots <= 1, "{name}: {errors:?}");
+                assert!(name != "batch" || errors.largest == 0.0, "{errors:?}");
+            }
+        }
+    }
 }

@@ -9,7 +9,7 @@ use crate::file::Destination;
 use crate::refusal::Refusal;
 
 /// A flash of settings and faults: four pages of 4 KiB, as the emulated board has them.
-const FLASH: usize = 16_384;
+const FLASH_BYTES: usize = 16_384;
 
 /// The board that a verb talks to.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -34,7 +34,6 @@ pub struct Address {
 
 impl Address {
     /// The board `on`, qemu or a serial port; an emulated one runs `image`.
-    #[must_use]
     pub fn of(on: &str, image: Option<&Path>) -> Self {
         Self {
             on: Some(on.into()),
@@ -45,13 +44,11 @@ impl Address {
     }
 
     /// Whether it is the emulated CPU.
-    #[must_use]
     pub fn is_emulated(&self) -> bool {
         self.on.as_deref() == Some("qemu")
     }
 
     /// The same board as options of a command.
-    #[must_use]
     pub fn options(&self) -> String {
         let mut words = String::new();
         if let Some(on) = &self.on {
@@ -137,8 +134,8 @@ fn serial_link(path: &Path) -> Result<Link, Refusal> {
 fn prepare(flash: &Path) -> Result<(), Refusal> {
     let target = Destination::check(flash)?;
     match flash.metadata() {
-        Err(_) => target.write_bytes(&[0xff; FLASH]),
-        Ok(data) if data.len() == FLASH as u64 => Ok(()),
+        Err(_) => target.write_bytes(&[0xff; FLASH_BYTES]),
+        Ok(data) if data.len() == FLASH_BYTES as u64 => Ok(()),
         Ok(data) => Err(Refusal::value(
             "--flash-image",
             format!("{} ({} bytes)", flash.display(), data.len()),
@@ -157,9 +154,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let flash = folder.path().join("flash.bin");
         prepare(&flash).unwrap();
-        std::fs::write(&flash, [0x5a; FLASH]).unwrap();
+        std::fs::write(&flash, [0x5a; FLASH_BYTES]).unwrap();
         prepare(&flash).unwrap();
-        assert_eq!(std::fs::read(&flash).unwrap(), [0x5a; FLASH]);
+        assert_eq!(std::fs::read(&flash).unwrap(), [0x5a; FLASH_BYTES]);
         let other = folder.path().join("notes.txt");
         std::fs::write(&other, "not a flash").unwrap();
         let message = prepare(&other).unwrap_err().to_string();

@@ -10,7 +10,7 @@ pub struct Clock {
 }
 
 /// Most cycles by which an event may be ahead of the last telemetry.
-const AHEAD: u32 = 100_000;
+const MAX_CYCLES_AHEAD: u32 = 100_000;
 
 impl Clock {
     /// The cycles at the board's count `cycle`, which is now.
@@ -25,13 +25,12 @@ impl Clock {
 
     /// The cycles at the board's count `cycle` of an event, which lies in the past or a little
     /// ahead.
-    #[must_use]
     pub fn then(&self, cycle: u32) -> u64 {
         let Some((last, total)) = self.last else {
             return cycle.into();
         };
         let ahead = cycle.wrapping_sub(last);
-        if ahead <= AHEAD {
+        if ahead <= MAX_CYCLES_AHEAD {
             return total.saturating_add(ahead.into());
         }
         // What was before the count began anew, unheard, keeps its own count.

@@ -1,15 +1,15 @@
 //! Processor in the loop: the controller on the board, the plant at the desk, in lock-step.
 
-use kband::control::{Report, SAMPLE_RATE, Settings, Signal};
-use kband::plant::{Bench, Moment, Plant, Scene};
-use kband::wire::{Request, Response, StartCause, fold_output, write_reading};
+use kband_control::wire::{Request, Response, fold_output, write_reading};
+use kband_control::{Report, SAMPLE_RATE, Settings, Signal, StartCause};
+use kband_plant::{Bench, Moment, Plant, Scene};
 
 use super::link::Link;
 use super::settings::tell;
 use crate::refusal::Refusal;
 
 /// Bytes of readings that are sent to the board at once.
-const PIECE: usize = 240;
+const CHUNK_BYTES: usize = 240;
 
 /// The closed loop of a scene with its controller on a board.
 ///
@@ -26,7 +26,7 @@ pub struct BoardLoop {
 
 /// Readings of a cycle that are not sent yet, and its outputs, folded.
 struct Run {
-    bytes: [u8; PIECE + 8],
+    bytes: [u8; CHUNK_BYTES + 8],
     used: usize,
     check: u32,
 }
@@ -34,6 +34,12 @@ struct Run {
 impl BoardLoop {
     /// The loop of a scene at time 0, on the board at the end of `link`, whose drive stays off.
     pub fn start(mut link: Link, scene: &Scene) -> Result<Self, Refusal> {
+        if scene.settings.current_gain > 0.0 {
+            return Err(Refusal::new(
+                "the link carries no readings of a current sensor to the board",
+                "set drive.current_gain to 0, or leave --on away",
+            ));
+        }
         link.tell(&Request::Defaults)?;
         let changed = Settings::KEYS
             .iter()
@@ -42,8 +48,8 @@ impl BoardLoop {
             .map(|(key, value)| (key.name, value));
         tell(&mut link, changed.collect())?;
         link.tell(&Request::Simulate {
-            target: scene.target.into(),
-            start: scene.start.into(),
+            target: scene.target,
+            start: scene.start,
         })?;
         Ok(Self {
             link,
@@ -78,7 +84,7 @@ impl BoardLoop {
         self.signal = Signal::build(&self.scene.settings)?;
         self.before = 0;
         self.link.tell(&Request::Simulate {
-            target: self.scene.target.into(),
+            target: self.scene.target,
             start: StartCause::Reset,
         })
     }
@@ -86,7 +92,7 @@ impl BoardLoop {
     /// Samples of one cycle, all but the last of them sent.
     fn samples(&mut self) -> Result<Run, Refusal> {
         let mut run = Run {
-            bytes: [0; PIECE + 8],
+            bytes: [0; CHUNK_BYTES + 8],
             used: 0,
             check: 0,
         };
@@ -94,7 +100,7 @@ impl BoardLoop {
             let code = self.bench.sample();
             if let Some(target) = self.bench.new_target() {
                 // A target out of range is refused, as at the desk; the old one stays.
-                self.link.ask(&Request::Target(target.into()), |_| ())?;
+                self.link.ask(&Request::Target(target), |_| ())?;
             }
             let before = self.signal.phase();
             let sampled = self.signal.sample(code);
@@ -106,7 +112,7 @@ impl BoardLoop {
             if sampled.wrapped {
                 break;
             }
-            if run.used >= PIECE {
+            if run.used >= CHUNK_BYTES {
                 self.link.tell(&Request::Samples {
                     codes: &run.bytes[..run.used],
                     end: None,
@@ -121,18 +127,11 @@ impl BoardLoop {
         let check = run.check;
         let request = Request::Samples {
             codes: &run.bytes[..run.used],
-            end: Some(self.bench.inputs().into()),
+            end: Some(self.bench.inputs()),
         };
         let time = self.bench.time();
         self.link.ask(&request, |response| match response {
-            Response::Cycle { outputs, report } if outputs == check => {
-                report.try_into().map_err(|_| {
-                    Refusal::new(
-                        format!("at {time} s the board's report names what kband does not know"),
-                        "use the kband of the same version as the board's image",
-                    )
-                })
-            }
+            Response::Cycle { outputs, report } if outputs == check => Ok(report),
             Response::Cycle { .. } => Err(Refusal::new(
                 format!("at {time} s the board's outputs are not the desk's"),
                 "this is a fault of kband: report it with the scene",
@@ -145,7 +144,6 @@ impl BoardLoop {
     }
 
     /// The plant.
-    #[must_use]
     pub fn plant(&self) -> &Plant {
         self.bench.plant()
     }

@@ -22,6 +22,26 @@ pub enum Emulated {
 pub(super) const BUILD: &str = "in kband's own folder: cargo build -p kband-firmware --profile firmware \
     --target thumbv7em-none-eabihf --bin virtual_feeder";
 
+/// Oldest QEMU whose emulated board runs the image.
+const MIN_QEMU: [u32; 2] = [9, 2];
+
+/// Refuses a QEMU that is too old, by what `--version` prints.
+fn check_version(printed: &str) -> Result<(), Refusal> {
+    let version = printed.split_whitespace().nth(3).unwrap_or_default();
+    let mut numbers = version.split('.').map_while(|number| number.parse().ok());
+    let found = [numbers.next(), numbers.next()].map(|number| number.unwrap_or(0));
+    if found >= MIN_QEMU {
+        return Ok(());
+    }
+    let [major, minor] = MIN_QEMU;
+    Err(Refusal::value(
+        "the version of qemu-system-arm",
+        version,
+        format!("{major}.{minor} or newer"),
+        "run tests/setup.sh in kband's own folder, which installs it, or use a board",
+    ))
+}
+
 /// Starts the emulator with its serial port on pipes, its settings kept in the file `flash` and its
 /// log written into the file `log`.
 pub fn start(
@@ -49,6 +69,10 @@ pub fn start(
         Emulated::AtRest => "enable=on,target=native,arg=image,arg=link",
         Emulated::Running => "enable=on,target=native,arg=image,arg=run",
     });
+    // One that does not start is refused below.
+    if let Ok(printed) = Command::new("qemu-system-arm").arg("--version").output() {
+        check_version(&String::from_utf8_lossy(&printed.stdout))?;
+    }
     let mut command = Command::new("qemu-system-arm");
     tether(&mut command);
     if let Some(flash) = flash {
@@ -85,4 +109,23 @@ pub fn start(
                 "run tests/setup.sh, which installs it",
             )
         })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_qemu_older_than_9_2_is_refused_with_what_to_do() {
+        let printed =
+            |version| format!("QEMU emulator version {version} (Debian 1:1)\nCopyright\n");
+        for good in ["9.2.0", "9.10.1", "10.0.2"] {
+            assert_eq!(check_version(&printed(good)), Ok(()));
+        }
+        for old in ["7.2.9", "9.1.3"] {
+            let refused = check_version(&printed(old)).unwrap_err().to_string();
+            assert!(refused.contains(old) && refused.contains("9.2 or newer"));
+            assert!(refused.contains("tests/setup.sh"), "{refused}");
+        }
+    }
 }

@@ -6,20 +6,21 @@ use std::process::Child;
 use std::sync::mpsc::{Receiver as Bytes, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use kband::wire::{
-    Access, FRAME_MOST, Identity, Outgoing, Receiver, Refusal as Refused, Request, Response,
-    SCHEMA, Target, Telemetry, VERSION, read_answer, write_identity, write_question, write_request,
+use kband_control::Target;
+use kband_control::wire::{
+    Access, Identity, MAX_FRAME_BYTES, Outgoing, Receiver, Refusal as Refused, Request, Response,
+    SCHEMA, Telemetry, VERSION, read_answer, write_identity, write_question, write_request,
 };
 
 use super::emulator;
 use crate::refusal::Refusal;
 
 /// Longest wait for an answer; an emulated board on a busy machine is far below its speed.
-const PATIENCE: Duration = Duration::from_secs(10);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time between two questions, where the first was not answered.
-const KNOCK: Duration = Duration::from_millis(500);
-/// Most of what came unasked that is kept until somebody looks: over a minute at 50 Hz.
-const UNASKED: usize = 4096;
+const RETRY_INTERVAL: Duration = Duration::from_millis(500);
+/// Most of what came unsolicited that is kept until somebody looks: over a minute at 50 Hz.
+const MAX_UNSOLICITED: usize = 4096;
 
 /// Message that a board sends without a request.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,9 +43,9 @@ pub struct Link {
     patience: Duration,
     speaks: (u8, u32),
     image: String,
-    heard: usize,
+    bytes_received: usize,
     unreadable: u32,
-    unasked: VecDeque<Unsolicited>,
+    unsolicited: VecDeque<Unsolicited>,
     record: Option<Box<dyn Write + Send>>,
 }
 
@@ -74,12 +75,12 @@ impl Link {
             waiting: VecDeque::new(),
             receiver: Receiver::new(),
             sequence: 0,
-            patience: PATIENCE,
+            patience: ANSWER_TIMEOUT,
             speaks: (0, 0),
             image: String::new(),
-            heard: 0,
+            bytes_received: 0,
             unreadable: 0,
-            unasked: VecDeque::new(),
+            unsolicited: VecDeque::new(),
             record: None,
         };
         link.identify()?;
@@ -87,31 +88,26 @@ impl Link {
     }
 
     /// Where the board is: qemu or its port.
-    #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
     /// Name, version and build of the board's image.
-    #[must_use]
     pub fn image(&self) -> &str {
         &self.image
     }
 
     /// Version and schema of the link that the board speaks.
-    #[must_use]
     pub fn speaks(&self) -> (u8, u32) {
         self.speaks
     }
 
     /// Frames so far that could not be read.
-    #[must_use]
     pub fn unreadable(&self) -> u32 {
         self.unreadable
     }
 
     /// How the board gets the firmware that belongs to this desk.
-    #[must_use]
     pub fn fitting_firmware(&self) -> String {
         match self.emulator {
             Some(_) => format!(
@@ -147,7 +143,7 @@ impl Link {
             schema,
             image: &self.image,
         };
-        let mut buffer = [0; FRAME_MOST];
+        let mut buffer = [0; MAX_FRAME_BYTES];
         if let Ok(frame) = write_identity(&mut buffer, 0, &identity) {
             record.write_all(frame).map_err(unrecorded)?;
         }
@@ -160,22 +156,22 @@ impl Link {
         self.patience = patience;
     }
 
-    /// Waits and keeps what comes unasked; then what came, the oldest first.
+    /// Waits and keeps what comes unsolicited; then what came, the oldest first.
     pub fn listen(&mut self, time: Duration) -> Result<Vec<Unsolicited>, Refusal> {
         self.receive(Instant::now() + time, |_| None::<()>)?;
-        Ok(self.unasked.drain(..).collect())
+        Ok(self.unsolicited.drain(..).collect())
     }
 
-    /// Asks, and looks at the answer; what is sent unasked is passed over.
+    /// Asks, and looks at the answer; what is sent unsolicited is passed over.
     pub fn ask<T>(
         &mut self,
         request: &Request<'_>,
         look: impl FnOnce(Response<'_>) -> T,
     ) -> Result<T, Refusal> {
-        // 0 is what is sent unasked.
+        // 0 is what is sent unsolicited.
         self.sequence = self.sequence % 255 + 1;
         let wanted = self.sequence;
-        let mut buffer = [0; FRAME_MOST];
+        let mut buffer = [0; MAX_FRAME_BYTES];
         let frame = write_request(&mut buffer, wanted, request)
             .map_err(|_| Refusal::new("a request is too long for a frame", "shorten its text"))?;
         // A board drops what is beyond its allowance for a drive cycle, and a link may lose a
@@ -185,7 +181,11 @@ impl Link {
         let mut look = Some(look);
         while Instant::now() < end {
             self.send(frame)?;
-            let until = if again { Instant::now() + KNOCK } else { end };
+            let until = if again {
+                Instant::now() + RETRY_INTERVAL
+            } else {
+                end
+            };
             let found = self.receive(until, |answer| match answer {
                 Outgoing::Response { sequence, response } if sequence == wanted => {
                     look.take().map(|look| look(response))
@@ -226,31 +226,32 @@ impl Link {
         self.ask(&Request::Held, |response| match response {
             Response::Held(target) => Ok(target),
             other => Err(Refusal::new(
-                format!("asked for its target, the board answered {other:?}"),
+                format!("the board answered the request for its target with {other:?}"),
                 "reset the board",
             )),
         })?
     }
 
     fn identify(&mut self) -> Result<(), Refusal> {
-        let mut buffer = [0; FRAME_MOST];
+        let mut buffer = [0; MAX_FRAME_BYTES];
         // Not 0, which is a board that starts.
         let question = write_question(&mut buffer, 1)
             .map(<[u8]>::to_vec)
             .unwrap_or_default();
-        let end = Instant::now() + PATIENCE;
+        let end = Instant::now() + ANSWER_TIMEOUT;
         while Instant::now() < end {
             self.send(&question)?;
-            let identity = self.receive(Instant::now() + KNOCK, |answer| match answer {
-                Outgoing::Identity { identity, .. } => Some((
-                    (identity.version, identity.schema),
-                    identity.image.to_string(),
-                )),
-                Outgoing::Response { .. } => None,
-            })?;
+            let identity =
+                self.receive(Instant::now() + RETRY_INTERVAL, |answer| match answer {
+                    Outgoing::Identity { identity, .. } => Some((
+                        (identity.version, identity.schema),
+                        identity.image.to_string(),
+                    )),
+                    Outgoing::Response { .. } => None,
+                })?;
             if let Some((speaks, image)) = identity {
                 (self.speaks, self.image) = (speaks, image);
-                self.unasked.clear();
+                self.unsolicited.clear();
                 return Ok(());
             }
         }
@@ -277,7 +278,7 @@ impl Link {
     ) -> Result<Option<T>, Refusal> {
         loop {
             while let Some(byte) = self.waiting.pop_front() {
-                let answer = match self.receiver.take(byte) {
+                let answer = match self.receiver.push(byte) {
                     Some(frame) => frame.and_then(read_answer),
                     None => continue,
                 };
@@ -289,18 +290,20 @@ impl Link {
                     Outgoing::Response {
                         sequence: 0,
                         response: Response::Telemetry(telemetry),
-                    } => self.unasked.push_back(Unsolicited::Telemetry(telemetry)),
+                    } => self
+                        .unsolicited
+                        .push_back(Unsolicited::Telemetry(telemetry)),
                     Outgoing::Identity {
                         sequence: 0,
                         identity,
                     } => {
                         let image = identity.image.to_string();
-                        self.unasked.push_back(Unsolicited::Started(image));
+                        self.unsolicited.push_back(Unsolicited::Started(image));
                     }
                     _ => {}
                 }
-                if self.unasked.len() > UNASKED {
-                    self.unasked.pop_front();
+                if self.unsolicited.len() > MAX_UNSOLICITED {
+                    self.unsolicited.pop_front();
                 }
                 if let Some(found) = look(answer) {
                     return Ok(Some(found));
@@ -311,7 +314,7 @@ impl Link {
                 .recv_timeout(end.saturating_duration_since(Instant::now()))
             {
                 Ok(bytes) => {
-                    self.heard = self.heard.saturating_add(bytes.len());
+                    self.bytes_received = self.bytes_received.saturating_add(bytes.len());
                     if let Some(record) = &mut self.record {
                         record.write_all(&bytes).map_err(unrecorded)?;
                     }
@@ -331,14 +334,14 @@ impl Link {
     fn silent(&self) -> Refusal {
         let Self {
             name,
-            heard,
+            bytes_received,
             unreadable,
             ..
         } = self;
-        if *heard > 0 && self.image.is_empty() {
+        if *bytes_received > 0 && self.image.is_empty() {
             return Refusal::new(
                 format!(
-                    "{name} sent {heard} bytes with {unreadable} frames that cannot be read and none that can"
+                    "{name} sent {bytes_received} bytes: {unreadable} unreadable frames and no readable one"
                 ),
                 "look whether this is the board's port, at 115200 baud, and whether the board runs kband",
             );

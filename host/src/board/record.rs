@@ -6,7 +6,9 @@
 
 use std::io::Read;
 
-use kband::wire::{Outgoing, Receiver, Record, Response, SCHEMA, Telemetry, VERSION, read_answer};
+use kband_control::wire::{
+    Outgoing, Receiver, Record, Response, SCHEMA, Telemetry, VERSION, read_answer,
+};
 
 use crate::refusal::Refusal;
 
@@ -54,7 +56,7 @@ pub fn replay(
         };
         for &byte in &piece[..count] {
             remains.cut = if byte == 0 { 0 } else { remains.cut + 1 };
-            let Some(frame) = receiver.take(byte) else {
+            let Some(frame) = receiver.push(byte) else {
                 continue;
             };
             let Ok(answer) = frame.and_then(read_answer) else {
@@ -126,7 +128,7 @@ fn said(answer: Outgoing<'_>) -> Option<Said> {
 
 #[cfg(test)]
 mod tests {
-    use kband::wire::{FRAME_MOST, Identity, write_identity, write_response};
+    use kband_control::wire::{Identity, MAX_FRAME_BYTES, write_identity, write_response};
 
     use super::*;
 
@@ -138,7 +140,7 @@ mod tests {
             schema,
             image: "kband test",
         };
-        write_identity(&mut [0; FRAME_MOST], 0, &identity)
+        write_identity(&mut [0; MAX_FRAME_BYTES], 0, &identity)
             .unwrap()
             .to_vec()
     }
@@ -154,7 +156,9 @@ mod tests {
                 ..Telemetry::default()
             };
             let response = Response::Telemetry(telemetry);
-            bytes.extend_from_slice(write_response(&mut [0; FRAME_MOST], 0, &response).unwrap());
+            bytes.extend_from_slice(
+                write_response(&mut [0; MAX_FRAME_BYTES], 0, &response).unwrap(),
+            );
             ends.push(bytes.len());
         }
         (bytes, ends)

@@ -1,8 +1,8 @@
 //! The settings of a board: read, checked and changed together or not at all.
 
-use kband::control::Settings;
 use kband::feeder::OutOfRange;
-use kband::wire::{Request, Response};
+use kband_control::Settings;
+use kband_control::wire::{Request, Response};
 
 use super::link::Link;
 use crate::refusal::Refusal;
@@ -26,7 +26,6 @@ pub struct BoardSetting {
 
 impl BoardSetting {
     /// What is accepted, with the unit.
-    #[must_use]
     pub fn accepted(&self) -> String {
         format!("{}..{} {}", self.low, self.high, self.unit)
             .trim_end()
@@ -34,7 +33,6 @@ impl BoardSetting {
     }
 
     /// What it is; empty for a key that this desk does not know.
-    #[must_use]
     pub fn meaning(&self) -> &'static str {
         let known = Settings::KEYS.iter().find(|known| known.name == self.key);
         known.map_or("", |known| known.meaning.trim())
@@ -110,7 +108,6 @@ impl BoardSettings {
     }
 
     /// The controller's settings with these values, as far as this desk knows them.
-    #[must_use]
     pub fn known(&self) -> Settings {
         let mut settings = Settings::default();
         for setting in self.iter() {
@@ -153,7 +150,7 @@ fn not_together(refused: &OutOfRange, settings: &Settings) -> Refusal {
         refused.parameter,
         refused.value as f32,
         refused.accepted,
-        "change what it goes together with first, or both by kband settings import",
+        "change the other setting first, or both by kband settings import",
     );
     if refused.parameter != "safe_amplitude" {
         return refusal;
@@ -194,7 +191,7 @@ mod tests {
     use super::*;
 
     fn defaults() -> BoardSettings {
-        let setting = |key: &kband::control::Key| BoardSetting {
+        let setting = |key: &kband_control::Key| BoardSetting {
             key: key.name.into(),
             unit: key.unit.into(),
             value: key.default,

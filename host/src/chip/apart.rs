@@ -7,9 +7,9 @@ use crate::desk::Desk;
 use crate::refusal::Refusal;
 
 /// Longest silence of a probe; the longest erasing of a sector takes 4 s (RM0090, datasheet table 40).
-const SILENCE: Duration = Duration::from_secs(20);
+const SILENCE_TIMEOUT: Duration = Duration::from_secs(20);
 /// Between two looks whether the user asked to stop.
-const LOOK: Duration = Duration::from_millis(50);
+const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Name of such a thread.
 const NAME: &str = "probe";
 
@@ -48,12 +48,15 @@ pub fn next<T>(said: &Receiver<T>, desk: &Desk) -> Result<T, Refusal> {
                 "start it again",
             ));
         }
-        match said.recv_timeout(LOOK) {
+        match said.recv_timeout(STOP_POLL_INTERVAL) {
             Ok(said) => return Ok(said),
             Err(RecvTimeoutError::Disconnected) => return Err(broken_off()),
-            Err(RecvTimeoutError::Timeout) if begun.elapsed() > SILENCE => {
+            Err(RecvTimeoutError::Timeout) if begun.elapsed() > SILENCE_TIMEOUT => {
                 return Err(Refusal::new(
-                    format!("the probe has not answered for {} s", SILENCE.as_secs()),
+                    format!(
+                        "the probe has not answered for {} s",
+                        SILENCE_TIMEOUT.as_secs()
+                    ),
                     "unplug the probe, plug it in and try again",
                 ));
             }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::Path;
 
-use kband::wire::crc32;
+use kband_control::wire::crc32;
 use object::elf::{EM_ARM, ET_EXEC, FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader, SectionHeader};
 use object::{FileKind, LittleEndian};
@@ -149,19 +149,16 @@ impl Image {
     }
 
     /// The chip that it is for.
-    #[must_use]
     pub fn chip(&self) -> &'static Chip {
         self.chip
     }
 
     /// What goes where in the flash, by address.
-    #[must_use]
     pub fn pieces(&self) -> &[Piece] {
         &self.pieces
     }
 
     /// Bytes of flash.
-    #[must_use]
     pub fn size(&self) -> u32 {
         self.pieces
             .iter()
@@ -170,13 +167,11 @@ impl Image {
     }
 
     /// Bytes of RAM, the stack included.
-    #[must_use]
     pub fn memory(&self) -> u32 {
         self.memory
     }
 
     /// Bytes that it puts into a sector.
-    #[must_use]
     pub fn bytes_in(&self, sector: &Sector) -> u32 {
         let within = |piece: &Piece| {
             let end = piece.address + piece.bytes.len() as u32;

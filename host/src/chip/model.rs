@@ -161,7 +161,6 @@ pub struct Sector {
 
 impl Chip {
     /// The chip that an image names.
-    #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
         CHIPS
             .into_iter()
@@ -225,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn every_board_of_the_firmware_has_its_chip_with_the_memory_that_its_image_is_linked_for() {
+    fn every_board_has_a_chip_with_the_memory_of_its_linker_file() {
         let firmware = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware");
         let mut boards = BTreeSet::new();
         for file in std::fs::read_dir(firmware).unwrap().flatten() {

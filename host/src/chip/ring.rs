@@ -23,16 +23,16 @@ const NAME: &[u8] = b"_SEGGER_RTT";
 /// How it begins in memory.
 const MARK: &[u8] = b"SEGGER RTT\0";
 /// Its head: mark, two counts, the first channel with name, buffer, size, write, read and mode.
-const HEAD: usize = 48;
+const HEADER_BYTES: usize = 48;
 /// Where the desk writes how far it has read.
-const READ: u32 = 40;
+const READ_OFFSET: u32 = 40;
 /// No ring is longer.
 const LONGEST_RING: u32 = 65_536;
 /// Bytes of the vector table that tell one image from another.
-const VECTORS: usize = 392;
+const VECTOR_TABLE_BYTES: usize = 392;
 
 /// Time between two looks into the ring, of which a board fills a few hundred bytes a second at most.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Follows the log of the board on the probe that is wanted: each call gives what was written since the last.
 ///
@@ -53,7 +53,7 @@ pub fn follow(
             }
         };
         while sender.send(ring.take()).is_ok() {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
     })?;
     let mut first = Some(apart::next(&said, desk)??);
@@ -84,7 +84,7 @@ impl Ring {
         let head = place(elf)?;
         let mut reached = Reached::by(wanted, chip)?;
         let table = image.pieces().first().map_or(&[][..], |piece| &piece.bytes);
-        let table = &table[..table.len().min(VECTORS)];
+        let table = &table[..table.len().min(VECTOR_TABLE_BYTES)];
         let mut there = vec![0; table.len()];
         reached.read(chip.flash.start, &mut there)?;
         if there != table {
@@ -102,7 +102,7 @@ impl Ring {
 
     /// What was written since the last call; nothing while a board starts.
     fn take(&mut self) -> Result<Vec<u8>, Refusal> {
-        let mut head = [0; HEAD];
+        let mut head = [0; HEADER_BYTES];
         self.reached.read(self.head, &mut head)?;
         let Some((parts, write)) = unread(&head, &self.memory) else {
             return Ok(Vec::new());
@@ -114,7 +114,7 @@ impl Ring {
             taken.extend(bytes);
         }
         if !taken.is_empty() {
-            self.reached.set_word(self.head + READ, write)?;
+            self.reached.set_word(self.head + READ_OFFSET, write)?;
         }
         Ok(taken)
     }
@@ -122,7 +122,7 @@ impl Ring {
 
 /// Where the bytes lie that nobody has read, and how far it is read then; `None` where the head is no ring's in
 /// `memory`.
-fn unread(head: &[u8; HEAD], memory: &Range<u32>) -> Option<([Range<u32>; 2], u32)> {
+fn unread(head: &[u8; HEADER_BYTES], memory: &Range<u32>) -> Option<([Range<u32>; 2], u32)> {
     let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
     let (buffer, size, write, read) = (word(28), word(32), word(36), word(40));
     let fits = head.starts_with(MARK)
@@ -178,8 +178,8 @@ mod tests {
 
     const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
 
-    fn head(buffer: u32, size: u32, write: u32, read: u32) -> [u8; HEAD] {
-        let mut head = [0; HEAD];
+    fn head(buffer: u32, size: u32, write: u32, read: u32) -> [u8; HEADER_BYTES] {
+        let mut head = [0; HEADER_BYTES];
         head[..MARK.len()].copy_from_slice(MARK);
         for (place, word) in head[28..44]
             .chunks_exact_mut(4)

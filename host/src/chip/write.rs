@@ -13,11 +13,11 @@ use crate::desk::Desk;
 use crate::refusal::Refusal;
 
 /// Longest wait for the core to stop.
-const HALT: Duration = Duration::from_millis(500);
+const HALT_TIMEOUT: Duration = Duration::from_millis(500);
 /// Stack and entry of the image: erased, no core starts.
-const FIRST: usize = 8;
+const STACK_AND_ENTRY_BYTES: usize = 8;
 /// Looks at a controller until it counts as stuck: with a word, and with the option bytes, whose sector is erased.
-const LOOKS: usize = 1_000;
+const MAX_STATUS_POLLS: usize = 1_000;
 const LONG_LOOKS: usize = 100_000;
 /// The next step after a run that was cut.
 const AGAIN: &str = "run kband flash again: until it ends well the board does not start, and its settings are untouched";
@@ -78,7 +78,7 @@ fn write_here(
     let (first, rest) = parts(image);
     commit(&mut session, &rest, written)?;
     begin(&mut session, chip, first)?;
-    written(FIRST as u64);
+    written(STACK_AND_ENTRY_BYTES as u64);
     if let Some(options) = options {
         set(&mut session, chip, options)?;
     }
@@ -101,13 +101,13 @@ fn parts(image: &Image) -> ([u32; 2], Vec<Piece>) {
     let mut pieces = image.pieces().to_vec();
     // An image begins with its vector table, or it would not have been read.
     for piece in &mut pieces {
-        if piece.address == start && piece.bytes.len() > FIRST {
-            let rest = piece.bytes.split_off(FIRST);
+        if piece.address == start && piece.bytes.len() > STACK_AND_ENTRY_BYTES {
+            let rest = piece.bytes.split_off(STACK_AND_ENTRY_BYTES);
             for (word, bytes) in first.iter_mut().zip(piece.bytes.chunks_exact(4)) {
                 *word = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
             }
             *piece = Piece {
-                address: start + FIRST as u32,
+                address: start + STACK_AND_ENTRY_BYTES as u32,
                 bytes: rest,
             };
         }
@@ -119,7 +119,7 @@ fn parts(image: &Image) -> ([u32; 2], Vec<Piece>) {
 fn stop(session: &mut Session, chip: &Chip) -> Result<(), Refusal> {
     let (address, bit) = chip.drives;
     let off = session.core(0).and_then(|mut core| {
-        core.halt(HALT)?;
+        core.halt(HALT_TIMEOUT)?;
         let drives = core.read_word_32(address.into())?;
         core.write_word_32(address.into(), drives & !bit)?;
         Ok(core.read_word_32(address.into())? & bit == 0)
@@ -155,7 +155,7 @@ fn begin(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refu
         let places = || (chip.flash.start..).step_by(4).map(u64::from);
         for (place, word) in places().zip(words) {
             core.write_word_32(place, word)?;
-            errors |= idle(&mut core, its, LOOKS)? & its.errors;
+            errors |= idle(&mut core, its, MAX_STATUS_POLLS)? & its.errors;
         }
         core.write_word_32(its.control.into(), Controller::LOCK)?;
         let mut held = [0; 2];
@@ -221,7 +221,7 @@ fn set(session: &mut Session, chip: &Chip, options: OptionBytes) -> Result<(), R
         core.write_word_32(register, wanted | OptionBytes::LOCK)?;
         Ok(after & !(OptionBytes::LOCK | OptionBytes::START) == wanted)
     });
-    let next = "run kband flash --option-bytes again; kband identify says what they are";
+    let next = "run kband flash --option-bytes again; kband identify lists them";
     match held {
         Ok(true) => Ok(()),
         Ok(false) => Err(Refusal::new(

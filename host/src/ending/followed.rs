@@ -13,7 +13,7 @@ use super::memory::{MEMORY, Memory};
 const AT_THE_LOCK: f64 = 1e-5;
 
 /// Number of impacts after which an open orbit is judged by its last ones, repeatedly.
-const WEIGHED: usize = 6000;
+const JUDGED_AFTER_IMPACTS: usize = 6000;
 
 /// An orbit without a final regime yet; the fields for every impact come first and together.
 pub(super) struct Followed {
@@ -36,7 +36,7 @@ pub(super) struct Followed {
 impl Followed {
     pub(super) fn new(limit: usize) -> Self {
         Self {
-            weigh_next: WEIGHED.min(limit),
+            weigh_next: JUDGED_AFTER_IMPACTS.min(limit),
             ..Self::weighed_at(limit)
         }
     }
@@ -105,7 +105,7 @@ impl Followed {
                 state: impact.next,
                 count: self.count,
                 time: self.time,
-                first: None,
+                ..Kept::NONE
             };
             self.keep_next *= 2;
         }
@@ -136,7 +136,7 @@ impl Followed {
         if end != Regime::Undecided || self.count >= self.limit {
             return Said::Ends(end);
         }
-        self.weigh_next = (self.count + WEIGHED).min(self.limit);
+        self.weigh_next = (self.count + JUDGED_AFTER_IMPACTS).min(self.limit);
         self.look_next = self.count + 1;
         self.memory = Memory::default();
         Said::GoesOn
@@ -203,6 +203,8 @@ struct Kept {
     time: f64,
     /// Impacts and time of the first return.
     first: Option<(usize, f64)>,
+    /// Impacts and time of the shortest period that divides it.
+    shortest: Option<(usize, f64)>,
 }
 
 impl Kept {
@@ -215,30 +217,44 @@ impl Kept {
         count: 0,
         time: 0.0,
         first: None,
+        shortest: None,
     };
 
     /// Impacts and time of one period, after the state has returned twice.
     ///
     /// Both returns must agree to the last bits, after the same number of impacts. One return can
-    /// occur by chance in chaos.
+    /// occur by chance in chaos. An orbit that alternates about the one that it approaches is
+    /// nearer after two periods than after one, so shorter periods count from a larger distance.
     #[inline]
     fn returned(&mut self, state: PartState, count: usize, time: f64) -> Option<(usize, f64)> {
-        if !near(self.state, state) {
-            return None;
-        }
-        match self.first {
-            Some((impacts, time)) => (count - self.count == 2 * impacts).then_some((impacts, time)),
-            None => {
+        let Some((impacts, first_time)) = self.first else {
+            if near(self.state, state, LAST_BITS) {
                 self.first = Some((count - self.count, time - self.time));
-                None
             }
+            return None;
+        };
+        let since = (count - self.count).checked_sub(impacts)?;
+        if self.shortest.is_none()
+            && impacts.checked_rem(since) == Some(0)
+            && near(self.state, state, APPROACHING)
+        {
+            self.shortest = Some((since, time - self.time - first_time));
         }
+        self.shortest
+            .filter(|_| since == impacts && near(self.state, state, LAST_BITS))
     }
 }
 
+/// Largest distance, in rad and `b w`, of a return to the last bits.
+const LAST_BITS: f64 = 1e-9;
+
+/// The same of a return after a shorter period while the orbit still approaches it: a thousand
+/// times the last bits, enough for a multiplier down to -0.999. With one nearer to -1 no orbit
+/// returns within [`FOLLOWED`](super::FOLLOWED) impacts.
+const APPROACHING: f64 = 1e-6;
+
 #[inline]
-fn near(a: PartState, b: PartState) -> bool {
-    const LAST_BITS: f64 = 1e-9;
+fn near(a: PartState, b: PartState, distance: f64) -> bool {
     let apart = (a.phase - b.phase).abs();
-    (a.velocity - b.velocity).abs() < LAST_BITS && apart.min(TAU - apart) < LAST_BITS
+    (a.velocity - b.velocity).abs() < distance && apart.min(TAU - apart) < distance
 }

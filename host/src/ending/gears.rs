@@ -31,7 +31,6 @@ impl InGear {
     /// Over several orbits: the order that they hold longest together, and their mean share in it.
     ///
     /// `None` if one orbit has none.
-    #[must_use]
     pub fn together(orbits: impl Iterator<Item = Option<Self>>) -> Option<Self> {
         let all: Vec<Self> = orbits.collect::<Option<_>>()?;
         let sum = |order| {
@@ -72,7 +71,6 @@ impl Gears {
     }
 
     /// The gear held longest.
-    #[must_use]
     pub fn longest(&self) -> Option<InGear> {
         let shares = self.gears.iter().zip(1..).map(|(gear, order)| InGear {
             order,
@@ -86,14 +84,14 @@ impl Observer for Gears {
     fn impact(&mut self, _: PartState, impact: &Impact<PartState>) {
         self.time += impact.flight;
         for gear in &mut self.gears {
-            gear.landed(self.time, impact.flight);
+            gear.add_landing(self.time, impact.flight);
         }
     }
 
     fn rest(&mut self, _: PartState, chatter: f64, _: f64) {
         self.time += chatter;
         for gear in &mut self.gears {
-            gear.rested(self.time);
+            gear.add_rest(self.time);
         }
     }
 
@@ -111,7 +109,7 @@ mod tests {
     #[test]
     fn a_scattering_orbit_has_the_share_of_the_gear_map() {
         // docs/theory-real-parts.md#t10.1: 0.81 and 0.94 by an independent program
-        // (regime/gear.rs).
+        // (regime/gear/mod.rs).
         for (k, restitution, expected) in [(0.45, 0.3, 0.811), (0.41, 0.2, 0.935)] {
             let map = Map::build(k, restitution).unwrap();
             let runs = (0..20).map(|seed| {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use kband::regime::classify::{Classifier, HearingSettings, Regime};
+use kband::regime::classify::{Classifier, Regime, TimingAccuracy};
 
 /// Number of judged impacts.
 pub(super) const MEMORY: usize = 512;
@@ -13,10 +13,14 @@ const CYCLE: f64 = 4_294_967_296.0;
 /// Distance of two impacts from whole cycles, in 2^-32 cycles, up to which they count as repeated.
 /// It is 1.5e-6 rad, wider than the classifier's tolerance, so the classifier finds no more
 /// repeats.
-const NEAR: u32 = 1024;
+const RETURN_TOLERANCE: u32 = 1024;
 
 /// The same for a slow approach to a cycle: 1/1024 cycle, 6e-3 rad.
-const SLOWLY: u32 = 1 << 22;
+const SLOW_RETURN_TOLERANCE: u32 = 1 << 22;
+
+/// The same on the approach to a cycle of one impact that is found: 2e-4 rad. One of more impacts
+/// is followed for fewer periods, and found from nearer.
+const APPROACH_TOLERANCE: u32 = 1 << 17;
 
 /// The last flights of an orbit.
 #[derive(Clone, Debug, Default)]
@@ -36,13 +40,34 @@ impl Memory {
             return Regime::Chaotic;
         }
         // Its settings are within their ranges.
-        let Ok(mut classifier) = Classifier::<MEMORY>::build(HearingSettings::COMPUTED) else {
+        let Ok(mut classifier) = Classifier::<MEMORY>::build(TimingAccuracy::COMPUTED) else {
             return Regime::Undecided;
         };
         for flight in &self.flights {
             classifier.flight(*flight);
         }
-        classifier.verdict().regime
+        match classifier.verdict().regime {
+            Regime::Doubled { order, doublings } => self.least_doubled(order, doublings),
+            other => other,
+        }
+    }
+
+    /// The orbit of the fewest doublings that the impacts approach. On the way they alternate about
+    /// it, and are nearer after two of its periods than after one.
+    fn least_doubled(&self, order: u32, doublings: u32) -> Regime {
+        let times = self.times();
+        let approaches = |fewer: u32| {
+            let impacts = 1 << fewer;
+            2 * near(&times, impacts, APPROACH_TOLERANCE >> fewer) >= times.len() - impacts
+        };
+        match (0..doublings).find(|fewer| approaches(*fewer)) {
+            Some(0) => Regime::Locked { order },
+            Some(fewer) => Regime::Doubled {
+                order,
+                doublings: fewer,
+            },
+            None => Regime::Doubled { order, doublings },
+        }
     }
 
     /// Whether half of the impacts repeat after some number of impacts.
@@ -50,35 +75,43 @@ impl Memory {
     /// With fewer the classifier's verdict is chaos. Times within a cycle suffice, which a CPU
     /// compares four at once.
     fn may_repeat(&self) -> bool {
-        self.repeats(NEAR, |near, of| 2 * near >= of)
+        self.repeats(RETURN_TOLERANCE, |near, of| 2 * near >= of)
     }
 
     /// Whether every impact nearly repeats after some number of impacts, as on a slow approach to a
     /// cycle.
     pub(super) fn settles(&self) -> bool {
-        self.repeats(SLOWLY, |near, of| near == of)
+        self.repeats(SLOW_RETURN_TOLERANCE, |near, of| near == of)
     }
 
     /// Whether, after some number of impacts, `enough` of them repeat within `apart`.
     ///
     /// `enough` takes the number of repeats and the number of compared impacts.
     fn repeats(&self, apart: u32, enough: impl Fn(usize, usize) -> bool) -> bool {
+        let times = self.times();
+        (1..=times.len() / 3)
+            .any(|impacts| enough(near(&times, impacts, apart), times.len() - impacts))
+    }
+
+    /// Times of the last impacts within their cycles.
+    fn times(&self) -> Vec<u32> {
         let mut now = 0_u64;
         let times = self.flights.iter().map(|flight| {
             now = now.wrapping_add((flight * (CYCLE / TAU)).round() as u64);
             now as u32
         });
         let times: Vec<u32> = times.collect();
-        let times = &times[times.len().saturating_sub(MEMORY)..];
-        (1..=times.len() / 3).any(|impacts| {
-            let later = &times[impacts..];
-            let pairs = later.iter().zip(times);
-            let near = pairs.map(|(later, earlier)| {
-                u32::from(later.wrapping_sub(*earlier).wrapping_add(apart) <= 2 * apart)
-            });
-            enough(near.sum::<u32>() as usize, later.len())
-        })
+        times[times.len().saturating_sub(MEMORY)..].to_vec()
     }
+}
+
+/// Number of impacts that repeat within `apart` after some number of impacts.
+fn near(times: &[u32], impacts: usize, apart: u32) -> usize {
+    let pairs = times[impacts..].iter().zip(times);
+    let near = pairs.map(|(later, earlier)| {
+        u32::from(later.wrapping_sub(*earlier).wrapping_add(apart) <= 2 * apart)
+    });
+    near.sum::<u32>() as usize
 }
 
 #[cfg(test)]
@@ -89,15 +122,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_told_without_the_classifier_is_what_it_says() {
+    fn the_shortcut_agrees_with_the_classifier() {
         let mut chaotic = 0;
         for n in 0..60 {
             // From the locked orbit through its doublings into chaos.
             let k = 0.33 + 0.0015 * f64::from(n);
             let map = Map::build(k, 0.2).unwrap();
             let mut memory = Memory::default();
-            let mut classifier = Classifier::<MEMORY>::build(HearingSettings::COMPUTED).unwrap();
-            for event in Orbit::new(&map, exponent::start(&map, 1))
+            let mut classifier = Classifier::<MEMORY>::build(TimingAccuracy::COMPUTED).unwrap();
+            for event in Orbit::new(&map, exponent::start_near_lock(&map, 1))
                 .take(1500)
                 .skip(900)
             {

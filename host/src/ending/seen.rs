@@ -28,7 +28,6 @@ pub struct Seen<'a> {
 
 impl<'a> Seen<'a> {
     /// An observer on a track of [`Endings::seen`], over `impacts` impacts.
-    #[must_use]
     pub fn new(endings: &'a Endings, impacts: usize) -> Self {
         Self {
             endings,
@@ -42,7 +41,6 @@ impl<'a> Seen<'a> {
     }
 
     /// The regime; `None` while it is open and impacts remain.
-    #[must_use]
     pub fn ending(&self) -> Option<Regime> {
         self.ending
             .or((self.left == 0).then_some(Regime::Undecided))
@@ -77,8 +75,13 @@ impl<'a> Seen<'a> {
         }
         self.left -= 1;
         self.time += impact.flight;
-        self.ending = match self.followed.take(self.endings, impact) {
-            Said::Ends(Regime::Chaotic) if self.followed.settles() => {
+        let mut said = self.followed.take(self.endings, impact);
+        if let Said::Asks(order) = said {
+            self.endings.holds(order);
+            said = self.followed.weighed(self.endings);
+        }
+        self.ending = match said {
+            Said::Ends(Regime::Chaotic | Regime::Undecided) if self.followed.settles() => {
                 // No chaos, but slow: extended once by the number of impacts of the other verbs.
                 if std::mem::replace(&mut self.again, false) {
                     self.left = FOLLOWED;
@@ -95,6 +98,8 @@ impl<'a> Seen<'a> {
 #[cfg(test)]
 mod tests {
     use kband::impact::Orbit;
+    use kband::regime::cascade::Cascade;
+    use kband::regime::exponent::start_near_lock;
 
     use super::*;
 
@@ -127,6 +132,40 @@ mod tests {
             }
         );
         assert_eq!(from_rest(0.34, 0.2), Regime::Chaotic);
+    }
+
+    #[test]
+    fn each_doubling_has_the_period_between_its_flips() {
+        let mut doubled = 0;
+        for tenth in 1..=8 {
+            let restitution = 0.1 * f64::from(tenth);
+            let cascade = Cascade::locate(restitution, 1, 5).unwrap();
+            for (window, doublings) in cascade.flips().windows(2).zip(1..) {
+                // Within 1 % of a flip 1500 impacts do not decide.
+                for n in 1..99 {
+                    let k = window[1] + (window[0] - window[1]) * (f64::from(n) + 0.5) / 100.0;
+                    let endings = Endings::seen(k, restitution).unwrap();
+                    let orbit = Orbit::new(endings.map(), start_near_lock(endings.map(), 1));
+                    let mut seen = Seen::new(&endings, SEEN);
+                    for event in orbit {
+                        seen.take(&event);
+                        if seen.ending().is_some() {
+                            break;
+                        }
+                    }
+                    let ended = seen.ending();
+                    if let Some(Regime::Doubled { .. }) = ended {
+                        let wanted = Regime::Doubled {
+                            order: 1,
+                            doublings,
+                        };
+                        assert_eq!(ended, Some(wanted), "{k} {restitution}");
+                        doubled += 1;
+                    }
+                }
+            }
+        }
+        assert!(doubled > 2800, "{doubled} of 3136");
     }
 
     #[test]

@@ -6,13 +6,13 @@ use std::f64::consts::TAU;
 use kband::impact::PartState;
 
 /// Number of phase stretches, each 1.4 degrees wide.
-const STRETCHES: usize = 256;
+const PHASE_STRETCHES: usize = 256;
 
 /// Durations of a chatter, in stretches.
 const LASTS: [usize; 12] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64];
 
 /// Margin above any rounding here.
-const SPARE: f64 = 1e-9;
+const ROUNDING_MARGIN: f64 = 1e-9;
 
 /// Velocities up to which a launched part rests before it is thrown again, by phase.
 ///
@@ -21,24 +21,25 @@ const SPARE: f64 = 1e-9;
 /// sqrt(A/a). So each hop begins with at most q = R sqrt(A/a) times the velocity of the one before.
 /// All hops together last at most 2 psi / (a (1 - q)).
 #[derive(Clone, Debug)]
-pub(super) struct ToRest([f64; STRETCHES]);
+pub(super) struct ToRest([f64; PHASE_STRETCHES]);
 
 impl ToRest {
     /// The table for a track of `k` and a restitution below 1.
     pub(super) fn new(k: f64, restitution: f64) -> Self {
-        let sines: [f64; STRETCHES] =
-            std::array::from_fn(|n| (TAU * n as f64 / STRETCHES as f64).sin());
+        let sines: [f64; PHASE_STRETCHES] =
+            std::array::from_fn(|n| (TAU * n as f64 / PHASE_STRETCHES as f64).sin());
         // Smallest and largest push between two ends of stretches.
         let push = |from: usize, to: usize| {
-            let passes =
-                |at: usize| (from..=to).contains(&at) || (from..=to).contains(&(at + STRETCHES));
-            let [one, other] = [from, to].map(|n| sines[n % STRETCHES]);
-            let least = if passes(3 * STRETCHES / 4) {
+            let passes = |at: usize| {
+                (from..=to).contains(&at) || (from..=to).contains(&(at + PHASE_STRETCHES))
+            };
+            let [one, other] = [from, to].map(|n| sines[n % PHASE_STRETCHES]);
+            let least = if passes(3 * PHASE_STRETCHES / 4) {
                 -1.0
             } else {
                 one.min(other)
             };
-            let most = if passes(STRETCHES / 4) {
+            let most = if passes(PHASE_STRETCHES / 4) {
                 1.0
             } else {
                 one.max(other)
@@ -47,10 +48,13 @@ impl ToRest {
         };
         let velocity = |stretch: usize, lasts: usize| {
             let (least, most) = push(stretch, stretch + 1 + lasts);
-            let (low, high) = (k - most - SPARE, k - least + SPARE);
+            let (low, high) = (k - most - ROUNDING_MARGIN, k - least + ROUNDING_MARGIN);
             let kept = restitution * (high / low).sqrt();
             if low > 0.0 && kept < 1.0 {
-                TAU * lasts as f64 / STRETCHES as f64 * (0.5 - SPARE) * low * (1.0 - kept)
+                TAU * lasts as f64 / PHASE_STRETCHES as f64
+                    * (0.5 - ROUNDING_MARGIN)
+                    * low
+                    * (1.0 - kept)
             } else {
                 0.0
             }
@@ -65,7 +69,7 @@ impl ToRest {
     /// Whether a launched part certainly rests before it is thrown again; false leaves it open.
     #[inline]
     pub(super) fn is_certain(&self, state: PartState) -> bool {
-        let stretch = (state.phase * (STRETCHES as f64 / TAU)) as usize;
+        let stretch = (state.phase * (PHASE_STRETCHES as f64 / TAU)) as usize;
         self.0
             .get(stretch)
             .is_some_and(|most| state.velocity < *most)
@@ -88,7 +92,7 @@ mod tests {
                 let spread = |factor: f64| (f64::from(n) * factor).fract();
                 let phase = TAU * spread(0.618_034);
                 // Up to the edge, and beyond it.
-                let most = to_rest.0[(phase * (STRETCHES as f64 / TAU)) as usize];
+                let most = to_rest.0[(phase * (PHASE_STRETCHES as f64 / TAU)) as usize];
                 let velocity = (most + 1e-3) * 1.5 * spread(0.414_214);
                 let start = PartState { phase, velocity };
                 let mut time = 0.0;

@@ -19,24 +19,23 @@ use super::{Endings, RELAUNCHED};
 ///
 /// They start next to the period-1 orbit. 89 000 orbits below the flips were tried (orders 1 to 3,
 /// R 0.025 to 0.925). The last to leave did so after 29 640 impacts, and 6500 stayed for 100 000.
-const HELD: usize = 40_000;
+const MAX_GEAR_IMPACTS: usize = 40_000;
 
 /// Number of impacts left out at the start of those.
-const SETTLING: usize = 1000;
+const SETTLING_IMPACTS: usize = 1000;
 
 /// Final regimes of parts that start just after an impact, each on one of `tracks` by its number.
-#[must_use]
 pub fn of_each(
     tracks: &[Endings],
     starts: impl ExactSizeIterator<Item = (usize, PartState)>,
 ) -> Vec<Regime> {
     let mut ends = vec![Regime::Undecided; starts.len()];
-    let asked = starts.enumerate().map(|(answer, (track, start))| {
+    let queries = starts.enumerate().map(|(answer, (track, start))| {
         let followed = Followed::new(tracks[track].impacts);
-        (start, Asked::new(answer, track, followed))
+        (start, Query::new(answer, track, followed))
     });
-    follow(tracks, asked, &mut ends, |asked, _| {
-        tracks[asked.track].after_rest
+    follow(tracks, queries, &mut ends, |query, _| {
+        tracks[query.track].after_rest
     });
     ends
 }
@@ -56,15 +55,15 @@ pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
         let Some(first) = first else {
             continue;
         };
-        let mut asked = Asked::new(track, track, Followed::new(endings.impacts.max(RELAUNCHED)));
-        if asked.goes_on(endings, &first) {
-            thrown.push((first.next, asked));
-        } else if let Said::Ends(end) = asked.said {
+        let mut query = Query::new(track, track, Followed::new(endings.impacts.max(RELAUNCHED)));
+        if query.goes_on(endings, &first) {
+            thrown.push((first.next, query));
+        } else if let Said::Ends(end) = query.said {
             ends[track] = end;
         }
     }
-    follow(tracks, thrown.into_iter(), &mut ends, |asked, last| {
-        let cycles = (asked.followed.time() + until_lift_off(&tracks[asked.track].map, last)) / TAU;
+    follow(tracks, thrown.into_iter(), &mut ends, |query, last| {
+        let cycles = (query.followed.time() + until_lift_off(&tracks[query.track].map, last)) / TAU;
         Regime::HopAndRest {
             cycles: cycles.round() as u32,
         }
@@ -86,7 +85,7 @@ fn until_lift_off(map: &Map, last: PartState) -> f64 {
 }
 
 /// An orbit that is followed to its final regime.
-struct Asked {
+struct Query {
     /// Index of the answer.
     answer: usize,
     track: usize,
@@ -94,7 +93,7 @@ struct Asked {
     said: Said,
 }
 
-impl Asked {
+impl Query {
     fn new(answer: usize, track: usize, followed: Followed) -> Self {
         Self {
             answer,
@@ -119,39 +118,39 @@ impl Asked {
 /// Orbits that depend on whether flights stay in gear wait until that is computed for all.
 fn follow(
     tracks: &[Endings],
-    asked: impl Iterator<Item = (PartState, Asked)>,
+    queries: impl Iterator<Item = (PartState, Query)>,
     ends: &mut [Regime],
-    rested: impl Fn(&Asked, PartState) -> Regime,
+    rested: impl Fn(&Query, PartState) -> Regime,
 ) {
-    let mut asked: Box<dyn Iterator<Item = (PartState, Asked)>> = Box::new(asked);
+    let mut queries: Box<dyn Iterator<Item = (PartState, Query)>> = Box::new(queries);
     loop {
-        let mut waiting: Vec<(PartState, Asked)> = Vec::new();
+        let mut waiting: Vec<(PartState, Query)> = Vec::new();
         fly(
-            asked.map(|(start, asked)| (&tracks[asked.track].map, start, asked)),
-            |asked, impact| asked.goes_on(&tracks[asked.track], impact),
-            |asked, last| match asked.said {
-                Said::Ends(end) => ends[asked.answer] = end,
-                Said::GoesOn | Said::Rests => ends[asked.answer] = rested(&asked, last),
-                Said::Asks(_) => waiting.push((last, asked)),
+            queries.map(|(start, query)| (&tracks[query.track].map, start, query)),
+            |query, impact| query.goes_on(&tracks[query.track], impact),
+            |query, last| match query.said {
+                Said::Ends(end) => ends[query.answer] = end,
+                Said::GoesOn | Said::Rests => ends[query.answer] = rested(&query, last),
+                Said::Asks(_) => waiting.push((last, query)),
             },
         );
         if waiting.is_empty() {
             return;
         }
-        let gears = waiting.iter().filter_map(|(_, asked)| match asked.said {
-            Said::Asks(order) => Some((asked.track, order)),
+        let gears = waiting.iter().filter_map(|(_, query)| match query.said {
+            Said::Asks(order) => Some((query.track, order)),
             _ => None,
         });
         hold(tracks, &gears.collect());
-        let mut known = Vec::new();
-        for (last, mut asked) in waiting {
-            asked.said = asked.followed.weighed(&tracks[asked.track]);
-            match asked.said {
-                Said::Ends(end) => ends[asked.answer] = end,
-                _ => known.push((last, asked)),
+        let mut resumed = Vec::new();
+        for (last, mut query) in waiting {
+            query.said = query.followed.weighed(&tracks[query.track]);
+            match query.said {
+                Said::Ends(end) => ends[query.answer] = end,
+                _ => resumed.push((last, query)),
             }
         }
-        asked = Box::new(known.into_iter());
+        queries = Box::new(resumed.into_iter());
     }
 }
 
@@ -169,7 +168,7 @@ pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
             stays: true,
         };
         let map = &tracks[track].map;
-        let mut orbit = Orbit::new(map, exponent::start(map, order));
+        let mut orbit = Orbit::new(map, exponent::start_near_lock(map, order));
         // Up to its first impact: a period-1 orbit that does not exist begins with a throw.
         loop {
             match orbit.next() {
@@ -192,7 +191,9 @@ pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
     fly(
         flown.into_iter(),
         |held, impact| held.goes_on(impact),
-        |held, _| tracks[held.track].set_held(held.order, held.stays && held.flights >= HELD),
+        |held, _| {
+            tracks[held.track].set_held(held.order, held.stays && held.flights >= MAX_GEAR_IMPACTS)
+        },
     );
 }
 
@@ -206,18 +207,18 @@ struct Held {
 
 impl Held {
     fn goes_on(&mut self, impact: &Impact<PartState>) -> bool {
-        let settled = self.flights >= SETTLING;
+        let settled = self.flights >= SETTLING_IMPACTS;
         self.flights += 1;
         if settled {
             self.stays = gear::is_in_gear(impact.flight, TAU * f64::from(self.order));
         }
-        self.stays && self.flights < HELD
+        self.stays && self.flights < MAX_GEAR_IMPACTS
     }
 }
 
 /// Number of orbits in a block: smallest; with fewer the registers are not full, and a sequence is
 /// as fast.
-const FEWEST: usize = 16;
+const MIN_BLOCK_ORBITS: usize = 16;
 
 /// A flying orbit.
 struct Flying<'m, W> {
@@ -246,13 +247,13 @@ fn fly<'m, W>(
         })
     };
     let mut flying: Vec<_> = (0..LANES).map_while(&mut next).collect();
-    if flying.len() >= FEWEST {
+    if flying.len() >= MIN_BLOCK_ORBITS {
         let mut block = Block::new();
         for orbit in &flying {
             // Every lane is one of the block's.
             let _ = block.put(orbit.lane, orbit.map, orbit.last);
         }
-        while flying.len() >= FEWEST {
+        while flying.len() >= MIN_BLOCK_ORBITS {
             block.advance(1);
             let mut place = 0;
             while let Some(orbit) = flying.get_mut(place) {
@@ -312,10 +313,10 @@ mod tests {
                     Said::Asks(order) => {
                         let map = &endings.map;
                         let period = TAU * f64::from(order);
-                        let mut orbit = Orbit::new(map, exponent::start(map, order));
-                        let stays = (0..HELD).all(|n| match orbit.next() {
+                        let mut orbit = Orbit::new(map, exponent::start_near_lock(map, order));
+                        let stays = (0..MAX_GEAR_IMPACTS).all(|n| match orbit.next() {
                             Some(OrbitEvent::Impact(impact)) => {
-                                n < SETTLING || gear::is_in_gear(impact.flight, period)
+                                n < SETTLING_IMPACTS || gear::is_in_gear(impact.flight, period)
                             }
                             Some(OrbitEvent::LiftOff { .. }) => n == 0,
                             Some(OrbitEvent::Rest { .. }) | None => false,

@@ -2,19 +2,19 @@
 
 use std::time::{Duration, Instant};
 
-use kband::control::Event;
-use kband::wire::{Record, Request, Response, Telemetry};
+use kband_control::Event;
+use kband_control::wire::{Record, Request, Response, Telemetry};
 
 use super::source::{Assignment, Seen, Source, Wish};
 use crate::board::{BoardSettings, Clock, Link, Unsolicited};
 use crate::refusal::Refusal;
 
 /// Time between two looks into the event log; the board takes them for a sign of life too.
-const LOOK: Duration = Duration::from_millis(200);
+const LOG_POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Longest wait for an answer: the keys have to go on working.
-const PATIENCE: Duration = Duration::from_secs(3);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 /// Rows of telemetry in a second at most, for the link's rate.
-const RATE: f32 = 60.0;
+const MAX_TELEMETRY_RATE: f32 = 60.0;
 
 /// A board on the link.
 pub struct Board {
@@ -31,13 +31,13 @@ impl Board {
     /// The board at the end of `link`, its telemetry on.
     pub fn start(mut link: Link) -> Result<Self, Refusal> {
         let settings = BoardSettings::read(&mut link)?.known();
-        link.wait_at_most(PATIENCE);
-        let target = link.held()?.into();
+        link.wait_at_most(ANSWER_TIMEOUT);
+        let target = link.held()?;
         let mut board = Self {
             link,
             assignment: Assignment { settings, target },
             clock: Clock::default(),
-            every: (settings.frequency / RATE).ceil().max(1.0) as u16,
+            every: (settings.frequency / MAX_TELEMETRY_RATE).ceil().max(1.0) as u16,
             next: 0,
             looked: None,
         };
@@ -97,12 +97,14 @@ impl Source for Board {
                     self.next = 0;
                     self.clock = Clock::default();
                     self.assignment.settings = BoardSettings::read(&mut self.link)?.known();
-                    self.assignment.target = self.link.held()?.into();
+                    self.assignment.target = self.link.held()?;
                     self.listen_to_cycles()?;
                 }
             }
         }
-        if self.looked.is_none_or(|looked| looked.elapsed() > LOOK)
+        if self
+            .looked
+            .is_none_or(|looked| looked.elapsed() > LOG_POLL_INTERVAL)
             && let Some(last) = cycles.last_mut()
         {
             self.looked = Some(Instant::now());
@@ -110,7 +112,7 @@ impl Source for Board {
                 last.events.extend(Event::numbered(record.event));
             }
             if last.events.contains(&Event::TargetSet) {
-                self.assignment.target = self.link.held()?.into();
+                self.assignment.target = self.link.held()?;
             }
         }
         Ok(cycles)
@@ -119,7 +121,7 @@ impl Source for Board {
     fn obey(&mut self, wish: Wish) -> Result<(), Refusal> {
         match wish {
             Wish::Target(target) => {
-                self.link.tell(&Request::Target(target.into()))?;
+                self.link.tell(&Request::Target(target))?;
                 self.assignment.target = target;
                 Ok(())
             }

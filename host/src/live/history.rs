@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
-use kband::control::{Event, State};
+use kband_control::{Event, State};
 
 use super::source::Seen;
 
@@ -11,10 +11,10 @@ use super::source::Seen;
 pub(super) const WINDOW: f64 = 30.0;
 
 /// Events that are remembered, as many as a tall terminal shows.
-const SAID: usize = 100;
+const MAX_EVENTS: usize = 100;
 
 /// Time over which the conveying speed is taken, in s.
-const SPEED: f64 = 1.0;
+const SPEED_INTERVAL: f64 = 1.0;
 
 /// The last half minute of a source.
 #[derive(Clone, Debug, Default)]
@@ -67,7 +67,11 @@ impl History {
         {
             self.states.pop_front();
         }
-        while self.way.get(1).is_some_and(|(then, _)| time - then > SPEED) {
+        while self
+            .way
+            .get(1)
+            .is_some_and(|(then, _)| time - then > SPEED_INTERVAL)
+        {
             self.way.pop_front();
         }
         while self.strikes.len() > 48
@@ -78,7 +82,7 @@ impl History {
         {
             self.strikes.pop_front();
         }
-        while self.said.len() > SAID {
+        while self.said.len() > MAX_EVENTS {
             self.said.pop_front();
         }
         self.now = Some(seen);
@@ -90,13 +94,11 @@ impl History {
     }
 
     /// The last cycle.
-    #[must_use]
     pub fn now(&self) -> Option<&Seen> {
         self.now.as_ref()
     }
 
     /// Time of the last cycle in s.
-    #[must_use]
     pub fn time(&self) -> f64 {
         self.now.as_ref().map_or(0.0, |seen| seen.time)
     }
@@ -125,7 +127,6 @@ impl History {
     }
 
     /// Conveying speed over the last second, in m/s.
-    #[must_use]
     pub fn speed(&self) -> Option<f64> {
         let ((begin, from), (end, to)) = (self.way.front()?, self.way.back()?);
         (end > begin).then(|| (to - from) / (end - begin))
@@ -134,7 +135,7 @@ impl History {
 
 #[cfg(test)]
 mod tests {
-    use kband::wire::Telemetry;
+    use kband_control::wire::Telemetry;
 
     use super::*;
 

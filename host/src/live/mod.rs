@@ -7,23 +7,21 @@ mod source;
 
 use std::time::{Duration, Instant};
 
-use kband::control::{State, Target};
+use kband_control::{State, Target};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
 pub use board::Board;
 pub use history::History;
-#[cfg(debug_assertions)]
-pub use source::Panics;
 pub use source::{Assignment, Seen, Simulation, Source, Wish};
 
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 
 /// Time between two pictures on the screen.
-const FRAME: Duration = Duration::from_millis(50);
+const FRAME_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Step of k by the keys + and -.
-const STEP: f32 = 0.005;
+const K_STEP: f32 = 0.005;
 
 /// How fast it runs, and how long.
 #[derive(Clone, Copy, Debug)]
@@ -63,7 +61,7 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
     while desk.go_on().is_ok() && pace.limit.is_none_or(|limit| begun.elapsed() < limit) {
         let now = Instant::now();
         // A desk that was asleep does not catch up.
-        let passed = (now - last).min(4 * FRAME).as_secs_f64();
+        let passed = (now - last).min(4 * FRAME_INTERVAL).as_secs_f64();
         last = now;
         // While the picture is paused the link is still read, or the board would take it for lost.
         let seconds = if shown.paused {
@@ -81,7 +79,7 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
                 screen::draw(frame, &history, &source.assignment(), &source.name(), shown)
             })
             .map_err(failed)?;
-        let mut wait = FRAME.saturating_sub(now.elapsed());
+        let mut wait = FRAME_INTERVAL.saturating_sub(now.elapsed());
         while event::poll(wait).map_err(failed)? {
             wait = Duration::ZERO;
             let Event::Key(key) = event::read().map_err(failed)? else {
@@ -124,9 +122,13 @@ fn wish(letter: char, assignment: &Assignment, history: &History) -> Option<Wish
                 Target::K(k) => k,
                 _ => history.now()?.k_setpoint(assignment)?,
             };
-            let k = if letter == '-' { k - STEP } else { k + STEP };
+            let k = if letter == '-' {
+                k - K_STEP
+            } else {
+                k + K_STEP
+            };
             // Round numbers, whatever the setpoint was.
-            Wish::Target(Target::K(((k / STEP).round() * STEP).clamp(0.02, 10.0)))
+            Wish::Target(Target::K(((k / K_STEP).round() * K_STEP).clamp(0.02, 10.0)))
         }
         'c' => Wish::Target(assignment.target),
         'e' => Wish::Enable(matches!(

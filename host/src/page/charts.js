@@ -5,7 +5,7 @@ addEventListener("error", (event) => { document.documentElement.dataset.failed =
 const data = JSON.parse(document.getElementById("data").textContent);
 
 /** A number with so many significant digits, without the noise of binary fractions. */
-function told(value, digits = 4) {
+function formatNumber(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "-";
   return String(Number(value.toPrecision(digits)));
 }
@@ -57,7 +57,7 @@ class Chart {
     plot.addEventListener("pointerdown", (event) => this.point(event));
     plot.addEventListener("keydown", (event) => this.step(event));
     numbers.addEventListener("toggle", () => this.list());
-    // Drawn in the next frame: a picture that changes its own height while it is observed would be told at once again.
+    // Drawn in the next frame: a picture that changes its own height while it is observed would trigger this at once again.
     new ResizeObserver(() => requestAnimationFrame(() => { if (Math.max(plot.clientWidth, 280) !== this.width) this.draw(); })).observe(plot);
     Chart.all.push(this);
   }
@@ -230,7 +230,7 @@ class Chart {
     numbers.querySelector("div")?.remove();
     const { heads, rows } = this.shown.numbers();
     const table = element("table", {}, element("div", { tabindex: 0 }, numbers));
-    const line = (cells, name, parent) => { const row = element("tr", {}, parent); for (const cell of cells) element(name, {}, row, typeof cell === "number" ? told(cell, 6) : cell ?? "-"); };
+    const line = (cells, name, parent) => { const row = element("tr", {}, parent); for (const cell of cells) element(name, {}, row, typeof cell === "number" ? formatNumber(cell, 6) : cell ?? "-"); };
     line(heads, "th", element("thead", {}, table));
     const body = element("tbody", {}, table);
     for (const row of rows) line(row, "td", body);

@@ -15,13 +15,11 @@ const CHARTS: &str = include_str!("charts.js");
 const HEAD: &str = "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"generator\" content=\"kband";
 
 /// Whether a file with this begin is a page of kband.
-#[must_use]
 pub fn own(begin: &str) -> bool {
     begin.starts_with(HEAD)
 }
 
 /// The numbers in a page of kband.
-#[must_use]
 pub fn data_of(page: &str) -> Option<Json> {
     let (_, rest) = page.split_once("id=\"data\">")?;
     serde_json::from_str(rest.split_once("</script>")?.0).ok()
@@ -38,7 +36,6 @@ pub struct Page {
 
 impl Page {
     /// A page whose `script` draws the figures of `data`.
-    #[must_use]
     pub fn new(title: &str, data: Json, script: &'static str) -> Self {
         Self {
             title: title.into(),
@@ -49,7 +46,6 @@ impl Page {
     }
 
     /// Adds a section: a heading and its content, as HTML.
-    #[must_use]
     pub fn section(mut self, heading: &str, content: &str) -> Self {
         let heading = escaped(heading);
         self.body.push_str(&format!(
@@ -59,7 +55,6 @@ impl Page {
     }
 
     /// The whole file.
-    #[must_use]
     pub fn to_html(&self) -> String {
         let title = escaped(&self.title);
         // Inside a script element only `<` could end it.
@@ -98,7 +93,6 @@ are all here.</p></noscript>
 }
 
 /// A figure for the page's script: name, caption, and place of its sliders.
-#[must_use]
 pub fn figure(name: &str, caption: &str) -> String {
     let caption = escaped(caption);
     format!(
@@ -109,7 +103,6 @@ pub fn figure(name: &str, caption: &str) -> String {
 }
 
 /// A table of text: column heads and rows.
-#[must_use]
 pub fn table(heads: &[&str], rows: &[Vec<String>]) -> String {
     let line = |cells: &mut dyn Iterator<Item = String>, element: &str| {
         let cells: String = cells
@@ -128,7 +121,6 @@ pub fn table(heads: &[&str], rows: &[Vec<String>]) -> String {
 }
 
 /// Paragraphs of text.
-#[must_use]
 pub fn paragraphs(lines: &[String]) -> String {
     lines
         .iter()
@@ -137,7 +129,6 @@ pub fn paragraphs(lines: &[String]) -> String {
 }
 
 /// A text in verbatim form, folded.
-#[must_use]
 pub fn folded(summary: &str, text: &str) -> String {
     format!(
         "<details><summary>{}</summary>\n<pre>{}</pre>\n</details>\n",
@@ -147,7 +138,6 @@ pub fn folded(summary: &str, text: &str) -> String {
 }
 
 /// A text with HTML's special characters escaped.
-#[must_use]
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")

@@ -23,7 +23,6 @@ impl Unit {
     pub const VELOCITY: Self = Self("b·ω");
 
     /// Another unit.
-    #[must_use]
     pub const fn new(symbol: &'static str) -> Self {
         Self(symbol)
     }
@@ -50,7 +49,6 @@ impl Axis {
     /// An axis from `low` to `high`.
     ///
     /// An empty or infinite range is widened; a single value other than 0 is widened to both sides.
-    #[must_use]
     pub fn new(label: impl Into<String>, unit: Unit, low: f64, high: f64) -> Self {
         let low = if low.is_finite() { low } else { 0.0 };
         let (low, high) = if high.is_finite() && high > low {
@@ -70,7 +68,6 @@ impl Axis {
     }
 
     /// An axis over all `values`, with a little room at both ends.
-    #[must_use]
     pub fn around(
         label: impl Into<String>,
         unit: Unit,
@@ -86,7 +83,6 @@ impl Axis {
     }
 
     /// The axis in decades; a range that is not positive stays linear.
-    #[must_use]
     pub fn logarithmic(mut self) -> Self {
         if self.low > 0.0 {
             self.division = Division::Decades;
@@ -95,7 +91,6 @@ impl Axis {
     }
 
     /// The axis with ticks at fractions of pi.
-    #[must_use]
     pub fn in_pi(mut self) -> Self {
         self.division = Division::Pi;
         self
@@ -124,9 +119,9 @@ impl Axis {
     /// Ticks with labels, about `wanted` and at least three: fewer leave the scale ambiguous.
     pub(super) fn ticks(&self, wanted: usize) -> Vec<(f64, String)> {
         let mut ticks = Vec::new();
-        for finer in 0..4 * FEWEST {
+        for finer in 0..4 * MIN_LABELS {
             ticks = self.about(wanted.max(2) + finer);
-            if ticks.len() >= FEWEST {
+            if ticks.len() >= MIN_LABELS {
                 break;
             }
         }
@@ -139,7 +134,7 @@ impl Axis {
             Division::Decades => {
                 let decades = decades(self.low, self.high, wanted);
                 // Less than a few decades has the numbers of a linear scale.
-                if decades.len() < FEWEST {
+                if decades.len() < MIN_LABELS {
                     decimal(self.low, self.high, wanted)
                 } else {
                     decades
@@ -166,7 +161,7 @@ impl Axis {
 }
 
 /// Number of labels of an axis: smallest.
-const FEWEST: usize = 3;
+const MIN_LABELS: usize = 3;
 
 fn decimal(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
     let rough = (high - low) / wanted as f64;

@@ -11,9 +11,9 @@ use super::theme::Colour;
 use super::{Look, font};
 
 /// Pixels of the PNG per pixel of the sheet: sharp on current screens and in print.
-const SCALE: f64 = 2.0;
+const PIXELS_PER_SHEET_PIXEL: f64 = 2.0;
 /// Resolution on paper in dots per inch, as journals require.
-const DOTS: f64 = 300.0;
+const DOTS_PER_INCH: f64 = 300.0;
 
 /// The PNG of shapes on a sheet of this size; `None` only without memory.
 pub(super) fn png(
@@ -23,9 +23,9 @@ pub(super) fn png(
     shapes: &[Shape],
 ) -> Option<Vec<u8>> {
     let times = if look.on_paper() {
-        look.points() / 72.0 * DOTS
+        look.points() / 72.0 * DOTS_PER_INCH
     } else {
-        SCALE
+        PIXELS_PER_SHEET_PIXEL
     };
     let scale = || Transform::from_scale(times as f32, times as f32);
     let size = |length: f64| (length * times).round() as u32;
@@ -233,7 +233,7 @@ fn encode(sheet: &Pixmap, about: &str, on_paper: bool) -> Option<Vec<u8>> {
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Balanced);
     if on_paper {
-        let dots = (DOTS / 0.0254).round() as u32;
+        let dots = (DOTS_PER_INCH / 0.0254).round() as u32;
         encoder.set_pixel_dims(Some(png::PixelDimensions {
             xppu: dots,
             yppu: dots,

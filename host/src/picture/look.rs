@@ -22,7 +22,6 @@ pub struct Look {
 impl Look {
     /// The look with these colours, width in mm and size of small letters in points; `None` as on a
     /// screen.
-    #[must_use]
     pub fn new(theme: Theme, width: Option<f64>, letters: Option<f64>) -> Self {
         Self {
             theme,

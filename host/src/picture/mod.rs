@@ -28,76 +28,61 @@ pub struct Picture {
     caption: String,
     width: f64,
     panels: Vec<Panel>,
-    beside: Option<Box<Picture>>,
 }
 
 impl Picture {
     /// A picture with a title and no panel yet, 900 pixels wide.
-    #[must_use]
     pub fn new(title: impl Into<String>) -> Self {
         Self {
             title: title.into(),
             caption: String::new(),
             width: 900.0,
             panels: Vec::new(),
-            beside: None,
         }
     }
 
-    /// Sets another title.
-    #[must_use]
-    pub fn titled(mut self, title: impl Into<String>) -> Self {
-        self.title = title.into();
-        self
-    }
-
-    /// Another picture to the right of this one.
-    #[must_use]
-    pub fn beside(mut self, right: Self) -> Self {
-        self.beside = Some(Box::new(right));
-        self
-    }
-
     /// A line below the title, for the parameters.
-    #[must_use]
     pub fn caption(mut self, words: impl Into<String>) -> Self {
         self.caption = words.into();
         self
     }
 
     /// Width in pixels; default 900.
-    #[must_use]
     pub fn width(mut self, pixels: f64) -> Self {
         self.width = pixels.clamp(300.0, 4000.0);
         self
     }
 
     /// One more panel, below the others.
-    #[must_use]
     pub fn panel(mut self, panel: Panel) -> Self {
         self.panels.push(panel);
         self
     }
 
     /// Adds several panels.
-    #[must_use]
     pub fn panels(mut self, panels: impl IntoIterator<Item = Panel>) -> Self {
         self.panels.extend(panels);
         self
     }
 
     /// The picture as an SVG document. `about` is its description, empty for none.
-    #[must_use]
     pub fn to_svg(&self, look: impl Into<Look>, about: &str) -> String {
         let look = look.into();
         let (size, shapes) = self.shapes(look);
-        svg::document(size, [&self.title, about], look, &shapes)
+        svg::document(size, [&self.title, about, ""], look, &shapes)
+    }
+
+    /// The picture as an SVG element of a page. `name` begins its ids: another one for each picture
+    /// of the page.
+    pub fn to_svg_element(&self, look: impl Into<Look>, name: &str) -> String {
+        let look = look.into();
+        let (size, shapes) = self.shapes(look);
+        svg::document(size, [&self.title, "", name], look, &shapes)
     }
 
     /// The picture as a PNG, at twice its size for a screen, at 300 dots per inch for paper.
     ///
     /// `None` only without memory. `about` as for SVG.
-    #[must_use]
     pub fn to_png(&self, look: impl Into<Look>, about: &str) -> Option<Vec<u8>> {
         let look = look.into();
         let (size, shapes) = self.shapes(look);
@@ -105,7 +90,6 @@ impl Picture {
     }
 
     /// The picture as a PDF of one page with text as text. `about` as for SVG.
-    #[must_use]
     pub fn to_pdf(&self, look: impl Into<Look>, about: &str) -> Vec<u8> {
         let look = look.into();
         let (size, shapes) = self.shapes(look);
@@ -115,31 +99,24 @@ impl Picture {
     /// Width and height in pixels, and the shapes.
     fn shapes(&self, look: Look) -> ([f64; 2], Vec<Shape>) {
         let theme = look.theme();
-        let all = std::iter::successors(Some(self), |picture| picture.beside.as_deref());
-        let own: f64 = all.clone().map(|picture| picture.width).sum();
-        let narrower = look.laid_out(own) / own;
+        let width = look.laid_out(self.width);
         let mut shapes = Vec::new();
-        let (mut left, mut height) = (0.0, 0.0);
-        for picture in all {
-            let width = narrower * picture.width;
-            height = f64::max(height, picture.draw(theme, left, width, &mut shapes));
-            left += width;
-        }
+        let height = self.draw(theme, width, &mut shapes);
         let sheet = Rect {
             left: 0.0,
             top: 0.0,
-            width: left,
+            width,
             height,
         };
         shapes.insert(0, Shape::area(sheet, theme.background()));
-        ([left, height], shapes)
+        ([width, height], shapes)
     }
 
-    /// Draws this picture alone, from a left edge and with a width; returns its height.
-    fn draw(&self, theme: Theme, left: f64, width: f64, shapes: &mut Vec<Shape>) -> f64 {
+    /// Draws it with a width; returns its height.
+    fn draw(&self, theme: Theme, width: f64, shapes: &mut Vec<Shape>) -> f64 {
         let words = |y: f64, words: &str, size: f64, bold: bool, colour| {
             Shape::Text(Text {
-                at: (left + 18.0, y),
+                at: (18.0, y),
                 words: words.into(),
                 size,
                 bold,
@@ -163,7 +140,7 @@ impl Picture {
         }
         for panel in &self.panels {
             let squeezed = (width / self.width).clamp(LOWEST, 1.0 / LOWEST);
-            y = panel.draw(theme, [left, y], width, squeezed, shapes) + 10.0;
+            y = panel.draw(theme, y, width, squeezed, shapes) + 10.0;
         }
         y
     }
@@ -263,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_is_as_wide_on_paper_as_it_was_asked_for() {
+    fn a_picture_has_the_requested_width_on_paper() {
         let column = Look::new(Theme::Light, Some(84.0), Some(7.0));
         let svg = everything().to_svg(column, "");
         assert!(svg.contains("width=\"84mm\""), "{}", &svg[..120]);
@@ -302,25 +279,6 @@ mod tests {
         assert!(!svg.contains("others") && !svg.contains("band"));
         let svg = picture(Vec::new(), vec![(0.3, 1.0), (0.5, 1.0)]).to_svg(Theme::Light, "");
         assert!(svg.contains("others") && !svg.contains("some") && !svg.contains("beyond"));
-    }
-
-    #[test]
-    fn a_picture_beside_another_is_as_it_is_alone_but_farther_right() {
-        let (alone, lone) = everything().shapes(Theme::Light.into());
-        let (both, shapes) = sample_and(everything()).shapes(Theme::Light.into());
-        assert_eq!(both, [alone[0] + 500.0, alone[1]]);
-        let left = Picture::new("Left").width(500.0).panel(sample());
-        assert_eq!(
-            shapes.len(),
-            lone.len() + left.shapes(Theme::Light.into()).1.len() - 1
-        );
-        let svg = sample_and(everything()).to_svg(Theme::Light, "");
-        assert!(svg.contains("Left") && svg.contains("every kind of item"));
-    }
-
-    fn sample_and(right: Picture) -> Picture {
-        let left = Picture::new("Left").width(500.0).panel(sample());
-        left.beside(right)
     }
 
     #[test]

@@ -32,7 +32,7 @@ const RIGHT: f64 = 22.0;
 const BAR: f64 = 92.0;
 const RIBBON: f64 = 16.0;
 /// Number of markers from which a density replaces them, for legibility and file size.
-const MANY: usize = 2500;
+const MIN_DENSITY_MARKERS: usize = 2500;
 
 /// Two axes and the items between them, listed from back to front.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,7 +50,6 @@ pub struct Panel {
 
 impl Panel {
     /// An empty panel between a horizontal and a vertical axis.
-    #[must_use]
     pub fn new(x: Axis, y: Axis) -> Self {
         Self {
             heading: String::new(),
@@ -66,14 +65,12 @@ impl Panel {
     }
 
     /// Text above the panel.
-    #[must_use]
     pub fn heading(mut self, words: impl Into<String>) -> Self {
         self.heading = words.into();
         self
     }
 
     /// Height between the axes in pixels; default 300.
-    #[must_use]
     pub fn height(mut self, pixels: f64) -> Self {
         self.height = pixels.clamp(20.0, 4000.0);
         self
@@ -81,7 +78,6 @@ impl Panel {
 
     /// A line in the series' colour and dash; NaN breaks it. An empty name omits it from the
     /// legend.
-    #[must_use]
     pub fn line(mut self, name: &str, series: usize, points: Vec<(f64, f64)>) -> Self {
         self.key(Key::Line(series), name);
         self.items.push(Item::Line { series, points });
@@ -89,9 +85,8 @@ impl Panel {
     }
 
     /// A marker at each point; thousands of points become a density.
-    #[must_use]
     pub fn markers(mut self, name: &str, series: usize, points: Vec<(f64, f64)>) -> Self {
-        if points.len() > MANY {
+        if points.len() > MIN_DENSITY_MARKERS {
             return self.density(name, points);
         }
         self.key(Key::Marker(series), name);
@@ -100,7 +95,6 @@ impl Panel {
     }
 
     /// The area between two lines, as (x, low, high).
-    #[must_use]
     pub fn between(mut self, name: &str, series: usize, points: Vec<(f64, f64, f64)>) -> Self {
         self.key(Key::Area(series), name);
         self.items.push(Item::Between { series, points });
@@ -108,7 +102,6 @@ impl Panel {
     }
 
     /// Bars from the bottom of the panel, as (low, high, height).
-    #[must_use]
     pub fn bars(mut self, name: &str, series: usize, bars: Vec<(f64, f64, f64)>) -> Self {
         self.key(Key::Area(series), name);
         self.items.push(Item::Bars { series, bars });
@@ -116,7 +109,6 @@ impl Panel {
     }
 
     /// A density of any number of points, darker for more points.
-    #[must_use]
     pub fn density(mut self, name: &str, points: Vec<(f64, f64)>) -> Self {
         self.key(Key::Ink, name);
         self.items.push(Item::Density(points));
@@ -127,7 +119,6 @@ impl Panel {
     ///
     /// All columns have the same width, so no stripes appear. Each column lists heights and their
     /// numbers of points.
-    #[must_use]
     pub fn columns(mut self, name: &str, columns: Vec<Arc<[(f32, u32)]>>) -> Self {
         self.key(Key::Ink, name);
         self.items.push(Item::Columns(columns));
@@ -135,14 +126,12 @@ impl Panel {
     }
 
     /// A map of values over the whole panel, with a colour bar; NaN is empty.
-    #[must_use]
     pub fn heat(mut self, grid: Grid<f64>, scale: Axis) -> Self {
         self.items.push(Item::Heat { grid, scale });
         self
     }
 
     /// A map of fills over the whole panel; `names` are for the legend.
-    #[must_use]
     pub fn classes(mut self, grid: Grid<Fill>, names: &[(Fill, &str)]) -> Self {
         for (fill, name) in names {
             self.key(Key::Plain(*fill), name);
@@ -152,7 +141,6 @@ impl Panel {
     }
 
     /// A ribbon of fills above the plot, as (from, to, fill) along the horizontal axis.
-    #[must_use]
     pub fn ribbon(mut self, stretches: Vec<(f64, f64, Fill)>, names: &[(Fill, &str)]) -> Self {
         for (fill, name) in names {
             self.key(Key::Fill(*fill), name);
@@ -162,7 +150,6 @@ impl Panel {
     }
 
     /// A shaded strip of the horizontal axis, for a band of k.
-    #[must_use]
     pub fn strip(mut self, name: &str, low: f64, high: f64) -> Self {
         self.key(Key::Strip, name);
         self.items.push(Item::Strip { low, high });
@@ -170,7 +157,6 @@ impl Panel {
     }
 
     /// A shaded strip of the vertical axis, for a band of k on that axis.
-    #[must_use]
     pub fn shelf(mut self, name: &str, low: f64, high: f64) -> Self {
         self.key(Key::Strip, name);
         self.items.push(Item::Shelf { low, high });
@@ -178,28 +164,24 @@ impl Panel {
     }
 
     /// A dashed vertical line at `x`, with text above it.
-    #[must_use]
     pub fn mark(mut self, x: f64, words: impl Into<String>) -> Self {
         self.marks.push((x, words.into(), true));
         self
     }
 
     /// Text above the panel at `x`, without a line.
-    #[must_use]
     pub fn caption(mut self, x: f64, words: impl Into<String>) -> Self {
         self.marks.push((x, words.into(), false));
         self
     }
 
     /// A dashed horizontal line at `y`, with text at its end.
-    #[must_use]
     pub fn level(mut self, y: f64, words: impl Into<String>) -> Self {
         self.levels.push((y, words.into()));
         self
     }
 
     /// Text beside a point.
-    #[must_use]
     pub fn note(mut self, x: f64, y: f64, words: impl Into<String>) -> Self {
         let words = words.into();
         self.items.push(Item::Note { x, y, words });
@@ -224,7 +206,7 @@ impl Panel {
     pub(super) fn draw(
         &self,
         theme: Theme,
-        [left, top]: [f64; 2],
+        top: f64,
         width: f64,
         squeezed: f64,
         shapes: &mut Vec<Shape>,
@@ -234,7 +216,7 @@ impl Panel {
             .iter()
             .any(|item| matches!(item, Item::Heat { .. }));
         let mut plot = Rect {
-            left: left + LEFT,
+            left: LEFT,
             top,
             width: width - LEFT - if bar { BAR } else { RIGHT },
             height: squeezed * self.height,

@@ -17,7 +17,7 @@ use crate::provenance;
 use crate::refusal::Refusal;
 
 /// Rows of a group: few enough to wait in memory, many enough to read fast.
-const GROUP: usize = 65_536;
+const ROWS_PER_GROUP: usize = 65_536;
 
 /// The values of a column that wait for their group, and which rows have one.
 enum Waiting {
@@ -151,7 +151,7 @@ impl Rows for ParquetRows<'_> {
             there.push(i16::from(!matches!(value, Value::Missing)));
         }
         self.rows += 1;
-        if self.rows == GROUP {
+        if self.rows == ROWS_PER_GROUP {
             self.write_group().map_err(unwritten)?;
         }
         Ok(())
@@ -179,7 +179,7 @@ mod tests {
         ];
         let mut rows = ParquetRows::begin(&mut file, &columns).unwrap();
         // More than a group.
-        let count = GROUP as u32 + 10;
+        let count = ROWS_PER_GROUP as u32 + 10;
         for n in 0..count {
             let k = if n % 3 == 0 {
                 Value::Missing

@@ -34,19 +34,16 @@ impl Column {
     }
 
     /// The column of a key of scenes or settings, under its own name.
-    #[must_use]
     pub const fn of_key(key: &'static str, unit: &'static str) -> Self {
         Self::new(key, unit)
     }
 
     /// The column in a unit that depends on the request.
-    #[must_use]
     pub const fn in_unit(self, unit: &'static str) -> Self {
         Self { unit, ..self }
     }
 
     /// The column with another heading in the table to read; its name stays.
-    #[must_use]
     pub const fn titled(self, title: &'static str) -> Self {
         Self {
             title: Some(title),
@@ -55,13 +52,11 @@ impl Column {
     }
 
     /// The column with this many significant digits in the table to read (else 6).
-    #[must_use]
     pub const fn digits(self, digits: usize) -> Self {
         Self { digits, ..self }
     }
 
     /// The column for words, for forms whose columns have a kind.
-    #[must_use]
     pub const fn words(self) -> Self {
         Self {
             words: true,
@@ -70,19 +65,16 @@ impl Column {
     }
 
     /// Whether it holds words.
-    #[must_use]
     pub fn is_words(&self) -> bool {
         self.words
     }
 
     /// Its name.
-    #[must_use]
     pub fn name(&self) -> &'static str {
         self.name
     }
 
     /// Its unit; empty for a pure number or words.
-    #[must_use]
     pub fn unit(&self) -> &'static str {
         self.unit
     }
@@ -117,11 +109,10 @@ pub struct Table {
 }
 
 /// Columns of a terminal's screen.
-const SCREEN: usize = 80;
+const SCREEN_COLUMNS: usize = 80;
 
 impl Table {
     /// An empty table with these columns.
-    #[must_use]
     pub fn new(columns: &[Column]) -> Self {
         Self {
             columns: columns.to_vec(),
@@ -130,14 +121,12 @@ impl Table {
     }
 
     /// The table with bare names as its CSV header: for formats that are fixed, and read back.
-    #[must_use]
     pub fn plain_header(mut self) -> Self {
         self.plain = true;
         self
     }
 
     /// With the columns that do not fit on a screen below the others, as text.
-    #[must_use]
     pub fn folded(mut self) -> Self {
         self.folded = true;
         self
@@ -155,25 +144,21 @@ impl Table {
     }
 
     /// Number of rows.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
     /// Whether there are no rows.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 
     /// As aligned columns: words to the left, numbers to the right.
-    #[must_use]
     pub fn to_text(&self) -> String {
-        self.within(self.folded.then_some(SCREEN))
+        self.within(self.folded.then_some(SCREEN_COLUMNS))
     }
 
     /// The same, with the columns beyond a width below the others.
-    #[must_use]
     pub(super) fn within(&self, screen: Option<usize>) -> String {
         let mut cells: Vec<Vec<String>> = vec![self.columns.iter().map(Column::heading).collect()];
         for row in &self.rows {
@@ -250,7 +235,6 @@ impl Table {
     }
 
     /// Its columns.
-    #[must_use]
     pub fn columns(&self) -> &[Column] {
         &self.columns
     }
@@ -261,7 +245,6 @@ impl Table {
     }
 
     /// As a JSON array of objects whose keys are the column names.
-    #[must_use]
     pub fn to_json(&self) -> Json {
         let object = |row: &Vec<Value>| {
             let pair = |(column, value): (&Column, &Value)| (column.name.to_string(), value.json());
@@ -313,6 +296,35 @@ impl Rows for CsvRows<'_> {
     }
 }
 
+/// Rows that are counted, not written.
+#[derive(Default)]
+pub(super) struct CountedRows {
+    rows: u64,
+    measured: u64,
+    bytes: u64,
+}
+
+/// Number of rows whose bytes are counted; the others are taken to have as many.
+const MEASURED_ROWS: u64 = 1000;
+
+impl CountedRows {
+    /// Bytes of the rows as CSV, estimated from the first ones.
+    pub fn bytes(&self) -> u64 {
+        self.bytes * self.rows / self.measured.max(1)
+    }
+}
+
+impl Rows for CountedRows {
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+        self.rows += 1;
+        if self.measured < MEASURED_ROWS {
+            self.measured += 1;
+            self.bytes += row.iter().map(|v| v.csv().len() as u64 + 1).sum::<u64>();
+        }
+        Ok(())
+    }
+}
+
 /// The refusal of a row that could not be written.
 pub(crate) fn unwritten(error: &std::io::Error) -> Refusal {
     Refusal::new(
@@ -334,6 +346,17 @@ mod tests {
         table.push([0.1.into(), 1.234567.into(), "locked, r = 1".into()]);
         table.push([0.25.into(), Value::Missing, "rest".into()]);
         table
+    }
+
+    #[test]
+    fn counted_rows_have_the_bytes_of_written_ones() {
+        let table = table();
+        let mut counted = CountedRows::default();
+        table.write_rows(&mut counted).unwrap();
+        let mut written = Vec::new();
+        let mut rows = CsvRows { out: &mut written };
+        table.write_rows(&mut rows).unwrap();
+        assert_eq!(counted.bytes(), written.len() as u64);
     }
 
     #[test]
@@ -384,7 +407,10 @@ mod tests {
         assert_eq!(wide.to_text().lines().count(), 2);
         let text = wide.folded().to_text();
         assert_eq!(text.lines().count(), 3 * 2 + 2);
-        assert!(text.lines().all(|line| line.len() <= SCREEN), "{text}");
+        assert!(
+            text.lines().all(|line| line.len() <= SCREEN_COLUMNS),
+            "{text}"
+        );
         let begins = text.lines().filter(|line| line.starts_with("0.1"));
         assert_eq!(begins.count(), 3);
     }

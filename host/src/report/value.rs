@@ -25,6 +25,13 @@ impl From<f64> for Value {
     }
 }
 
+/// With the digits that it has, not those of its nearest double.
+impl From<f32> for Value {
+    fn from(value: f32) -> Self {
+        Self::Short(shortest(value))
+    }
+}
+
 impl From<u64> for Value {
     fn from(value: u64) -> Self {
         Self::Count(value)
@@ -105,7 +112,6 @@ impl Value {
 
 /// `value` in this many significant digits, as C's `%g`: trailing zeros dropped, an exponent only
 /// below 1e-5 or where the digits do not reach the point. 17 digits read back to the same f64.
-#[must_use]
 pub fn number(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
@@ -132,7 +138,6 @@ pub fn number(value: f64, digits: usize) -> String {
 }
 
 /// The double that reads as the single does: 0.18, not 0.18000000715.
-#[must_use]
 pub fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::from(value))
 }

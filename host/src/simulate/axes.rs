@@ -133,15 +133,5 @@ mod tests {
         assert_eq!((axes.values[0], axes.values[6]), (0.1, 0.7));
         assert_eq!(Axes::parse("seed=3").unwrap().values, [3.0]);
         assert_eq!(Axes::parse("seed=3..9:1").unwrap().values, [3.0]);
-        for text in [
-            "gain",
-            "gain=1..2",
-            "gain=a..2:3",
-            "gain=1..2:0",
-            "gain=1..nan:3",
-            "=1..2:3",
-        ] {
-            assert!(Axes::parse(text).is_err(), "{text}");
-        }
     }
 }

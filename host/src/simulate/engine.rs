@@ -3,9 +3,9 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use kband::control::{Chaos, Controller, Events, GearPlanned, Load, Planned, State};
-use kband::plant::{ClosedLoop, EnvelopeLoop, Moment, Sample, Scene, Strike};
 use kband::regime::gear::StrikeCount;
+use kband_control::{ChaosResult, Controller, Events, GearPlanned, KickResult, Load, State};
+use kband_plant::{ClosedLoop, EnvelopeLoop, Moment, Sample, Scene, Strike};
 
 use crate::board::BoardLoop;
 use crate::refusal::Refusal;
@@ -25,7 +25,6 @@ impl Fidelity {
     pub const ALL: [Self; 2] = [Self::Envelope, Self::Waveform];
 
     /// Its name in scenes and on the command line.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Envelope => "envelope",
@@ -246,14 +245,14 @@ impl Whole<'_> {
 }
 
 /// Most plans of a kind that are kept.
-const KEPT: usize = 256;
+const MAX_CACHED_PLANS: usize = 256;
 
 /// What the controllers of this process have searched for: one search for each distinct question.
 /// What comes of it depends on the question alone, so that who asked, and when, changes no bit of a
 /// run.
 pub(super) struct Plans {
-    kicks: Vec<Planned>,
-    chaos: Vec<Chaos>,
+    kicks: Vec<KickResult>,
+    chaos: Vec<ChaosResult>,
     gear: Vec<GearPlanned>,
     strikes: VecDeque<StrikeCount>,
 }
@@ -273,13 +272,13 @@ impl Plans {
     /// Spares a controller the searches that another one has done.
     #[inline]
     pub(super) fn share(controller: &mut Controller) {
-        if controller.planning().is_some()
-            || controller.chaos_asked().is_some()
-            || controller.gear_asked().is_some()
+        if controller.kicks_search().is_some()
+            || controller.chaos_search().is_some()
+            || controller.gear_search().is_some()
         {
             Self::spare(controller);
         }
-        if controller.strikes_asked().is_some() {
+        if controller.strikes_search().is_some() {
             Self::count(controller);
         }
     }
@@ -288,21 +287,21 @@ impl Plans {
     /// question, whoever asks.
     #[cold]
     fn count(controller: &mut Controller) {
-        let Some(asked) = controller.strikes_asked().copied() else {
+        let Some(requested) = controller.strikes_search().copied() else {
             return;
         };
         let known = |plans: &Self| {
             let mut counts = plans.strikes.iter().rev();
-            counts.find(|count| count.settings == asked).copied()
+            counts.find(|count| count.settings == requested).copied()
         };
         let count = known(&Self::all());
-        let Some(count) = count.or_else(|| StrikeCount::of(asked).ok()) else {
+        let Some(count) = count.or_else(|| StrikeCount::compute(requested).ok()) else {
             return;
         };
-        controller.strikes_known(&count);
+        controller.supply_strikes(&count);
         let mut plans = Self::all();
         if known(&plans).is_none() {
-            if plans.strikes.len() == KEPT {
+            if plans.strikes.len() == MAX_CACHED_PLANS {
                 plans.strikes.pop_front();
             }
             plans.strikes.push_back(count);
@@ -312,23 +311,29 @@ impl Plans {
     #[cold]
     fn spare(controller: &mut Controller) {
         let plans = Self::all();
-        let asked = controller.planning();
+        let requested = controller.kicks_search();
         let kick = plans
             .kicks
             .iter()
-            .find(|plan| asked == Some(&plan.settings));
+            .find(|plan| requested == Some(&plan.settings));
         if let Some(known) = kick.cloned() {
-            controller.plan_known(known);
+            controller.supply_kicks(known);
         }
-        let asked = controller.chaos_asked();
-        let chaos = plans.chaos.iter().find(|found| asked == Some(found.lot));
+        let requested = controller.chaos_search();
+        let chaos = plans
+            .chaos
+            .iter()
+            .find(|found| requested == Some(found.lot));
         if let Some(known) = chaos.copied() {
-            controller.chaos_known(known);
+            controller.supply_chaos(known);
         }
-        let asked = controller.gear_asked();
-        let gear = plans.gear.iter().find(|plan| asked == Some(&plan.settings));
+        let requested = controller.gear_search();
+        let gear = plans
+            .gear
+            .iter()
+            .find(|plan| requested == Some(&plan.settings));
         if let Some(known) = gear.cloned() {
-            controller.gear_known(known);
+            controller.supply_gear(known);
         }
     }
 
@@ -342,19 +347,19 @@ impl Plans {
             kicks, chaos, gear, ..
         } = &mut *Self::all();
         if let Some(geared) = geared
-            && gear.len() < KEPT
+            && gear.len() < MAX_CACHED_PLANS
             && !gear.iter().any(|plan| plan.settings == geared.settings)
         {
             gear.push(geared.clone());
         }
         if let Some(planned) = planned
-            && kicks.len() < KEPT
+            && kicks.len() < MAX_CACHED_PLANS
             && !kicks.iter().any(|plan| plan.settings == planned.settings)
         {
             kicks.push(planned);
         }
         if let Some(found) = found
-            && chaos.len() < KEPT
+            && chaos.len() < MAX_CACHED_PLANS
             && !chaos.iter().any(|other| other.lot == found.lot)
         {
             chaos.push(found);

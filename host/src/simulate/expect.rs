@@ -1,6 +1,6 @@
 //! What a scene must come to, written in the scene file before it is run.
 
-use kband::control::{Event, Fault, Limits, State};
+use kband_control::{Event, Fault, Limits, State};
 use toml::Value;
 
 use super::section::Section;

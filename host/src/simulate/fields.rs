@@ -1,7 +1,7 @@
 //! The numbers and flags of a scene that are not settings of the controller: one table for the
 //! parser and for the schema.
 
-use kband::plant::{Change, Scene};
+use kband_plant::{Change, Scene};
 
 /// A number of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,7 +32,6 @@ const fn field(
 
 impl Field {
     /// The accepted range in words.
-    #[must_use]
     pub fn accepted(&self) -> String {
         let [low, high] = self.range;
         format!("{low}..{high} {}", self.unit).trim_end().into()
@@ -42,161 +41,45 @@ impl Field {
 /// A number of a scene's plant, and its key in the scene.
 pub type Model = (Field, fn(&mut Scene) -> &mut f32);
 
-/// What `[sensor]` says of the accelerometer as it is, beside the settings.
-pub const SENSOR: [Model; 5] = [
-    (
-        field(
-            "noise",
-            [0.0, 100.0],
-            "m/s^2",
-            "RMS of the accelerometer's noise.",
-        ),
-        |scene| &mut scene.sensor.noise,
-    ),
-    (
-        field(
-            "ringing",
-            [0.0, 1e5],
-            "1/s",
-            "Ringing in m/s^2 for an impact of 1 m/s.",
-        ),
-        |scene| &mut scene.sensor.ringing,
-    ),
-    (
-        field(
-            "ringing_frequency",
-            [500.0, 9000.0],
-            "Hz",
-            "Frequency of the ringing.",
-        ),
-        |scene| &mut scene.sensor.ringing_frequency,
-    ),
-    (
-        field(
-            "ringing_decay",
-            [0.05, 50.0],
-            "ms",
-            "Decay time of the ringing.",
-        ),
-        |scene| &mut scene.sensor.ringing_decay,
-    ),
-    (
-        field(
-            "hum",
-            [0.0, 100.0],
-            "m/s^2",
-            "Amplitude of what the accelerometer picks up of the mains.",
-        ),
-        |scene| &mut scene.sensor.hum,
-    ),
-];
+macro_rules! models {
+    ($(#[$doc:meta])* $table:ident
+     $($key:literal $low:literal..$high:literal $unit:literal $meaning:literal $part:ident.$item:ident;)*) => {
+        $(#[$doc])*
+        pub const $table: &[Model] = &[
+            $((field($key, [$low, $high], $unit, $meaning), |scene| &mut scene.$part.$item)),*
+        ];
+    };
+}
 
-/// What `[plant]` says of the drive and the accelerometer as they are.
-pub const PLANT: [Model; 12] = [
-    (
-        field(
-            "resonance",
-            [5.0, 500.0],
-            "Hz",
-            "Resonance frequency of the drive as it is.",
-        ),
-        |scene| &mut scene.drive.resonance,
-    ),
-    (
-        field(
-            "quality",
-            [1.0, 200.0],
-            "",
-            "Quality factor of the resonance as it is (Q).",
-        ),
-        |scene| &mut scene.drive.quality,
-    ),
-    (
-        field(
-            "gain",
-            [0.001, 100.0],
-            "mm",
-            "Track amplitude at resonance for full output, as it is.",
-        ),
-        |scene| &mut scene.drive.gain,
-    ),
-    (
-        field(
-            "sensitivity",
-            [0.1, 10.0],
-            "",
-            "Sensitivity of the accelerometer over the one told.",
-        ),
-        |scene| &mut scene.sensor.sensitivity,
-    ),
-    (
-        field(
-            "second_gain",
-            [0.0, 100.0],
-            "mm",
-            "Track amplitude at twice the drive frequency for full output, as it is; 0: as the one resonance has it.",
-        ),
-        |scene| &mut scene.drive.second_gain,
-    ),
-    (
-        field(
-            "second_lag",
-            [-180.0, 180.0],
-            "degrees",
-            "Lag of the track behind the output at twice the drive frequency, as it is.",
-        ),
-        |scene| &mut scene.drive.second_lag,
-    ),
-    (
-        field(
-            "third_gain",
-            [0.0, 100.0],
-            "mm",
-            "The same at three times the drive frequency.",
-        ),
-        |scene| &mut scene.drive.third_gain,
-    ),
-    (
-        field(
-            "third_lag",
-            [-180.0, 180.0],
-            "degrees",
-            "Lag of the track behind the output there, as it is.",
-        ),
-        |scene| &mut scene.drive.third_lag,
-    ),
-    (
-        field(
-            "second_quality",
-            [0.5, 200.0],
-            "",
-            "Quality factor of the drive's modes near two and three times its frequency.",
-        ),
-        |scene| &mut scene.drive.second_quality,
-    ),
-    (
-        field("mains", [10.0, 400.0], "Hz", "Frequency of the mains."),
-        |scene| &mut scene.drive.mains,
-    ),
-    (
-        field(
-            "ripple",
-            [0.0, 0.5],
-            "",
-            "Ripple of the drive's bus at twice the mains' frequency, over its mean.",
-        ),
-        |scene| &mut scene.drive.ripple,
-    ),
-    (
-        field(
-            "mass",
-            [0.001, 1e5],
-            "kg",
-            "Mass that swings with the track, as it is (M).",
-        ),
-        |scene| &mut scene.drive.mass,
-    ),
-];
+models! {
+    /// What `[sensor]` says of the accelerometer as it is, beside the settings.
+    SENSOR
+
+    "noise" 0.0..100.0 "m/s^2" "RMS of the accelerometer's noise." sensor.noise;
+    "ringing" 0.0..1e5 "1/s" "Ringing in m/s^2 for an impact of 1 m/s." sensor.ringing;
+    "ringing_frequency" 500.0..9000.0 "Hz" "Frequency of the ringing." sensor.ringing_frequency;
+    "ringing_decay" 0.05..50.0 "ms" "Decay time of the ringing." sensor.ringing_decay;
+    "hum" 0.0..100.0 "m/s^2" "Amplitude of the mains hum in the accelerometer signal." sensor.hum;
+}
+
+models! {
+    /// What `[plant]` says of the drive and the accelerometer as they are.
+    PLANT
+
+    "resonance" 5.0..500.0 "Hz" "Resonance frequency of the drive as it is." drive.resonance;
+    "quality" 1.0..200.0 "" "Quality factor of the resonance as it is (Q)." drive.quality;
+    "gain" 0.001..100.0 "mm" "Track amplitude at resonance for full output, as it is." drive.gain;
+    "sensitivity" 0.1..10.0 "" "Sensitivity of the accelerometer over the configured one." sensor.sensitivity;
+    "second_gain" 0.0..100.0 "mm" "Track amplitude at twice the drive frequency for full output, as it is; 0: as the one resonance has it." drive.second_gain;
+    "second_lag" -180.0..180.0 "degrees" "Lag of the track behind the output at twice the drive frequency, as it is." drive.second_lag;
+    "third_gain" 0.0..100.0 "mm" "The same at three times the drive frequency." drive.third_gain;
+    "third_lag" -180.0..180.0 "degrees" "Lag of the track behind the output there, as it is." drive.third_lag;
+    "second_quality" 0.5..200.0 "" "Quality factor of the drive's modes near two and three times its frequency." drive.second_quality;
+    "mains" 10.0..400.0 "Hz" "Frequency of the mains." drive.mains;
+    "ripple" 0.0..0.5 "" "Ripple of the drive's bus at twice the mains' frequency, over its mean." drive.ripple;
+    "mass" 0.001..1e5 "kg" "Mass that swings with the track, as it is (M)." drive.mass;
+    "current_gain" 0.001..100.0 "mm/A" "Track amplitude at resonance per ampere of the current's amplitude, as it is." drive.current_gain;
+}
 
 /// Mass of a part, in `[part]`.
 pub const MASS: Field = field(
@@ -217,123 +100,47 @@ pub const SCATTER: Field = field(
 /// A number that a disturbance may set, and the change that it makes.
 pub type Number = (Field, fn(f32) -> Change);
 
-/// The numbers that a disturbance may set.
-pub const CHANGES: [Number; 8] = [
-    (
-        field(
-            "gain",
-            [0.0, 10.0],
-            "",
-            "Gain of the drive over the one at the start.",
-        ),
-        Change::Gain,
-    ),
-    (
-        field(
-            "restitution",
-            [0.0, 1.0],
-            "",
-            "Mean restitution of all parts (R).",
-        ),
-        Change::Restitution,
-    ),
-    (SCATTER, Change::Scatter),
-    (
-        field(
-            "noise",
-            [0.0, 100.0],
-            "m/s^2",
-            "RMS of the accelerometer's noise.",
-        ),
-        Change::Noise,
-    ),
-    (
-        field(
-            "sensitivity",
-            [0.0, 10.0],
-            "",
-            "Sensitivity of the accelerometer over the one told.",
-        ),
-        Change::Sensitivity,
-    ),
-    (
-        field(
-            "ripple",
-            [0.0, 0.5],
-            "",
-            "Ripple of the drive's bus at twice the mains' frequency, over its mean.",
-        ),
-        Change::Ripple,
-    ),
-    (
-        field(
-            "hum",
-            [0.0, 100.0],
-            "m/s^2",
-            "Amplitude of what the accelerometer picks up of the mains.",
-        ),
-        Change::Hum,
-    ),
-    (
-        field(
-            "dump",
-            [0.0, 1e4],
-            "s",
-            "The parts that wait in the hopper fall onto the track, evenly within so many seconds.",
-        ),
-        Change::Dump,
-    ),
-];
+macro_rules! changes {
+    ($($field:expr => $change:ident;)*) => {
+        /// The numbers that a disturbance may set.
+        pub const CHANGES: &[Number] = &[$(($field, Change::$change)),*];
+    };
+}
+
+changes! {
+    field("gain", [0.0, 10.0], "", "Gain of the drive over the one at the start.") => Gain;
+    field("restitution", [0.0, 1.0], "", "Mean restitution of all parts (R).") => Restitution;
+    SCATTER => Scatter;
+    field("noise", [0.0, 100.0], "m/s^2", "RMS of the accelerometer's noise.") => Noise;
+    field("sensitivity", [0.0, 10.0], "", "Sensitivity of the accelerometer over the configured one.") => Sensitivity;
+    field("ripple", [0.0, 0.5], "", "Ripple of the drive's bus at twice the mains' frequency, over its mean.") => Ripple;
+    field("hum", [0.0, 100.0], "m/s^2", "Amplitude of the mains hum in the accelerometer signal.") => Hum;
+    field("dump", [0.0, 1e4], "s", "The parts that wait in the hopper fall onto the track, evenly within so many seconds.") => Dump;
+}
 
 /// A flag that a disturbance may set: its key, what it is, the change that it makes.
 pub type Flag = (&'static str, &'static str, fn(bool) -> Change);
 
-/// The flags that a disturbance may set.
-pub const FLAGS: [Flag; 11] = [
-    ("enable", "The enable input.", Change::Enable),
-    (
-        "sensor_lost",
-        "Whether the accelerometer's reading stands still.",
-        Change::SensorLost,
-    ),
-    (
-        "sensor_inverted",
-        "Whether the accelerometer's sign is turned.",
-        Change::SensorInverted,
-    ),
-    (
-        "over_temperature",
-        "The over-temperature input.",
-        Change::OverTemperature,
-    ),
-    ("stack_low", "The stack warning.", Change::StackLow),
-    (
-        "over_current",
-        "The over-current input.",
-        Change::OverCurrent,
-    ),
-    (
-        "supply_low",
-        "The supply monitor of the board.",
-        Change::SupplyLow,
-    ),
-    (
-        "clock_failed",
-        "Whether the crystal has failed and the board runs on its own oscillator.",
-        Change::ClockFailed,
-    ),
-    (
-        "control_late",
-        "Whether the board switched the drive off because its control came too late.",
-        Change::ControlLate,
-    ),
-    ("link", "Whether the link brings frames.", Change::Link),
-    (
-        "brown_out",
-        "Whether the board's supply sags: it starts anew, its drive off until enabled anew.",
-        Change::BrownOut,
-    ),
-];
+macro_rules! flags {
+    ($($key:literal $meaning:literal $change:ident;)*) => {
+        /// The flags that a disturbance may set.
+        pub const FLAGS: &[Flag] = &[$(($key, $meaning, Change::$change)),*];
+    };
+}
+
+flags! {
+    "enable" "The enable input." Enable;
+    "sensor_lost" "Whether the accelerometer's reading stands still." SensorLost;
+    "sensor_inverted" "Whether the accelerometer's sign is turned." SensorInverted;
+    "over_temperature" "The over-temperature input." OverTemperature;
+    "stack_low" "The stack warning." StackLow;
+    "over_current" "The over-current input." OverCurrent;
+    "supply_low" "The supply monitor of the board." SupplyLow;
+    "clock_failed" "Whether the crystal has failed and the board runs on its own oscillator." ClockFailed;
+    "control_late" "Whether the board switched the drive off because its control came too late." ControlLate;
+    "link" "Whether the link brings frames." Link;
+    "brown_out" "Whether the board's supply sags: it starts anew, its drive off until enabled anew." BrownOut;
+}
 
 /// A key of `[drive]` that older scenes have. It set a lower bound of the output, and has no effect.
 pub(super) const OUTPUT_MINIMUM: Field = field(
@@ -376,6 +183,8 @@ pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
             "track_mass",
             "gain_tolerance",
             "load_tolerance",
+            "current_sensitivity",
+            "current_gain",
         ],
         3,
     ),

@@ -20,6 +20,9 @@ mod timeline;
 pub mod trace;
 mod unmet;
 
+/// Amplitude in m up to which a track counts as at rest: it has no k.
+pub const RESTING_AMPLITUDE: f64 = 1e-6;
+
 pub use engine::{Fidelity, Lot};
 pub use expect::Expectation;
 pub use outcome::{Outcome, words};

@@ -3,34 +3,34 @@
 use std::time::Instant;
 
 use kband::arithmetic::Phase;
-use kband::control::{
-    Controller, Event, Identification, Identified, Limits, NoSetpoint, Report, StartCause, State,
-    Target,
-};
 use kband::feeder::Restitution;
-use kband::plant::{Change, Disturbance, Moment, Strike};
 use kband::regime::Lock;
 use kband::regime::band::Band;
 use kband::regime::band::BandError;
-use kband::regime::classify::{Classifier, HearingSettings, Regime};
+use kband::regime::classify::{Classifier, Regime, TimingAccuracy};
 use kband::regime::gear::Share;
+use kband_control::{
+    Controller, Event, Identification, Identified, Limits, NoSetpoint, Report, StartCause, State,
+    Target,
+};
+use kband_plant::{Change, Disturbance, Moment, Scene, Strike};
 
 use super::engine::{Engine, Fidelity, Plans, Whole};
 use super::record::{END, HEARD, Happened, Record, Watch};
 use super::scene::{SceneFile, beside_resonance};
 use crate::board::{BoardLoop, Link};
 use crate::desk::{Desk, Progress};
-use crate::ending::{Endings, FOLLOWED, told};
+use crate::ending::{Endings, FOLLOWED, chaotic_so_far};
 use crate::refusal::Refusal;
 
 /// How exactly an impact repeats on a drive whose amplitude is controlled through a noisy sensor.
-const JITTER: HearingSettings = HearingSettings {
+const JITTER: TimingAccuracy = TimingAccuracy {
     noise: 0.02,
     resolution: 1e-3,
 };
 
 /// Drive cycles at the end that a scope shows.
-const SCOPED: usize = 10;
+const SCOPE_CYCLES: usize = 10;
 
 /// What came of a scene.
 #[derive(Clone, Debug)]
@@ -132,7 +132,7 @@ impl Outcome {
                 engine.watch(true);
             }
             let glance = match &mut watch.sample {
-                Some(take) if n + SCOPED >= cycles => {
+                Some(take) if n + SCOPE_CYCLES >= cycles => {
                     let mut taken = Ok(());
                     let glance = engine.cycle_shown(&mut |sample| {
                         if taken.is_ok() {
@@ -162,7 +162,7 @@ impl Outcome {
         let settings = &file.scene.settings;
         let mut controller = Controller::build(settings, last_target(file), StartCause::Ordinary)?;
         Plans::share(&mut controller);
-        while !controller.chosen() && controller.plan_step() {}
+        while !controller.is_setpoint_found() && controller.plan_step() {}
         Ok(Self {
             controller,
             file: file.clone(),
@@ -172,31 +172,26 @@ impl Outcome {
     }
 
     /// What was kept of the run.
-    #[must_use]
     pub fn record(&self) -> &Record {
         &self.record
     }
 
     /// Every cycle, where they were to be kept.
-    #[must_use]
     pub fn moments(&self) -> &[Moment] {
         self.record.moments()
     }
 
     /// Simulated time over the time that the simulation took, with all that was watched.
-    #[must_use]
     pub fn times_real_time(&self) -> f64 {
         self.record.last().map_or(0.0, |moment| moment.time) / self.took.max(1e-9)
     }
 
     /// The scene.
-    #[must_use]
     pub fn file(&self) -> &SceneFile {
         &self.file
     }
 
     /// The report of the last cycle.
-    #[must_use]
     pub fn last(&self) -> Report {
         let last = self.record.last();
         last.map_or_else(Report::default, |moment| moment.report)
@@ -208,7 +203,6 @@ impl Outcome {
     }
 
     /// When a state was first reached for good, i.e. held to the end, in s.
-    #[must_use]
     pub fn reached(&self, state: State) -> Option<f64> {
         let (held, since) = self.record.held()?;
         (held == state).then_some(since)
@@ -219,7 +213,6 @@ impl Outcome {
     }
 
     /// Mean amplitude b at the end in m.
-    #[must_use]
     pub fn amplitude(&self) -> f64 {
         let (sum, count) = self.end().fold((0.0, 0.0), |(sum, count), moment| {
             (sum + f64::from(moment.report.amplitude), count + 1.0)
@@ -229,7 +222,6 @@ impl Outcome {
 
     /// k at the end: of the mean acceleration, so that it stands where the frequency moves, and
     /// infinite at rest.
-    #[must_use]
     pub fn k(&self) -> f64 {
         let (sum, count) = self.end().fold((0.0, 0.0), |(sum, count), moment| {
             (sum + f64::from(moment.report.k).recip(), count + 1.0)
@@ -238,42 +230,54 @@ impl Outcome {
     }
 
     /// Mass of the parts on the track in g, from each time in s on, in the order of time.
-    #[must_use]
     pub fn masses(&self) -> Vec<(f64, f64)> {
         let file = self.file();
         let scene = &file.scene;
-        let waiting = usize::from(scene.waiting);
-        let on = scene.parts.len().saturating_sub(waiting);
-        let each = || scene.masses.iter().map(|mass| f64::from(*mass));
-        let mut mass = each().take(on).sum();
-        let mut masses = vec![(0.0, mass)];
-        let dumps = scene.disturbances.iter();
-        let dump = dumps.filter_map(|disturbance| match disturbance.change {
-            Change::Dump(within) => Some((disturbance.at, f64::from(within))),
-            _ => None,
-        });
-        // What has fallen once does not fall again.
-        if let Some((at, within)) = dump.min_by(|one, other| one.0.total_cmp(&other.0)) {
-            for (n, part) in each().skip(on).enumerate() {
-                let arrives = at + within * (n + 1) as f64 / waiting as f64;
-                if arrives > file.duration {
-                    break;
-                }
-                mass += part;
-                masses.push((arrives, mass));
+        let parts = 0..scene.parts.len();
+        let mut times: Vec<f64> = vec![0.0];
+        for disturbance in &scene.disturbances {
+            times.push(disturbance.at);
+            if let Change::Dump(_) = disturbance.change {
+                times.extend(
+                    parts
+                        .clone()
+                        .map(|part| arrival(scene, part, disturbance.at)),
+                );
             }
         }
+        times.retain(|time| *time <= file.duration);
+        times.sort_by(f64::total_cmp);
+        let mass_at = |time: f64| {
+            let on = parts
+                .clone()
+                .filter(|part| arrival(scene, *part, time) <= time);
+            on.filter_map(|part| scene.masses.get(part))
+                .map(|mass| f64::from(*mass))
+                .sum()
+        };
+        let mut masses: Vec<(f64, f64)> = times
+            .into_iter()
+            .map(|time| (time, mass_at(time)))
+            .collect();
+        masses.dedup_by_key(|(_, mass)| *mass);
         masses
     }
 
+    /// The parts that are on the track at the end, by their numbers from 0.
+    fn on_track(&self) -> Vec<u8> {
+        let file = self.file();
+        let parts = 0..file.scene.parts.len() as u8;
+        let on =
+            |part: &u8| arrival(&file.scene, usize::from(*part), file.duration) <= file.duration;
+        parts.filter(on).collect()
+    }
+
     /// Mass of the parts that are on the track at the end, in g.
-    #[must_use]
     pub fn mass(&self) -> f64 {
         self.masses().last().map_or(0.0, |(_, mass)| *mass)
     }
 
     /// Mean conveying speed at the end in m/s, positive upwards (time mean).
-    #[must_use]
     pub fn speed(&self) -> f64 {
         let mut end = self.end();
         let (Some(first), Some(last)) = (end.next(), self.record.last()) else {
@@ -289,7 +293,6 @@ impl Outcome {
 
     /// The share of time that the parts were in gear from [`SETTLED`](super::SETTLED) on, mean over
     /// the parts, 0..=1; `None` without parts or where the run was shorter.
-    #[must_use]
     pub fn in_gear(&self) -> Option<f64> {
         let (sum, count) = self
             .record
@@ -301,10 +304,9 @@ impl Outcome {
     }
 
     /// Mean time in drive periods after which gear was lost; `None` where it was not.
-    #[must_use]
     pub fn time_to_loss(&self) -> Option<f64> {
         let all = self.record.shares();
-        all.fold(Share::default(), |sum, share| sum.and(&share))
+        all.fold(Share::default(), |sum, share| sum.plus(&share))
             .time_to_loss()
     }
 
@@ -318,13 +320,11 @@ impl Outcome {
     }
 
     /// The band that the target's order (else order 1) has for the whole lot.
-    #[must_use]
     pub fn band(&self) -> Option<Band> {
         self.band_of_target().ok()
     }
 
     /// The target at the end.
-    #[must_use]
     pub fn target(&self) -> Target {
         self.controller.target()
     }
@@ -343,10 +343,9 @@ impl Outcome {
     }
 
     /// What the parts really do at the end, in words.
-    #[must_use]
     pub fn regime(&self) -> String {
-        let parts = self.file.scene.parts.len() as u8;
-        if parts == 0 {
+        let parts = self.on_track();
+        if parts.is_empty() {
             return "no parts".into();
         }
         // Parts that scatter repeat nothing that a regime could name.
@@ -355,7 +354,8 @@ impl Outcome {
         {
             return format!("in gear {share:.2}, order {}", self.gear_order());
         }
-        let mut words: Vec<String> = (0..parts).map(|part| self.regime_in_words(part)).collect();
+        let parts = parts.into_iter();
+        let mut words: Vec<String> = parts.map(|part| self.regime_in_words(part)).collect();
         words.sort();
         words.dedup();
         words.join(" / ")
@@ -364,15 +364,15 @@ impl Outcome {
     /// The same of one part, and where nothing is decided after how many impacts that is.
     fn regime_in_words(&self, part: u8) -> String {
         match self.regime_of(part) {
-            Regime::Chaotic if !self.stays_chaotic(part) => self.undecided(part),
-            Regime::Undecided => self.undecided(part),
+            Regime::Chaotic if !self.stays_chaotic(part) => {
+                chaotic_so_far(self.late(part, HEARD[0]).count())
+            }
+            Regime::Undecided => {
+                let impacts = self.late(part, HEARD[0]).count();
+                format!("undecided after {impacts} impacts")
+            }
             regime => words(regime),
         }
-    }
-
-    fn undecided(&self, part: u8) -> String {
-        let impacts = self.late(part, HEARD[0]).count();
-        told(Regime::Undecided, impacts)
     }
 
     /// Whether the irregular flights that a part makes at the end stay what they are, by the rule
@@ -424,14 +424,30 @@ impl Outcome {
     }
 
     /// Whether every part is locked at the end, decided from its impacts alone.
-    #[must_use]
     pub fn is_locked(&self) -> bool {
-        let parts = self.file.scene.parts.len() as u8;
-        parts > 0 && (0..parts).all(|part| matches!(self.regime_of(part), Regime::Locked { .. }))
+        let parts = self.on_track();
+        let locked = |part: &u8| matches!(self.regime_of(*part), Regime::Locked { .. });
+        !parts.is_empty() && parts.iter().all(locked)
+    }
+
+    /// How many of the parts on the track lie at rest at the end.
+    pub fn resting(&self) -> usize {
+        let parts = self.on_track().into_iter();
+        parts
+            .filter(|part| self.regime_of(*part) == Regime::Rest)
+            .count()
+    }
+
+    /// Share of the time at the end that the parts on the track are in the air, mean over the parts.
+    pub fn in_air(&self) -> f64 {
+        let parts = self.on_track();
+        let strikes = parts.iter().flat_map(|part| self.late(*part, END));
+        let in_air: f64 = strikes.map(|strike| f64::from(strike.flight)).sum();
+        let watched = END.min(self.file.duration) * f64::from(self.file.scene.settings.frequency);
+        in_air / (watched * parts.len().max(1) as f64)
     }
 
     /// Mean phase at which the first part strikes where all are locked, in rad.
-    #[must_use]
     pub fn lock_phase(&self) -> Option<f64> {
         if !self.is_locked() {
             return None;
@@ -443,23 +459,20 @@ impl Outcome {
     }
 
     /// Phase at which the target's lock would strike for the middle of the lot, in rad.
-    #[must_use]
     pub fn expected_phase(&self) -> Option<f64> {
         let settings = &self.file.scene.settings;
         let middle =
             0.5 * (f64::from(settings.restitution_low) + f64::from(settings.restitution_high));
-        let lock = Lock::at(self.k(), middle, self.order()).ok()??;
+        let lock = Lock::build(self.k(), middle, self.order()).ok()??;
         Some(lock.state().phase)
     }
 
     /// Kicks that the controller may try.
-    #[must_use]
     pub fn attempts_allowed(&self) -> u32 {
         self.file.scene.settings.capture_attempts as u32
     }
 
     /// Restitutions of the simulated parts outside the configured lot.
-    #[must_use]
     pub fn strays(&self) -> Vec<f32> {
         let scene = &self.file.scene;
         let settings = &scene.settings;
@@ -476,7 +489,6 @@ impl Outcome {
     }
 
     /// Why the lot has no band of the target's order, and which bounds would have one.
-    #[must_use]
     pub fn no_band(&self) -> Option<String> {
         Some(match self.band_of_target() {
             Ok(_) => return None,
@@ -492,13 +504,11 @@ impl Outcome {
     }
 
     /// Order of the gear that is watched.
-    #[must_use]
     pub fn gear_order(&self) -> u32 {
         order(self.target())
     }
 
     /// Why the target has no setpoint, if it has none, in the controller's words.
-    #[must_use]
     pub fn no_setpoint(&self) -> Option<String> {
         let held = self.last().limits.contains(Limits::NO_SETPOINT);
         // Only a search shows that a lot has no chaos of its own.
@@ -518,7 +528,6 @@ impl Outcome {
     }
 
     /// The restitution that was identified, if one was.
-    #[must_use]
     pub fn identified(&self) -> Option<Identified> {
         match self.last().identification {
             Identification::Found(found) => Some(found),
@@ -527,7 +536,6 @@ impl Outcome {
     }
 
     /// Names of the limits that hold the drive back at the end.
-    #[must_use]
     pub fn limits(&self) -> Vec<&'static str> {
         let held = self.last().limits;
         Limits::ALL
@@ -536,6 +544,41 @@ impl Outcome {
             .map(Limits::name)
             .collect()
     }
+}
+
+/// Time in s at which a part comes onto the track, by the disturbances up to `time`; infinite for a
+/// part in the hopper or off the track.
+fn arrival(scene: &Scene, part: usize, time: f64) -> f64 {
+    let mut first_waiting = scene.parts.len() - usize::from(scene.waiting);
+    let mut arrives = if part < first_waiting {
+        0.0
+    } else {
+        f64::INFINITY
+    };
+    for disturbance in scene.disturbances.iter().filter(|change| change.at <= time) {
+        let at = disturbance.at;
+        match disturbance.change {
+            Change::Dump(within) => {
+                if part >= first_waiting {
+                    let waiting = (scene.parts.len() - first_waiting) as f64;
+                    let fallen = (part - first_waiting + 1) as f64;
+                    arrives = at + f64::from(within) * fallen / waiting;
+                }
+                first_waiting = scene.parts.len();
+            }
+            Change::Parts(count) => {
+                let count = usize::from(count);
+                arrives = if part < count {
+                    arrives.min(at)
+                } else {
+                    f64::INFINITY
+                };
+                first_waiting = first_waiting.max(count);
+            }
+            _ => {}
+        }
+    }
+    arrives
 }
 
 /// The target at the end of a scene.
@@ -568,7 +611,6 @@ fn cycles(file: &SceneFile) -> usize {
 }
 
 /// A regime in words.
-#[must_use]
 pub fn words(regime: Regime) -> String {
     match regime {
         Regime::Rest => "rest".into(),

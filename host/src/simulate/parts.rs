@@ -1,6 +1,7 @@
 //! The parts of a scene: a list, or drawn from a distribution.
 
-use kband::plant::{Noise, PARTS, Scene};
+use kband::arithmetic::Noise;
+use kband_plant::{PARTS, Scene};
 use toml::Value;
 
 use super::fields::{MASS, SCATTER};
@@ -63,11 +64,10 @@ pub struct Kin {
 }
 
 /// Most kinds of parts with a colour of their own in a picture.
-const KINDS: usize = 4;
+const MAX_COLOURED_KINDS: usize = 4;
 
 /// Groups of parts in a picture: each by itself where they are few, else by their restitution,
 /// from the deadest to the liveliest.
-#[must_use]
 pub fn kin(restitutions: &[f32]) -> Vec<Kin> {
     let mut numbers: Vec<u8> = (0..restitutions.len() as u8).collect();
     let of = |part: u8| restitutions[usize::from(part)];
@@ -78,7 +78,7 @@ pub fn kin(restitutions: &[f32]) -> Vec<Kin> {
         }];
     }
     numbers.sort_by(|&a, &b| of(a).total_cmp(&of(b)));
-    let size = numbers.len().div_ceil(KINDS);
+    let size = numbers.len().div_ceil(MAX_COLOURED_KINDS);
     numbers
         .chunks(size)
         .map(|parts| {
@@ -97,7 +97,7 @@ pub fn kin(restitutions: &[f32]) -> Vec<Kin> {
 }
 
 /// Stream of the parts' draw beside the scene's own noise.
-const STREAM: u64 = 0x7061_7274;
+const PARTS_RANDOM_STREAM: u64 = 0x7061_7274;
 
 /// Reads `part.actual` into the scene; the distribution, if it is one.
 pub(super) fn read(
@@ -115,7 +115,7 @@ pub(super) fn read(
         Value::Table(table) => {
             let mut section = Section::new("part.actual", table.clone());
             let distribution = distribution(&mut section, scene)?;
-            distribution.draw_parts(scene, &mut Noise::new(scene.seed ^ STREAM));
+            distribution.draw_parts(scene, &mut Noise::new(scene.seed ^ PARTS_RANDOM_STREAM));
             return Ok(Some(distribution));
         }
         _ => return Err(part.refuse("actual", value, &accepted)),

@@ -1,7 +1,7 @@
 //! The timeline picture of a scene.
 
-use kband::control::{Event, State, Target};
-use kband::plant::PARTS;
+use kband_control::{Event, State, Target};
+use kband_plant::PARTS;
 
 use super::outcome::Outcome;
 use super::parts::kin;
@@ -10,7 +10,7 @@ use super::timeline::describe;
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 
 /// Most impacts that are drawn.
-const MARKERS: usize = 600;
+const MAX_MARKERS: usize = 600;
 
 /// The fills of the controller's states with their names.
 pub const STATE_FILLS: [(Fill, &str); 6] = [
@@ -23,7 +23,6 @@ pub const STATE_FILLS: [(Fill, &str); 6] = [
 ];
 
 /// The fill of a state in pictures.
-#[must_use]
 pub fn state_fill(state: State) -> Fill {
     match state {
         State::Off => Fill::Rest,
@@ -38,7 +37,6 @@ pub fn state_fill(state: State) -> Fill {
 /// Draws b, k with the band, the impact phases and what the controller did, over time.
 ///
 /// `None` where the run was not watched for a picture.
-#[must_use]
 pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let sketch = outcome.record().sketch()?;
     let end = if sketch.time() > 0.0 {
@@ -113,7 +111,15 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let mut throw = Panel::new(time(), Axis::new("k", Unit::NONE, 0.0, top)).height(190.0);
     // Band and phase of the lock are those of one tone.
     let alone = outcome.last().shape.is_sine();
-    if let Some(band) = band.filter(|_| alone) {
+    let lock = band.filter(|_| alone);
+    if let Some([low, high]) = outcome.last().gear_band {
+        throw = throw.shelf("gear band", low.into(), high.into());
+        if let Some(band) = lock {
+            throw = throw
+                .level(band.low(), "lock without scatter")
+                .level(band.high(), "");
+        }
+    } else if let Some(band) = lock {
         throw = throw.shelf(
             &format!(
                 "band of order {} for the whole lot{}",
@@ -150,7 +156,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         .in_pi(),
     )
     .height(190.0);
-    let stride = marked.len().div_ceil(MARKERS).max(1);
+    let stride = marked.len().div_ceil(MAX_MARKERS).max(1);
     for (series, kin) in kin(&outcome.file().scene.parts).into_iter().enumerate() {
         // An even choice of each part's own: parts that strike in turn are drawn alike.
         let mut seen = [0_usize; PARTS];
@@ -168,13 +174,13 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         phases = phases.level(expected, "lock");
     }
     let settings = &outcome.file().scene.settings;
-    let mut told = String::new();
+    let mut scatter = String::new();
     if outcome.file().scatters() {
-        told = format!(", restitution scatters: {}", outcome.regime());
+        scatter = format!(", restitution scatters: {}", outcome.regime());
     }
     let mut picture = Picture::new("A feeder under control")
         .caption(format!(
-            "{} Hz, incline {}°, R {}..{}, Q {}, target {}{told}",
+            "{} Hz, incline {}°, R {}..{}, Q {}, target {}{scatter}",
             settings.frequency,
             settings.incline,
             settings.restitution_low,
@@ -187,9 +193,10 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         .panel(phases);
     if outcome.file().scatters() {
         let share = Axis::new("share of time in gear", Unit::NONE, 0.0, 1.05);
-        let mut gear = Panel::new(time(), share)
-            .height(140.0)
-            .line("heard", 0, sketch.in_gear());
+        let mut gear =
+            Panel::new(time(), share)
+                .height(140.0)
+                .line("estimated", 0, sketch.in_gear());
         if let Some(share) = outcome.in_gear() {
             gear = gear.level(share, "true, mean");
         }

@@ -3,9 +3,9 @@
 use std::f64::consts::TAU;
 
 use kband::arithmetic::Phase;
-use kband::control::{Event, Load, Report, State};
-use kband::plant::{Moment, PARTS, Sample, Strike};
 use kband::regime::gear::{GearWatch, Share};
+use kband_control::{Event, Load, Report, State};
+use kband_plant::{Moment, PARTS, Sample, Strike};
 
 use super::engine::{Glance, Lot};
 use crate::refusal::Refusal;
@@ -162,9 +162,9 @@ impl Record {
             let landed = strike.time as f64 / Phase::TURN * TAU;
             let flight = f64::from(strike.flight) * TAU;
             if strike.rested {
-                gear.rested(landed - flight);
+                gear.add_rest(landed - flight);
             }
-            gear.landed(landed, flight);
+            gear.add_landing(landed, flight);
         }
         if self.settled.is_some() {
             if glance.error.is_finite() {
@@ -218,31 +218,26 @@ impl Record {
     }
 
     /// Cycles so far.
-    #[must_use]
     pub fn cycles(&self) -> u32 {
         self.cycles
     }
 
     /// Every cycle, where they were to be kept.
-    #[must_use]
     pub fn moments(&self) -> &[Moment] {
         self.kept.as_deref().unwrap_or_default()
     }
 
     /// The last cycle.
-    #[must_use]
     pub fn last(&self) -> Option<&Moment> {
         self.last.as_ref()
     }
 
     /// Every event in the order of time.
-    #[must_use]
     pub fn happened(&self) -> &[Happened] {
         &self.happened
     }
 
     /// The state at the end, and since when.
-    #[must_use]
     pub fn held(&self) -> Option<(State, f64)> {
         self.held
     }
@@ -263,19 +258,16 @@ impl Record {
 
     /// Estimated share of time in gear, mean over the cycles with an estimate from [`SETTLED`] on;
     /// `None` without one.
-    #[must_use]
-    pub fn in_gear_heard(&self) -> Option<f64> {
+    pub fn in_gear_estimated(&self) -> Option<f64> {
         (self.estimated_cycles > 0).then(|| self.shares / f64::from(self.estimated_cycles))
     }
 
     /// Mean of its reported standard errors.
-    #[must_use]
     pub fn in_gear_error(&self) -> Option<f64> {
         (self.estimated_cycles > 0).then(|| self.errors / f64::from(self.estimated_cycles))
     }
 
     /// Lot of the last plan for gear: of parts that changed, the estimated one.
-    #[must_use]
     pub fn planned_for(&self) -> Option<Lot> {
         self.planned_for
     }
@@ -285,15 +277,13 @@ impl Record {
     }
 
     /// Share of the cycles from [`SETTLED`] on with an estimate; `None` where the run was shorter.
-    #[must_use]
-    pub fn in_gear_told(&self) -> Option<f64> {
+    pub fn in_gear_coverage(&self) -> Option<f64> {
         let cycles = self.cycles - self.settled?.cycles;
         (cycles > 0).then(|| f64::from(self.estimated_cycles) / f64::from(cycles))
     }
 
     /// Mean conveying speed from [`SETTLED`] on in m/s, positive upwards; `None` where the run was
     /// shorter.
-    #[must_use]
     pub fn speed(&self) -> Option<f64> {
         let (from, to) = (self.settled?, self.last()?);
         let time = to.time - from.time;
@@ -301,28 +291,25 @@ impl Record {
     }
 
     /// The cycles of the last second.
-    #[must_use]
     pub fn end(&self) -> &[Moment] {
         &self.end
     }
 
     /// The impacts of the last seconds, with the time at the end of their cycle in s.
-    #[must_use]
     pub fn late(&self) -> &[(f64, Strike)] {
         &self.late
     }
 
     /// The run in few enough points for a picture.
-    #[must_use]
     pub fn sketch(&self) -> Option<&Sketch> {
         self.sketch.as_ref()
     }
 }
 
 /// Most stretches of a sketched curve: about one a pixel and a half, low and high of each.
-const STRETCHES: usize = 450;
+const MAX_SKETCH_STRETCHES: usize = 450;
 /// Most impacts that a sketch keeps; a choice of them is drawn.
-const IMPACTS: usize = 4096;
+const MAX_SKETCH_IMPACTS: usize = 4096;
 
 /// A curve as the lowest and highest point of each stretch.
 #[derive(Clone, Debug, Default)]
@@ -407,10 +394,10 @@ pub struct Sketch {
 impl Sketch {
     fn new(cycles: usize) -> Self {
         Self {
-            stretch: if cycles <= 2 * STRETCHES {
+            stretch: if cycles <= 2 * MAX_SKETCH_STRETCHES {
                 1
             } else {
-                cycles.div_ceil(STRETCHES)
+                cycles.div_ceil(MAX_SKETCH_STRETCHES)
             },
             within: 0,
             amplitude: Curve::default(),
@@ -475,7 +462,7 @@ impl Sketch {
                 speed: strike.speed,
                 part: strike.part,
             });
-            if self.impacts.len() == IMPACTS {
+            if self.impacts.len() == MAX_SKETCH_IMPACTS {
                 let mut keep = [false; PARTS];
                 self.impacts.retain(|impact| {
                     let keep = &mut keep[usize::from(impact.part)];
@@ -488,55 +475,46 @@ impl Sketch {
     }
 
     /// Time at the end in s.
-    #[must_use]
     pub fn time(&self) -> f64 {
         self.time
     }
 
     /// Amplitude b over time, in m.
-    #[must_use]
     pub fn amplitude(&self) -> Vec<(f64, f64)> {
         self.amplitude.drawn()
     }
 
     /// Its reference over time, in m.
-    #[must_use]
     pub fn reference(&self) -> Vec<(f64, f64)> {
         self.reference.drawn()
     }
 
     /// k over time.
-    #[must_use]
     pub fn k(&self) -> Vec<(f64, f64)> {
         self.k.drawn()
     }
 
     /// Estimated share of time in gear, over time.
-    #[must_use]
     pub fn in_gear(&self) -> Vec<(f64, f64)> {
         self.in_gear.drawn()
     }
 
     /// Mass on the track as weighed over time, in g; not a number where it is not.
-    #[must_use]
     pub fn mass(&self) -> Vec<(f64, f64)> {
         self.mass.drawn()
     }
 
     /// Flow as weighed over time, in g/s; not a number where it is not.
-    #[must_use]
     pub fn flow(&self) -> Vec<(f64, f64)> {
         self.flow.drawn()
     }
 
     /// The states one after the other, each with the time from which it was held.
-    #[must_use]
     pub fn states(&self) -> &[(f64, State)] {
         &self.states
     }
 
     /// An even choice of the impacts.
-    #[must_use]
     pub fn impacts(&self) -> &[Struck] {
         &self.impacts
     }
@@ -557,7 +535,7 @@ mod tests {
             }
         }
         let points = curve.drawn();
-        assert!(points.len() <= 2 * STRETCHES);
+        assert!(points.len() <= 2 * MAX_SKETCH_STRETCHES);
         assert!(points.contains(&(31_234.0, 9.0)));
         assert!(points.windows(2).all(|pair| pair[0].0 < pair[1].0));
     }

@@ -1,7 +1,7 @@
 //! Many runs of one scene with what differs from part to part and drive to drive drawn anew.
 
-use kband::control::{State, Target};
-use kband::plant::Noise;
+use kband::arithmetic::Noise;
+use kband_control::{State, Target};
 
 use super::engine::Fidelity;
 use super::outcome::Outcome;
@@ -10,7 +10,7 @@ use super::scene::SceneFile;
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Table, Value, columns};
+use crate::report::{Column, Table, Value, columns, fields};
 
 /// What came of one run.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,9 +35,9 @@ pub struct Run {
     /// it was shorter.
     pub in_gear: Option<f64>,
     /// Estimated share of time in gear, mean over the cycles with an estimate; `None` without one.
-    pub in_gear_heard: Option<f64>,
+    pub in_gear_estimated: Option<f64>,
     /// Share of the cycles with an estimate.
-    pub in_gear_told: Option<f64>,
+    pub in_gear_coverage: Option<f64>,
     /// Mean conveying speed from [`SETTLED`](super::SETTLED) on in m/s, or at the end of a shorter
     /// run.
     pub speed: f64,
@@ -53,8 +53,8 @@ pub const COLUMNS: [Column; 13] = [
     columns::B,
     columns::K,
     columns::IN_GEAR,
-    columns::IN_GEAR_HEARD,
-    columns::IN_GEAR_TOLD,
+    columns::IN_GEAR_ESTIMATED,
+    columns::IN_GEAR_COVERAGE,
     columns::SPEED,
     columns::STATE.words(),
     columns::REGIME.words(),
@@ -62,7 +62,6 @@ pub const COLUMNS: [Column; 13] = [
 
 impl Run {
     /// Its row, number `n`.
-    #[must_use]
     pub fn row(&self, n: usize) -> [Value; COLUMNS.len()] {
         [
             n.into(),
@@ -73,8 +72,8 @@ impl Run {
             (self.amplitude * 1e3).into(),
             Some(self.k).filter(|k| k.is_finite()).into(),
             self.in_gear.into(),
-            self.in_gear_heard.into(),
-            self.in_gear_told.into(),
+            self.in_gear_estimated.into(),
+            self.in_gear_coverage.into(),
             (self.speed * 1e3).into(),
             self.state.name().into(),
             self.regime.as_str().into(),
@@ -105,52 +104,51 @@ impl Runs {
     }
 
     /// Runs that have been run.
-    #[must_use]
     pub fn new(name: &'static str, runs: Vec<Run>) -> Self {
         Self { name, runs }
     }
 
     /// Runs in which the wanted state was reached and real.
-    #[must_use]
     pub fn reached(&self) -> usize {
         self.runs.iter().filter(|run| run.reached.is_some()).count()
     }
 
     /// Times at which it was, in the order of time.
-    #[must_use]
     pub fn times(&self) -> Vec<f64> {
         let mut times: Vec<f64> = self.runs.iter().filter_map(|run| run.reached).collect();
         times.sort_by(f64::total_cmp);
         times
     }
 
+    /// Time within which so many of 100 runs that reached it had.
+    fn time_of(&self, percent: usize) -> Option<f64> {
+        let times = self.times();
+        times.get(times.len() * percent / 100).copied()
+    }
+
     /// Share of time in gear, mean over the runs; `None` where they were too short.
-    #[must_use]
     pub fn in_gear(&self) -> Option<f64> {
         self.mean(|run| run.in_gear)
     }
 
     /// Estimated share of time in gear, over the time with an estimate; `None` without one.
-    #[must_use]
-    pub fn in_gear_heard(&self) -> Option<f64> {
-        let (mut heard, mut told) = (0.0, 0.0);
+    pub fn in_gear_estimated(&self) -> Option<f64> {
+        let (mut weighted_share, mut estimated_time) = (0.0, 0.0);
         for run in &self.runs {
-            if let (Some(share), Some(time)) = (run.in_gear_heard, run.in_gear_told) {
-                heard += share * time;
-                told += time;
+            if let (Some(share), Some(time)) = (run.in_gear_estimated, run.in_gear_coverage) {
+                weighted_share += share * time;
+                estimated_time += time;
             }
         }
-        (told > 0.0).then(|| heard / told)
+        (estimated_time > 0.0).then(|| weighted_share / estimated_time)
     }
 
     /// Share of the time from 5 s on with an estimate.
-    #[must_use]
-    pub fn in_gear_told(&self) -> Option<f64> {
-        self.mean(|run| run.in_gear_told)
+    pub fn in_gear_coverage(&self) -> Option<f64> {
+        self.mean(|run| run.in_gear_coverage)
     }
 
     /// Mean conveying speed over the runs in m/s; `None` without runs.
-    #[must_use]
     pub fn speed(&self) -> Option<f64> {
         self.mean(|run| Some(run.speed))
     }
@@ -163,7 +161,6 @@ impl Runs {
 
     /// Share of runs that reached it, and the interval that holds the true share with 95 %
     /// (Wilson).
-    #[must_use]
     pub fn share(&self) -> (f64, f64, f64) {
         let n = self.runs.len().max(1) as f64;
         let p = self.reached() as f64 / n;
@@ -218,8 +215,8 @@ pub(super) fn one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> 
         amplitude: outcome.amplitude(),
         k: outcome.k(),
         in_gear: outcome.in_gear(),
-        in_gear_heard: outcome.record().in_gear_heard(),
-        in_gear_told: outcome.record().in_gear_told(),
+        in_gear_estimated: outcome.record().in_gear_estimated(),
+        in_gear_coverage: outcome.record().in_gear_coverage(),
         speed: outcome.record().speed().unwrap_or_else(|| outcome.speed()),
         regime,
     })
@@ -233,7 +230,6 @@ fn wanted(target: Target) -> State {
 }
 
 /// The runs as a table, one row each.
-#[must_use]
 pub fn table(all: &[Runs]) -> Table {
     let mut columns = vec![columns::CONTROL.words()];
     columns.extend(COLUMNS);
@@ -248,50 +244,25 @@ pub fn table(all: &[Runs]) -> Table {
     table
 }
 
-/// One row for each way to control.
-#[must_use]
-pub fn summary(all: &[Runs]) -> Table {
-    let mut table = Table::new(&[
-        columns::CONTROL.words(),
-        columns::RUNS,
-        columns::RUNS_REACHED.titled("reached"),
-        columns::SHARE.digits(4),
-        columns::LOW_95.digits(4),
-        columns::HIGH_95.digits(4),
-        columns::MEDIAN_TIME.titled("median (s)").digits(3),
-        columns::SLOWEST_TIME.titled("slowest 5 % (s)").digits(3),
-        columns::IN_GEAR.digits(3),
-        columns::IN_GEAR_HEARD.digits(3),
-        columns::IN_GEAR_TOLD.digits(3),
-        columns::SPEED.digits(4),
-    ]);
-    for runs in all {
-        let (share, low, high) = runs.share();
-        let times = runs.times();
-        let at = |part: usize| {
-            let time = times.get(times.len() * part / 100);
-            time.map_or(Value::Missing, |time| (*time).into())
-        };
-        table.push([
-            runs.name.into(),
-            runs.runs.len().into(),
-            runs.reached().into(),
-            share.into(),
-            low.into(),
-            high.into(),
-            at(50),
-            at(95),
-            runs.in_gear().into(),
-            runs.in_gear_heard().into(),
-            runs.in_gear_told().into(),
-            runs.speed().map(|speed| 1e3 * speed).into(),
-        ]);
+fields! {
+    /// What the runs of one way to control came to.
+    pub fn summary(runs: Runs) {
+        all CONTROL.words() => runs.name;
+        all RUNS => runs.runs.len();
+        all RUNS_REACHED.titled("reached") => runs.reached();
+        all SHARE.digits(4) => runs.share().0;
+        all LOW_95.digits(4) => runs.share().1;
+        all HIGH_95.digits(4) => runs.share().2;
+        all MEDIAN_TIME.titled("median (s)").digits(3) => runs.time_of(50);
+        all SLOWEST_TIME.titled("slowest 5 % (s)").digits(3) => runs.time_of(95);
+        all IN_GEAR.digits(3) => runs.in_gear();
+        all IN_GEAR_ESTIMATED.digits(3) => runs.in_gear_estimated();
+        all IN_GEAR_COVERAGE.digits(3) => runs.in_gear_coverage();
+        all SPEED.digits(4) => runs.speed().map(|speed| 1e3 * speed);
     }
-    table
 }
 
 /// Draws the share of runs that have reached the wanted state over time.
-#[must_use]
 pub fn draw(all: &[Runs], file: &SceneFile) -> Picture {
     let end = file.duration;
     let mut panel = Panel::new(
@@ -351,7 +322,7 @@ mod tests {
     }
 
     /// R = 0.3, s = 0.05 at k = 0.45: in gear for 0.811 of the time by an independent program
-    /// (regime/gear.rs), in the plant of either fidelity, and the same bits for any number of
+    /// (regime/gear/mod.rs), in the plant of either fidelity, and the same bits for any number of
     /// threads.
     #[test]
     fn the_share_in_gear_agrees_with_the_map_in_both_fidelities() {
@@ -403,8 +374,8 @@ mod tests {
             amplitude: 0.0,
             k: 0.0,
             in_gear: None,
-            in_gear_heard: None,
-            in_gear_told: None,
+            in_gear_estimated: None,
+            in_gear_coverage: None,
             speed: 0.0,
         };
         let runs = Runs {

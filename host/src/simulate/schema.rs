@@ -1,12 +1,13 @@
 //! The JSON schema of scenes, from the tables that the parser reads by.
 
-use kband::control::{Event, Fault, Key, Limits, Settings, State};
-use kband::plant::{DISTURBANCES, PARTS};
+use kband_control::{Event, Fault, Key, Limits, Settings, State};
+use kband_plant::{DISTURBANCES, PARTS};
 use serde_json::{Map, Value, json};
 
 use super::engine::Fidelity;
 use super::fields::{CHANGES, FLAGS, Field, MASS, PLANT, SCATTER, SENSOR};
 use super::fields::{CONTROLLER, OUTPUT_MINIMUM, SECTIONS, SENSOR_SETTINGS};
+use super::scene::{DEFAULT_DURATION, DEFAULT_PART_LENGTH};
 
 /// Where editors find it, as far as they ask.
 const DIALECT: &str = "http://json-schema.org/draft-07/schema#";
@@ -51,7 +52,6 @@ fn of_field(field: &Field) -> Value {
 }
 
 /// The keys of a scene that can be a number, with their sections: what `--sweep` goes over.
-#[must_use]
 pub fn keys() -> Vec<String> {
     let schema = schema();
     let number = |value: &Value| {
@@ -175,7 +175,7 @@ fn part() -> Value {
     properties.insert(
         "restitution".into(),
         json!({
-            "description": "What the controller is told of the lot: one value or [low, high] (R).",
+            "description": "Configured restitution of the lot: one value or [low, high] (R).",
             "anyOf": [ratio("Restitution."), pair("Its interval.", Some(0.0), Some(1.0))],
         }),
     );
@@ -212,6 +212,11 @@ fn part() -> Value {
         json!({"type": "integer", "minimum": 0, "maximum": PARTS,
             "description": "How many of the parts, from the last, wait in the hopper for a disturbance \"dump\"."}),
     );
+    properties.insert(
+        "length".into(),
+        json!({"type": "number", "minimum": 0.1, "maximum": 1000, "default": DEFAULT_PART_LENGTH,
+            "description": "Length of a part along the track, in mm, for parts a minute."}),
+    );
     object(properties, &["restitution"], "The parts.")
 }
 
@@ -222,7 +227,12 @@ fn disturbance() -> Value {
         json!({"type": "number", "minimum": 0, "description": "Time from the start, in s."}),
     );
     properties.extend(fields(CHANGES.iter().map(|(field, _)| field)));
-    for (key, meaning, _) in FLAGS {
+    properties.insert(
+        "parts".into(),
+        json!({"type": "integer", "minimum": 0, "maximum": PARTS,
+            "description": "How many of the parts are on the track from then on, counted from the first: others leave it, missing ones come onto it."}),
+    );
+    for &(key, meaning, _) in FLAGS {
         let flag = json!({"type": "boolean", "description": meaning});
         properties.insert(key.into(), flag);
     }
@@ -269,17 +279,17 @@ fn expect() -> Value {
 }
 
 /// The schema of scenes (JSON Schema, draft 7), for editors to complete and check them by.
-#[must_use]
 pub fn schema() -> Value {
     let mut properties = Map::new();
     properties.insert(
         "duration".into(),
-        json!({"type": "number", "minimum": 0.1, "maximum": 86_400, "description": "Duration, in s."}),
+        json!({"type": "number", "minimum": 0.1, "maximum": 86_400, "default": DEFAULT_DURATION,
+            "description": "Duration, in s."}),
     );
     properties.insert(
         "seed".into(),
         json!({"type": "integer", "minimum": 0, "default": 1,
-            "description": "Seed of all noise and of what is drawn."}),
+            "description": "Seed of all noise and random parts."}),
     );
     properties.insert(
         "start".into(),
@@ -292,7 +302,7 @@ pub fn schema() -> Value {
             "description": "From cycle to cycle in closed form, or every sample."}),
     );
     for (name, keys, required) in SECTIONS {
-        let words = format!("The {name}, as the controller is told.");
+        let words = format!("The configured {name}.");
         let mut inner = settings(keys);
         if name == "drive" {
             inner.extend(fields([&OUTPUT_MINIMUM]));
@@ -316,17 +326,17 @@ pub fn schema() -> Value {
         object(
             fields(PLANT.iter().map(|(field, _)| field)),
             &[],
-            "Where the plant is not what the controller was told.",
+            "Where the plant differs from the settings of the controller.",
         ),
     );
     properties.insert("target".into(), target());
     properties.insert("disturbance".into(), disturbance());
     properties.insert("expect".into(), expect());
-    let required = ["duration", "track", "part", "drive", "target"];
+    let required = ["track", "part", "drive", "target"];
     let mut schema = object(
         properties,
         &required,
-        "One feeder, what is asked of it, and what happens to it in time.",
+        "One feeder, its target, and its disturbances over time.",
     );
     schema["$schema"] = json!(DIALECT);
     schema["title"] = json!("kband scene");
@@ -334,7 +344,6 @@ pub fn schema() -> Value {
 }
 
 /// Unit of a key in a section of a scene; `–` for a pure number.
-#[must_use]
 pub fn unit(section: &str, key: &str) -> &'static str {
     let known = |field: &&Field| field.key == key;
     let field = match section {

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use kband::control::Settings;
+use kband_control::Settings;
 use toml::{Table, Value};
 
 use super::fields::{Field, belongs};

@@ -1,7 +1,7 @@
 //! Requests to a feeder and disturbances, over time.
 
-use kband::control::{Shape, Target, UpperTone};
-use kband::plant::{Change, DISTURBANCES, Disturbance, Disturbances};
+use kband_control::{Shape, Target, UpperTone};
+use kband_plant::{Change, DISTURBANCES, Disturbance, Disturbances, PARTS};
 use toml::Value;
 
 use super::fields::{CHANGES, FLAGS};
@@ -9,7 +9,6 @@ use super::section::{Section, number};
 use crate::refusal::Refusal;
 
 /// A target in words.
-#[must_use]
 pub fn describe(target: Target) -> String {
     match target {
         Target::Locked { order } => format!("lock of order {order}"),
@@ -174,14 +173,26 @@ fn read_disturbance(section: &mut Section, duration: f32) -> Result<Disturbance,
     let accepted = format!("0..{duration} s, which is the duration");
     let at = section.number("at", 0.0..=duration, &accepted)?;
     let mut changes = Vec::new();
-    for (field, change) in &CHANGES {
+    for (field, change) in CHANGES {
         if section.has(field.key) {
             let mut value = 0.0;
             section.field(field, &mut value)?;
             changes.push(change(value));
         }
     }
-    for (key, _, change) in FLAGS {
+    if let Some(value) = section.take("parts") {
+        let count = value
+            .as_integer()
+            .and_then(|count| u8::try_from(count).ok());
+        match count.filter(|count| usize::from(*count) <= PARTS) {
+            Some(count) => changes.push(Change::Parts(count)),
+            None => {
+                let accepted = format!("0..{PARTS}, how many of the parts are on the track");
+                return Err(section.refuse("parts", &value, &accepted));
+            }
+        }
+    }
+    for &(key, _, change) in FLAGS {
         match section.take(key) {
             Some(Value::Boolean(flag)) => changes.push(change(flag)),
             Some(other) => return Err(section.refuse(key, &other, "true or false")),

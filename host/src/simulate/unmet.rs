@@ -1,13 +1,12 @@
 //! What came of a scene against what it expects.
 
-use kband::control::{Event, Fault};
+use kband_control::{Event, Fault};
 
 use super::outcome::Outcome;
 
 impl Outcome {
     /// What of the scene's expectation did not come, a line each; `None` where the scene expects
     /// nothing.
-    #[must_use]
     pub fn unmet(&self) -> Option<Vec<String>> {
         let expected = self.file().expectation.as_ref()?;
         let mut unmet = Vec::new();

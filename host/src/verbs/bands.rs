@@ -7,17 +7,24 @@ use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::{TangentialSettings, Tone, Wave};
 use kband::regime::band::{Band, BandError};
 use kband::regime::cascade::{Cascade, Estimate};
+use kband::regime::gear::GearPlan;
 use kband::regime::reach::Reach;
+use kband_control::Settings;
 
 use crate::arguments::{self, Drawn, DriveArguments, Printed};
+use crate::causes;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Printout, Table, Value, columns};
+use crate::report::columns::{
+    GEAR_B, GEAR_B_RANGE, GEAR_BAND_HIGH, GEAR_BAND_LOW, GEAR_K, IN_GEAR_EXPECTED,
+};
+use crate::report::{Printout, Value, fields};
 
 /// Bands of k and of amplitude where parts lock, for one restitution or a whole lot of parts.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband bands --restitution 0.2 --orders 3 --frequency 50 --incline 3
+  kband bands --restitution 0.18..0.22 --scatter 0.04
   kband bands --restitution 0.18..0.22 --format json
   kband bands --restitution 0.10..0.30 --second-tone 0.15,2.356 --orders 1 --out bands.svg
 
@@ -25,11 +32,17 @@ k2..k1 is the band that all parts share. chaos_edge is where the doublings of th
 pile up; reachable_edge is how far up from k2 every part really locks when it starts from rest.
 
 With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356); an order may then \
-have several bands.")]
+have several bands. With --scatter, gear k is the controller's choice for the target gear on a drive without limits; in its \
+gear band the predicted share of time in gear is within 0.02 of the best.")]
 pub struct Arguments {
     /// Restitution of the part, or LO..HI of the lot.
     #[arg(long, value_name = "R|LO..HI", default_value = "0.2", value_parser = arguments::restitution)]
     restitution: Restitution,
+
+    /// Standard deviation of restitution from impact to impact (s); the gear band of each order is
+    /// shown with it.
+    #[arg(long, value_name = "S", value_parser = arguments::within(0.0, 0.3, ""))]
+    scatter: Option<f64>,
 
     /// Orders to show, 1 to N.
     #[arg(long, value_name = "N", default_value = "3", value_parser = arguments::count(1, 20))]
@@ -54,7 +67,7 @@ pub struct Arguments {
 }
 
 /// Restitution along the track (symbol Rt), and amplitude along it over that normal to it (symbol
-/// eta), of the built-in scene: with these speeds are told.
+/// eta), of the built-in scene. The speeds in the table are computed with both.
 const TANGENTIAL_RESTITUTION: f64 = 0.3;
 const AMPLITUDE_RATIO: f64 = 1.5;
 
@@ -82,6 +95,7 @@ struct Row {
     first_chaos: Option<Estimate>,
     last_chaos: Option<Estimate>,
     reach: Option<Reach>,
+    gear: Option<GearPlan>,
 }
 
 /// Prints the bands.
@@ -91,12 +105,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         arguments.second_tone.unwrap_or_default(),
         arguments.third_tone.unwrap_or_default(),
     )?;
-    let output = arguments.drawn.output()?;
+    let output = arguments.drawn.output(arguments.printed.format)?;
     let report = if wave.is_sine() {
         let rows = desk.try_map("bands", arguments.orders, |n| {
-            row(arguments.restitution, n as u32 + 1)
+            row(arguments.restitution, arguments.scatter, n as u32 + 1)
         })?;
-        report(arguments, &track, &rows)?
+        report(arguments, &track, &rows)
     } else {
         tones::report_of(arguments, &wave, &track, desk)?
     };
@@ -112,7 +126,20 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-fn row(lot: Restitution, order: u32) -> Result<Row, Refusal> {
+/// Settings of a drive that bounds no plan, for a lot.
+fn unbounded(lot: Restitution, scatter: f64) -> Settings {
+    Settings {
+        restitution_low: lot.low() as f32,
+        restitution_high: lot.high() as f32,
+        scatter: scatter as f32,
+        gain: 100.0,
+        amplitude_limit: 100.0,
+        acceleration_limit: 1000.0,
+        ..Settings::default()
+    }
+}
+
+fn row(lot: Restitution, scatter: Option<f64>, order: u32) -> Result<Row, Refusal> {
     let (band, k2, k1, allowing) = match Band::common(lot, order) {
         Ok(band) => (Some(band), band.low(), band.high(), None),
         Err(BandError::Empty(none)) => (
@@ -149,7 +176,9 @@ fn row(lot: Restitution, order: u32) -> Result<Row, Refusal> {
         )?),
         None => None,
     };
+    let plan = |scatter| causes::plan(&unbounded(lot, scatter), order as u8);
     Ok(Row {
+        gear: scatter.and_then(plan).map(|(plan, _)| plan),
         order,
         k2,
         k1,
@@ -161,44 +190,90 @@ fn row(lot: Restitution, order: u32) -> Result<Row, Refusal> {
     })
 }
 
-/// What a band is, to read, on any track.
-const READ: [Column; 9] = [
-    columns::ORDER,
-    columns::K2,
-    columns::K1,
-    columns::SETPOINT,
-    columns::MARGIN.digits(3),
-    columns::B.digits(4),
-    columns::B_RANGE.titled("b at k1..k2 (mm)"),
-    columns::THROW.digits(4),
-    columns::PEAK.digits(4),
-];
+impl Row {
+    /// k at the setpoint, which has the largest margin in amplitude.
+    fn setpoint(&self) -> Option<f64> {
+        self.band.map(|band| band.setpoint())
+    }
 
-/// The setpoint of a band: its k, its margin in per cent of b, and the track's largest acceleration
-/// there in g.
-struct Middle {
-    k: f64,
-    margin: f64,
-    peak: f64,
+    /// The smaller margin in k there.
+    fn margin_k(&self) -> Option<f64> {
+        let margins = self.band.map(|band| band.margins(band.setpoint()));
+        margins.map(|margins| margins.low.k.min(margins.high.k))
+    }
+
+    /// The smaller margin in amplitude there, over the amplitude.
+    fn margin(&self) -> Option<f64> {
+        let margins = self.band.map(|band| band.margins(band.setpoint()));
+        margins.map(|margins| margins.smallest())
+    }
+
+    /// Where a part locks that starts from rest, in words.
+    fn reached(&self) -> String {
+        match self.reach {
+            None => "-".into(),
+            Some(Reach {
+                edge: Some(edge), ..
+            }) => format!("up to {edge:.4}"),
+            Some(Reach { highest: None, .. }) => "nowhere".into(),
+            Some(Reach { share, .. }) => format!("{:.1} % in slivers", 100.0 * share),
+        }
+    }
 }
 
-/// The cells under [`READ`] of a band from k2 to k1.
-fn read(order: u32, ends: Option<[f64; 2]>, middle: Option<&Middle>, track: &Track) -> Vec<Value> {
-    let millimetres = |k: f64| track.amplitude(k) * 1e3;
-    let range = ends.zip(middle).map(|([k2, k1], _)| {
-        Value::from(format!("{:.4}..{:.4}", millimetres(k1), millimetres(k2)))
-    });
-    vec![
-        order.into(),
-        ends.map(|[k2, _]| k2).into(),
-        ends.map(|[_, k1]| k1).into(),
-        middle.map_or(Value::from("no common band"), |middle| middle.k.into()),
-        middle.map(|middle| middle.margin).into(),
-        middle.map(|middle| millimetres(middle.k)).into(),
-        range.unwrap_or_else(|| "-".into()),
-        middle.map(|middle| throw_number(middle.k)).into(),
-        middle.map(|middle| middle.peak).into(),
-    ]
+/// The amplitude in mm.
+fn millimetres(track: &Track, k: f64) -> f64 {
+    track.amplitude(k) * 1e3
+}
+
+/// The setpoint of a band, to read.
+fn setpoint_in_words(k: Option<f64>) -> Value {
+    k.map_or("no common band".into(), Value::from)
+}
+
+/// The amplitudes from k1 to k2, to read.
+fn amplitudes(track: &Track, k1: f64, k2: f64) -> String {
+    let (low, high) = (millimetres(track, k1), millimetres(track, k2));
+    format!("{low:.4}..{high:.4}")
+}
+
+fields! {
+    /// The band of an order.
+    fn shown(row: Row, track: Track) {
+        all ORDER => row.order;
+        all K2 => row.k2;
+        all K1 => row.k1;
+        data EMPTY => row.band.is_none();
+        read SETPOINT => setpoint_in_words(row.setpoint());
+        data SETPOINT => row.setpoint();
+        data MARGIN_K => row.margin_k();
+        all MARGIN.digits(3) => row.margin().map(|margin| 100.0 * margin);
+        data MARGIN_B => row.setpoint().zip(row.margin()).map(|(k, margin)| millimetres(track, k) * margin);
+        data CHAOS_EDGE => row.first_chaos.map(|chaos| chaos.value);
+        data CHAOS_EDGE_ERROR => row.first_chaos.map(|chaos| chaos.error);
+        data CHAOS_EDGE_LAST_PART => row.last_chaos.map(|chaos| chaos.value);
+        data REACHABLE_EDGE => row.reach.and_then(|reach| reach.edge);
+        data REACHABLE_HIGHEST => row.reach.and_then(|reach| reach.highest);
+        data REACHABLE_SHARE => row.reach.map(|reach| reach.share);
+        all B.digits(4) => row.setpoint().map(|k| millimetres(track, k));
+        data B_AT_K1 => millimetres(track, row.k1);
+        data B_AT_K2 => millimetres(track, row.k2);
+        read B_RANGE.titled("b at k1..k2 (mm)") => row.band.map_or("-".into(), |_| amplitudes(track, row.k1, row.k2));
+        all THROW.digits(4) => row.setpoint().map(throw_number);
+        all PEAK.digits(4) => row.setpoint().map(|k| track.acceleration(track.amplitude(k)));
+        read CHAOS_EDGE.titled("chaos edge") => row.first_chaos.map(|chaos| chaos.value);
+        read REACHED_FROM_REST.titled("reached from rest") => row.reached();
+        all GEAR_K.titled("gear k").digits(4) => row.gear.map(|gear| f64::from(gear.k));
+        all GEAR_B.titled("gear b (mm)").digits(4) => row.gear.map(|gear| millimetres(track, f64::from(gear.k)));
+        all IN_GEAR_EXPECTED.titled("in gear").digits(3) => row.gear.map(|gear| f64::from(gear.share));
+        data GEAR_BAND_LOW => row.gear.map(|gear| f64::from(gear.band[0]));
+        data GEAR_BAND_HIGH => row.gear.map(|gear| f64::from(gear.band[1]));
+        read GEAR_B_RANGE.titled("gear band (mm)") => row.gear.map_or("-".into(), |gear| {
+            amplitudes(track, f64::from(gear.band[1]), f64::from(gear.band[0]))
+        });
+        data ALLOWING_HIGH_BOUND => row.allowing.map(|(high, _)| high);
+        data ALLOWING_LOW_BOUND => row.allowing.map(|(_, low)| low);
+    }
 }
 
 /// The parts, in a heading.
@@ -210,90 +285,22 @@ fn who(lot: Restitution) -> String {
     }
 }
 
-fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Printout, Refusal> {
-    let more = [
-        columns::CHAOS_EDGE.titled("chaos edge"),
-        columns::REACHED_FROM_REST.titled("reached from rest"),
-    ];
-    let mut shown = Table::new(&[&READ[..], &more].concat()).folded();
-    let mut full = Table::new(&[
-        columns::ORDER,
-        columns::K2,
-        columns::K1,
-        columns::EMPTY,
-        columns::SETPOINT,
-        columns::MARGIN_K,
-        columns::MARGIN,
-        columns::MARGIN_B,
-        columns::CHAOS_EDGE,
-        columns::CHAOS_EDGE_ERROR,
-        columns::CHAOS_EDGE_LAST_PART,
-        columns::REACHABLE_EDGE,
-        columns::REACHABLE_HIGHEST,
-        columns::REACHABLE_SHARE,
-        columns::B,
-        columns::B_AT_K1,
-        columns::B_AT_K2,
-        columns::THROW,
-        columns::PEAK,
-        columns::ALLOWING_HIGH_BOUND,
-        columns::ALLOWING_LOW_BOUND,
-    ]);
-    let millimetres = |k: f64| track.amplitude(k) * 1e3;
-    for row in rows {
-        let setpoint = row.band.map(|band| band.setpoint());
-        let margins = row.band.map(|band| band.margins(band.setpoint()));
-        let b = setpoint.map(millimetres);
-        let throw = setpoint.map(throw_number);
-        let peak = setpoint.map(|k| track.acceleration(track.amplitude(k)));
-        let reached = match row.reach {
-            None => "-".to_string(),
-            Some(Reach {
-                edge: Some(edge), ..
-            }) => format!("up to {edge:.4}"),
-            Some(Reach { highest: None, .. }) => "nowhere".to_string(),
-            Some(Reach { share, .. }) => format!("{:.1} % in slivers", 100.0 * share),
-        };
-        let middle = setpoint.zip(margins).zip(peak);
-        let middle = middle.map(|((k, margins), peak)| Middle {
-            k,
-            margin: 100.0 * margins.smallest(),
-            peak,
-        });
-        let mut cells = read(row.order, Some([row.k2, row.k1]), middle.as_ref(), track);
-        cells.push(row.first_chaos.map(|chaos| chaos.value).into());
-        cells.push(reached.into());
-        shown.push_row(cells);
-        full.push([
-            row.order.into(),
-            row.k2.into(),
-            row.k1.into(),
-            row.band.is_none().into(),
-            setpoint.into(),
-            margins
-                .map(|margins| margins.low.k.min(margins.high.k))
-                .into(),
-            margins.map(|margins| 100.0 * margins.smallest()).into(),
-            b.zip(margins)
-                .map(|(b, margins)| b * margins.smallest())
-                .into(),
-            row.first_chaos.map(|chaos| chaos.value).into(),
-            row.first_chaos.map(|chaos| chaos.error).into(),
-            row.last_chaos.map(|chaos| chaos.value).into(),
-            row.reach.and_then(|reach| reach.edge).into(),
-            row.reach.and_then(|reach| reach.highest).into(),
-            row.reach.map(|reach| reach.share).into(),
-            b.into(),
-            millimetres(row.k1).into(),
-            millimetres(row.k2).into(),
-            throw.into(),
-            peak.into(),
-            row.allowing.map(|(high, _)| high).into(),
-            row.allowing.map(|(_, low)| low).into(),
-        ]);
-    }
+fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Printout {
     let lot = arguments.restitution;
-    let mut report = Printout::new(shown).heading(format!(
+    let mut view = shown(track);
+    if arguments.scatter.is_none() {
+        for column in [
+            GEAR_K,
+            GEAR_B,
+            IN_GEAR_EXPECTED,
+            GEAR_BAND_LOW,
+            GEAR_BAND_HIGH,
+            GEAR_B_RANGE,
+        ] {
+            view = view.without(column);
+        }
+    }
+    let mut report = view.printout(rows).folded().heading(format!(
         "{}, {} Hz, incline {} degrees; the setpoint has the largest margin in amplitude",
         who(lot),
         arguments.drive.frequency,
@@ -314,8 +321,7 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Result<Printout
             "From rest a part does not lock at these setpoints by itself: see kband capture.",
         );
     }
-    let json = full.to_json();
-    report.csv_of(full).json(&json)
+    report
 }
 
 #[cfg(test)]
@@ -325,19 +331,44 @@ mod tests {
     #[test]
     fn rows_hold_the_references() {
         let single = Restitution::single(0.2).unwrap();
-        let first = row(single, 1).unwrap();
+        let first = row(single, None, 1).unwrap();
         // docs/theory-bands.md#t5.2, docs/theory-capture.md#t7.2
         assert!((first.k2 - 0.393_052).abs() < 1e-6 && (first.k1 - 0.477_465).abs() < 1e-6);
         let chaos = first.first_chaos.unwrap();
         assert!((chaos.value - 0.358_723_3).abs() < 1e-7 && chaos.error < 1e-8);
         let edge = first.reach.unwrap().edge.unwrap();
         assert!((0.4105..0.4122).contains(&edge));
-        assert!(row(single, 2).unwrap().reach.unwrap().edge.is_none());
+        assert!(row(single, None, 2).unwrap().reach.unwrap().edge.is_none());
+    }
+
+    #[test]
+    fn gear_is_planned_as_the_controller_plans_it() {
+        let lot = Restitution::interval(0.35, 0.45).unwrap();
+        let gear = row(lot, Some(0.04), 1).unwrap().gear.unwrap();
+        let feeder = Settings {
+            frequency: 60.0,
+            resonance: 60.0,
+            restitution_low: 0.35,
+            restitution_high: 0.45,
+            scatter: 0.04,
+            ..Settings::default()
+        };
+        let (plan, amplitude) = causes::plan(&feeder, 1).unwrap();
+        assert!((plan.k - gear.k).abs() < 1e-6);
+        // docs/theory-model.md#t1.2: b = g cos(alpha) / (k w^2).
+        let track = DriveArguments {
+            frequency: 60.0,
+            incline: 3.0,
+        }
+        .track()
+        .unwrap();
+        assert!((amplitude / millimetres(&track, f64::from(gear.k)) - 1.0).abs() < 1e-4);
+        assert!(gear.band[0] < gear.k && gear.k < gear.band[1]);
     }
 
     #[test]
     fn an_empty_band_has_its_bounds() {
-        let found = row(Restitution::interval(0.1, 0.3).unwrap(), 1).unwrap();
+        let found = row(Restitution::interval(0.1, 0.3).unwrap(), None, 1).unwrap();
         assert!(found.band.is_none() && found.reach.is_none());
         let (high, low) = found.allowing.unwrap();
         assert!(0.1 < high && high < 0.3 && 0.1 < low && low < 0.3);

@@ -60,13 +60,13 @@ pub struct Arguments {
 
 /// Draws the basins.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output()?;
+    let output = arguments.drawn.output(arguments.printed.format)?;
     arguments.scatter.check(
         "a part whose restitution scatters forgets how it started, and ends nowhere",
         "ask kband gear --scatter for how much of the time it is in gear",
     )?;
     let k = wanted(arguments)?;
-    let told = arguments.amplitude.told(k)?;
+    let drive_text = arguments.amplitude.describe(k)?;
     let endings = Endings::new(k, arguments.restitution, arguments.impacts)?;
     let side = arguments.grid;
     let top = arguments.velocity;
@@ -90,29 +90,29 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut table = Table::new(&[columns::REGIME, columns::SHARE.digits(4), columns::STARTS]);
     for (end, count) in &counts {
         table.push([
-            ending::told(*end, arguments.impacts).into(),
+            ending::describe_regime(*end, arguments.impacts).into(),
             share(*count).into(),
             (*count).into(),
         ]);
     }
     let shares: Vec<_> = counts
         .iter()
-        .map(|(end, count)| json!({"regime": ending::told(*end, arguments.impacts), "share": share(*count), "starts": count}))
+        .map(|(end, count)| json!({"regime": ending::describe_regime(*end, arguments.impacts), "share": share(*count), "starts": count}))
         .collect();
     let listed = Arc::clone(&ends);
     let followed = arguments.impacts;
     let report = Printout::new(table)
         .heading(format!(
-            "Where parts end at {told}, R = {}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
+            "Where parts end at {drive_text}, R = {}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
             number(arguments.restitution, 6),
             number(top, 6)
         ))
-        .note(format!("A part that starts from rest: {}", ending::told(endings.from_rest(), arguments.impacts)))
+        .note(format!("A part that starts from rest: {}", ending::describe_regime(endings.from_rest(), arguments.impacts)))
         .json(&json!({
             "k": k,
             "restitution": arguments.restitution,
             "shares": shares,
-            "from_rest": ending::told(endings.from_rest(), arguments.impacts),
+            "from_rest": ending::describe_regime(endings.from_rest(), arguments.impacts),
         }))?
         .csv(
             &[
@@ -125,14 +125,14 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
                     rows.row(&[
                         starts.phase(n % side).into(),
                         starts.velocity(n / side).into(),
-                        ending::told(*end, followed).into(),
+                        ending::describe_regime(*end, followed).into(),
                     ])
                 })
             },
         );
     report.print(arguments.printed.format)?;
     output.write(&report, || {
-        picture(arguments, &told, &endings, &ends, &counts)
+        picture(arguments, &drive_text, &endings, &ends, &counts)
     })?;
     Ok(Exit::Done)
 }
@@ -186,7 +186,7 @@ fn wanted(arguments: &Arguments) -> Result<f64, Refusal> {
 
 fn picture(
     arguments: &Arguments,
-    told: &str,
+    drive_text: &str,
     endings: &Endings,
     ends: &[Regime],
     counts: &[(Regime, usize)],
@@ -201,7 +201,11 @@ fn picture(
                 let general = FILLS.iter().find(|(known, _)| *known == fill);
                 *name = general.map_or("", |(_, name)| name).into();
             }
-            None => legend.push((fill, ending::told(*regime, arguments.impacts), *count)),
+            None => legend.push((
+                fill,
+                ending::describe_regime(*regime, arguments.impacts),
+                *count,
+            )),
         }
     }
     let words: Vec<(Fill, String)> = legend
@@ -238,7 +242,7 @@ fn picture(
         .width(780.0)
         .panel(panel)
         .caption(format!(
-            "{told}, R = {}; {} × {} starts, up to {} impacts each",
+            "{drive_text}, R = {}; {} × {} starts, up to {} impacts each",
             number(arguments.restitution, 6),
             arguments.grid,
             arguments.grid,

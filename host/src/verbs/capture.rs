@@ -66,7 +66,7 @@ pub struct Arguments {
     limit: f64,
 
     /// Effort of the plan in impacts; the board spends the default.
-    #[arg(long, value_name = "IMPACTS", default_value_t = PlanSettings::EFFORT as usize,
+    #[arg(long, value_name = "IMPACTS", default_value_t = PlanSettings::DEFAULT_EFFORT as usize,
           value_parser = arguments::count(1000, 1_000_000_000))]
     effort: usize,
 
@@ -104,7 +104,7 @@ pub struct Arguments {
 
 /// Plans, maps, and draws parts at random.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output()?;
+    let output = arguments.drawn.output(arguments.printed.format)?;
     let task = Task::new(arguments)?;
     let plan = task.plan(desk)?;
     let map = Kicks::draw(&task, &plan, desk)?;
@@ -142,7 +142,7 @@ impl<'a> Task<'a> {
         if !band.contains(k) {
             return Err(Refusal::value(
                 "the target",
-                arguments.amplitude.told(k)?,
+                arguments.amplitude.describe(k)?,
                 format!(
                     "k = {:.4}..{:.4}, the band of order {order} for this restitution",
                     band.low(),

@@ -1,7 +1,7 @@
 //! `kband cascade`: the period doublings below a band.
 
 use kband::impact::{Tone, Wave};
-use kband::regime::cascade::{Cascade, CascadeEnd, DoubledOrbit, FEIGENBAUM, HIGHEST_DOUBLINGS};
+use kband::regime::cascade::{Cascade, CascadeEnd, DoubledOrbit, FEIGENBAUM, MAX_DOUBLINGS};
 
 use super::exponent::spelled;
 use crate::arguments::{self, Drawn, NoScatter, Printed};
@@ -30,7 +30,7 @@ pub struct Arguments {
     order: usize,
 
     /// Flips to locate.
-    #[arg(long, value_name = "N", default_value = "6", value_parser = arguments::count(1, HIGHEST_DOUBLINGS))]
+    #[arg(long, value_name = "N", default_value = "6", value_parser = arguments::count(1, MAX_DOUBLINGS))]
     doublings: usize,
 
     /// Second tone of the drive, E of the first one's amplitude at the angle TH in rad.
@@ -57,7 +57,7 @@ pub struct Arguments {
 
 /// Prints the flips and draws them.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output()?;
+    let output = arguments.drawn.output(arguments.printed.format)?;
     arguments.scatter.check(
         "what scatters repeats nothing that could double",
         "ask with --noise which doublings can still be seen, or kband exponent --scatter for what is left of the cascade",
@@ -159,8 +159,8 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
         columns::SECOND_EXPONENT.titled("second").digits(4),
     ])
     .folded();
-    let doubled: Vec<Option<DoubledOrbit>> = cascade.doubled().collect();
-    let visible: Vec<Option<f64>> = cascade.visible_below().collect();
+    let doubled: Vec<Option<DoubledOrbit>> = cascade.doubled_orbits().collect();
+    let visible: Vec<Option<f64>> = cascade.max_visible_scatters().collect();
     let ratios: Vec<f64> = cascade.ratios().collect();
     let mut above = None;
     for (n, flip) in cascade.flips().iter().enumerate() {

@@ -5,8 +5,8 @@ mod record;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use kband::control::State;
-use kband::wire::{Request, Telemetry};
+use kband_control::State;
+use kband_control::wire::{Request, Telemetry};
 use serde_json::{Value as Json, json};
 
 use super::status::BoardStatus;
@@ -56,7 +56,7 @@ pub struct Arguments {
 }
 
 /// Most rows of telemetry that a step keeps, approximately.
-const ROWS: f64 = 600.0;
+const MAX_ROWS_PER_STEP: f64 = 600.0;
 
 /// Asks the board and writes.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
@@ -65,7 +65,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut link = arguments.address.open(Emulated::Running)?;
     let settings = BoardSettings::read(&mut link)?;
     let frequency = f64::from(settings.known().frequency);
-    let every = (arguments.seconds * frequency / ROWS).ceil().max(1.0) as u16;
+    let every = (arguments.seconds * frequency / MAX_ROWS_PER_STEP)
+        .ceil()
+        .max(1.0) as u16;
     let rows = telemetry(&mut link, every, arguments.seconds, desk)?;
     let status = BoardStatus::ask(&mut link)?;
     let values: serde_json::Map<String, Json> = settings
@@ -106,7 +108,7 @@ fn telemetry(
     let mut rows = Vec::new();
     let begun = Instant::now();
     link.tell(&Request::Telemetry(every))?;
-    let heard = (|| {
+    let recorded = (|| {
         while begun.elapsed().as_secs_f64() < seconds {
             desk.go_on()?;
             for said in link.listen(Duration::from_millis(100))? {
@@ -121,7 +123,7 @@ fn telemetry(
     progress.finish();
     // Off again, whatever came.
     link.tell(&Request::Telemetry(0))?;
-    heard.map(|()| rows)
+    recorded.map(|()| rows)
 }
 
 /// The rows as the record keeps them, with the time from the first.
@@ -137,8 +139,8 @@ fn kept(rows: &[Telemetry], frequency: f64) -> Vec<Json> {
                 "setpoint_b": finite(row.setpoint * 1e3),
                 "k": finite(row.k),
                 "output": finite(row.output),
-                "impacts_heard": finite(row.rate),
-                "in_gear_heard": finite(row.in_gear),
+                "impacts_detected": finite(row.rate),
+                "in_gear_estimated": finite(row.in_gear),
                 "state": State::numbered(row.state).map(State::name),
             })
         })

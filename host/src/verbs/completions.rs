@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use clap::builder::PossibleValuesParser;
 use clap_complete::Shell;
-use kband::control::Settings;
+use kband_control::Settings;
 
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};

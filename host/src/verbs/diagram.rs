@@ -31,15 +31,14 @@ use crate::report::Format;
 
 One of --k, --b, --restitution is a range LO..HI or LO..HI:N (else N = 1000 columns). The table \
 and JSON say what each start gives where; CSV has every impact. With --show regimes both --k and \
---restitution are ranges, of a map of where parts end, from rest and from next to the lock.")]
+--restitution are ranges (else 0.1..0.8:200 and 0..0.9:150), of a map of where parts end, from rest and from next to the lock.")]
 pub struct Arguments {
-    /// Restitution of the part, one value or a range.
-    #[arg(long, value_name = "R", default_value = "0.2",
-          value_parser = arguments::range_or_value((0.0, 0.999), 1000))]
-    restitution: Range,
+    /// Restitution of the part, one value or a range [default: 0.2].
+    #[arg(long, value_name = "R", value_parser = arguments::range_or_value((0.0, 0.999), COLUMNS))]
+    restitution: Option<Range>,
 
     /// k = g cos(alpha) / (b w^2), one value or a range [default: around the first band].
-    #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), 1000))]
+    #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), COLUMNS))]
     k: Option<Range>,
 
     #[command(flatten)]
@@ -75,6 +74,9 @@ pub struct Arguments {
     #[command(flatten)]
     drawn: Drawn,
 }
+
+/// Columns of a range that does not say how many.
+const COLUMNS: usize = 1000;
 
 /// What is drawn upwards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -119,7 +121,7 @@ impl ColumnStart {
 
 /// Draws the diagram.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output()?;
+    let output = arguments.drawn.output(arguments.printed.format)?;
     if arguments.show == Show::Regimes {
         let map = regimes::Map::compute(arguments, desk)?;
         let report = map.report()?;

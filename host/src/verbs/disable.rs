@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use kband::control::State;
-use kband::wire::Request;
+use kband_control::State;
+use kband_control::wire::Request;
 
 use super::status::BoardStatus;
 use crate::arguments::Printed;
@@ -28,13 +28,13 @@ pub struct Arguments {
 }
 
 /// Longest wait for rest: the slowest soft stop and then some.
-const PATIENCE: Duration = Duration::from_secs(30);
+const REST_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Withdraws the enable and waits for rest.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut link = arguments.address.open(Emulated::Running)?;
     link.tell(&Request::Enable(false))?;
-    let end = Instant::now() + PATIENCE;
+    let end = Instant::now() + REST_TIMEOUT;
     loop {
         let status = BoardStatus::ask(&mut link)?;
         if matches!(status.state(), Some(State::Off | State::Fault)) {

@@ -5,7 +5,7 @@ use crate::arguments::Printed;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use kband::wire::Request;
+use kband_control::wire::Request;
 
 /// Give the drive of a board back the enable that the desk withdrew; the enable input has to be
 /// given too.

@@ -5,10 +5,10 @@ use kband::regime::cascade::Estimate;
 use kband::regime::chaos::ChaoticBand;
 use kband::regime::classify::Regime;
 use kband::regime::exponent::{
-    Dynamics, Exponent, ExponentSettings, measure, measure_scattered, start,
+    Dynamics, Exponent, ExponentSettings, measure, measure_scattered, start_near_lock,
 };
 use kband::regime::{Lock, Multipliers};
-use kband::transport::Spread;
+use kband::transport::SampleMean;
 
 use crate::arguments::{self, AmplitudeArguments, Drawn, Printed, Range, ScatterArguments};
 use crate::desk::Desk;
@@ -26,7 +26,7 @@ use crate::report::{Printout, Table, Value, columns, number};
   kband exponent --restitution 0.2 --b 0.2..0.3:200 --frequency 50 --out exponent.svg
 
 Eight orbits share the impacts, which start next to the locked one; --phase and --velocity choose \
-one start. The error is the larger of what their scatter and their own autocorrelation tell. An orbit \
+one start. The standard error is the larger of two estimates: from their scatter and from their autocorrelation. An orbit \
 that comes to rest is no chaos: the motion is then 'rest', after so many impacts.")]
 pub struct Arguments {
     /// Restitution of the part, 0..1.
@@ -83,7 +83,7 @@ impl Arguments {
 
 /// Prints the exponents.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output()?;
+    let output = arguments.drawn.output(arguments.printed.format)?;
     let given = arguments.amplitude.or_range(arguments.k)?;
     let values = given.unwrap_or_else(|| vec![0.34]);
     let settings = ExponentSettings {
@@ -94,7 +94,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         let map = Map::build(values[n], arguments.restitution)?;
         let start = match (arguments.phase, arguments.velocity) {
             (Some(phase), Some(velocity)) => Map::state(phase, velocity)?,
-            _ => start(&map, arguments.order as u32),
+            _ => start_near_lock(&map, arguments.order as u32),
         };
         if let Some(scatter) = arguments.scatter.stream(map.restitution(), n as u64)? {
             let exponent = measure_scattered(&map, start, settings, scatter)?;
@@ -117,7 +117,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             None => among(&map, start, settings)?,
         };
         let lock = match arguments.restitution < 1.0 {
-            true => Lock::at(values[n], arguments.restitution, arguments.order as u32)?,
+            true => Lock::build(values[n], arguments.restitution, arguments.order as u32)?,
             false => None,
         };
         Ok(Found {
@@ -147,21 +147,21 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 }
 
 /// Orbits among which the impacts are divided where the user gives no start.
-const ORBITS: u32 = 8;
+const DEFAULT_ORBITS: u32 = 8;
 
 /// The exponent of several orbits that begin beside each other. One alone may stay for some 100 000
 /// impacts where it is not what it is in the long run, and its own scatter does not tell (k = 0.34,
 /// R = 0.2); the scatter of several does. Where one comes to rest, that is reported of the first.
 fn among(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Exponent, Refusal> {
     let share = ExponentSettings {
-        impacts: settings.impacts / ORBITS,
+        impacts: settings.impacts / DEFAULT_ORBITS,
         ..settings
     };
     if share.impacts < 320 {
         return Ok(measure(map, start, settings)?);
     }
     let mut found = Vec::new();
-    for n in 0..ORBITS {
+    for n in 0..DEFAULT_ORBITS {
         let beside = PartState {
             phase: start.phase + 1e-4 * f64::from(n),
             ..start
@@ -173,9 +173,9 @@ fn among(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Expo
         found.push(one);
     }
     let together = |of: fn(&Exponent) -> Estimate| {
-        let values = Spread::of(found.iter().map(|one| of(one).value));
+        let values = SampleMean::from_values(found.iter().map(|one| of(one).value));
         let squares = found.iter().map(|one| of(one).error.powi(2));
-        let own = squares.sum::<f64>().sqrt() / f64::from(ORBITS);
+        let own = squares.sum::<f64>().sqrt() / f64::from(DEFAULT_ORBITS);
         Estimate {
             value: values.mean().unwrap_or(f64::NAN),
             error: values.error().unwrap_or(0.0).max(own),
@@ -186,8 +186,8 @@ fn among(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Expo
     Ok(Exponent {
         per_impact,
         per_cycle: together(|one| one.per_cycle),
-        flight: flights.sum::<f64>() / f64::from(ORBITS),
-        dynamics: Dynamics::of(per_impact),
+        flight: flights.sum::<f64>() / f64::from(DEFAULT_ORBITS),
+        dynamics: Dynamics::from_exponent(per_impact),
     })
 }
 
@@ -218,6 +218,7 @@ fn words(found: &Found) -> &'static str {
         Dynamics::Chaotic if found.ending.is_none_or(|ending| ending == Regime::Chaotic) => {
             "chaotic"
         }
+        Dynamics::Chaotic if found.ending == Some(Regime::Undecided) => "chaotic so far",
         Dynamics::Chaotic | Dynamics::Undecided => "undecided",
         Dynamics::Rest { .. } => "rest",
     }
@@ -265,9 +266,9 @@ fn report(
             Dynamics::Rest { after } => Some(after),
             _ => None,
         };
-        let told = found
+        let regime_name = found
             .ending
-            .map(|ending| ending::told(ending, arguments.followed()));
+            .map(|ending| ending::describe_regime(ending, arguments.followed()));
         let motion = match after {
             Some(after) => format!("rest after {after}"),
             None => words(found).into(),
@@ -280,7 +281,7 @@ fn report(
             finite(exponent.per_impact.error).into(),
             found.second.into(),
             motion.into(),
-            told.clone().into(),
+            regime_name.clone().into(),
         ]);
         read.push_row(row);
         full_row.extend([
@@ -292,7 +293,7 @@ fn report(
             finite(exponent.flight).into(),
             words(found).into(),
             after.into(),
-            told.into(),
+            regime_name.into(),
             found.multipliers.map(spelled).into(),
             found.multipliers.map(Multipliers::modulus).into(),
         ]);
@@ -391,19 +392,14 @@ fn picture(
         panel = panel.strip("chaotic band, measured", band.low, band.high);
     }
     let names = [
-        ("chaotic", 1),
-        ("periodic or undecided", 0),
-        ("transient: until it came to rest", 2),
+        ("chaotic", "chaotic", 1),
+        ("chaotic so far", "chaotic so far", 3),
+        ("regular", "regular", 0),
+        ("undecided", "undecided", 4),
+        ("rest", "transient: until it came to rest", 2),
     ];
-    for (name, series) in names {
-        let points = point(&|words| {
-            let drawn = match words {
-                "chaotic" => 1,
-                "rest" => 2,
-                _ => 0,
-            };
-            drawn == series
-        });
+    for (wanted, name, series) in names {
+        let points = point(&|words| words == wanted);
         if !points.is_empty() {
             panel = panel.markers(name, series, points);
         }

@@ -128,8 +128,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 }
 
 /// The option bytes that are to be set; refused for a chip whose option bytes are not.
-fn options(chip: &Chip, asked: bool) -> Result<Option<OptionBytes>, Refusal> {
-    match (asked, chip.options) {
+fn options(chip: &Chip, requested: bool) -> Result<Option<OptionBytes>, Refusal> {
+    match (requested, chip.options) {
         (false, _) => Ok(None),
         (true, Some(options)) => Ok(Some(options)),
         (true, None) => Err(Refusal::new(

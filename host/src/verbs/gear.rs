@@ -3,7 +3,6 @@
 
 mod page;
 mod survey;
-mod table;
 
 use std::f64::consts::TAU;
 
@@ -11,10 +10,9 @@ use kband::feeder::{Restitution, Track};
 use kband::impact::{Tone, Wave};
 use kband::regime::band;
 
-use crate::arguments::{self, Drawn, DriveArguments, Lot, Printed, Range};
+use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::simulate::Fidelity;
 pub(super) use survey::InGearOf;
 use survey::{Followed, Survey};
 
@@ -24,15 +22,14 @@ use survey::{Followed, Survey};
   kband gear --restitution 0.3 --scatter 0.05
   kband gear --restitution 0.10..0.30 --scatter 0.03 --out gear.svg
   kband gear --restitution 0.5 --scatter 0.1 --largest-second-tone 0.25 --format json
-  kband gear --table 20
-  kband gear --table 20 --lot 0.25..0.3,0.04
   kband gear --restitution 0.3 --scatter 0.05 --second-tone 0.15,2.356 --k 0.3..0.5:41 --format csv
   kband gear --restitution 0.3 --scatter 0.05 --b 0.18..0.3 --frequency 50
 
 A part is in gear of order r while it flies once in every r periods of the drive: flights of 0.6 to 1.4 r \
 periods, at least 8 in a row and no rest between, locked, doubled or chaotic. Each run starts from rest, without a \
 kick; the last three quarters count. The points named are the best of the map, chosen by fresh runs of the best \
-ones, and their shares are those of fresh runs again. CSV has a row for each point of the map.
+ones, and their shares are those of fresh runs again. CSV has a row for each point of the map. \
+With the table the map is drawn into kband-gear.svg where --out names no file.
 
 The track moves as sin t + e sin(2 t + th) with th in rad (135 degrees are 2.356).")]
 pub struct Arguments {
@@ -40,8 +37,8 @@ pub struct Arguments {
     #[arg(long, value_name = "R|LO..HI", default_value = "0.3", value_parser = arguments::restitution)]
     restitution: Restitution,
 
-    /// Standard deviation of a part's restitution from impact to impact; that of bodies that tumble
-    /// is 0.05 to 0.15.
+    /// Standard deviation of a part's restitution from impact to impact; bodies that tumble scatter
+    /// by 0.27 to 0.52, beyond this model.
     #[arg(long, value_name = "S", default_value = "0.05", value_parser = arguments::within(0.0, 0.3, ""))]
     scatter: f64,
 
@@ -69,22 +66,6 @@ pub struct Arguments {
     /// Largest second tone that the drive affords; the search goes up to it.
     #[arg(long, value_name = "E", default_value = "0.15", value_parser = arguments::within(0.01, 0.5, ""))]
     largest_second_tone: f64,
-
-    /// Instead, runs the built-in feeder's controller N times on each of seven lots for 60 s, with
-    /// one tone and with two, and says how much of the time the parts were in gear.
-    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "200", value_parser = arguments::count(1, 10_000),
-        conflicts_with_all = ["restitution", "scatter", "order", "k", "b", "second_tone", "third_tone", "largest_second_tone",
-            "quality", "parts", "runs", "periods", "seed"])]
-    table: Option<usize>,
-
-    /// The table of this lot alone: its restitution, and the standard deviation of it from impact
-    /// to impact.
-    #[arg(long, value_name = "R|LO..HI,S", value_parser = arguments::lot, requires = "table")]
-    lot: Option<Lot>,
-
-    /// How finely the table's runs are simulated.
-    #[arg(long, value_enum, default_value_t, requires = "table")]
-    fidelity: Fidelity,
 
     /// Quality of the drive's resonance: it says how much more force at twice the frequency the
     /// second tone takes.
@@ -118,7 +99,7 @@ pub struct Arguments {
 }
 
 /// Amplitudes of the second tone that a search tries.
-const AMPLITUDES: u32 = 5;
+const SECOND_TONE_AMPLITUDES: u32 = 5;
 
 /// Angles of the second tone that a search tries, from and to in rad, and how many.
 ///
@@ -134,12 +115,9 @@ fn angles(arguments: &Arguments) -> (f64, f64, u32) {
 
 /// Finds where parts stay in gear.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    if let Some(count) = arguments.table {
-        table::run(count, arguments.lot, arguments.fidelity, desk)?
-            .print(arguments.printed.format)?;
-        return Ok(Exit::Done);
-    }
-    let output = arguments.drawn.output()?;
+    let output = arguments
+        .drawn
+        .output_or("kband-gear.svg", arguments.printed.format)?;
     let order = arguments.order as u32;
     let lot = Followed::new(arguments)?;
     let k = match (arguments.k, arguments.b) {
@@ -184,8 +162,9 @@ fn waves(arguments: &Arguments) -> Result<Vec<Wave>, Refusal> {
         return Ok(waves);
     }
     let (from, to, count) = angles(arguments);
-    for n in 1..=AMPLITUDES {
-        let amplitude = arguments.largest_second_tone * f64::from(n) / f64::from(AMPLITUDES);
+    for n in 1..=SECOND_TONE_AMPLITUDES {
+        let amplitude =
+            arguments.largest_second_tone * f64::from(n) / f64::from(SECOND_TONE_AMPLITUDES);
         for m in 0..count {
             let part = f64::from(m) / f64::from(count - 1);
             let angle = from + (to - from) * part;

@@ -2,10 +2,10 @@
 
 use serde_json::json;
 
-use kband::control::{Fault, State};
-use kband::wire::{
+use kband_control::wire::{
     Access, Counters, Kept, KeptFault, Request, Response, SCHEMA, SelfTest, VERSION,
 };
+use kband_control::{Fault, State};
 
 use crate::arguments::Printed;
 use crate::board::{Address, Emulated, Link};

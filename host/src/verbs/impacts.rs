@@ -30,7 +30,7 @@ use rows::{Row, Rows, not_held, read_rows};
   kband impacts --from states.csv --arithmetic f64 --format csv
 
 A file has the columns k,restitution,phase,velocity (others are ignored); each row gives \
-flight,next_phase,next_velocity; they are empty, and standard error tells, where only the \
+flight,next_phase,next_velocity; they are empty, with a warning on standard error, where only the \
 arithmetic cannot hold the row. Phases are in rad, velocities in units of b w.
 
 With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356).")]
@@ -102,7 +102,7 @@ pub enum Arithmetic {
 
 /// Prints the impacts and draws their phase portrait.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output()?;
+    let output = arguments.drawn.output(Format::Table)?;
     let tones = [arguments.second_tone, arguments.third_tone].map(Option::unwrap_or_default);
     let one = tones.iter().all(|tone| tone.amplitude == 0.0);
     let (table, states) = if one {
@@ -111,12 +111,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         on_tones(arguments, desk, tones)?
     };
     let report = Printout::new(table.plain_header());
-    let told = match arguments.amplitude.or_k(arguments.k)? {
-        Some(k) => arguments.amplitude.told(k)?,
+    let drive_text = match arguments.amplitude.or_k(arguments.k)? {
+        Some(k) => arguments.amplitude.describe(k)?,
         None => String::new(),
     };
     report.print(arguments.format)?;
-    output.write(&report, || portrait(arguments, &told, states))?;
+    output.write(&report, || portrait(arguments, &drive_text, states))?;
     Ok(Exit::Done)
 }
 

@@ -42,11 +42,6 @@ pub struct Arguments {
     /// End by itself after this many seconds of the clock.
     #[arg(long = "for", value_name = "SECONDS", value_parser = arguments::within(0.1, 1e6, "s"))]
     limit: Option<f64>,
-
-    /// Panic in the middle, for the test that the terminal is restored.
-    #[cfg(debug_assertions)]
-    #[arg(long, hide = true)]
-    panic: bool,
 }
 
 /// Shows the dashboard.
@@ -80,10 +75,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         speed: arguments.speed,
         limit: arguments.limit.map(Duration::from_secs_f64),
     };
-    #[cfg(debug_assertions)]
-    if arguments.panic {
-        source = Box::new(live::Panics::new(source));
-    }
     live::run(&mut *source, pace, desk)?;
     Ok(Exit::Done)
 }

@@ -1,6 +1,6 @@
 //! `kband lock`: makes a board's link read-only behind a PIN.
 
-use kband::wire::{Pin, Request};
+use kband_control::wire::{Pin, Request};
 
 use crate::arguments::pin;
 use crate::board::{Address, Emulated};

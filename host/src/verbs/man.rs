@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         .map_err(|error| {
             Refusal::new(
                 format!("the manual page: {error}"),
-                "tell the makers of kband",
+                "report this bug to the makers of kband",
             )
         })?;
     report::print(&String::from_utf8_lossy(&text))?;

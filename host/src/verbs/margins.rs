@@ -1,13 +1,12 @@
 //! `kband margins`: gain and phase margin of the amplitude loop.
 
-use kband::control::{LoopMargins, Settings};
-use serde_json::json;
+use kband_control::{LoopMargins, Settings};
 
 use crate::arguments::{Drawn, Printed};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Printout, Table, columns};
+use crate::report::{Printout, fields};
 
 /// The margins of the loop that holds the track's amplitude, on drives at their resonance and
 /// beside it.
@@ -19,8 +18,8 @@ use crate::report::{Printout, Table, columns};
   kband margins --out margins.svg
   kband margins --format json
 
-Each row is a quality, and the true gain over the one told; of detunings up to 20 % to either side it shows the least margins and where they are.
-Where a drive is told as it is, the loop off the resonance has no feedback but from what was not told; its margins are those of a loop that is told nothing.")]
+Each row is a quality and a gain ratio: true gain over configured gain. It shows the least margins over detunings up to 20 % to either side, and their detuning.
+Off the resonance of a correctly configured drive, the loop feeds back only the deviation from its model. Its margins are those of a loop without a model.")]
 pub struct Arguments {
     #[command(flatten)]
     printed: Printed,
@@ -33,9 +32,9 @@ const QUALITIES: [f32; 7] = [3.0, 5.0, 10.0, 25.0, 50.0, 100.0, 200.0];
 /// Those that are drawn.
 const DRAWN: [usize; 5] = [0, 2, 3, 4, 6];
 /// True gain over the configured one.
-const WRONG: [f32; 3] = [1.0, 0.5, 2.0];
+const GAIN_RATIOS: [f32; 3] = [1.0, 0.5, 2.0];
 /// Margins beyond are drawn there.
-const HIGHEST: f64 = 100.0;
+const MAX_DRAWN_MARGIN: f64 = 100.0;
 
 /// Drive frequency over resonance less 1: -0.2..0.2, dense where the resonance is.
 fn detunings() -> Vec<f32> {
@@ -57,16 +56,16 @@ struct Line {
 impl Line {
     fn of(quality: f32, wrong: f32) -> Result<Self, Refusal> {
         let margins = detunings().into_iter().map(|detuning| {
-            let told = Settings {
+            let configured = Settings {
                 quality,
                 frequency: 50.0 * (1.0 + detuning),
                 ..Settings::default()
             };
             let is = Settings {
-                gain: wrong * told.gain,
-                ..told
+                gain: wrong * configured.gain,
+                ..configured
             };
-            Ok((detuning, LoopMargins::of(&told, &is)?))
+            Ok((detuning, LoopMargins::of(&configured, &is)?))
         });
         Ok(Self {
             quality,
@@ -76,9 +75,9 @@ impl Line {
     }
 
     /// The least of a margin, and the detuning.
-    fn least(&self, margin: impl Fn(&LoopMargins) -> f64) -> (f64, f32) {
+    fn least(&self, margin: impl Fn(&LoopMargins) -> f64) -> (f64, f64) {
         let least = (self.margins.iter())
-            .map(|(detuning, margins)| (margin(margins), *detuning))
+            .map(|(detuning, margins)| (margin(margins), f64::from(*detuning)))
             .min_by(|one, other| one.0.total_cmp(&other.0));
         least.unwrap_or((f64::INFINITY, 0.0))
     }
@@ -86,58 +85,33 @@ impl Line {
 
 /// Prints the least margins and draws all.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output()?;
-    let all: Vec<(f32, f32)> = (WRONG.iter())
+    let output = arguments.drawn.output(arguments.printed.format)?;
+    let all: Vec<(f32, f32)> = (GAIN_RATIOS.iter())
         .flat_map(|wrong| QUALITIES.map(|quality| (quality, *wrong)))
         .collect();
     let lines = desk.try_map("margins", all.len(), |n| Line::of(all[n].0, all[n].1))?;
-    let report = report(&lines)?;
+    let report = report(&lines);
     report.print(arguments.printed.format)?;
     output.write(&report, || picture(&lines))?;
     Ok(Exit::Done)
 }
 
-fn report(lines: &[Line]) -> Result<Printout, Refusal> {
-    let mut table = Table::new(&[
-        columns::QUALITY.digits(3),
-        columns::GAIN_OVER_TOLD.titled("gain over told").digits(2),
-        columns::GAIN_MARGIN.titled("gain margin").digits(4),
-        columns::GAIN_MARGIN_DETUNING
-            .titled("at detuning")
-            .digits(3),
-        columns::PHASE_MARGIN
-            .titled("phase margin (degrees)")
-            .digits(4),
-        columns::PHASE_MARGIN_DETUNING
-            .titled("at detuning")
-            .digits(3),
-    ]);
-    let mut rows = Vec::new();
-    for line in lines {
-        let (gain, gain_at) = line.least(|margins| margins.gain);
-        let (phase, phase_at) = line.least(|margins| margins.phase);
-        let as_told = |detuning: f32| f64::from(detuning);
-        table.push([
-            f64::from(line.quality).into(),
-            f64::from(line.wrong).into(),
-            gain.into(),
-            as_told(gain_at).into(),
-            phase.into(),
-            as_told(phase_at).into(),
-        ]);
-        rows.push(json!({
-            "quality": line.quality,
-            "gain_over_told": line.wrong,
-            "gain_margin": gain,
-            "gain_margin_detuning": gain_at,
-            "phase_margin": phase,
-            "phase_margin_detuning": phase_at,
-        }));
+fields! {
+    fn least(line: Line) {
+        all QUALITY.digits(3) => f64::from(line.quality);
+        all GAIN_RATIO.titled("gain ratio").digits(2) => f64::from(line.wrong);
+        all GAIN_MARGIN.titled("gain margin").digits(4) => line.least(|margins| margins.gain).0;
+        all GAIN_MARGIN_DETUNING.titled("at detuning").digits(3) => line.least(|margins| margins.gain).1;
+        all PHASE_MARGIN.titled("phase margin (degrees)").digits(4) => line.least(|margins| margins.phase).0;
+        all PHASE_MARGIN_DETUNING.titled("at detuning").digits(3) => line.least(|margins| margins.phase).1;
     }
-    Printout::new(table)
+}
+
+fn report(lines: &[Line]) -> Printout {
+    least()
+        .printout(lines)
         .heading("amplitude loop, detuned by up to 20 % to either side; the same at 5 to 500 Hz")
         .note("gain margin: the factor on the loop's gain at which the amplitude swings for ever; phase margin: the lag more")
-        .json(&rows)
 }
 
 fn picture(lines: &[Line]) -> Picture {
@@ -161,8 +135,8 @@ fn picture(lines: &[Line]) -> Picture {
         }
         panel
     };
-    let gain = |margins: &LoopMargins| margins.gain.min(HIGHEST);
-    let factor = |label: &str| Axis::new(label, Unit::NONE, 1.0, HIGHEST).logarithmic();
+    let gain = |margins: &LoopMargins| margins.gain.min(MAX_DRAWN_MARGIN);
+    let factor = |label: &str| Axis::new(label, Unit::NONE, 1.0, MAX_DRAWN_MARGIN).logarithmic();
     Picture::new("Margins of the amplitude loop")
         .caption("at any drive frequency; each line a quality of the drive")
         .panel(panel(1.0, factor("gain margin"), &gain))
@@ -173,7 +147,7 @@ fn picture(lines: &[Line]) -> Picture {
         ))
         .panel(panel(
             2.0,
-            factor("gain margin at twice the gain told"),
+            factor("gain margin at twice the configured gain"),
             &gain,
         ))
 }

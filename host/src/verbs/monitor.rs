@@ -9,7 +9,7 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use kband::wire::{Request, Response};
+use kband_control::wire::{Request, Response};
 
 use crate::arguments;
 use crate::board::{Address, Emulated, Link, Said, Unsolicited, replay};
@@ -21,7 +21,7 @@ use rows::Rows;
 use watch::Watch;
 
 /// Time between two looks into the event log; the board takes them for a sign of life too.
-const LOOK: Duration = Duration::from_millis(200);
+const LOG_POLL_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Print what a board tells: telemetry and event log, as it comes.
 ///
@@ -153,7 +153,7 @@ fn through_the_probe(
     while going && desk.go_on().is_ok() {
         going = rows.log(&mut watch)? && limit.is_none_or(|limit| begun.elapsed() < limit);
         if going {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(LOG_POLL_INTERVAL);
         }
     }
     rows.close();
@@ -164,7 +164,7 @@ fn through_the_probe(
     Ok(())
 }
 
-/// Refused where a record is asked for that cannot be made, or is there already.
+/// Refuses a requested record that cannot be made or already exists.
 fn check(record: Option<&Path>) -> Result<(), Refusal> {
     let Some(path) = record else { return Ok(()) };
     Destination::check(path)?;
@@ -243,8 +243,10 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
     let limit = arguments.duration.map(Duration::from_secs_f64);
     let mut going = true;
     while going && desk.go_on().is_ok() && limit.is_none_or(|limit| begun.elapsed() < limit) {
-        let left = limit.map_or(LOOK, |limit| limit.saturating_sub(begun.elapsed()));
-        for said in link.listen(LOOK.min(left))? {
+        let left = limit.map_or(LOG_POLL_INTERVAL, |limit| {
+            limit.saturating_sub(begun.elapsed())
+        });
+        for said in link.listen(LOG_POLL_INTERVAL.min(left))? {
             if arguments
                 .rows
                 .is_some_and(|most| rows.cycles >= most as u64)

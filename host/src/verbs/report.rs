@@ -74,7 +74,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let scene = SceneFile::from_table(table.clone()).map_err(named)?;
     let target = match &arguments.out {
         Some(path) => Destination::output(path, "html")?,
-        None => Destination::unasked(Path::new(PAGE), page::own, "--out FILE.html")?,
+        None => Destination::default_name(Path::new(PAGE), page::own, "--out FILE.html")?,
     };
     if !["html", "htm"].contains(&target.ending().as_str()) {
         return Err(Refusal::value(
@@ -177,6 +177,6 @@ fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Resul
             "A run of the controller",
             &(page::figure("amplitude", "Amplitude of the track over time, measured and as the controller asks for it.")
                 + &page::figure("phases", "Phase of the drive at the impacts of the parts over time.")
-                + &page::figure("share", "Share of time in gear over time, as the controller hears it.")),
+                + &page::figure("share", "Share of time in gear over time, as the controller estimates it.")),
         ))
 }

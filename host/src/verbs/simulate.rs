@@ -1,14 +1,13 @@
 //! `kband simulate`: the controller against the impact map, for one scene.
 
-mod compare;
 mod sentences;
 mod summary;
 
 use std::path::{Path, PathBuf};
 
-use kband::control::Target;
 use kband::feeder::Restitution;
-use kband::plant::{Moment, Sample};
+use kband_control::Target;
+use kband_plant::{Moment, Sample};
 
 use crate::arguments::{self, LookArguments, PICTURES};
 use crate::board::{Address, Emulated};
@@ -36,7 +35,6 @@ use crate::simulate::{
   kband simulate my.toml --fidelity waveform --scope scope.csv
   kband simulate my.toml --on qemu
   kband simulate --restitution 0.28..0.32 --duration 20 --runs 200
-  kband simulate --compare-second-tone 0.15 --out tones.svg
   kband simulate --sweep part.restitution=0.1..0.6:26 --runs 20
   kband simulate --schema > scene.schema.json")]
 pub struct Arguments {
@@ -53,7 +51,7 @@ pub struct Arguments {
     schema: bool,
 
     /// How finely it is simulated, instead of what the scene says [default: envelope, or waveform
-    /// where a scope or a board is asked for].
+    /// with a scope or a board].
     #[arg(long, value_enum)]
     fidelity: Option<Fidelity>,
 
@@ -77,12 +75,6 @@ pub struct Arguments {
     /// Run it at N values of a numeric key of the scene; several make every combination.
     #[arg(long, value_name = "KEY=A..B:N", value_parser = Axes::parse)]
     sweep: Vec<Axes>,
-
-    /// Run it with one tone and with a second one of up to E of the first (0.01..0.5), and draw
-    /// both side by side.
-    #[arg(long, value_name = "E", value_parser = arguments::within(0.01, 0.5, "of the first tone"),
-        conflicts_with_all = ["runs", "sweep", "on", "trace", "scope"])]
-    compare_second_tone: Option<f64>,
 
     /// Run the controller on a board, in lock-step with the plant at the desk: qemu (the emulated
     /// CPU) or a serial port; its drive stays off.
@@ -128,7 +120,6 @@ impl Default for Arguments {
             runs: None,
             seed: None,
             sweep: Vec::new(),
-            compare_second_tone: None,
             on: None,
             image: None,
             out: None,
@@ -143,11 +134,6 @@ impl Default for Arguments {
 /// Where a picture goes that nobody named.
 const PICTURE: &str = "kband-simulate.svg";
 
-/// Whether a file that begins like this is a picture of kband's.
-fn own_picture(begin: &str) -> bool {
-    begin.starts_with("<svg xmlns") && begin.contains("font-family=\"'DejaVu Sans'")
-}
-
 /// Whether a file that begins like this has the rows of a run, or of many.
 fn own_rows(begin: &str) -> bool {
     if begin.starts_with(provenance::FIRST) {
@@ -161,7 +147,7 @@ fn own_rows(begin: &str) -> bool {
 /// Where a trace goes that nobody named.
 const TRACE: &str = "kband-simulate.csv";
 /// Longest single run in s whose trace is written by default: 30 000 rows at 50 Hz.
-const TRACED: f64 = 600.0;
+const MAX_TRACED_DURATION: f64 = 600.0;
 
 impl Arguments {
     /// What the command line says instead of the scene.
@@ -188,7 +174,7 @@ impl Arguments {
                 "leave --fidelity out, or say waveform",
             )),
             (_, Some(_)) => Ok(Fidelity::Waveform),
-            (asked, None) => Ok(asked.or(file.fidelity).unwrap_or_default()),
+            (requested, None) => Ok(requested.or(file.fidelity).unwrap_or_default()),
         }
     }
 }
@@ -224,7 +210,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if let Some(seed) = arguments.seed {
         if arguments.sweep.iter().any(|axis| axis.key == "seed") {
             return Err(Refusal::new(
-                "--seed says what --sweep seed=... goes through",
+                "--seed and --sweep seed=... both set the seed",
                 "leave one of the two out",
             ));
         }
@@ -235,8 +221,13 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     arguments.adapt(&mut file);
     file.check()?;
     let picture = match &arguments.out {
-        Some(path) => Destination::output(path, "svg")?,
-        None => Destination::unasked(Path::new(PICTURE), own_picture, "--out FILE.svg")?,
+        Some(path) => {
+            arguments::refuse_two_forms(path, arguments.format)?;
+            Destination::output(path, "svg")?
+        }
+        None => {
+            Destination::default_name(Path::new(PICTURE), arguments::own_picture, "--out FILE.svg")?
+        }
     };
     let ending = picture.ending();
     if !PICTURES.contains(&ending.as_str()) {
@@ -247,19 +238,15 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             "change the ending",
         ));
     }
-    if let Some(most) = arguments.compare_second_tone {
-        return compare::run(arguments, &table, most, &picture, desk).map_err(named);
-    }
     let many = arguments.runs.is_some() || !arguments.sweep.is_empty();
-    let trace = match &arguments.trace {
-        Some(path) => Some(Destination::output(path, "csv")?),
-        None if many || file.duration <= TRACED => Some(Destination::unasked(
-            Path::new(TRACE),
-            own_rows,
-            "--trace FILE.csv",
-        )?),
-        None => None,
-    };
+    let trace =
+        match &arguments.trace {
+            Some(path) => Some(Destination::output(path, "csv")?),
+            None if many || file.duration <= MAX_TRACED_DURATION => Some(
+                Destination::default_name(Path::new(TRACE), own_rows, "--trace FILE.csv")?,
+            ),
+            None => None,
+        };
     let scope = arguments
         .scope
         .as_deref()
@@ -278,7 +265,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if let Some(count) = arguments.runs {
         let all = many_runs(&file, count, fidelity, desk)?;
         arguments.look.write(&picture, &runs::draw(&all, &file))?;
-        let report = Printout::new(runs::summary(&all));
+        let report = runs::summary().printout(&all);
         return tell_many(
             report,
             &runs::table(&all),
@@ -287,16 +274,21 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             arguments.format,
         );
     }
-    let outcome = rows_file::write(trace, &trace::TRACE, |cycles| {
-        rows_file::write(scope.as_ref(), &trace::SCOPE, |samples| {
+    if let Some(trace) = trace.filter(|trace| trace.ending() == "csv") {
+        let cycles = file.duration * f64::from(file.scene.settings.frequency);
+        report::state_size(trace, cycles as u64 * trace::ROW_BYTES);
+    }
+    let (traced, scoped) = (trace::trace(), trace::scope());
+    let outcome = rows_file::write(trace, &traced.columns(), |cycles| {
+        rows_file::write(scope.as_ref(), &scoped.columns(), |samples| {
             let (mut cycle, mut sample);
             let mut watch = Watch::DRAWN;
             if let Some(rows) = cycles {
-                cycle = |moment: &Moment| rows.row(&trace::row(moment));
+                cycle = |moment: &Moment| rows.row(&traced.row(moment));
                 watch.cycle = Some(&mut cycle);
             }
             if let Some(rows) = samples {
-                sample = |sample: &Sample| rows.row(&trace::scope_row(sample));
+                sample = |sample: &Sample| rows.row(&scoped.row(sample));
                 watch.sample = Some(&mut sample);
             }
             match &arguments.on {

@@ -31,13 +31,14 @@ pub struct Arguments {
 }
 
 /// Time between two looks.
-const LOOK: Duration = Duration::from_millis(500);
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Asks and prints.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut link = arguments.address.open(Emulated::Running)?;
     loop {
-        let printout = BoardStatus::ask(&mut link)?.printout()?;
+        let status = BoardStatus::ask(&mut link)?.with_causes(&mut link)?;
+        let printout = status.printout()?;
         if arguments.live && stdout().is_terminal() {
             // To the upper left, and what was there is gone; a terminal that is closed is noticed
             // by the next line.
@@ -47,7 +48,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         if !arguments.live || desk.go_on().is_err() {
             return Ok(Exit::Done);
         }
-        std::thread::sleep(LOOK);
+        std::thread::sleep(POLL_INTERVAL);
         if desk.go_on().is_err() {
             return Ok(Exit::Done);
         }

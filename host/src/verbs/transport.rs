@@ -133,7 +133,7 @@ pub enum Show {
 
 /// Computes and prints the requested quantity.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output()?;
+    let output = arguments.drawn.output(arguments.printed.format)?;
     let (report, picture) = computed(arguments, desk)?;
     report.print(arguments.printed.format)?;
     output.write(&report, picture)?;
@@ -266,7 +266,7 @@ const ORDERS: std::ops::RangeInclusive<u32> = 1..=8;
 /// The locks that attract at `k` and are flown.
 fn locks(k: f64, restitution: f64) -> Vec<Lock> {
     ORDERS
-        .filter_map(|order| Lock::at(k, restitution, order).ok().flatten())
+        .filter_map(|order| Lock::build(k, restitution, order).ok().flatten())
         .filter(|lock| lock.attracts() && lock.is_first_return())
         .collect()
 }

@@ -1,6 +1,6 @@
 //! `kband unlock`: lets the desk change a board that is locked by a PIN.
 
-use kband::wire::{Pin, Request};
+use kband_control::wire::{Pin, Request};
 
 use crate::arguments::pin;
 use crate::board::{Address, Emulated};

@@ -1,8 +1,15 @@
 //! `kband` run as a user runs it, and what came of it.
+#![allow(dead_code)] // Every test program takes what it needs.
 
 use std::fs::File;
+use std::io::{Read, Seek};
 use std::path::Path;
 use std::process::{Command, Stdio};
+
+use kband_host::provenance;
+
+/// Wall-clock seconds for one command, a loaded machine allowed for.
+pub const LIMIT: &str = "120";
 
 /// What a command came to.
 pub struct Came {
@@ -12,34 +19,59 @@ pub struct Came {
     words: String,
 }
 
+/// Runs `kband` with these words in `folder`; killed at the limit.
+pub fn kband(folder: &Path, words: &str) -> Came {
+    run(folder, LIMIT, &words.split(' ').collect::<Vec<_>>())
+}
+
 /// Runs `kband` in `folder`; killed after a limit of wall-clock time in s.
 pub fn run(folder: &Path, limit: &str, words: &[&str]) -> Came {
-    let file = |name: &str| File::create(folder.join(name)).unwrap();
+    // Files, for an emulator that was left running would hold a pipe open.
+    let [mut out, mut said] = [(); 2].map(|()| tempfile::tempfile().unwrap());
     let status = Command::new("timeout")
         .args(["--kill-after=5", limit])
         .arg(env!("CARGO_BIN_EXE_kband"))
         .args(words)
         .current_dir(folder)
         .stdin(Stdio::null())
-        .stdout(file(".out"))
-        .stderr(file(".said"))
+        .stdout(out.try_clone().unwrap())
+        .stderr(said.try_clone().unwrap())
         .status()
         .unwrap();
-    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
     Came {
         status: status.code(),
-        out: read(".out"),
-        said: read(".said"),
+        out: text(&mut out),
+        said: text(&mut said),
         words: words.join(" "),
     }
 }
 
+fn text(file: &mut File) -> String {
+    let mut bytes = Vec::new();
+    file.rewind().unwrap();
+    file.read_to_end(&mut bytes).unwrap();
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
 impl Came {
+    /// This, after that exit status.
+    #[track_caller]
+    pub fn ended(self, status: i32) -> Self {
+        let Self { words, said, .. } = &self;
+        assert_eq!(self.status, Some(status), "kband {words}: {said}");
+        self
+    }
+
     /// Its output, after exit status 0.
     #[track_caller]
     pub fn done(self) -> String {
-        assert_eq!(self.status, Some(0), "kband {}: {}", self.words, self.said);
-        self.out
+        self.ended(0).out
+    }
+
+    /// The result in the JSON that it printed, after exit status 0.
+    #[track_caller]
+    pub fn json(self) -> serde_json::Value {
+        provenance::without(serde_json::from_str(&self.done()).expect("kband prints JSON"))
     }
 
     /// Refused with one message that has these words, and nothing printed.

@@ -2,24 +2,24 @@
 
 use std::f64::consts::TAU;
 
-use kband::control::{Controller, StartCause, Target};
-use kband::plant::{EnvelopeLoop, Scene};
 use kband::regime::gear::is_in_gear;
+use kband_control::{Controller, StartCause, Target};
+use kband_plant::{EnvelopeLoop, Scene};
 use serde_json::Value;
 
-use super::{REAL_PARTS, Table, kband, list, number, words};
+use super::{REAL_PARTS, Table, closed_loop, kband, list, number};
 
 #[allow(dead_code)]
-#[path = "../../../shared/examples/hearing.rs"]
+#[path = "../../../shared/plant/examples/hearing.rs"]
 mod hearing;
 #[allow(dead_code)]
-#[path = "../../../shared/examples/identifying.rs"]
+#[path = "../../../shared/plant/examples/identifying.rs"]
 mod identifying;
 #[allow(dead_code)]
 #[path = "../../../shared/examples/shapes.rs"]
 mod shapes;
 #[allow(dead_code, unexpected_cfgs)]
-#[path = "../../../shared/examples/weighing.rs"]
+#[path = "../../../shared/plant/examples/weighing.rs"]
 mod weighing;
 
 /// A table that takes minutes.
@@ -75,8 +75,8 @@ long_tables! {
         losses(&LOSSES[4..], 2000);
     gear_in_the_closed_loop: "gear in the closed loop", REAL_PARTS,
         "| R | s | target | tones afforded | in gear | heard | told | expected | k | e, th | e3, th3 | peak (g) | mm/s | lock's mm/s |",
-        closed_loop("gear --table 50"),
-        closed_loop("gear --table 1 --lot 0.3,0.05");
+        closed_loop::table(&closed_loop::ROWS, 50),
+        closed_loop::table(&closed_loop::ROWS[1..2], 1);
     captures_in_the_closed_loop: "captures in the closed loop", REAL_PARTS,
         "| restitution | band alone | planned kicks | median time | slowest twentieth |",
         captures(&["0.18..0.22", "0.28..0.32", "0.38..0.42", "0.48..0.52"], "--duration 20 --runs 300"),
@@ -227,58 +227,6 @@ fn losses(lots: &[[f32; 3]], cycles: u32) -> Vec<String> {
         )
     };
     lots.iter().map(row).collect()
-}
-
-fn closed_loop(command: &str) -> Vec<String> {
-    let found = kband(command);
-    let digits = |value: &Value, digits: i32| match value.as_f64() {
-        Some(value) if value != 0.0 => {
-            let scale = 10_f64.powi(digits - 1 - value.abs().log10().floor() as i32);
-            ((value * scale).round() / scale).to_string()
-        }
-        _ => "-".into(),
-    };
-    let row = |row: &Value| {
-        let of = |key: &str| digits(&row[key], 3);
-        let share = |key: &str| {
-            if row[key].is_null() {
-                return "-".into();
-            }
-            format!("{:.3}", number(&row[key]))
-        };
-        let tone = |e: &str, th: &str| match row[e].as_f64() {
-            Some(e_) if e_ > 0.0 => format!("{}, {}", of(e), of(th)),
-            _ => "-".into(),
-        };
-        let afforded: Vec<String> = ["second_tone", "third_tone"]
-            .iter()
-            .filter(|key| number(&row[**key]) > 0.0)
-            .map(|key| digits(&row[*key], 2))
-            .collect();
-        let afforded = if afforded.is_empty() {
-            "-".into()
-        } else {
-            afforded.join(", ")
-        };
-        let target = words(&row["target"]);
-        format!(
-            "| {} | {} | {} | {afforded} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} |",
-            words(&row["restitution"]),
-            digits(&row["scatter"], 2),
-            target.split(' ').next().unwrap_or_default(),
-            share("in_gear"),
-            share("in_gear_heard"),
-            share("in_gear_told"),
-            share("in_gear_expected"),
-            digits(&row["k"], 4),
-            tone("e", "th"),
-            tone("e3", "th3"),
-            of("peak"),
-            digits(&row["speed"], 4),
-            digits(&row["lock_speed"], 4),
-        )
-    };
-    list(&found).iter().map(row).collect()
 }
 
 /// The built-in scene with another lot, that is to lock and does not scatter.

@@ -13,14 +13,15 @@
 //! the tests there compare with it; one after `<!-- test: NAME -->` is compared by that unit test.
 //! `docs/numbers.sh` makes all of them anew, and the pictures.
 
+#[path = "../came/mod.rs"]
+mod came;
+mod closed_loop;
 mod long;
 mod short;
 
 use std::fs;
-use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::path::{Path, PathBuf};
 
-use kband_host::provenance;
 use serde_json::Value;
 
 /// The page of tables behind chapter 10 of the theory, as seen from docs/.
@@ -36,17 +37,15 @@ struct Table {
 
 /// What `kband` says in JSON.
 fn kband(words: &str) -> Value {
-    let output = Command::new(env!("CARGO_BIN_EXE_kband"))
-        .args(words.split_whitespace())
-        .args(["--format", "json"])
-        // Default place of the picture of simulate.
-        .current_dir(env!("CARGO_TARGET_TMPDIR"))
-        .stdin(Stdio::null())
-        .output()
-        .expect("kband starts");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "kband {words}: {said}");
-    provenance::without(serde_json::from_slice(&output.stdout).expect("kband prints JSON"))
+    // Default place of the picture of simulate.
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let words = format!("{words} --format json");
+    came::run(
+        folder,
+        "3600",
+        &words.split_whitespace().collect::<Vec<_>>(),
+    )
+    .json()
 }
 
 fn list(value: &Value) -> &[Value] {

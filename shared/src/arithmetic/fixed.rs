@@ -17,23 +17,23 @@ const fn steps(places: u32) -> f64 {
     (1_u64 << places) as f64
 }
 
-macro_rules! held_in {
-    ($($held:ty)+) => {$(
-        impl<const F: u32> Fixed<F, $held> {
+macro_rules! stored_in {
+    ($($bits:ty)+) => {$(
+        impl<const F: u32> Fixed<F, $bits> {
             /// The same number in steps of 2^-`G`, rounded down.
             #[inline(always)]
-            pub const fn to<const G: u32>(self) -> Fixed<G, $held> {
+            pub const fn to<const G: u32>(self) -> Fixed<G, $bits> {
                 Fixed(if G < F { self.0 >> (F - G) } else { self.0 << (G - F) })
             }
 
             /// The same bits in steps of 2^-`G`: the number times `2^(F - G)`.
             #[inline(always)]
-            pub const fn scaled<const G: u32>(self) -> Fixed<G, $held> {
+            pub const fn scaled<const G: u32>(self) -> Fixed<G, $bits> {
                 Fixed(self.0)
             }
         }
 
-        impl<const F: u32> Add for Fixed<F, $held> {
+        impl<const F: u32> Add for Fixed<F, $bits> {
             type Output = Self;
             #[inline(always)]
             fn add(self, other: Self) -> Self {
@@ -41,7 +41,7 @@ macro_rules! held_in {
             }
         }
 
-        impl<const F: u32> Sub for Fixed<F, $held> {
+        impl<const F: u32> Sub for Fixed<F, $bits> {
             type Output = Self;
             #[inline(always)]
             fn sub(self, other: Self) -> Self {
@@ -52,14 +52,14 @@ macro_rules! held_in {
 }
 
 macro_rules! rounded_to {
-    ($($held:ty)+) => {$(
-        impl<const F: u32> Fixed<F, $held> {
+    ($($bits:ty)+) => {$(
+        impl<const F: u32> Fixed<F, $bits> {
             pub const ZERO: Self = Self(0);
 
             /// Nearest number to a constant.
-            pub const fn of(value: f64) -> Self {
+            pub const fn from_constant(value: f64) -> Self {
                 let scaled = value * steps(F);
-                Self(if scaled < 0.0 { scaled - 0.5 } else { scaled + 0.5 } as $held)
+                Self(if scaled < 0.0 { scaled - 0.5 } else { scaled + 0.5 } as $bits)
             }
 
             #[inline(always)]
@@ -71,23 +71,23 @@ macro_rules! rounded_to {
 }
 
 macro_rules! nearest_in {
-    ($($held:ty)+) => {$(
-        impl<const F: u32> Fixed<F, $held> {
+    ($($bits:ty)+) => {$(
+        impl<const F: u32> Fixed<F, $bits> {
             /// Nearest number to `value`, saturating.
             pub fn nearest(value: f64) -> Self {
-                Self(libm::round(value * steps(F)) as $held)
+                Self(libm::round(value * steps(F)) as $bits)
             }
         }
     )+};
 }
 
 macro_rules! in_32_bits {
-    ($($held:ty)+) => {$(
-        impl<const F: u32> Fixed<F, $held> {
+    ($($bits:ty)+) => {$(
+        impl<const F: u32> Fixed<F, $bits> {
             /// Number from an f32, rounded towards 0, saturating.
             #[inline(always)]
             pub fn from_single(value: f32) -> Self {
-                Self((value * steps(F) as f32) as $held)
+                Self((value * steps(F) as f32) as $bits)
             }
 
             /// The nearest f32.
@@ -100,8 +100,8 @@ macro_rules! in_32_bits {
             #[inline(always)]
             pub const fn short_times<const G: u32, const H: u32>(
                 self,
-                other: Fixed<G, $held>,
-            ) -> Fixed<H, $held> {
+                other: Fixed<G, $bits>,
+            ) -> Fixed<H, $bits> {
                 const { assert!(H <= F + G) };
                 Fixed((self.0 * other.0) >> (F + G - H))
             }
@@ -114,11 +114,10 @@ macro_rules! in_32_bits {
     )+};
 }
 
-held_in!(i32 i64 u32 u64);
+stored_in!(i32 i64 u32 u64);
 rounded_to!(i32 i64 u32);
 nearest_in!(u32);
 // The tracks of several tones.
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 nearest_in!(i64);
 #[cfg(test)]
 nearest_in!(i32);
@@ -147,7 +146,7 @@ impl<const F: u32> Fixed<F> {
     pub const ONE: Self = Self(1 << F);
 
     /// Largest number not above a constant of at least 0.
-    pub const fn at_most(value: f64) -> Self {
+    pub const fn floor_of_constant(value: f64) -> Self {
         Self((value * steps(F)) as i32)
     }
 
@@ -192,7 +191,7 @@ impl<const F: u32> Fixed<F> {
     #[inline(always)]
     pub fn times_short<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H> {
         const { assert!(H + 15 <= F + G) };
-        if NARROW {
+        if HAS_NARROW_MULTIPLIER {
             Fixed(long_by_short(self.0, other.0) >> (F + G - H - 15))
         } else {
             self.times(other)
@@ -217,7 +216,7 @@ impl<const F: u32> Fixed<F> {
     /// Full product by the fastest method of this CPU.
     #[inline(always)]
     pub fn wide<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H, i64> {
-        if NARROW {
+        if HAS_NARROW_MULTIPLIER {
             const { assert!(F + G == H) };
             Fixed(wide_signed(self.0, other.0))
         } else {
@@ -280,13 +279,11 @@ impl Velocity {
     pub const ZERO: Self = Self(Fixed(0));
 
     /// Velocity from its bits, in units of 2^-26.
-    #[must_use]
     pub const fn from_bits(bits: u32) -> Self {
         Self(Fixed(bits))
     }
 
     /// Bits in units of 2^-26.
-    #[must_use]
     pub const fn bits(self) -> u32 {
         self.0.0
     }
@@ -313,7 +310,6 @@ impl Velocity {
     }
 
     /// Velocity in `b w`, exact.
-    #[must_use]
     pub fn value(self) -> f64 {
         f64::from(self.bits()) * (1.0 / steps(26))
     }
@@ -321,7 +317,7 @@ impl Velocity {
 
 /// Whether the CPU multiplies 32 by 32 bits into 32 only (Cortex-M0). Wide products are then
 /// composed of halves, with the same bits.
-const NARROW: bool = cfg!(all(
+const HAS_NARROW_MULTIPLIER: bool = cfg!(all(
     target_arch = "arm",
     target_os = "none",
     not(target_has_atomic = "32")
@@ -330,7 +326,7 @@ const NARROW: bool = cfg!(all(
 /// Full product.
 #[inline(always)]
 pub(crate) fn wide(a: u32, b: u32) -> u64 {
-    if NARROW {
+    if HAS_NARROW_MULTIPLIER {
         wide_by_halves(a, b)
     } else {
         u64::from(a) * u64::from(b)
@@ -348,7 +344,7 @@ fn wide_by_halves(a: u32, b: u32) -> u64 {
 /// Upper half of the product, rounded down.
 #[inline(always)]
 pub(crate) fn high(a: i32, b: i32) -> i32 {
-    if NARROW {
+    if HAS_NARROW_MULTIPLIER {
         high_by_halves(a, b)
     } else {
         ((i64::from(a) * i64::from(b)) >> 32) as i32
@@ -406,7 +402,7 @@ impl<const F: u32> Reciprocal<F> {
     pub fn fine(x: Fixed<F, u32>) -> Self {
         let Self { mantissa, shift } = Self::coarse(x);
         let m = x.0 << shift;
-        let miss = if NARROW {
+        let miss = if HAS_NARROW_MULTIPLIER {
             miss_by_halves(m, mantissa)
         } else {
             (1_i32 << 30) - (wide(m, mantissa) >> 32) as i32
@@ -421,10 +417,10 @@ impl<const F: u32> Reciprocal<F> {
     /// As [`coarse`](Self::coarse), for `x` of at least 2^8 steps, and mostly below 2^16.
     #[inline(always)]
     pub fn short(x: Fixed<F, u32>) -> Self {
-        if !NARROW || x.0 >> 16 != 0 {
+        if !HAS_NARROW_MULTIPLIER || x.0 >> 16 != 0 {
             return Self::coarse(x);
         }
-        let shift = 16 + u32::from(ZEROS[(x.0 >> 8) as usize]);
+        let shift = 16 + u32::from(LEADING_ZEROS[(x.0 >> 8) as usize]);
         Self::of_scaled(x.0 << shift, shift)
     }
 
@@ -507,7 +503,7 @@ pub(crate) fn wide_signed(a: i32, b: i32) -> i64 {
 }
 
 /// Number of leading zero bits of a byte.
-const ZEROS: [u8; 256] = {
+const LEADING_ZEROS: [u8; 256] = {
     let mut table = [0; 256];
     let mut byte = 0;
     while byte < 256 {
@@ -520,7 +516,7 @@ const ZEROS: [u8; 256] = {
 /// Number of leading zero bits of `x` > 0.
 #[inline(always)]
 fn leading_zeros(x: u32) -> u32 {
-    if NARROW {
+    if HAS_NARROW_MULTIPLIER {
         leading_zeros_by_bytes(x)
     } else {
         x.leading_zeros()
@@ -532,7 +528,7 @@ fn leading_zeros_by_bytes(x: u32) -> u32 {
     let halves = u32::from(x >> 16 == 0) << 4;
     let x = x << halves;
     let bytes = u32::from(x >> 24 == 0) << 3;
-    halves + bytes + u32::from(ZEROS[(x << bytes >> 24) as usize])
+    halves + bytes + u32::from(LEADING_ZEROS[(x << bytes >> 24) as usize])
 }
 
 /// Table of 256 / sqrt(m + 1/2) - 256 for m = 1/4..1 in steps of 1/256.
@@ -576,7 +572,7 @@ mod tests {
 
     /// Each product and shift agrees with f64, which holds these numbers exactly.
     #[test]
-    fn places_follow_from_the_type() {
+    fn binary_places_follow_from_the_type() {
         let number = |x: Fixed<28>| f64::from(x.0) / steps(28);
         for a in [-3.7, -0.01, 0.0, 1e-8, 1.0, 3.25] {
             for b in [-7.9, -1.0, 0.3, 6.0] {
@@ -607,19 +603,19 @@ mod tests {
             let single = Fixed::<20>::nearest(a).single();
             assert_eq!(Fixed::<20>::from_single(single), Fixed::<20>::nearest(a));
         }
-        assert_eq!(Fixed::<28>::of(PI), Fixed::<28>::nearest(PI));
-        assert_eq!(Fixed::<28>::of(-PI), Fixed::<28>::nearest(-PI));
+        assert_eq!(Fixed::<28>::from_constant(PI), Fixed::<28>::nearest(PI));
+        assert_eq!(Fixed::<28>::from_constant(-PI), Fixed::<28>::nearest(-PI));
         assert_eq!(
-            Fixed::<28>::at_most(PI),
-            Fixed::<28>::of(PI) - Fixed::<28>::STEP
+            Fixed::<28>::floor_of_constant(PI),
+            Fixed::<28>::from_constant(PI) - Fixed::<28>::STEP
         );
-        let root = Fixed::<28>::of(2.25).unsigned().root::<30>();
+        let root = Fixed::<28>::from_constant(2.25).unsigned().root::<30>();
         // Relative error 2^-15.
         assert!(root.0.abs_diff(3 << 29) < 3 << 14, "{root:?}");
     }
 
     #[test]
-    fn quotients_have_the_places_asked_for() {
+    fn quotients_have_the_requested_places() {
         for a in [-0.3, 1e-4, 0.7] {
             for x in [0.01, 0.4, 3.0] {
                 let (a, x) = (Fixed::<30>::nearest(a), Fixed::<26>::nearest(x));
@@ -633,7 +629,7 @@ mod tests {
     }
 
     #[test]
-    fn a_velocity_is_the_nearest_step() {
+    fn velocity_rounds_to_the_nearest_step() {
         for value in [0.0, 1e-9, 0.3, 1.0, 28.999, 59.999_999_99] {
             let velocity = Velocity::build(value, 60.0, "0..60").unwrap();
             assert!((velocity.value() - value).abs() <= 0.5 / steps(26));
@@ -652,7 +648,7 @@ mod tests {
     }
 
     #[test]
-    fn halves_give_the_whole_product() {
+    fn products_by_halves_are_exact() {
         for a in magnitudes().step_by(7) {
             for b in magnitudes().step_by(13) {
                 assert_eq!(wide_by_halves(a, b), u64::from(a) * u64::from(b));
@@ -664,7 +660,7 @@ mod tests {
     }
 
     #[test]
-    fn reciprocals_hold_their_error() {
+    fn reciprocals_are_within_their_error() {
         for x in magnitudes() {
             let value =
                 |r: Reciprocal<0>| f64::from(r.mantissa) * libm::exp2(f64::from(r.shift) - 62.0);
@@ -700,8 +696,8 @@ mod tests {
     }
 
     #[test]
-    fn quotients_from_first_bits_are_those_within_the_limit() {
-        let limit = Fixed::<16>::of(2.0);
+    fn short_quotients_are_exact_within_the_limit() {
+        let limit = Fixed::<16>::from_constant(2.0);
         for x in magnitudes().filter(|x| *x >= 1 << 8) {
             let x = Fixed::<13, u32>(x);
             let (short, coarse) = (Reciprocal::short(x), Reciprocal::coarse(x));
@@ -746,7 +742,7 @@ mod tests {
     }
 
     #[test]
-    fn roots_hold_their_error() {
+    fn square_roots_are_within_their_error() {
         for x in magnitudes() {
             let expected = libm::sqrt(f64::from(x)) * 65_536.0;
             let error = f64::from(square_root_scaled(x)) / expected - 1.0;

@@ -15,7 +15,7 @@ pub(crate) trait Arithmetic:
     + Neg<Output = Self>
 {
     /// Nearest number to a constant.
-    fn of(constant: f64) -> Self;
+    fn from_constant(constant: f64) -> Self;
     /// Absolute value.
     fn size(self) -> Self;
     /// Natural logarithm of a number in 0..1, 0 excluded.
@@ -24,7 +24,7 @@ pub(crate) trait Arithmetic:
 
 impl Arithmetic for f64 {
     #[inline]
-    fn of(constant: f64) -> Self {
+    fn from_constant(constant: f64) -> Self {
         constant
     }
 
@@ -40,7 +40,7 @@ impl Arithmetic for f64 {
 
 impl Arithmetic for f32 {
     #[inline]
-    fn of(constant: f64) -> Self {
+    fn from_constant(constant: f64) -> Self {
         constant as f32
     }
 
@@ -61,16 +61,19 @@ impl Arithmetic for f32 {
 /// (1992) 449, with its constants).
 #[inline]
 pub(crate) fn gauss<F: Arithmetic>(mut uniform: impl FnMut() -> F) -> F {
-    let of = F::of;
+    let from_constant = F::from_constant;
     loop {
         let u = uniform();
         // Width 2 sqrt(2/e), which contains the region v^2 <= -4 u^2 ln u.
-        let v = of(1.7156) * (uniform() - of(0.5));
-        let x = u - of(0.449_871);
-        let y = v.size() + of(0.386_595);
-        let q = x * x + y * (of(0.196) * y - of(0.254_72) * x);
-        let inside = q < of(0.275_97);
-        if inside || (q <= of(0.278_46) && v * v <= of(-4.0) * u * u * u.logarithm()) {
+        let v = from_constant(1.7156) * (uniform() - from_constant(0.5));
+        let x = u - from_constant(0.449_871);
+        let y = v.size() + from_constant(0.386_595);
+        let q = x * x + y * (from_constant(0.196) * y - from_constant(0.254_72) * x);
+        let inside = q < from_constant(0.275_97);
+        if inside
+            || (q <= from_constant(0.278_46)
+                && v * v <= from_constant(-4.0) * u * u * u.logarithm())
+        {
             return v / u;
         }
     }
@@ -116,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_logarithm_is_that_of_libm() {
+    fn logarithm_matches_libm() {
         let mut x = 1e-17;
         while x < 3.0 {
             let error = (logarithm(x) - libm::log(x)).abs();
@@ -126,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn the_logarithm_in_f32_keeps_its_error() {
+    fn f32_logarithm_is_within_its_error() {
         let mut x = 3e-8_f32;
         while x < 1.0 {
             let error = f64::from(logarithm_single(x)) - libm::log(f64::from(x));
@@ -136,13 +139,13 @@ mod tests {
     }
 
     #[test]
-    fn the_constants_of_f32_are_those_of_the_paper() {
-        let of: fn(f64) -> f32 = f32::of;
+    fn f32_constants_match_the_paper() {
+        let from_constant: fn(f64) -> f32 = f32::from_constant;
         assert_eq!(
             [
                 1.7156, 0.449_871, 0.386_595, 0.196, 0.254_72, 0.275_97, 0.278_46
             ]
-            .map(of),
+            .map(from_constant),
             [
                 1.7156_f32, 0.449_871, 0.386_595, 0.196, 0.254_72, 0.275_97, 0.278_46
             ]

@@ -2,12 +2,9 @@
 
 pub(crate) mod fixed;
 mod gauss;
-#[cfg_attr(
-    not(any(test, feature = "analysis")),
-    expect(dead_code, reason = "many lanes at a time serve `impact::batch`")
-)]
 pub(crate) mod lane;
 pub(crate) mod node;
+mod noise;
 mod phase;
 pub(crate) mod positive;
 #[allow(unsafe_code)]
@@ -17,10 +14,10 @@ pub(crate) mod twofold;
 
 pub use fixed::Velocity;
 pub(crate) use gauss::gauss;
+pub use noise::Noise;
 pub use phase::Phase;
-pub(crate) use root::{square_root, square_root_single};
-#[cfg(any(test, feature = "analysis", feature = "control"))]
+pub(crate) use root::square_root;
+pub use root::square_root_single;
 pub(crate) use trigonometry::arcsine_single;
-pub use trigonometry::{sine_cosine_fixed, sine_cosine_single};
-#[cfg(feature = "unstable")]
+pub use trigonometry::sine_cosine_single;
 pub use twofold::Twofold;

@@ -28,11 +28,11 @@ pub(crate) const SPACING_REST: f64 = PI_REST / 128.0;
 const PI_REST: f64 = 1.224_646_799_147_353_2e-16;
 
 /// (sine, cosine) at each node, nearest f64.
-pub(crate) static DOUBLE: [[f64; 2]; COUNT] = {
+pub(crate) static SINE_COSINE_DOUBLE: [[f64; 2]; COUNT] = {
     let mut table = [[0.0; 2]; COUNT];
     let mut j = 0;
     while j < COUNT {
-        table[j] = [NODES[j][0].high, NODES[j][1].high];
+        table[j] = [TWOFOLD_NODES[j][0].high, TWOFOLD_NODES[j][1].high];
         j += 1;
     }
     table
@@ -40,7 +40,7 @@ pub(crate) static DOUBLE: [[f64; 2]; COUNT] = {
 
 /// The phase of each node in rad as a sum: its number times [`SPACING_HIGH`], exactly, and times
 /// [`SPACING_LOW`].
-pub(crate) static PHASE: [[f64; 2]; COUNT] = {
+pub(crate) static NODE_PHASES: [[f64; 2]; COUNT] = {
     let mut table = [[0.0; 2]; COUNT];
     let mut j = 0;
     while j < COUNT {
@@ -51,24 +51,27 @@ pub(crate) static PHASE: [[f64; 2]; COUNT] = {
 };
 
 /// (sine, cosine) at each node, nearest f32.
-pub(crate) static SINGLE: [[f32; 2]; COUNT] = {
+pub(crate) static SINE_COSINE_SINGLE: [[f32; 2]; COUNT] = {
     let mut table = [[0.0; 2]; COUNT];
     let mut j = 0;
     while j < COUNT {
-        table[j] = [NODES[j][0].high as f32, NODES[j][1].high as f32];
+        table[j] = [
+            TWOFOLD_NODES[j][0].high as f32,
+            TWOFOLD_NODES[j][1].high as f32,
+        ];
         j += 1;
     }
     table
 };
 
 /// (sine, cosine) at each node, nearest step of 2^-30.
-pub(crate) static FIXED: [[Fixed<30>; 2]; COUNT] = {
+pub(crate) static SINE_COSINE_FIXED: [[Fixed<30>; 2]; COUNT] = {
     let mut table = [[Fixed::<30>::ZERO; 2]; COUNT];
     let mut j = 0;
     while j < COUNT {
         table[j] = [
-            Fixed::<30>::of(NODES[j][0].high),
-            Fixed::<30>::of(NODES[j][1].high),
+            Fixed::<30>::from_constant(TWOFOLD_NODES[j][0].high),
+            Fixed::<30>::from_constant(TWOFOLD_NODES[j][1].high),
         ];
         j += 1;
     }
@@ -76,12 +79,12 @@ pub(crate) static FIXED: [[Fixed<30>; 2]; COUNT] = {
 };
 
 /// Sine at the nodes of the first quarter turn with both ends, in steps of 2^-63.
-pub(crate) static QUARTER: [u64; COUNT / 4 + 1] = {
+pub(crate) static QUARTER_SINES: [u64; COUNT / 4 + 1] = {
     const STEPS: f64 = (1_u64 << 63) as f64;
     let mut table = [0; COUNT / 4 + 1];
     let mut j = 0;
     while j <= COUNT / 4 {
-        let Twofold { high, low } = NODES[j][0];
+        let Twofold { high, low } = TWOFOLD_NODES[j][0];
         // Below 1 the first is a whole number of steps, or off by less than a step.
         let whole = (high * STEPS) as u64;
         let rest = (high * STEPS - whole as f64) + low * STEPS;
@@ -103,7 +106,7 @@ pub(crate) struct Fine {
 }
 
 /// All values of a node in adjacent memory.
-pub(crate) static FINE: [Fine; COUNT] = {
+pub(crate) static FINE_NODES: [Fine; COUNT] = {
     let mut table = [const {
         Fine {
             single: [0.0; 2],
@@ -113,11 +116,14 @@ pub(crate) static FINE: [Fine; COUNT] = {
     }; COUNT];
     let mut j = 0;
     while j < COUNT {
-        let [sine, cosine] = [NODES[j][0].high, NODES[j][1].high];
+        let [sine, cosine] = [TWOFOLD_NODES[j][0].high, TWOFOLD_NODES[j][1].high];
         table[j] = Fine {
             single: [sine as f32, cosine as f32],
-            fixed: [Fixed::<30>::of(sine), Fixed::<30>::of(cosine)],
-            cosine: Fixed::<48, i64>::of(cosine),
+            fixed: [
+                Fixed::<30>::from_constant(sine),
+                Fixed::<30>::from_constant(cosine),
+            ],
+            cosine: Fixed::<48, i64>::from_constant(cosine),
         };
         j += 1;
     }
@@ -138,7 +144,7 @@ const fn series(x: Twofold) -> [Twofold; 2] {
     [x.times(sine), cosine]
 }
 
-const NODES: [[Twofold; 2]; COUNT] = {
+const TWOFOLD_NODES: [[Twofold; 2]; COUNT] = {
     // 2 pi / 256 to 107 bits.
     let spacing = Twofold {
         high: SPACING,
@@ -167,7 +173,7 @@ mod tests {
 
     #[test]
     fn nodes_lie_on_the_circle_to_twofold_precision() {
-        for [sine, cosine] in NODES {
+        for [sine, cosine] in TWOFOLD_NODES {
             let one = sine.times(sine).plus(cosine.times(cosine));
             // Each product and sum has a rounding error of about 2^-104.
             let excess = one.plus(Twofold::from(-1.0));
@@ -177,14 +183,17 @@ mod tests {
 
     #[test]
     fn nodes_agree_with_libm() {
-        for (j, node) in DOUBLE.iter().enumerate() {
+        for (j, node) in SINE_COSINE_DOUBLE.iter().enumerate() {
             let angle = j as f64 * SPACING;
             // Errors: an ulp of libm, and up to 4.5e-16 from the rounding of the angle.
             assert!((node[0] - libm::sin(angle)).abs() < 7e-16);
             assert!((node[1] - libm::cos(angle)).abs() < 7e-16);
             for i in 0..2 {
-                assert!((f64::from(SINGLE[j][i]) - node[i]).abs() <= 3e-8);
-                assert!((f64::from(FIXED[j][i].0) / f64::from(1 << 30) - node[i]).abs() <= 4.7e-10);
+                assert!((f64::from(SINE_COSINE_SINGLE[j][i]) - node[i]).abs() <= 3e-8);
+                assert!(
+                    (f64::from(SINE_COSINE_FIXED[j][i].0) / f64::from(1 << 30) - node[i]).abs()
+                        <= 4.7e-10
+                );
             }
         }
     }

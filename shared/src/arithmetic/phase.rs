@@ -15,6 +15,7 @@ use core::ops::{Add, AddAssign, Sub};
 /// assert_eq!(quarter + quarter + quarter + quarter, Phase::ZERO);
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Phase(u32);
 
 impl Phase {
@@ -31,13 +32,11 @@ impl Phase {
     pub(crate) const STEPS_PER_RADIAN: f64 = Self::TURN / TAU;
 
     /// Phase from its bits, in units of 2^-32 turns.
-    #[must_use]
     pub const fn from_bits(bits: u32) -> Self {
         Self(bits)
     }
 
     /// The bits, in units of 2^-32 turns.
-    #[must_use]
     pub const fn bits(self) -> u32 {
         self.0
     }
@@ -45,7 +44,6 @@ impl Phase {
     /// Nearest phase to any finite angle in rad, modulo 2 pi.
     ///
     /// The error is at most half a step (7.4e-10 rad) for angles in -2 pi..2 pi.
-    #[must_use]
     pub fn from_radians(angle: f64) -> Self {
         let turns = angle / TAU;
         let fraction = turns - libm::floor(turns);
@@ -54,7 +52,6 @@ impl Phase {
     }
 
     /// The angle in rad, in 0..2 pi; error at most 4.5e-16 rad.
-    #[must_use]
     pub fn radians(self) -> f64 {
         f64::from(self.0) * Self::RADIANS_PER_STEP
     }
@@ -95,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn an_angle_just_below_a_turn_wraps_to_zero() {
+    fn angle_just_below_a_turn_wraps_to_zero() {
         assert_eq!(Phase::from_radians(TAU - 1e-12), Phase::ZERO);
         assert_eq!(Phase::from_radians(-1e-12), Phase::ZERO);
     }

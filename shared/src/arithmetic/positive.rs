@@ -1,13 +1,14 @@
 //! Positive floating-point numbers with 64-bit mantissa, for the set-up of kernels on a CPU without
 //! f64.
 
+use super::Phase;
 use super::fixed::Fixed;
 use super::square_root_single;
 
 /// A number above 0, with a mantissa of at least 2^58 in steps of 2^-`places`; or 0.
 ///
 /// The mantissa of a factor is in 2^63..2^64. All numbers have such mantissas except those from
-/// [`many`](Self::many).
+/// [`many`](Self::from_many_steps).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Positive {
     mantissa: u64,
@@ -19,10 +20,14 @@ impl Positive {
         mantissa: 0,
         places: 0,
     };
+    /// Radians in a step of a phase.
+    pub const RADIANS_PER_STEP: Self = Self::from_f64(Phase::RADIANS_PER_STEP);
+    /// 1 / (2 pi).
+    pub const TURNS_PER_RADIAN: Self = Self::from_f64(1.0 / core::f64::consts::TAU);
 
     /// Number from a normal f64 above 0, exactly.
     #[inline(always)]
-    pub const fn of(value: f64) -> Self {
+    pub const fn from_f64(value: f64) -> Self {
         let bits = value.to_bits();
         Self {
             mantissa: bits << 11 | 1 << 63,
@@ -32,7 +37,7 @@ impl Positive {
 
     /// Number from a count of steps of 2^-`places`.
     #[inline(always)]
-    pub const fn steps(count: u64, places: i32) -> Self {
+    pub const fn from_steps(count: u64, places: i32) -> Self {
         if count == 0 {
             return Self::ZERO;
         }
@@ -45,7 +50,7 @@ impl Positive {
 
     /// Number from a count of steps of 2^-`places`, at least 2^58.
     #[inline(always)]
-    pub const fn many(count: u64, places: i32) -> Self {
+    pub const fn from_many_steps(count: u64, places: i32) -> Self {
         Self {
             mantissa: count,
             places,
@@ -111,7 +116,7 @@ impl Positive {
     /// `k pi` rounded as in f64, then to the nearest step of 2^-48, for k in 0.005..=4.
     #[inline(always)]
     pub const fn times_pi_in_double(self) -> Fixed<48, i64> {
-        const PI: Positive = Positive::of(core::f64::consts::PI);
+        const PI: Positive = Positive::from_f64(core::f64::consts::PI);
         let (high, low) = product(self.mantissa, PI.mantissa);
         let places = self.places + PI.places - 64;
         // Below 2^63 the last of the 53 bits is the eleventh from below, else the one above it. The
@@ -133,7 +138,7 @@ impl Positive {
         }
         let shift = n.leading_zeros();
         let high = upper(u64::from(n << shift) << 32, self.mantissa);
-        Self::many(high, self.places + shift as i32 - 32).single()
+        Self::from_many_steps(high, self.places + shift as i32 - 32).single()
     }
 
     #[inline(always)]
@@ -172,7 +177,7 @@ impl Positive {
         // The residual 2^126 - x better over 2^64.
         let miss = (1_u64 << 62).wrapping_sub(product(x, better).0) as i64;
         let step = (miss as i32 as f32 * rate) as i32;
-        Self::steps(
+        Self::from_steps(
             better.wrapping_add_signed(i64::from(step)),
             126 - self.places,
         )
@@ -197,27 +202,28 @@ pub(crate) fn root(x: u64) -> u64 {
     better.wrapping_add_signed(i64::from(step))
 }
 
+/// Mask of the lower half of 64 bits.
+const LOW_HALF: u64 = 0xffff_ffff;
+
 /// Upper half of the product, too small by at most 2.
 #[inline(always)]
 pub(crate) const fn upper(a: u64, b: u64) -> u64 {
-    const LOW: u64 = 0xffff_ffff;
-    let (a_high, a_low) = (a >> 32, a & LOW);
-    let (b_high, b_low) = (b >> 32, b & LOW);
+    let (a_high, a_low) = (a >> 32, a & LOW_HALF);
+    let (b_high, b_low) = (b >> 32, b & LOW_HALF);
     a_high * b_high + ((a_high * b_low) >> 32) + ((a_low * b_high) >> 32)
 }
 
 /// Upper and lower half of the product.
 #[inline(always)]
 pub(crate) const fn product(a: u64, b: u64) -> (u64, u64) {
-    const LOW: u64 = 0xffff_ffff;
-    let (a_high, a_low) = (a >> 32, a & LOW);
-    let (b_high, b_low) = (b >> 32, b & LOW);
+    let (a_high, a_low) = (a >> 32, a & LOW_HALF);
+    let (b_high, b_low) = (b >> 32, b & LOW_HALF);
     let low = a_low * b_low;
     let one = a_high * b_low + (low >> 32);
-    let two = a_low * b_high + (one & LOW);
+    let two = a_low * b_high + (one & LOW_HALF);
     (
         a_high * b_high + (one >> 32) + (two >> 32),
-        two << 32 | low & LOW,
+        two << 32 | low & LOW_HALF,
     )
 }
 
@@ -240,10 +246,10 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_f64_it_is_of_and_rounds_as_f64_does() {
+    fn conversion_is_exact_and_rounds_as_f64() {
         let pi = core::f64::consts::PI;
         for x in numbers() {
-            let number = Positive::of(x);
+            let number = Positive::from_f64(x);
             assert_eq!(number.single().to_bits(), (x as f32).to_bits(), "{x:e}");
             let inverse = number.inverse_single(x as f32);
             assert_eq!(inverse.to_bits(), ((1.0 / x) as f32).to_bits(), "{x:e}");
@@ -256,17 +262,17 @@ mod tests {
             }
         }
         for places in [0, 1, 29, 30, 31] {
-            assert_eq!(Positive::of(1.0).nearest(places), 1 << places);
+            assert_eq!(Positive::from_f64(1.0).nearest(places), 1 << places);
         }
-        assert_eq!(Positive::of(0.5).nearest(0), 1);
-        assert_eq!(Positive::of(0.499).nearest(0), 0);
-        assert_eq!(Positive::of(0.249).nearest(0), 0);
+        assert_eq!(Positive::from_f64(0.5).nearest(0), 1);
+        assert_eq!(Positive::from_f64(0.499).nearest(0), 0);
+        assert_eq!(Positive::from_f64(0.249).nearest(0), 0);
         assert_eq!(Positive::ZERO.single().to_bits(), 0);
         assert_eq!(Positive::ZERO.nearest(30), 0);
     }
 
     #[test]
-    fn inverse_root_and_product_are_right_to_sixty_bits() {
+    fn inverse_root_and_product_have_60_bits() {
         let off = |a: Positive, b: Positive| {
             // In steps of the mantissa.
             let shift = a.places - b.places;
@@ -279,18 +285,18 @@ mod tests {
             };
             a.abs_diff(b) >> 2
         };
-        let one = Positive::of(1.0);
+        let one = Positive::from_f64(1.0);
         for x in numbers() {
-            let number = Positive::of(x);
+            let number = Positive::from_f64(x);
             let inverse = number.inverse();
             assert!(off(number.times(inverse), one) < 16, "{x:e} {inverse:?}");
             let square = number.mantissa >> (1 + number.places as u32 % 3);
-            let root = Positive::many(root(square), 32);
+            let root = Positive::from_many_steps(root(square), 32);
             let square_again = product(root.mantissa, root.mantissa).0;
             assert!(square_again - upper(root.mantissa, root.mantissa) <= 2);
-            let again = Positive::steps(square_again, 0);
+            let again = Positive::from_steps(square_again, 0);
             assert!(
-                off(again, Positive::steps(square, 0)) < 48,
+                off(again, Positive::from_steps(square, 0)) < 48,
                 "{square} {root:?}"
             );
         }

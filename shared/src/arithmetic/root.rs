@@ -3,7 +3,7 @@
 /// Square root in f32, correctly rounded; NaN below 0.
 #[cfg(not(all(target_arch = "arm", target_abi = "eabihf")))]
 #[inline(always)]
-pub(crate) fn square_root_single(x: f32) -> f32 {
+pub fn square_root_single(x: f32) -> f32 {
     libm::sqrtf(x)
 }
 
@@ -14,7 +14,7 @@ pub(crate) fn square_root_single(x: f32) -> f32 {
 /// `sqrtf` by the FPU's instruction and calls it for NaN only.
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 #[inline(always)]
-pub(crate) fn square_root_single(x: f32) -> f32 {
+pub fn square_root_single(x: f32) -> f32 {
     // SAFETY: C's function is total and pure; the compiler's library provides it for this target.
     unsafe { sqrtf(x) }
 }
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_the_correctly_rounded_root() {
+    fn square_root_is_correctly_rounded() {
         let mut x = 1e-310;
         while x < 1e300 {
             assert_eq!(square_root(x).to_bits(), libm::sqrt(x).to_bits(), "{x:e}");

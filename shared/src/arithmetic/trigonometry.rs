@@ -10,12 +10,12 @@ use super::fixed::Fixed;
 use super::node::{self, Fine};
 
 /// Radians in one step of a phase.
-const STEP: f32 = Phase::RADIANS_PER_STEP as f32;
+const RADIANS_PER_STEP: f32 = Phase::RADIANS_PER_STEP as f32;
 
 /// 2 pi.
-pub(crate) const RADIANS_PER_TURN: Fixed<28> = Fixed::<28>::of(TAU);
+pub(crate) const RADIANS_PER_TURN: Fixed<28> = Fixed::<28>::from_constant(TAU);
 /// 1 / (2 pi).
-pub(crate) const TURNS_PER_RADIAN: Fixed<32> = Fixed::<32>::of(1.0 / TAU);
+pub(crate) const TURNS_PER_RADIAN: Fixed<32> = Fixed::<32>::from_constant(1.0 / TAU);
 
 /// Nearest node, and the distance from it in steps of a phase, in -2^23..2^23.
 #[inline(always)]
@@ -35,12 +35,11 @@ fn nearest(phase: Phase) -> (usize, i32) {
 /// assert!((f64::from(sine) - 0.5_f64.sin()).abs() < 6.1e-8);
 /// assert!((f64::from(cosine) - 0.5_f64.cos()).abs() < 6.1e-8);
 /// ```
-#[must_use]
 #[inline(always)]
 pub fn sine_cosine_single(phase: Phase) -> (f32, f32) {
     let (index, distance) = nearest(phase);
-    let [sine, cosine] = node::SINGLE[index];
-    let d = distance as f32 * STEP;
+    let [sine, cosine] = node::SINE_COSINE_SINGLE[index];
+    let d = distance as f32 * RADIANS_PER_STEP;
     let z = d * d;
     let versine = z * (0.5 - z * (1.0 / 24.0));
     let arc = d - d * z * (1.0 / 6.0);
@@ -51,7 +50,6 @@ pub fn sine_cosine_single(phase: Phase) -> (f32, f32) {
 }
 
 /// Arcsine of 0..=1, error below 3e-7 (Abramowitz & Stegun 4.4.46 in f32).
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub(crate) fn arcsine_single(x: f32) -> f32 {
     const COEFFICIENTS: [f32; 8] = [
         -0.001_262_491,
@@ -67,33 +65,6 @@ pub(crate) fn arcsine_single(x: f32) -> f32 {
     core::f32::consts::FRAC_PI_2 - super::square_root_single(1.0 - x) * sum
 }
 
-/// Sine and cosine of a phase in steps of 2^-30: `1 << 30` is 1.
-///
-/// The correction to the node is in f32, for CPUs with an FPU. Measured over 2^20 equidistant
-/// phases and all nodes: error at most 2.6e-9, RMS 5.2e-10.
-///
-/// ```
-/// use kband::arithmetic::{Phase, sine_cosine_fixed};
-/// let (sine, cosine) = sine_cosine_fixed(Phase::from_radians(0.5));
-/// assert!((f64::from(sine) / f64::from(1 << 30) - 0.5_f64.sin()).abs() < 2.8e-9);
-/// assert!((f64::from(cosine) / f64::from(1 << 30) - 0.5_f64.cos()).abs() < 2.8e-9);
-/// ```
-#[must_use]
-#[inline(always)]
-pub fn sine_cosine_fixed(phase: Phase) -> (i32, i32) {
-    let (index, distance) = nearest(phase);
-    let [Fixed(sine), Fixed(cosine)] = node::FIXED[index];
-    let d = distance as f32 * STEP;
-    let z = d * d;
-    let versine = z * (0.5 - z * (1.0 / 24.0));
-    let arc = d - d * z * (1.0 / 6.0);
-    let (s, c) = (sine as f32, cosine as f32);
-    (
-        sine + (c * arc - s * versine) as i32,
-        cosine - (s * arc + c * versine) as i32,
-    )
-}
-
 /// Sine and, more accurate, cosine of a phase, by products of 32 bits into 64.
 ///
 /// Measured over 2^20 spread phases and all nodes: the sine's error is at most 9.8e-10 (RMS
@@ -101,7 +72,7 @@ pub fn sine_cosine_fixed(phase: Phase) -> (i32, i32) {
 #[inline(always)]
 pub(crate) fn sine_cosine_fine(phase: Phase) -> (Fixed<30>, Fixed<48, i64>) {
     let (index, distance) = nearest(phase);
-    let Fine { fixed, cosine, .. } = &node::FINE[index];
+    let Fine { fixed, cosine, .. } = &node::FINE_NODES[index];
     let [s, c] = *fixed;
     let turns = Fixed::<32>(distance).to::<40>();
     let d: Fixed<36> = rounded_product(turns, RADIANS_PER_TURN);
@@ -109,8 +80,9 @@ pub(crate) fn sine_cosine_fine(phase: Phase) -> (Fixed<30>, Fixed<48, i64>) {
     let fourth: Fixed<48> = z.times(z);
     let third: Fixed<44> = z.times(d);
     // 1 - cos d and sin d.
-    let versine = (z.scaled::<41>() - fourth.times(Fixed::<25>::of(1.0 / 24.0))).to::<36>();
-    let arc = d - third.times(Fixed::<32>::of(1.0 / 6.0));
+    let versine =
+        (z.scaled::<41>() - fourth.times(Fixed::<25>::from_constant(1.0 / 24.0))).to::<36>();
+    let arc = d - third.times(Fixed::<32>::from_constant(1.0 / 6.0));
     let fall: Fixed<66, i64> = s.whole(arc) + c.whole(versine);
     let rise: Fixed<34> = c.times(arc) - s.times(versine);
     (
@@ -132,9 +104,9 @@ fn rounded_product<const F: u32, const G: u32, const H: u32>(a: Fixed<F>, b: Fix
 #[inline(always)]
 pub(crate) fn sine_cosine_narrow(phase: Phase) -> [Fixed<30>; 2] {
     let (index, distance) = nearest(phase);
-    let [sine, cosine] = node::FIXED[index];
+    let [sine, cosine] = node::SINE_COSINE_FIXED[index];
     let turns = Fixed::<32>(distance).to::<38>();
-    let powers = Powers::of(turns.times(RADIANS_PER_TURN));
+    let powers = Powers::new(turns.times(RADIANS_PER_TURN));
     [
         sine + powers.rise(sine, cosine),
         cosine - powers.rise(-cosine, sine),
@@ -157,7 +129,7 @@ pub(crate) struct Powers {
 impl Powers {
     /// Values for an angle `d`.
     #[inline(always)]
-    pub fn of(d: Fixed<34>) -> Self {
+    pub fn new(d: Fixed<34>) -> Self {
         // d^2 / 2 from both halves of d; the square of the lower one is below a step.
         let (upper, lower) = (d.to::<20>(), Fixed::<34>(d.0 & 0x3fff));
         let square: Fixed<35> = upper.short_times(upper);
@@ -165,11 +137,11 @@ impl Powers {
         let half_square = square.scaled::<36>() + mixed;
         // d^3 / 6, 16 bits of each factor.
         let half_cube: Fixed<32> = upper.short_times(half_square.to::<26>());
-        let lag = half_cube.short_times(Fixed::<15>::of(1.0 / 3.0));
+        let lag = half_cube.short_times(Fixed::<15>::from_constant(1.0 / 3.0));
         // d^4 / 24 is (d^2 / 2)^2 / 6.
         let short = half_square.to::<20>();
         let fourth: Fixed<40> = short.short_times(short);
-        let flat = fourth.short_times(Fixed::<12>::of(1.0 / 6.0));
+        let flat = fourth.short_times(Fixed::<12>::from_constant(1.0 / 6.0));
         Self {
             arc: d - lag,
             lag,
@@ -212,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn arcsine_keeps_its_error() {
+    fn arcsine_is_within_its_error() {
         for step in 0..=10_000 {
             let x = step as f32 / 10_000.0;
             let error = f64::from(arcsine_single(x)) - libm::asin(f64::from(x));
@@ -221,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn single_precision_holds_its_error() {
+    fn f32_sine_is_within_its_error() {
         let (largest, rms) = errors(|phase| {
             let (sine, cosine) = sine_cosine_single(phase);
             (f64::from(sine), f64::from(cosine))
@@ -231,20 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn fixed_point_holds_its_error() {
-        let (largest, rms) = errors(|phase| {
-            let (sine, cosine) = sine_cosine_fixed(phase);
-            (
-                f64::from(sine) / f64::from(1 << 30),
-                f64::from(cosine) / f64::from(1 << 30),
-            )
-        });
-        std::println!("Q30: max {largest:e} rms {rms:e}");
-        assert!(largest < 2.7e-9 && rms < 5.5e-10);
-    }
-
-    #[test]
-    fn the_fine_cosine_holds_its_error() {
+    fn fine_cosine_is_within_its_error() {
         let (largest, rms) = errors(|phase| {
             let cosine = sine_cosine_fine(phase).1.0 as f64 / libm::exp2(48.0);
             (libm::sin(phase.radians()), cosine)
@@ -264,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn integers_hold_their_error() {
+    fn integer_sine_is_within_its_error() {
         let (largest, rms) = errors(|phase| {
             let [sine, cosine] = sine_cosine_narrow(phase).map(|Fixed(value)| value);
             (

@@ -12,7 +12,6 @@ pub struct Twofold {
 
 impl Twofold {
     /// An f64, exactly.
-    #[must_use]
     pub const fn from(value: f64) -> Self {
         Self {
             high: value,
@@ -30,7 +29,6 @@ impl Twofold {
     }
 
     /// `a + b`, exactly (Knuth).
-    #[must_use]
     pub const fn sum(a: f64, b: f64) -> Self {
         let high = a + b;
         let part = high - a;
@@ -41,7 +39,6 @@ impl Twofold {
     }
 
     /// `a b`, exactly (Dekker) unless it overflows or its rest underflows.
-    #[must_use]
     pub const fn product(a: f64, b: f64) -> Self {
         let high = a * b;
         let (x, y) = (Self::halves(a), Self::halves(b));
@@ -62,7 +59,6 @@ impl Twofold {
     }
 
     /// `-self`.
-    #[must_use]
     pub const fn negative(self) -> Self {
         Self {
             high: -self.high,
@@ -71,20 +67,17 @@ impl Twofold {
     }
 
     /// `self + other`.
-    #[must_use]
     pub const fn plus(self, other: Self) -> Self {
         let sum = Self::sum(self.high, other.high);
         Self::normal(sum.high, sum.low + self.low + other.low)
     }
 
     /// `self - other`.
-    #[must_use]
     pub const fn minus(self, other: Self) -> Self {
         self.plus(other.negative())
     }
 
     /// `self other`.
-    #[must_use]
     pub const fn times(self, other: Self) -> Self {
         let product = Self::product(self.high, other.high);
         Self::normal(
@@ -94,7 +87,6 @@ impl Twofold {
     }
 
     /// Division by a number of few bits.
-    #[must_use]
     pub const fn over(self, divisor: f64) -> Self {
         let high = self.high / divisor;
         let rest = self.minus(Self::product(high, divisor));
@@ -102,8 +94,6 @@ impl Twofold {
     }
 
     /// The nearest f64.
-    #[cfg(any(test, feature = "unstable"))]
-    #[must_use]
     pub const fn value(self) -> f64 {
         self.high + self.low
     }
@@ -137,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_quotient_times_its_divisor_is_the_number() {
+    fn quotient_times_divisor_is_the_dividend() {
         for (a, b) in integers() {
             let number = Twofold::sum(a as f64, 1e-16 * b as f64);
             let back = number.over(7.0).times(Twofold::from(7.0)).minus(number);

@@ -1,6 +1,5 @@
 //! State of a part, its impact, and the impact map as a trait over the arithmetics.
 
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 use super::wave::Tone;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::{Phase, Velocity};
@@ -13,6 +12,14 @@ pub struct PartState {
     pub phase: f64,
     /// Velocity relative to the track (symbol psi) in units of `b w`, at least 0.
     pub velocity: f64,
+}
+
+impl PartState {
+    /// A state with this phase and velocity.
+    #[inline(always)]
+    pub const fn new(phase: f64, velocity: f64) -> Self {
+        Self { phase, velocity }
+    }
 }
 
 /// A state of [`Hybrid`](super::Hybrid) and of [`Integer`](super::Integer): 8 bytes.
@@ -41,16 +48,13 @@ impl HybridState {
     }
 
     /// The state as phase in rad and velocity in `b w`.
-    pub(super) fn observed(self) -> PartState {
-        PartState {
-            phase: self.phase.radians(),
-            velocity: self.velocity.value(),
-        }
+    pub(super) fn to_part_state(self) -> PartState {
+        PartState::new(self.phase.radians(), self.velocity.value())
     }
 
     /// The state with its velocity limited to `top`.
     #[inline(always)]
-    pub(super) fn held_below(self, top: Fixed<26, u32>) -> Self {
+    pub(super) fn limited_to(self, top: Fixed<26, u32>) -> Self {
         Self {
             velocity: Velocity::from_fixed(self.velocity.fixed().min(top)),
             ..self
@@ -96,7 +100,6 @@ pub struct Landing<S> {
 
 impl<S> Landing<S> {
     /// The flight time in rad.
-    #[must_use]
     pub fn flight(&self) -> f64 {
         self.steps as f64 * Phase::RADIANS_PER_STEP
     }
@@ -150,8 +153,7 @@ pub trait Kernel: Sized {
     ///
     /// Near restitution 1 an impact may leave faster. Its state is right, but [`Kernel::impact`]
     /// limits the next launch to the top velocity.
-    #[must_use]
-    fn flies(_state: Self::State) -> bool {
+    fn is_in_range(_state: Self::State) -> bool {
         true
     }
 
@@ -208,7 +210,6 @@ pub trait Kernel: Sized {
 /// assert!((locked::<WaveSingle>()? - 0.366_519_142_918_809).abs() < 1e-6);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub trait WaveKernel: Kernel {
     /// The map on a track with this second and third harmonic, for `k` and a restitution.
     ///
@@ -221,11 +222,11 @@ pub trait WaveKernel: Kernel {
 ///
 /// Beyond 2^21 turns (2^53 steps) the phase is undefined, and each arithmetic would take another.
 pub(super) fn accept_phase(phase: f64) -> Result<(), OutOfRange> {
-    const MOST: f64 = (1_u32 << 21) as f64 * core::f64::consts::TAU;
+    const MAX_PHASE: f64 = (1_u32 << 21) as f64 * core::f64::consts::TAU;
     let accepted = "-1.3e7..1.3e7 rad: 2^21 turns, 2^53 steps of the phase";
     // Positive floats compare like their bits, with NaN above all: software f64 compares far
     // slower.
-    let accepts = libm::fabs(phase).to_bits() <= MOST.to_bits();
+    let accepts = libm::fabs(phase).to_bits() <= MAX_PHASE.to_bits();
     if accepts {
         Ok(())
     } else {

@@ -11,11 +11,11 @@
 //! | kernel | for | from launch to landing | cases without a closed form |
 //! |---|---|---|---|
 //! | [`Map`] | f64, desk | `double/{first,tall,short,low}.rs` | `double/search.rs` |
-//! | `WaveMap` | f64, two or three tones | `tones/first.rs` | `tones/search.rs` |
+//! | `WaveMap` | f64, two or three tones | `wave_map/first.rs` | `wave_map/search.rs` |
 //! | `batch::Block` | many f64 orbits | `batch/{in_place,gathered}.rs` | `double/first.rs` |
 //! | [`Hybrid`] | CPU with f32: the board | `anchor/{hybrid,candidate}.rs` | `anchor/search.rs` |
 //! | [`Single`] | f32, pictures | `anchor/{single,candidate}.rs` | `anchor/search.rs` |
-//! | `WaveSingle` | f32, two or three tones | `anchor/tones/search.rs` | |
+//! | `WaveSingle` | f32, two or three tones | `anchor/wave_single/search.rs` | |
 //! | [`Integer`] | CPU without an FPU | `integer/{map,approach}.rs` | `integer/search.rs` |
 //!
 //! `kernel.rs` defines the states, the impact and the common trait. `wave.rs` defines the motion of
@@ -24,7 +24,6 @@
 //! certified against the rounding of its own arithmetic.
 
 mod anchor;
-#[cfg(any(test, feature = "analysis"))]
 pub mod batch;
 mod double;
 mod integer;
@@ -32,36 +31,23 @@ mod kernel;
 mod orbit;
 mod scatter;
 mod set_up;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-mod tones;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 mod wave;
+mod wave_map;
 
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use anchor::WaveSingle;
 pub use anchor::{Hybrid, Single, SingleState};
 pub use double::Map;
-#[cfg(any(test, feature = "unstable"))]
-pub use double::PassedHumps;
 pub use integer::Integer;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use kernel::WaveKernel;
 pub use kernel::{HybridState, Impact, Kernel, Landing, PartState, SingleImpact};
-#[cfg(any(test, feature = "analysis", feature = "plant"))]
-pub(crate) use orbit::AlongLaw;
-#[cfg(feature = "control")]
-pub(crate) use orbit::Release;
-#[cfg(any(test, feature = "unstable"))]
-pub use orbit::Skips;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-pub use orbit::{Along, Friction, FrictionSettings, Lain};
-pub use orbit::{Contact, Count, Ended, Growth, Observer, Orbit, OrbitEvent, Tangent};
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-pub(crate) use orbit::{LATE, Next, WavePart};
-#[cfg(any(test, feature = "analysis", feature = "control"))]
+pub use orbit::AlongLaw;
+pub use orbit::Release;
+#[cfg(test)]
+pub(crate) use orbit::Shortcuts;
+pub use orbit::{Along, ContactMotion, Friction, FrictionSettings};
+pub use orbit::{Contact, Count, Growth, Observer, Orbit, OrbitEvent, StopReason, Tangent};
+pub use orbit::{LIFT_OFF_DELAY, PartStep, WavePart};
 pub use orbit::{Tangential, TangentialSettings, WaveOrbit};
 pub use scatter::Scatter;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-pub use tones::WaveMap;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub use wave::{Tone, Wave};
+pub use wave_map::WaveMap;

@@ -1,15 +1,12 @@
-//! Restitution that varies at random from impact to impact, as that of any tumbling body (Gaussian,
+//! Restitution that varies at random from impact to impact, as that of any real part (Gaussian,
 //! clipped).
 
 use crate::arithmetic::gauss;
 use crate::feeder::{OutOfRange, accept};
 
-/// Restitution: largest draw, the clip to [0, 1).
-const HIGHEST: f64 = 1.0 - f64::EPSILON;
-
 /// Standard deviation of the restitution: largest. It is 0.3 rounded to f32, because scenes and
 /// wire use f32.
-const WIDEST: f64 = 0.3_f32 as f64;
+const MAX_DEVIATION: f64 = 0.3_f32 as f64;
 
 /// A seeded stream of restitutions: Gaussian about a mean, clipped to [0, 1).
 ///
@@ -40,37 +37,34 @@ impl Scatter {
             deviation: 0.0,
             state: seed,
         }
-        .about(mean)?
-        .within(deviation)
+        .with_mean(mean)?
+        .with_deviation(deviation)
     }
 
     /// The same stream, about another mean in 0..=1.
-    pub(crate) fn about(self, mean: f64) -> Result<Self, OutOfRange> {
+    pub fn with_mean(self, mean: f64) -> Result<Self, OutOfRange> {
         accept("restitution", mean, (0.0..=1.0).contains(&mean), "0..1")?;
         Ok(Self { mean, ..self })
     }
 
     /// The same stream, with another standard deviation in 0..=0.3.
-    pub(crate) fn within(self, deviation: f64) -> Result<Self, OutOfRange> {
+    pub fn with_deviation(self, deviation: f64) -> Result<Self, OutOfRange> {
         accept(
             "scatter",
             deviation,
-            (0.0..=WIDEST).contains(&deviation),
+            (0.0..=MAX_DEVIATION).contains(&deviation),
             "0..0.3, the standard deviation of restitution from impact to impact",
         )?;
         Ok(Self { deviation, ..self })
     }
 
     /// The mean before clipping.
-    #[must_use]
-    pub(crate) fn mean(&self) -> f64 {
+    pub fn mean(&self) -> f64 {
         self.mean
     }
 
     /// The standard deviation before clipping.
-    #[cfg(feature = "plant")]
-    #[must_use]
-    pub(crate) fn deviation(&self) -> f64 {
+    pub fn deviation(&self) -> f64 {
         self.deviation
     }
 
@@ -80,12 +74,12 @@ impl Scatter {
         if self.deviation == 0.0 {
             return self.mean;
         }
-        (self.mean + self.deviation * gauss(|| self.uniform())).clamp(0.0, HIGHEST)
+        (self.mean + self.deviation * gauss(|| self.next_uniform())).clamp(0.0, 1.0 - f64::EPSILON)
     }
 
     /// The next 64 bits (splitmix64: Steele, Lea & Flood 2014).
     #[inline]
-    fn bits(&mut self) -> u64 {
+    fn next_bits(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.state;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -95,8 +89,8 @@ impl Scatter {
 
     /// Uniform in 0..1, 0 excluded, in steps of 2^-53.
     #[inline]
-    fn uniform(&mut self) -> f64 {
-        ((self.bits() >> 11) as f64 + 0.5) * (1.0 / 9_007_199_254_740_992.0)
+    fn next_uniform(&mut self) -> f64 {
+        ((self.next_bits() >> 11) as f64 + 0.5) * (1.0 / 9_007_199_254_740_992.0)
     }
 }
 
@@ -105,13 +99,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_gaussian() {
+    fn scatter_is_gaussian() {
         const COUNT: u32 = 1_000_000;
         let mut scatter = Scatter::build(0.5, 0.1, 1).unwrap();
         let mut moments = [0.0; 4];
         let mut beyond = [0_u32; 5];
         for _ in 0..COUNT {
-            let x = gauss(|| scatter.uniform());
+            let x = gauss(|| scatter.next_uniform());
             for (moment, power) in moments.iter_mut().zip(1..) {
                 *moment += libm::pow(x, f64::from(power)) / f64::from(COUNT);
             }
@@ -139,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn a_seed_gives_the_same_bits_and_another_others() {
+    fn seed_determines_the_stream() {
         let draws = |seed| {
             let mut scatter = Scatter::build(0.3, 0.05, seed).unwrap();
             core::array::from_fn::<u64, 4, _>(|_| scatter.draw().to_bits())
@@ -151,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_clipped_and_refused_beyond_its_range() {
+    fn draws_are_clipped_and_bad_settings_refused() {
         let mut wide = Scatter::build(0.0, 0.3, 5).unwrap();
         let mut high = Scatter::build(0.99, 0.3, 5).unwrap();
         for _ in 0..10_000 {

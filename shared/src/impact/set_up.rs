@@ -49,7 +49,7 @@ impl SetUp {
         let restitution = if nothing {
             0
         } else {
-            Positive::of(restitution).nearest(32)
+            Positive::from_f64(restitution).nearest(32)
         };
         Ok(Self::new(
             k,
@@ -59,7 +59,7 @@ impl SetUp {
 
     #[inline(always)]
     fn new(k: f64, restitution: Fixed<32, u32>) -> Self {
-        let k = Positive::of(k);
+        let k = Positive::from_f64(k);
         let (steps, single) = (k.whole(61), k.single());
         let above = Self {
             k,
@@ -81,7 +81,7 @@ impl SetUp {
         Self {
             lift_off,
             hump: (1_u32 << 31) - 2 * lift_off.bits(),
-            lift_off_cosine: Positive::many(root, 62 + shift as i32 / 2),
+            lift_off_cosine: Positive::from_many_steps(root, 62 + shift as i32 / 2),
             ..above
         }
     }
@@ -104,7 +104,7 @@ impl SetUp {
     /// Excess of k over 1, at least 0.
     pub fn excess(&self) -> f32 {
         if self.steps > ONE {
-            Positive::steps(self.steps - ONE, 61).single()
+            Positive::from_steps(self.steps - ONE, 61).single()
         } else {
             0.0
         }
@@ -113,14 +113,14 @@ impl SetUp {
     /// Squared speed at height 0: least of a tall flight, with a margin for rounding.
     ///
     /// Above it the speed at every height h exceeds the track's, `sqrt(1 - h^2)`.
-    pub fn tall(&self) -> Positive {
-        const SPARE: u64 = (0.01 * (1_u64 << 60) as f64) as u64;
+    pub fn min_tall_speed_squared(&self) -> Positive {
+        const TALL_ROUNDING_MARGIN: u64 = (0.01 * (1_u64 << 60) as f64) as u64;
         let least = if self.hump > 0 {
             (1 << 60) + upper(2 * self.steps, 2 * self.steps)
         } else {
             self.steps
         };
-        Positive::many(SPARE + least, 60)
+        Positive::from_many_steps(TALL_ROUNDING_MARGIN + least, 60)
     }
 
     /// k pi, in the rounding of f64.
@@ -135,8 +135,7 @@ impl SetUp {
 
     /// `1 / (2 pi k)`.
     pub fn turns(&self) -> Positive {
-        const PER_TURN: Positive = Positive::of(1.0 / TAU);
-        self.k.inverse().times(PER_TURN)
+        self.k.inverse().times(Positive::TURNS_PER_RADIAN)
     }
 }
 
@@ -148,12 +147,15 @@ impl SetUp {
 #[inline(always)]
 fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
     /// `x` in steps of 2^-`places`.
-    const fn part(x: f64, places: i32) -> u64 {
-        Positive::of(x).nearest(places)
+    const fn to_steps(x: f64, places: i32) -> u64 {
+        Positive::from_f64(x).nearest(places)
     }
     let high = |a: u32, b: u32| ((u64::from(a) * u64::from(b)) >> 32) as u32;
-    let nearest = (nodes(single) as usize).min(QUARTER);
-    let [below, beside] = [node::QUARTER[nearest], node::QUARTER[QUARTER - nearest]];
+    let nearest = (nodes(single) as usize).min(QUARTER_NODES);
+    let [below, beside] = [
+        node::QUARTER_SINES[nearest],
+        node::QUARTER_SINES[QUARTER_NODES - nearest],
+    ];
     // In steps of 2^-61, below 2^-6.
     let apart = upper(2 * sine, beside) as i64 - upper(cosine, below) as i64;
     let x = apart.unsigned_abs();
@@ -161,11 +163,12 @@ fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
     // cube of 2^-50.
     let short = (x >> 23) as u32;
     let square = high(short, short);
-    let fifth = part(3.0 / 40.0, 32) as u32 + (high(square, part(15.0 / 336.0, 32) as u32) >> 12);
-    let third = part(1.0 / 6.0, 34) as u32 + (high(square, fifth) >> 10);
+    let fifth =
+        to_steps(3.0 / 40.0, 32) as u32 + (high(square, to_steps(15.0 / 336.0, 32) as u32) >> 12);
+    let third = to_steps(1.0 / 6.0, 34) as u32 + (high(square, fifth) >> 10);
     let more = high(high(square, short), third);
     // Turns in steps of 2^-63.
-    let turns = upper(x + (u64::from(more) << 9), part(1.0 / TAU, 66));
+    let turns = upper(x + (u64::from(more) << 9), to_steps(1.0 / TAU, 66));
     let from = (nearest as u64) << 55;
     let angle = if apart < 0 {
         from - turns
@@ -176,7 +179,7 @@ fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
 }
 
 /// Number of nodes in a quarter turn.
-const QUARTER: usize = node::COUNT / 4;
+const QUARTER_NODES: usize = node::COUNT / 4;
 
 /// The node nearest to the arcsine of `x`, plus a half; error 0.002 (Abramowitz & Stegun 4.4.45).
 #[inline(always)]
@@ -187,7 +190,7 @@ fn nodes(x: f32) -> f32 {
     let sum = ((in_nodes(-0.018_729_3) * x + in_nodes(0.074_261_0)) * x + in_nodes(-0.212_114_4))
         * x
         + in_nodes(1.570_728_8);
-    (QUARTER as f32 + 0.5) - square_root_single(1.0 - x) * sum
+    (QUARTER_NODES as f32 + 0.5) - square_root_single(1.0 - x) * sum
 }
 
 #[cfg(test)]
@@ -208,50 +211,54 @@ mod tests {
             1 << 30
         };
         let cosine = libm::sqrt(((1.0 - k) * (1.0 + k)).max(0.0));
-        let tall = 0.01 + if k < 1.0 { 1.0 + k * k } else { 2.0 * k };
+        let min_tall_speed_squared = 0.01 + if k < 1.0 { 1.0 + k * k } else { 2.0 * k };
         (
             lift_off,
             cosine as f32,
             (1.0 / k) as f32,
-            tall as f32,
+            min_tall_speed_squared as f32,
             Fixed::<48, i64>::nearest(k * PI).0,
             Fixed::<24, u32>::nearest(1.0 / (TAU * k)).0,
             Fixed::<26>::nearest(cosine).0,
-            Fixed::<27>::nearest(tall).0,
+            Fixed::<27>::nearest(min_tall_speed_squared).0,
         )
     }
 
-    fn is(k: f64) -> Constants {
+    fn computed(k: f64) -> Constants {
         let set_up = SetUp::build(k, 0.5).unwrap();
         (
             set_up.lift_off.bits(),
             set_up.lift_off_cosine.single(),
             set_up.inverse(),
-            set_up.tall().single(),
+            set_up.min_tall_speed_squared().single(),
             set_up.half_turn_fall().0,
             set_up.turns().nearest(24) as u32,
             set_up.lift_off_cosine.nearest(26) as i32,
-            set_up.tall().nearest(27) as i32,
+            set_up.min_tall_speed_squared().nearest(27) as i32,
         )
     }
 
     /// Counts: all k, those with another phase step than f64, those with another rounding than f64.
-    fn tried(ks: impl Iterator<Item = f64>) -> [u32; 3] {
+    fn count_differences(ks: impl Iterator<Item = f64>) -> [u32; 3] {
         let mut counts = [0; 3];
         for k in ks {
-            let (expected, is) = (expected(k), is(k));
+            let (expected, computed) = (expected(k), computed(k));
             counts[0] += 1;
-            if expected != is {
-                let off = expected.0.abs_diff(is.0);
-                assert!(off <= 1, "{k:e}: {expected:?} {is:?}");
+            if expected != computed {
+                let off = expected.0.abs_diff(computed.0);
+                assert!(off <= 1, "{k:e}: {expected:?} {computed:?}");
                 counts[1] += off;
                 let singles = |c: &Constants| (c.1, c.2, c.3);
                 let fixed = |c: &Constants| [c.5 as i32, c.6, c.7];
-                assert_eq!(expected.4, is.4, "{k:e}");
-                for (expected, is) in fixed(&expected).into_iter().zip(fixed(&is)) {
-                    assert!(expected.abs_diff(is) <= 1, "{k:e}: {expected} {is}");
+                assert_eq!(expected.4, computed.4, "{k:e}");
+                for (expected, computed) in fixed(&expected).into_iter().zip(fixed(&computed)) {
+                    assert!(
+                        expected.abs_diff(computed) <= 1,
+                        "{k:e}: {expected} {computed}"
+                    );
                 }
-                let other = singles(&expected) != singles(&is) || fixed(&expected) != fixed(&is);
+                let other = singles(&expected) != singles(&computed)
+                    || fixed(&expected) != fixed(&computed);
                 counts[2] += u32::from(other);
             }
         }
@@ -259,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn the_constants_are_those_of_f64() {
+    fn constants_match_f64() {
         let random = (0..200_000_u64).map(|n| {
             let bits = n.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 11;
             0.005 * libm::exp(6.684 * bits as f64 / (1_u64 << 53) as f64)
@@ -272,7 +279,8 @@ mod tests {
             ]
         });
         let ends = [0.005, 0.5, 1.0, 2.0, 4.0];
-        let [tried, phases, others] = tried(random.chain(single).chain(near_one).chain(ends));
+        let [tried, phases, others] =
+            count_differences(random.chain(single).chain(near_one).chain(ends));
         assert_eq!([phases, others], [0, 0]);
         assert!(tried > 400_000);
     }
@@ -280,15 +288,13 @@ mod tests {
     /// Every f32; takes minutes.
     #[test]
     #[ignore = "81 million k: with --release --ignored"]
-    fn the_constants_of_every_single_k_are_those_of_f64() {
+    fn constants_match_f64_for_every_f32_k() {
         let all = (0.005_f32.to_bits() + 1..=4.0_f32.to_bits())
             .map(|bits| f64::from(f32::from_bits(bits)));
-        let [tried, phases, others] = tried(all);
-        std::println!(
-            "of {tried} k {phases} lift off a step apart, {others} have a constant rounded otherwise"
-        );
-        // Differences from the last digit of libm.
-        assert!(phases < 40 && others < 40);
+        let [tried, phases, others] = count_differences(all);
+        // Differences from the last digit of libm: a lift-off a step apart, a constant rounded
+        // otherwise.
+        assert!(phases < 40 && others < 40, "{phases} {others} of {tried}");
     }
 
     #[test]

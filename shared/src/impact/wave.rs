@@ -16,6 +16,14 @@ pub struct Tone {
     pub angle: f64,
 }
 
+impl Tone {
+    /// A tone of this amplitude and angle.
+    #[inline(always)]
+    pub const fn new(amplitude: f64, angle: f64) -> Self {
+        Self { amplitude, angle }
+    }
+}
+
 /// Motion of the track at a phase, over lanes.
 #[derive(Clone, Copy)]
 pub(super) struct Motion<L> {
@@ -52,7 +60,7 @@ pub struct Wave {
     /// `e cos th` and `e sin th` of each harmonic.
     mixed: [[f64; 2]; 2],
     /// Every extremum of A, in the order of their phases: phase and value.
-    extrema: [[f64; 2]; MOST],
+    extrema: [[f64; 2]; MAX_ZEROS],
     count: usize,
     top: f64,
     bottom: f64,
@@ -60,10 +68,13 @@ pub struct Wave {
 }
 
 /// Number of zeros in a turn: largest for a trigonometric polynomial of three tones.
-pub(super) const MOST: usize = 6;
+pub(super) const MAX_ZEROS: usize = 6;
+
+/// Number of humps in a turn: largest, one between two of the zeros of A - k.
+pub(super) const MAX_HUMPS: usize = MAX_ZEROS / 2;
 
 /// Rounding of a bound of S or S', in b or `b w`.
-const SPARE: f64 = 1e-12;
+const BOUND_ROUNDING: f64 = 1e-12;
 
 impl Wave {
     /// The wave with these second and third harmonics.
@@ -76,16 +87,21 @@ impl Wave {
             ("third tone, amplitude", "third tone, angle"),
         ];
         for (tone, (amplitude, angle)) in [second, third].into_iter().zip(names) {
-            let held = (0.0..=0.5).contains(&tone.amplitude);
-            accept(amplitude, tone.amplitude, held, "0..0.5 of the first")?;
-            let held = (-TAU..=TAU).contains(&tone.angle);
-            accept(angle, tone.angle, held, "-6.2832..6.2832 rad")?;
+            let is_accepted = (0.0..=0.5).contains(&tone.amplitude);
+            accept(
+                amplitude,
+                tone.amplitude,
+                is_accepted,
+                "0..0.5 of the first",
+            )?;
+            let is_accepted = (-TAU..=TAU).contains(&tone.angle);
+            accept(angle, tone.angle, is_accepted, "-6.2832..6.2832 rad")?;
         }
-        Ok(Self::of(second, third))
+        Ok(Self::from_tones(second, third))
     }
 
     /// The wave of tones within their ranges.
-    fn of(second: Tone, third: Tone) -> Self {
+    fn from_tones(second: Tone, third: Tone) -> Self {
         let mixed = [second, third].map(|tone| {
             let turned = if tone.angle < 0.0 {
                 tone.angle + TAU
@@ -99,7 +115,7 @@ impl Wave {
             second,
             third,
             mixed,
-            extrema: [[0.0; 2]; MOST],
+            extrema: [[0.0; 2]; MAX_ZEROS],
             count: 0,
             top: 0.0,
             bottom: 0.0,
@@ -111,11 +127,13 @@ impl Wave {
         };
         for phase in wave.zeros(|m| [m.speed, -m.push], largest(3)).iter() {
             let height = wave.at(phase).height;
-            wave.top = wave.top.max(height + SPARE);
-            wave.bottom = wave.bottom.max(SPARE - height);
+            wave.top = wave.top.max(height + BOUND_ROUNDING);
+            wave.bottom = wave.bottom.max(BOUND_ROUNDING - height);
         }
         for phase in wave.zeros(|m| [m.push, m.surge], largest(4)).iter() {
-            wave.steepest = wave.steepest.max(wave.at(phase).speed.abs() + SPARE);
+            wave.steepest = wave
+                .steepest
+                .max(wave.at(phase).speed.abs() + BOUND_ROUNDING);
         }
         let crests = wave.zeros(|m| [m.surge, -m.bend], largest(5));
         for (extremum, phase) in wave.extrema.iter_mut().zip(crests.iter()) {
@@ -129,16 +147,12 @@ impl Wave {
     }
 
     /// One tone: the sine itself.
-    #[must_use]
     pub const fn sine() -> Self {
-        const NONE: Tone = Tone {
-            amplitude: 0.0,
-            angle: 0.0,
-        };
+        const NO_TONE: Tone = Tone::new(0.0, 0.0);
         // The same bits as the search in `of`: a plant uses this at every impact.
         Self {
-            second: NONE,
-            third: NONE,
+            second: NO_TONE,
+            third: NO_TONE,
             mixed: [[0.0; 2]; 2],
             extrema: [
                 [FRAC_PI_2, 1.0],
@@ -149,35 +163,29 @@ impl Wave {
                 [0.0; 2],
             ],
             count: 2,
-            top: 1.0 + SPARE,
-            bottom: 1.0 + SPARE,
-            steepest: 1.0 + SPARE,
+            top: 1.0 + BOUND_ROUNDING,
+            bottom: 1.0 + BOUND_ROUNDING,
+            steepest: 1.0 + BOUND_ROUNDING,
         }
     }
 
     /// The second harmonic.
-    #[must_use]
     pub fn second(&self) -> Tone {
         self.second
     }
 
     /// The third harmonic.
-    #[must_use]
     pub fn third(&self) -> Tone {
         self.third
     }
 
     /// The tones, each with its number; the first has amplitude 1 and angle 0.
     pub(crate) fn tones(&self) -> impl Iterator<Item = (f64, Tone)> {
-        let first = Tone {
-            amplitude: 1.0,
-            angle: 0.0,
-        };
+        let first = Tone::new(1.0, 0.0);
         [(1.0, first), (2.0, self.second), (3.0, self.third)].into_iter()
     }
 
     /// Whether the wave is a sine, without harmonics.
-    #[must_use]
     pub fn is_sine(&self) -> bool {
         self.second.amplitude == 0.0 && self.third.amplitude == 0.0
     }
@@ -185,14 +193,12 @@ impl Wave {
     /// Largest acceleration of the track, max |S''|, in units of `b w^2`, within 1e-14.
     ///
     /// Divided by k it is in units of `g cos(alpha)`.
-    #[must_use]
     pub fn peak_acceleration(&self) -> f64 {
         self.extrema()
             .fold(0.0, |peak, [_, push]| peak.max(push.abs()))
     }
 
     /// Largest k at which the track throws a resting part, max(-S'').
-    #[must_use]
     pub fn highest_throw(&self) -> f64 {
         self.extrema()
             .fold(0.0, |highest, [_, push]| highest.max(push))
@@ -200,7 +206,6 @@ impl Wave {
 
     /// Displacement S, velocity S', upward push A = -S'' and A' at a phase in rad, each
     /// within 4e-15.
-    #[must_use]
     pub(crate) fn motion(&self, phase: f64) -> [f64; 4] {
         let m = self.at(in_turn(phase));
         [m.height, m.speed, m.push, m.surge]
@@ -247,9 +252,9 @@ impl Wave {
     pub(super) fn parts<L: Lane, const N: usize>(&self, sine: L, cosine: L) -> Parts<L> {
         let double = (sine + sine) * cosine;
         let turned = (cosine - sine) * (cosine + sine);
-        let second = mixed(self.mixed[0], double, turned);
+        let second = mix_tone(self.mixed[0], double, turned);
         let third = if N > 2 {
-            mixed(
+            mix_tone(
                 self.mixed[1],
                 double * cosine + turned * sine,
                 turned * cosine - double * sine,
@@ -266,7 +271,7 @@ impl Wave {
     /// It starts where the function is large and takes steps too short to pass a zero. It may miss
     /// pairs of zeros within 1e-7 rad, between which the function is below 1e-14 of `bound`.
     fn zeros(&self, of: impl Fn(&Motion<f64>) -> [f64; 2], bound: f64) -> Zeros {
-        const SHORTEST: f64 = 1e-7;
+        const MIN_STEP: f64 = 1e-7;
         let at = |phase: f64| of(&self.at(in_turn(phase)));
         let mut start = 0.0;
         for n in 1..16 {
@@ -276,7 +281,7 @@ impl Wave {
             }
         }
         let mut zeros = Zeros {
-            phases: [0.0; MOST],
+            phases: [0.0; MAX_ZEROS],
             count: 0,
         };
         let (mut phase, mut value) = (start, at(start));
@@ -288,9 +293,10 @@ impl Wave {
                 (value[0], value[1])
             };
             let step = (slope + libm::sqrt(slope * slope + 2.0 * bound * size)) / bound;
-            let next = phase + step.max(SHORTEST);
+            let next = phase + step.max(MIN_STEP);
             let then = at(next);
-            if (then[0] < 0.0) != (value[0] < 0.0) && zeros.count < MOST && next < start + TAU {
+            if (then[0] < 0.0) != (value[0] < 0.0) && zeros.count < MAX_ZEROS && next < start + TAU
+            {
                 zeros.phases[zeros.count] = in_turn(crossing(&at, phase, next));
                 zeros.count += 1;
             }
@@ -304,7 +310,7 @@ impl Wave {
 
 /// The zeros of a derivative of S in a turn, in order.
 struct Zeros {
-    phases: [f64; MOST],
+    phases: [f64; MAX_ZEROS],
     count: usize,
 }
 
@@ -316,7 +322,7 @@ impl Zeros {
 
 /// Displacement and velocity over its frequency of a tone, from its `e cos th` and `e sin th`.
 #[inline(always)]
-fn mixed<L: Lane>([a, b]: [f64; 2], sine: L, cosine: L) -> [L; 2] {
+fn mix_tone<L: Lane>([a, b]: [f64; 2], sine: L, cosine: L) -> [L; 2] {
     let (a, b) = (L::splat(a), L::splat(b));
     [a * sine + b * cosine, a * cosine - b * sine]
 }
@@ -385,10 +391,7 @@ mod tests {
     fn waves() -> impl Iterator<Item = Wave> {
         (0..400).map(|n| {
             let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
-            let tone = |a: f64, b: f64| Tone {
-                amplitude: 0.5 * spread(a),
-                angle: TAU * (2.0 * spread(b) - 1.0),
-            };
+            let tone = |a: f64, b: f64| Tone::new(0.5 * spread(a), TAU * (2.0 * spread(b) - 1.0));
             let third = if n % 2 == 0 {
                 tone(0.732_051, 0.236_068)
             } else {
@@ -447,16 +450,16 @@ mod tests {
     }
 
     #[test]
-    fn the_sine_is_a_wave() {
+    fn wave_of_one_tone_is_the_sine() {
         let sine = Wave::sine();
         assert!(sine.is_sine() && sine.count == 2);
-        assert_eq!(sine, Wave::of(Tone::default(), Tone::default()));
+        assert_eq!(sine, Wave::from_tones(Tone::default(), Tone::default()));
         assert!((sine.peak_acceleration() - 1.0).abs() < 1e-15);
         assert!((sine.top - 1.0).abs() < 2e-12 && (sine.steepest - 1.0).abs() < 2e-12);
     }
 
     #[test]
-    fn a_tone_out_of_range_is_named() {
+    fn tone_out_of_range_is_named() {
         let tone = |amplitude, angle| Tone { amplitude, angle };
         for (second, third, parameter) in [
             (tone(0.6, 0.0), Tone::default(), "second tone, amplitude"),

@@ -41,7 +41,7 @@ pub fn first_return_edge(restitution: f64, order: u32) -> Result<f64, OutOfRange
 
 /// Restitution above which the flight touches the track at no k. The exact limits are lower: 0.0205
 /// at order 1, about `3 / (16 pi^2 r^2)` at order r.
-const NO_TOUCH: f64 = 0.03;
+const MAX_TOUCHING_RESTITUTION: f64 = 0.03;
 
 /// Tangent of the largest launch phase t0 at which the flight touches the track before `r` cycles;
 /// negative if there is none.
@@ -56,7 +56,7 @@ const NO_TOUCH: f64 = 0.03;
 fn touching_slope(restitution: f64, birth: f64) -> f64 {
     /// Taylor coefficients of (s - sin s)/s^3 in s^2. The next term is below 1e-15 of the sum at s
     /// = 0.6.
-    const SINE: [f64; 6] = [
+    const SINE_COEFFICIENTS: [f64; 6] = [
         1.0 / 6.0,
         -1.0 / 120.0,
         1.0 / 5_040.0,
@@ -65,7 +65,7 @@ fn touching_slope(restitution: f64, birth: f64) -> f64 {
         -1.0 / 6_227_020_800.0,
     ];
     /// Taylor coefficients of (1 - cos s)/s^2 in s^2.
-    const COSINE: [f64; 6] = [
+    const COSINE_COEFFICIENTS: [f64; 6] = [
         1.0 / 2.0,
         -1.0 / 24.0,
         1.0 / 720.0,
@@ -77,7 +77,7 @@ fn touching_slope(restitution: f64, birth: f64) -> f64 {
         // The maximum is at s = 0.
         return birth;
     }
-    if restitution > NO_TOUCH {
+    if restitution > MAX_TOUCHING_RESTITUTION {
         return -1.0;
     }
     // pi r k1 = 1 + excess.
@@ -88,8 +88,8 @@ fn touching_slope(restitution: f64, birth: f64) -> f64 {
     // or more.
     for _ in 0..6 {
         let square = after * after;
-        let (sine, sine_slope) = polynomial(&SINE, square);
-        let (cosine, cosine_slope) = polynomial(&COSINE, square);
+        let (sine, sine_slope) = polynomial(&SINE_COEFFICIENTS, square);
+        let (cosine, cosine_slope) = polynomial(&COSINE_COEFFICIENTS, square);
         slope = (0.5 * birth - after * sine - excess / after) / cosine;
         let weight = sine + 2.0 * square * sine_slope + 2.0 * after * slope * cosine_slope;
         after = libm::sqrt(excess / weight);
@@ -200,7 +200,6 @@ pub struct Margins {
 
 impl Margins {
     /// Smaller of the two relative distances in amplitude; negative outside the band.
-    #[must_use]
     pub fn smallest(&self) -> f64 {
         self.low.amplitude.min(self.high.amplitude)
     }
@@ -221,43 +220,37 @@ impl Band {
             order,
             flip: low,
             birth: high,
-            high_bound: highest_partner(restitution, order, high)?,
-            low_bound: lowest_partner(order, low)?,
+            high_bound: max_high_bound(restitution, order, high)?,
+            low_bound: min_low_bound(order, low)?,
         }))
     }
 
     /// Drive cycles per impact (symbol r).
-    #[must_use]
     pub fn order(&self) -> u32 {
         self.order
     }
 
     /// Low edge in k, at which the part of highest restitution flips to twice its period.
-    #[must_use]
     pub fn low(&self) -> f64 {
         self.low
     }
 
     /// High edge in k, above which the part of lowest restitution has no such orbit.
-    #[must_use]
     pub fn high(&self) -> f64 {
         self.high
     }
 
     /// Whether `k` lies strictly inside.
-    #[must_use]
     pub fn contains(&self, k: f64) -> bool {
         self.low < k && k < self.high
     }
 
     /// k with the largest margin: its amplitude is the mean of the amplitudes at the edges.
-    #[must_use]
     pub fn setpoint(&self) -> f64 {
         2.0 / (1.0 / self.low + 1.0 / self.high)
     }
 
     /// Distances of `k` to both edges.
-    #[must_use]
     pub fn margins(&self, k: f64) -> Margins {
         Margins {
             low: Distance {
@@ -274,7 +267,7 @@ impl Band {
 
 /// Restitution whose k2 is `edge`, by bisection: the limit of a high bound that shares a band with
 /// the low bound.
-fn highest_partner(restitution: Restitution, order: u32, edge: f64) -> Result<f64, OutOfRange> {
+fn max_high_bound(restitution: Restitution, order: u32, edge: f64) -> Result<f64, OutOfRange> {
     let (mut low, mut high) = (restitution.low(), restitution.high());
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
@@ -291,7 +284,7 @@ fn highest_partner(restitution: Restitution, order: u32, edge: f64) -> Result<f6
 }
 
 /// Restitution whose k1 is `edge` (equation 15 solved for R).
-fn lowest_partner(order: u32, edge: f64) -> Result<f64, OutOfRange> {
+fn min_low_bound(order: u32, edge: f64) -> Result<f64, OutOfRange> {
     let launch = PI * accept_order(order)? * edge;
     Ok(((launch - 1.0) / (launch + 1.0)).max(0.0))
 }
@@ -300,10 +293,9 @@ fn lowest_partner(order: u32, edge: f64) -> Result<f64, OutOfRange> {
 mod tests {
     use super::super::lock::Lock;
     use super::*;
-    use std::println;
 
     #[test]
-    fn edges_are_the_papers_corrected_numbers() {
+    fn edges_match_the_corrected_paper() {
         // Six decimals from docs/theory-bands.md#t5.2, 20 digits from docs/theory-bands.md#t6.1.
         for (order, k2, k1) in [
             (1, 0.393052, 0.477465),
@@ -324,11 +316,11 @@ mod tests {
     }
 
     #[test]
-    fn the_multiplier_is_one_at_birth_and_minus_one_at_the_flip() {
+    fn multiplier_is_1_at_birth_and_minus_1_at_flip() {
         for restitution in [0.05, 0.2, 0.5, 0.8, 0.95] {
             for order in [1, 2, 5] {
                 let square = restitution * restitution;
-                let at = |k| Lock::at(k, restitution, order).unwrap().unwrap().trace();
+                let at = |k| Lock::build(k, restitution, order).unwrap().unwrap().trace();
                 let k2 = flip(restitution, order).unwrap();
                 assert!((at(k2) + 1.0 + square).abs() < 1e-12);
                 // t0 varies as the square root of k1 - k.
@@ -336,10 +328,15 @@ mod tests {
                 assert!((at(k1 * (1.0 - 1e-12)) - 1.0 - square).abs() < 1e-5 / k1.min(1.0));
                 for step in 1..20 {
                     let k = k2 + (k1 - k2) * f64::from(step) / 20.0;
-                    assert!(Lock::at(k, restitution, order).unwrap().unwrap().attracts());
+                    assert!(
+                        Lock::build(k, restitution, order)
+                            .unwrap()
+                            .unwrap()
+                            .attracts()
+                    );
                 }
                 assert!(
-                    !Lock::at(k2 * 0.999, restitution, order)
+                    !Lock::build(k2 * 0.999, restitution, order)
                         .unwrap()
                         .unwrap()
                         .attracts()
@@ -349,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wide_lot_has_no_band_and_is_told_which_would_have() {
+    fn wide_lot_error_names_the_lots_with_a_band() {
         let wide = Restitution::interval(0.1, 0.3).unwrap();
         let Err(BandError::Empty(none)) = Band::common(wide, 1) else {
             panic!("R in 0.1..0.3 has no common band");
@@ -368,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn the_common_band_is_inside_the_band_of_every_part_and_the_setpoint_is_balanced() {
+    fn common_band_is_inside_the_band_of_each_part() {
         for (low, high) in [
             (0.0, 0.01),
             (0.18, 0.22),
@@ -389,7 +386,7 @@ mod tests {
                 for step in 0..=10 {
                     let restitution = low + (high - low) * f64::from(step) / 10.0;
                     for k in [band.low() * (1.0 + 1e-9), k, band.high() * (1.0 - 1e-9)] {
-                        let lock = Lock::at(k, restitution, order).unwrap().unwrap();
+                        let lock = Lock::build(k, restitution, order).unwrap().unwrap();
                         assert!(
                             lock.attracts() && lock.is_first_return(),
                             "R {restitution} k {k}"
@@ -401,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn only_nearly_dead_parts_touch_the_track_before_they_return() {
+    fn only_low_restitutions_touch_before_their_return() {
         // At R = 0 a launch needs sin t0 > k, so k < (1 + pi^2 r^2)^(-1/2).
         for order in [1_u32, 2, 3, 100] {
             let r = f64::from(order);
@@ -418,7 +415,7 @@ mod tests {
                 );
                 for part in 1..10 {
                     let k = k2 + (k1 - k2) * f64::from(part) / 10.0;
-                    let lock = Lock::at(k, restitution, order).unwrap().unwrap();
+                    let lock = Lock::build(k, restitution, order).unwrap().unwrap();
                     assert!(
                         lock.is_first_return(),
                         "R {restitution} order {order} k {k}"
@@ -429,7 +426,7 @@ mod tests {
     }
 
     #[test]
-    fn the_edge_is_where_flights_of_the_map_begin_to_touch() {
+    fn edge_matches_the_first_touch_of_the_map() {
         let (mut touching, mut worst) = (0, 0.0_f64);
         for order in 1..=100 {
             let r = f64::from(order);
@@ -441,7 +438,7 @@ mod tests {
                 let edge = first_return_edge(restitution, order).unwrap();
                 let k1 = birth(restitution, order).unwrap();
                 let flown = |k: f64| {
-                    Lock::at(k, restitution, order)
+                    Lock::build(k, restitution, order)
                         .unwrap()
                         .unwrap()
                         .is_first_return()
@@ -460,7 +457,6 @@ mod tests {
                 worst = worst.max((edge / low - 1.0).abs());
             }
         }
-        println!("relative difference from the map's edge: {worst:.1e} in {touching} cases");
         assert!(touching > 5000 && worst < 1e-9, "{touching} {worst}");
     }
 }

@@ -9,7 +9,7 @@ use core::f64::consts::TAU;
 use heapless::Vec;
 
 use super::band;
-use super::lock::{Lock, Multipliers, accept_order, accept_restitution};
+use super::lock::{Lock, Multipliers, accept_order, accept_restitution, wrap_phase};
 use super::spread;
 use super::wave_band::{Bifurcation, WaveBands};
 use crate::feeder::{OutOfRange, accept};
@@ -19,7 +19,7 @@ use crate::impact::{Impact, Kernel, Map, PartState, Tangent, Wave, WaveMap};
 pub const FEIGENBAUM: f64 = 4.669_201_609_102_99;
 
 /// Largest number of flips located; the last gap is about 1e-7 of the first.
-pub const HIGHEST_DOUBLINGS: usize = 10;
+pub const MAX_DOUBLINGS: usize = 10;
 
 /// Reason for the end of a cascade.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,7 +54,6 @@ pub struct DoubledOrbit {
 impl DoubledOrbit {
     /// Both Lyapunov exponents per impact, the larger first: `ln |multiplier|` over the impacts.
     /// Their sum is 2 ln R.
-    #[must_use]
     pub fn exponents(&self) -> [f64; 2] {
         let sizes = match self.multipliers {
             Multipliers::Real(larger, smaller) => [larger, smaller],
@@ -76,18 +75,18 @@ impl DoubledOrbit {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cascade {
-    flips: Vec<f64, HIGHEST_DOUBLINGS>,
+    flips: Vec<f64, MAX_DOUBLINGS>,
     /// A point of the orbit at each flip.
-    states: Vec<PartState, HIGHEST_DOUBLINGS>,
+    states: Vec<PartState, MAX_DOUBLINGS>,
     end: CascadeEnd,
     birth: f64,
-    track: Track,
+    track: MapSettings,
     order: u32,
 }
 
 /// Motion of the track, and restitution.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Track {
+enum MapSettings {
     Sine { restitution: f64 },
     Tones { wave: Wave, restitution: f64 },
 }
@@ -97,17 +96,17 @@ enum Track {
     clippy::large_enum_variant,
     reason = "one at a time lives, and without an allocator there is no box"
 )]
-enum Over {
+enum TrackMap {
     Sine(Map),
     Tones(WaveMap),
 }
 
-impl Track {
-    fn at(&self, k: f64) -> Option<Over> {
+impl MapSettings {
+    fn map_at(&self, k: f64) -> Option<TrackMap> {
         match *self {
-            Self::Sine { restitution } => Map::build(k, restitution).ok().map(Over::Sine),
+            Self::Sine { restitution } => Map::build(k, restitution).ok().map(TrackMap::Sine),
             Self::Tones { wave, restitution } => {
-                WaveMap::on(wave, k, restitution).ok().map(Over::Tones)
+                WaveMap::on(wave, k, restitution).ok().map(TrackMap::Tones)
             }
         }
     }
@@ -119,7 +118,7 @@ impl Track {
     }
 }
 
-impl Over {
+impl TrackMap {
     fn impact(&self, state: PartState) -> Impact<PartState> {
         match self {
             Self::Sine(map) => map.impact(state),
@@ -129,7 +128,7 @@ impl Over {
 
     fn tangent(&self, state: PartState, impact: &Impact<PartState>) -> Option<Tangent> {
         match self {
-            Self::Sine(map) => Tangent::of(map, state, impact),
+            Self::Sine(map) => Tangent::build(map, state, impact),
             Self::Tones(map) => Tangent::on_tones(map, state, impact),
         }
     }
@@ -149,7 +148,7 @@ impl Cascade {
         accept(
             "doublings",
             doublings as f64,
-            (1..=HIGHEST_DOUBLINGS).contains(&doublings),
+            (1..=MAX_DOUBLINGS).contains(&doublings),
             "1..10",
         )?;
         let flip = band::flip(restitution, order)?;
@@ -158,13 +157,13 @@ impl Cascade {
             states: Vec::new(),
             end: CascadeEnd::Complete,
             birth: band::birth(restitution, order)?,
-            track: Track::Sine { restitution },
+            track: MapSettings::Sine { restitution },
             order,
         };
-        let Some(lock) = Lock::at(flip, restitution, order)? else {
+        let Some(lock) = Lock::build(flip, restitution, order)? else {
             return Ok(cascade);
         };
-        Ok(cascade.followed(lock.state(), doublings))
+        Ok(cascade.append_flips(lock.state(), doublings))
     }
 
     /// As [`Cascade::locate`] on a track of several tones, below the highest band that ends in a
@@ -178,10 +177,10 @@ impl Cascade {
         accept(
             "doublings",
             doublings as f64,
-            (1..=HIGHEST_DOUBLINGS).contains(&doublings),
+            (1..=MAX_DOUBLINGS).contains(&doublings),
             "1..10",
         )?;
-        let bands = WaveBands::of(wave, restitution, order)?;
+        let bands = WaveBands::find(wave, restitution, order)?;
         let flips = |band: &super::wave_band::WaveBand| band.low.bifurcation == Bifurcation::Flip;
         let Some(band) = bands.iter().find(flips) else {
             return Ok(None);
@@ -192,27 +191,28 @@ impl Cascade {
             states: Vec::new(),
             end: CascadeEnd::Complete,
             birth: band.high.k,
-            track: Track::Tones {
+            track: MapSettings::Tones {
                 wave: *wave,
                 restitution,
             },
             order,
         };
-        let state = PartState {
-            phase: band.low.phase,
-            velocity: TAU * f64::from(order) * flip * restitution / (1.0 + restitution),
-        };
-        Ok(Some(cascade.followed(state, doublings)))
+        let state = PartState::new(
+            band.low.phase,
+            TAU * f64::from(order) * flip * restitution / (1.0 + restitution),
+        );
+        Ok(Some(cascade.append_flips(state, doublings)))
     }
 
     /// Appends the flips after the first; `state` is a point of the orbit at the first.
-    fn followed(mut self, mut state: PartState, doublings: usize) -> Self {
+    fn append_flips(mut self, mut state: PartState, doublings: usize) -> Self {
         // The lists have the capacity of the largest accepted number.
         let _ = self.states.push(state);
         while self.flips.len() < doublings {
-            let inside = self.inside();
+            let first_offset = self.first_offset();
             let flip = self.flips.last().copied().unwrap_or(self.birth);
-            let Some((next, orbit)) = self.walker().next_flip(flip, inside, state) else {
+            let Some((next, orbit)) = self.continuation().next_flip(flip, first_offset, state)
+            else {
                 self.end = CascadeEnd::Lost;
                 break;
             };
@@ -225,7 +225,7 @@ impl Cascade {
 
     /// Distance in k below the last flip at which the next continuation starts, well above the next
     /// flip.
-    fn inside(&self) -> f64 {
+    fn first_offset(&self) -> f64 {
         match self.flips.as_slice() {
             [.., before, flip] => 0.35 * (before - flip) / FEIGENBAUM,
             // The first gap is unknown; for each R and order 0.2 % of k is well within it.
@@ -235,13 +235,13 @@ impl Cascade {
     }
 
     /// Continuation of the orbit created at the last flip.
-    fn walker(&self) -> Walker {
-        self.walker_after(self.flips.len())
+    fn continuation(&self) -> Continuation {
+        self.continuation_after(self.flips.len())
     }
 
-    fn walker_after(&self, flips: usize) -> Walker {
+    fn continuation_after(&self, flips: usize) -> Continuation {
         let impacts = 1_u32 << flips;
-        Walker {
+        Continuation {
             track: self.track,
             impacts,
             turns: f64::from(self.order) * f64::from(impacts),
@@ -256,54 +256,52 @@ impl Cascade {
     /// doubling is detectable while two phases that it separated differ by more than the sum of
     /// their standard deviations. Each further doubling has a limit lower by 6.62 (Crutchfield,
     /// Nauenberg and Rudnick 1981).
-    pub fn visible_below(&self) -> impl Iterator<Item = Option<f64>> + '_ {
+    pub fn max_visible_scatters(&self) -> impl Iterator<Item = Option<f64>> + '_ {
         (0..self.flips.len()).map(|n| {
-            let (walker, k, state) = self.middle(n)?;
-            walker.parted(k, state)
+            let (continuation, k, state) = self.window_middle(n)?;
+            continuation.max_separating_scatter(k, state)
         })
     }
 
     /// The orbit created at each flip, in the middle of its window; `None` if it was lost.
-    pub fn doubled(&self) -> impl Iterator<Item = Option<DoubledOrbit>> + '_ {
+    pub fn doubled_orbits(&self) -> impl Iterator<Item = Option<DoubledOrbit>> + '_ {
         (0..self.flips.len()).map(|n| {
-            let (walker, k, state) = self.middle(n)?;
-            let map = self.track.at(k)?;
-            let [[a, _], [_, d]] = walker.around(&map, state)?.jacobian;
+            let (continuation, k, state) = self.window_middle(n)?;
+            let map = self.track.map_at(k)?;
+            let [[a, _], [_, d]] = continuation.return_map(&map, state)?.jacobian;
             // Each impact has the determinant R^2 psi/psi'. Computed from the entries it would be
             // lost in cancellation.
-            let impacts = walker.impacts;
+            let impacts = continuation.impacts;
             let determinant = libm::pow(self.track.restitution(), 2.0 * f64::from(impacts));
             Some(DoubledOrbit {
                 k,
                 impacts,
-                multipliers: Multipliers::of(a + d, determinant),
+                multipliers: Multipliers::from_trace(a + d, determinant),
             })
         })
     }
 
     /// The orbit created at flip `n`, halfway to the next flip; the last gap follows from
     /// Feigenbaum's constant.
-    fn middle(&self, n: usize) -> Option<(Walker, f64, PartState)> {
+    fn window_middle(&self, n: usize) -> Option<(Continuation, f64, PartState)> {
         let gap = match (self.flips.get(n + 1), n.checked_sub(1)) {
             (Some(next), _) => self.flips[n] - next,
             (None, Some(before)) => (self.flips[before] - self.flips[n]) / FEIGENBAUM,
             (None, None) => 4e-3 * self.flips[n],
         };
-        let walker = self.walker_after(n + 1);
+        let continuation = self.continuation_after(n + 1);
         let k = self.flips[n] - 0.5 * gap;
-        let near = walker.attracted(k, *self.states.get(n)?)?;
-        let state = walker.solve(k, near)?;
-        Some((walker, k, state))
+        let near = continuation.iterate_to_orbit(k, *self.states.get(n)?)?;
+        let state = continuation.solve_orbit(k, near)?;
+        Some((continuation, k, state))
     }
 
     /// k of the flips in falling order, the 1 -> 2 flip first.
-    #[must_use]
     pub fn flips(&self) -> &[f64] {
         &self.flips
     }
 
     /// Reason for the end of the cascade.
-    #[must_use]
     pub fn end(&self) -> CascadeEnd {
         self.end
     }
@@ -317,7 +315,6 @@ impl Cascade {
 
     /// Accumulation point of the flips in k, where chaos begins, extrapolated with Feigenbaum's
     /// constant; `None` below two flips.
-    #[must_use]
     pub fn k_infinity(&self) -> Option<Estimate> {
         let extrapolate = |n: usize| {
             let (before, last) = (self.flips[n - 2], self.flips[n - 1]);
@@ -345,34 +342,38 @@ impl Cascade {
     }
 
     /// k1 of the order, where the period-1 orbit is created.
-    #[must_use]
     pub fn birth(&self) -> f64 {
         self.birth
     }
 }
 
 /// Continuation along k of an orbit of `impacts` impacts in `turns` drive cycles.
-struct Walker {
-    track: Track,
+struct Continuation {
+    track: MapSettings,
     impacts: u32,
     turns: f64,
 }
 
-impl Walker {
-    /// The next flip below `flip` and a point of the orbit there; the continuation starts `inside`
-    /// below `flip`.
-    fn next_flip(&self, flip: f64, inside: f64, state: PartState) -> Option<(f64, PartState)> {
-        let mut k = flip - inside;
-        let mut state = self.solve(k, self.attracted(k, state)?)?;
-        let mut condition = self.condition(k, state)?;
+impl Continuation {
+    /// The next flip below `flip` and a point of the orbit there; the continuation starts
+    /// `first_offset` below `flip`.
+    fn next_flip(
+        &self,
+        flip: f64,
+        first_offset: f64,
+        state: PartState,
+    ) -> Option<(f64, PartState)> {
+        let mut k = flip - first_offset;
+        let mut state = self.solve_orbit(k, self.iterate_to_orbit(k, state)?)?;
+        let mut condition = self.flip_condition(k, state)?;
         // The doubled orbit is created with a multiplier of 1.
         let square = libm::pow(self.track.restitution(), 2.0 * f64::from(self.impacts));
-        let mut slope = (2.0 * (1.0 + square) - condition) / inside;
+        let mut slope = (2.0 * (1.0 + square) - condition) / first_offset;
         for _ in 0..60 {
             // The condition is nearly linear in k and falls to 0 at the flip.
-            let most = 0.5 * inside.max(flip - k);
-            let mut step = (-condition / slope).clamp(-most, most);
-            let drift = self.drift(k, state)?;
+            let max_step = 0.5 * first_offset.max(flip - k);
+            let mut step = (-condition / slope).clamp(-max_step, max_step);
+            let drift = self.orbit_derivative(k, state)?;
             // Damping: halve a step that jumps to another orbit, detected by a condition that did
             // not approach 0.
             let (next, orbit, value) = loop {
@@ -384,8 +385,8 @@ impl Walker {
                 )
                 .ok()?;
                 let found = self
-                    .solve(next, ahead)
-                    .and_then(|orbit| Some((next, orbit, self.condition(next, orbit)?)));
+                    .solve_orbit(next, ahead)
+                    .and_then(|orbit| Some((next, orbit, self.flip_condition(next, orbit)?)));
                 match found {
                     Some(found) if small || libm::fabs(found.2) < libm::fabs(condition) => {
                         break found;
@@ -413,8 +414,8 @@ impl Walker {
     }
 
     /// A point near the attracting orbit, by iteration from a point near the orbit that flipped.
-    fn attracted(&self, k: f64, state: PartState) -> Option<PartState> {
-        let map = self.track.at(k)?;
+    fn iterate_to_orbit(&self, k: f64, state: PartState) -> Option<PartState> {
+        let map = self.track.map_at(k)?;
         let mut state =
             Map::state(state.phase + 1e-3 / f64::from(self.impacts), state.velocity).ok()?;
         for _ in 0..(2000 + 200 * self.impacts) {
@@ -428,16 +429,16 @@ impl Walker {
     }
 
     /// The orbit at `k` by Newton's method from `state`.
-    fn solve(&self, k: f64, state: PartState) -> Option<PartState> {
-        let map = self.track.at(k)?;
+    fn solve_orbit(&self, k: f64, state: PartState) -> Option<PartState> {
+        let map = self.track.map_at(k)?;
         let mut state = state;
         let mut last = f64::INFINITY;
         for _ in 0..30 {
-            let Around {
-                missing: (x, y),
+            let ReturnMap {
+                closure_error: (x, y),
                 jacobian: [[a, b], [c, d]],
                 ..
-            } = self.around(&map, state)?;
+            } = self.return_map(&map, state)?;
             // Newton step: (J - 1) (dt, dpsi) = -(x, y).
             let determinant = (a - 1.0) * (d - 1.0) - b * c;
             let dt = (-x * (d - 1.0) + y * b) / determinant;
@@ -456,13 +457,13 @@ impl Walker {
     }
 
     /// Derivative of the orbit by k: `(1 - J)^-1` times the derivative of the return map by k.
-    fn drift(&self, k: f64, state: PartState) -> Option<(f64, f64)> {
-        let map = self.track.at(k)?;
-        let Around {
+    fn orbit_derivative(&self, k: f64, state: PartState) -> Option<(f64, f64)> {
+        let map = self.track.map_at(k)?;
+        let ReturnMap {
             by_k: [x, y],
             jacobian: [[a, b], [c, d]],
             ..
-        } = self.around(&map, state)?;
+        } = self.return_map(&map, state)?;
         let determinant = (1.0 - a) * (1.0 - d) - b * c;
         let drift = (
             ((1.0 - d) * x + b * y) / determinant,
@@ -472,23 +473,22 @@ impl Walker {
     }
 
     /// Flip condition `1 + trace + determinant`, 0 where a multiplier is -1.
-    fn condition(&self, k: f64, state: PartState) -> Option<f64> {
-        let map = self.track.at(k)?;
-        let [[a, b], [c, d]] = self.around(&map, state)?.jacobian;
+    fn flip_condition(&self, k: f64, state: PartState) -> Option<f64> {
+        let map = self.track.map_at(k)?;
+        let [[a, b], [c, d]] = self.return_map(&map, state)?.jacobian;
         let value = 1.0 + a + d + (a * d - b * c);
         value.is_finite().then_some(value)
     }
 
     /// Largest relative scatter of restitution at which the two halves of the orbit are
     /// distinguishable.
-    fn parted(&self, k: f64, start: PartState) -> Option<f64> {
-        const MOST: usize = 1 << HIGHEST_DOUBLINGS;
-        let map = self.track.at(k)?;
-        let around = self.around(&map, start)?;
+    fn max_separating_scatter(&self, k: f64, start: PartState) -> Option<f64> {
+        let map = self.track.map_at(k)?;
+        let around = self.return_map(&map, start)?;
         let step = |state: PartState, covariance: [[f64; 2]; 2]| {
             let impact = map.impact(state);
             let jacobian = map.tangent(state, &impact)?.jacobian;
-            let mut then = spread::carried(jacobian, covariance);
+            let mut then = spread::propagate_covariance(jacobian, covariance);
             then[1][1] += impact.next.velocity * impact.next.velocity;
             Some((impact.next, then))
         };
@@ -497,9 +497,9 @@ impl Walker {
         for _ in 0..self.impacts {
             (state, covariance) = step(state, covariance)?;
         }
-        let mut covariance = spread::summed(around.jacobian, covariance);
+        let mut covariance = spread::solve_lyapunov(around.jacobian, covariance);
         let mut state = start;
-        let mut phases: Vec<(f64, f64), MOST> = Vec::new();
+        let mut phases: Vec<(f64, f64), { 1 << MAX_DOUBLINGS }> = Vec::new();
         for _ in 0..self.impacts {
             (state, covariance) = step(state, covariance)?;
             phases
@@ -507,16 +507,15 @@ impl Walker {
                 .ok()?;
         }
         let (first, second) = phases.split_at(phases.len() / 2);
-        let most = first.iter().zip(second).fold(0.0_f64, |most, (a, b)| {
-            let apart = a.0 - b.0;
-            let apart = libm::fabs(apart - TAU * libm::round(apart / TAU));
-            most.max(apart / (a.1 + b.1))
+        let max_ratio = first.iter().zip(second).fold(0.0_f64, |max_ratio, (a, b)| {
+            let difference = libm::fabs(wrap_phase(a.0 - b.0));
+            max_ratio.max(difference / (a.1 + b.1))
         });
-        (most > 0.0).then_some(most)
+        (max_ratio > 0.0).then_some(max_ratio)
     }
 
     /// Return map: one period of the orbit, with its derivatives.
-    fn around(&self, map: &Over, start: PartState) -> Option<Around> {
+    fn return_map(&self, map: &TrackMap, start: PartState) -> Option<ReturnMap> {
         let mut state = start;
         let mut product = [[1.0, 0.0], [0.0, 1.0]];
         let mut by_k = [0.0, 0.0];
@@ -545,10 +544,9 @@ impl Walker {
         if libm::fabs(flights - TAU * self.turns) > 1.0 {
             return None;
         }
-        let apart = state.phase - start.phase;
-        Some(Around {
-            missing: (
-                apart - TAU * libm::round(apart / TAU),
+        Some(ReturnMap {
+            closure_error: (
+                wrap_phase(state.phase - start.phase),
                 state.velocity - start.velocity,
             ),
             jacobian: product,
@@ -558,9 +556,9 @@ impl Walker {
 }
 
 /// One period of an orbit.
-struct Around {
+struct ReturnMap {
     /// Closure error in phase (rad) and velocity (`b w`).
-    missing: (f64, f64),
+    closure_error: (f64, f64),
     jacobian: [[f64; 2]; 2],
     /// Derivative of the end point by k.
     by_k: [f64; 2],
@@ -611,11 +609,11 @@ mod tests {
     ];
 
     #[test]
-    fn a_doubled_orbit_attracts_in_its_window_and_its_exponents_are_those_of_a_long_orbit() {
+    fn doubled_orbit_exponents_match_a_long_orbit() {
         use crate::regime::exponent::{ExponentSettings, measure};
         for (restitution, order) in [(0.2, 1), (0.5, 1), (0.5, 2)] {
             let cascade = Cascade::locate(restitution, order, 4).unwrap();
-            for (n, orbit) in cascade.doubled().enumerate() {
+            for (n, orbit) in cascade.doubled_orbits().enumerate() {
                 let orbit = orbit.unwrap();
                 assert_eq!(orbit.impacts, 2 << n);
                 assert!(orbit.multipliers.modulus() < 1.0, "{orbit:?}");
@@ -645,7 +643,7 @@ mod tests {
     }
 
     #[test]
-    fn flips_are_the_references() {
+    fn flips_match_the_references() {
         for (restitution, order, flips) in FLIPS {
             let cascade = Cascade::locate(restitution, order, flips.len()).unwrap();
             assert_eq!(cascade.end(), CascadeEnd::Complete);
@@ -659,7 +657,7 @@ mod tests {
     }
 
     #[test]
-    fn ratios_tend_to_feigenbaums_constant_and_the_limit_holds_its_error() {
+    fn gap_ratios_tend_to_feigenbaums_constant() {
         let cascade = Cascade::locate(0.2, 1, 8).unwrap();
         for (ratio, reference) in cascade
             .ratios()
@@ -692,24 +690,24 @@ mod tests {
     }
 
     #[test]
-    fn each_doubling_is_seen_at_six_times_less_scatter_than_the_one_before() {
+    fn visible_scatter_falls_6_6_fold_at_each_doubling() {
         let cascade = Cascade::locate(0.2, 1, 7).unwrap();
-        let seen: std::vec::Vec<f64> = cascade.visible_below().map(Option::unwrap).collect();
-        std::println!("{seen:?}");
+        let scatters: std::vec::Vec<f64> =
+            cascade.max_visible_scatters().map(Option::unwrap).collect();
         // Crutchfield, Nauenberg and Rudnick (1981) give 6.619 on average; the pair of phases that
         // separates most varies between windows.
-        let mean = libm::pow(seen[1] / seen[5], 0.25);
-        assert!((mean - 6.62).abs() < 0.5, "{mean} {seen:?}");
+        let mean = libm::pow(scatters[1] / scatters[5], 0.25);
+        assert!((mean - 6.62).abs() < 0.5, "{mean} {scatters:?}");
         assert!(
-            seen.windows(2).all(|pair| pair[0] / pair[1] > 5.0),
-            "{seen:?}"
+            scatters.windows(2).all(|pair| pair[0] / pair[1] > 5.0),
+            "{scatters:?}"
         );
     }
 
     /// With several tones a multiplier of the map is -1 at each flip. With one tone the flips agree
     /// with those of the sine.
     #[test]
-    fn several_tones_double_as_one() {
+    fn several_tones_have_feigenbaums_ratios() {
         let sine = Cascade::on_tones(&Wave::sine(), 0.2, 1, 5)
             .unwrap()
             .unwrap();
@@ -717,15 +715,11 @@ mod tests {
         for (a, b) in sine.flips().iter().zip(one.flips()) {
             assert!((a - b).abs() < 1e-10, "{a} {b}");
         }
-        let second = crate::impact::Tone {
-            amplitude: 0.1,
-            angle: 2.487,
-        };
+        let second = crate::impact::Tone::new(0.1, 2.487);
         let wave = Wave::build(second, crate::impact::Tone::default()).unwrap();
         let cascade = Cascade::on_tones(&wave, 0.2, 1, 6).unwrap().unwrap();
         assert_eq!(cascade.end(), CascadeEnd::Complete);
         let ratios: std::vec::Vec<f64> = cascade.ratios().collect();
-        std::println!("{:?} {ratios:?}", cascade.flips());
         assert!(
             (ratios.last().unwrap() - FEIGENBAUM).abs() < 0.02,
             "{ratios:?}"
@@ -733,7 +727,7 @@ mod tests {
     }
 
     #[test]
-    fn nearly_dead_parts_end_their_cascade_honestly() {
+    fn low_restitution_cascades_report_their_end() {
         for restitution in [0.0, 1e-6, 1e-3, 0.01] {
             let cascade = Cascade::locate(restitution, 1, 6).unwrap();
             assert!(!cascade.flips().is_empty());

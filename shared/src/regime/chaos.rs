@@ -26,7 +26,7 @@ pub struct ChaoticBand {
 }
 
 /// Number of successive steps with a rest that ends the band.
-const GONE: u32 = 3;
+const MAX_STEPS_WITH_REST: u32 = 3;
 
 impl ChaoticBand {
     /// Scans down from k_infinity in steps of `step` (fraction of k, 1e-5..=0.1) with `impacts`
@@ -51,10 +51,10 @@ impl ChaoticBand {
             step,
             impacts,
         };
-        let (mut alive, mut chaotic, mut gone) = (0_u32, 0_u32, 0_u32);
+        let (mut steps_without_rest, mut chaotic, mut steps_with_rest) = (0_u32, 0_u32, 0_u32);
         for n in 0..=100_000_u32 {
             let k = limit.value - (f64::from(n) + 0.5) * step;
-            if gone == GONE || k < 0.01 {
+            if steps_with_rest == MAX_STEPS_WITH_REST || k < 0.01 {
                 break;
             }
             let map = Map::build(k, restitution)?;
@@ -62,21 +62,21 @@ impl ChaoticBand {
                 settle: 1000,
                 impacts,
             };
-            let found = exponent::measure(&map, exponent::start(&map, order), settings)?;
+            let found = exponent::measure(&map, exponent::start_near_lock(&map, order), settings)?;
             match found.dynamics {
-                Dynamics::Rest { .. } => gone += 1,
+                Dynamics::Rest { .. } => steps_with_rest += 1,
                 dynamics => {
-                    gone = 0;
-                    alive += 1;
+                    steps_with_rest = 0;
+                    steps_without_rest += 1;
                     chaotic += u32::from(dynamics == Dynamics::Chaotic);
                     band.low = k;
                 }
             }
         }
-        if alive == 0 {
+        if steps_without_rest == 0 {
             return Ok(None);
         }
-        band.chaotic = f64::from(chaotic) / f64::from(alive);
+        band.chaotic = f64::from(chaotic) / f64::from(steps_without_rest);
         Ok(Some(band))
     }
 }
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_band_is_as_narrow_as_the_design_says() {
+    fn chaotic_band_edges_match_the_theory() {
         // At R = 0.2 the band ends near k = 0.33, at R = 0.5 near 0.57 (docs/theory-bands.md#t6.3).
         // Transients lengthen towards this crisis, so its error is a few steps.
         for (restitution, edge, within) in [(0.2, 0.33, 0.008), (0.5, 0.57, 0.008)] {

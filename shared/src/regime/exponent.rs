@@ -12,10 +12,10 @@ use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tangent};
 
 /// Largest number of batches for the standard error and the autocorrelation time.
-const MOST: usize = 512;
+const MAX_BATCHES: usize = 512;
 
 /// Smallest number of batches, of 16 impacts each.
-const FEWEST: u32 = 20;
+const MIN_BATCHES: u32 = 20;
 
 /// Length of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,8 +46,7 @@ pub enum Dynamics {
 
 impl Dynamics {
     /// Type of an orbit without rest, from its exponent per impact.
-    #[must_use]
-    pub fn of(per_impact: Estimate) -> Self {
+    pub fn from_exponent(per_impact: Estimate) -> Self {
         let Estimate { value, error } = per_impact;
         if value > 3.0 * error {
             Self::Chaotic
@@ -80,10 +79,10 @@ pub struct Exponent {
 ///
 /// ```
 /// use kband::impact::{Kernel, Map};
-/// use kband::regime::exponent::{ExponentSettings, Dynamics, measure, start};
+/// use kband::regime::exponent::{ExponentSettings, Dynamics, measure, start_near_lock};
 /// let map = Map::build(0.34, 0.2)?;
 /// let settings = ExponentSettings { settle: 1000, impacts: 20_000 };
-/// let found = measure(&map, start(&map, 1), settings)?;
+/// let found = measure(&map, start_near_lock(&map, 1), settings)?;
 /// assert_eq!(found.dynamics, Dynamics::Chaotic);
 /// assert!((found.per_impact.value - 0.50).abs() < 0.03);
 /// # Ok::<(), Box<dyn core::error::Error>>(())
@@ -117,11 +116,13 @@ fn measure_along(
     accept(
         "impacts",
         f64::from(settings.impacts),
-        (16 * FEWEST..=1_000_000_000).contains(&settings.impacts),
+        (16 * MIN_BATCHES..=1_000_000_000).contains(&settings.impacts),
         "320..1000000000",
     )?;
     // A power of two, so that each batch visits the chaotic bands of the cascade equally often.
-    let batch = (settings.impacts / MOST as u32).next_power_of_two().max(16);
+    let batch = (settings.impacts / MAX_BATCHES as u32)
+        .next_power_of_two()
+        .max(16);
     let batches = settings.impacts / batch;
     let mut sums = Sums::default();
     let mut current = Batch::default();
@@ -143,7 +144,7 @@ fn measure_along(
         count += 1;
         // A grazing impact has no tangent. Such states have measure zero, and the direction is
         // kept.
-        if let Some(tangent) = Tangent::of(map, before, &impact) {
+        if let Some(tangent) = Tangent::build(map, before, &impact) {
             let [[a, b], row] = tangent.jacobian;
             // The restitution scales velocity differences like the velocity.
             let [c, d] = row.map(|entry| entry * orbit.drawn());
@@ -176,17 +177,10 @@ fn measure_along(
 
 /// A start near the locked orbit of `order` if it exists, else at lift-off. It leads to the cascade
 /// and its chaos, as a start from rest rarely does.
-#[must_use]
-pub fn start(map: &Map, order: u32) -> PartState {
-    match Lock::at(map.k(), map.restitution(), order) {
-        Ok(Some(lock)) => PartState {
-            phase: lock.state().phase + 1e-3,
-            velocity: lock.state().velocity,
-        },
-        _ => PartState {
-            phase: libm::asin(map.k().min(1.0)),
-            velocity: 0.0,
-        },
+pub fn start_near_lock(map: &Map, order: u32) -> PartState {
+    match Lock::build(map.k(), map.restitution(), order) {
+        Ok(Some(lock)) => PartState::new(lock.state().phase + 1e-3, lock.state().velocity),
+        _ => PartState::new(libm::asin(map.k().min(1.0)), 0.0),
     }
 }
 
@@ -200,14 +194,14 @@ struct Batch {
 /// Successive batches, for the mean growth per impact and per cycle.
 #[derive(Clone, Copy, Debug)]
 struct Sums {
-    batches: [Batch; MOST],
+    batches: [Batch; MAX_BATCHES],
     count: usize,
 }
 
 impl Default for Sums {
     fn default() -> Self {
         Self {
-            batches: [Batch::default(); MOST],
+            batches: [Batch::default(); MAX_BATCHES],
             count: 0,
         }
     }
@@ -240,7 +234,7 @@ impl Sums {
         let per_impact = estimate(|batch| f64::from(batch.impacts), impacts);
         let dynamics = match rest {
             Some(after) => Dynamics::Rest { after },
-            None => Dynamics::of(per_impact),
+            None => Dynamics::from_exponent(per_impact),
         };
         Exponent {
             per_impact,
@@ -259,7 +253,7 @@ mod tests {
         let map = Map::build(k, restitution).unwrap();
         measure(
             &map,
-            start(&map, 1),
+            start_near_lock(&map, 1),
             ExponentSettings {
                 settle: 2000,
                 impacts,
@@ -269,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn exponents_are_the_references() {
+    fn exponents_match_the_references() {
         // Reference values with an error of 0.003 (docs/theory-reference.md#t11.3), plus four
         // standard errors of this run.
         for (k, restitution, reference) in [
@@ -279,7 +273,7 @@ mod tests {
             (0.34, 0.2, 0.5020),
             (0.586, 0.5, 0.0860),
         ] {
-            let found = exponent(k, restitution, IMPACTS);
+            let found = exponent(k, restitution, 100_000);
             let Estimate { value, error } = found.per_impact;
             assert!(error < 0.01, "{k}: {found:?}");
             assert!(
@@ -291,12 +285,10 @@ mod tests {
         }
     }
 
-    const IMPACTS: u32 = 100_000;
-
     /// The spread of runs agrees with their standard errors. Batches of correlated impacts would
     /// give too small an error.
     #[test]
-    fn standard_errors_are_what_runs_scatter_by() {
+    fn standard_errors_match_the_spread_of_runs() {
         for (k, restitution) in [(0.34, 0.2), (0.35, 0.2), (0.586, 0.5)] {
             let map = Map::build(k, restitution).unwrap();
             let settings = ExponentSettings {
@@ -305,7 +297,7 @@ mod tests {
             };
             let (mut sum, mut square, mut errors, mut n) = (0.0, 0.0, 0.0, 0.0);
             for run in 0..48 {
-                let mut from = start(&map, 1);
+                let mut from = start_near_lock(&map, 1);
                 from.phase += 1e-4 * f64::from(run);
                 let found = measure(&map, from, settings).unwrap();
                 if matches!(found.dynamics, Dynamics::Rest { .. }) {
@@ -323,9 +315,9 @@ mod tests {
     }
 
     #[test]
-    fn on_a_locked_orbit_the_exponent_is_the_logarithm_of_its_multiplier() {
+    fn locked_exponent_is_the_log_of_the_multiplier() {
         for (k, restitution) in [(0.43, 0.2), (0.40, 0.2), (0.75, 0.5), (0.9, 0.5)] {
-            let lock = Lock::at(k, restitution, 1).unwrap().unwrap();
+            let lock = Lock::build(k, restitution, 1).unwrap().unwrap();
             let found = exponent(k, restitution, 3200);
             let expected = libm::log(lock.multipliers().modulus());
             // A rotating direction averages out as 1 / impacts.
@@ -339,12 +331,12 @@ mod tests {
     }
 
     #[test]
-    fn transient_chaos_ends_at_rest_and_says_so() {
+    fn transient_chaos_reports_its_rest() {
         // At R = 0.5 hopping persists down to k of about 0.57 only (docs/theory-bands.md#t6.3).
         let map = Map::build(0.5, 0.5).unwrap();
         let found = measure(
             &map,
-            start(&map, 1),
+            start_near_lock(&map, 1),
             ExponentSettings {
                 settle: 0,
                 impacts: 100_000,
@@ -364,7 +356,7 @@ mod tests {
             settle: 0,
             impacts: 100,
         };
-        let refused = measure(&map, start(&map, 1), settings).unwrap_err();
+        let refused = measure(&map, start_near_lock(&map, 1), settings).unwrap_err();
         assert_eq!(refused.parameter, "impacts");
     }
 }

@@ -9,13 +9,13 @@ use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Kernel, Map, PartState};
 
 /// Highest lock order computed; up to R = 0.2 the band of order 100 is narrower than 1e-5 in k.
-pub const HIGHEST_ORDER: u32 = 100;
+pub const MAX_ORDER: u32 = 100;
 
 pub(super) fn accept_order(order: u32) -> Result<f64, OutOfRange> {
     accept(
         "order",
         f64::from(order),
-        (1..=HIGHEST_ORDER).contains(&order),
+        (1..=MAX_ORDER).contains(&order),
         "1..100 drive cycles per impact",
     )
 }
@@ -27,6 +27,11 @@ pub(super) fn accept_restitution(restitution: f64) -> Result<f64, OutOfRange> {
         (0.0..1.0).contains(&restitution),
         "0..1, 1 itself excluded: without loss no orbit attracts",
     )
+}
+
+/// A phase difference in rad without whole turns, in -pi..=pi.
+pub(super) fn wrap_phase(difference: f64) -> f64 {
+    difference - TAU * libm::round(difference / TAU)
 }
 
 /// Floquet multipliers: the eigenvalues of the tangent map of an orbit.
@@ -45,8 +50,7 @@ pub enum Multipliers {
 
 impl Multipliers {
     /// Multipliers of a 2x2 matrix from its trace and determinant.
-    #[must_use]
-    pub fn of(trace: f64, determinant: f64) -> Self {
+    pub fn from_trace(trace: f64, determinant: f64) -> Self {
         let half = 0.5 * trace;
         let discriminant = half * half - determinant;
         if discriminant < 0.0 {
@@ -68,7 +72,6 @@ impl Multipliers {
     }
 
     /// Spectral radius: the size of the larger multiplier. Below 1 the orbit attracts.
-    #[must_use]
     pub fn modulus(self) -> f64 {
         match self {
             Self::Real(larger, _) => libm::fabs(larger),
@@ -81,10 +84,10 @@ impl Multipliers {
 ///
 /// ```
 /// use kband::regime::Lock;
-/// let lock = Lock::at(0.43, 0.2, 1)?.expect("0.43 is in the first band");
+/// let lock = Lock::build(0.43, 0.2, 1)?.expect("0.43 is in the first band");
 /// assert!(lock.attracts());
 /// assert!((lock.state().phase - 0.449_671_605_6).abs() < 1e-9);
-/// assert!(Lock::at(0.48, 0.2, 1)?.is_none(), "0.48 is above k1");
+/// assert!(Lock::build(0.48, 0.2, 1)?.is_none(), "0.48 is above k1");
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,7 +104,7 @@ impl Lock {
     ///
     /// `None` above `k1`, where no such orbit exists. [`Lock::attracts`] and
     /// [`Lock::is_first_return`] decide whether a part can follow it.
-    pub fn at(k: f64, restitution: f64, order: u32) -> Result<Option<Self>, OutOfRange> {
+    pub fn build(k: f64, restitution: f64, order: u32) -> Result<Option<Self>, OutOfRange> {
         Map::accepts(k, restitution)?;
         let r = accept_order(order)?;
         accept_restitution(restitution)?;
@@ -113,59 +116,51 @@ impl Lock {
             order,
             k,
             restitution,
-            state: PartState {
-                phase: libm::acos(cosine),
-                velocity: TAU * r * k * restitution / (1.0 + restitution),
-            },
+            state: PartState::new(
+                libm::acos(cosine),
+                TAU * r * k * restitution / (1.0 + restitution),
+            ),
         }))
     }
 
     /// Drive cycles per impact (symbol r).
-    #[must_use]
     pub fn order(&self) -> u32 {
         self.order
     }
 
     /// k of the orbit.
-    #[must_use]
     pub fn k(&self) -> f64 {
         self.k
     }
 
     /// Restitution of the part (symbol R).
-    #[must_use]
     pub fn restitution(&self) -> f64 {
         self.restitution
     }
 
     /// State just after each impact: phase t0 in rad, 0..pi/2, and velocity psi in `b w`.
-    #[must_use]
     pub fn state(&self) -> PartState {
         self.state
     }
 
     /// Trace of the tangent map, `1 + R^2 - sin(t0) (1+R)^2 / k`; its determinant is R^2.
-    #[must_use]
     pub fn trace(&self) -> f64 {
         let r = self.restitution;
         1.0 + r * r - libm::sin(self.state.phase) * (1.0 + r) * (1.0 + r) / self.k
     }
 
     /// Floquet multipliers: growth of a perturbation per impact.
-    #[must_use]
     pub fn multipliers(&self) -> Multipliers {
-        Multipliers::of(self.trace(), self.restitution * self.restitution)
+        Multipliers::from_trace(self.trace(), self.restitution * self.restitution)
     }
 
     /// Whether the orbit is asymptotically stable: both multipliers are inside the unit circle.
-    #[must_use]
     pub fn attracts(&self) -> bool {
         let square = self.restitution * self.restitution;
         libm::fabs(self.trace()) < 1.0 + square
     }
 
     /// Whether the flight takes r cycles without an earlier contact with the track.
-    #[must_use]
     pub fn is_first_return(&self) -> bool {
         let period = TAU * f64::from(self.order);
         // At k1 the error of the root is the square root of the rounding of t0.
@@ -175,11 +170,9 @@ impl Lock {
 
     /// Distance of `state` to the orbit: the larger of the differences in phase (rad) and velocity
     /// (`b w`).
-    #[must_use]
     pub fn distance(&self, state: PartState) -> f64 {
-        let apart = state.phase - self.state.phase;
-        let apart = apart - TAU * libm::round(apart / TAU);
-        libm::fabs(apart).max(libm::fabs(state.velocity - self.state.velocity))
+        let difference = wrap_phase(state.phase - self.state.phase);
+        libm::fabs(difference).max(libm::fabs(state.velocity - self.state.velocity))
     }
 }
 
@@ -189,7 +182,7 @@ mod tests {
     use crate::impact::Tangent;
 
     #[test]
-    fn the_orbit_returns_to_itself_with_the_stated_tangent() {
+    fn orbit_closes_with_the_stated_tangent() {
         for (k, restitution, order) in [
             (0.43, 0.2, 1),
             (0.23, 0.2, 2),
@@ -199,13 +192,13 @@ mod tests {
             (1.2, 0.8, 1),
             (0.157, 0.2, 3),
         ] {
-            let lock = Lock::at(k, restitution, order).unwrap().unwrap();
+            let lock = Lock::build(k, restitution, order).unwrap().unwrap();
             let map = Map::build(k, restitution).unwrap();
             let impact = map.impact(lock.state());
             // Error of one impact in f64: a few ulp of the flight, times |dd/dt| < 10.
             assert!(lock.distance(impact.next) < 1e-13 * f64::from(order) * 10.0);
             assert!(lock.attracts() && lock.is_first_return());
-            let tangent = Tangent::of(&map, lock.state(), &impact).unwrap();
+            let tangent = Tangent::build(&map, lock.state(), &impact).unwrap();
             let [[a, _], [_, d]] = tangent.jacobian;
             assert!((a + d - lock.trace()).abs() < 1e-11, "{k} {restitution}");
             assert!((tangent.determinant() - restitution * restitution).abs() < 1e-11);
@@ -213,8 +206,8 @@ mod tests {
     }
 
     #[test]
-    fn lock_above_k_of_one_is_where_the_reference_has_it() {
-        let lock = Lock::at(1.2, 0.8, 1).unwrap().unwrap();
+    fn lock_above_k_1_matches_the_reference() {
+        let lock = Lock::build(1.2, 0.8, 1).unwrap().unwrap();
         // The reference has 15 significant digits.
         assert!((lock.state().phase - 1.138_585_860_520_52).abs() < 1e-14);
         assert!((lock.state().velocity - 3.351_032_163_829_11).abs() < 1e-14);
@@ -229,7 +222,7 @@ mod tests {
             (0.0, 0.0),
             (-0.5, 0.0),
         ] {
-            let (sum, product) = match Multipliers::of(trace, determinant) {
+            let (sum, product) = match Multipliers::from_trace(trace, determinant) {
                 Multipliers::Real(a, b) => (a + b, a * b),
                 Multipliers::Pair { modulus, angle } => {
                     (2.0 * modulus * libm::cos(angle), modulus * modulus)
@@ -241,9 +234,12 @@ mod tests {
 
     #[test]
     fn refusals_name_the_parameter() {
-        assert_eq!(Lock::at(0.4, 1.0, 1).unwrap_err().parameter, "restitution");
-        assert_eq!(Lock::at(0.4, 0.2, 0).unwrap_err().parameter, "order");
-        assert_eq!(Lock::at(f64::NAN, 0.2, 1).unwrap_err().parameter, "k");
-        assert_eq!(Lock::at(0.6, 0.2, 1).unwrap(), None);
+        assert_eq!(
+            Lock::build(0.4, 1.0, 1).unwrap_err().parameter,
+            "restitution"
+        );
+        assert_eq!(Lock::build(0.4, 0.2, 0).unwrap_err().parameter, "order");
+        assert_eq!(Lock::build(f64::NAN, 0.2, 1).unwrap_err().parameter, "k");
+        assert_eq!(Lock::build(0.6, 0.2, 1).unwrap(), None);
     }
 }

@@ -2,26 +2,20 @@
 //! the lock.
 
 pub mod band;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub mod capture;
-#[cfg(any(test, feature = "analysis"))]
 pub mod cascade;
-#[cfg(any(test, feature = "analysis"))]
 pub mod chaos;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub mod classify;
-#[cfg(any(test, feature = "analysis"))]
 pub mod exponent;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub mod gear;
 mod lock;
-#[cfg(any(test, feature = "analysis"))]
 pub mod reach;
-#[cfg(any(test, feature = "analysis"))]
 mod series;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub mod spread;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
 pub mod wave_band;
 
-pub use lock::{HIGHEST_ORDER, Lock, Multipliers};
+pub use lock::{Lock, MAX_ORDER, Multipliers};
+
+/// Launch velocity in `b w` below which the rest of a chatter is summed as a series. The error in
+/// the time of rest is below 2 % of that chatter.
+const MAX_SERIES_CHATTER_VELOCITY: f32 = 0.01;

@@ -27,7 +27,7 @@ pub enum FromRest {
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 pub fn from_rest(k: f64, restitution: f64, order: u32) -> Result<FromRest, OutOfRange> {
-    let lock = Lock::at(k, restitution, order)?.filter(Lock::attracts);
+    let lock = Lock::build(k, restitution, order)?.filter(Lock::attracts);
     let map = Map::build(k, restitution)?;
     for event in Orbit::from_rest(&map).take(5000) {
         match event {
@@ -81,7 +81,7 @@ impl Reach {
             step,
         };
         let mut unbroken = true;
-        let mut held = 0_u32;
+        let mut locked = 0_u32;
         for sample in 0..samples {
             let k = low + (f64::from(sample) + 0.5) * step;
             let mut all = true;
@@ -93,14 +93,14 @@ impl Reach {
             }
             unbroken &= all;
             if all {
-                held += 1;
+                locked += 1;
                 reach.highest = Some(k);
                 if unbroken {
                     reach.edge = Some(k);
                 }
             }
         }
-        reach.share = f64::from(held) / f64::from(samples);
+        reach.share = f64::from(locked) / f64::from(samples);
         Ok(reach)
     }
 }
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn lively_parts_and_higher_orders_are_not_reached_from_rest() {
+    fn high_restitutions_and_orders_do_not_lock_from_rest() {
         for (restitution, order) in [(0.3, 1), (0.5, 1), (0.2, 2), (0.2, 3)] {
             let found = reach(restitution, order, 60);
             assert!(found.edge.is_none() && found.share < 0.02, "{found:?}");
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn slivers_are_found_where_they_are() {
+    fn isolated_locks_are_found() {
         // Above R = 0.26 the first flights from rest end near the locked orbit at single k only.
         assert_eq!(from_rest(0.4441, 0.26, 1).unwrap(), FromRest::Locks);
         assert_eq!(from_rest(0.50, 0.26, 1).unwrap(), FromRest::Rests);

@@ -13,17 +13,22 @@ pub(super) fn standard_error(count: usize, value: impl Fn(usize) -> f64) -> f64 
     }
     let n = count as f64;
     let mean = (0..count).map(&value).sum::<f64>() / n;
-    let apart = |i: usize| value(i) - mean;
-    let covariance = |lag: usize| (lag..count).map(|i| apart(i) * apart(i - lag)).sum::<f64>() / n;
+    let deviation = |i: usize| value(i) - mean;
+    let covariance = |lag: usize| {
+        (lag..count)
+            .map(|i| deviation(i) * deviation(i - lag))
+            .sum::<f64>()
+            / n
+    };
     let variance = covariance(0);
     // Smallest window in values; negative autocorrelation shows within it.
-    const LEAST: usize = 8;
+    const MIN_WINDOW: usize = 8;
     let mut time = 1.0;
     let mut window = 0;
     while variance > 0.0 && window + 1 < count / 2 {
         window += 1;
         time += 2.0 * covariance(window) / variance;
-        if window >= LEAST && window as f64 >= 5.0 * time {
+        if window >= MIN_WINDOW && window as f64 >= 5.0 * time {
             break;
         }
     }
@@ -44,14 +49,14 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_vary_is_known() {
+    fn constant_values_have_no_error() {
         assert_eq!(standard_error(1, |_| 1.0), f64::INFINITY);
         assert_eq!(standard_error(30, |_| 1.0), 0.0);
     }
 
     /// The autoregression x' = a x + noise has tau = (1 + a)/(1 - a).
     #[test]
-    fn correlated_values_have_their_own() {
+    fn correlated_errors_match_the_theory() {
         let mut state = 3;
         for a in [0.0_f64, 0.5, 0.8, -0.5] {
             let (mut mean, mut count) = (0.0, 0.0);

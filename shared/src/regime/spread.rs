@@ -15,9 +15,9 @@ use super::wave_band::WaveLock;
 ///
 /// ```
 /// use kband::regime::{Lock, spread::Spread};
-/// let lock = Lock::at(0.43, 0.2, 1)?.expect("0.43 is in the first band");
+/// let lock = Lock::build(0.43, 0.2, 1)?.expect("0.43 is in the first band");
 /// // Restitution scattered by 0.004, 2 % of it.
-/// let deviation = Spread::of(&lock).phase_deviation(0.004).expect("it attracts");
+/// let deviation = Spread::from_lock(&lock).phase_deviation(0.004).expect("it attracts");
 /// assert!((deviation - 0.0274).abs() < 1e-4);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
@@ -31,21 +31,19 @@ pub struct Spread {
 
 impl Spread {
     /// Model about a lock on a sine.
-    #[must_use]
-    pub fn of(lock: &Lock) -> Self {
+    pub fn from_lock(lock: &Lock) -> Self {
         let push = libm::sin(lock.state().phase);
-        Self::about(push, lock.k(), lock.restitution(), lock.order())
+        Self::from_acceleration(push, lock.k(), lock.restitution(), lock.order())
     }
 
     /// Model about a lock on several tones.
-    #[must_use]
     pub fn on_tones(lock: &WaveLock) -> Self {
         let [_, _, push, _] = lock.wave().motion(lock.state().phase);
-        Self::about(push, lock.k(), lock.restitution(), lock.order())
+        Self::from_acceleration(push, lock.k(), lock.restitution(), lock.order())
     }
 
     /// Model about a lock at whose phase the track's acceleration is `push`.
-    fn about(push: f64, k: f64, r: f64, order: u32) -> Self {
+    fn from_acceleration(push: f64, k: f64, r: f64, order: u32) -> Self {
         let turns = f64::from(order);
         // Flight over arrival speed: d = 2 pi r, v = 2 pi r k/(1 + R).
         let (ratio, pull) = ((1.0 + r) / k, k - push);
@@ -60,14 +58,12 @@ impl Spread {
     }
 
     /// Tangent map J of the lock: rows (phase', velocity'), columns (phase, velocity).
-    #[must_use]
     pub fn jacobian(&self) -> [[f64; 2]; 2] {
         self.jacobian
     }
 
     /// Coefficients tr J and det J = R^2 of the autoregression
     /// `t'' = tr J t' - det J t + 2 pi r dR`.
-    #[must_use]
     pub fn recursion(&self) -> [f64; 2] {
         let [[a, b], [c, d]] = self.jacobian;
         [a + d, a * d - b * c]
@@ -77,7 +73,6 @@ impl Spread {
     /// `scatter`; `None` if the lock does not attract.
     ///
     /// With T = tr J and D = R^2 it is `2 pi r s sqrt((1 + D) / ((1 - D) ((1 + D)^2 - T^2)))`.
-    #[must_use]
     pub fn phase_deviation(&self, scatter: f64) -> Option<f64> {
         let [trace, determinant] = self.recursion();
         let (sum, rest) = (1.0 + determinant, 1.0 - determinant);
@@ -88,26 +83,31 @@ impl Spread {
 
     /// Covariance S of phase and velocity, from `S = J S J^T + Q` with
     /// `Q = diag(0, (s arrival)^2)`. `None` if the lock does not attract.
-    #[must_use]
     pub fn covariance(&self, scatter: f64) -> Option<[[f64; 2]; 2]> {
         self.phase_deviation(scatter)?;
         let kick = scatter * self.arrival;
-        Some(summed(self.jacobian, [[0.0, 0.0], [0.0, kick * kick]]))
+        Some(solve_lyapunov(
+            self.jacobian,
+            [[0.0, 0.0], [0.0, kick * kick]],
+        ))
     }
 }
 
 /// `J S J^T`.
-pub(super) fn carried(jacobian: [[f64; 2]; 2], covariance: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+pub(super) fn propagate_covariance(
+    jacobian: [[f64; 2]; 2],
+    covariance: [[f64; 2]; 2],
+) -> [[f64; 2]; 2] {
     product(product(jacobian, covariance), transposed(jacobian))
 }
 
 /// Solves the discrete Lyapunov equation `S = J S J^T + Q` for a contracting J by doubling (R. A.
 /// Smith, SIAM J. Appl. Math. 16 (1968) 198).
-pub(super) fn summed(jacobian: [[f64; 2]; 2], added: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+pub(super) fn solve_lyapunov(jacobian: [[f64; 2]; 2], added: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
     let (mut sum, mut power) = (added, jacobian);
     // Each round doubles the number of summed terms; at most 2^40.
     for _ in 0..40 {
-        let added = carried(power, sum);
+        let added = propagate_covariance(power, sum);
         if added[0][0] <= 1e-17 * sum[0][0] && added[1][1] <= 1e-17 * sum[1][1] {
             break;
         }
@@ -131,42 +131,19 @@ fn transposed([[a, b], [c, d]]: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
     [[a, c], [b, d]]
 }
 
-/// Estimates tr J and R^2 from the autocovariances of measured phases at lags 0, 1 and 2; `None` if
-/// they are degenerate.
-///
-/// The method is the Yule-Walker equations, `c_1 = T c_0 - D c_1` and `c_2 = T c_1 - D c_0`. The
-/// measurement variance must be subtracted from lag 0, else both estimates are biased towards 0. At
-/// R = 0.2, 400 impacts give a standard deviation of 0.055. The cost is 12 operations in f32.
-///
-/// ```
-/// use kband::regime::spread::heard_recursion;
-/// // The covariances of t'' = -0.4 t' - 0.04 t.
-/// let (trace, square) = (-0.4, 0.04);
-/// let first = trace / (1.0 + square);
-/// let [heard, lost] = heard_recursion([1.0, first, trace * first - square]).unwrap();
-/// assert!((heard - trace).abs() < 1e-6 && (lost - square).abs() < 1e-6);
-/// ```
-#[must_use]
-pub fn heard_recursion([c0, c1, c2]: [f32; 3]) -> Option<[f32; 2]> {
-    let rest = c0 * c0 - c1 * c1;
-    (c0 > 0.0 && rest > 0.0).then(|| {
-        let square = (c1 * c1 - c0 * c2) / rest;
-        [c1 * (1.0 + square) / c0, square]
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::impact::{Kernel, Map, PartState, Scatter, Tone, Wave, WaveMap};
+    use crate::regime::lock::wrap_phase;
 
     /// Deviations of 40 000 impacts of a part with scattered restitution from its lock.
-    fn simulated<K: Kernel<State = PartState>>(
+    fn simulate_deviations<K: Kernel<State = PartState>>(
         build: impl Fn(f64) -> K,
         lock: PartState,
         restitution: f64,
         scatter: f64,
-        mut seen: impl FnMut(f64, f64),
+        mut record: impl FnMut(f64, f64),
     ) {
         let elastic = build(1.0);
         let mut draws = Scatter::build(restitution, scatter, 7).unwrap();
@@ -174,9 +151,8 @@ mod tests {
         for _ in 0..40_000 {
             let mut next = elastic.impact(state).next;
             next.velocity *= draws.draw();
-            let apart = next.phase - lock.phase;
-            seen(
-                apart - TAU * libm::round(apart / TAU),
+            record(
+                wrap_phase(next.phase - lock.phase),
                 next.velocity - lock.velocity,
             );
             state = next;
@@ -184,13 +160,13 @@ mod tests {
     }
 
     #[test]
-    fn the_closed_form_is_the_sum_and_the_tangent_map_that_of_the_lock() {
+    fn closed_form_matches_the_sum_and_the_tangent_map() {
         for (k, r, order) in [(0.43, 0.2, 1), (0.23, 0.2, 2), (0.75, 0.5, 1)] {
-            let lock = Lock::at(k, r, order).unwrap().unwrap();
-            let spread = Spread::of(&lock);
+            let lock = Lock::build(k, r, order).unwrap().unwrap();
+            let spread = Spread::from_lock(&lock);
             let map = Map::build(k, r).unwrap();
             let impact = map.impact(lock.state());
-            let tangent = crate::impact::Tangent::of(&map, lock.state(), &impact).unwrap();
+            let tangent = crate::impact::Tangent::build(&map, lock.state(), &impact).unwrap();
             for (row, expected) in spread.jacobian().iter().zip(tangent.jacobian) {
                 assert!((row[0] - expected[0]).abs() < 1e-10);
                 assert!((row[1] - expected[1]).abs() < 1e-10);
@@ -200,24 +176,19 @@ mod tests {
             assert!((covariance[0][0] / (deviation * deviation) - 1.0).abs() < 1e-12);
         }
         // Beyond its flip a lock has no stationary covariance.
-        let lock = Lock::at(0.38, 0.2, 1).unwrap().unwrap();
-        assert_eq!(Spread::of(&lock).covariance(0.01), None);
+        let lock = Lock::build(0.38, 0.2, 1).unwrap().unwrap();
+        assert_eq!(Spread::from_lock(&lock).covariance(0.01), None);
     }
 
     #[test]
-    fn parts_spread_as_the_covariance_says() {
-        let wave = Wave::build(
-            Tone {
-                amplitude: 0.15,
-                angle: 2.356,
-            },
-            Tone::default(),
-        )
-        .unwrap();
-        let one = Lock::at(0.43, 0.2, 1).unwrap().unwrap();
-        let two = WaveLock::attracting(&wave, 0.35, 0.2, 1).unwrap().unwrap();
+    fn simulated_spread_matches_the_covariance() {
+        let wave = Wave::build(Tone::new(0.15, 2.356), Tone::default()).unwrap();
+        let one = Lock::build(0.43, 0.2, 1).unwrap().unwrap();
+        let two = WaveLock::find_attracting(&wave, 0.35, 0.2, 1)
+            .unwrap()
+            .unwrap();
         for (spread, state, waved) in [
-            (Spread::of(&one), one.state(), false),
+            (Spread::from_lock(&one), one.state(), false),
             (Spread::on_tones(&two), two.state(), true),
         ] {
             let mut sums = [0.0; 3];
@@ -227,7 +198,7 @@ mod tests {
                 sums[2] += v * v;
             };
             if waved {
-                simulated(
+                simulate_deviations(
                     |r| WaveMap::on(wave, 0.35, r).unwrap(),
                     state,
                     0.2,
@@ -235,7 +206,7 @@ mod tests {
                     count,
                 );
             } else {
-                simulated(|r| Map::build(0.43, r).unwrap(), state, 0.2, 0.004, count);
+                simulate_deviations(|r| Map::build(0.43, r).unwrap(), state, 0.2, 0.004, count);
             }
             let [[tt, tv], [_, vv]] = spread.covariance(0.004).unwrap();
             // 40 000 correlated draws give a variance within 2 %; nonlinearity adds the same.
@@ -247,46 +218,5 @@ mod tests {
                 assert!(error.abs() < 0.04 * scale, "{waved} {sums:?} {expected}");
             }
         }
-    }
-
-    #[test]
-    fn phases_tell_the_trace_and_the_restitution() {
-        let lock = Lock::at(0.43, 0.2, 1).unwrap().unwrap();
-        let [trace, square] = Spread::of(&lock).recursion();
-        let mut phases = std::vec::Vec::new();
-        let seen = |t: f64, _: f64| phases.push(t as f32);
-        simulated(
-            |r| Map::build(0.43, r).unwrap(),
-            lock.state(),
-            0.2,
-            0.004,
-            seen,
-        );
-        let covariances = |phases: &[f32]| {
-            core::array::from_fn(|n| {
-                let lagged = phases.iter().zip(&phases[n..]);
-                lagged.map(|(a, b)| a * b).sum::<f32>() / phases.len() as f32
-            })
-        };
-        // Blocks of 400 impacts.
-        let (mut squares, mut count) = ([0.0; 2], 0.0);
-        for block in phases.chunks_exact(400) {
-            let heard = heard_recursion(covariances(block)).unwrap();
-            squares[0] += (heard[0] - trace as f32).powi(2);
-            squares[1] += (heard[1] - square as f32).powi(2);
-            count += 1.0;
-        }
-        let deviations = squares.map(|sum| f32::sqrt(sum / count));
-        std::println!("tr J {trace:.3}, R^2 {square:.3}: deviations {deviations:?}");
-        assert!(
-            deviations[0] < 0.06 && deviations[1] < 0.06,
-            "{deviations:?}"
-        );
-        let heard = heard_recursion(covariances(&phases)).unwrap();
-        assert!((heard[0] - trace as f32).abs() < 0.02, "{heard:?} {trace}");
-        assert!(
-            (heard[1] - square as f32).abs() < 0.02,
-            "{heard:?} {square}"
-        );
     }
 }

@@ -5,7 +5,7 @@
 
 use core::f64::consts::{PI, TAU};
 
-use super::lock::{Multipliers, accept_order, accept_restitution};
+use super::lock::{Multipliers, accept_order, accept_restitution, wrap_phase};
 use crate::feeder::{OutOfRange, Restitution};
 use crate::impact::{Kernel, PartState, Wave, WaveMap, WaveOrbit};
 
@@ -25,7 +25,7 @@ impl WaveLock {
     ///
     /// `None` if the track moves downwards at t0. [`WaveLock::attracts`] and
     /// [`WaveLock::is_first_return`] decide whether a part can follow it.
-    pub(crate) fn striking(
+    pub(crate) fn with_impact_phase(
         wave: &Wave,
         phase: f64,
         restitution: f64,
@@ -44,33 +44,33 @@ impl WaveLock {
             order,
             k,
             restitution,
-            state: PartState {
-                phase: phase - TAU * libm::floor(phase / TAU),
-                velocity: TAU * r * k * restitution / (1.0 + restitution),
-            },
+            state: PartState::new(
+                phase - TAU * libm::floor(phase / TAU),
+                TAU * r * k * restitution / (1.0 + restitution),
+            ),
         }))
     }
 
     /// Orbit of `order` at `k` that attracts and that a part can follow; `None` without one. Of
     /// several it is that of the highest band.
-    pub fn attracting(
+    pub fn find_attracting(
         wave: &Wave,
         k: f64,
         restitution: f64,
         order: u32,
     ) -> Result<Option<Self>, OutOfRange> {
-        let bands = WaveBands::of(wave, restitution, order)?;
+        let bands = WaveBands::find(wave, restitution, order)?;
         bands
             .iter()
             .find(|band| band.contains(k))
             .map_or(Ok(None), |band| {
-                Self::within(&band, wave, k, restitution, order)
+                Self::find_in_band(&band, wave, k, restitution, order)
             })
     }
 
-    /// Orbit at `k` within a `band` from [`WaveBands::of`] for the same wave, restitution and
+    /// Orbit at `k` within a `band` from [`WaveBands::find`] for the same wave, restitution and
     /// order. `None` if the band does not contain k.
-    pub fn within(
+    pub fn find_in_band(
         band: &WaveBand,
         wave: &Wave,
         k: f64,
@@ -84,46 +84,40 @@ impl WaveLock {
         let (mut early, mut late) = band.phases();
         for _ in 0..60 {
             let middle = 0.5 * (early + late);
-            match Self::striking(wave, middle, restitution, order)? {
+            match Self::with_impact_phase(wave, middle, restitution, order)? {
                 Some(lock) if lock.k < k => late = middle,
                 _ => early = middle,
             }
         }
-        Self::striking(wave, late, restitution, order)
+        Self::with_impact_phase(wave, late, restitution, order)
     }
 
     /// k of the orbit.
-    #[must_use]
     pub(crate) fn k(&self) -> f64 {
         self.k
     }
 
     /// The track's motion.
-    #[must_use]
     pub(crate) fn wave(&self) -> &Wave {
         &self.wave
     }
 
     /// Drive cycles per impact (symbol r).
-    #[must_use]
     pub(crate) fn order(&self) -> u32 {
         self.order
     }
 
     /// Restitution of the part (symbol R).
-    #[must_use]
     pub(crate) fn restitution(&self) -> f64 {
         self.restitution
     }
 
     /// State just after each impact: phase t0 in rad and velocity psi in `b w`.
-    #[must_use]
     pub fn state(&self) -> PartState {
         self.state
     }
 
     /// Trace of the tangent map, `1 + R^2 - A(t0) (1+R)^2/k`; its determinant is R^2.
-    #[must_use]
     pub fn trace(&self) -> f64 {
         let r = self.restitution;
         let [_, _, push, _] = self.wave.motion(self.state.phase);
@@ -131,19 +125,16 @@ impl WaveLock {
     }
 
     /// Floquet multipliers: growth of a perturbation per impact.
-    #[must_use]
     pub fn multipliers(&self) -> Multipliers {
-        Multipliers::of(self.trace(), self.restitution * self.restitution)
+        Multipliers::from_trace(self.trace(), self.restitution * self.restitution)
     }
 
     /// Whether the orbit is asymptotically stable: both multipliers are inside the unit circle.
-    #[must_use]
     pub fn attracts(&self) -> bool {
         libm::fabs(self.trace()) < 1.0 + self.restitution * self.restitution
     }
 
     /// Whether the flight takes r cycles without an earlier contact with the track.
-    #[must_use]
     pub fn is_first_return(&self) -> bool {
         let period = TAU * f64::from(self.order);
         // At the saddle-node the error of the root is the square root of the rounding of t0.
@@ -153,7 +144,6 @@ impl WaveLock {
 
     /// Whether a part from rest reaches the orbit within this number of impacts, to 1e-3 in phase
     /// (rad) and velocity (`b w`).
-    #[must_use]
     pub fn is_reached_from_rest(&self, impacts: usize) -> bool {
         let Ok(map) = WaveMap::on(self.wave, self.k, self.restitution) else {
             return false;
@@ -166,9 +156,8 @@ impl WaveLock {
             }
         }
         let at = orbit.state();
-        let apart = at.phase - self.state.phase;
-        let apart = apart - TAU * libm::round(apart / TAU);
-        libm::fabs(apart) < 1e-3 && libm::fabs(at.velocity - self.state.velocity) < 1e-3
+        let difference = wrap_phase(at.phase - self.state.phase);
+        libm::fabs(difference) < 1e-3 && libm::fabs(at.velocity - self.state.velocity) < 1e-3
     }
 }
 
@@ -205,13 +194,11 @@ pub struct WaveBand {
 
 impl WaveBand {
     /// Whether `k` lies strictly inside.
-    #[must_use]
     pub fn contains(&self, k: f64) -> bool {
         self.low.k < k && k < self.high.k
     }
 
     /// k with the largest margin: its amplitude is the mean of the amplitudes at the edges.
-    #[must_use]
     pub fn setpoint(&self) -> f64 {
         2.0 / (1.0 / self.low.k + 1.0 / self.high.k)
     }
@@ -223,7 +210,7 @@ impl WaveBand {
     }
 
     /// Intersection with another band.
-    fn shared(&self, other: &Self) -> Option<Self> {
+    fn intersection(&self, other: &Self) -> Option<Self> {
         let low = if self.low.k < other.low.k {
             other.low
         } else {
@@ -239,28 +226,28 @@ impl WaveBand {
 }
 
 /// Largest number of bands of one order.
-const MOST: usize = 6;
+const MAX_BANDS: usize = 6;
 
 /// Bands of one order in falling k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WaveBands {
-    bands: [Option<WaveBand>; MOST],
+    bands: [Option<WaveBand>; MAX_BANDS],
 }
 
 /// Number of phases of the scan; bands narrower than 2 pi/2048 in phase may be missed. On a sine
 /// the band of order r is `2 (1+R^2)/(pi r (1-R^2))` wide, at order 100 0.0064 rad or two steps.
-const PHASES: u32 = 2048;
+const SCANNED_PHASES: u32 = 2048;
 
 /// Number of equidistant restitutions of a lot that must share a band, with both ends. The ends
 /// suffice where an edge is monotonic in R; the others are for a change of its bifurcation.
-const PARTS: u32 = 9;
+const COMPARED_RESTITUTIONS: u32 = 9;
 
 impl WaveBands {
     /// Bands of one restitution (0..1, 1 excluded) in lock `order`, 1..=100. Edges within 1e-12.
     ///
     /// An orbit with impact phase t0 attracts where `0 < A/S' < 2 (1+R^2)/(pi r (1-R^2))`; its k
     /// falls as t0 grows.
-    pub fn of(wave: &Wave, restitution: f64, order: u32) -> Result<Self, OutOfRange> {
+    pub fn find(wave: &Wave, restitution: f64, order: u32) -> Result<Self, OutOfRange> {
         let r = accept_order(order)?;
         accept_restitution(restitution)?;
         let square = restitution * restitution;
@@ -270,7 +257,7 @@ impl WaveBands {
             0.0 < push && push < steepest * speed
         };
         let lock = |phase: f64| {
-            WaveLock::striking(wave, phase, restitution, order)
+            WaveLock::with_impact_phase(wave, phase, restitution, order)
                 .ok()
                 .flatten()
         };
@@ -299,15 +286,15 @@ impl WaveBands {
                 },
             })
         };
-        let step = TAU / f64::from(PHASES);
+        let step = TAU / f64::from(SCANNED_PHASES);
         let mut found = Self::default();
         let mut count = 0;
         // Start outside any band, so that none spans the ends of the scan.
-        let start = (0..PHASES)
+        let start = (0..SCANNED_PHASES)
             .find(|&n| !holds(f64::from(n) * step))
             .unwrap_or(0);
         let mut begin = None;
-        for n in start..=start + PHASES {
+        for n in start..=start + SCANNED_PHASES {
             let phase = f64::from(n) * step;
             if holds(phase) {
                 if begin.is_none() {
@@ -315,7 +302,7 @@ impl WaveBands {
                 }
             } else if let Some(high) = begin.take()
                 && let Some(low) = end(phase - step, phase)
-                && count < MOST
+                && count < MAX_BANDS
                 && low.k < high.k
             {
                 found.bands[count] = Some(WaveBand { low, high });
@@ -328,17 +315,17 @@ impl WaveBands {
 
     /// Bands shared by all parts of a lot, checked at nine restitutions with both ends.
     pub fn common(wave: &Wave, lot: Restitution, order: u32) -> Result<Self, OutOfRange> {
-        let mut shared = Self::of(wave, lot.low(), order)?;
+        let mut shared = Self::find(wave, lot.low(), order)?;
         if lot.low() == lot.high() {
             return Ok(shared);
         }
-        for part in 1..PARTS {
-            let share = f64::from(part) / f64::from(PARTS - 1);
-            let other = Self::of(wave, lot.low() + (lot.high() - lot.low()) * share, order)?;
+        for part in 1..COMPARED_RESTITUTIONS {
+            let share = f64::from(part) / f64::from(COMPARED_RESTITUTIONS - 1);
+            let other = Self::find(wave, lot.low() + (lot.high() - lot.low()) * share, order)?;
             let mut both = Self::default();
             let pairs = shared
                 .iter()
-                .flat_map(|a| other.iter().map(move |b| a.shared(&b)));
+                .flat_map(|a| other.iter().map(move |b| a.intersection(&b)));
             for (place, band) in both.bands.iter_mut().zip(pairs.flatten()) {
                 *place = Some(band);
             }
@@ -354,7 +341,6 @@ impl WaveBands {
     }
 
     /// The band widest in k.
-    #[must_use]
     pub fn widest(&self) -> Option<WaveBand> {
         let width = |band: &WaveBand| band.high.k - band.low.k;
         self.iter().max_by(|a, b| width(a).total_cmp(&width(b)))
@@ -373,15 +359,15 @@ mod tests {
     use super::*;
     use crate::impact::Tone;
 
-    fn two(amplitude: f64, angle: f64) -> Wave {
+    fn two_tones(amplitude: f64, angle: f64) -> Wave {
         Wave::build(Tone { amplitude, angle }, Tone::default()).unwrap()
     }
 
     #[test]
-    fn the_narrowest_band_of_a_sine_is_found() {
-        use crate::regime::{HIGHEST_ORDER, band};
-        for order in [10, 37, 70, HIGHEST_ORDER] {
-            let found = WaveBands::of(&Wave::sine(), 0.1, order).unwrap();
+    fn narrowest_band_of_a_sine_is_found() {
+        use crate::regime::{MAX_ORDER, band};
+        for order in [10, 37, 70, MAX_ORDER] {
+            let found = WaveBands::find(&Wave::sine(), 0.1, order).unwrap();
             let widest = found.widest().expect("a sine has a band of every order");
             let flip = band::flip(0.1, order).unwrap();
             assert!((widest.low.k / flip - 1.0).abs() < 1e-9, "{order}");
@@ -389,10 +375,10 @@ mod tests {
     }
 
     #[test]
-    fn one_tone_has_the_band_of_the_paper() {
+    fn one_tone_band_matches_the_paper() {
         for restitution in [0.1, 0.2, 0.5, 0.8] {
             for order in [1, 2, 3] {
-                let bands = WaveBands::of(&Wave::sine(), restitution, order).unwrap();
+                let bands = WaveBands::find(&Wave::sine(), restitution, order).unwrap();
                 assert_eq!(bands.iter().count(), 1);
                 let found = bands.widest().unwrap();
                 let (k2, k1) = (
@@ -410,14 +396,14 @@ mod tests {
     }
 
     #[test]
-    fn bands_of_two_tones_are_the_references() {
+    fn two_tone_bands_match_the_references() {
         // Three decimals from docs/theory-real-parts.md#t10.3.
         for (e, th, k2, k1) in [
             (0.05, 2.487, 0.339, 0.445),
             (0.10, 2.487, 0.274, 0.429),
             (0.15, 2.356, 0.200, 0.452),
         ] {
-            let bands = WaveBands::of(&two(e, th), 0.2, 1).unwrap();
+            let bands = WaveBands::find(&two_tones(e, th), 0.2, 1).unwrap();
             let found = bands.widest().unwrap();
             assert!((found.low.k - k2).abs() < 6e-4, "{found:?}");
             assert!((found.high.k - k1).abs() < 6e-4, "{found:?}");
@@ -425,28 +411,28 @@ mod tests {
     }
 
     #[test]
-    fn an_orbit_of_a_band_returns_to_itself_with_the_stated_tangent() {
+    fn band_orbit_closes_with_the_stated_tangent() {
         for (e, th, restitution, order) in [
             (0.15, 2.356, 0.2, 1),
             (0.25, 2.6, 0.5, 1),
             (0.1, 2.2, 0.3, 2),
             (0.4, 1.0, 0.4, 1),
         ] {
-            let wave = two(e, th);
-            for band in WaveBands::of(&wave, restitution, order).unwrap().iter() {
+            let wave = two_tones(e, th);
+            for band in WaveBands::find(&wave, restitution, order).unwrap().iter() {
                 let (early, late) = band.phases();
                 for part in 1..8 {
                     let phase = early + (late - early) * f64::from(part) / 8.0;
-                    let lock = WaveLock::striking(&wave, phase, restitution, order)
+                    let lock = WaveLock::with_impact_phase(&wave, phase, restitution, order)
                         .unwrap()
                         .unwrap();
                     assert!(band.contains(lock.k()) && lock.attracts() && lock.is_first_return());
                     let map = WaveMap::on(wave, lock.k(), restitution).unwrap();
                     let at = |phase: f64, velocity: f64| {
-                        let state = PartState {
-                            phase: lock.state().phase + phase,
-                            velocity: lock.state().velocity + velocity,
-                        };
+                        let state = PartState::new(
+                            lock.state().phase + phase,
+                            lock.state().velocity + velocity,
+                        );
                         let impact = map.impact(state);
                         (impact.flight + phase, impact.next.velocity)
                     };
@@ -455,10 +441,11 @@ mod tests {
                     assert!((velocity - lock.state().velocity).abs() < 1e-11);
                     // Central differences; the error is below 1e3, the largest third derivative,
                     // times the squared step.
-                    const STEP: f64 = 1e-5;
-                    let trace = (at(STEP, 0.0).0 - at(-STEP, 0.0).0 + at(0.0, STEP).1
-                        - at(0.0, -STEP).1)
-                        / (2.0 * STEP);
+                    const DIFFERENCE_STEP: f64 = 1e-5;
+                    let trace = (at(DIFFERENCE_STEP, 0.0).0 - at(-DIFFERENCE_STEP, 0.0).0
+                        + at(0.0, DIFFERENCE_STEP).1
+                        - at(0.0, -DIFFERENCE_STEP).1)
+                        / (2.0 * DIFFERENCE_STEP);
                     assert!(
                         (trace - lock.trace()).abs() < 1e-5,
                         "{trace} {}",
@@ -470,29 +457,36 @@ mod tests {
     }
 
     #[test]
-    fn a_lot_without_a_band_on_one_tone_has_one_on_two() {
+    fn second_tone_gives_a_wide_lot_a_band() {
         let lot = Restitution::interval(0.10, 0.30).unwrap();
         let one = WaveBands::common(&Wave::sine(), lot, 1).unwrap();
         assert_eq!(one.widest(), None);
-        let wave = two(0.15, 2.356);
+        let wave = two_tones(0.15, 2.356);
         let shared = WaveBands::common(&wave, lot, 1).unwrap().widest().unwrap();
         for step in 0..=20 {
             let restitution = 0.10 + 0.01 * f64::from(step);
-            let own = WaveBands::of(&wave, restitution, 1).unwrap();
+            let own = WaveBands::find(&wave, restitution, 1).unwrap();
             let k = shared.setpoint();
             assert!(own.iter().any(|band| band.contains(k)), "{restitution}");
         }
     }
 
     #[test]
-    fn from_rest_a_second_tone_locks_where_one_does_not() {
-        let lock = |wave: &Wave, k: f64| WaveLock::attracting(wave, k, 0.2, 1).unwrap().unwrap();
+    fn second_tone_locks_from_rest_where_one_does_not() {
+        let lock =
+            |wave: &Wave, k: f64| WaveLock::find_attracting(wave, k, 0.2, 1).unwrap().unwrap();
         assert!((lock(&Wave::sine(), 0.43).k() - 0.43).abs() < 1e-14);
-        assert_eq!(WaveLock::attracting(&Wave::sine(), 0.5, 0.2, 1), Ok(None));
+        assert_eq!(
+            WaveLock::find_attracting(&Wave::sine(), 0.5, 0.2, 1),
+            Ok(None)
+        );
         assert!(lock(&Wave::sine(), 0.405).is_reached_from_rest(600));
         assert!(!lock(&Wave::sine(), 0.43).is_reached_from_rest(600));
         for k in [0.25, 0.30, 0.35] {
-            assert!(lock(&two(0.15, 2.356), k).is_reached_from_rest(600), "{k}");
+            assert!(
+                lock(&two_tones(0.15, 2.356), k).is_reached_from_rest(600),
+                "{k}"
+            );
         }
     }
 
@@ -500,7 +494,7 @@ mod tests {
     fn refusals_name_the_parameter() {
         let wave = Wave::sine();
         let refused = |restitution, order| {
-            WaveBands::of(&wave, restitution, order)
+            WaveBands::find(&wave, restitution, order)
                 .unwrap_err()
                 .parameter
         };

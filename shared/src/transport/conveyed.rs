@@ -1,6 +1,6 @@
 //! Displacement and time of an orbit (equations 10 and 11).
 
-use crate::impact::{Along, Contact, Impact, Lain, Observer, PartState, Tangential};
+use crate::impact::{Along, Contact, ContactMotion, Impact, Observer, PartState, Tangential};
 
 /// Displacement and time of an orbit along the track.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -26,7 +26,6 @@ pub struct Conveyed {
 impl Conveyed {
     /// Time mean of the velocity along the track in units of `b w`: displacement over time, rests
     /// included. `None` before any time has passed.
-    #[must_use]
     pub fn time_mean(&self) -> Option<f64> {
         let time = self.flying + self.resting;
         (time > 0.0).then(|| self.distance / time)
@@ -36,20 +35,17 @@ impl Conveyed {
     /// `<W>`.
     ///
     /// `None` if the part came to rest, because infinitely many short hops then dominate the mean.
-    #[must_use]
     pub fn impact_mean(&self) -> Option<f64> {
         (self.impacts > 0 && self.rests == 0).then(|| self.velocities / self.impacts as f64)
     }
 
     /// Mean time between impacts (symbol D) in rad; `None` if the part came to rest.
-    #[must_use]
     pub fn mean_interval(&self) -> Option<f64> {
         (self.impacts > 0 && self.rests == 0).then(|| self.flying / self.impacts as f64)
     }
 
     /// Sum of both.
-    #[must_use]
-    pub(crate) fn and(&self, other: &Self) -> Self {
+    pub(crate) fn plus(&self, other: &Self) -> Self {
         Self {
             impacts: self.impacts + other.impacts,
             rests: self.rests + other.rests,
@@ -63,7 +59,7 @@ impl Conveyed {
     }
 
     /// Adds a flight of a duration in rad.
-    pub(super) fn fly(&mut self, distance: f64, flight: f64) {
+    pub(super) fn add_flight(&mut self, distance: f64, flight: f64) {
         self.distance += distance;
         self.flying += flight;
         self.velocities += distance / flight;
@@ -71,25 +67,24 @@ impl Conveyed {
     }
 
     /// Adds a chatter of a duration in rad, up to rest. Sliding within it counts as hopping.
-    pub(super) fn settle(&mut self, lain: &Lain, chatter: f64) {
-        self.distance += lain.distance;
+    pub(super) fn add_chatter(&mut self, motion: &ContactMotion, chatter: f64) {
+        self.distance += motion.distance;
         self.flying += chatter;
         self.rests += 1;
     }
 
     /// Adds a rest of a duration in rad.
-    pub(super) fn lie(&mut self, lain: &Lain, time: f64) {
-        self.distance += lain.distance;
-        self.forward += lain.forward;
-        self.backward += lain.backward;
+    pub(super) fn add_rest(&mut self, motion: &ContactMotion, time: f64) {
+        self.distance += motion.distance;
+        self.forward += motion.forward;
+        self.backward += motion.backward;
         self.resting += time;
     }
 
     /// One drive cycle of a part that never leaves the track.
-    #[must_use]
-    pub(super) fn lying(cycle: &Lain) -> Self {
+    pub(super) fn from_contact_cycle(cycle: &ContactMotion) -> Self {
         let mut conveyed = Self::default();
-        conveyed.lie(cycle, core::f64::consts::TAU);
+        conveyed.add_rest(cycle, core::f64::consts::TAU);
         conveyed
     }
 }
@@ -113,7 +108,7 @@ impl Conveyed {
 ///     incline_tangent: 0.05,
 /// };
 /// let map = Map::build(k, restitution)?;
-/// let lock = Lock::at(k, restitution, 1)?.expect("0.43 is in the first band");
+/// let lock = Lock::build(k, restitution, 1)?.expect("0.43 is in the first band");
 /// let mut conveying = Conveying::new(Tangential::build(k, along)?, Contact::new(&map));
 /// let mut orbit = Orbit::new(&map, lock.state());
 /// orbit.watch(100, &mut conveying);
@@ -129,10 +124,10 @@ pub struct Conveying<A = Tangential> {
     contact: Contact,
     velocity: f64,
     /// Phase of the last rest.
-    rested: f64,
+    rest_phase: f64,
     /// Sums up to the first lift-off.
     before: Conveyed,
-    lifted: bool,
+    has_lifted_off: bool,
     /// Sums since the first lift-off; all sums if there was none.
     conveyed: Conveyed,
 }
@@ -140,38 +135,34 @@ pub struct Conveying<A = Tangential> {
 impl<A: Along> Conveying<A> {
     /// Observer with this motion along the track and this contact, initially without velocity along
     /// the track.
-    #[must_use]
     pub fn new(along: A, contact: Contact) -> Self {
         Self {
             along,
             contact,
             velocity: 0.0,
-            rested: 0.0,
+            rest_phase: 0.0,
             before: Conveyed::default(),
-            lifted: false,
+            has_lifted_off: false,
             conveyed: Conveyed::default(),
         }
     }
 
     /// Sums so far.
-    #[must_use]
     pub fn conveyed(&self) -> Conveyed {
-        self.before.and(&self.conveyed)
+        self.before.plus(&self.conveyed)
     }
 
     /// Sums since the first lift-off, or so far if there was none.
-    #[must_use]
     pub(crate) fn since_lift_off(&self) -> Conveyed {
         self.conveyed
     }
 
     /// Whether a steady motion along the track exists.
-    pub(super) fn is_held(&self) -> bool {
-        self.along.is_held()
+    pub(super) fn can_be_steady(&self) -> bool {
+        self.along.can_be_steady()
     }
 
     /// Velocity along the track just after the last impact (symbol phi) in units of `b w`.
-    #[must_use]
     pub fn velocity(&self) -> f64 {
         self.velocity
     }
@@ -180,7 +171,7 @@ impl<A: Along> Conveying<A> {
     pub fn restart(&mut self) {
         *self = Self {
             velocity: self.velocity,
-            rested: self.rested,
+            rest_phase: self.rest_phase,
             ..Self::new(self.along, self.contact)
         };
     }
@@ -189,27 +180,29 @@ impl<A: Along> Conveying<A> {
 impl<A: Along> Observer for Conveying<A> {
     #[inline]
     fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
-        let (distance, velocity) = self.along.fly(launch, impact, self.velocity);
-        self.conveyed.fly(distance, impact.flight);
+        let (distance, velocity) = self.along.move_in_flight(launch, impact, self.velocity);
+        self.conveyed.add_flight(distance, impact.flight);
         self.velocity = velocity;
     }
 
     fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
-        let lain = self
+        let motion = self
             .along
-            .chatter(&self.contact, last, chatter, self.velocity);
-        self.conveyed.settle(&lain, chatter);
-        self.velocity = lain.velocity;
-        self.rested = phase;
+            .move_in_chatter(&self.contact, last, chatter, self.velocity);
+        self.conveyed.add_chatter(&motion, chatter);
+        self.velocity = motion.velocity;
+        self.rest_phase = phase;
     }
 
     fn lift_off(&mut self, wait: f64, _: f64) {
-        let lain = self.along.lie(self.rested, wait, self.velocity);
-        self.conveyed.lie(&lain, wait);
-        self.velocity = lain.velocity;
-        if !self.lifted {
+        let motion = self
+            .along
+            .move_in_contact(self.rest_phase, wait, self.velocity);
+        self.conveyed.add_rest(&motion, wait);
+        self.velocity = motion.velocity;
+        if !self.has_lifted_off {
             self.before = core::mem::take(&mut self.conveyed);
-            self.lifted = true;
+            self.has_lifted_off = true;
         }
     }
 }
@@ -217,7 +210,7 @@ impl<A: Along> Observer for Conveying<A> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Ended, Kernel, Map, Orbit, Skips, TangentialSettings};
+    use crate::impact::{Kernel, Map, Orbit, Shortcuts, StopReason, TangentialSettings};
 
     const SETTINGS: TangentialSettings = TangentialSettings {
         restitution: 0.3,
@@ -227,23 +220,23 @@ mod tests {
     };
 
     #[test]
-    fn one_period_of_hop_and_rest_is_the_mean_of_many() {
+    fn one_period_of_hop_and_rest_has_the_mean_of_many() {
         for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.6, 0.1), (0.7, 0.0)] {
             let map = Map::build(k, restitution).unwrap();
             let tangential = Tangential::build(k, SETTINGS).unwrap();
             let mut once = Conveying::new(tangential, Contact::new(&map));
             let mut often = once;
             let ended = Orbit::from_rest(&map).watch(u64::MAX, &mut once);
-            assert_eq!(ended, Ended::Repeats);
+            assert_eq!(ended, StopReason::Repeats);
             let period = once.since_lift_off();
             let cycles = (period.flying + period.resting) / core::f64::consts::TAU;
             // From lift-off to lift-off the time is a whole number of drive cycles, summed over at
             // most 100 events.
             assert!((cycles - libm::round(cycles)).abs() < 1e-13, "{cycles}");
             Orbit::from_rest(&map)
-                .with(Skips {
+                .with(Shortcuts {
                     repeat: false,
-                    ..Skips::default()
+                    ..Shortcuts::default()
                 })
                 .watch(200 * period.impacts, &mut often);
             let (one, many) = (
@@ -262,7 +255,7 @@ mod tests {
 
     /// Displacement of a chatter in closed form and as the sum of its hops.
     #[test]
-    fn a_closed_chatter_carries_the_part_as_far_as_its_hops() {
+    fn closed_chatter_has_the_distance_of_its_hops() {
         let map = Map::build(0.9, 0.6).unwrap();
         let contact = Contact::new(&map);
         let tangential = Tangential::build(0.9, SETTINGS).unwrap();
@@ -285,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_seen_means_nothing() {
+    fn means_without_events_are_none() {
         assert_eq!(Conveyed::default().time_mean(), None);
         assert_eq!(Conveyed::default().impact_mean(), None);
         assert_eq!(Conveyed::default().mean_interval(), None);

@@ -10,8 +10,8 @@ use crate::impact::{Contact, Kernel, Map, PartState};
 /// ```
 /// use kband::transport::Inelastic;
 ///
-/// let dead = Inelastic::build(0.6)?;
-/// let flight = dead.flight(dead.lift_off().unwrap()).unwrap();
+/// let inelastic = Inelastic::build(0.6)?;
+/// let flight = inelastic.flight(inelastic.lift_off().unwrap()).unwrap();
 /// // A flight ends where u = 0: cos(t) d - k d^2/2 = sin(t + d) - sin t, from sin t = k.
 /// let (t, d) = (0.6_f64.asin(), flight.flight);
 /// assert!((t.cos() * d - 0.3 * d * d - (t + d).sin() + 0.6).abs() < 1e-14);
@@ -25,7 +25,7 @@ pub struct Inelastic {
 
 /// One flight of a part without restitution.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DeadFlight {
+pub struct InelasticFlight {
     /// Duration of the flight in rad.
     pub flight: f64,
     /// Landing phase in rad, 0..2 pi.
@@ -47,14 +47,12 @@ impl Inelastic {
     }
 
     /// Lift-off phase of a part at rest in rad, `arcsin k`; `None` for k >= 1.
-    #[must_use]
     pub fn lift_off(&self) -> Option<f64> {
         self.contact.lift_off()
     }
 
     /// Flight launched at `phase`; `None` if the track does not throw the part there.
-    #[must_use]
-    pub fn flight(&self, phase: f64) -> Option<DeadFlight> {
+    pub fn flight(&self, phase: f64) -> Option<InelasticFlight> {
         let lift_off = self.contact.lift_off()?;
         let start = Map::state(phase, 0.0).ok()?;
         let impact = self.map.impact(start);
@@ -63,7 +61,7 @@ impl Inelastic {
         }
         let PartState { phase: landing, .. } = impact.next;
         let wait = self.contact.wait(landing)?;
-        Some(DeadFlight {
+        Some(InelasticFlight {
             flight: impact.flight,
             landing,
             wait,
@@ -73,7 +71,6 @@ impl Inelastic {
 
     /// Mean velocity along the track in a flight of this duration, at gamma = 0, in units of `b w`
     /// (equation 38 with `eta k/2`): `W = (k d/2) (eta - tan(alpha))`.
-    #[must_use]
     pub fn velocity(&self, flight: f64, amplitude_ratio: f64, incline_tangent: f64) -> f64 {
         0.5 * self.map.k() * flight * (amplitude_ratio - incline_tangent)
     }
@@ -82,19 +79,19 @@ impl Inelastic {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Ended, Impact, Orbit, OrbitEvent, Tangential, TangentialSettings};
+    use crate::impact::{Impact, Orbit, OrbitEvent, StopReason, Tangential, TangentialSettings};
 
     #[test]
-    fn it_is_the_limit_of_the_full_map() {
+    fn inelastic_map_is_the_limit_of_the_full_map() {
         // Where the track throws at once, a part of small R deviates after one flight by its own
         // psi, of order R.
         for k in [0.2, 0.5, 0.8] {
-            let dead = Inelastic::build(k).unwrap();
+            let inelastic = Inelastic::build(k).unwrap();
             let nearly = Map::build(k, 1e-7).unwrap();
             let (low, high) = (libm::asin(k), core::f64::consts::PI - libm::asin(k));
             for step in 1..20 {
                 let phase = low + (high - low) * f64::from(step) / 20.0;
-                let flight = dead.flight(phase).unwrap();
+                let flight = inelastic.flight(phase).unwrap();
                 let impact = nearly.impact(Map::state(phase, 0.0).unwrap());
                 assert!((impact.flight - flight.flight).abs() < 1e-12);
                 let first = Orbit::new(&nearly, impact.next).next().unwrap();
@@ -112,11 +109,11 @@ mod tests {
     }
 
     #[test]
-    fn its_orbits_are_those_of_restitution_zero() {
+    fn inelastic_orbits_match_restitution_zero() {
         for k in [0.05, 0.15, 0.31, 0.6, 0.95] {
-            let dead = Inelastic::build(k).unwrap();
+            let inelastic = Inelastic::build(k).unwrap();
             let map = Map::build(k, 0.0).unwrap();
-            let mut phase = dead.lift_off().unwrap();
+            let mut phase = inelastic.lift_off().unwrap();
             let mut orbit = Orbit::from_rest(&map);
             let mut flights = 0;
             let mut seen = orbit.by_ref().filter_map(|event| match event {
@@ -126,11 +123,11 @@ mod tests {
             // At lift-off the rounding of arcsin k decides whether the track throws. From the first
             // landing on both have the same phases.
             let first = seen.next().unwrap();
-            let nudged = dead.flight(phase + 1e-9).unwrap();
+            let nudged = inelastic.flight(phase + 1e-9).unwrap();
             assert!((first - nudged.flight).abs() < 1e-6);
             phase += first;
             for flight in seen.take(10) {
-                let Some(next) = dead.flight(phase) else {
+                let Some(next) = inelastic.flight(phase) else {
                     break;
                 };
                 assert!((next.flight - flight).abs() < 1e-9, "{k} {phase}");
@@ -143,13 +140,13 @@ mod tests {
             // At low amplitude such a part rests after its first flight; at high amplitude it may
             // never rest.
             let ended = Orbit::from_rest(&map).watch(10_000, &mut ());
-            assert!(k < 0.5 || (flights, ended) == (0, Ended::Repeats));
+            assert!(k < 0.5 || (flights, ended) == (0, StopReason::Repeats));
         }
         assert_eq!(Inelastic::build(1.2).unwrap().flight(1.5), None);
     }
 
     #[test]
-    fn the_velocity_is_that_of_equation_11_with_nothing_kept() {
+    fn velocity_matches_equation_11_without_restitution() {
         let settings = TangentialSettings {
             restitution: 0.0,
             amplitude_ratio: 1.7,
@@ -157,12 +154,12 @@ mod tests {
             incline_tangent: 0.08,
         };
         for k in [0.1, 0.4, 0.9] {
-            let dead = Inelastic::build(k).unwrap();
+            let inelastic = Inelastic::build(k).unwrap();
             let tangential = Tangential::build(k, settings).unwrap();
             for step in 1..30 {
                 let low = libm::asin(k);
                 let phase = low + (core::f64::consts::PI - 2.0 * low) * f64::from(step) / 30.0;
-                let flight = dead.flight(phase).unwrap();
+                let flight = inelastic.flight(phase).unwrap();
                 let launch = Map::state(phase, 0.0).unwrap();
                 let impact = Impact {
                     flight: flight.flight,
@@ -170,7 +167,7 @@ mod tests {
                     grazes: false,
                 };
                 let distance = tangential.distance(launch, &impact, 0.0);
-                let expected = dead.velocity(flight.flight, 1.7, 0.08);
+                let expected = inelastic.velocity(flight.flight, 1.7, 0.08);
                 // The identity follows from u(d) = 0, which the flight solves to rounding.
                 assert!(
                     (distance / flight.flight - expected).abs() < 1e-13,

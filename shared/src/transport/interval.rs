@@ -37,7 +37,7 @@ pub struct Intervals<const BINS: usize, const LAGS: usize> {
     /// The last `LAGS` intervals minus the centre, newest at `count - 1` modulo `LAGS`.
     recent: [f64; LAGS],
     /// Number of them in the present sequence.
-    held: usize,
+    sequence_length: usize,
     products: [f64; LAGS],
     pairs: [u64; LAGS],
 }
@@ -45,7 +45,6 @@ pub struct Intervals<const BINS: usize, const LAGS: usize> {
 impl<const BINS: usize, const LAGS: usize> Intervals<BINS, LAGS> {
     /// Observer with a histogram of equal bins over `low..high` rad. `centre` is a rough mean of
     /// the intervals, subtracted against cancellation; 0 is allowed.
-    #[must_use]
     pub fn new(low: f64, high: f64, centre: f64) -> Self {
         Self {
             low,
@@ -58,44 +57,38 @@ impl<const BINS: usize, const LAGS: usize> Intervals<BINS, LAGS> {
             sum: 0.0,
             squares: 0.0,
             recent: [0.0; LAGS],
-            held: 0,
+            sequence_length: 0,
             products: [0.0; LAGS],
             pairs: [0; LAGS],
         }
     }
 
     /// Number of intervals.
-    #[must_use]
     pub fn count(&self) -> u64 {
         self.count
     }
 
     /// Mean (symbol D) in rad.
-    #[must_use]
     pub fn mean(&self) -> Option<f64> {
         (self.count > 0).then(|| self.centre + self.sum / self.count as f64)
     }
 
     /// Standard deviation in rad.
-    #[must_use]
     pub fn deviation(&self) -> Option<f64> {
         self.variance().map(libm::sqrt)
     }
 
     /// Longest interval in rad.
-    #[must_use]
     pub fn longest(&self) -> f64 {
         self.longest
     }
 
     /// Number of intervals in each bin of `low..high`.
-    #[must_use]
     pub fn bins(&self) -> &[u64; BINS] {
         &self.bins
     }
 
     /// Number of intervals outside `low..high`.
-    #[must_use]
     pub fn outside(&self) -> u64 {
         self.outside
     }
@@ -104,7 +97,6 @@ impl<const BINS: usize, const LAGS: usize> Intervals<BINS, LAGS> {
     /// (a locked part).
     ///
     /// A renewal process has independent intervals, with autocorrelation 0 at each lag.
-    #[must_use]
     pub fn autocorrelation(&self, lag: usize) -> Option<f64> {
         let n = lag.checked_sub(1)?;
         let (products, pairs) = (*self.products.get(n)?, *self.pairs.get(n)?);
@@ -113,14 +105,14 @@ impl<const BINS: usize, const LAGS: usize> Intervals<BINS, LAGS> {
         if pairs == 0 || variance <= 1e-20 * mean * mean {
             return None;
         }
-        let apart = self.sum / self.count as f64;
-        Some((products / pairs as f64 - apart * apart) / variance)
+        let deviation = self.sum / self.count as f64;
+        Some((products / pairs as f64 - deviation * deviation) / variance)
     }
 
     fn variance(&self) -> Option<f64> {
         let count = self.count as f64;
-        let apart = self.sum / count;
-        (self.count > 0).then(|| (self.squares / count - apart * apart).max(0.0))
+        let deviation = self.sum / count;
+        (self.count > 0).then(|| (self.squares / count - deviation * deviation).max(0.0))
     }
 }
 
@@ -133,23 +125,23 @@ impl<const BINS: usize, const LAGS: usize> Observer for Intervals<BINS, LAGS> {
             _ => self.outside += 1,
         }
         self.longest = self.longest.max(z);
-        let apart = z - self.centre;
-        self.sum += apart;
-        self.squares += apart * apart;
+        let deviation = z - self.centre;
+        self.sum += deviation;
+        self.squares += deviation * deviation;
         if LAGS > 0 {
             let newest = self.count as usize;
-            for lag in 1..=self.held.min(LAGS) {
-                self.products[lag - 1] += apart * self.recent[(newest + LAGS - lag) % LAGS];
+            for lag in 1..=self.sequence_length.min(LAGS) {
+                self.products[lag - 1] += deviation * self.recent[(newest + LAGS - lag) % LAGS];
                 self.pairs[lag - 1] += 1;
             }
-            self.recent[newest % LAGS] = apart;
-            self.held = (self.held + 1).min(LAGS);
+            self.recent[newest % LAGS] = deviation;
+            self.sequence_length = (self.sequence_length + 1).min(LAGS);
         }
         self.count += 1;
     }
 
     fn lift_off(&mut self, _: f64, _: f64) {
-        self.held = 0;
+        self.sequence_length = 0;
     }
 }
 
@@ -157,7 +149,7 @@ impl<const BINS: usize, const LAGS: usize> Observer for Intervals<BINS, LAGS> {
 mod tests {
     use super::*;
     use crate::impact::{Kernel, Map, Orbit};
-    use crate::transport::Spread;
+    use crate::transport::SampleMean;
 
     fn interval(flight: f64) -> Impact<PartState> {
         Impact {
@@ -168,40 +160,43 @@ mod tests {
     }
 
     #[test]
-    fn sums_are_those_of_the_definition() {
+    fn interval_statistics_match_their_definitions() {
         let values = [1.0, 4.0, 2.0, 5.0, 3.0, 3.5, 0.5, 9.0];
-        let mut seen = Intervals::<4, 3>::new(0.0, 8.0, 3.0);
+        let mut intervals = Intervals::<4, 3>::new(0.0, 8.0, 3.0);
         let nowhere = Map::state(0.0, 0.0).unwrap();
         for value in values {
-            seen.impact(nowhere, &interval(value));
+            intervals.impact(nowhere, &interval(value));
         }
         let mean = values.iter().sum::<f64>() / 8.0;
         let variance = values.iter().map(|z| (z - mean) * (z - mean)).sum::<f64>() / 8.0;
-        assert!((seen.mean().unwrap() - mean).abs() < 1e-14);
-        assert!((seen.deviation().unwrap() - libm::sqrt(variance)).abs() < 1e-14);
-        assert_eq!((seen.bins(), seen.outside()), (&[2, 3, 2, 0], 1));
+        assert!((intervals.mean().unwrap() - mean).abs() < 1e-14);
+        assert!((intervals.deviation().unwrap() - libm::sqrt(variance)).abs() < 1e-14);
+        assert_eq!((intervals.bins(), intervals.outside()), (&[2, 3, 2, 0], 1));
         for lag in 1..=3 {
             let pairs = values.iter().zip(&values[lag..]);
             let products =
                 pairs.map(|(a, b)| (a - 3.0) * (b - 3.0)).sum::<f64>() / (8 - lag) as f64;
             let expected = (products - (mean - 3.0) * (mean - 3.0)) / variance;
-            assert!((seen.autocorrelation(lag).unwrap() - expected).abs() < 1e-14);
+            assert!((intervals.autocorrelation(lag).unwrap() - expected).abs() < 1e-14);
         }
         assert_eq!(
-            (seen.autocorrelation(0), seen.autocorrelation(4)),
+            (intervals.autocorrelation(0), intervals.autocorrelation(4)),
             (None, None)
         );
     }
 
     #[test]
-    fn a_locked_part_has_one_interval_and_nothing_to_correlate() {
+    fn locked_part_has_one_interval_and_no_correlation() {
         let map = Map::build(0.43, 0.2).unwrap();
         let mut orbit = Orbit::new(&map, Map::state(0.457, 0.45).unwrap());
         orbit.watch(300, &mut ());
-        let mut seen = Intervals::<8, 2>::new(6.0, 7.0, core::f64::consts::TAU);
-        orbit.watch(500, &mut seen);
-        assert!((seen.mean().unwrap() - core::f64::consts::TAU).abs() < 1e-13);
-        assert_eq!((seen.autocorrelation(1), seen.bins()[2]), (None, 500));
+        let mut intervals = Intervals::<8, 2>::new(6.0, 7.0, core::f64::consts::TAU);
+        orbit.watch(500, &mut intervals);
+        assert!((intervals.mean().unwrap() - core::f64::consts::TAU).abs() < 1e-13);
+        assert_eq!(
+            (intervals.autocorrelation(1), intervals.bins()[2]),
+            (None, 500)
+        );
     }
 
     /// Chaotic flights are no renewal process (docs/theory-transport.md#t8.7): the lag-1
@@ -210,13 +205,13 @@ mod tests {
     fn chaotic_flights_are_correlated() {
         for (k, restitution, sign) in [(0.05, 0.9, 1.0), (0.34, 0.2, -1.0)] {
             let map = Map::build(k, restitution).unwrap();
-            let spread = Spread::of((0..8).map(|n| {
+            let spread = SampleMean::from_values((0..8).map(|n| {
                 let start = Map::state(0.4 + 1e-3 * f64::from(n), 0.45).unwrap();
                 let mut orbit = Orbit::new(&map, start);
                 orbit.watch(300, &mut ());
-                let mut seen = Intervals::<1, 1>::new(0.0, 1e3, 0.0);
-                orbit.watch(3000, &mut seen);
-                seen.autocorrelation(1).unwrap()
+                let mut intervals = Intervals::<1, 1>::new(0.0, 1e3, 0.0);
+                orbit.watch(3000, &mut intervals);
+                intervals.autocorrelation(1).unwrap()
             }));
             let (mean, error) = (spread.mean().unwrap(), spread.error().unwrap());
             assert!(

@@ -11,10 +11,9 @@ use crate::regime::Lock;
 /// `W = eta cos(t0 + gamma) - pi r k tan(alpha) (1 + Rt)/(1 - Rt)`.
 ///
 /// All flights are equal, so time mean and impact mean agree.
-#[must_use]
 pub fn velocity(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
     let shaken = settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead);
-    shaken - fall(lock.order(), k, settings)
+    shaken - incline_loss(lock.order(), k, settings)
 }
 
 /// Velocity at gamma = 0 without the phase (equation 21), in units of `b w`:
@@ -36,7 +35,6 @@ pub fn velocity(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
 /// let (w, half) = (velocity_in_phase(1, 0.46, 0.2, &along), velocity_in_phase(1, 0.23, 0.2, &along));
 /// assert!((half * 2.0 - w).abs() < 1e-15);
 /// ```
-#[must_use]
 pub fn velocity_in_phase(
     order: u32,
     k: f64,
@@ -44,7 +42,7 @@ pub fn velocity_in_phase(
     settings: &TangentialSettings,
 ) -> f64 {
     let drive = settings.amplitude_ratio * (1.0 - restitution) / (1.0 + restitution);
-    PI * f64::from(order) * k * drive - fall(order, k, settings)
+    PI * f64::from(order) * k * drive - incline_loss(order, k, settings)
 }
 
 /// Mean of [`velocity_in_phase`] over a lot with uniformly distributed restitution R1..R2, in units
@@ -52,7 +50,6 @@ pub fn velocity_in_phase(
 ///
 /// It is `W = pi r k { eta (2 ln((1+R2)/(1+R1))/(R2-R1) - 1) - tan(alpha) (1+Rt)/(1-Rt) }`. In gear
 /// each part has the mean speed of its lock at any k (docs/theory-real-parts.md#t10.1).
-#[must_use]
 pub fn mean_velocity_in_phase(
     order: u32,
     k: f64,
@@ -64,12 +61,11 @@ pub fn mean_velocity_in_phase(
         return velocity_in_phase(order, k, lot.middle(), settings);
     }
     let share = 2.0 * libm::log1p(width / (1.0 + lot.low())) / width - 1.0;
-    PI * f64::from(order) * k * settings.amplitude_ratio * share - fall(order, k, settings)
+    PI * f64::from(order) * k * settings.amplitude_ratio * share - incline_loss(order, k, settings)
 }
 
 /// Tangent of the incline at which a locked part has speed 0 (equation 23; at gamma = 0 equation
 /// 22): `eta cos(t0 + gamma) (1 - Rt) / (pi r k (1 + Rt))`.
-#[must_use]
 pub fn critical_slope(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
     let rt = settings.restitution;
     settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead) * (1.0 - rt)
@@ -78,7 +74,6 @@ pub fn critical_slope(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64
 
 /// Tangent of the critical incline at gamma = 0 (equation 22): `eta (1-R)(1-Rt) / ((1+R)(1+Rt))`.
 /// It is the same for each order and k. Restitution 0..1.
-#[must_use]
 pub fn critical_slope_in_phase(restitution: f64, settings: &TangentialSettings) -> f64 {
     let rt = settings.restitution;
     settings.amplitude_ratio * (1.0 - restitution) * (1.0 - rt) / ((1.0 + restitution) * (1.0 + rt))
@@ -88,7 +83,6 @@ pub fn critical_slope_in_phase(restitution: f64, settings: &TangentialSettings) 
 /// `eta (1 - tan(alpha)/tan(alpha_c))`. A locked part reaches it at k1. Restitution 0..1, below 1.
 ///
 /// It bounds locked velocity and impact mean; the time mean can exceed it.
-#[must_use]
 pub fn bound(restitution: f64, settings: &TangentialSettings) -> f64 {
     let rt = settings.restitution;
     let loss = (1.0 + restitution) * (1.0 + rt) / ((1.0 - restitution) * (1.0 - rt));
@@ -96,7 +90,7 @@ pub fn bound(restitution: f64, settings: &TangentialSettings) -> f64 {
 }
 
 /// Velocity lost to the incline: `pi r k tan(alpha) (1 + Rt)/(1 - Rt)`.
-fn fall(order: u32, k: f64, settings: &TangentialSettings) -> f64 {
+fn incline_loss(order: u32, k: f64, settings: &TangentialSettings) -> f64 {
     let rt = settings.restitution;
     PI * f64::from(order) * k * settings.incline_tangent * (1.0 + rt) / (1.0 - rt)
 }
@@ -127,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_speed_of_a_lot_is_the_mean_of_its_parts() {
+    fn lot_speed_is_the_mean_of_its_parts() {
         let settings = settings(0.0, 0.05);
         for (low, high) in [(0.1, 0.3), (0.0, 0.9), (0.2, 0.2), (0.2, 0.2 + 1e-9)] {
             let lot = Restitution::interval(low, high).unwrap();
@@ -139,12 +133,12 @@ mod tests {
     }
 
     #[test]
-    fn the_closed_form_is_what_the_map_conveys() {
+    fn closed_form_matches_the_simulated_speed() {
         for (k, restitution, order) in LOCKS {
             for phase_lead in [-1.0, 0.0, 0.7, 2.5] {
                 let settings = settings(phase_lead, 0.05);
                 let map = Map::build(k, restitution).unwrap();
-                let lock = Lock::at(k, restitution, order).unwrap().unwrap();
+                let lock = Lock::build(k, restitution, order).unwrap().unwrap();
                 let tangential = Tangential::build(k, settings).unwrap();
                 let mut conveying = Conveying::new(tangential, Contact::new(&map));
                 let mut orbit = Orbit::new(&map, lock.state());
@@ -166,9 +160,9 @@ mod tests {
     }
 
     #[test]
-    fn in_phase_the_velocity_is_proportional_to_k_and_zero_on_the_critical_slope() {
+    fn in_phase_velocity_is_proportional_to_k() {
         for (k, restitution, order) in LOCKS {
-            let lock = Lock::at(k, restitution, order).unwrap().unwrap();
+            let lock = Lock::build(k, restitution, order).unwrap().unwrap();
             let flat = settings(0.0, 0.05);
             let in_phase = velocity_in_phase(order, k, restitution, &flat);
             assert!((velocity(&lock, k, &flat) - in_phase).abs() < 1e-14);
@@ -185,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bound_is_the_velocity_at_birth() {
+    fn bound_is_the_velocity_at_birth() {
         for restitution in [0.0, 0.2, 0.5, 0.9] {
             for order in [1, 2, 5] {
                 let k1 = band::birth(restitution, order).unwrap();

@@ -24,7 +24,6 @@ impl Sensitivity {
     /// let lock = Sensitivity::between((0.40, 0.80, 0.0), (0.44, 0.88, 0.0)).unwrap();
     /// assert!(lock.value.abs() < 1e-12 && lock.error == 0.0);
     /// ```
-    #[must_use]
     pub fn between(
         (low, at_low, low_error): (f64, f64, f64),
         (high, at_high, high_error): (f64, f64, f64),
@@ -43,7 +42,7 @@ impl Sensitivity {
 mod tests {
     use super::*;
     use crate::impact::{Kernel, Map, Tangential, TangentialSettings};
-    use crate::transport::{Effort, Motion, Origin, Spread, measure};
+    use crate::transport::{Effort, Motion, Origin, SampleMean, measure};
 
     const SETTINGS: TangentialSettings = TangentialSettings {
         restitution: 0.3,
@@ -62,7 +61,7 @@ mod tests {
         let at = |k: f64| {
             let map = Map::build(k, restitution).unwrap();
             let tangential = Tangential::build(k, SETTINGS).unwrap();
-            let spread = Spread::of((0..8).map(|n| {
+            let spread = SampleMean::from_values((0..8).map(|n| {
                 let state = Map::state(start.0 + 1e-3 * f64::from(n), start.1).unwrap();
                 let effort = Effort {
                     settle: 300,
@@ -78,14 +77,14 @@ mod tests {
     }
 
     #[test]
-    fn in_the_lock_the_speed_does_not_depend_on_the_amplitude() {
+    fn locked_speed_is_independent_of_the_amplitude() {
         let lock = sensitivity(0.42, 0.44, 0.2, (0.457, 0.45), 200);
         // W is proportional to k within the rounding of phases.
         assert!(lock.value.abs() < 1e-9 && lock.error < 1e-9, "{lock:?}");
     }
 
     #[test]
-    fn in_wide_chaos_the_speed_grows_like_the_amplitude() {
+    fn chaotic_speed_is_proportional_to_the_amplitude() {
         let chaos = sensitivity(0.035, 0.07, 0.9, (0.4, 4.0), 6000);
         // Reference of a long run: 1.000 +- 0.002.
         assert!(

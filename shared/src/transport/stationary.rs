@@ -10,7 +10,6 @@ use crate::impact::{Impact, Observer, PartState, TangentialSettings};
 ///
 /// It is exact in any stationary state, because the means of psi, phi and cos t are equal before
 /// and after an impact. `None` if gamma is not 0, as the mean then depends on more than D.
-#[must_use]
 pub fn impact_mean(
     k: f64,
     restitution: f64,
@@ -64,7 +63,6 @@ impl PhaseMeans {
     /// ```
     ///
     /// It is equation 29 with the stationary means of phi and psi. `None` before any impact.
-    #[must_use]
     pub fn impact_mean(
         &self,
         k: f64,
@@ -105,11 +103,10 @@ impl Observer for PhaseMeans {
 /// use kband::transport::stationary::mean_velocity;
 ///
 /// // Exact for a lock, which is a hopping regime with D = 2 pi r.
-/// let psi = Lock::at(0.43, 0.2, 1)?.unwrap().state().velocity;
+/// let psi = Lock::build(0.43, 0.2, 1)?.unwrap().state().velocity;
 /// assert!((mean_velocity(0.43, 0.2, TAU) - psi).abs() < 1e-15);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
-#[must_use]
 pub fn mean_velocity(k: f64, restitution: f64, mean_interval: f64) -> f64 {
     k * mean_interval * restitution / (1.0 + restitution)
 }
@@ -131,7 +128,7 @@ mod tests {
     /// The terms that the derivation sets to zero are telescoping sums. Their remainder depends on
     /// both ends of the run only.
     #[test]
-    fn the_residual_is_that_of_the_ends() {
+    fn residual_equals_the_end_terms() {
         for (k, restitution) in [
             (0.05, 0.9),
             (0.1, 0.95),
@@ -178,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn out_of_phase_it_is_not_known() {
+    fn impact_mean_is_none_out_of_phase() {
         let settings = TangentialSettings {
             restitution: 0.3,
             amplitude_ratio: 2.0,

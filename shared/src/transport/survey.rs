@@ -2,11 +2,14 @@
 
 use super::conveyed::{Conveyed, Conveying};
 use crate::feeder::OutOfRange;
-use crate::impact::{Along, Contact, Ended, Map, Observer, Orbit, PartState, Scatter};
+use crate::impact::{Along, Contact, Map, Observer, Orbit, PartState, Scatter, StopReason};
 
 /// Mean time between rests, in rad, from which a part counts as hopping. A rest is shorter than a
 /// drive period, so below 1 % of the time is spent at rest.
-const RARELY: f64 = 100.0 * core::f64::consts::TAU;
+const MIN_TIME_BETWEEN_RESTS: f64 = 100.0 * core::f64::consts::TAU;
+
+/// Periods within which a velocity damped by friction alone converges.
+pub(super) const CONVERGENCE_PERIODS: usize = 500;
 
 /// Length of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,7 +66,7 @@ pub struct Measured {
 ///     incline_tangent: 0.05,
 /// };
 /// let map = Map::build(0.43, 0.2)?;
-/// let lock = Lock::at(0.43, 0.2, 1)?.unwrap();
+/// let lock = Lock::build(0.43, 0.2, 1)?.unwrap();
 /// let effort = Effort { settle: 100, impacts: 100 };
 /// let run = measure(
 ///     &map,
@@ -85,7 +88,7 @@ pub fn measure(
     effort: Effort,
     also: &mut impl Observer,
 ) -> Measured {
-    measure_along(map, from(map, start), along, effort, also)
+    measure_along(map, start_orbit(map, start), along, effort, also)
 }
 
 /// [`measure`] with random restitution drawn by `scatter`, over the requested impacts, because
@@ -98,11 +101,11 @@ pub fn measure_scattered(
     scatter: Scatter,
     also: &mut impl Observer,
 ) -> Result<Measured, OutOfRange> {
-    let orbit = from(map, start).scattering(scatter)?;
+    let orbit = start_orbit(map, start).scattering(scatter)?;
     Ok(measure_along(map, orbit, along, effort, also))
 }
 
-fn from(map: &Map, start: Origin) -> Orbit<'_> {
+fn start_orbit(map: &Map, start: Origin) -> Orbit<'_> {
     match start {
         Origin::Rest => Orbit::from_rest(map),
         Origin::Hop(state) => Orbit::new(map, state),
@@ -119,32 +122,39 @@ fn measure_along(
     let mut conveying = Conveying::new(along, Contact::new(map));
     orbit.watch(effort.settle, &mut conveying);
     conveying.restart();
-    let (ended, steady) = settled(&mut orbit, &mut conveying, effort, also);
+    let (ended, steady) = measure_until_steady(&mut orbit, &mut conveying, effort, also);
     let conveyed = match ended {
-        Ended::Repeats => conveying.since_lift_off(),
-        Ended::RestsForEver | Ended::Counted => conveying.conveyed(),
+        StopReason::Repeats => conveying.since_lift_off(),
+        StopReason::RestsForEver | StopReason::Counted => conveying.conveyed(),
     };
-    told(ended, conveyed, steady, along)
+    classify_run(ended, conveyed, steady, along)
 }
 
 /// Result of a run; `steady` means that its velocity along the track has converged.
-pub(super) fn told(ended: Ended, conveyed: Conveyed, steady: bool, along: impl Along) -> Measured {
-    if ended == Ended::RestsForEver {
+pub(super) fn classify_run(
+    ended: StopReason,
+    conveyed: Conveyed,
+    steady: bool,
+    along: impl Along,
+) -> Measured {
+    if ended == StopReason::RestsForEver {
         return Measured {
             motion: Motion::Rest,
             conveyed: along
-                .stay()
-                .map_or_else(Conveyed::default, |cycle| Conveyed::lying(&cycle)),
+                .steady_cycle()
+                .map_or_else(Conveyed::default, |cycle| {
+                    Conveyed::from_contact_cycle(&cycle)
+                }),
         };
     }
     let time = conveyed.flying + conveyed.resting;
-    let motion = if time < RARELY * conveyed.rests as f64 {
+    let motion = if time < MIN_TIME_BETWEEN_RESTS * conveyed.rests as f64 {
         Motion::HopAndRest
     } else {
         Motion::Hopping
     };
     // A part that accelerates for ever has no speed.
-    let steady = steady && along.is_held();
+    let steady = steady && along.can_be_steady();
     Measured {
         motion,
         conveyed: if steady {
@@ -157,21 +167,19 @@ pub(super) fn told(ended: Ended, conveyed: Conveyed, steady: bool, along: impl A
 
 /// Observes the measured run; returns whether the velocity along the track has converged. With
 /// friction it converges later than the flights, so the run is repeated.
-fn settled<A: Along>(
+fn measure_until_steady<A: Along>(
     orbit: &mut Orbit<'_>,
     conveying: &mut Conveying<A>,
     effort: Effort,
     also: &mut impl Observer,
-) -> (Ended, bool) {
-    /// Periods within which a velocity damped by friction alone converges.
-    const PERIODS: usize = 500;
+) -> (StopReason, bool) {
     let mut steady = true;
-    if !A::FORGETS && conveying.is_held() {
-        for _ in 0..PERIODS {
+    if !A::REST_ERASES_HISTORY && conveying.can_be_steady() {
+        for _ in 0..CONVERGENCE_PERIODS {
             let before = conveying.velocity();
             let ended = orbit.watch(effort.impacts, conveying);
             conveying.restart();
-            steady = ended != Ended::Repeats || (conveying.velocity() - before).abs() <= 1e-12;
+            steady = ended != StopReason::Repeats || (conveying.velocity() - before).abs() <= 1e-12;
             if steady {
                 break;
             }
@@ -184,10 +192,10 @@ fn settled<A: Along>(
 mod tests {
     use super::*;
     use crate::impact::{Kernel, Tangential, TangentialSettings};
-    use crate::transport::{Spread, locked};
+    use crate::transport::{SampleMean, locked};
 
     /// Parameters of the paper's section on chaotic conveying (docs/theory-transport.md#t8.2).
-    const CHAOS: TangentialSettings = TangentialSettings {
+    const CHAOTIC_SETTINGS: TangentialSettings = TangentialSettings {
         restitution: 0.3,
         amplitude_ratio: 2.0,
         phase_lead: 0.0,
@@ -214,11 +222,13 @@ mod tests {
     }
 
     #[test]
-    fn the_time_mean_in_wide_chaos_exceeds_the_impact_mean_and_the_bound() {
-        let runs = runs(0.05, 0.9, CHAOS, 8000);
+    fn chaotic_time_mean_exceeds_impact_mean_and_bound() {
+        let runs = runs(0.05, 0.9, CHAOTIC_SETTINGS, 8000);
         assert!(runs.iter().all(|run| run.motion == Motion::Hopping));
-        let per_time = Spread::of(runs.iter().filter_map(|run| run.conveyed.time_mean()));
-        let per_impact = Spread::of(runs.iter().filter_map(|run| run.conveyed.impact_mean()));
+        let per_time =
+            SampleMean::from_values(runs.iter().filter_map(|run| run.conveyed.time_mean()));
+        let per_impact =
+            SampleMean::from_values(runs.iter().filter_map(|run| run.conveyed.impact_mean()));
         for (spread, printed, rounding) in [(per_impact, 0.0463, 5e-5), (per_time, 0.272, 5e-4)] {
             let (mean, error) = (spread.mean().unwrap(), spread.error().unwrap());
             // Values as printed in docs/theory-transport.md#t8.2, within 6 standard errors of 12
@@ -229,14 +239,14 @@ mod tests {
             );
             assert!(error < 0.05 * mean, "{mean} +- {error}");
         }
-        let bound = locked::bound(0.9, &CHAOS);
+        let bound = locked::bound(0.9, &CHAOTIC_SETTINGS);
         assert!(per_time.mean().unwrap() > bound + 6.0 * per_time.error().unwrap());
         assert!(per_impact.mean().unwrap() < bound);
     }
 
     #[test]
-    fn motion_is_told_apart() {
-        let settings = CHAOS;
+    fn motions_are_classified() {
+        let settings = CHAOTIC_SETTINGS;
         let tangential = Tangential::build(0.43, settings).unwrap();
         let map = Map::build(0.43, 0.2).unwrap();
         let effort = Effort {
@@ -254,9 +264,9 @@ mod tests {
         );
         let heavy = Map::build(1.5, 0.5).unwrap();
         let tangential = Tangential::build(1.5, settings).unwrap();
-        let dead = measure(&heavy, tangential, Origin::Rest, effort, &mut ());
+        let resting = measure(&heavy, tangential, Origin::Rest, effort, &mut ());
         assert_eq!(
-            (dead.motion, dead.conveyed.time_mean()),
+            (resting.motion, resting.conveyed.time_mean()),
             (Motion::Rest, None)
         );
         let thrown = Origin::Hop(Map::state(1.0, 2.0).unwrap());

@@ -18,7 +18,6 @@ impl Counter {
     ///
     /// # Panics
     /// It was started before.
-    #[must_use]
     pub fn start() -> Self {
         let mut system = Peripherals::take()
             .expect("the counter is started once")

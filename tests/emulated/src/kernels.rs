@@ -181,10 +181,7 @@ fn hash_waves<K: Machine + WaveKernel>(count: u32) -> u32 {
         let (kernel, start) = begin_on_tones::<K>(orbit);
         let sum = hash(&kernel, start, count, sum);
         let [k, restitution, .., amplitude, angle] = orbit;
-        let third = Tone {
-            amplitude: 0.07,
-            angle: 5.74,
-        };
+        let third = Tone::new(0.07, 5.74);
         let three = K::on_tones([Tone { amplitude, angle }, third], k, restitution);
         hash(
             &three.expect("parameters within range"),
@@ -225,10 +222,7 @@ pub fn track<K: Kernel>(k: f64) -> K {
 /// # Panics
 /// The kernel refuses it.
 pub fn track_on_tones<K: WaveKernel>(k: f64) -> K {
-    let second = Tone {
-        amplitude: 0.15,
-        angle: 2.356,
-    };
+    let second = Tone::new(0.15, 2.356);
     K::on_tones([second, Tone::default()], k, 0.8).expect("parameters within range")
 }
 

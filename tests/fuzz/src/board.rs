@@ -1,8 +1,8 @@
 //! The board's side of the link and its state: frames, drive cycles, power failures.
 
 use embassy_futures::block_on;
-use kband::control::{Cycle, Event, Inputs, StartCause, State};
-use kband::wire::{Outgoing, Response, SetUp, read_answer};
+use kband_control::wire::{Outgoing, Response, SetUp, read_answer};
+use kband_control::{Cycle, Event, Inputs, StartCause, State};
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service};
@@ -45,10 +45,14 @@ impl Board {
         let report = self.station.report();
         let angular = core::f32::consts::TAU * report.frequency;
         let swing = settings.gain * 1e-5 * f32::from(per_cent) * report.command.amplitude;
-        let mut cycle = Cycle::default();
-        cycle.samples = (20_000.0 / report.frequency.max(5.0)) as u16;
-        cycle.quadrature = -swing * angular * angular;
-        [cycle.low, cycle.high] = readings;
+        let [low, high] = readings;
+        let cycle = Cycle {
+            low,
+            high,
+            samples: (20_000.0 / report.frequency.max(5.0)) as u16,
+            quadrature: -swing * angular * angular,
+            ..Cycle::default()
+        };
         if let Some(report) = self.station.cycle(&cycle, inputs) {
             let command = report.command;
             assert!((0.0..=settings.output_maximum).contains(&command.amplitude));
@@ -120,7 +124,6 @@ impl Board {
 }
 
 /// A sequence of events for a board.
-#[must_use]
 pub fn service(input: &[u8]) -> bool {
     let flash = Flash::default();
     let mut board = Board::start(&flash, StartCause::Ordinary);

@@ -4,14 +4,14 @@ use std::path::Path;
 
 use kband::feeder::OutOfRange;
 use kband::impact::{Integer, Kernel, Map};
-use kband::plant::{ClosedLoop, EnvelopeLoop};
-use kband::wire::{FRAME_MOST, Identity, SCHEMA, VERSION, write_identity};
+use kband_control::wire::{Identity, MAX_FRAME_BYTES, SCHEMA, VERSION, write_identity};
 use kband_host::board::replay;
 use kband_host::chip::Image;
 use kband_host::refusal::Refusal;
 use kband_host::simulate::SceneFile;
 use kband_host::verbs::impacts::rows::read_rows;
 use kband_host::verbs::settings::Imported;
+use kband_plant::{ClosedLoop, EnvelopeLoop};
 
 use crate::Taker;
 use crate::frames::framed;
@@ -71,7 +71,6 @@ fn text<T>(input: &[u8], read: impl FnOnce(&str) -> Result<T, Refusal>) -> Optio
 }
 
 /// A scene: parsed, and started in both fidelities.
-#[must_use]
 pub fn scene(input: &[u8]) -> bool {
     let Some(file) = text(input, SceneFile::parse) else {
         return false;
@@ -89,7 +88,6 @@ pub fn scene(input: &[u8]) -> bool {
 }
 
 /// A file of settings.
-#[must_use]
 pub fn settings(input: &[u8]) -> bool {
     text(input, Imported::parse).is_some()
 }
@@ -109,7 +107,6 @@ fn launches<K: Kernel>(input: &[u8], build: fn(f64, f64) -> Result<K, OutOfRange
 }
 
 /// A table of launches, in the arithmetics with the widest and the narrowest range.
-#[must_use]
 pub fn rows(input: &[u8]) -> bool {
     let double = launches::<Map>(input, Map::build);
     let integer = launches::<Integer>(input, Integer::build);
@@ -121,7 +118,6 @@ pub fn rows(input: &[u8]) -> bool {
 }
 
 /// A record of a board's output: raw bytes, or after a 0 messages in valid frames.
-#[must_use]
 pub fn record(input: &[u8]) -> bool {
     let mut count = 0_u64;
     let mut bytes = input.to_vec();
@@ -131,7 +127,7 @@ pub fn record(input: &[u8]) -> bool {
             schema: SCHEMA,
             image: "kband fuzzed",
         };
-        let mut buffer = [0; FRAME_MOST];
+        let mut buffer = [0; MAX_FRAME_BYTES];
         bytes = write_identity(&mut buffer, 0, &identity).map_or(Vec::new(), <[u8]>::to_vec);
         let mut messages = Taker(messages);
         while let Some(message) = messages.piece() {
@@ -156,7 +152,6 @@ pub fn record(input: &[u8]) -> bool {
 }
 
 /// An image for a board.
-#[must_use]
 pub fn elf(input: &[u8]) -> bool {
     match Image::parse(input) {
         Ok(image) => {

@@ -1,12 +1,11 @@
 //! Frames on the link: raw bytes, and messages behind a valid checksum.
 
-use kband::wire::{
-    FRAME_MOST, Incoming, Outgoing, Receiver, Request, SCHEMA, VERSION, crc32, read_answer,
+use kband_control::wire::{
+    Incoming, MAX_FRAME_BYTES, Outgoing, Receiver, Request, SCHEMA, VERSION, crc32, read_answer,
     read_reading, read_request, write_request, write_response,
 };
 
 /// A frame with a valid checksum and its end byte; `None` if it is too long.
-#[must_use]
 pub fn framed(sequence: u8, message: &[u8]) -> Option<Vec<u8>> {
     let [low, high, ..] = SCHEMA.to_le_bytes();
     let mut inside = vec![VERSION, low, high, sequence];
@@ -24,21 +23,20 @@ pub fn framed(sequence: u8, message: &[u8]) -> Option<Vec<u8>> {
         frame.extend_from_slice(rest);
     }
     frame.push(0);
-    (frame.len() <= FRAME_MOST).then_some(frame)
+    (frame.len() <= MAX_FRAME_BYTES).then_some(frame)
 }
 
 /// Payload of a written frame.
 ///
 /// # Panics
 /// If it is not a frame.
-#[must_use]
 pub fn inside(frame: &[u8]) -> Vec<u8> {
     let mut receiver = Receiver::new();
     let (end, bytes) = frame.split_last().expect("a frame has an end");
     for byte in bytes {
-        assert!(receiver.take(*byte).is_none(), "it ends before its end");
+        assert!(receiver.push(*byte).is_none(), "it ends before its end");
     }
-    let inside = receiver.take(*end).expect("it ends at its end");
+    let inside = receiver.push(*end).expect("it ends at its end");
     inside.expect("a frame that was written is sound").to_vec()
 }
 
@@ -53,26 +51,28 @@ fn read(bytes: &[u8]) -> bool {
                 code = next;
             }
         }
-        let mut buffer = [0; FRAME_MOST];
+        let mut buffer = [0; MAX_FRAME_BYTES];
         if let Ok(frame) = write_request(&mut buffer, sequence, &request) {
             // Compares the printed forms, in which NaN equals itself.
-            let told = format!("{request:?}");
+            let original = format!("{request:?}");
             match read_request(&inside(frame)) {
-                Ok(Incoming::Request { request, .. }) => assert_eq!(format!("{request:?}"), told),
-                other => panic!("{told}: {other:?}"),
+                Ok(Incoming::Request { request, .. }) => {
+                    assert_eq!(format!("{request:?}"), original)
+                }
+                other => panic!("{original}: {other:?}"),
             }
         }
     }
     if let Ok(Outgoing::Response { sequence, response }) = read_answer(bytes) {
         known = true;
-        let mut buffer = [0; FRAME_MOST];
+        let mut buffer = [0; MAX_FRAME_BYTES];
         if let Ok(frame) = write_response(&mut buffer, sequence, &response) {
-            let told = format!("{response:?}");
+            let original = format!("{response:?}");
             match read_answer(&inside(frame)) {
                 Ok(Outgoing::Response { response, .. }) => {
-                    assert_eq!(format!("{response:?}"), told)
+                    assert_eq!(format!("{response:?}"), original)
                 }
-                other => panic!("{told}: {other:?}"),
+                other => panic!("{original}: {other:?}"),
             }
         }
     }
@@ -80,12 +80,11 @@ fn read(bytes: &[u8]) -> bool {
 }
 
 /// Raw bytes from the line, and the same bytes behind a valid checksum.
-#[must_use]
 pub fn frames(input: &[u8]) -> bool {
     let mut receiver = Receiver::new();
     let mut known = false;
     for byte in input {
-        if let Some(Ok(inside)) = receiver.take(*byte) {
+        if let Some(Ok(inside)) = receiver.push(*byte) {
             known |= read(inside);
         }
     }

@@ -91,13 +91,11 @@ pub const TARGETS: &[Target] = &[
 
 impl Target {
     /// The target of a name.
-    #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
         TARGETS.iter().find(|target| target.name == name)
     }
 
     /// Folder of the corpus.
-    #[must_use]
     pub fn folder(&self) -> PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("corpus")
@@ -108,7 +106,6 @@ impl Target {
     ///
     /// # Panics
     /// If the folder cannot be read.
-    #[must_use]
     pub fn corpus(&self) -> Vec<Vec<u8>> {
         let mut files = Vec::new();
         let scenes = (self.name == "scene").then(|| self.folder().join("../../../scenes"));
@@ -125,7 +122,6 @@ impl Target {
     ///
     /// # Panics
     /// If the file cannot be read or is cut short.
-    #[must_use]
     pub fn found(&self) -> Vec<Vec<u8>> {
         let file = self.folder().join("../../found").join(self.name);
         let mut rest = std::fs::read(file)

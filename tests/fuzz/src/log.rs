@@ -24,7 +24,6 @@ fn words() -> &'static Words {
 }
 
 /// Bytes of a log, in two pieces.
-#[must_use]
 pub fn log(input: &[u8]) -> bool {
     let (first, second) = input.split_at(input.len() / 2);
     let mut pieces = vec![second.to_vec(), first.to_vec()];

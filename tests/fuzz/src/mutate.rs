@@ -24,7 +24,6 @@ const MOST: usize = 1 << 16;
 
 impl<'a> Mutator<'a> {
     /// The inputs of `seed` near those of `corpus`, with `words` among them.
-    #[must_use]
     pub fn new(corpus: &'a [Vec<u8>], words: &'a [&'a [u8]], seed: u64) -> Self {
         Self {
             corpus,

@@ -7,8 +7,8 @@ use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
-use kband::control::{Settings, Target};
-use kband::wire::KeptFault;
+use kband_control::wire::KeptFault;
+use kband_control::{Settings, Target};
 use kband_firmware::store::{Condition, Records, Store};
 use kband_firmware::waiting::Waiting;
 
@@ -63,7 +63,6 @@ impl Flash {
     ///
     /// # Panics
     /// Never: the ranges are two pages each.
-    #[must_use]
     pub fn records(&self) -> Records<Self, Waiting> {
         let page = PAGE as u32;
         let (settings, faults) = (0..2 * page, 2 * page..4 * page);
@@ -134,7 +133,6 @@ fn one(number: u8) -> Target {
 }
 
 /// A sequence of operations on a memory.
-#[must_use]
 pub fn store(input: &[u8]) -> bool {
     let flash = Flash::default();
     let mut records = flash.records();

@@ -37,7 +37,6 @@ impl Browser {
     ///
     /// # Panics
     /// It does not start.
-    #[must_use]
     pub fn start() -> Self {
         let mut driver = Command::new("chromedriver")
             .args(["--port=0"])
@@ -81,11 +80,14 @@ impl Browser {
         browser
     }
 
-    /// Opens a file and waits until its script has set `data-ready` on the page, or `data-failed`.
+    /// Opens a file and waits until its script, if it has one, has set `data-ready` on the page, or
+    /// `data-failed`.
     pub fn open(&self, file: &Path) {
         let url = format!("file://{}", file.display());
         self.command("/url", &json!({ "url": url }));
-        self.wait_for("Object.keys(document.documentElement.dataset).length > 0");
+        self.wait_for(
+            "document.scripts.length === 0 || Object.keys(document.documentElement.dataset).length > 0",
+        );
     }
 
     /// Waits until this condition holds on the page.
@@ -98,13 +100,11 @@ impl Browser {
     }
 
     /// Runs a script on the page and returns its result.
-    #[must_use]
     pub fn script(&self, script: &str) -> Json {
         self.command("/execute/sync", &json!({"script": script, "args": []}))
     }
 
     /// The text that an element shows.
-    #[must_use]
     pub fn text(&self, selector: &str) -> String {
         let text = self.get(&format!("/element/{}/text", self.element(selector)));
         text.as_str().expect("a text").into()
@@ -141,14 +141,12 @@ impl Browser {
     }
 
     /// The printed page as base64 of a PDF.
-    #[must_use]
     pub fn print(&self) -> String {
         let pdf = self.command("/print", &json!({}));
         pdf.as_str().expect("a PDF").into()
     }
 
     /// Warnings and errors of the browser's log.
-    #[must_use]
     pub fn complaints(&self) -> Vec<String> {
         let log = self.command("/se/log", &json!({"type": "browser"}));
         let entries = log.as_array().cloned().unwrap_or_default();

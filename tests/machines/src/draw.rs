@@ -1,7 +1,8 @@
 //! Random machines over the range of the settings, and failing sensors.
 
-use kband::control::{Settings, Target};
-use kband::plant::{Change, Noise, Scene};
+use kband::arithmetic::Noise;
+use kband_control::{Settings, Target};
+use kband_plant::{Change, Scene};
 
 /// Random numbers from ranges.
 #[derive(Clone, Debug)]
@@ -9,7 +10,6 @@ pub struct Draw(Noise);
 
 impl Draw {
     /// Starts with a seed.
-    #[must_use]
     pub fn new(seed: u64) -> Self {
         Self(Noise::new(seed))
     }
@@ -40,7 +40,6 @@ impl Draw {
 ///
 /// # Panics
 /// Never: its settings are accepted.
-#[must_use]
 pub fn machine(draw: &mut Draw) -> Scene {
     let mut scene = Scene::default();
     scene.parts.clear();
@@ -66,20 +65,17 @@ pub fn machine(draw: &mut Draw) -> Scene {
 }
 
 /// Squared angular frequency, 1/s^2.
-#[must_use]
 pub fn square(settings: &Settings) -> f32 {
     (core::f32::consts::TAU * settings.frequency).powi(2)
 }
 
 /// Hard limits as an amplitude, m.
-#[must_use]
 pub fn ceiling(settings: &Settings) -> f32 {
     (settings.amplitude_limit * 1e-3).min(settings.acceleration_limit / square(settings))
 }
 
 /// Time until the machine is at its setpoint, s: the start, eight time constants of its envelope
 /// and 60 cycles.
-#[must_use]
 pub fn settled(settings: &Settings) -> f64 {
     let envelope = settings.quality / (core::f32::consts::PI * settings.frequency);
     f64::from(settings.soft_start + 8.0 * envelope + 60.0 / settings.frequency)
@@ -98,7 +94,6 @@ pub struct Failure {
 }
 
 /// A [`machine`] whose sensor fails at a random time after its start.
-#[must_use]
 pub fn failure(draw: &mut Draw) -> Failure {
     let mut scene = machine(draw);
     let limit = ceiling(&scene.settings);

@@ -19,7 +19,6 @@ pub enum Machine {
 
 impl Machine {
     /// Rust target of the machine.
-    #[must_use]
     pub fn target(self) -> &'static str {
         match self {
             Self::CortexM4F => "thumbv7em-none-eabihf",
@@ -86,7 +85,6 @@ impl Output {
     ///
     /// # Panics
     /// The image failed or reached the limit.
-    #[must_use]
     pub fn passed(self) -> String {
         match self.status {
             Some(0) => self.text,
@@ -99,7 +97,6 @@ impl Output {
 /// The command that runs an image for at most `limit`; standard input is empty unless `input`.
 ///
 /// It ends at the limit even where the test that started it is gone.
-#[must_use]
 pub fn command(image: &Path, options: Options, limit: Duration, input: bool) -> Command {
     let mut command = Command::new(root().join("tests/emulator"));
     command.args(["--machine", options.machine.name()]);
@@ -129,7 +126,6 @@ pub fn command(image: &Path, options: Options, limit: Duration, input: bool) -> 
 ///
 /// # Panics
 /// There is no emulator; one line names the command that installs it.
-#[must_use]
 pub fn run(image: &Path, options: Options, limit: Duration) -> Output {
     // Files instead of pipes: a process that outlives the emulator cannot block the end.
     let mut text = scratch_file();

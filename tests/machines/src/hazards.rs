@@ -7,18 +7,18 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use crate::chip::Hang;
 use crate::chip::world::Seen;
 use crate::draw::{Draw, failure};
-use crate::rig::{Act, Rig, holding};
-use kband::control::Settings;
-use kband::plant::{Change, Scene};
-use kband::wire::{Request, Target};
+use crate::rig::{Act, Rig, chip_with_image};
+use kband_control::wire::Request;
+use kband_control::{Settings, Target};
+use kband_plant::{Change, Scene};
 
 /// Time at which the enable input comes on, s. The settings are saved, and the fault of the first
 /// start without them is acknowledged.
-pub const ENABLED: f64 = 1.1;
+pub const ENABLE_TIME: f64 = 1.1;
 /// Time at which a board has its settings, s.
-const COMMISSIONED: f64 = 1.0;
+const COMMISSIONED_TIME: f64 = 1.0;
 /// Time of the first failure, s.
-const GOES_WRONG: f64 = 2.5;
+const FAILURE_TIME: f64 = 2.5;
 
 /// A scenario: a working machine, then a failure.
 #[derive(Clone, Debug)]
@@ -30,7 +30,7 @@ pub struct Hazard {
     /// The requested target.
     pub target: Target,
     /// Time after which the desk is silent, s.
-    pub heard: f64,
+    pub link_ends: f64,
     /// Times in s and the failures.
     pub acts: Vec<(f64, Act)>,
     /// Time of the first failure, s.
@@ -60,7 +60,6 @@ pub struct Outcome {
 
 impl Hazard {
     /// A machine with this frequency in Hz and target, without parts and without a failure.
-    #[must_use]
     pub fn of(name: &'static str, frequency: f32, target: Target) -> Self {
         let mut scene = Scene::default();
         scene.parts.clear();
@@ -71,40 +70,38 @@ impl Hazard {
             name,
             scene,
             target,
-            heard: f64::INFINITY,
+            link_ends: f64::INFINITY,
             acts: Vec::new(),
-            from: GOES_WRONG,
+            from: FAILURE_TIME,
             until: 4.3,
         }
     }
 
-    fn with(mut self, change: impl FnOnce(&mut Scene)) -> Self {
+    /// Changes the scene.
+    pub fn with(mut self, change: impl FnOnce(&mut Scene)) -> Self {
         change(&mut self.scene);
         self
     }
 
     /// Sets the failures; the first one gives the start.
-    #[must_use]
     pub fn acts(mut self, acts: impl IntoIterator<Item = (f64, Act)>) -> Self {
         self.acts = acts.into_iter().collect();
         self.from = self.acts.first().map_or(self.from, |act| act.0);
         self
     }
 
-    fn from(mut self, seconds: f64) -> Self {
+    fn first_failure(mut self, seconds: f64) -> Self {
         self.from = seconds;
         self
     }
 
     /// Sets the end, s.
-    #[must_use]
-    pub fn until(mut self, seconds: f64) -> Self {
+    pub fn end(mut self, seconds: f64) -> Self {
         self.until = seconds;
         self
     }
 
     /// Hard limit of the amplitude, mm.
-    #[must_use]
     pub fn limit(&self) -> f64 {
         let Settings {
             frequency,
@@ -116,17 +113,9 @@ impl Hazard {
         f64::from(amplitude_limit.min(1e3 * acceleration_limit / square))
     }
 
-    /// A board with an image, its machine's settings set and saved. `schema`: schema of the image
-    /// where it differs from this desk's.
-    #[must_use]
-    pub fn commission(&self, image: &Path, schema: Option<u16>) -> Rig {
-        let mut rig = Rig::with(holding(image), &self.scene);
-        rig.schema = schema;
-        rig.tolerant = schema.is_some();
-        if schema.is_some() {
-            // An older image uses the whole supply as full output.
-            rig.chip.board.world.full = 1.0;
-        }
+    /// A board with an image, its machine's settings set and saved.
+    fn commission(&self, image: &Path) -> Rig {
+        let mut rig = Rig::with(chip_with_image(image), &self.scene);
         rig.chip.power_on();
         rig.run(0.3);
         let told = self.scene.settings.values();
@@ -135,48 +124,43 @@ impl Hazard {
         for _ in 0..2 {
             for ((key, value), default) in Settings::KEYS.iter().zip(told).zip(defaults) {
                 if value != default {
-                    rig.tell(&Request::Set {
-                        key: key.name,
-                        value,
-                    });
+                    rig.send(&Request::set(key.name, value));
                 }
             }
         }
-        rig.tell(&Request::Target(self.target))
-            .tell(&Request::Save)
-            .run(COMMISSIONED);
+        rig.send(&Request::Target(self.target))
+            .send(&Request::Save)
+            .run(COMMISSIONED_TIME);
         rig
     }
 
     /// A board with this desk's image at the first failure. The common part of scenarios runs once.
-    #[must_use]
     pub fn before(&self, image: &Path) -> Rig {
         let Self { scene, target, .. } = self;
-        let heard = self.heard.min(self.from);
-        once(
+        let heard = self.link_ends.min(self.from);
+        cached_rig(
             format!("{image:?} {scene:?} {target:?} {heard} {}", self.from),
             || {
                 let mut rig = self.commissioned(image);
-                self.goes_well(&mut rig);
+                self.run_to_failure(&mut rig);
                 rig
             },
         )
     }
 
     /// A commissioned board with this desk's image; made once for each machine and target.
-    #[must_use]
     pub fn commissioned(&self, image: &Path) -> Rig {
         let Self { scene, target, .. } = self;
-        once(format!("{image:?} {scene:?} {target:?}"), || {
-            self.commission(image, None)
+        cached_rig(format!("{image:?} {scene:?} {target:?}"), || {
+            self.commission(image)
         })
     }
 
     /// Sends a frame of the desk every 0.3 s between two times, as long as the desk is not silent.
-    fn speaks(&self, rig: &mut Rig, from: f64, to: f64) {
-        let times = (0..).map(|n| COMMISSIONED + 0.3 * f64::from(n));
+    fn send_alive(&self, rig: &mut Rig, from: f64, to: f64) {
+        let times = (0..).map(|n| COMMISSIONED_TIME + 0.3 * f64::from(n));
         for time in times.skip_while(|time| *time < from) {
-            if time >= to.min(self.heard) {
+            if time >= to.min(self.link_ends) {
                 break;
             }
             let frame = rig.frame(&Request::Alive);
@@ -185,18 +169,17 @@ impl Hazard {
     }
 
     /// Runs the board up to the first failure.
-    fn goes_well(&self, rig: &mut Rig) {
-        self.speaks(rig, COMMISSIONED, self.from);
-        rig.at(ENABLED, Act::Enable(true)).run(self.from);
+    fn run_to_failure(&self, rig: &mut Rig) {
+        self.send_alive(rig, COMMISSIONED_TIME, self.from);
+        rig.at(ENABLE_TIME, Act::Enable(true)).run(self.from);
     }
 
     /// Runs the scenario from a commissioned board, or from one at the first failure.
-    #[must_use]
     pub fn play(&self, mut rig: Rig) -> Outcome {
         if rig.time() < self.from {
-            self.goes_well(&mut rig);
+            self.run_to_failure(&mut rig);
         }
-        self.speaks(&mut rig, self.from, self.until);
+        self.send_alive(&mut rig, self.from, self.until);
         for (time, act) in &self.acts {
             rig.at(*time, act.clone());
         }
@@ -210,14 +193,14 @@ impl Hazard {
             after: rig.amplitude(),
             opens: rig.opens_after(self.from),
             fault: fault.map(|time| time - self.from),
-            ready: rig.seen_after(ENABLED, &Seen::Ready(true)),
+            ready: rig.seen_after(ENABLE_TIME, &Seen::Ready(true)),
             rig,
         }
     }
 }
 
 /// A cached board by its name; the first caller makes it.
-fn once(name: String, make: impl FnOnce() -> Rig) -> Rig {
+fn cached_rig(name: String, make: impl FnOnce() -> Rig) -> Rig {
     static MADE: Mutex<BTreeMap<String, Arc<OnceLock<Rig>>>> = Mutex::new(BTreeMap::new());
     let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
     let place = Arc::clone(made.entry(name).or_default());
@@ -231,7 +214,7 @@ fn steps(count: f32, settings: &Settings) -> f32 {
 }
 
 /// A strong drive with a narrow limit.
-fn strong(name: &'static str) -> Hazard {
+fn strong_drive(name: &'static str) -> Hazard {
     Hazard::of(name, 50.0, Target::Amplitude(0.242)).with(|scene| {
         scene.settings.gain = 5.0;
         scene.settings.amplitude_limit = 1.0;
@@ -240,7 +223,7 @@ fn strong(name: &'static str) -> Hazard {
 }
 
 /// A machine of 500 Hz, k 0.41, for which a converter count is a large acceleration.
-fn fast(name: &'static str) -> Hazard {
+fn machine_of_500_hz(name: &'static str) -> Hazard {
     Hazard::of(name, 500.0, Target::K(0.41)).with(|scene| {
         scene.settings.safe_amplitude = 0.005;
         scene.sensor.noise = steps(1.5, &scene.settings);
@@ -248,16 +231,14 @@ fn fast(name: &'static str) -> Hazard {
 }
 
 /// A change of track or sensor at a time in s.
-#[must_use]
 pub fn plant(time: f64, change: Change) -> (f64, Act) {
     (time, Act::Plant(change))
 }
 
 /// Failures of the sensor, its cable and its supply.
-#[must_use]
 pub fn of_the_sensor() -> Vec<Hazard> {
     let bounces = (0..20).flat_map(|n| {
-        let time = GOES_WRONG + 0.065 * f64::from(n);
+        let time = FAILURE_TIME + 0.065 * f64::from(n);
         [
             plant(time, Change::SensorLost(true)),
             plant(time + 0.05, Change::SensorLost(false)),
@@ -265,29 +246,35 @@ pub fn of_the_sensor() -> Vec<Hazard> {
     });
     let fades = (0..=16).map(|n| {
         let share = 1.0 - 0.8 * n as f32 / 16.0;
-        plant(GOES_WRONG + 0.06 * f64::from(n), Change::Sensitivity(share))
+        plant(
+            FAILURE_TIME + 0.06 * f64::from(n),
+            Change::Sensitivity(share),
+        )
     });
     let no_step = steps(1.5, &Settings::default());
     vec![
-        strong("sensitivity falls to 0.2").acts([plant(GOES_WRONG, Change::Sensitivity(0.2))]),
-        strong("sensitivity fades to 0.2").acts(fades).until(4.8),
-        strong("its cable bounces").acts(bounces),
-        strong("it is turned").acts([plant(GOES_WRONG, Change::SensorInverted(true))]),
-        strong("its supply falls to half")
-            .acts([(GOES_WRONG, Act::SensorSupply(0.5))])
-            .until(5.5),
-        strong("its supply is gone").acts([(GOES_WRONG, Act::SensorSupply(0.0))]),
-        fast("it stands still, 500 Hz").acts([plant(GOES_WRONG, Change::SensorLost(true))]),
-        fast("it gives noise alone, 500 Hz").acts([
-            plant(GOES_WRONG, Change::Noise(no_step)),
-            plant(GOES_WRONG, Change::Sensitivity(0.0)),
+        strong_drive("sensitivity falls to 0.2")
+            .acts([plant(FAILURE_TIME, Change::Sensitivity(0.2))]),
+        strong_drive("sensitivity fades to 0.2")
+            .acts(fades)
+            .end(4.8),
+        strong_drive("its cable bounces").acts(bounces),
+        strong_drive("it is turned").acts([plant(FAILURE_TIME, Change::SensorInverted(true))]),
+        strong_drive("its supply falls to half")
+            .acts([(FAILURE_TIME, Act::SensorSupply(0.5))])
+            .end(5.5),
+        strong_drive("its supply is gone").acts([(FAILURE_TIME, Act::SensorSupply(0.0))]),
+        machine_of_500_hz("it stands still, 500 Hz")
+            .acts([plant(FAILURE_TIME, Change::SensorLost(true))]),
+        machine_of_500_hz("it gives noise alone, 500 Hz").acts([
+            plant(FAILURE_TIME, Change::Noise(no_step)),
+            plant(FAILURE_TIME, Change::Sensitivity(0.0)),
         ]),
     ]
 }
 
 /// A machine at half its hard limit whose sensor measures the share `seen` of 1 g at rest.
 /// Commissioned with `kband settings commission --sensor`, or not.
-#[must_use]
 pub fn of_sensitivity(name: &'static str, commissioned: bool, seen: f32) -> Hazard {
     Hazard::of(name, 50.0, Target::Amplitude(0.5)).with(|scene| {
         if commissioned {
@@ -298,12 +285,24 @@ pub fn of_sensitivity(name: &'static str, commissioned: bool, seen: f32) -> Haza
     })
 }
 
+/// As a commissioned [`of_sensitivity`] that measures nothing of gravity, with a current sensor of
+/// 2 A at full output.
+pub fn of_current(name: &'static str) -> Hazard {
+    of_sensitivity(name, true, 0.0).with(measure_current)
+}
+
+/// Adds that current sensor.
+pub fn measure_current(scene: &mut Scene) {
+    scene.settings.current_sensitivity = 0.3;
+    scene.settings.current_gain = 0.5;
+    scene.drive.current_gain = 0.5;
+}
+
 /// Time at rest, just before the enable input comes on, s.
 pub const AT_REST: f64 = 1.05;
 
 /// Temperature drift of a healthy sensor: sensitivity and voltage, before the start and once more
 /// in the run.
-#[must_use]
 pub fn drifts(sensitivity: f32, volts: f32) -> Hazard {
     let drift = |time: f64, share: f32| {
         [
@@ -311,37 +310,35 @@ pub fn drifts(sensitivity: f32, volts: f32) -> Hazard {
             (time, Act::SensorOffset(share * volts)),
         ]
     };
-    let acts = [drift(AT_REST, 0.7), drift(GOES_WRONG, 1.0)];
+    let acts = [drift(AT_REST, 0.7), drift(FAILURE_TIME, 1.0)];
     of_sensitivity("a healthy sensor drifts", true, 1.0)
         .with(|scene| scene.parts = Scene::default().parts)
         .acts(acts.into_iter().flatten())
-        .until(5.0)
+        .end(5.0)
 }
 
 /// A random machine with a failing sensor; `None` where it takes longer than `seconds`.
-#[must_use]
 pub fn of_any_sensor(draw: &mut Draw, seconds: f64) -> Option<Hazard> {
     let failure = failure(draw);
-    let until = ENABLED + 3.0 * failure.ready;
+    let until = ENABLE_TIME + 3.0 * failure.ready;
     if until > seconds {
         return None;
     }
-    let mut hazard = Hazard::of("a machine at random", 50.0, failure.scene.target.into());
+    let mut hazard = Hazard::of("a machine at random", 50.0, failure.scene.target);
     hazard.scene = failure.scene;
-    (hazard.from, hazard.until) = (ENABLED, until);
+    (hazard.from, hazard.until) = (ENABLE_TIME, until);
     let changes = failure.changes.into_iter();
     hazard.acts = changes
-        .map(|(time, change)| plant(ENABLED + time, change))
+        .map(|(time, change)| plant(ENABLE_TIME + time, change))
         .collect();
     Some(hazard)
 }
 
 /// Failures of link, setpoint and sweep that must not raise the amplitude.
-#[must_use]
 pub fn of_the_setpoint() -> Vec<Hazard> {
     let silent = |mut hazard: Hazard| {
         hazard.scene.settings.link_timeout = 0.8;
-        (hazard.heard, hazard.from) = (2.2, 2.3);
+        (hazard.link_ends, hazard.from) = (2.2, 2.3);
         hazard.until = 5.6;
         hazard
     };
@@ -358,19 +355,18 @@ pub fn of_the_setpoint() -> Vec<Hazard> {
                 .with(|scene| scene.settings.safe_amplitude = 0.033),
         ),
         Hazard::of("no setpoint", 50.0, Target::Speed(900.0)),
-        strong("sweep of a strong drive")
+        strong_drive("sweep of a strong drive")
             .with(|scene| {
                 scene.settings.amplitude_limit = 0.25;
                 scene.settings.tracking = 2.0;
             })
-            .from(1.2)
-            .until(6.0),
+            .first_failure(1.2)
+            .end(6.0),
     ]
 }
 
 /// Healthy machines that must start with any accepted `tracking`. A search of 7 or 8 Hz at 50 Hz
 /// takes 20 s; only its start is run. The same share of 200 Hz is searched to its end.
-#[must_use]
 pub fn bands() -> Vec<Hazard> {
     let band = |name, half_width: f32| {
         Hazard::of(name, 200.0, Target::K(0.41))
@@ -378,7 +374,7 @@ pub fn bands() -> Vec<Hazard> {
                 scene.settings.tracking = half_width;
                 scene.settings.safe_amplitude = 0.005;
             })
-            .from(1.2)
+            .first_failure(1.2)
     };
     let slow = |name, half_width: f32| {
         Hazard::of(name, 50.0, Target::Amplitude(0.23))
@@ -386,12 +382,12 @@ pub fn bands() -> Vec<Hazard> {
                 scene.settings.tracking = half_width;
                 scene.settings.safe_amplitude = 0.03;
             })
-            .from(1.2)
+            .first_failure(1.2)
     };
     vec![
-        slow("tracking 7 Hz", 7.0).until(12.0),
-        slow("tracking 8 Hz", 8.0).until(3.0),
-        band("tracking 32 Hz of 200", 32.0).until(6.0),
+        slow("tracking 7 Hz", 7.0).end(12.0),
+        slow("tracking 8 Hz", 8.0).end(3.0),
+        band("tracking 32 Hz of 200", 32.0).end(6.0),
     ]
 }
 
@@ -402,7 +398,6 @@ fn withdrawn(from: f64, to: f64) -> [(f64, Act); 2] {
 
 /// A sensor that is lost three times. After the first loss the enable input bounces at 3 s. It is
 /// then withdrawn for 0.6 s at 3.5 and 5.4 s, and for more than a second at 7.3 s.
-#[must_use]
 pub fn bounce() -> Hazard {
     let lost = |from: f64| {
         [
@@ -411,7 +406,7 @@ pub fn bounce() -> Hazard {
         ]
     };
     let acts = [
-        lost(GOES_WRONG),
+        lost(FAILURE_TIME),
         withdrawn(3.0, 3.025),
         withdrawn(3.5, 4.1),
         lost(5.0),
@@ -421,42 +416,39 @@ pub fn bounce() -> Hazard {
     ];
     Hazard::of("the enable input bounces", 50.0, Target::Amplitude(0.2))
         .acts(acts.into_iter().flatten())
-        .until(9.5)
+        .end(9.5)
 }
 
 /// An over-current that lasts for 0.1 s and is acknowledged from 3.0 to 3.6 s.
-#[must_use]
 pub fn over_current() -> Hazard {
     let passes = [
-        (GOES_WRONG, Act::OverCurrent(true)),
-        (GOES_WRONG + 0.1, Act::OverCurrent(false)),
+        (FAILURE_TIME, Act::OverCurrent(true)),
+        (FAILURE_TIME + 0.1, Act::OverCurrent(false)),
     ];
     Hazard::of("over-current", 50.0, Target::Amplitude(0.2))
         .acts(passes.into_iter().chain(withdrawn(3.0, 3.6)))
-        .until(4.2)
+        .end(4.2)
 }
 
 /// Target gear: with parts whose scatter is so large from 4 s on that they hop irregularly, and
 /// without parts.
-#[must_use]
 pub fn of_gear() -> [Hazard; 2] {
     const LOST: f64 = 7.0;
-    let parts = Hazard::of("parts fall out of gear", 50.0, Target::Gear(1))
+    let parts = Hazard::of("parts fall out of gear", 50.0, Target::Gear { order: 1 })
         .with(|scene| scene.parts = Scene::default().parts)
         .acts([
             plant(LOST, Change::Restitution(0.6)),
             plant(LOST, Change::Scatter(0.1)),
         ])
-        .until(10.0);
+        .end(10.0);
     [
         parts,
-        Hazard::of("gear without a part", 50.0, Target::Gear(1)),
+        Hazard::of("gear without a part", 50.0, Target::Gear { order: 1 }),
     ]
 }
 
-/// Program errors at [`GOES_WRONG`]. `panics` is the address of a function that panics, `stack`
+/// Program errors at [`FAILURE_TIME`]. `panics` is the address of a function that panics, `stack`
 /// that of the stack's far end.
-#[must_use]
 pub fn of_the_program(panics: u32, stack: u32) -> Vec<Hazard> {
     // The converter's interrupt in the clear-enable register of the NVIC, the converter, the timer.
     const MASKED: Act = Act::Store(0xe000_e180, 1 << 18);
@@ -483,7 +475,7 @@ pub fn of_the_program(panics: u32, stack: u32) -> Vec<Hazard> {
         Act::Store(0xe000_e200, 1 << 28),
     ];
     let of = |name, acts: Vec<Act>| {
-        let acts = acts.into_iter().map(|act| (GOES_WRONG, act));
+        let acts = acts.into_iter().map(|act| (FAILURE_TIME, act));
         Hazard::of(name, 50.0, Target::Amplitude(0.2)).acts(acts)
     };
     std::iter::once(of("an interrupt that nobody handles", stray.into()))

@@ -27,16 +27,22 @@ static BUILT: Mutex<Option<HashMap<Key, PathBuf>>> = Mutex::new(None);
 ///
 /// # Panics
 /// The target is missing (one line names the command that installs it), or the build fails.
-#[must_use]
 pub fn build(package: &str, bin: &str, machine: Machine) -> PathBuf {
     built(package, bin, machine, None)
+}
+
+/// Builds the board's image.
+///
+/// # Panics
+/// As [`build`].
+pub fn feeder() -> PathBuf {
+    build("kband-firmware", "feeder", Machine::CortexM4F)
 }
 
 /// Builds the binary `bin` of `package` with these features instead of the default ones.
 ///
 /// # Panics
 /// As [`build`].
-#[must_use]
 pub fn build_with(package: &str, bin: &str, machine: Machine, features: &str) -> PathBuf {
     built(package, bin, machine, Some(features))
 }
@@ -80,7 +86,6 @@ fn keep(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> P
 ///
 /// # Panics
 /// Nothing was built yet.
-#[must_use]
 pub fn script_folder(name: &str, machine: Machine) -> PathBuf {
     let builds = target_folder()
         .join(machine.target())
@@ -104,7 +109,6 @@ pub fn script_folder(name: &str, machine: Machine) -> PathBuf {
 ///
 /// # Panics
 /// The file is no image or has no such symbol.
-#[must_use]
 pub fn symbol(image: &Path, name: &str) -> u32 {
     let bytes = std::fs::read(image).expect("the image is read");
     let file = object::File::parse(&*bytes).expect("an ELF file");
@@ -118,7 +122,6 @@ pub fn symbol(image: &Path, name: &str) -> u32 {
 ///
 /// # Panics
 /// The file is no image.
-#[must_use]
 pub fn segments(image: &Path) -> Vec<(u32, Vec<u8>)> {
     let bytes = std::fs::read(image).expect("the image is read");
     let header =
@@ -142,7 +145,6 @@ pub fn segments(image: &Path) -> Vec<(u32, Vec<u8>)> {
 ///
 /// # Panics
 /// As [`symbol`].
-#[must_use]
 pub fn place(image: &Path, name: &str) -> std::ops::Range<u32> {
     let found = places(image, name).into_iter().next();
     found.unwrap_or_else(|| panic!("no {name} in {}", image.display()))
@@ -153,7 +155,6 @@ pub fn place(image: &Path, name: &str) -> std::ops::Range<u32> {
 ///
 /// # Panics
 /// The file is no image.
-#[must_use]
 pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
     let bytes = std::fs::read(image).expect("the image is read");
     let file = object::File::parse(&*bytes).expect("an ELF file");
@@ -170,7 +171,6 @@ pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
 ///
 /// # Panics
 /// The target is missing; one line names the command that installs it.
-#[must_use]
 pub fn link(source: &Path, machine: Machine, folders: &[PathBuf], scripts: &[&str]) -> Output {
     limited("120", "rustc", |rustc| {
         rustc.args(toolchain(machine.target())).arg(source);

@@ -34,7 +34,6 @@ const MARK: &[u8] = b"SEGGER RTT\0";
 ///
 /// # Panics
 /// The file is no image with a log, or a frame is invalid.
-#[must_use]
 pub fn said(chip: &Chip, image: &Path) -> Vec<Line> {
     let ram = &chip.board.ram;
     let head = (images::symbol(image, "_SEGGER_RTT") - MEMORY) as usize;
@@ -54,7 +53,7 @@ pub fn said(chip: &Chip, image: &Path) -> Vec<Line> {
     whole
         .filter(|frame| !frame.is_empty())
         .map(|frame| {
-            let bytes = unstuffed(frame);
+            let bytes = unstuff(frame);
             let (number, rest) = bytes.split_first_chunk().expect("a number");
             let (time, arguments) = rest.split_first_chunk().expect("a time");
             Line {
@@ -80,7 +79,7 @@ fn texts(image: &Path) -> HashMap<u16, String> {
 }
 
 /// Decodes a stuffed frame from its end: each mark lists the zeros among the bytes before it.
-fn unstuffed(frame: &[u8]) -> Vec<u8> {
+fn unstuff(frame: &[u8]) -> Vec<u8> {
     let mut rest = frame.iter().rev().copied();
     let mut bytes = Vec::new();
     while let Some(mark) = rest.next() {
@@ -113,14 +112,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn zeros_stand_where_the_marks_say() {
-        assert_eq!(unstuffed(&[7, 9, 0b0111_1010]), [7, 0, 9, 0, 0, 0, 0]);
+    fn unstuffing_restores_the_zeros() {
+        assert_eq!(unstuff(&[7, 9, 0b0111_1010]), [7, 0, 9, 0, 0, 0, 0]);
         let run: Vec<u8> = (1..=9).collect();
         assert_eq!(
-            unstuffed(&[&run[..], &[0x82]].concat()),
+            unstuff(&[&run[..], &[0x82]].concat()),
             [&run[..], &[0]].concat()
         );
         let long = [5; 134];
-        assert_eq!(unstuffed(&[&long[..], &[0xff]].concat()), long);
+        assert_eq!(unstuff(&[&long[..], &[0xff]].concat()), long);
     }
 }

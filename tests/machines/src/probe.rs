@@ -37,7 +37,6 @@ impl Probe {
     ///
     /// # Panics
     /// There is no network, not even to this machine.
-    #[must_use]
     pub fn before(chip: Chip) -> Self {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port of this machine");
         listener.set_nonblocking(true).expect("a port can be asked");
@@ -62,7 +61,6 @@ impl Probe {
     }
 
     /// Address of the probe for a desk.
-    #[must_use]
     pub fn name(&self) -> String {
         format!("1d50:6018:{}", self.address)
     }
@@ -94,7 +92,7 @@ fn serve(mut stream: TcpStream, chip: &Mutex<Chip>, over: &AtomicBool) -> std::i
         let passed = std::mem::replace(&mut last, Instant::now()).elapsed();
         chip.lock()
             .unwrap_or_else(PoisonError::into_inner)
-            .lives(passed.min(LOOK));
+            .run_for(passed.min(LOOK));
         let count = match stream.read(&mut bytes) {
             Ok(0) => return Ok(()),
             Ok(count) => count,

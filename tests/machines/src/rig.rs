@@ -13,10 +13,11 @@
 use std::collections::VecDeque;
 use std::path::Path;
 
-use kband::plant::{Change, Scene};
-use kband::wire::{
-    FRAME_MOST, Outgoing, Receiver, Request, Response, crc32, read_answer, write_request,
+use kband_control::wire::{
+    Kept, MAX_FRAME_BYTES, Outgoing, Receiver, Record, Request, Response, crc32, read_answer,
+    write_request,
 };
+use kband_plant::{Change, Scene};
 
 use crate::chip::clocks::{Cause, TICKS};
 use crate::chip::core::{Bus, STACK};
@@ -31,7 +32,7 @@ pub enum Act {
     /// The enable input (PB0), wired to 3.3 V or to 0 V.
     Enable(bool),
     /// The thermal switch (PB1) to ground, or open: hot.
-    Cool(bool),
+    ThermalSwitch(bool),
     /// The over-current signal (PB12).
     OverCurrent(bool),
     /// Any pin: port, number, level.
@@ -63,7 +64,6 @@ pub enum Act {
 }
 
 /// Ticks for a time in s.
-#[must_use]
 pub fn ticks(seconds: f64) -> u64 {
     (seconds * TICKS as f64) as u64
 }
@@ -79,17 +79,15 @@ pub struct Rig {
     sequence: u8,
     /// Whether a forbidden access is only recorded, without a panic.
     pub tolerant: bool,
-    /// Low half of the image's schema where it differs from this desk's.
-    pub schema: Option<u16>,
 }
 
 /// Fill pattern of the start-up code for the stack.
 const PAINT: [u8; 4] = [0xcc; 4];
 /// Longest wait for an answer, s.
-const PATIENCE: f64 = 5.0;
+const ANSWER_TIMEOUT: f64 = 5.0;
 /// Time until an unanswered request is repeated, s, as at the desk. The port's interrupt reads the
 /// status, then the data; a byte that ends in between is lost.
-const KNOCK: f64 = 0.5;
+const REPEAT_INTERVAL: f64 = 0.5;
 
 impl Rig {
     /// Puts a chip on the rig without supply. Wired are the scene's track, a cool thermal switch
@@ -97,7 +95,6 @@ impl Rig {
     ///
     /// # Panics
     /// The scene is refused.
-    #[must_use]
     pub fn with(chip: Chip, scene: &Scene) -> Self {
         let mut rig = Self {
             chip,
@@ -105,12 +102,11 @@ impl Rig {
             read: 0,
             sequence: 0,
             tolerant: false,
-            schema: None,
         };
         rig.chip.power_off();
         rig.chip.board.now = 0;
         rig.chip.board.world = World::new(scene).expect("a scene that is accepted");
-        rig.act(&Act::Cool(true));
+        rig.act(&Act::ThermalSwitch(true));
         rig.act(&Act::OverCurrent(false));
         rig.act(&Act::Enable(false));
         rig
@@ -120,9 +116,8 @@ impl Rig {
     ///
     /// # Panics
     /// The file is no image.
-    #[must_use]
     pub fn boot(image: &Path) -> Self {
-        let mut rig = Self::with(holding(image), &Scene::default());
+        let mut rig = Self::with(chip_with_image(image), &Scene::default());
         rig.chip.power_on();
         rig
     }
@@ -136,7 +131,6 @@ impl Rig {
     }
 
     /// Time since the start, s.
-    #[must_use]
     pub fn time(&self) -> f64 {
         self.chip.board.now as f64 / TICKS as f64
     }
@@ -168,15 +162,15 @@ impl Rig {
         let board = &mut self.chip.board;
         let high = |on: bool| if on { Wire::High } else { Wire::Low };
         match act {
-            Act::Enable(on) => board.wire(1, 0, high(*on)),
-            Act::Cool(true) => board.wire(1, 1, Wire::Low),
-            Act::Cool(false) => board.wire(1, 1, Wire::Open),
+            Act::Enable(on) => board.set_wire(1, 0, high(*on)),
+            Act::ThermalSwitch(true) => board.set_wire(1, 1, Wire::Low),
+            Act::ThermalSwitch(false) => board.set_wire(1, 1, Wire::Open),
             Act::OverCurrent(on) => {
-                board.wire(1, 12, high(*on));
+                board.set_wire(1, 12, high(*on));
                 board.break_input(false);
             }
             Act::Wire(port, pin, wire) => {
-                board.wire(*port, *pin, *wire);
+                board.set_wire(*port, *pin, *wire);
                 board.break_input(false);
             }
             Act::Plant(change) => board.world.bench.apply(*change),
@@ -190,7 +184,7 @@ impl Rig {
             }
             Act::Hang(hang) => self.chip.hangs = Some(*hang),
             Act::Halt => self.chip.debugger_halts(),
-            Act::Jump(address) => self.chip.core.goes_on_at(*address),
+            Act::Jump(address) => self.chip.core.set_next_instruction(*address),
             Act::Stack(pointer) => self.chip.core.r[STACK] = *pointer,
             Act::Store(address, value) => {
                 let _ = board.store(*address, 4, *value);
@@ -211,7 +205,6 @@ impl Rig {
     }
 
     /// Time in s from `seconds` until the bridge opens; 0 where it is open already.
-    #[must_use]
     pub fn opens_after(&self, seconds: f64) -> Option<f64> {
         let from = ticks(seconds);
         let trace = &self.chip.board.world.trace;
@@ -227,7 +220,6 @@ impl Rig {
     }
 
     /// Time in s of the first such event at or after `seconds`.
-    #[must_use]
     pub fn seen_after(&self, seconds: f64, seen: &Seen) -> Option<f64> {
         let from = ticks(seconds);
         let trace = &self.chip.board.world.trace;
@@ -238,7 +230,6 @@ impl Rig {
     }
 
     /// Times in s and causes of the resets since the start.
-    #[must_use]
     pub fn resets(&self) -> Vec<(f64, Cause)> {
         let trace = self.chip.board.world.trace.iter();
         trace
@@ -250,7 +241,6 @@ impl Rig {
     }
 
     /// Amplitude of the track, mm.
-    #[must_use]
     pub fn amplitude(&self) -> f64 {
         f64::from(self.chip.board.world.amplitude()) * 1e3
     }
@@ -261,28 +251,24 @@ impl Rig {
     }
 
     /// Number of stack bytes, at the bottom of the RAM, that were never used since the start.
-    #[must_use]
     pub fn stack_free(&self) -> usize {
         let words = self.chip.board.ram.chunks_exact(4);
         4 * words.take_while(|word| *word == PAINT).count()
     }
 
-    /// Frame of a request with the image's schema.
+    /// Frame of a request with the next sequence number.
     ///
     /// # Panics
     /// The request does not fit a frame.
     pub fn frame(&mut self, request: &Request<'_>) -> Vec<u8> {
         self.sequence = self.sequence % 255 + 1;
-        let mut buffer = [0; FRAME_MOST];
+        let mut buffer = [0; MAX_FRAME_BYTES];
         let frame = write_request(&mut buffer, self.sequence, request).expect("a short request");
-        match self.schema {
-            None => frame.to_vec(),
-            Some(schema) => respoken(frame, schema),
-        }
+        frame.to_vec()
     }
 
     /// Sends a request and runs for 10 ms without reading the answer.
-    pub fn tell(&mut self, request: &Request<'_>) -> &mut Self {
+    pub fn send(&mut self, request: &Request<'_>) -> &mut Self {
         let frame = self.frame(request);
         self.act(&Act::Link(frame));
         self.run(self.time() + 0.01)
@@ -292,23 +278,23 @@ impl Rig {
     ///
     /// # Panics
     /// No answer within five seconds of the board's time.
-    pub fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
+    pub fn request<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
         let frame = self.frame(request);
         self.act(&Act::Link(frame.clone()));
         let mut receiver = Receiver::new();
         self.read = self.chip.board.serials[1].sent.len();
-        let end = self.time() + PATIENCE;
-        let mut knock = self.time() + KNOCK;
+        let end = self.time() + ANSWER_TIMEOUT;
+        let mut knock = self.time() + REPEAT_INTERVAL;
         while self.time() < end {
             if self.time() >= knock {
                 self.act(&Act::Link(frame.clone()));
-                knock += KNOCK;
+                knock += REPEAT_INTERVAL;
             }
             self.run(self.time() + 1e-3);
             let sent: Vec<u8> = self.sent().split_off(self.read);
             self.read += sent.len();
             for byte in sent {
-                if let Some(Ok(inside)) = receiver.take(byte)
+                if let Some(Ok(inside)) = receiver.push(byte)
                     && let Ok(Outgoing::Response { sequence, response }) = read_answer(inside)
                     && sequence == self.sequence
                 {
@@ -323,54 +309,57 @@ impl Rig {
     ///
     /// # Panics
     /// It refuses, or does not answer.
-    pub fn done(&mut self, request: &Request<'_>) -> &mut Self {
-        self.ask(request, |response| {
+    pub fn request_done(&mut self, request: &Request<'_>) -> &mut Self {
+        self.request(request, |response| {
             assert_eq!(response, Response::Done, "{request:?}");
         });
         self
     }
 
+    /// Condition of the settings in flash, by a self-test.
+    pub fn kept(&mut self) -> Kept {
+        self.request(&Request::SelfTest, |response| match response {
+            Response::SelfTest(test) => test.settings,
+            other => panic!("{other:?}"),
+        })
+    }
+
+    /// Number of a fault that the board keeps; 0 is the newest.
+    pub fn kept_fault(&mut self, age: u8) -> Option<u8> {
+        self.request(&Request::Fault(age), |response| match response {
+            Response::Fault(fault) => fault.map(|fault| fault.fault),
+            other => panic!("{other:?}"),
+        })
+    }
+
+    /// Numbers of all faults that the board keeps, the newest first.
+    pub fn kept_faults(&mut self) -> Vec<u8> {
+        (0..).map_while(|age| self.kept_fault(age)).collect()
+    }
+
+    /// The events in the board's log.
+    pub fn events(&mut self) -> Vec<Record> {
+        let event = |number| {
+            self.request(&Request::Event(number), |response| match response {
+                Response::Event(record) => record,
+                other => panic!("{other:?}"),
+            })
+        };
+        (0..).map_while(event).collect()
+    }
+
     /// Bytes that the board has sent over its link.
-    #[must_use]
     pub fn sent(&self) -> Vec<u8> {
         let sent = self.chip.board.serials[1].sent.iter();
         sent.map(|(_, byte)| *byte).collect()
     }
 }
 
-/// A frame with another schema: version, schema, rest, checksum, stuffed without zeros (COBS).
-fn respoken(frame: &[u8], schema: u16) -> Vec<u8> {
-    let mut inside = Vec::new();
-    let mut rest = frame;
-    while let [code, after @ ..] = rest
-        && *code > 0
-    {
-        let (run, more) = after.split_at(usize::from(*code) - 1);
-        inside.extend(run);
-        rest = more;
-        if *code < 255 && rest.first().is_some_and(|next| *next != 0) {
-            inside.push(0);
-        }
-    }
-    inside.truncate(inside.len() - 4);
-    inside[1..3].copy_from_slice(&schema.to_le_bytes());
-    let check = crc32(&inside).to_le_bytes();
-    inside.extend(check);
-    let mut stuffed = Vec::new();
-    for run in inside.split(|byte| *byte == 0) {
-        stuffed.push(run.len() as u8 + 1);
-        stuffed.extend(run);
-    }
-    stuffed.push(0);
-    stuffed
-}
-
 /// A chip without supply with an image whose checksum is filled in as `kband flash` does.
 ///
 /// # Panics
 /// The file is no image for this chip.
-#[must_use]
-pub fn holding(image: &Path) -> Chip {
+pub fn chip_with_image(image: &Path) -> Chip {
     let mut chip = Chip::default();
     let segments = images::segments(image);
     for (address, data) in &segments {

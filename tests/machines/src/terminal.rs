@@ -22,7 +22,6 @@ impl Terminal {
     ///
     /// # Panics
     /// It does not start.
-    #[must_use]
     pub fn start(image: &Path, word: &str, limit: Duration) -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
         let said = folder.path().join("said");
@@ -57,7 +56,6 @@ impl Terminal {
     }
 
     /// The serial port for a desk.
-    #[must_use]
     pub fn port(&self) -> &Path {
         &self.port
     }

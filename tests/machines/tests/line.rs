@@ -1,22 +1,15 @@
 //! Effects of the link on a drive, on the flashed image: a flood, much telemetry, a stuck line, and
 //! requests that could start a machine.
 
-use std::path::PathBuf;
-
-use kband::control::{Event, Fault, Limits, State};
-use kband::wire::{
-    FRAME_MOST, Outgoing, Receiver, Refusal, Request, Response, Target, read_answer,
+use kband_control::wire::{
+    MAX_FRAME_BYTES, Outgoing, Receiver, Refusal, Request, Response, read_answer,
 };
+use kband_control::{Event, Fault, Limits, StartCause, State, Target};
 use kband_machines::chip::gpio::Wire;
 use kband_machines::chip::world::Seen;
-use kband_machines::emulator::Machine;
 use kband_machines::hazards::Hazard;
-use kband_machines::images;
+use kband_machines::images::feeder;
 use kband_machines::rig::{Act, Rig};
-
-fn image() -> PathBuf {
-    images::build("kband-firmware", "feeder", Machine::CortexM4F)
-}
 
 /// A machine of this frequency in Hz with saved settings, at rest; no link timeout.
 fn machine(frequency: f32, target: Target) -> Rig {
@@ -26,11 +19,11 @@ fn machine(frequency: f32, target: Target) -> Rig {
     // Within the acceleration limit at each of these frequencies.
     settings.safe_amplitude = 0.005;
     hazard.scene.sensor.noise = 0.04;
-    hazard.commissioned(&image())
+    hazard.commissioned(&feeder())
 }
 
 // A frame fits the ring buffer of the port.
-const _: () = assert!(FRAME_MOST <= 512);
+const _: () = assert!(MAX_FRAME_BYTES <= 512);
 
 /// Target of a machine of this frequency in Hz.
 fn target(frequency: f32) -> Target {
@@ -54,10 +47,7 @@ fn requests() -> Vec<Request<'static>> {
     vec![
         Request::Setting(3),
         Request::Get("frequency"),
-        Request::Set {
-            key: "gain",
-            value: 1.0,
-        },
+        Request::set("gain", 1.0),
         Request::Save,
         Request::Defaults,
         Request::Target(Target::K(f32::NAN)),
@@ -69,7 +59,7 @@ fn requests() -> Vec<Request<'static>> {
         Request::Alive,
         Request::Simulate {
             target: Target::K(0.4),
-            start: kband::wire::StartCause::Ordinary,
+            start: StartCause::Ordinary,
         },
         Request::Samples {
             codes: &[],
@@ -109,7 +99,7 @@ fn responses(rig: &Rig, from: usize) -> Vec<(u8, String)> {
     let mut receiver = Receiver::new();
     let mut found = Vec::new();
     for byte in rig.sent().split_off(from) {
-        if let Some(Ok(inside)) = receiver.take(byte)
+        if let Some(Ok(inside)) = receiver.push(byte)
             && let Ok(Outgoing::Response { sequence, response }) = read_answer(inside)
         {
             found.push((sequence, format!("{response:?}")));
@@ -118,8 +108,8 @@ fn responses(rig: &Rig, from: usize) -> Vec<(u8, String)> {
     found
 }
 
-fn counters(rig: &mut Rig) -> kband::wire::Counters {
-    rig.ask(&Request::Counters, |response| match response {
+fn counters(rig: &mut Rig) -> kband_control::wire::Counters {
+    rig.request(&Request::Counters, |response| match response {
         Response::Counters(counters) => counters,
         other => panic!("{other:?}"),
     })
@@ -127,13 +117,13 @@ fn counters(rig: &mut Rig) -> kband::wire::Counters {
 
 fn report(rig: &mut Rig) -> (State, Option<Fault>, Limits) {
     let before = rig.sent().len();
-    rig.done(&Request::Telemetry(10));
+    rig.request_done(&Request::Telemetry(10));
     rig.run(rig.time() + 2.5);
-    rig.done(&Request::Telemetry(0));
+    rig.request_done(&Request::Telemetry(0));
     let mut receiver = Receiver::new();
     let mut last = None;
     for byte in rig.sent().split_off(before) {
-        if let Some(Ok(inside)) = receiver.take(byte)
+        if let Some(Ok(inside)) = receiver.push(byte)
             && let Ok(Outgoing::Response {
                 response: Response::Telemetry(row),
                 ..
@@ -162,14 +152,12 @@ fn a_thousand_pipelined_requests_are_answered() {
         for request in requests().iter().cycle().take(1000) {
             bytes.extend(rig.frame(request));
         }
-        println!("{frequency} Hz: {} bytes of requests", bytes.len());
         rig.act(&Act::Link(bytes));
         let flooded = amplitudes(&mut rig, 45);
         assert_eq!(flooded, silent, "{frequency} Hz: b has the same bits");
         assert_eq!(rig.resets().len(), 1, "{frequency} Hz");
         let answers = responses(&rig, before).len() as u32;
         let counters = counters(&mut rig);
-        println!("{frequency} Hz: {answers} frames came back, {counters:?}");
         // A drive cycle answers 32 requests and counts the others. The port's ring loses some of
         // those that arrive faster than answers leave.
         assert!(answers >= 190, "{frequency} Hz: {answers}");
@@ -180,7 +168,7 @@ fn a_thousand_pipelined_requests_are_answered() {
         assert_eq!(counters.answers_dropped, 0, "{frequency} Hz");
         rig.act(&Act::Enable(false));
         rig.run(rig.time() + 2.0);
-        let missed = rig.ask(&Request::SelfTest, |response| match response {
+        let missed = rig.request(&Request::SelfTest, |response| match response {
             Response::SelfTest(test) => test.missed,
             other => panic!("{other:?}"),
         });
@@ -191,22 +179,25 @@ fn a_thousand_pipelined_requests_are_answered() {
 /// The fastest telemetry that the line carries must not affect the drive.
 #[test]
 fn telemetry_as_fast_as_the_line_carries_does_not_move_b() {
-    for frequency in [5.0, 20.0, 60.0, 67.0, 100.0, 130.0, 300.0, 500.0] {
+    for frequency in [5.0, 20.0, 60.0, 63.0, 67.0, 100.0, 130.0, 300.0, 500.0] {
         let ready = running(frequency, target(frequency), 1.5);
         let (began, silent) = (ready.time(), amplitudes(&mut ready.clone(), 30));
         let mut rig = ready;
-        let fewest = rig.ask(&Request::Telemetry(1), |response| match response {
+        let fewest = rig.request(&Request::Telemetry(1), |response| match response {
             Response::Done => 1,
             Response::Refused(Refusal::Faster(fewest)) => fewest,
             other => panic!("{other:?}"),
         });
-        assert_eq!(fewest > 1, frequency > 67.5, "{frequency} Hz: {fewest}");
-        rig.done(&Request::Telemetry(fewest));
+        assert_eq!(fewest > 1, frequency > 64.0, "{frequency} Hz: {fewest}");
+        rig.request_done(&Request::Telemetry(fewest));
         let (from, first) = (rig.sent().len(), rig.time());
-        // Requests that must be answered meanwhile.
+        // Requests that must be answered meanwhile. The driver of the port (embassy-stm32 0.6.0,
+        // usart/buffered.rs) loses a byte that arrives just while it reads DR because of IDLE, or
+        // writes SR because of TC. Delays over the 87 us of a byte keep that phase from repeating.
         for n in 1..=25 {
             let frame = rig.frame(&Request::Setting(4));
-            rig.at(first + 0.1 * f64::from(n), Act::Link(frame));
+            let delay = 87e-6 * (0.618 * f64::from(n)).fract();
+            rig.at(first + 0.1 * f64::from(n) + delay, Act::Link(frame));
         }
         let rest = ((3.0 - (first - began)) / 0.1).floor() as u32;
         let offset = 30 - rest;
@@ -218,10 +209,14 @@ fn telemetry_as_fast_as_the_line_carries_does_not_move_b() {
         let came = responses(&rig, from);
         let rows = came.iter().filter(|(sequence, _)| *sequence == 0).count();
         let due = lasted * f64::from(frequency) / f64::from(fewest);
-        println!("{frequency} Hz, each {fewest}: {rows} rows of {due:.0}");
-        assert!(rows as f64 > 0.98 * due - 3.0, "{frequency} Hz");
-        assert!(came.len() - rows >= 20, "{frequency} Hz: answers");
-        assert_eq!(counters(&mut rig).answers_dropped, 0);
+        assert!(rows as f64 > 0.98 * due - 3.0, "{frequency} Hz: {rows}");
+        let answers = came.len() - rows;
+        let counted = counters(&mut rig);
+        assert!(
+            answers >= 20,
+            "{frequency} Hz: {answers} answers, {counted:?}"
+        );
+        assert_eq!(counted.answers_dropped, 0);
         assert_eq!(rig.resets().len(), 1, "{frequency} Hz");
     }
 }
@@ -229,15 +224,15 @@ fn telemetry_as_fast_as_the_line_carries_does_not_move_b() {
 /// In gear a telemetry frame has margin and load. Frames beyond the line's rate must be dropped,
 /// not waited for.
 #[test]
-fn rows_with_margin_and_load_are_dropped_where_the_line_is_full() {
-    let mut hazard = Hazard::of("line in gear", 50.0, Target::Gear(1));
-    hazard.scene.parts = kband::plant::Scene::default().parts;
+fn telemetry_beyond_the_line_rate_is_dropped() {
+    let mut hazard = Hazard::of("line in gear", 50.0, Target::Gear { order: 1 });
+    hazard.scene.parts = kband_plant::Scene::default().parts;
     hazard.scene.settings.link_timeout = 0.0;
     hazard.scene.settings.track_mass = 10.0;
-    let mut rig = hazard.commissioned(&image());
+    let mut rig = hazard.commissioned(&feeder());
     rig.at(1.1, Act::Enable(true)).run(4.0);
     let silent = amplitudes(&mut rig.clone(), 40);
-    rig.done(&Request::Telemetry(1));
+    rig.request_done(&Request::Telemetry(1));
     let from = rig.sent().len();
     // The answers take the line's remaining rate, and more.
     let mut bytes = Vec::new();
@@ -259,11 +254,10 @@ fn rows_with_margin_and_load_are_dropped_where_the_line_is_full() {
         "weighed"
     );
     let counted = counters(&mut rig);
-    println!("{} rows came, {counted:?}", rows.len());
     assert!(counted.rows_dropped > 0);
-    // Under load the planning in idle time runs later, so that b has other bits.
-    println!("in gear b differs by {:.1e}", apart(&flooded, &silent));
-    assert!(apart(&flooded, &silent) < 0.02);
+    // Under load a plan ends in a later cycle. From then on the impacts differ, and b by their
+    // noise: measured 4.4e-4, and 4.0e-4 where the load begins 16 s later.
+    assert!(apart(&flooded, &silent) < 1e-3);
     assert_eq!(rig.resets().len(), 1);
 }
 
@@ -272,7 +266,7 @@ fn rows_with_margin_and_load_are_dropped_where_the_line_is_full() {
 fn a_hung_link_is_a_limit_and_never_a_reset() {
     let mut hazard = Hazard::of("hung", 50.0, Target::Amplitude(0.2));
     hazard.scene.settings.link_timeout = 0.8;
-    let mut rig = hazard.commissioned(&image());
+    let mut rig = hazard.commissioned(&feeder());
     rig.at(1.1, Act::Enable(true));
     let alive = |rig: &mut Rig, from: f64, to: f64| {
         let mut time = from;
@@ -320,10 +314,7 @@ fn no_request_starts_a_machine_whose_input_is_on() {
     rig.act(&Act::Volts(3.3));
     let on = rig.time();
     rig.run(on + 0.5);
-    let set = Request::Set {
-        key: "soft_start",
-        value: 0.3,
-    };
+    let set = Request::set("soft_start", 0.3);
     for request in [
         set,
         Request::Defaults,
@@ -334,7 +325,7 @@ fn no_request_starts_a_machine_whose_input_is_on() {
         Request::Save,
         Request::Enable(true),
     ] {
-        rig.done(&request);
+        rig.request_done(&request);
         rig.run(rig.time() + 0.2);
     }
     rig.run(rig.time() + 2.0);
@@ -347,11 +338,11 @@ fn no_request_starts_a_machine_whose_input_is_on() {
     rig.run(rig.time() + 0.2);
     assert!(rig.seen_after(on, &Seen::Bridge(true)).is_some());
     // The link may restore the enable that it withheld.
-    rig.done(&Request::Enable(false));
+    rig.request_done(&Request::Enable(false));
     rig.run(rig.time() + 1.5);
     let stopped = rig.time();
     assert_eq!(rig.opens_after(stopped), Some(0.0));
-    rig.done(&Request::Enable(true));
+    rig.request_done(&Request::Enable(true));
     rig.run(rig.time() + 0.2);
     assert!(rig.seen_after(stopped, &Seen::Bridge(true)).is_some());
 }
@@ -361,27 +352,25 @@ fn no_request_starts_a_machine_whose_input_is_on() {
 fn the_link_acknowledges_no_fault() {
     let mut rig = running(50.0, Target::Amplitude(0.2), 1.0);
     let fault = rig.time();
-    rig.act(&Act::Cool(false));
+    rig.act(&Act::ThermalSwitch(false));
     rig.run(fault + 0.2);
-    rig.act(&Act::Cool(true));
+    rig.act(&Act::ThermalSwitch(true));
     assert_eq!(rig.opens_after(fault + 0.1), Some(0.0));
     for _ in 0..3 {
-        rig.done(&Request::Enable(false));
+        rig.request_done(&Request::Enable(false));
         rig.run(rig.time() + 1.0);
-        rig.done(&Request::Enable(true));
+        rig.request_done(&Request::Enable(true));
         rig.run(rig.time() + 1.0);
     }
     assert_eq!(rig.seen_after(fault + 0.1, &Seen::Bridge(true)), None);
     let (state, fault, _) = report(&mut rig);
     assert_eq!((state, fault), (State::Fault, Some(Fault::OverTemperature)));
     let acknowledged = Event::Acknowledged.number();
-    for number in 0..64 {
-        let event = rig.ask(&Request::Event(number), |response| match response {
-            Response::Event(record) => record,
-            other => panic!("{other:?}"),
-        });
-        assert!(event.is_none_or(|record| record.event != acknowledged || record.cycle < 100));
-    }
+    let mut late = rig
+        .events()
+        .into_iter()
+        .filter(|record| record.cycle >= 100);
+    assert!(late.all(|record| record.event != acknowledged));
 }
 
 /// A `Set` between two faults must not clear their times.
@@ -389,16 +378,13 @@ fn the_link_acknowledges_no_fault() {
 fn the_third_fault_in_a_minute_locks_out_in_spite_of_settings() {
     let mut rig = running(50.0, Target::Amplitude(0.2), 0.5);
     for fault in 1..=3 {
-        rig.act(&Act::Cool(false));
+        rig.act(&Act::ThermalSwitch(false));
         rig.run(rig.time() + 0.1);
-        rig.act(&Act::Cool(true));
+        rig.act(&Act::ThermalSwitch(true));
         rig.act(&Act::Enable(false));
         rig.run(rig.time() + 0.8);
         if fault < 3 {
-            rig.done(&Request::Set {
-                key: "soft_start",
-                value: 0.3,
-            });
+            rig.request_done(&Request::set("soft_start", 0.3));
         }
         let from = rig.time();
         rig.act(&Act::Enable(true));
@@ -410,7 +396,7 @@ fn the_third_fault_in_a_minute_locks_out_in_spite_of_settings() {
 
 /// Three successive resets must end at rest, not in a loop of resets.
 #[test]
-fn repeated_resets_end_at_rest_with_the_lamp_on_and_the_link_up() {
+fn three_resets_end_at_rest_with_fault_and_link() {
     let mut rig = running(50.0, Target::Amplitude(0.2), 1.0);
     let from = rig.time();
     rig.act(&Act::Converts(false));
@@ -445,14 +431,11 @@ fn repeated_resets_end_at_rest_with_the_lamp_on_and_the_link_up() {
 #[test]
 fn the_strap_makes_the_link_read_only() {
     let mut rig = machine(50.0, Target::Amplitude(0.2));
-    let set = Request::Set {
-        key: "soft_start",
-        value: 0.3,
-    };
-    rig.done(&set);
+    let set = Request::set("soft_start", 0.3);
+    rig.request_done(&set);
     rig.act(&Act::Wire(2, 1, Wire::Low));
     let refused = |rig: &mut Rig, request: &Request<'_>| {
-        rig.ask(request, |response| {
+        rig.request(request, |response| {
             matches!(response, Response::Refused(Refusal::ReadOnly(_)))
         })
     };
@@ -465,7 +448,7 @@ fn the_strap_makes_the_link_read_only() {
     ] {
         assert!(refused(&mut rig, &request), "{request:?}");
     }
-    rig.done(&Request::Enable(false));
+    rig.request_done(&Request::Enable(false));
     rig.act(&Act::Wire(2, 1, Wire::Open));
-    rig.done(&set);
+    rig.request_done(&set);
 }

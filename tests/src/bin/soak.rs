@@ -43,12 +43,7 @@ fn main() -> ExitCode {
     let numbers: Option<Vec<f64>> = texts.iter().map(|text| text.parse().ok()).collect();
     let (millions, seed) = match (replayed, numbers.as_deref()) {
         (true, Some(&[k, restitution, phase, velocity])) => {
-            return once(&Launch {
-                k,
-                restitution,
-                phase,
-                velocity,
-            });
+            return once(&Launch::new(k, restitution, phase, velocity));
         }
         (false, Some([])) => (100.0, 1),
         (false, Some(&[millions])) => (millions, 1),

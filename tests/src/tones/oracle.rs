@@ -21,7 +21,6 @@ const STRIDE: f64 = 2.0;
 
 impl Track {
     /// The track of a second and a third tone, each amplitude and angle.
-    #[must_use]
     pub fn of(k: f64, [e, th, e3, th3]: [f64; 4]) -> Self {
         Self {
             k,
@@ -30,7 +29,6 @@ impl Track {
     }
 
     /// S and its first three derivatives.
-    #[must_use]
     pub fn at(&self, phase: f64) -> [f64; 4] {
         let mut sums = [0.0; 4];
         for (q, e, th) in self.tones {
@@ -44,7 +42,6 @@ impl Track {
     }
 
     /// Bounds of S and of its first four derivatives.
-    #[must_use]
     pub fn sums(&self) -> [f64; 5] {
         let mut sums = [0.0; 5];
         for (q, e, _) in self.tones {
@@ -58,7 +55,6 @@ impl Track {
     }
 
     /// The gap and its first two derivatives `d` after a launch.
-    #[must_use]
     pub fn gap(&self, phase: f64, velocity: f64, d: f64) -> [f64; 3] {
         let [height, slope, curvature, _] = self.launched(phase, velocity).gap(d);
         [height, slope, curvature]
@@ -82,7 +78,6 @@ impl Track {
     }
 
     /// Rounding error of [`Track::gap`]: half a unit in the last place of every term it sums.
-    #[must_use]
     pub fn rounding(&self, phase: f64, velocity: f64, d: f64) -> f64 {
         let speeds: f64 = self.tones.iter().map(|(q, e, _)| q * e).sum();
         let pushes: f64 = self.tones.iter().map(|(q, e, _)| q * q * e).sum();
@@ -91,20 +86,19 @@ impl Track {
         f64::EPSILON * turned
     }
 
-    /// The first impact after a launch that is not at rest: at `told` if the quick certificate
+    /// The first impact after a launch that is not at rest: at `guess` if the quick certificate
     /// proves it, else by stepping.
-    #[must_use]
-    pub fn first_impact_by(&self, phase: f64, velocity: f64, told: f64) -> Flight {
+    pub fn first_impact_by(&self, phase: f64, velocity: f64, guess: f64) -> Flight {
         let launched = self.launched(phase, velocity);
-        let [height, slope, curvature, _] = launched.gap(told);
-        let noise = self.rounding(phase, velocity, told);
+        let [height, slope, curvature, _] = launched.gap(guess);
+        let noise = self.rounding(phase, velocity, guess);
         let simple = slope < 0.0 && slope * slope > 100.0 * curvature.abs() * noise;
         if simple
             && height.abs() <= 16.0 * noise
-            && self.is_first(&launched, phase, [told, slope, curvature])
+            && self.is_first(&launched, phase, [guess, slope, curvature])
         {
             return Flight {
-                duration: told,
+                duration: guess,
                 arrival: -slope,
                 clearance: f64::INFINITY,
             };
@@ -120,7 +114,6 @@ impl Track {
     /// - Above that reach there is no track.
     /// - The lower bound of the gap holds from any point.
     /// - Where the slope is negative up to the impact, the gap before it is positive.
-    #[must_use]
     fn is_first(&self, launched: &Launched, phase: f64, [d, slope, curvature]: [f64; 3]) -> bool {
         let velocity = launched.velocity;
         let [reach, fastest, _, jerk, bound] = self.sums();
@@ -163,7 +156,6 @@ impl Track {
     }
 
     /// The first impact after a launch that is not at rest, by stepping.
-    #[must_use]
     pub fn first_impact(&self, phase: f64, velocity: f64) -> Flight {
         let [reach, fastest, _, _, bound] = self.sums();
         let launched = self.launched(phase, velocity);

@@ -144,9 +144,11 @@ impl Bench {
     /// A random track, rounded as in the microcontroller kernels.
     fn draw(random: &mut Random) -> Self {
         let (drawn, wave) = track(random);
-        let rounded = |tone: Tone| Tone {
-            amplitude: (tone.amplitude * 4_294_967_296.0).round() / 4_294_967_296.0,
-            angle: Phase::from_radians(tone.angle).radians(),
+        let rounded = |tone: Tone| {
+            Tone::new(
+                (tone.amplitude * 4_294_967_296.0).round() / 4_294_967_296.0,
+                Phase::from_radians(tone.angle).radians(),
+            )
         };
         let tones = [wave.second(), wave.third()].map(rounded);
         Self::build(f64::from((drawn.k as f32).clamp(0.01, 4.0)), tones)
@@ -367,7 +369,6 @@ fn drawn(kind: Kind, seed: u64, number: u64) -> (Bench, Vec<PartState>) {
 
 /// Tries `count` launches of every kind on `threads` threads and reports wrong impacts as they
 /// come.
-#[must_use]
 pub fn soak(
     count: u64,
     seed: u64,

@@ -11,8 +11,8 @@ use embassy_stm32::peripherals::USART2;
 use embassy_stm32::usart::BufferedInterruptHandler;
 use embassy_stm32::{bind_interrupts, pac};
 use embassy_time::{Instant, Timer};
-use kband::control::{Controller, Cycle, SAMPLE_RATE, Settings, Signal, StartCause};
-use kband::wire::SetUp;
+use kband_control::wire::SetUp;
+use kband_control::{Controller, Cycle, SAMPLE_RATE, Settings, Signal, StartCause};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Monitor, Panel, Watchdog};
 use kband_firmware::chip::Chip;
@@ -23,7 +23,7 @@ use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
 use kband_firmware::log;
-use kband_firmware::resets::{GOOD_SECONDS, Resets};
+use kband_firmware::resets::{GOOD_OPERATION_S, Resets};
 use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
 use kband_firmware::stm32::{
@@ -117,8 +117,8 @@ async fn supervise(mut guard: Guard) {
     loop {
         if ROLL.complete() {
             guard.feed();
-            if Instant::now().as_secs() >= GOOD_SECONDS {
-                RESETS.forget();
+            if Instant::now().as_secs() >= GOOD_OPERATION_S {
+                RESETS.clear();
             }
         }
         Timer::after_millis(20).await;
@@ -138,8 +138,10 @@ async fn stay_at_rest(
     loop {
         guard.feed();
         let frequency = station.settings().frequency;
-        let mut cycle = Cycle::default();
-        cycle.samples = (SAMPLE_RATE as f32 / frequency) as u16;
+        let cycle = Cycle {
+            samples: (SAMPLE_RATE as f32 / frequency) as u16,
+            ..Cycle::default()
+        };
         if let Some(report) = station.cycle(&cycle, terminals.inputs()) {
             lamps.report(&report, false);
             if report.fault.is_none() {
@@ -226,7 +228,7 @@ async fn main(spawner: Spawner) {
     // Before the first sample, which reads the enable input.
     let terminals = Terminals::new(p.PB0, p.PB1, Board::supply_low, !sound);
     let (adc, sample_time) = Board::converter(p.ADC1);
-    let converter = Converter::new(adc, p.PA1, sample_time);
+    let converter = Converter::new(adc, p.PA1, p.PC0, sample_time);
     let Ok(mut memory) = Board::memory(p.FLASH) else {
         defmt::panic!("the memory of the settings does not fit its pages");
     };

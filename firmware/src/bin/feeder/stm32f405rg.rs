@@ -10,10 +10,10 @@ use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
 use embassy_time::Instant;
-use kband::wire::SetUp;
+use kband_control::wire::SetUp;
 use kband_firmware::chip::{Chip, ChipClocks};
 use kband_firmware::cortex::{remembers_running, waiting_faults};
-use kband_firmware::start::Signs;
+use kband_firmware::start::ResetFlags;
 use kband_firmware::stm32::{Window, drive_off};
 use kband_firmware::store::{Records, StoreFailed};
 use kband_firmware::supply::Supply;
@@ -124,11 +124,11 @@ impl Chip for Board {
     }
 
     fn supply_low() -> bool {
-        SUPPLY.take_low(is_below(), Instant::now().as_millis() as u32)
+        SUPPLY.take_is_low(is_below(), Instant::now().as_millis() as u32)
     }
 
     fn supply_allows() -> bool {
-        !SUPPLY.fell() && !is_below()
+        !SUPPLY.has_fallen() && !is_below()
     }
 
     fn start_window() {
@@ -173,10 +173,10 @@ impl Chip for Board {
         )
     }
 
-    fn signs() -> Signs {
+    fn signs() -> ResetFlags {
         let flags = pac::RCC.csr().read();
         pac::RCC.csr().modify(|status| status.set_rmvf(true));
-        Signs {
+        ResetFlags {
             watchdog: flags.wdgrstf() || flags.wwdgrstf(),
             software: flags.sftrstf(),
             // Power-on sets both flags.

@@ -9,10 +9,10 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_time::Instant;
-use kband::wire::SetUp;
+use kband_control::wire::SetUp;
 use kband_firmware::chip::{Chip, ChipClocks};
 use kband_firmware::cortex::{remembers_running, waiting_faults};
-use kband_firmware::start::Signs;
+use kband_firmware::start::ResetFlags;
 use kband_firmware::stm32::Window;
 use kband_firmware::store::{Records, StoreFailed};
 use kband_firmware::supply::Supply;
@@ -114,7 +114,7 @@ impl Chip for Board {
     }
 
     fn supply_low() -> bool {
-        SUPPLY.take_low(is_below(), Instant::now().as_millis() as u32)
+        SUPPLY.take_is_low(is_below(), Instant::now().as_millis() as u32)
     }
 
     /// The break holds the bridge open in hardware.
@@ -168,10 +168,10 @@ impl Chip for Board {
         )
     }
 
-    fn signs() -> Signs {
+    fn signs() -> ResetFlags {
         let flags = pac::RCC.csr().read();
         pac::RCC.csr().modify(|status| status.set_rmvf(true));
-        Signs {
+        ResetFlags {
             watchdog: flags.iwdgrstf() || flags.wwdgrstf(),
             software: flags.sftrstf(),
             // This chip has one flag for power-on and brown-out: the drive waits for a new enable.

@@ -9,14 +9,14 @@ use core::sync::atomic::{AtomicU16, Ordering};
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_semihosting::heprintln;
-use kband::control::{AdcCode, Command, Overtone, Settings, Signal, Target, phase_step};
-use kband::plant::Bench;
+use kband_control::{AdcCode, Command, Overtone, Settings, Signal, Target, phase_step};
 use kband_firmware::application::Sampler;
 use kband_firmware::board::{Drive, Sense};
 use kband_firmware::cortex::stack_low;
 use kband_firmware::exchange::Exchange;
 use kband_firmware::station::Station;
 use kband_firmware::watch::{Roll, Watched};
+use kband_plant::Bench;
 
 /// Full range of SysTick: 16.7 million ticks, 99 million instructions.
 const FULL: u32 = 0x00ff_ffff;
@@ -37,6 +37,10 @@ struct Reading;
 impl Sense for Reading {
     fn sample(&mut self) -> AdcCode {
         AdcCode(READING.load(Ordering::Relaxed))
+    }
+
+    fn current(&mut self) -> AdcCode {
+        self.sample()
     }
 }
 
@@ -231,18 +235,27 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
     );
     count_stack();
     count_samples("", signal, &mut bench);
-    for (name, third_tone) in [(" of two tones", 0.0), (" of three tones", 0.05)] {
-        if let Some(path) = toned(station, third_tone) {
+    for (name, tones, current_sensitivity) in [
+        (" of two tones", [0.15, 0.0], 0.0),
+        (" of three tones", [0.15, 0.05], 0.0),
+        (" with a current sensor", [0.0; 2], 0.1),
+    ] {
+        if let Some(path) = changed(station, tones, current_sensitivity) {
             count_samples(name, path, &mut bench);
         }
     }
 }
 
-/// A signal path that makes two or three tones.
-fn toned(station: &Station, third_tone: f32) -> Option<Signal> {
+/// A signal path with upper tones or with a current sensor.
+fn changed(
+    station: &Station,
+    [second_tone, third_tone]: [f32; 2],
+    current_sensitivity: f32,
+) -> Option<Signal> {
     let settings = Settings {
-        second_tone: 0.15,
+        second_tone,
         third_tone,
+        current_sensitivity,
         ..station.settings()
     };
     let mut path = Signal::build(&settings).ok()?;
@@ -286,7 +299,8 @@ fn count_samples(name: &str, signal: Signal, bench: &mut Bench) {
     while cycles < CYCLES {
         let code = black_box(bench.sample());
         let mut sampled = None;
-        let ticks = lap(&mut || sampled = Some(black_box(path.sample(black_box(code)))));
+        let ticks =
+            lap(&mut || sampled = Some(black_box(path.sample_with(black_box(code), || code))));
         READING.store(code.0, Ordering::Relaxed);
         let whole = lap(&mut || sampler.interrupt());
         sum += ticks;

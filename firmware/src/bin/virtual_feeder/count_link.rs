@@ -6,12 +6,12 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use cortex_m::peripheral::SYST;
 use cortex_m_semihosting::heprintln;
 use embassy_futures::block_on;
-use kband::control::{Cycle, Inputs, Report, Settings, Signal, State};
-use kband::plant::Bench;
-use kband::wire::{FRAME_MOST, Request, StartCause, Target, write_question, write_request};
+use kband_control::wire::{MAX_FRAME_BYTES, Request, write_question, write_request};
+use kband_control::{Cycle, Inputs, Report, Settings, Signal, StartCause, State, Target};
 use kband_firmware::link::{Image, Service};
 use kband_firmware::station::Station;
 use kband_firmware::store::Store;
+use kband_plant::Bench;
 
 use crate::count::{begin, instructions, lap};
 
@@ -47,13 +47,16 @@ fn requests() -> [(&'static str, Request<'static>); 24] {
         ("set", set("restitution_high", 0.24)),
         ("defaults", Request::Defaults),
         ("save", Request::Save),
-        ("target locked", Request::Target(Target::Locked(1))),
+        (
+            "target locked",
+            Request::Target(Target::Locked { order: 1 }),
+        ),
         ("target chaotic", Request::Target(Target::Chaotic)),
         ("target k", Request::Target(Target::K(0.41))),
         ("target amplitude", Request::Target(Target::Amplitude(0.25))),
         ("target speed", Request::Target(Target::Speed(40.0))),
         ("target identify", Request::Target(Target::Identify)),
-        ("target gear", Request::Target(Target::Gear(1))),
+        ("target gear", Request::Target(Target::Gear { order: 1 })),
         ("held", Request::Held),
         ("enable", Request::Enable(true)),
         ("telemetry", Request::Telemetry(1)),
@@ -81,15 +84,10 @@ fn requests() -> [(&'static str, Request<'static>); 24] {
             "samples out of step",
             Request::Samples {
                 codes: &[0xff; 240],
-                end: Some(kband::wire::Inputs {
+                end: Some(Inputs {
                     enable: true,
-                    over_temperature: false,
                     link_heard: true,
-                    stack_low: false,
-                    over_current: false,
-                    control_late: false,
-                    supply_low: false,
-                    clock_failed: false,
+                    ..Inputs::default()
                 }),
             },
         ),
@@ -122,7 +120,7 @@ pub fn count(
 ) {
     begin(timer);
     let mut service = Service::new(image, store, None);
-    let mut frame = [0; FRAME_MOST];
+    let mut frame = [0; MAX_FRAME_BYTES];
     let idle = (0..1000).map(|_| lap(&mut || ())).sum::<u32>() / 1000;
     let counted = |name: &str, service: &mut Service<_>, frame: &[u8]| {
         end_cycle(service, station);
@@ -142,7 +140,7 @@ pub fn count(
             counted(name, &mut service, frame);
         }
     }
-    counted("oversized", &mut service, &[1; 2 * FRAME_MOST]);
+    counted("oversized", &mut service, &[1; 2 * MAX_FRAME_BYTES]);
     let mut corrupt = [1; 250];
     corrupt[249] = 0;
     counted("corrupt", &mut service, &corrupt);

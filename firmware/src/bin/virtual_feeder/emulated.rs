@@ -15,10 +15,9 @@ use embassy_stm32::pac;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Timer;
-use kband::control::{AdcCode, Inputs, Report, Settings, Signal, Target};
 use kband::feeder::OutOfRange;
-use kband::plant::{Bench, Scene};
-use kband::wire::{KeptFault, Pin, SetUp};
+use kband_control::wire::{KeptFault, Pin, SetUp};
+use kband_control::{AdcCode, Inputs, Report, Settings, Signal, Target};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
 use kband_firmware::cortex::{
@@ -28,12 +27,13 @@ use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
 use kband_firmware::log;
-use kband_firmware::start::{ResetCause, Signs};
+use kband_firmware::start::{ResetCause, ResetFlags};
 use kband_firmware::station::Station;
 use kband_firmware::store::{Condition, Found, Records, Store, StoreFailed};
 use kband_firmware::trial::{TraceRow, Trial};
 use kband_firmware::waiting::Waiting;
 use kband_firmware::watch::{Roll, Watched};
+use kband_plant::{Bench, Scene};
 use static_cell::StaticCell;
 use systick_timer::SystickDriver;
 
@@ -119,6 +119,10 @@ impl Bed {
 impl Sense for Bed {
     fn sample(&mut self) -> AdcCode {
         Self::with(|bench, _| bench.sample()).unwrap_or_default()
+    }
+
+    fn current(&mut self) -> AdcCode {
+        Self::with(|bench, _| bench.current()).unwrap_or_default()
     }
 }
 
@@ -249,7 +253,7 @@ fn sample() {
     }
     // A pause of the samples is no failure: the interrupt checks in.
     ROLL.check_in(Watched::Samples);
-    if EXCHANGE.owed() {
+    if EXCHANGE.is_unfinished() {
         return;
     }
     // SAFETY: this handler alone, once a call.
@@ -342,7 +346,7 @@ fn arguments(buffer: &mut [u8; 256]) -> &str {
 
 fn reset_cause() -> ResetCause {
     let flags = CAUSE.swap(0, Ordering::Relaxed);
-    ResetCause::of(Signs {
+    ResetCause::of(ResetFlags {
         watchdog: flags == CAUSE_WATCHDOG,
         software: flags == CAUSE_SOFTWARE,
         sag: false,
@@ -443,7 +447,7 @@ fn begin(spawner: Spawner) {
     }
     let trial = match word {
         "hang" | "count" | "count-link" => Trial::ALL.first().copied(),
-        "count-lively" => Some(Trial::LIVELY),
+        "count-lively" => Some(Trial::LARGEST_PLAN),
         "link" => Some(Trial::LINK),
         "run" => Some(Trial::RUN),
         "sag" if cause == ResetCause::Power => Some(Trial::BEFORE_SAG),

@@ -1,7 +1,7 @@
 //! No request may start a machine, or clear a fault, a latch or a lock-out.
 
-use kband::control::{Fault, Inputs};
-use kband::plant::Noise;
+use kband::arithmetic::Noise;
+use kband_control::{Fault, Inputs};
 
 use super::*;
 
@@ -9,6 +9,11 @@ use super::*;
 const SEQUENCES: u32 = 100_000;
 /// Largest number of requests in a sequence.
 const LONGEST: u32 = 40;
+
+/// Seed of the draw: `KBAND_SEED`, else a fixed one.
+fn seed(fixed: u64) -> u64 {
+    std::env::var("KBAND_SEED").map_or(fixed, |text| text.parse().expect("a whole number"))
+}
 
 fn below(noise: &mut Noise, limit: u32) -> u32 {
     noise.bits() % limit
@@ -18,11 +23,12 @@ fn value(noise: &mut Noise, low: f32, high: f32) -> f32 {
     low + (high - low) * (below(noise, 1001) as f32 / 1000.0)
 }
 
-fn target(noise: &mut Noise) -> kband::wire::Target {
-    use kband::wire::Target;
+fn target(noise: &mut Noise) -> Target {
     match below(noise, 6) {
-        0 => Target::Locked(1 + below(noise, 3) as u8),
-        1 => Target::Gear(1),
+        0 => Target::Locked {
+            order: 1 + below(noise, 3) as u8,
+        },
+        1 => Target::Gear { order: 1 },
         2 => Target::Amplitude(value(noise, 0.0, 0.9)),
         3 => Target::Speed(value(noise, 10.0, 100.0)),
         4 => Target::Identify,
@@ -39,10 +45,7 @@ fn request(noise: &mut Noise) -> Request<'static> {
                 1 => value(noise, key.low, key.high.min(4.0 * key.default + key.low)),
                 _ => value(noise, key.low, key.high),
             };
-            Request::Set {
-                key: key.name,
-                value,
-            }
+            Request::set(key.name, value)
         }
         4 => Request::Defaults,
         5 | 6 => Request::Save,
@@ -51,7 +54,7 @@ fn request(noise: &mut Noise) -> Request<'static> {
         10 => Request::Enable(false),
         11 => Request::Simulate {
             target: target(noise),
-            start: kband::wire::StartCause::Ordinary,
+            start: StartCause::Ordinary,
         },
         12 => Request::Samples {
             codes: &[0; 150],
@@ -93,7 +96,7 @@ fn board_with_the_input_on(noise: &mut Noise) -> (Board, bool) {
 
 #[test]
 fn no_request_closes_the_bridge_or_clears_a_fault() {
-    let mut noise = Noise::new(32);
+    let mut noise = Noise::new(seed(32));
     let (mut faults, mut answered, mut done) = (0, 0_u64, 0_u64);
     for sequence in 0..SEQUENCES {
         let (mut board, _) = board_with_the_input_on(&mut noise);
@@ -102,7 +105,7 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
         for _ in 0..=below(&mut noise, LONGEST) {
             let request = request(&mut noise);
             said.push(request);
-            let mut buffer = [0; FRAME_MOST];
+            let mut buffer = [0; MAX_FRAME_BYTES];
             let frame = write_request(&mut buffer, 7, &request).unwrap().to_vec();
             for answer in board.send(&frame) {
                 answered += 1;
@@ -154,10 +157,7 @@ fn a_setting_between_faults_does_not_end_the_lock_out() {
         (0..30).for_each(|_| drop(board.cycle()));
         if acknowledged {
             assert_eq!(board.station.report().state, State::Off);
-            board.done(&Request::Set {
-                key: "soft_start",
-                value: 0.3,
-            });
+            board.done(&Request::set("soft_start", 0.3));
         }
         board.enable = true;
         (0..60).for_each(|_| drop(board.cycle()));
@@ -186,8 +186,10 @@ fn a_simulation_leaves_the_fault_as_it_was() {
         let before = board.station.report().fault;
         assert!(before.is_some());
         board.done(&SIMULATE);
-        let mut second = Cycle::default();
-        second.samples = 20_000;
+        let second = Cycle {
+            samples: 20_000,
+            ..Cycle::default()
+        };
         for _ in 0..12 {
             board.station.cycle(&second, Inputs::default());
         }
@@ -197,15 +199,12 @@ fn a_simulation_leaves_the_fault_as_it_was() {
 
 #[test]
 fn a_strap_and_a_pin_make_the_link_read_only() {
-    let set = Request::Set {
-        key: "gain",
-        value: 2.0,
-    };
+    let set = Request::set("gain", 2.0);
     let pin = Pin::parse("0420").unwrap();
     let changes = [
         set,
         Request::Defaults,
-        Request::Target(kband::wire::Target::K(0.5)),
+        Request::Target(Target::K(0.5)),
         Request::Save,
         SIMULATE,
         Request::Samples {

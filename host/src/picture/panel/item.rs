@@ -151,22 +151,10 @@ impl Pixels<'_> {
             }),
             Item::Heat { grid, scale } => self.heat(theme, grid, scale, shapes),
             Item::Classes(grid) => {
-                let fills = [
-                    Fill::Rest,
-                    Fill::HopAndRest,
-                    Fill::Locked,
-                    Fill::Doubled,
-                    Fill::Periodic,
-                    Fill::Chaotic,
-                    Fill::Undecided,
-                    Fill::Fault,
-                ];
-                let palette = fills.iter().map(|fill| fill.colour(theme)).collect();
-                let number =
-                    |fill: &Fill| fills.iter().position(|other| other == fill).unwrap_or(0) as u8;
+                let palette = Fill::ALL.iter().map(|fill| fill.colour(theme)).collect();
                 shapes.push(Shape::Image {
                     place: plot,
-                    raster: raster(grid, palette, number),
+                    raster: raster(grid, palette, |fill| *fill as u8),
                 });
             }
             Item::Strip { low, high } => {

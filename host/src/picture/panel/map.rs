@@ -28,7 +28,6 @@ impl<T> Grid<T> {
     }
 
     /// A grid of rows of `columns` values; an incomplete last row is dropped.
-    #[must_use]
     pub fn new(columns: usize, mut values: Vec<T>) -> Self {
         let columns = columns.max(1);
         values.truncate(values.len() / columns * columns);

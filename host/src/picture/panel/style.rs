@@ -123,7 +123,7 @@ pub(super) fn clipped(
 }
 
 /// Number of markers from which they are drawn small.
-const MANY: usize = 120;
+const MIN_SMALL_MARKERS: usize = 120;
 
 pub(super) fn marks(
     theme: Theme,
@@ -156,7 +156,7 @@ pub(super) fn marks(
         ],
     };
     // Many markers overlap: smaller ones without an edge do not hide each other.
-    let many = places.len() > MANY;
+    let many = places.len() > MIN_SMALL_MARKERS;
     let size = if many { 0.55 } else { 1.0 };
     let piece = |(x, y): &(f64, f64)| {
         let moved = shape.iter().map(|(a, b)| (x + size * a, y + size * b));

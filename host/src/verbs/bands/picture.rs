@@ -13,8 +13,8 @@ use crate::refusal::Refusal;
 use crate::report::number;
 
 /// Restitutions at which the bands are drawn, up to the highest.
-const PLACES: usize = 71;
-const HIGHEST: f64 = 0.7;
+const RESTITUTION_STEPS: usize = 71;
+const MAX_RESTITUTION: f64 = 0.7;
 
 /// The bands of order 1 of one wave: low and high end for each restitution, the widest of each.
 type Bands = Vec<(f64, f64, f64)>;
@@ -29,14 +29,14 @@ pub(super) struct Drawing {
 }
 
 fn restitution(n: usize) -> f64 {
-    HIGHEST * n as f64 / (PLACES - 1) as f64
+    MAX_RESTITUTION * n as f64 / (RESTITUTION_STEPS - 1) as f64
 }
 
 /// Computes the bands of order 1 over restitution.
 pub(super) fn compute(wave: &Wave, track: &Track, desk: &Desk) -> Result<Drawing, Refusal> {
     let bands = |wave: &Wave| -> Result<Bands, Refusal> {
-        desk.try_map("bands over R", PLACES, |n| {
-            let widest = WaveBands::of(wave, restitution(n), 1)?
+        desk.try_map("bands over R", RESTITUTION_STEPS, |n| {
+            let widest = WaveBands::find(wave, restitution(n), 1)?
                 .iter()
                 .map(|band| (band.low.k, band.high.k))
                 .max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0)));
@@ -53,7 +53,7 @@ pub(super) fn compute(wave: &Wave, track: &Track, desk: &Desk) -> Result<Drawing
         } else {
             Some(bands(wave)?)
         },
-        speed: (0..PLACES)
+        speed: (0..RESTITUTION_STEPS)
             .map(restitution)
             .map(|r| (r, unit * locked::velocity_in_phase(1, 1.0, r, &along)))
             .collect(),
@@ -68,7 +68,7 @@ pub(super) fn draw(
     drawing: &Drawing,
 ) -> Picture {
     let lot = arguments.restitution;
-    let axis = || Axis::new("restitution R", Unit::NONE, 0.0, HIGHEST);
+    let axis = || Axis::new("restitution R", Unit::NONE, 0.0, MAX_RESTITUTION);
     let second = wave.second();
     let two_tones = format!("e = {}, th = {} rad", second.amplitude, second.angle);
     let over = |label: &str, unit: Unit, scale: &dyn Fn(f64) -> f64| {

@@ -6,17 +6,18 @@ use kband::regime::wave_band::{Bifurcation, WaveBand, WaveBands, WaveLock};
 use kband::transport::locked;
 
 use super::{
-    AMPLITUDE_RATIO, Arguments, Middle, PARTS, READ, TANGENTIAL_RESTITUTION, along, read, who,
+    AMPLITUDE_RATIO, Arguments, PARTS, TANGENTIAL_RESTITUTION, along, amplitudes, millimetres,
+    setpoint_in_words, who,
 };
 use crate::desk::Desk;
 use crate::refusal::Refusal;
-use crate::report::{Printout, Table, Value, columns, number};
+use crate::report::{Printout, fields, number};
 
 /// Values of k that are tried from rest in each band.
-const SAMPLES: u32 = 60;
+const K_SAMPLES: u32 = 60;
 
 /// Impacts after which a part from rest has to be on its lock.
-const IMPACTS: usize = 600;
+const MAX_IMPACTS_TO_LOCK: usize = 600;
 
 /// A band of one order and where in it all parts lock from rest.
 struct Row {
@@ -37,7 +38,7 @@ pub(super) fn report_of(
         rows(wave, arguments.restitution, n as u32 + 1)
     })?;
     let rows: Vec<Row> = rows.into_iter().flatten().collect();
-    report(arguments, wave, track, &rows)
+    Ok(report(arguments, wave, track, &rows))
 }
 
 fn rows(wave: &Wave, lot: Restitution, order: u32) -> Result<Vec<Row>, Refusal> {
@@ -67,15 +68,15 @@ fn from_rest(
 ) -> Result<Option<([f64; 2], f64)>, Refusal> {
     let parts = if lot.low() == lot.high() { 1 } else { PARTS };
     let mut reached: Vec<f64> = Vec::new();
-    for n in 0..SAMPLES {
-        let share = (f64::from(n) + 0.5) / f64::from(SAMPLES);
+    for n in 0..K_SAMPLES {
+        let share = (f64::from(n) + 0.5) / f64::from(K_SAMPLES);
         let k = band.low.k + (band.high.k - band.low.k) * share;
         let mut all = true;
         for part in 0..parts {
             let along = f64::from(part) / f64::from((parts - 1).max(1));
             let restitution = lot.low() + (lot.high() - lot.low()) * along;
-            all &= WaveLock::attracting(wave, k, restitution, order)?
-                .is_some_and(|lock| lock.is_reached_from_rest(IMPACTS));
+            all &= WaveLock::find_attracting(wave, k, restitution, order)?
+                .is_some_and(|lock| lock.is_reached_from_rest(MAX_IMPACTS_TO_LOCK));
             if !all {
                 break;
             }
@@ -85,7 +86,7 @@ fn from_rest(
         }
     }
     let ends = reached.first().zip(reached.last());
-    Ok(ends.map(|(low, high)| ([*low, *high], reached.len() as f64 / f64::from(SAMPLES))))
+    Ok(ends.map(|(low, high)| ([*low, *high], reached.len() as f64 / f64::from(K_SAMPLES))))
 }
 
 fn name(bifurcation: Bifurcation) -> &'static str {
@@ -96,131 +97,119 @@ fn name(bifurcation: Bifurcation) -> &'static str {
     }
 }
 
-fn report(
-    arguments: &Arguments,
-    wave: &Wave,
-    track: &Track,
-    rows: &[Row],
-) -> Result<Printout, Refusal> {
-    let more = [
-        columns::ENDS,
-        columns::REACHED_FROM_REST.titled("locks from rest"),
-        columns::SPEEDS.titled("speed (mm/s)"),
-    ];
-    let mut shown = Table::new(&[&READ[..], &more].concat()).folded();
-    let mut full = Table::new(&[
-        columns::ORDER,
-        columns::K2,
-        columns::K1,
-        columns::EMPTY,
-        columns::K2_END,
-        columns::K1_END,
-        columns::SETPOINT,
-        columns::MARGIN,
-        columns::FROM_REST_LOW,
-        columns::FROM_REST_HIGH,
-        columns::FROM_REST_SHARE,
-        columns::B,
-        columns::B_AT_K1,
-        columns::B_AT_K2,
-        columns::THROW,
-        columns::PEAK,
-        columns::SPEED_AT_LOW_RESTITUTION,
-        columns::SPEED_AT_HIGH_RESTITUTION,
-        columns::MARGIN_B,
-    ]);
-    let along = along(track);
-    let unit = 1e3 * track.velocity_unit(track.amplitude(1.0));
-    let speed =
-        |order, restitution| unit * locked::velocity_in_phase(order, 1.0, restitution, &along);
-    let lot = arguments.restitution;
-    let millimetres = |k: f64| track.amplitude(k) * 1e3;
-    for row in rows {
-        let Some(band) = row.band else {
-            shown.push_row(read(row.order, None, None, track));
-            full.push([
-                row.order.into(),
-                Value::Missing,
-                Value::Missing,
-                true.into(),
-            ]);
-            continue;
-        };
-        let setpoint = band.setpoint();
-        // The same to both ends, as fractions of the amplitude.
-        let margin = 100.0 * (setpoint / band.low.k - 1.0);
-        let peak = track.acceleration(track.amplitude(setpoint)) * wave.peak_acceleration();
-        let reached = match row.from_rest {
-            None => "nowhere".to_string(),
-            Some(([low, high], share)) => format!(
-                "{:.0} % of {}..{}",
-                100.0 * share,
-                number(low, 4),
-                number(high, 4)
-            ),
-        };
-        let middle = Middle {
-            k: setpoint,
-            margin,
-            peak,
-        };
-        let mut cells = read(
-            row.order,
-            Some([band.low.k, band.high.k]),
-            Some(&middle),
-            track,
-        );
-        let ends = [band.low, band.high].map(|end| name(end.bifurcation));
-        cells.push(ends.join(", ").into());
-        cells.push(reached.into());
-        let [slow, fast] = [lot.high(), lot.low()].map(|r| number(speed(row.order, r), 4));
-        cells.push(if lot.low() == lot.high() {
-            slow.into()
-        } else {
-            format!("{slow}..{fast}").into()
-        });
-        shown.push_row(cells);
-        full.push([
-            row.order.into(),
-            band.low.k.into(),
-            band.high.k.into(),
-            false.into(),
-            name(band.low.bifurcation).into(),
-            name(band.high.bifurcation).into(),
-            setpoint.into(),
-            margin.into(),
-            row.from_rest.map(|([low, _], _)| low).into(),
-            row.from_rest.map(|([_, high], _)| high).into(),
-            row.from_rest.map(|(_, share)| share).into(),
-            millimetres(setpoint).into(),
-            millimetres(band.high.k).into(),
-            millimetres(band.low.k).into(),
-            throw_number(setpoint).into(),
-            peak.into(),
-            speed(row.order, lot.low()).into(),
-            speed(row.order, lot.high()).into(),
-            (1e-2 * margin * millimetres(setpoint)).into(),
-        ]);
+impl Row {
+    /// A quantity of the band, where there is one.
+    fn of<T>(&self, quantity: impl Fn(&WaveBand) -> T) -> Option<T> {
+        self.band.as_ref().map(quantity)
     }
+
+    /// k at the setpoint.
+    fn setpoint(&self) -> Option<f64> {
+        self.of(WaveBand::setpoint)
+    }
+
+    /// The margin there to both ends, in % of the amplitude.
+    fn margin(&self) -> Option<f64> {
+        self.of(|band| 100.0 * (band.setpoint() / band.low.k - 1.0))
+    }
+
+    /// Where parts lock that start from rest, in words.
+    fn reached(&self) -> String {
+        match self.from_rest {
+            None => "nowhere".into(),
+            Some(([low, high], share)) => {
+                let (low, high) = (number(low, 4), number(high, 4));
+                format!("{:.0} % of {low}..{high}", 100.0 * share)
+            }
+        }
+    }
+}
+
+/// The lot on its track, with the tones of that.
+struct Feeder<'a> {
+    lot: Restitution,
+    track: &'a Track,
+    wave: &'a Wave,
+}
+
+impl Feeder<'_> {
+    /// Speed in lock in mm/s.
+    fn speed(&self, order: u32, restitution: f64) -> f64 {
+        let unit = 1e3 * self.track.velocity_unit(self.track.amplitude(1.0));
+        unit * locked::velocity_in_phase(order, 1.0, restitution, &along(self.track))
+    }
+
+    /// Speeds of the lot, in words.
+    fn speeds(&self, order: u32) -> String {
+        let (low, high) = (self.lot.low(), self.lot.high());
+        let [slow, fast] = [high, low].map(|r| number(self.speed(order, r), 4));
+        if low == high {
+            slow
+        } else {
+            format!("{slow}..{fast}")
+        }
+    }
+
+    /// Largest acceleration of the track in g.
+    fn peak(&self, k: f64) -> f64 {
+        self.track.acceleration(self.track.amplitude(k)) * self.wave.peak_acceleration()
+    }
+}
+
+fields! {
+    /// A band of an order, on a track of several tones.
+    fn shown(row: Row, feeder: Feeder<'_>) {
+        all ORDER => row.order;
+        all K2 => row.of(|band| band.low.k);
+        all K1 => row.of(|band| band.high.k);
+        data EMPTY => row.band.is_none();
+        data K2_END => row.of(|band| name(band.low.bifurcation));
+        data K1_END => row.of(|band| name(band.high.bifurcation));
+        read SETPOINT => setpoint_in_words(row.setpoint());
+        data SETPOINT => row.setpoint();
+        all MARGIN.digits(3) => row.margin();
+        data FROM_REST_LOW => row.from_rest.map(|([low, _], _)| low);
+        data FROM_REST_HIGH => row.from_rest.map(|([_, high], _)| high);
+        data FROM_REST_SHARE => row.from_rest.map(|(_, share)| share);
+        all B.digits(4) => row.setpoint().map(|k| millimetres(feeder.track, k));
+        data B_AT_K1 => row.of(|band| millimetres(feeder.track, band.high.k));
+        data B_AT_K2 => row.of(|band| millimetres(feeder.track, band.low.k));
+        read B_RANGE.titled("b at k1..k2 (mm)") => row.of(|band| amplitudes(feeder.track, band.high.k, band.low.k)).unwrap_or("-".into());
+        all THROW.digits(4) => row.setpoint().map(throw_number);
+        all PEAK.digits(4) => row.setpoint().map(|k| feeder.peak(k));
+        read ENDS => row.of(|band| [band.low, band.high].map(|end| name(end.bifurcation)).join(", "));
+        read REACHED_FROM_REST.titled("locks from rest") => row.of(|_| row.reached());
+        read SPEEDS.titled("speed (mm/s)") => row.of(|_| feeder.speeds(row.order));
+        data SPEED_AT_LOW_RESTITUTION => row.of(|_| feeder.speed(row.order, feeder.lot.low()));
+        data SPEED_AT_HIGH_RESTITUTION => row.of(|_| feeder.speed(row.order, feeder.lot.high()));
+        data MARGIN_B => row.setpoint().zip(row.margin()).map(|(k, margin)| 1e-2 * margin * millimetres(feeder.track, k));
+    }
+}
+
+fn report(arguments: &Arguments, wave: &Wave, track: &Track, rows: &[Row]) -> Printout {
+    let feeder = Feeder {
+        lot: arguments.restitution,
+        track,
+        wave,
+    };
     let (second, third) = (wave.second(), wave.third());
     let third = if third.amplitude > 0.0 {
         format!(", e3 = {}, th3 = {}", third.amplitude, third.angle)
     } else {
         String::new()
     };
-    let json = full.to_json();
-    Printout::new(shown)
+    shown(&feeder)
+        .printout(rows)
+        .folded()
         .heading(format!(
             "{}, e = {}, th = {} rad{third}, {} Hz, incline {} degrees; the setpoint has the largest margin in \
              amplitude",
-            who(lot), second.amplitude, second.angle, arguments.drive.frequency, arguments.drive.incline
+            who(feeder.lot), second.amplitude, second.angle, arguments.drive.frequency, arguments.drive.incline
         ))
         .note(format!(
             "The speed in lock is that of one tone: it depends neither on amplitude nor on the second tone (eta \
              {AMPLITUDE_RATIO}, Rt {TANGENTIAL_RESTITUTION}; of a lot from its liveliest part to its dullest)."
         ))
-        .json(&json)
-        .map(|report| report.csv_of(full))
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! What came of a plan, as table and JSON.
 
-use kband::regime::capture::{KickSettings, Plan, Scored};
+use kband::regime::capture::{KickSettings, Plan, ScoredKick};
 
 use super::Task;
 use super::draws::Rates;
@@ -116,7 +116,7 @@ pub(super) fn report(
         "order": task.lot.order,
         "k": task.lot.k,
         "band": [task.band.low(), task.band.high()],
-        "best": plan.best().map(|best: Scored| serde_json::json!({
+        "best": plan.best().map(|best: ScoredKick| serde_json::json!({
             "kick": kick(best.kick.settings()),
             "tried": best.tried,
             "locked": best.locked,
@@ -141,9 +141,9 @@ pub(super) fn report(
         "map": cells
             .iter()
             .map(|cell| {
-                let mut told = kick(cell.0);
-                told["share"] = cell.1.into();
-                told
+                let mut object = kick(cell.0);
+                object["share"] = cell.1.into();
+                object
             })
             .collect::<Vec<_>>(),
     }))?;

@@ -1,7 +1,7 @@
 //! One part and one kick: whether it captures the part.
 
 use kband::impact::Kernel;
-use kband::regime::capture::{DriveLag, Follow, Kick, Outcome, Trial};
+use kband::regime::capture::{DriveLag, Kick, Outcome, Trial, TrialRun};
 
 use crate::refusal::Refusal;
 
@@ -14,9 +14,9 @@ pub(super) fn captures<K: Kernel>(
     drive: DriveLag,
     kick: Kick,
 ) -> Result<bool, Refusal> {
-    let mut follow = Follow::<K>::new(part, drive, kick)?;
-    while follow.steps() < MOST_IMPACTS {
-        if let Some(outcome) = follow.step() {
+    let mut trial_run = TrialRun::<K>::new(part, drive, kick)?;
+    while trial_run.steps() < MOST_IMPACTS {
+        if let Some(outcome) = trial_run.simulate_impact() {
             return Ok(outcome == Outcome::Locked);
         }
     }

@@ -7,11 +7,11 @@ data.commissioning.forEach((step, n) => {
   const read = (time) => {
     if (!rows.length) return "the board sent no telemetry";
     const row = rows[nearest(rows.map((row) => row.time), time)];
-    return `${told(row.time)} s: ${row.state}, b ${told(row.b)} mm, setpoint ${told(row.setpoint_b)} mm, k ${told(row.k)}, output ${told(row.output, 3)}, in gear ${told(row.in_gear_heard, 3)}`;
+    return `${formatNumber(row.time)} s: ${row.state}, b ${formatNumber(row.b)} mm, setpoint ${formatNumber(row.setpoint_b)} mm, k ${formatNumber(row.k)}, output ${formatNumber(row.output, 3)}, in gear ${formatNumber(row.in_gear_estimated, 3)}`;
   };
   const numbers = () => ({
-    heads: ["time / s", "b / mm", "setpoint / mm", "k", "output", "impacts a cycle", "in gear heard", "state"],
-    rows: rows.map((row) => [row.time, row.b, row.setpoint_b, row.k, row.output, row.impacts_heard, row.in_gear_heard, row.state]),
+    heads: ["time / s", "b / mm", "setpoint / mm", "k", "output", "impacts a cycle", "in gear estimated", "state"],
+    rows: rows.map((row) => [row.time, row.b, row.setpoint_b, row.k, row.output, row.impacts_detected, row.in_gear_estimated, row.state]),
   });
   new Chart("amplitude-" + n, () => ({
     x, y: { label: "amplitude b", unit: "mm", low: 0, high: top("b", "setpoint_b") }, height: 240, read, numbers,
@@ -19,7 +19,7 @@ data.commissioning.forEach((step, n) => {
   }));
   new Chart("shares-" + n, () => ({
     x, y: { label: "share", low: 0, high: 1.05 }, height: 200, read, numbers,
-    layers: [{ kind: "line", series: 0, name: "output", points: of("output") }, { kind: "line", series: 1, name: "in gear, heard", points: of("in_gear_heard") }],
+    layers: [{ kind: "line", series: 0, name: "output", points: of("output") }, { kind: "line", series: 1, name: "in gear, estimated", points: of("in_gear_estimated") }],
   }));
 });
 coloured();

@@ -99,7 +99,7 @@ impl Record {
             ("setpoint / mm", "setpoint_b"),
             ("k", "k"),
             ("output", "output"),
-            ("in gear heard", "in_gear_heard"),
+            ("in gear estimated", "in_gear_estimated"),
         ];
         let heads: Vec<&str> = std::iter::once("step")
             .chain(readings.iter().map(|(name, _)| *name))
@@ -142,8 +142,8 @@ impl Record {
             page = page.section(
                 &format!("Step {}: {}", n + 1, words(&step["step"])),
                 &(page::paragraphs(&lines)
-                    + &page::figure(&format!("amplitude-{n}"), "Amplitude of the track over time, and what the target asks for.")
-                    + &page::figure(&format!("shares-{n}"), "Output of the drive as a share of the full one, and share of time in gear as heard.")),
+                    + &page::figure(&format!("amplitude-{n}"), "Amplitude of the track over time, and setpoint of the target.")
+                    + &page::figure(&format!("shares-{n}"), "Output of the drive as a share of the full one, and estimated share of time in gear.")),
             );
         }
         page

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use kband::impact::{Ended, Impact, Map, Observer, Orbit, PartState, Scatter};
+use kband::impact::{Impact, Map, Observer, Orbit, PartState, Scatter, StopReason};
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde::Serialize;
@@ -64,7 +64,7 @@ impl Ending {
 
     pub(super) fn name(self) -> String {
         match self {
-            Self::Regime(regime, impacts) => ending::told_over(regime, impacts),
+            Self::Regime(regime, impacts) => ending::describe_regime(regime, impacts),
             Self::InGear(Some(gear)) => {
                 format!("in gear about {:.1}, r = {}", gear.share, gear.order)
             }
@@ -178,7 +178,7 @@ impl Flown<'_> {
         let flown = column::flown(endings, state, settle, impacts);
         Ok(Struck {
             impacts: self.impacts(flown.states, flown.period, flown.count),
-            ending: Ending::Regime(flown.regime, column::told_over(settle, impacts)),
+            ending: Ending::Regime(flown.regime, column::classified_impacts(settle, impacts)),
         })
     }
 
@@ -198,10 +198,10 @@ impl Flown<'_> {
         let mut struck = Landings::default();
         let mut gears = Gears::watched()?;
         let mut ended = orbit.watch(settle as u64, &mut ());
-        if ended != Ended::RestsForEver {
+        if ended != StopReason::RestsForEver {
             ended = orbit.watch(impacts as u64, &mut (&mut struck, &mut gears));
         }
-        let rests = ended == Ended::RestsForEver;
+        let rests = ended == StopReason::RestsForEver;
         *state = (!rests).then(|| orbit.state());
         let count = struck.0.len();
         Ok(Struck {
@@ -238,7 +238,7 @@ pub(super) fn bands(over: Over, values: &[f64]) -> Vec<Stretch> {
     for order in 1..=5 {
         let attracts = |x: f64| {
             let (k, restitution) = over.at(x);
-            Lock::at(k, restitution, order)
+            Lock::build(k, restitution, order)
                 .ok()
                 .flatten()
                 .is_some_and(|lock| lock.attracts() && lock.is_first_return())

@@ -110,12 +110,12 @@ pub(super) struct Flown {
     pub(super) period: Option<usize>,
     /// How many all of them are.
     pub(super) count: usize,
-    /// Regime, decided over [`told_over`] impacts.
+    /// Regime, decided over [`classified_impacts`] impacts.
     pub(super) regime: Regime,
 }
 
 /// Impacts over which the regime of a column is decided, from those that settle and are drawn.
-pub(super) fn told_over(settle: usize, impacts: usize) -> usize {
+pub(super) fn classified_impacts(settle: usize, impacts: usize) -> usize {
     (settle + impacts).max(SEEN)
 }
 
@@ -133,7 +133,7 @@ pub(super) fn flown(
         Some(state) => Orbit::new(endings.map(), state),
         None => Orbit::from_rest(endings.map()),
     };
-    let mut seen = Seen::new(endings, told_over(settle, impacts));
+    let mut seen = Seen::new(endings, classified_impacts(settle, impacts));
     let total = settle + impacts;
     let mut struck = Vec::with_capacity(impacts.min(SEEN));
     // A state kept at powers of two of the count leaves every transient behind (Brent).

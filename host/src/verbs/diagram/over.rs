@@ -74,7 +74,11 @@ impl Over {
 
 /// Which of the three options is the range, and that range.
 pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
-    let restitution = arguments.restitution;
+    let restitution = arguments.restitution.unwrap_or(Range {
+        low: 0.2,
+        high: 0.2,
+        count: 1,
+    });
     let wide = |range: Range| range.count > 1;
     let ranges = "exactly one of --k, --b and --restitution as a range LO..HI";
     let refused = |given: String| {

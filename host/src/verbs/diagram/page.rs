@@ -243,7 +243,7 @@ impl Diagram {
         let on = |keep: &dyn Fn(&Lock) -> bool| {
             let point = |x: f64| {
                 let (k, restitution) = self.over.at(x);
-                let lock = Lock::at(k, restitution, order).ok().flatten();
+                let lock = Lock::build(k, restitution, order).ok().flatten();
                 let shown = lock.filter(|lock| lock.is_first_return() && keep(lock));
                 let y = shown.map_or(f64::NAN, |lock| self.shown(lock.state()));
                 (x, y)

@@ -3,9 +3,9 @@
 use kband::feeder::OutOfRange;
 use kband::regime::band::{birth, flip};
 use kband::regime::classify::Regime;
-use kband::regime::exponent::start;
+use kband::regime::exponent::start_near_lock;
 
-use super::Arguments;
+use super::{Arguments, COLUMNS};
 use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED, TOGETHER};
@@ -14,7 +14,7 @@ use crate::refusal::Refusal;
 use crate::report::{Printout, Table, columns, number};
 
 /// Most points of a map: some minutes on one core.
-const MOST: usize = 250_000;
+const MAX_MAP_POINTS: usize = 250_000;
 
 /// Where parts end, over k and restitution.
 pub(super) struct Map {
@@ -41,7 +41,7 @@ impl Map {
         let ends = desk.spread("regimes", places.len(), TOGETHER, |places_of| {
             let tracks: Vec<_> = places_of.iter().map(|n| places[*n]).collect();
             let endings = Endings::of_tracks(&tracks, FOLLOWED)?;
-            let starts = endings.iter().map(|track| start(track.map(), 1));
+            let starts = endings.iter().map(|track| start_near_lock(track.map(), 1));
             let from_lock = ending::of_each(&endings, starts.enumerate()).into_iter();
             Ok(endings
                 .iter()
@@ -99,7 +99,7 @@ impl Map {
             .values()
             .flat_map(|r| self.k.values().map(move |k| (k, r)));
         for (n, (k, restitution)) in places.enumerate() {
-            let told = |start: usize| ending::told(self.ends[start][n], FOLLOWED);
+            let told = |start: usize| ending::describe_regime(self.ends[start][n], FOLLOWED);
             full.push([k.into(), restitution.into(), told(0).into(), told(1).into()]);
         }
         Printout::new(table)
@@ -172,8 +172,26 @@ impl Map {
 
 /// Both ranges of the map.
 fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
-    let (k, restitution) = match (arguments.k, arguments.restitution) {
-        (Some(k), restitution) if k.count > 1 && restitution.count > 1 => (k, restitution),
+    let range = |low, high, count| Range { low, high, count };
+    let k = arguments.k.unwrap_or(range(0.1, 0.8, 200));
+    let restitution = arguments.restitution.unwrap_or(range(0.0, 0.9, 150));
+    // A range that does not say how many has as many as fit.
+    let fitted = |range: Range, most: usize| match range.count {
+        COLUMNS if k.count.saturating_mul(restitution.count) > MAX_MAP_POINTS => Range {
+            count: most.max(2),
+            ..range
+        },
+        _ => range,
+    };
+    let beside = |other: Range| match other.count {
+        COLUMNS => MAX_MAP_POINTS.isqrt(),
+        count => MAX_MAP_POINTS / count,
+    };
+    let (k, restitution) = match (k.count, restitution.count) {
+        (2.., 2..) => (
+            fitted(k, beside(restitution)),
+            fitted(restitution, beside(k)),
+        ),
         _ => {
             return Err(Refusal::new(
                 "--show regimes needs both --k and --restitution as a range",
@@ -181,11 +199,11 @@ fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
             ));
         }
     };
-    if k.count.saturating_mul(restitution.count) > MOST {
+    if k.count.saturating_mul(restitution.count) > MAX_MAP_POINTS {
         return Err(Refusal::value(
             "the number of points",
             format!("{} x {}", k.count, restitution.count),
-            format!("at most {MOST}"),
+            format!("at most {MAX_MAP_POINTS}"),
             "give fewer, for example --k 0.1..0.8:200 --restitution 0..0.9:150",
         ));
     }

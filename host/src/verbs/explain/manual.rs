@@ -1,34 +1,23 @@
 //! Where the manual says something: its pages, sections, tables of words.
 
-/// The pages that are searched, by their names.
-pub const PAGES: [(&str, &str); 8] = [
-    ("glossary.md", include_str!("../../../../docs/glossary.md")),
-    ("faults.md", include_str!("../../../../docs/faults.md")),
-    (
-        "theory-model.md",
-        include_str!("../../../../docs/theory-model.md"),
-    ),
-    (
-        "theory-impacts.md",
-        include_str!("../../../../docs/theory-impacts.md"),
-    ),
-    (
-        "theory-bands.md",
-        include_str!("../../../../docs/theory-bands.md"),
-    ),
-    (
-        "theory-capture.md",
-        include_str!("../../../../docs/theory-capture.md"),
-    ),
-    (
-        "theory-transport.md",
-        include_str!("../../../../docs/theory-transport.md"),
-    ),
-    (
-        "theory-real-parts.md",
-        include_str!("../../../../docs/theory-real-parts.md"),
-    ),
-];
+macro_rules! pages {
+    ($($name:literal)*) => {
+        /// The pages that are searched, by their names.
+        pub const PAGES: &[(&str, &str)] =
+            &[$(($name, include_str!(concat!("../../../../docs/", $name)))),*];
+    };
+}
+
+pages! {
+    "glossary.md"
+    "faults.md"
+    "theory-model.md"
+    "theory-impacts.md"
+    "theory-bands.md"
+    "theory-capture.md"
+    "theory-transport.md"
+    "theory-real-parts.md"
+}
 
 /// A word of the glossary.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -182,7 +171,7 @@ pub fn event(name: &str) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use kband::control::{Event, Fault, Limits, State};
+    use kband_control::{Event, Fault, Limits, State};
 
     use super::*;
 

@@ -19,8 +19,8 @@ pub struct Example {
 
 /// Amplitude ratio of the built-in scene, and the restitution along the track that its friction
 /// leaves a part in lock.
-const RATIO: f64 = 1.5;
-const TANGENTIAL: f64 = 0.0;
+const AMPLITUDE_RATIO: f64 = 1.5;
+const TANGENTIAL_RESTITUTION: f64 = 0.0;
 
 impl Example {
     /// The formula of `term` and what it gives here, where it has one.
@@ -52,7 +52,7 @@ impl Example {
                 )
             }
             "throw number" => {
-                let told = |band: Band| {
+                let value = |band: Band| {
                     let k = band.setpoint();
                     let b = self.track.amplitude(k);
                     let (throw, peak) = (throw_number(k), self.track.acceleration(b));
@@ -61,14 +61,14 @@ impl Example {
                         mm(k)
                     )
                 };
-                ("1/k = b w^2/(g cos(alpha))", band.map(told))
+                ("1/k = b w^2/(g cos(alpha))", band.map(value))
             }
             "rest" | "lift-off" => {
-                let told = format!("a part at rest stays there below b = {}", mm(1.0));
-                ("sin(t) = k,  for k < 1", Some(told))
+                let value = format!("a part at rest stays there below b = {}", mm(1.0));
+                ("sin(t) = k,  for k < 1", Some(value))
             }
             "band" | "lock" | "order" => {
-                let told = |band: Band| {
+                let value = |band: Band| {
                     let (most, least) = (mm(band.low()), mm(band.high()));
                     format!(
                         "order 1 locks for b = {least} .. {most} (k {:.4}..{:.4})",
@@ -78,7 +78,7 @@ impl Example {
                 };
                 (
                     "k2 < k < k1,  k1 = (1+R)/((1-R) pi r),  k2 = 1/sqrt(pi^2 r^2 (1-R)^2/(1+R)^2 + 4 (1+R^2)^2/(1+R)^4)",
-                    band.map(told),
+                    band.map(value),
                 )
             }
             "setpoint" => (
@@ -86,7 +86,7 @@ impl Example {
                 band.map(|band| at(band.setpoint())),
             ),
             "margin" => {
-                let told = |band: Band| {
+                let value = |band: Band| {
                     let share = band.margins(band.setpoint()).smallest();
                     let b = self.track.amplitude(band.setpoint()) * 1e3;
                     format!(
@@ -95,11 +95,11 @@ impl Example {
                         share * b
                     )
                 };
-                ("min(b(k2) - b, b - b(k1))/b", band.map(told))
+                ("min(b(k2) - b, b - b(k1))/b", band.map(value))
             }
             "flip" | "cascade" | "chaotic" => {
                 let lively = Cascade::locate(self.lot.high(), 1, 7).ok()?;
-                let told = lively.k_infinity().map(|chaos| {
+                let value = lively.k_infinity().map(|chaos| {
                     let flips = lively.flips();
                     let first = flips.first().map_or(String::new(), |k| {
                         format!("flights double from b = {} on, ", mm(*k))
@@ -108,36 +108,36 @@ impl Example {
                 });
                 (
                     "tr J = -(1 + R^2) at a flip; k_n -> k_infinity, each gap about 4.669 times less",
-                    told,
+                    value,
                 )
             }
             "restitution" | "lot" => {
                 let r = self.lot.low();
-                let told = format!("dropped from 100 mm it rebounds by {:.1} mm", 100.0 * r * r);
+                let value = format!("dropped from 100 mm it rebounds by {:.1} mm", 100.0 * r * r);
                 (
                     "R = sqrt(height of the rebound/height of the drop)",
-                    Some(told),
+                    Some(value),
                 )
             }
             "conveying speed" => {
                 let along = TangentialSettings {
-                    restitution: TANGENTIAL,
-                    amplitude_ratio: RATIO,
+                    restitution: TANGENTIAL_RESTITUTION,
+                    amplitude_ratio: AMPLITUDE_RATIO,
                     phase_lead: 0.0,
                     incline_tangent: self.track.incline_tangent(),
                 };
-                let told = |band: Band| {
+                let value = |band: Band| {
                     let k = band.setpoint();
                     let speed = locked::velocity_in_phase(1, k, self.lot.low(), &along)
                         * self.track.velocity_unit(self.track.amplitude(k));
                     format!(
-                        "{:.1} mm/s in lock of order 1 (a/b = {RATIO}, friction stops it at every impact: Rt = {TANGENTIAL})",
+                        "{:.1} mm/s in lock of order 1 (a/b = {AMPLITUDE_RATIO}, friction stops it at every impact: Rt = {TANGENTIAL_RESTITUTION})",
                         speed * 1e3
                     )
                 };
                 (
                     "V = pi r g cos(alpha)/w {eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt)}",
-                    band.map(told),
+                    band.map(value),
                 )
             }
             _ => return None,

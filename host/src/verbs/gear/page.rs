@@ -1,6 +1,7 @@
 //! Gear as table, JSON and picture.
 
 use kband::impact::Wave;
+use kband::regime::gear::Share;
 use serde_json::{Value as Json, json};
 
 use super::Arguments;
@@ -54,6 +55,7 @@ fn named(survey: &Survey) -> impl Iterator<Item = (&'static str, &Point)> {
 
 fn point_json(arguments: &Arguments, point: &Point) -> Result<Json, Refusal> {
     let price = price(arguments, point)?;
+    let sum = point.shares.sum();
     Ok(json!({
         "k": point.k,
         "e": point.wave.second().amplitude,
@@ -62,7 +64,10 @@ fn point_json(arguments: &Arguments, point: &Point) -> Result<Json, Refusal> {
         "th3": point.wave.third().angle,
         "in_gear": point.shares.mean(),
         "in_gear_least": point.shares.least(),
-        "periods_to_loss": point.shares.time_to_loss(),
+        "in_gear_after_capture": sum.share_after_capture(),
+        "periods_to_capture": sum.time_to_capture(),
+        "periods_to_loss": sum.time_to_loss(),
+        "periods_to_loss_error": loss_error(&sum),
         "b": price.amplitude,
         "peak": price.peak,
         "force_ratio_on_resonance": price.force[0],
@@ -86,12 +91,17 @@ fn who(survey: &Survey) -> String {
     }
 }
 
-fn until_lost(point: &Point) -> Value {
-    match point.shares.time_to_loss() {
+fn until_lost(sum: &Share) -> Value {
+    match sum.time_to_loss() {
         Some(periods) => periods.into(),
-        None if point.shares.mean() > 0.0 => "not lost".into(),
+        None if sum.in_gear > 0.0 => "not lost".into(),
         None => Value::Missing,
     }
+}
+
+/// Standard error of the time to a loss.
+fn loss_error(sum: &Share) -> Option<f64> {
+    Some(sum.time_to_loss()? / (sum.losses as f64).sqrt())
 }
 
 pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout, Refusal> {
@@ -102,17 +112,26 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
         columns::TH.digits(4),
         columns::IN_GEAR.titled("in gear").digits(3),
         columns::IN_GEAR_LEAST.titled("worst part").digits(3),
+        columns::PERIODS_TO_CAPTURE
+            .titled("until captured")
+            .digits(3),
+        columns::IN_GEAR_AFTER_CAPTURE
+            .titled("in gear after")
+            .digits(3),
         columns::PERIODS_TO_LOSS
             .titled("until lost (periods)")
             .digits(3),
+        columns::PERIODS_TO_LOSS_ERROR.titled("error").digits(2),
         columns::B.digits(4),
         columns::PEAK.digits(3),
         columns::FORCE_RATIO_ON_RESONANCE.titled("F2/F1").digits(3),
-    ]);
+    ])
+    .folded();
     for (name, point) in named(survey) {
         let price = price(arguments, point)?;
         let second = point.wave.second();
         let alone = point.wave.is_sine();
+        let sum = point.shares.sum();
         let of_tone = |value: f64| if alone { Value::Missing } else { value.into() };
         table.push([
             name.into(),
@@ -121,7 +140,10 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
             of_tone(second.angle),
             point.shares.mean().into(),
             point.shares.least().into(),
-            until_lost(point),
+            sum.time_to_capture().into(),
+            sum.share_after_capture().into(),
+            until_lost(&sum),
+            loss_error(&sum).into(),
             price.amplitude.into(),
             price.peak.into(),
             of_tone(price.force[0]),
@@ -306,7 +328,7 @@ pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
             .collect();
         let (from, to, count) = super::angles(arguments);
         let half = 0.5 * (to - from) / f64::from(count - 1);
-        let step = arguments.largest_second_tone / f64::from(super::AMPLITUDES);
+        let step = arguments.largest_second_tone / f64::from(super::SECOND_TONE_AMPLITUDES);
         picture = picture.panel(
             Panel::new(
                 Axis::new(

@@ -56,14 +56,10 @@ impl Shares {
         self.0.iter().map(Share::share).fold(1.0, f64::min)
     }
 
-    /// Mean time in gear until it is lost, in drive periods, over all parts; `None` where it was
-    /// not.
-    pub fn time_to_loss(&self) -> Option<f64> {
-        let sum = self
-            .0
-            .iter()
-            .fold(Share::default(), |sum, share| sum.and(share));
-        sum.time_to_loss()
+    /// All parts together.
+    pub fn sum(&self) -> Share {
+        let zero = Share::default();
+        self.0.iter().fold(zero, |sum, share| sum.plus(share))
     }
 }
 
@@ -154,7 +150,7 @@ impl Followed {
         let map = WaveMap::on(*wave, k, self.restitutions[0])?;
         let mut shares = vec![Share::default(); self.restitutions.len()];
         shares_from_rest(&map, &scatters, self.order, self.periods, |n, share| {
-            shares[n / runs] = shares[n / runs].and(&share);
+            shares[n / runs] = shares[n / runs].plus(&share);
         })?;
         Ok(Shares(shares))
     }

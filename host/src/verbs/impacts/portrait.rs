@@ -10,7 +10,7 @@ use crate::report::number;
 pub(super) type States = Vec<(f64, f64)>;
 
 /// The phase portrait: the state after each impact, as large as it fits.
-pub(super) fn portrait(arguments: &Arguments, told: &str, mut states: States) -> Picture {
+pub(super) fn portrait(arguments: &Arguments, drive_text: &str, mut states: States) -> Picture {
     let (first, last) = occupied(&states);
     for (phase, _) in &mut states {
         if *phase > last {
@@ -45,7 +45,7 @@ pub(super) fn portrait(arguments: &Arguments, told: &str, mut states: States) ->
     )
     .height(460.0);
     let map = match arguments.restitution {
-        Some(r) => format!("{told}, R = {}; ", number(r, 6)),
+        Some(r) => format!("{drive_text}, R = {}; ", number(r, 6)),
         None => String::new(),
     };
     let count = states.len();

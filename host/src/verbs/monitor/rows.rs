@@ -2,8 +2,8 @@
 
 use std::io::{Stdout, stdout};
 
-use kband::control::{Event, Fault, Limits, State};
-use kband::wire::{Record, Telemetry, UpperTone};
+use kband_control::wire::{Record, Telemetry};
+use kband_control::{Event, Fault, Limits, State, UpperTone};
 
 use super::watch::Watch;
 use crate::board::{Clock, Said};
@@ -24,7 +24,7 @@ pub(super) struct Rows {
 }
 
 /// Columns before that of the event.
-const BEFORE_THE_EVENT: usize = 23;
+const BEFORE_THE_EVENT: usize = 25;
 
 impl Rows {
     pub(super) fn new(format: Format) -> Self {
@@ -40,20 +40,26 @@ impl Rows {
             (columns::TH3.digits(3), 8),
             (columns::OUTPUT.titled("output").digits(3), 10),
             (
-                columns::IMPACTS_HEARD.titled("impacts (1/cycle)").digits(3),
+                columns::IMPACTS_DETECTED
+                    .titled("impacts (1/cycle)")
+                    .digits(3),
                 17,
             ),
-            (columns::PHASE_HEARD.titled("phase (rad)").digits(3), 11),
+            (columns::PHASE_MEASURED.titled("phase (rad)").digits(3), 11),
             (columns::CONFIDENCE.digits(2), 10),
             (columns::IN_GEAR.digits(2), 7),
             (columns::IN_GEAR_ERROR.digits(1), 13),
             (columns::IN_GEAR_EXPECTED.titled("expected").digits(2), 8),
-            (columns::FLIP_HEARD.titled("margin").digits(2), 6),
-            (columns::TRACE_HEARD.titled("trace").digits(2), 6),
-            (columns::RESTITUTION_HEARD.titled("R").digits(3), 6),
-            (columns::SCATTER_HEARD.titled("s").digits(2), 6),
+            (columns::GEAR_BAND_LOW.titled("band from").digits(4), 9),
+            (columns::GEAR_BAND_HIGH.titled("to").digits(4), 7),
+            (columns::FLIP_ESTIMATED.titled("margin").digits(2), 6),
+            (columns::TRACE_ESTIMATED.titled("trace").digits(2), 6),
+            (columns::RESTITUTION_ESTIMATED.titled("R").digits(3), 6),
+            (columns::SCATTER_ESTIMATED.titled("s").digits(2), 6),
             (
-                columns::TO_LOSS_HEARD.titled("to_loss (cycles)").digits(3),
+                columns::TO_LOSS_ESTIMATED
+                    .titled("to_loss (cycles)")
+                    .digits(3),
                 7,
             ),
             (columns::MASS_WEIGHED.titled("mass (g)").digits(4), 8),
@@ -159,6 +165,8 @@ impl Rows {
                 .filter(|share| *share > 0.0)
                 .map(shortest)
                 .into(),
+            telemetry.gear_band.map(|[low, _]| shortest(low)).into(),
+            telemetry.gear_band.map(|[_, high]| shortest(high)).into(),
             telemetry.margin.map(|margin| shortest(margin.flip)).into(),
             telemetry.margin.map(|margin| shortest(margin.trace)).into(),
             (telemetry.margin)

@@ -3,21 +3,20 @@
 use std::f64::consts::TAU;
 
 use kband::impact::{
-    Contact, Ended, Friction, FrictionSettings, Kernel, Map, Orbit, PartState, Scatter, Tangential,
-    Tone, Wave,
+    Contact, Friction, FrictionSettings, Kernel, Map, Orbit, PartState, Scatter, StopReason,
+    Tangential, Tone, Wave,
 };
 use kband::regime::cascade::{Cascade, FEIGENBAUM};
 use kband::regime::classify::Regime;
 use kband::regime::exponent::{self, Dynamics, ExponentSettings};
 use kband::regime::{Lock, band};
-use kband::transport::{Conveyed, Conveying, Sensitivity, Spread, locked};
+use kband::transport::{Conveyed, Conveying, SampleMean, Sensitivity, locked};
 
-use super::bounds::{CHAOS, run_wide_chaos};
-use super::engine::{Cases, Check, Ledger, estimate};
+use super::engine::{Cases, Check, Ledger, convey, estimate};
+use super::hopping::{CHAOS, run_wide_chaos};
 use super::lock::lock;
 use crate::ending::Endings;
 use crate::refusal::Refusal;
-use crate::report::number;
 
 pub(super) const CHECKS: &[Check] = &[
     lyapunov,
@@ -55,7 +54,8 @@ fn lyapunov(rows: &mut Ledger) -> Result<(), Refusal> {
             settle: 3000,
             impacts: IMPACTS,
         };
-        let found = exponent::measure(&map, exponent::start(&map, 1), settings)?.per_impact;
+        let found =
+            exponent::measure(&map, exponent::start_near_lock(&map, 1), settings)?.per_impact;
         let allowed = 0.003 + 6.0 * found.error;
         rows.compare_in("claim chaos", found.value, reference, allowed);
     }
@@ -67,12 +67,12 @@ fn lyapunov(rows: &mut Ledger) -> Result<(), Refusal> {
 fn starts(k: f64, restitution: f64, spread: u32) -> Result<Vec<PartState>, Refusal> {
     let mut starts = Vec::new();
     for order in 1..=3 {
-        if let Some(lock) = Lock::at(k, restitution, order)? {
+        if let Some(lock) = Lock::build(k, restitution, order)? {
             let PartState { phase, velocity } = lock.state();
             starts.push(Map::state(phase + 1e-3, velocity)?);
         }
     }
-    let mut cases = Cases::new(16);
+    let mut cases = Cases(16);
     let highest = 1.0 + 2.5 * restitution / (1.0 - restitution);
     for _ in 0..spread {
         let phase = cases.within(0.0, TAU);
@@ -89,29 +89,30 @@ fn chaotic_ranges(rows: &mut Ledger, key: &'static str, restitution: f64) -> Res
         settle: 2000,
         impacts: 960,
     };
-    let (mut chaos, mut lock, mut rest) = (0_u32, 0_u32, 0_u32);
+    // Chaos, locks, and hop and rest.
+    let mut counts = [0_u32; 3];
     for n in 0..COLUMNS {
         let k = 0.05 + 0.01 * f64::from(n);
         let map = Map::build(k, restitution)?;
-        let (mut chaotic, mut resting) = (false, false);
+        let mut found = [false; 3];
         for start in starts(k, restitution, 2)? {
             match exponent::measure(&map, start, settings)?.dynamics {
-                Dynamics::Chaotic => chaotic = true,
-                Dynamics::Rest { .. } => resting = true,
+                Dynamics::Chaotic => found[0] = true,
+                Dynamics::Rest { .. } => found[2] = true,
                 Dynamics::Regular | Dynamics::Undecided => {}
             }
         }
-        let mut locked = false;
         for order in 1..=8 {
-            let found = Lock::at(k, restitution, order)?;
-            locked |= found.is_some_and(|lock| lock.attracts() && lock.is_first_return());
+            let lock = Lock::build(k, restitution, order)?;
+            found[1] |= lock.is_some_and(|lock| lock.attracts() && lock.is_first_return());
         }
-        chaos += u32::from(chaotic);
-        lock += u32::from(locked);
-        rest += u32::from(resting);
+        for (count, found) in counts.iter_mut().zip(found) {
+            *count += u32::from(found);
+        }
     }
-    let percent = |count: u32| number(100.0 * f64::from(count) / f64::from(COLUMNS), 3);
-    rows.fill(key, [percent(chaos), percent(lock), percent(rest)]);
+    let percent = |count| (100.0 * f64::from(count) / f64::from(COLUMNS), 3);
+    rows.fill(key, &counts.map(percent));
+    let [chaos, lock, _] = counts;
     // Only where parts hardly lose speed chaos has the wider ranges.
     let (wider, narrower) = if restitution > 0.8 {
         (chaos, lock)
@@ -148,7 +149,7 @@ fn dead_cascade(rows: &mut Ledger) -> Result<(), Refusal> {
     for n in 0..COLUMNS {
         let k = 0.05 + 0.949 * (f64::from(n) + 0.5) / f64::from(COLUMNS);
         let map = Map::build(k, 0.0)?;
-        rests += u32::from(Orbit::from_rest(&map).watch(2000, &mut ()) == Ended::Repeats);
+        rests += u32::from(Orbit::from_rest(&map).watch(2000, &mut ()) == StopReason::Repeats);
     }
     let share = f64::from(rests) / f64::from(COLUMNS);
     let flips = Cascade::locate(0.0, 1, 3)?.flips().to_vec();
@@ -158,20 +159,9 @@ fn dead_cascade(rows: &mut Ledger) -> Result<(), Refusal> {
     rows.compare_in("claim dead", share, 0.941, 0.01);
     rows.compare_in("claim dead", first, closed, 1e-12);
     rows.require("claim dead", flips.len() == 1);
-    rows.fill("claim dead", [number(first, 6), number(100.0 * share, 3)]);
+    rows.fill("claim dead", &[(first, 6), (100.0 * share, 3)]);
     rows.count("claim dead", COLUMNS.into());
     Ok(())
-}
-
-/// What a part in the chaos of the cascade conveys, from beside the lock.
-fn run_narrow_chaos(k: f64, impacts: u64) -> Result<Conveyed, Refusal> {
-    let map = Map::build(k, 0.2)?;
-    let mut conveying = Conveying::new(Tangential::build(k, CHAOS)?, Contact::new(&map));
-    let mut orbit = Orbit::new(&map, exponent::start(&map, 1));
-    orbit.watch(2000, &mut conveying);
-    conveying.restart();
-    orbit.watch(impacts, &mut conveying);
-    Ok(conveying.conveyed())
 }
 
 /// The claim that chaos makes the feed rate insensitive, and the reason where it does.
@@ -181,7 +171,9 @@ fn robustness(rows: &mut Ledger) -> Result<(), Refusal> {
     const NARROW: u64 = 20_000;
     let time_mean = |k: f64| -> Result<(f64, f64, f64), Refusal> {
         let runs = run_wide_chaos(k, RUNS, WIDE)?;
-        let (mean, error) = estimate(&Spread::of(runs.iter().filter_map(Conveyed::time_mean)));
+        let (mean, error) = estimate(&SampleMean::from_values(
+            runs.iter().filter_map(Conveyed::time_mean),
+        ));
         Ok((k, mean, error))
     };
     let wide = Sensitivity::between(time_mean(0.03)?, time_mean(0.09)?);
@@ -189,7 +181,13 @@ fn robustness(rows: &mut Ledger) -> Result<(), Refusal> {
     let key = "finding in-gear";
     let (mut rates, mut largest) = (Vec::new(), 0.0_f64);
     for k in [0.342, 0.346, 0.35, 0.354, 0.358] {
-        let conveyed = run_narrow_chaos(k, NARROW)?;
+        let map = Map::build(k, 0.2)?;
+        let conveyed = convey(
+            &map,
+            CHAOS,
+            exponent::start_near_lock(&map, 1),
+            [2000, NARROW],
+        )?;
         let lock = locked::velocity_in_phase(1, k, 0.2, &CHAOS);
         // (34) with D = 2 pi, up to the ends of the run: one flight's W of at most 6.
         let mean = conveyed.impact_mean().unwrap_or(f64::NAN);
@@ -199,7 +197,7 @@ fn robustness(rows: &mut Ledger) -> Result<(), Refusal> {
         largest = largest.max((speed / lock - 1.0).abs());
         rates.push((k, speed, 0.0));
     }
-    rows.fill(key, [number(100.0 * largest, 2)]);
+    rows.fill(key, &[(100.0 * largest, 2)]);
     let narrow = rates.len() as u64 * NARROW;
     rows.count(key, narrow);
     let steepest = rates
@@ -211,10 +209,7 @@ fn robustness(rows: &mut Ledger) -> Result<(), Refusal> {
     let key = "claim robustness";
     rows.compare_in(key, value, 1.0, 0.005 + 6.0 * error);
     rows.deviation(key, steepest / 0.1);
-    rows.fill(
-        key,
-        [number(steepest, 2), number(value, 3), number(error, 1)],
-    );
+    rows.fill(key, &[(steepest, 2), (value, 3), (error, 1)]);
     rows.count(key, 2 * u64::from(RUNS) * WIDE + narrow);
     Ok(())
 }
@@ -233,7 +228,7 @@ fn dispersions(k: f64, restitution: f64, start: PartState) -> Result<[f64; 2], R
         let conveyed = conveying.conveyed();
         flights.push((conveyed.distance, conveyed.flying + conveyed.resting));
     }
-    let sum = |flights: &[(f64, f64)]| {
+    let sum = |flights: &[(f64, f64)]| -> (f64, f64) {
         let add = |sum: (f64, f64), flight: &(f64, f64)| (sum.0 + flight.0, sum.1 + flight.1);
         flights.iter().fold((0.0, 0.0), add)
     };
@@ -258,8 +253,8 @@ fn diffusion(rows: &mut Ledger) -> Result<(), Refusal> {
         rows.deviation(key, 0.1 / (wide_many / wide_one));
         rows.count(key, 2 * 60_000);
     }
-    let shown = [one, many, wide_one, wide_many];
-    rows.fill("finding dispersion", shown.map(|value| number(value, 2)));
+    let shown = [one, many, wide_one, wide_many].map(|value| (value, 2));
+    rows.fill("finding dispersion", &shown);
     Ok(())
 }
 
@@ -272,12 +267,12 @@ fn noise(rows: &mut Ledger) -> Result<(), Refusal> {
         settle: 3000,
         impacts: 60_000,
     };
-    let start = exponent::start(&map, 1);
+    let start = exponent::start_near_lock(&map, 1);
     let still = exponent::measure(&map, start, settings)?.per_impact;
     let scatter = Scatter::build(restitution, 0.05 * restitution, 14)?;
     let noisy = exponent::measure_scattered(&map, start, settings, scatter)?.per_impact;
     let cascade = Cascade::locate(restitution, 1, 6)?;
-    let visible: Vec<f64> = cascade.visible_below().flatten().collect();
+    let visible: Vec<f64> = cascade.max_visible_scatters().flatten().collect();
     let ratio = visible
         .windows(2)
         .last()
@@ -289,8 +284,7 @@ fn noise(rows: &mut Ledger) -> Result<(), Refusal> {
     // The last of six doublings is within 15 % of the limit.
     rows.compare_in(key, ratio / 6.62, 1.0, 0.15);
     rows.count(key, 120_000);
-    let shown = [(still.value, 2), (noisy.value, 2), (ratio, 3)];
-    rows.fill(key, shown.map(|(value, digits)| number(value, digits)));
+    rows.fill(key, &[(still.value, 2), (noisy.value, 2), (ratio, 3)]);
     Ok(())
 }
 
@@ -298,7 +292,7 @@ fn noise(rows: &mut Ledger) -> Result<(), Refusal> {
 fn two_tones(rows: &mut Ledger) -> Result<(), Refusal> {
     let key = "claim tones";
     let single = band::flip(0.2, 1)?;
-    let mut flips = vec![number(single, 4)];
+    let mut flips = vec![(single, 4)];
     for amplitude in [0.05, 0.1] {
         let second = Tone {
             amplitude,
@@ -312,9 +306,9 @@ fn two_tones(rows: &mut Ledger) -> Result<(), Refusal> {
         let first = cascade.map_or(f64::NAN, |found| found.flips()[0]);
         // Shifted beyond doubt: by 1 % of k.
         rows.deviation(key, 0.01 * single / (first - single));
-        flips.push(number(first, 4));
+        flips.push((first, 4));
     }
-    rows.fill(key, flips);
+    rows.fill(key, &flips);
     Ok(())
 }
 
@@ -335,7 +329,7 @@ fn impacts_on_track(rows: &mut Ledger) -> Result<(), Refusal> {
     // The print takes the added loss for zero.
     let lost = 2.0 * 0.43 * lock(0.43, 0.2, 1)?.state().phase.cos();
     rows.print("claim track", 0.0, lost);
-    rows.fill("claim track", [number(lost, 3)]);
+    rows.fill("claim track", &[(lost, 3)]);
     Ok(())
 }
 
@@ -354,7 +348,7 @@ fn sliding(rows: &mut Ledger) -> Result<(), Refusal> {
             phase_lead: 0.0,
             incline_tangent: incline.to_radians().tan(),
         };
-        let cycle = Friction::build(1.0 / throw, settings)?.lying_for_ever();
+        let cycle = Friction::build(1.0 / throw, settings)?.steady_contact_cycle();
         let velocity = cycle.map_or(f64::NAN, |cycle| cycle.distance / TAU);
         rows.compare("claim contact", velocity, reference);
         // Level, in phase and without a normal motion, the pushes cancel.
@@ -362,7 +356,7 @@ fn sliding(rows: &mut Ledger) -> Result<(), Refusal> {
             incline_tangent: 0.0,
             ..settings
         };
-        let even = Friction::build(1000.0, still)?.lying_for_ever();
+        let even = Friction::build(1000.0, still)?.steady_contact_cycle();
         let distance = even.map_or(f64::NAN, |cycle| cycle.distance);
         rows.compare("claim contact", distance, 0.0);
     }

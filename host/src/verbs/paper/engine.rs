@@ -4,79 +4,44 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 use kband::feeder::OutOfRange;
-use kband::impact::{Impact, Kernel, Map, PartState, TangentialSettings};
-use kband::transport::Spread;
+use kband::impact::{Impact, Kernel, Map, Observer, PartState, Tangential, TangentialSettings};
+use kband::transport::{Conveyed, Effort, Origin, SampleMean, measure};
 use serde::{Deserialize, Serialize};
 use toml::Spanned;
 
+use super::motion::Flight;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
+use crate::report::number;
 
 /// Texts, verdicts and tolerances of all rows, in the order of the page.
 const TABLE: &str = include_str!("rows.toml");
 
-/// Verdict on a printed statement, with the recomputed form.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(super) enum Verdict {
-    /// It holds as printed.
-    Agrees(String),
-    /// It holds once corrected.
-    Corrected(String),
-    /// It does not hold.
-    Refuted(String),
-    /// The paper does not print it.
-    Found(String),
-}
-
-impl Verdict {
-    pub(super) fn name(&self) -> &'static str {
-        match self {
-            Self::Agrees(_) => "agrees",
-            Self::Corrected(_) => "corrected",
-            Self::Refuted(_) => "refuted",
-            Self::Found(_) => "own finding",
-        }
-    }
-
-    fn recomputed(&self) -> &str {
-        match self {
-            Self::Agrees(form)
-            | Self::Corrected(form)
-            | Self::Refuted(form)
-            | Self::Found(form) => form,
-        }
-    }
-}
-
-/// A section of the table.
-#[derive(Clone, Debug, Deserialize)]
-struct Text {
-    subject: String,
-    #[serde(default)]
-    printed: String,
-    #[serde(flatten)]
-    verdict: Verdict,
-    tolerance: f64,
-}
-
-/// One equation, number or claim.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// One equation, number or claim, with its evidence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Row {
     /// Number of the equation as printed, or `example`, `claim`, `finding`.
+    #[serde(default)]
     pub equation: String,
     pub subject: String,
+    #[serde(default)]
     pub printed: String,
+    /// What holds.
     pub recomputed: String,
-    pub verdict: &'static str,
+    /// `agrees`, `corrected`, `refuted` or `own finding`.
+    pub verdict: String,
     /// Largest deviation of the recomputed form from its reference, over all cases.
+    #[serde(default)]
     pub residual: f64,
     /// Largest deviation that rounding and statistics allow.
     pub tolerance: f64,
     /// Largest deviation of the printed form in the same measure, where it can be evaluated.
+    #[serde(default)]
     pub printed_error: Option<f64>,
+    #[serde(default)]
     pub cases: u64,
     /// Whether the residual is within the tolerance.
+    #[serde(default)]
     pub holds: bool,
 }
 
@@ -146,19 +111,15 @@ impl Ledger {
 
     /// Compares the literal print with the reference.
     pub(super) fn print(&mut self, key: &'static str, printed: f64, reference: f64) {
-        self.print_in(key, printed, reference, 1.0);
-    }
-
-    /// Compares the literal print with the reference, in multiples of `unit`.
-    pub(super) fn print_in(&mut self, key: &'static str, printed: f64, reference: f64, unit: f64) {
         let row = self.row(key);
         let largest = row.printed_error.unwrap_or(0.0);
-        row.printed_error = Some(larger(largest, (printed - reference) / unit));
+        row.printed_error = Some(larger(largest, printed - reference));
     }
 
-    /// Sets the numbers of the row's text, in the order of its placeholders.
-    pub(super) fn fill(&mut self, key: &'static str, values: impl IntoIterator<Item = String>) {
-        self.row(key).values = values.into_iter().collect();
+    /// Sets the numbers of the row's text, each with its number of digits.
+    pub(super) fn fill(&mut self, key: &'static str, values: &[(f64, usize)]) {
+        let text = |(value, digits): &(f64, usize)| number(*value, *digits);
+        self.row(key).values = values.iter().map(text).collect();
     }
 
     /// Sets the number of cases, where one deviation sums up many.
@@ -166,39 +127,30 @@ impl Ledger {
         self.row(key).cases = cases;
     }
 
-    /// The row of a section of the table, with its evidence; without evidence it does not hold.
-    fn finish(&self, key: &str, text: Text) -> Row {
-        let missing = Evidence {
+    /// Completes the row of a section with its evidence; without evidence it does not hold.
+    fn complete(&mut self, key: &str, row: &mut Row) {
+        let evidence = self.evidence.remove(key).unwrap_or(Evidence {
             residual: f64::NAN,
             ..Evidence::default()
-        };
-        let evidence = self.evidence.get(key).unwrap_or(&missing);
-        let filled = |text: &str| {
-            (evidence.values.iter().zip(1..)).fold(text.to_string(), |text, (value, n)| {
-                text.replace(&format!("{{{n}}}"), value)
-            })
-        };
-        let residual = evidence.residual;
-        let agrees = matches!(text.verdict, Verdict::Agrees(_));
-        Row {
-            equation: key.split(' ').next().unwrap_or(key).into(),
-            printed: filled(&text.printed),
-            recomputed: filled(text.verdict.recomputed()),
-            verdict: text.verdict.name(),
-            subject: text.subject,
-            residual,
-            tolerance: text.tolerance,
-            // What agrees is recomputed in the printed form itself.
-            printed_error: agrees.then_some(residual).or(evidence.printed_error),
-            cases: evidence.cases,
-            holds: residual <= text.tolerance,
+        });
+        for (value, n) in evidence.values.iter().zip(1..) {
+            let place = format!("{{{n}}}");
+            row.printed = row.printed.replace(&place, value);
+            row.recomputed = row.recomputed.replace(&place, value);
         }
+        row.equation = key.split(' ').next().unwrap_or(key).into();
+        row.residual = evidence.residual;
+        // What agrees is recomputed in the printed form itself.
+        let agrees = (row.verdict == "agrees").then_some(row.residual);
+        row.printed_error = agrees.or(evidence.printed_error);
+        row.cases = evidence.cases;
+        row.holds = row.residual <= row.tolerance;
     }
 }
 
 /// Runs the checks on the desk's threads and fills the table, in the order of the page.
 pub(super) fn recompute(checks: &[Check], error: f64, desk: &Desk) -> Result<Vec<Row>, Refusal> {
-    let table: BTreeMap<String, Spanned<Text>> = toml::from_str(TABLE)
+    let table: BTreeMap<String, Spanned<Row>> = toml::from_str(TABLE)
         .map_err(|error| Refusal::new(format!("table of the paper: {error}"), "report this"))?;
     let ledgers = desk.try_map("the paper", checks.len(), |n| {
         let mut ledger = Ledger {
@@ -211,28 +163,22 @@ pub(super) fn recompute(checks: &[Check], error: f64, desk: &Desk) -> Result<Vec
     for ledger in ledgers {
         all.evidence.extend(ledger.evidence);
     }
-    if let Some(key) = all.evidence.keys().find(|key| !table.contains_key(**key)) {
-        return Err(Refusal::new(
-            format!("the table of the paper has no row '{key}'"),
-            "report this",
-        ));
-    }
     let mut sections: Vec<_> = table.into_iter().collect();
-    sections.sort_by_key(|(_, text)| text.span().start);
-    Ok(sections
-        .into_iter()
-        .map(|(key, text)| all.finish(&key, text.into_inner()))
-        .collect())
+    sections.sort_by_key(|(_, row)| row.span().start);
+    let complete = |(key, row): (String, Spanned<Row>)| {
+        let mut row = row.into_inner();
+        all.complete(&key, &mut row);
+        row
+    };
+    let rows = sections.into_iter().map(complete).collect();
+    debug_assert!(all.evidence.is_empty(), "no rows: {:?}", all.evidence);
+    Ok(rows)
 }
 
 /// Cases that are the same in every run (the generator splitmix64).
-pub(super) struct Cases(u64);
+pub(super) struct Cases(pub u64);
 
 impl Cases {
-    pub(super) fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
     /// A number within `low..high`.
     pub(super) fn within(&mut self, low: f64, high: f64) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
@@ -253,39 +199,40 @@ impl Cases {
         }
     }
 
-    /// A flight short enough to be compared with an integration of the equations of motion.
-    pub(super) fn flight(&mut self) -> Result<Flight, OutOfRange> {
+    /// A flight short enough to be integrated, its restitution, and its impact.
+    pub(super) fn flight(&mut self) -> Result<(Flight, f64, Impact<PartState>), OutOfRange> {
         let k = self.within(0.1, 1.5);
         let restitution = self.within(0.0, 1.0);
-        let map = Map::build(k, restitution)?;
         let launch = Map::state(self.within(0.0, TAU), self.within(0.05, 3.0))?;
-        Ok(Flight {
-            k,
-            restitution,
-            launch,
-            impact: map.impact(launch),
-        })
+        let impact = Map::build(k, restitution)?.impact(launch);
+        Ok((Flight::of(k, launch, &impact), restitution, impact))
     }
 }
 
-/// One flight.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Flight {
-    pub k: f64,
-    pub restitution: f64,
-    pub launch: PartState,
-    pub impact: Impact<PartState>,
+/// The flights of an orbit: launch and impact of each.
+#[derive(Default)]
+pub(super) struct Flights(pub Vec<(PartState, Impact<PartState>)>);
+
+impl Observer for Flights {
+    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
+        self.0.push((launch, *impact));
+    }
 }
 
-impl Flight {
-    /// Phase and velocity of the launch, and length of the flight.
-    pub(super) fn parts(&self) -> (f64, f64, f64) {
-        (self.launch.phase, self.launch.velocity, self.impact.flight)
-    }
+/// What a part conveys from a launch, after some impacts to settle.
+pub(super) fn convey(
+    map: &Map,
+    along: TangentialSettings,
+    launch: PartState,
+    [settle, impacts]: [u64; 2],
+) -> Result<Conveyed, OutOfRange> {
+    let tangential = Tangential::build(map.k(), along)?;
+    let effort = Effort { settle, impacts };
+    Ok(measure(map, tangential, Origin::Hop(launch), effort, &mut ()).conveyed)
 }
 
 /// Mean and standard error of the mean.
-pub(super) fn estimate(spread: &Spread) -> (f64, f64) {
+pub(super) fn estimate(spread: &SampleMean) -> (f64, f64) {
     (
         spread.mean().unwrap_or(f64::NAN),
         spread.error().unwrap_or(f64::NAN),

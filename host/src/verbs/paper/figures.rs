@@ -5,6 +5,7 @@ use std::f64::consts::{PI, TAU};
 use kband::impact::{Kernel, Map, Orbit, OrbitEvent, PartState, Tangential, TangentialSettings};
 use kband::regime::{Lock, band};
 
+use super::lock::lock;
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
@@ -18,20 +19,19 @@ const TRACK: TangentialSettings = TangentialSettings {
     incline_tangent: 0.052_407_779_283_041_2,
 };
 
-/// One moment of a part, in units of b along the track and normal to it, in the laboratory.
-#[derive(Clone, Copy)]
-struct Moment {
-    time: f64,
-    along: f64,
-    normal: f64,
-    track: f64,
-}
-
-/// A part on its way: moments of some flights, and the times at which it strikes.
+/// A part on its way, in units of b in the laboratory, and the times at which it strikes.
 struct Way {
     k: f64,
-    moments: Vec<Moment>,
+    /// Time, place along the track and normal to it, and height of the track.
+    moments: Vec<[f64; 4]>,
     impacts: Vec<f64>,
+}
+
+impl Way {
+    /// A coordinate over another.
+    fn points(&self, of: impl Fn(&[f64; 4]) -> (f64, f64)) -> Vec<(f64, f64)> {
+        self.moments.iter().map(of).collect()
+    }
 }
 
 /// `flights` flights of a part near the lock in the middle of the first band, let settle from
@@ -41,41 +41,37 @@ fn way(restitution: f64, apart: f64, flights: usize) -> Result<Way, Refusal> {
     let k = 0.5 * (band::flip(restitution, 1)? + band::birth(restitution, 1)?);
     let map = Map::build(k, restitution)?;
     let tangential = Tangential::build(k, TRACK)?;
-    let lock = Lock::at(k, restitution, 1)?.map(|lock| lock.state());
-    let PartState { phase, velocity } = lock.unwrap_or(PartState {
-        phase: 0.5,
-        velocity: 0.5,
-    });
+    let PartState { phase, velocity } = lock(k, restitution, 1)?.state();
     let mut launch = Map::state(phase + apart, velocity)?;
     let eta = TRACK.amplitude_ratio;
     let (mut clock, mut along, mut phi) = (launch.phase, 0.0, 0.0);
-    let mut found = Way {
-        k,
-        moments: Vec::new(),
-        impacts: vec![clock],
-    };
+    let (mut moments, mut impacts) = (Vec::new(), vec![clock]);
     for _ in 0..flights {
         let impact = map.impact(launch);
         let (t, d) = (launch.phase, impact.flight);
         for step in 0..=STEPS {
             let s = d * f64::from(step) / f64::from(STEPS);
-            let ridden = |t: f64, s: f64| (t + s).sin() - t.sin();
             let lift = (t.cos() + launch.velocity) * s - 0.5 * k * s * s;
             let drift = (phi + eta * t.cos()) * s - 0.5 * k * TRACK.incline_tangent * s * s;
-            found.moments.push(Moment {
-                time: clock + s,
-                along: along + eta * t.sin() + drift,
-                normal: t.sin() + lift,
-                track: t.sin() + ridden(t, s),
-            });
+            let place = along + eta * t.sin() + drift;
+            moments.push([clock + s, place, t.sin() + lift, (t + s).sin()]);
         }
         along += tangential.distance(launch, &impact, phi);
-        phi = tangential.after(launch, &impact, phi);
+        phi = tangential.velocity_after_impact(launch, &impact, phi);
         clock += d;
-        found.impacts.push(clock);
+        impacts.push(clock);
         launch = impact.next;
     }
-    Ok(found)
+    Ok(Way {
+        k,
+        moments,
+        impacts,
+    })
+}
+
+/// The largest height of these points, at least 1.
+fn top(points: &[(f64, f64)]) -> f64 {
+    points.iter().map(|point| point.1).fold(1.0, f64::max)
 }
 
 /// Fig. 1: the model. The track at the ends of its stroke, the stroke, and the path of a part, in
@@ -90,13 +86,9 @@ pub(super) fn model(restitution: f64) -> Result<Picture, Refusal> {
             along * slope.sin() + normal * slope.cos(),
         )
     };
-    let path: Vec<_> = way
-        .moments
-        .iter()
-        .map(|moment| turned(moment.along, moment.normal))
-        .collect();
+    let path = way.points(|[_, along, normal, _]| turned(*along, *normal));
     let far = path.last().map_or(10.0, |end| end.0) + 3.0;
-    let top = path.iter().map(|point| point.1).fold(1.0, f64::max);
+    let top = top(&path);
     let eta = TRACK.amplitude_ratio;
     let surface = |normal: f64| vec![turned(-3.0, normal), turned(far, normal)];
     let stroke = (0..=60).map(|n| {
@@ -135,16 +127,10 @@ pub(super) fn model(restitution: f64) -> Result<Picture, Refusal> {
 /// Fig. 2: the motion in time. Track and part, the times of impact and the flights between them.
 pub(super) fn motion(restitution: f64) -> Result<Picture, Refusal> {
     let way = way(restitution, 0.4, 6)?;
-    let of = |value: fn(&Moment) -> f64| -> Vec<(f64, f64)> {
-        way.moments
-            .iter()
-            .map(|moment| (moment.time, value(moment)))
-            .collect()
-    };
-    let (track, part) = (of(|m| m.track), of(|m| m.normal));
-    let height = of(|m| m.normal - m.track);
+    let track = way.points(|[time, .., track]| (*time, *track));
+    let part = way.points(|[time, _, normal, _]| (*time, *normal));
+    let height = way.points(|[time, _, normal, track]| (*time, normal - track));
     let (first, last) = (way.impacts[0], way.impacts[way.impacts.len() - 1]);
-    let top = |points: &[(f64, f64)]| points.iter().map(|point| point.1).fold(1.0, f64::max);
     let axis = || Axis::new("τ = ω t", Unit::RADIANS, first - 0.5, last + 0.5).in_pi();
     let mut above = Panel::new(
         axis(),
@@ -186,30 +172,24 @@ pub(super) fn motion(restitution: f64) -> Result<Picture, Refusal> {
 pub(super) fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal> {
     const COLUMNS: usize = 840;
     let (low, high) = (0.05, 1.1 * band::birth(restitution, 1)?);
-    let columns = desk.try_map("Fig. 3", COLUMNS, |column| -> Result<Columns, Refusal> {
+    // Points of parts that hop, and of those that rest.
+    let columns = desk.try_map("Fig. 3", COLUMNS, |column| -> Result<_, Refusal> {
         let k = low + (high - low) * (column as f64 + 0.5) / COLUMNS as f64;
         let map = Map::build(k, restitution)?;
-        let mut starts = vec![None];
+        let mut orbits = vec![Orbit::from_rest(&map)];
         for order in 1..=3 {
             // Below its band an orbit of the cascade or of the chaos behind it is met from the
             // lock's phase. A little beside it, or the unstable orbit itself would be drawn.
-            starts.extend(Lock::at(k, restitution, order)?.map(|lock| {
+            orbits.extend(Lock::build(k, restitution, order)?.map(|lock| {
                 let PartState { phase, velocity } = lock.state();
-                Some(PartState {
-                    phase: phase + 1e-3,
-                    velocity,
-                })
+                let phase = phase + 1e-3;
+                Orbit::new(&map, PartState { phase, velocity })
             }));
         }
-        let mut found = Columns::default();
-        for start in starts {
-            let (rests, phases) = settled(&map, start);
-            let place = if rests {
-                &mut found.resting
-            } else {
-                &mut found.hopping
-            };
-            place.extend(phases.into_iter().map(|phase| (k, phase)));
+        let mut found = [Vec::new(), Vec::new()];
+        for orbit in orbits {
+            let (rests, phases) = settled(orbit);
+            found[usize::from(rests)].extend(phases.into_iter().map(|phase| (k, phase)));
         }
         Ok(found)
     })?;
@@ -229,18 +209,20 @@ pub(super) fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal>
                 .caption(0.5 * (flip + birth), format!("r={order}"));
         }
     }
-    let points = |of: fn(&Columns) -> &Vec<(f64, f64)>| -> Vec<(f64, f64)> {
-        columns.iter().flat_map(of).copied().collect()
+    let points = |n: usize| {
+        columns
+            .iter()
+            .flat_map(|found| &found[n])
+            .copied()
+            .collect()
     };
-    let resting = points(|found| &found.resting);
-    let hopping = points(|found| &found.hopping);
     let shown = panel
         .clone()
         .heading("Parts that hop and never rest")
-        .density("impacts", hopping);
+        .density("impacts", points(0));
     let rested = panel
         .heading("Parts that come to rest: impacts between two rests, chatter left out")
-        .density("impacts", resting);
+        .density("impacts", points(1));
     Ok(Picture::new("Regimes over k (Fig. 3)")
         .caption(format!(
             "R = {}, from rest and from the locks r = 1, 2, 3",
@@ -250,19 +232,8 @@ pub(super) fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal>
         .panel(rested))
 }
 
-#[derive(Default)]
-struct Columns {
-    hopping: Vec<(f64, f64)>,
-    resting: Vec<(f64, f64)>,
-}
-
-/// Whether the settled orbit from `start` (else from rest) rests, and the phases at which it
-/// strikes.
-fn settled(map: &Map, start: Option<PartState>) -> (bool, Vec<f64>) {
-    let mut orbit = match start {
-        Some(state) => Orbit::new(map, state),
-        None => Orbit::from_rest(map),
-    };
+/// Whether the settled orbit rests, and the phases at which it strikes.
+fn settled(mut orbit: Orbit<'_>) -> (bool, Vec<f64>) {
     orbit.watch(1500, &mut ());
     let (mut rests, mut phases) = (false, Vec::new());
     for event in orbit.take(160) {
@@ -288,15 +259,15 @@ mod tests {
         for restitution in [0.05, 0.2, 0.5, 0.95] {
             let way = way(restitution, 0.05, 6).unwrap();
             assert_eq!(way.impacts.len(), 7);
-            for moment in &way.moments {
-                assert!(moment.normal > moment.track - 1e-12);
-                if way.impacts.contains(&moment.time) {
-                    assert!((moment.normal - moment.track).abs() < 1e-9);
+            for [time, _, normal, track] in &way.moments {
+                assert!(*normal > track - 1e-12);
+                if way.impacts.contains(time) {
+                    assert!((normal - track).abs() < 1e-9);
                 }
             }
             // No step of the path where flights meet.
             for pair in way.moments.windows(2) {
-                assert!((pair[1].along - pair[0].along).abs() < 0.5, "{restitution}");
+                assert!((pair[1][1] - pair[0][1]).abs() < 0.5, "{restitution}");
             }
         }
     }

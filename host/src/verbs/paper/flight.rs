@@ -1,13 +1,11 @@
-//! Equations (1) to (12): motion, impact, flight.
+//! Equations (1) to (12), (24) and (25): motion, impact, flight.
 
 use std::f64::consts::{PI, TAU};
 
 use kband::impact::{Contact, Kernel, Map, Tangential};
 
 use super::engine::{Cases, Check, Ledger};
-use super::motion::{
-    height, integrated, printed_velocity_along, rise, slide, velocity, velocity_along,
-};
+use super::motion::{Flight, integrated};
 use crate::refusal::Refusal;
 
 pub(super) const CHECKS: &[Check] = &[
@@ -19,13 +17,14 @@ pub(super) const CHECKS: &[Check] = &[
     maps,
     mean_velocity,
     first_return,
+    written_out,
 ];
 
 /// (1) to (3): a part and a track in the laboratory, in SI units, against the dimensionless
 /// equations.
 fn laboratory(rows: &mut Ledger) -> Result<(), Refusal> {
     const GRAVITY: f64 = 9.81;
-    let mut cases = Cases::new(1);
+    let mut cases = Cases(1);
     for _ in 0..300 {
         let along = cases.settings();
         let w = TAU * cases.within(10.0, 200.0);
@@ -35,6 +34,7 @@ fn laboratory(rows: &mut Ledger) -> Result<(), Refusal> {
         let b = g_normal / (k * w * w);
         let (t, d) = (cases.within(0.0, TAU), cases.within(0.1, 12.0));
         let (psi, phi) = (cases.within(0.1, 3.0), cases.within(-2.0, 2.0));
+        let flight = Flight { k, t, psi, d };
         // Free flight in the laboratory from the track at time 0, seen from the track at d/w.
         let time = d / w;
         let (a, gamma) = (along.amplitude_ratio * b, along.phase_lead);
@@ -56,8 +56,8 @@ fn laboratory(rows: &mut Ledger) -> Result<(), Refusal> {
             let force = g_normal - b * w * w * lift_off.sin();
             rows.compare_in("(1b)", force, 0.0, b * w * w);
         }
-        rows.compare("(2a)", y / b, rise(k, t, psi, d).0);
-        let (v, _) = slide(&along, k, t, phi, d);
+        rows.compare("(2a)", y / b, flight.rise().0);
+        let (v, _) = flight.slide(&along, phi);
         rows.compare("(2b)", x / b, v);
         // g(alpha) read as tg(alpha).
         let literal =
@@ -71,22 +71,24 @@ fn laboratory(rows: &mut Ledger) -> Result<(), Refusal> {
 
 /// (4), (5): both velocities before and after an impact.
 fn impact_laws(rows: &mut Ledger) -> Result<(), Refusal> {
-    let mut cases = Cases::new(2);
+    let mut cases = Cases(2);
     for n in 0..300 {
-        let mut flight = cases.flight()?;
+        let (mut flight, mut restitution, mut impact) = cases.flight()?;
         // The first two cases are both ends of (5).
         if n < 2 {
-            flight.restitution = f64::from(n);
-            flight.impact = Map::build(flight.k, flight.restitution)?.impact(flight.launch);
+            restitution = f64::from(n);
+            impact = Map::build(flight.k, restitution)?.impact(flight.launch());
+            flight.d = impact.flight;
         }
-        let along = cases.settings();
-        let phi = cases.within(-2.0, 2.0);
-        let (t, psi, d) = flight.parts();
-        let (_, arrival) = rise(flight.k, t, psi, d);
-        let (_, sliding) = slide(&along, flight.k, t, phi, d);
-        let next = flight.impact.next.velocity;
-        let after = Tangential::build(flight.k, along)?.after(flight.launch, &flight.impact, phi);
-        rows.compare("(4a)", next, -flight.restitution * arrival);
+        let (along, phi) = (cases.settings(), cases.within(-2.0, 2.0));
+        let (arrival, sliding) = (flight.rise().1, flight.slide(&along, phi).1);
+        let next = impact.next.velocity;
+        let after = Tangential::build(flight.k, along)?.velocity_after_impact(
+            flight.launch(),
+            &impact,
+            phi,
+        );
+        rows.compare("(4a)", next, -restitution * arrival);
         rows.compare("(4b)", after, along.restitution * sliding);
         rows.at_most("(5)", next, arrival.abs());
         rows.at_most("(5)", after.abs(), sliding.abs());
@@ -96,51 +98,52 @@ fn impact_laws(rows: &mut Ledger) -> Result<(), Refusal> {
 
 /// (6): the side of the impact on which the velocities are taken.
 fn sides(rows: &mut Ledger) -> Result<(), Refusal> {
-    let mut cases = Cases::new(12);
+    let mut cases = Cases(12);
     for _ in 0..300 {
-        let flight = cases.flight()?;
-        let (t, psi, d) = flight.parts();
-        let (k, next) = (flight.k, flight.impact.next);
-        let (_, arrival) = rise(k, t, psi, d);
+        let (flight, _, impact) = cases.flight()?;
         // The velocity half a cycle after the impact, by (7a) with psi from either side.
-        let (_, speed) = rise(k, next.phase, next.velocity, PI);
-        rows.compare("(6)", velocity(k, next.phase, next.velocity, PI), speed);
-        rows.print("(6)", velocity(k, next.phase, arrival, PI), speed);
+        let after = |psi| Flight {
+            t: impact.next.phase,
+            psi,
+            d: PI,
+            ..flight
+        };
+        let right = after(impact.next.velocity);
+        rows.compare("(6)", right.velocity(), right.rise().1);
+        rows.print("(6)", after(flight.rise().1).velocity(), right.rise().1);
     }
     Ok(())
 }
 
 /// (7): both coordinates during a flight.
 fn trajectories(rows: &mut Ledger) -> Result<(), Refusal> {
-    let mut cases = Cases::new(4);
+    let mut cases = Cases(4);
     for _ in 0..300 {
         let along = cases.settings();
         let k = cases.within(0.1, 1.5);
         let (t, d) = (cases.within(0.0, TAU), cases.within(0.1, 12.0));
         let (psi, phi) = (cases.within(0.1, 3.0), cases.within(-2.0, 2.0));
-        let (u, rising) = rise(k, t, psi, d);
-        let (_, sliding) = slide(&along, k, t, phi, d);
-        rows.compare("(7a)", velocity(k, t, psi, d), rising);
-        rows.compare("(7b)", height(k, t, psi, d), u);
-        rows.compare("(7c)", velocity_along(&along, k, t, phi, d), sliding);
-        rows.print(
-            "(7c)",
-            printed_velocity_along(&along, k, t, phi, d),
-            sliding,
-        );
+        let flight = Flight { k, t, psi, d };
+        let (height, rising) = flight.rise();
+        let (_, sliding) = flight.slide(&along, phi);
+        let [corrected, printed] = flight.velocities_along(&along, phi);
+        rows.compare("(7a)", flight.velocity(), rising);
+        rows.compare("(7b)", flight.height(), height);
+        rows.compare("(7c)", corrected, sliding);
+        rows.print("(7c)", printed, sliding);
     }
     Ok(())
 }
 
 /// (8): the equation of the flight time, and the digits its printed form loses in short hops.
 fn flight_time(rows: &mut Ledger) -> Result<(), Refusal> {
-    let mut cases = Cases::new(5);
+    let mut cases = Cases(5);
     for _ in 0..2000 {
-        let flight = cases.flight()?;
-        let (t, psi, d) = flight.parts();
+        let (flight, ..) = cases.flight()?;
+        let Flight { k, psi, d, .. } = flight;
         // Unit: the size of the terms of (8).
-        let size = (1.0 + psi) * d + flight.k * d * d + 2.0;
-        rows.compare_in("(8)", height(flight.k, t, psi, d), 0.0, size);
+        let size = (1.0 + psi) * d + k * d * d + 2.0;
+        rows.compare_in("(8)", flight.height(), 0.0, size);
     }
     // A hop of chatter: half way, the height is psi d/4. The printed form finds it as a difference
     // of terms of order d.
@@ -154,14 +157,15 @@ fn flight_time(rows: &mut Ledger) -> Result<(), Refusal> {
         let sagitta = (1.0 - d * d / 20.0) / 6.0;
         let kept = d * (psi + d * (t.sin() * versine - 0.5 * k + d * t.cos() * sagitta));
         rows.compare("finding chatter", kept / exact, 1.0);
-        rows.print("finding chatter", height(k, t, psi, d) / exact, 1.0);
+        let printed = Flight { k, t, psi, d }.height();
+        rows.print("finding chatter", printed / exact, 1.0);
     }
     Ok(())
 }
 
 /// (9), (10): the map of both velocities over many impacts, against the integrated motion.
 fn maps(rows: &mut Ledger) -> Result<(), Refusal> {
-    let mut cases = Cases::new(6);
+    let mut cases = Cases(6);
     for _ in 0..60 {
         let along = cases.settings();
         let k = cases.within(0.1, 1.5);
@@ -171,18 +175,18 @@ fn maps(rows: &mut Ledger) -> Result<(), Refusal> {
         let (rt, mut phi) = (along.restitution, 0.0);
         for _ in 0..5 {
             let impact = map.impact(launch);
-            let (t, psi, d) = (launch.phase, launch.velocity, impact.flight);
-            if d < 1e-3 {
+            let flight = Flight::of(k, launch, &impact);
+            if flight.d < 1e-3 {
                 break;
             }
             let next = impact.next.velocity;
-            rows.compare("(9)", next, -r * rise(k, t, psi, d).1);
-            rows.compare("(9)", r * -velocity(k, t, psi, d), next);
-            let after = tangential.after(launch, &impact, phi);
-            let expected = rt * slide(&along, k, t, phi, d).1;
+            rows.compare("(9)", next, -r * flight.rise().1);
+            rows.compare("(9)", r * -flight.velocity(), next);
+            let after = tangential.velocity_after_impact(launch, &impact, phi);
+            let expected = rt * flight.slide(&along, phi).1;
             rows.compare("(10)", after, expected);
-            let literal = rt * printed_velocity_along(&along, k, t, phi, d);
-            rows.print("(10)", literal, expected);
+            let [_, printed] = flight.velocities_along(&along, phi);
+            rows.print("(10)", rt * printed, expected);
             (phi, launch) = (after, impact.next);
         }
     }
@@ -191,19 +195,18 @@ fn maps(rows: &mut Ledger) -> Result<(), Refusal> {
 
 /// (11): the mean velocity during a flight.
 fn mean_velocity(rows: &mut Ledger) -> Result<(), Refusal> {
-    let mut cases = Cases::new(7);
+    let mut cases = Cases(7);
     for _ in 0..300 {
-        let flight = cases.flight()?;
-        let along = cases.settings();
-        let phi = cases.within(-2.0, 2.0);
-        let (t, _, d) = flight.parts();
+        let (flight, _, impact) = cases.flight()?;
+        let (along, phi) = (cases.settings(), cases.within(-2.0, 2.0));
+        let Flight { k, t, d, .. } = flight;
         let (eta, gamma) = (along.amplitude_ratio, along.phase_lead);
-        let (way, _) = slide(&along, flight.k, t, phi, d);
+        let (way, _) = flight.slide(&along, phi);
         let printed = phi + eta * (t + gamma).cos()
-            - 0.5 * (flight.k * along.incline_tangent) * d
+            - 0.5 * (k * along.incline_tangent) * d
             - eta / d * ((t + d + gamma).sin() - (t + gamma).sin());
         rows.compare("(11)", printed, way / d);
-        let kept = Tangential::build(flight.k, along)?.distance(flight.launch, &flight.impact, phi);
+        let kept = Tangential::build(k, along)?.distance(flight.launch(), &impact, phi);
         rows.compare_in("(11)", kept, way, d);
     }
     Ok(())
@@ -212,31 +215,50 @@ fn mean_velocity(rows: &mut Ledger) -> Result<(), Refusal> {
 /// (12): the next impact is a function of the last. A fine scan of the height finds no earlier
 /// touch, and f1 jumps.
 fn first_return(rows: &mut Ledger) -> Result<(), Refusal> {
-    let mut cases = Cases::new(3);
+    let mut cases = Cases(3);
     for _ in 0..400 {
-        let flight = cases.flight()?;
-        let (t, psi, d) = flight.parts();
-        let steps = (d / 0.002) as u32;
-        let deepest = (1..steps)
-            .map(|n| height(flight.k, t, psi, d * f64::from(n) / f64::from(steps)))
-            .fold(f64::INFINITY, f64::min);
+        let (flight, ..) = cases.flight()?;
+        let steps = (flight.d / 0.002) as u32;
+        let height = |n| {
+            let d = flight.d * f64::from(n) / f64::from(steps);
+            Flight { d, ..flight }.height()
+        };
+        let deepest = (1..steps).map(height).fold(f64::INFINITY, f64::min);
         rows.at_most("(12a,b)", -deepest, 0.0);
     }
     // Launches a hundredth apart, either side of one that grazes the track, fly by half a cycle
     // longer.
     let map = Map::build(0.2, 0.5)?;
-    let mut jumps = 0;
+    let mut jumps = false;
     for phase in 0..40 {
-        let mut flights = Vec::new();
+        let mut before: Option<f64> = None;
         for velocity in 0..100 {
             let launch = Map::state(0.15 * f64::from(phase), 0.01 * f64::from(velocity))?;
-            flights.push(map.impact(launch).flight);
+            let flight = map.impact(launch).flight;
+            jumps |= before.is_some_and(|before| (flight - before).abs() > PI);
+            before = Some(flight);
         }
-        jumps += flights
-            .windows(2)
-            .filter(|pair| (pair[1] - pair[0]).abs() > PI)
-            .count();
     }
-    rows.require("(12a,b)", jumps > 0);
+    rows.require("(12a,b)", jumps);
+    Ok(())
+}
+
+/// (24), (25): the mean velocity in a flight, written out in cos(gamma) and sin(gamma).
+fn written_out(rows: &mut Ledger) -> Result<(), Refusal> {
+    let mut cases = Cases(13);
+    for _ in 0..1200 {
+        let (flight, _, impact) = cases.flight()?;
+        let (along, phi) = (cases.settings(), cases.within(-2.0, 2.0));
+        let Flight { k, t, psi, d } = flight;
+        let (eta, gamma) = (along.amplitude_ratio, along.phase_lead);
+        let pull = k * along.incline_tangent;
+        let mean = Tangential::build(k, along)?.distance(flight.launch(), &impact, phi) / d;
+        let sines = eta * gamma.cos() / d * ((t + d).sin() - t.sin());
+        let cosines = eta * gamma.sin() / d * ((t + d).cos() - t.cos());
+        let split = eta * (t + gamma).cos() - 0.5 * pull * d + phi - sines - cosines;
+        rows.compare("(24)", split, mean);
+        let rest = phi - eta * gamma.cos() * psi + d * (0.5 * eta * k * gamma.cos() - 0.5 * pull);
+        rows.compare("(25)", rest - eta * gamma.sin() * t.sin() - cosines, mean);
+    }
     Ok(())
 }

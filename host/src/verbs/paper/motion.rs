@@ -1,6 +1,6 @@
 //! The motion during a flight: integrated step by step, and in the closed forms of (7).
 
-use kband::impact::TangentialSettings;
+use kband::impact::{Impact, PartState, TangentialSettings};
 
 /// Way and velocity after `d` of a point that starts at 0 with `velocity` at phase `t`.
 ///
@@ -26,47 +26,65 @@ pub(super) fn integrated(
     (way, speed)
 }
 
-/// Height and velocity after `d` by (2a), integrated.
-pub(super) fn rise(k: f64, t: f64, psi: f64, d: f64) -> (f64, f64) {
-    integrated(t, d, psi, |tau| tau.sin() - k)
+/// A flight of length `d` from phase `t` with velocity `psi`; along the track it begins with `phi`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Flight {
+    pub k: f64,
+    pub t: f64,
+    pub psi: f64,
+    pub d: f64,
 }
 
-/// Way and velocity along the track after `d` by (2b), integrated.
-pub(super) fn slide(along: &TangentialSettings, k: f64, t: f64, phi: f64, d: f64) -> (f64, f64) {
-    let (eta, gamma, pull) = (
-        along.amplitude_ratio,
-        along.phase_lead,
-        k * along.incline_tangent,
-    );
-    integrated(t, d, phi, |tau| eta * (tau + gamma).sin() - pull)
-}
+impl Flight {
+    pub(super) fn of(k: f64, launch: PartState, impact: &Impact<PartState>) -> Self {
+        Self {
+            k,
+            t: launch.phase,
+            psi: launch.velocity,
+            d: impact.flight,
+        }
+    }
 
-/// u'(d) as printed in (7a).
-pub(super) fn velocity(k: f64, t: f64, psi: f64, d: f64) -> f64 {
-    -k * d + t.cos() + psi - (t + d).cos()
-}
+    pub(super) fn launch(&self) -> PartState {
+        PartState {
+            phase: self.t,
+            velocity: self.psi,
+        }
+    }
 
-/// u(d) as printed in (7b) and (8).
-pub(super) fn height(k: f64, t: f64, psi: f64, d: f64) -> f64 {
-    (t.cos() + psi) * d - 0.5 * k * d * d - ((t + d).sin() - t.sin())
-}
+    /// Height and velocity at its end by (2a), integrated.
+    pub(super) fn rise(&self) -> (f64, f64) {
+        integrated(self.t, self.d, self.psi, |tau| tau.sin() - self.k)
+    }
 
-/// v'(d) by (7c), corrected.
-pub(super) fn velocity_along(along: &TangentialSettings, k: f64, t: f64, phi: f64, d: f64) -> f64 {
-    let gamma = along.phase_lead;
-    let change = (t + d + gamma).cos() - (t + gamma).cos();
-    phi - along.amplitude_ratio * change - k * along.incline_tangent * d
-}
+    /// Way and velocity along the track at its end by (2b), integrated.
+    pub(super) fn slide(&self, along: &TangentialSettings, phi: f64) -> (f64, f64) {
+        let (eta, gamma) = (along.amplitude_ratio, along.phase_lead);
+        let pull = self.k * along.incline_tangent;
+        integrated(self.t, self.d, phi, |tau| eta * (tau + gamma).sin() - pull)
+    }
 
-/// v'(d) as printed in (7c).
-pub(super) fn printed_velocity_along(
-    along: &TangentialSettings,
-    k: f64,
-    t: f64,
-    phi: f64,
-    d: f64,
-) -> f64 {
-    let gamma = along.phase_lead;
-    let change = (t + d + gamma).cos() - (t + gamma).cos();
-    -along.amplitude_ratio * (change - k * along.incline_tangent * d + phi)
+    /// u'(d) as printed in (7a).
+    pub(super) fn velocity(&self) -> f64 {
+        let Self { k, t, psi, d } = *self;
+        -k * d + t.cos() + psi - (t + d).cos()
+    }
+
+    /// u(d) as printed in (7b) and (8).
+    pub(super) fn height(&self) -> f64 {
+        let Self { k, t, psi, d } = *self;
+        (t.cos() + psi) * d - 0.5 * k * d * d - ((t + d).sin() - t.sin())
+    }
+
+    /// v'(d) by (7c): corrected, and as printed.
+    pub(super) fn velocities_along(&self, along: &TangentialSettings, phi: f64) -> [f64; 2] {
+        let Self { k, t, d, .. } = *self;
+        let (eta, gamma) = (along.amplitude_ratio, along.phase_lead);
+        let change = (t + d + gamma).cos() - (t + gamma).cos();
+        let pull = k * along.incline_tangent;
+        [
+            phi - eta * change - pull * d,
+            -eta * (change - pull * d + phi),
+        ]
+    }
 }

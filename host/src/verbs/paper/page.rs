@@ -29,83 +29,71 @@ pub(super) fn page(
     desk: &Desk,
 ) -> Result<String, Refusal> {
     let r = number(restitution, 4);
+    let conveying = |options: &str| transport::picture(options, desk);
     let pictures = [
         (
             figures::model(restitution)?,
             "Fig. 1, the model: a part on a track that swings by b normal to itself and by a along itself, \
-             on an incline."
-                .into(),
+             on an incline.",
         ),
         (
             figures::motion(restitution)?,
-            "Fig. 2, a motion: the part strikes the track at τ₀, τ₁, … and flies freely between.".into(),
+            "Fig. 2, a motion: the part strikes the track at τ₀, τ₁, … and flies freely between.",
         ),
         (
             figures::regimes(restitution, desk)?,
-            format!(
+            &format!(
                 "Fig. 3, redrawn from data for R = {r}: the phases at which parts strike, over k, from \
                  rest and from the locks. Between the bands parts mostly hop, rest and are thrown off again."
             ),
         ),
         (
-            transport::picture(&format!("--restitution {r}"), desk)?,
+            conveying(&format!("--restitution {r}"))?,
             "Conveying speed over k. Locked parts travel at one speed whatever the amplitude; elsewhere the \
-             speed grows with it."
-                .into(),
+             speed grows with it.",
         ),
         (
-            transport::picture("--restitution 0.9 --k 0.02..0.9:90 --amplitude-ratio 2", desk)?,
+            conveying("--restitution 0.9 --k 0.02..0.9:90 --amplitude-ratio 2")?,
             "Wide chaos, R = 0.9: the time mean grows like the amplitude and exceeds the bound (37) of the \
-             impact mean."
-                .into(),
+             impact mean.",
         ),
         (
-            transport::picture("--restitution 0.9 --k 0.05 --show intervals", desk)?,
+            conveying("--restitution 0.9 --k 0.05 --show intervals")?,
             "The renewal picture (28) to (32), measured: the distribution of the intervals, and their \
-             correlation."
-                .into(),
+             correlation.",
         ),
         (
-            transport::picture("--k 0.2 --show return", desk)?,
-            "The limit (38) of dead parts: a map of the launch phase alone.".into(),
+            conveying("--k 0.2 --show return")?,
+            "The limit (38) of dead parts: a map of the launch phase alone.",
         ),
     ];
-    let mut page =
-        String::from("<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">");
-    page.push_str("<meta name=\"viewport\" content=\"width=device-width\">");
-    page.push_str(&format!(
-        "<meta name=\"provenance\" content=\"{}\">",
-        escaped(&provenance::line()).replace('"', "&quot;")
-    ));
-    page.push_str(&format!(
-        "<title>The paper, recomputed</title><style>{STYLE}</style></head><body{}>\n",
-        if theme == Theme::Dark {
-            " class=\"dark\""
-        } else {
-            ""
-        }
-    ));
-    page.push_str(
-        "<h1>The paper, recomputed</h1>\n<p>M.-O. Hongler, J. Figour, <em>Periodic versus chaotic dynamics in \
+    let dark = if theme == Theme::Dark {
+        " class=\"dark\""
+    } else {
+        ""
+    };
+    let mut page = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width\">\
+         <meta name=\"provenance\" content=\"{}\">\
+         <title>The paper, recomputed</title><style>{STYLE}</style></head><body{dark}>\n\
+         <h1>The paper, recomputed</h1>\n<p>M.-O. Hongler, J. Figour, <em>Periodic versus chaotic dynamics in \
          vibratory feeders</em>, Helv. Phys. Acta (1989). Each row is recomputed from the exact map and compared \
-         with a reference of its own; the residual is the largest deviation over all cases.</p>\n",
-    );
-    let failed = rows.iter().filter(|row| !row.holds).count();
-    page.push_str(&format!(
-        "<p><strong>{}. {}</strong></p>\n",
+         with a reference of its own; the residual is the largest deviation over all cases.</p>\n\
+         <p><strong>{}. {}</strong></p>\n{}",
+        escaped(&provenance::line()).replace('"', "&quot;"),
         summarize(rows),
-        if failed == 0 {
-            "Every recomputation agrees with its reference.".to_string()
-        } else {
-            format!("{failed} recomputations disagree with their reference.")
-        }
-    ));
-    page.push_str(&table(rows));
-    for (picture, words) in pictures {
+        match rows.iter().filter(|row| !row.holds).count() {
+            0 => "Every recomputation agrees with its reference.".into(),
+            failed => format!("{failed} recomputations disagree with their reference."),
+        },
+        table(rows),
+    );
+    for (n, (picture, words)) in pictures.iter().enumerate() {
         page.push_str(&format!(
             "<figure>\n{}\n<figcaption>{}</figcaption></figure>\n",
-            inline(&picture.to_svg(theme, "")),
-            escaped(&words)
+            picture.to_svg_element(theme, &format!("p{n}")),
+            escaped(words)
         ));
     }
     page.push_str("</body></html>\n");
@@ -119,26 +107,21 @@ fn table(rows: &[Row]) -> String {
          <tbody>\n",
     );
     for row in rows {
-        let words = [&row.equation, &row.subject, &row.printed, &row.recomputed];
-        table.push_str(if row.holds {
-            "<tr>"
+        let (begin, verdict) = if row.holds {
+            ("<tr>", row.verdict.as_str())
         } else {
-            "<tr class=\"fails\">"
-        });
-        for word in words {
+            ("<tr class=\"fails\">", "recomputation fails")
+        };
+        table.push_str(begin);
+        for word in [&row.equation, &row.subject, &row.printed, &row.recomputed] {
             table.push_str(&format!("<td>{}</td>", escaped(word)));
         }
-        let verdict = if row.holds {
-            row.verdict
-        } else {
-            "recomputation fails"
-        };
         table.push_str(&format!("<td class=\"verdict\">{verdict}</td>"));
+        let off = row.printed_error.map(|off| number(off, 2));
         for value in [
             number(row.residual, 2),
             number(row.tolerance, 2),
-            row.printed_error
-                .map_or_else(String::new, |off| number(off, 2)),
+            off.unwrap_or_default(),
             row.cases.to_string(),
         ] {
             table.push_str(&format!("<td class=\"number\">{value}</td>"));
@@ -146,11 +129,6 @@ fn table(rows: &[Row]) -> String {
         table.push_str("</tr>\n");
     }
     table + "</tbody></table>\n"
-}
-
-/// An SVG document as an element of a page.
-fn inline(svg: &str) -> &str {
-    svg.find("<svg").map_or(svg, |start| &svg[start..])
 }
 
 fn escaped(words: &str) -> String {
@@ -165,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_page_links_to_nothing_and_marks_failing_rows() {
+    fn a_page_links_to_nothing_marks_failures_and_repeats_no_id() {
         let rows = crate::verbs::paper::tests::rows();
         let text = table(rows);
         assert_eq!(text.matches("<tr>").count(), rows.len() + 1);
@@ -173,9 +151,17 @@ mod tests {
         let mut broken = rows[0].clone();
         broken.holds = false;
         assert!(table(&[broken]).contains("class=\"fails\""));
-        let picture = figures::regimes(0.2, &Desk::new(Some(2)).unwrap()).unwrap();
-        let svg = picture.to_svg(Theme::Light, "");
-        let inline = inline(&svg);
-        assert!(inline.starts_with("<svg") && !inline.contains("href=\"http"));
+        let page = page(rows, 0.2, Theme::Light, &Desk::new(Some(2)).unwrap()).unwrap();
+        assert!(!page.contains("href=\"http"));
+        let after = |mark| {
+            page.split(mark)
+                .skip(1)
+                .filter_map(|rest| rest.split(['"', ')']).next())
+        };
+        let ids: Vec<&str> = after(" id=\"").collect();
+        let unique: std::collections::BTreeSet<&str> = ids.iter().copied().collect();
+        assert!(ids.len() >= 7, "{ids:?}");
+        assert_eq!(ids.len(), unique.len(), "an id stands twice: {ids:?}");
+        assert!(after("url(#").all(|id| unique.contains(id)));
     }
 }

@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use kband::control::Event;
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::{Tone, Wave};
 use kband::regime::band::{self, Band};
+use kband_control::Event;
 use serde_json::{Map, Value as Json, json};
 
 use crate::desk::Desk;
@@ -35,7 +35,7 @@ const SECOND_TONE: Tone = Tone {
     angle: 2.356,
 };
 /// Maps of basins, cells along a side of each, velocity at their upper edge in `b w`.
-const BASINS: usize = 21;
+const BASIN_MAPS: usize = 21;
 const BASIN_SIDE: usize = 80;
 const BASIN_VELOCITY: f64 = 3.0;
 /// Impacts after which a start counts as undecided: a twentieth of what `kband basins` waits for,
@@ -48,7 +48,7 @@ const FRICTIONS: [f64; 10] = [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0
 /// Scatters over which gear is shown.
 const SCATTERS: [f64; 8] = [0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.15];
 /// Most impacts that are drawn of a run.
-const IMPACTS: usize = 1500;
+const MAX_DRAWN_IMPACTS: usize = 1500;
 
 /// The feeder that the page shows.
 #[derive(Clone, Debug)]
@@ -258,8 +258,8 @@ fn basin_maps(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
     );
     let (from, to) = (0.9 / birth, 1.25 / flip);
     let mut maps = Vec::new();
-    for n in 0..BASINS {
-        let k = 1.0 / (from + (to - from) * n as f64 / (BASINS - 1) as f64);
+    for n in 0..BASIN_MAPS {
+        let k = 1.0 / (from + (to - from) * n as f64 / (BASIN_MAPS - 1) as f64);
         let endings = Endings::new(k, restitution, BASIN_IMPACTS)?;
         let ends = basins::ends(&endings, BASIN_SIDE, BASIN_VELOCITY, desk)?;
         let signs: String = ends
@@ -268,7 +268,7 @@ fn basin_maps(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
             .collect();
         let mut shares: Vec<(String, usize)> = Vec::new();
         for end in &ends {
-            let name = ending::told(*end, BASIN_IMPACTS);
+            let name = ending::describe_regime(*end, BASIN_IMPACTS);
             match shares.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, count)) => *count += 1,
                 None => shares.push((name, 1)),
@@ -282,7 +282,7 @@ fn basin_maps(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
         maps.push(json!({
             "k": short(k),
             "amplitude_mm": feeder.millimetres(k),
-            "from_rest": ending::told(endings.from_rest(), BASIN_IMPACTS),
+            "from_rest": ending::describe_regime(endings.from_rest(), BASIN_IMPACTS),
             "locks": endings.locks().map(|lock| [short(lock.state().phase), short(lock.state().velocity)]).collect::<Vec<_>>(),
             "shares": shares,
             "signs": signs,
@@ -372,7 +372,7 @@ fn run(outcome: &Outcome) -> Json {
         })
         .collect();
     let impacts = sketch.impacts();
-    let stride = impacts.len().div_ceil(IMPACTS).max(1);
+    let stride = impacts.len().div_ceil(MAX_DRAWN_IMPACTS).max(1);
     let kinds = kin(&outcome.file().scene.parts);
     let parts: Vec<Json> = kinds
         .iter()
@@ -392,7 +392,7 @@ fn run(outcome: &Outcome) -> Json {
         "amplitude_mm": pairs(sketch.amplitude(), 1e3),
         "reference_mm": pairs(sketch.reference(), 1e3),
         "k": pairs(sketch.k(), 1.0),
-        "in_gear_heard": pairs(sketch.in_gear(), 1.0),
+        "in_gear_estimated": pairs(sketch.in_gear(), 1.0),
         "in_gear_true": outcome.in_gear().map(short),
         "lock_phase_rad": outcome.expected_phase().filter(|_| outcome.last().shape.is_sine()).map(short),
         "states": ribbon,

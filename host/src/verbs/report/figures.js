@@ -30,15 +30,15 @@ const span = (values, room = 0.06) => {
       height: 360,
       layers: [
         ...orders.map((one, n) => ({ kind: "area", series: n, name: `locks of order ${one.order}`, points: restitution.map((r, m) => [r, mm(one.k_high[m]), mm(one.k_low[m])]) })),
-        ...(common ? [{ kind: "strip", low: mm(birth), high: mm(flip), name: "shared by the lot" }, { kind: "level", y: mm(setpoint), name: `setpoint ${told(mm(setpoint))} mm` }] : []),
+        ...(common ? [{ kind: "strip", low: mm(birth), high: mm(flip), name: "shared by the lot" }, { kind: "level", y: mm(setpoint), name: `setpoint ${formatNumber(mm(setpoint))} mm` }] : []),
         { kind: "mark", x: low.value, name: "lot" }, { kind: "mark", x: high.value, name: "" },
       ],
       verdict: common
-        ? `R ${told(low.value)}..${told(high.value)}, order ${of.order}, ${told(at)} Hz: every part locks from ${told(mm(birth))} to ${told(mm(flip))} mm; setpoint ${told(mm(setpoint))} mm, margin ${told(margin, 3)} % of it.`
-        : `R ${told(low.value)}..${told(high.value)}, order ${of.order}, ${told(at)} Hz: no amplitude locks every part of this lot; sort it into narrower ones.`,
+        ? `R ${formatNumber(low.value)}..${formatNumber(high.value)}, order ${of.order}, ${formatNumber(at)} Hz: every part locks from ${formatNumber(mm(birth))} to ${formatNumber(mm(flip))} mm; setpoint ${formatNumber(mm(setpoint))} mm, margin ${formatNumber(margin, 3)} % of it.`
+        : `R ${formatNumber(low.value)}..${formatNumber(high.value)}, order ${of.order}, ${formatNumber(at)} Hz: no amplitude locks every part of this lot; sort it into narrower ones.`,
       read: (x, y) => {
         const n = nearest(restitution, x), inside = orders.find((one) => y >= mm(one.k_high[n]) && y <= mm(one.k_low[n]));
-        return `R ${told(restitution[n])}, b ${told(y)} mm (k ${told(millimetres(1, at) / y)}): ` + (inside ? `locks of order ${inside.order}` : "no lock of one impact a period, order 1 to 3");
+        return `R ${formatNumber(restitution[n])}, b ${formatNumber(y)} mm (k ${formatNumber(millimetres(1, at) / y)}): ` + (inside ? `locks of order ${inside.order}` : "no lock of one impact a period, order 1 to 3");
       },
       numbers: () => ({
         heads: ["R", ...orders.flatMap((one) => [`order ${one.order}, from / mm`, "to / mm"])],
@@ -46,18 +46,18 @@ const span = (values, room = 0.06) => {
       }),
     };
   });
-  const r = (value) => "R " + told(value);
+  const r = (value) => "R " + formatNumber(value);
   const low = chart.slider("lot-low", "the lot's deadest part", restitution, nearest(restitution, feeder.restitution_low), r);
   const high = chart.slider("lot-high", "the lot's liveliest part", restitution, nearest(restitution, feeder.restitution_high), r);
   const order = chart.slider("order", "order: drive cycles in a flight", orders.map((one) => one.order), Math.min(feeder.order, orders.length) - 1, String);
   const all = [...new Set([...Array.from({ length: 40 }, (_, n) => 5 + 5 * n), feeder.frequency_hz])].sort((a, b) => a - b);
-  const frequency = chart.slider("frequency", "frequency of the drive", all, all.indexOf(feeder.frequency_hz), (value) => told(value) + " Hz");
+  const frequency = chart.slider("frequency", "frequency of the drive", all, all.indexOf(feeder.frequency_hz), (value) => formatNumber(value) + " Hz");
 }
 
 // Share of time in gear.
 {
   const gear = data.gear, b = gear.amplitude_mm;
-  const two = `two tones, e = ${told(gear.second_tone)} at ${told(gear.second_tone_angle_rad * 180 / Math.PI, 3)}°`;
+  const two = `two tones, e = ${formatNumber(gear.second_tone)} at ${formatNumber(gear.second_tone_angle_rad * 180 / Math.PI, 3)}°`;
   const chart = new Chart("gear", () => {
     const one = gear.one_tone[scatter.index], both = gear.two_tones[scatter.index];
     const curve = (values) => b.map((x, n) => [x, values[n]]);
@@ -71,12 +71,12 @@ const span = (values, room = 0.06) => {
         { kind: "line", series: 1, name: two + ", mean of the lot", points: curve(both.mean) },
         { kind: "points", series: 0, points: [[b[best], one.mean[best]]] },
       ],
-      verdict: `Scatter ${told(scatter.value)}: at best in gear ${told(100 * one.mean[best], 3)} % of the time, at ${told(b[best])} mm; with a second tone ${told(100 * both.mean[bestOfTwo], 3)} %, at ${told(b[bestOfTwo])} mm.`,
-      read: (x) => { const n = nearest(b, x); return `b ${told(b[n])} mm (k ${told(gear.k[n])}): mean ${told(one.mean[n], 3)}, least ${told(one.least[n], 3)}; two tones ${told(both.mean[n], 3)}`; },
+      verdict: `Scatter ${formatNumber(scatter.value)}: at best in gear ${formatNumber(100 * one.mean[best], 3)} % of the time, at ${formatNumber(b[best])} mm; with a second tone ${formatNumber(100 * both.mean[bestOfTwo], 3)} %, at ${formatNumber(b[bestOfTwo])} mm.`,
+      read: (x) => { const n = nearest(b, x); return `b ${formatNumber(b[n])} mm (k ${formatNumber(gear.k[n])}): mean ${formatNumber(one.mean[n], 3)}, least ${formatNumber(one.least[n], 3)}; two tones ${formatNumber(both.mean[n], 3)}`; },
       numbers: () => ({ heads: ["b / mm", "k", "mean", "least", "two tones, mean", "least"], rows: b.map((x, n) => [x, gear.k[n], one.mean[n], one.least[n], both.mean[n], both.least[n]]) }),
     };
   });
-  const scatter = chart.slider("scatter", "scatter of restitution from impact to impact", gear.scatter, gear.scatter_of_the_lot, (value) => "s " + told(value));
+  const scatter = chart.slider("scatter", "scatter of restitution from impact to impact", gear.scatter, gear.scatter_of_the_lot, (value) => "s " + formatNumber(value));
 }
 
 // Basins.
@@ -90,17 +90,17 @@ const span = (values, room = 0.06) => {
       height: 440, plane: true,
       cells: { side, signs: map.signs, legend: used.map((fill) => [fill, data.fills[fill]]) },
       layers: [{ kind: "points", series: 1, name: map.locks.length ? "the locked orbit" : "", points: map.locks.filter(([, v]) => v <= velocity_top) }],
-      verdict: `R ${told(restitution)} at ${told(map.amplitude_mm)} mm (k ${told(map.k)}; its band is ${told(band_mm[0])}..${told(band_mm[1])} mm): ` +
-        map.shares.slice(0, 4).map((one) => `${one.regime} ${told(100 * one.share, 3)} %`).join(", ") + `. From rest: ${map.from_rest}.`,
+      verdict: `R ${formatNumber(restitution)} at ${formatNumber(map.amplitude_mm)} mm (k ${formatNumber(map.k)}; its band is ${formatNumber(band_mm[0])}..${formatNumber(band_mm[1])} mm): ` +
+        map.shares.slice(0, 4).map((one) => `${one.regime} ${formatNumber(100 * one.share, 3)} %`).join(", ") + `. From rest: ${map.from_rest}.`,
       read: (x, y) => {
         const column = Math.min(Math.floor(x / phase_top * side), side - 1), row = Math.min(Math.floor(y / velocity_top * side), side - 1);
-        return `phase ${told(x, 3)} rad, velocity ${told(y, 3)} b w: ${data.fills[map.signs[row * side + column]]}`;
+        return `phase ${formatNumber(x, 3)} rad, velocity ${formatNumber(y, 3)} b w: ${data.fills[map.signs[row * side + column]]}`;
       },
       numbers: () => ({ heads: ["regime", "share / %"], rows: map.shares.map((one) => [one.regime, 100 * one.share]) }),
     };
   });
   const middle = (band_mm[0] + band_mm[1]) / 2;
-  const amplitude = chart.slider("basin", "amplitude of the track", maps, nearest(maps.map((map) => map.amplitude_mm), middle), (map) => told(map.amplitude_mm) + " mm");
+  const amplitude = chart.slider("basin", "amplitude of the track", maps, nearest(maps.map((map) => map.amplitude_mm), middle), (map) => formatNumber(map.amplitude_mm) + " mm");
 }
 
 // Conveying speed.
@@ -116,14 +116,14 @@ const span = (values, room = 0.06) => {
       x: { label: "amplitude b", unit: "mm", low: b[0], high: b.at(-1) },
       y: { label: "conveying speed", unit: "mm/s", ...every },
       ribbon, fills: ["S: always in contact", "H-S: hops and lies", "H: hops on"],
-      layers: [{ kind: "line", series: 0, name: `friction ${told(mu.value.friction)}`, points: rows.map((row) => [row[1], row[2]]) }, { kind: "level", y: 0, name: "" }],
+      layers: [{ kind: "line", series: 0, name: `friction ${formatNumber(mu.value.friction)}`, points: rows.map((row) => [row[1], row[2]]) }, { kind: "level", y: 0, name: "" }],
       verdict: fastest[2] === null ? "Friction does not hold the part on this incline."
-        : `R ${told(restitution)}, friction ${told(mu.value.friction)}${given ? "" : " (the scene names none)"}: fastest ${told(fastest[2])} mm/s at ${told(fastest[1])} mm, throw number ${told(fastest[0], 3)}.`,
-      read: (x) => { const row = rows[nearest(b, x)]; return `b ${told(row[1])} mm, throw number ${told(row[0], 3)}: ${told(row[2])} mm/s, ${row[3]}`; },
+        : `R ${formatNumber(restitution)}, friction ${formatNumber(mu.value.friction)}${given ? "" : " (the scene names none)"}: fastest ${formatNumber(fastest[2])} mm/s at ${formatNumber(fastest[1])} mm, throw number ${formatNumber(fastest[0], 3)}.`,
+      read: (x) => { const row = rows[nearest(b, x)]; return `b ${formatNumber(row[1])} mm, throw number ${formatNumber(row[0], 3)}: ${formatNumber(row[2])} mm/s, ${row[3]}`; },
       numbers: () => ({ heads: ["throw number", "b / mm", "speed / mm/s", "regime"], rows }),
     };
   });
-  const mu = chart.slider("friction", "friction of parts on the track", curves, friction_of_the_scene, (curve) => "μ " + told(curve.friction));
+  const mu = chart.slider("friction", "friction of parts on the track", curves, friction_of_the_scene, (curve) => "μ " + formatNumber(curve.friction));
 }
 
 // The run: three pictures with one cursor in time.
@@ -147,25 +147,25 @@ if (data.run) {
       x, y: { label: "amplitude b", unit: "mm", low: 0, high: span([...run.amplitude_mm, ...run.reference_mm].map((point) => point[1])).high }, height: 340,
       ribbon: run.states, fills: run.state_fills,
       layers: [{ kind: "line", series: 0, name: "measured", points: run.amplitude_mm }, { kind: "line", series: 1, name: "asked for", points: run.reference_mm }, ...marks, here()],
-      verdict: `At ${told(time.value)} s: ${state(time.value)}, b ${told(at(run.amplitude_mm, time.value))} mm, k ${told(at(run.k, time.value))}, in gear ${told(at(run.in_gear_heard, time.value), 3)} as heard.`,
-      read: (t) => `${told(t)} s: ${state(t)}, b ${told(at(run.amplitude_mm, t))} mm, asked for ${told(at(run.reference_mm, t))} mm, k ${told(at(run.k, t))}`,
+      verdict: `At ${formatNumber(time.value)} s: ${state(time.value)}, b ${formatNumber(at(run.amplitude_mm, time.value))} mm, k ${formatNumber(at(run.k, time.value))}, in gear ${formatNumber(at(run.in_gear_estimated, time.value), 3)} as heard.`,
+      read: (t) => `${formatNumber(t)} s: ${state(t)}, b ${formatNumber(at(run.amplitude_mm, t))} mm, asked for ${formatNumber(at(run.reference_mm, t))} mm, k ${formatNumber(at(run.k, t))}`,
       numbers: () => ({ heads: ["time / s", "event"], rows: run.events }),
     };
   });
-  const time = chart.slider("time", "time", times, 500, (value) => told(value) + " s");
+  const time = chart.slider("time", "time", times, 500, (value) => formatNumber(value) + " s");
   charts.push(new Chart("phases", () => ({
     x, y: { label: "phase at impact", unit: "rad", low: 0, high: 2 * Math.PI }, height: 260,
     layers: [...run.parts.map((part, series) => ({ kind: "points", series, name: part.name, points: part.impacts })), ...(run.lock_phase_rad === null ? [] : [{ kind: "level", y: run.lock_phase_rad, name: "the lock" }]), here()],
     read: (t, y) => { const near = run.parts.flatMap((part) => part.impacts.map((one) => [...one, part.name])).reduce((best, one) => Math.hypot((one[0] - t) / run.duration_s, (one[1] - y) / 6) < Math.hypot((best[0] - t) / run.duration_s, (best[1] - y) / 6) ? one : best, [Infinity, 0, 0]);
-      return near[0] === Infinity ? `${told(t)} s: no impact` : `impact at ${told(near[0])} s: phase ${told(near[1], 3)} rad, ${told(1e3 * near[2], 3)} mm/s (${near[3]})`; },
+      return near[0] === Infinity ? `${formatNumber(t)} s: no impact` : `impact at ${formatNumber(near[0])} s: phase ${formatNumber(near[1], 3)} rad, ${formatNumber(1e3 * near[2], 3)} mm/s (${near[3]})`; },
     plane: true,
     numbers: () => ({ heads: ["part", "time / s", "phase / rad", "speed / m/s"], rows: run.parts.flatMap((part) => part.impacts.map((one) => [part.name, ...one])) }),
   })));
   charts.push(new Chart("share", () => ({
     x, y: { label: "share in gear", low: 0, high: 1.05 }, height: 200,
-    layers: [{ kind: "line", series: 0, name: "heard", points: run.in_gear_heard }, ...(run.in_gear_true === null ? [] : [{ kind: "level", y: run.in_gear_true, name: "true, mean" }]), here()],
-    read: (t) => `${told(t)} s: in gear ${told(at(run.in_gear_heard, t), 3)} as heard`,
-    numbers: () => ({ heads: ["time / s", "in gear, heard"], rows: run.in_gear_heard }),
+    layers: [{ kind: "line", series: 0, name: "estimated", points: run.in_gear_estimated }, ...(run.in_gear_true === null ? [] : [{ kind: "level", y: run.in_gear_true, name: "true, mean" }]), here()],
+    read: (t) => `${formatNumber(t)} s: in gear ${formatNumber(at(run.in_gear_estimated, t), 3)} (estimated)`,
+    numbers: () => ({ heads: ["time / s", "in gear, estimated"], rows: run.in_gear_estimated }),
   })));
 }
 coloured();

@@ -4,7 +4,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-use kband::wire::{Identification, Identified, Request, Response, Target, Unidentified};
+use kband_control::wire::{Request, Response};
+use kband_control::{Identification, Identified, Target, Unidentified};
 
 use super::drive::why_off;
 use super::offer::{Offer, print};

@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use kband::control::State;
-use kband::wire::{Request, Telemetry};
+use kband_control::State;
+use kband_control::wire::{Request, Telemetry};
 
 use crate::board::{Link, Unsolicited};
 use crate::refusal::Refusal;

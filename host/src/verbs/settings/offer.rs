@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use kband::wire::Request;
+use kband_control::wire::Request;
 
 use super::drive::rest;
 use super::kept;

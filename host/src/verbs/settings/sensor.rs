@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-use kband::control::{Settings, State};
 use kband::feeder::STANDARD_GRAVITY;
-use kband::wire::{Request, Response, Target, Telemetry};
+use kband_control::wire::{Request, Response, Status, Telemetry};
+use kband_control::{Settings, State, Target};
 
 use super::drive::{rest, why_off};
 use super::offer::{Offer, print};
@@ -57,15 +57,19 @@ fn quiet_k(settings: &Settings) -> f32 {
     QUIET_K.max(gravity / (QUIET_SHARE * highest))
 }
 
-/// Track amplitude in m for full output at the drive's frequency, by the settings.
-fn strength(settings: &Settings) -> f64 {
-    let gain = f64::from(settings.gain) * 1e-3;
+/// Track amplitude at the drive's frequency over that at resonance, by the settings.
+fn response(settings: &Settings) -> f64 {
     if settings.tracking > 0.0 {
-        return gain;
+        return 1.0;
     }
     let x = f64::from(settings.frequency / settings.resonance);
     let quality = f64::from(settings.quality);
-    gain / (quality * (1.0 - x * x).hypot(x / quality))
+    1.0 / (quality * (1.0 - x * x).hypot(x / quality))
+}
+
+/// Track amplitude in m for full output at the drive's frequency, by the settings.
+fn strength(settings: &Settings) -> f64 {
+    f64::from(settings.gain) * 1e-3 * response(settings)
 }
 
 /// The ratio over the last steady cycles; `None` where they are too few.
@@ -117,7 +121,7 @@ pub(super) fn run(
         ));
     }
     rest(&mut link)?;
-    let mean = mean_at_rest(&mut link, desk);
+    let mean = average(&mut link, desk, |status| status.mean);
     // Measured or not, the board goes on as before.
     link.tell(&Request::Enable(true))?;
     let mean = mean?;
@@ -125,18 +129,27 @@ pub(super) fn run(
     link.tell(&Request::Target(Target::K(quiet_k(&known))))?;
     let quiet = measure(&mut link, &known, within, desk);
     link.tell(&Request::Target(held))?;
-    let quiet = quiet?;
-    let loaded = measure(&mut link, &known, within, desk)?;
+    let (quiet, quiet_per_ampere) = quiet?;
+    let (loaded, loaded_per_ampere) = measure(&mut link, &known, within, desk)?;
     let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
     let seen = mean / STANDARD_GRAVITY;
     let volts = f64::from(known.sensor_zero) + seen * f64::from(known.sensitivity);
     let voltage = digits(volts, 1e4);
     let gain = digits(f64::from(known.gain) * quiet.mean, 1e4);
-    let tolerance = |ratio: Ratio| digits((MARGIN * ratio.factor(quiet.mean)).min(2.5), 100.0);
-    let [swing, run] = [quiet, loaded].map(tolerance);
+    let wired = known.current_sensitivity > 0.0;
+    let change = loaded_per_ampere / quiet_per_ampere;
+    let by_current = if wired { change.max(1.0 / change) } else { 1.0 };
+    let tolerance = |factor: f64| digits((MARGIN * factor).min(2.5), 100.0);
+    let swing = tolerance(quiet.factor(quiet.mean));
+    let run = tolerance(loaded.factor(quiet.mean).max(by_current));
+    let current_gain = if wired {
+        digits(1e3 * quiet_per_ampere / response(&known), 1e5)
+    } else {
+        0.0
+    };
     let mut notes = vec![
         format!(
-            "offered: sensor_rest = {voltage}, gain = {gain}, gain_tolerance = {swing}, load_tolerance = {run}"
+            "offered: sensor_rest = {voltage}, gain = {gain}, gain_tolerance = {swing}, load_tolerance = {run}, current_gain = {current_gain}"
         ),
         format!(
             "at rest the axis sees {seen:.2} g, by sensor_zero and sensitivity: it is to be {:.2} where it is normal to the track, 0 where the sensor passes no direct voltage",
@@ -149,9 +162,16 @@ pub(super) fn run(
             quiet.mean
         ));
     }
+    let values = [voltage, gain, swing, run, current_gain];
     let offer = Offer {
-        keys: vec!["sensor_rest", "gain", "gain_tolerance", "load_tolerance"],
-        values: vec![voltage, gain, swing, run],
+        keys: vec![
+            "sensor_rest",
+            "gain",
+            "gain_tolerance",
+            "load_tolerance",
+            "current_gain",
+        ],
+        values: values.into(),
     };
     notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
     let mut table = Table::new(&[
@@ -159,30 +179,32 @@ pub(super) fn run(
         Column::of_key("gain", "mm").digits(4),
         Column::of_key("gain_tolerance", "").digits(3),
         Column::of_key("load_tolerance", "").digits(3),
+        Column::of_key("current_gain", "mm/A").digits(4),
     ]);
-    table.push([voltage, gain, swing, run].map(|value| f64::from(value).into()));
+    table.push(values.map(|value| f64::from(value).into()));
     let document = json!({
         "sensor_rest": voltage,
         "gain": gain,
         "gain_tolerance": swing,
         "load_tolerance": run,
+        "current_gain": current_gain,
         "applied": apply,
     });
     print(table, &notes, &document, format)
 }
 
-/// Mean acceleration in m/s^2 that the board reads of a drive at rest.
-fn mean_at_rest(link: &mut Link, desk: &Desk) -> Result<f64, Refusal> {
+/// Mean of a measured value of the board's status over a second.
+fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f64, Refusal> {
     let mut sum = 0.0;
     for _ in 0..RESTS {
         desk.go_on()?;
-        let mean = link.ask(&Request::Status, |response| match response {
-            Response::Status(status) => Some(status.mean),
+        let measured = link.ask(&Request::Status, |response| match response {
+            Response::Status(status) => Some(value(&status)),
             _ => None,
         })?;
-        sum += f64::from(mean.ok_or_else(|| {
+        sum += f64::from(measured.ok_or_else(|| {
             Refusal::new(
-                "the board does not tell its mean acceleration",
+                "the board does not send its status",
                 "kband flash brings the firmware of this desk",
             )
         })?);
@@ -191,16 +213,17 @@ fn mean_at_rest(link: &mut Link, desk: &Desk) -> Result<f64, Refusal> {
     Ok(sum / f64::from(RESTS))
 }
 
-/// The ratio at the target that the board holds.
+/// The ratio at the target that the board holds, and the amplitude in m per ampere there.
 fn measure(
     link: &mut Link,
     known: &Settings,
     within: Duration,
     desk: &Desk,
-) -> Result<Ratio, Refusal> {
+) -> Result<(Ratio, f64), Refusal> {
     let cycles = follow(link, within, desk);
     link.tell(&Request::Telemetry(0))?;
-    ratio(known, &cycles?).ok_or_else(|| {
+    let cycles = cycles?;
+    let ratio = ratio(known, &cycles).ok_or_else(|| {
         Refusal::new(
             format!(
                 "the drive did not hold its amplitude for {} cycles",
@@ -208,7 +231,17 @@ fn measure(
             ),
             "see with kband monitor what holds it back; give it longer with --within S",
         )
-    })
+    })?;
+    let amplitudes = cycles.iter().map(|cycle| f64::from(cycle.amplitude));
+    let amplitude = amplitudes.sum::<f64>() / cycles.len() as f64;
+    let current = average(link, desk, |status| status.current)?;
+    if known.current_sensitivity > 0.0 && current <= 0.0 {
+        return Err(Refusal::new(
+            "the current sensor measures no current of a running drive",
+            "check its wire; without one set current_sensitivity to 0",
+        ));
+    }
+    Ok((ratio, amplitude / current))
 }
 
 /// The last steady cycles in a row, as many as are needed.
@@ -240,8 +273,8 @@ fn follow(link: &mut Link, within: Duration, desk: &Desk) -> Result<Vec<Telemetr
 
 #[cfg(test)]
 mod tests {
-    use kband::control::Target;
-    use kband::plant::{EnvelopeLoop, Scene};
+    use kband_control::Target;
+    use kband_plant::{EnvelopeLoop, Scene};
 
     use super::*;
 

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use num_complex::Complex64 as Complex;
 use serde_json::json;
 
-use kband::wire::{Request, Shape, Target, Telemetry, UpperTone};
+use kband_control::wire::{Request, Telemetry};
+use kband_control::{Shape, Target, UpperTone};
 
 use super::drive::why_off;
 use super::offer::{Offer, print};
@@ -152,7 +153,7 @@ pub(super) fn run(
         },
     };
     let held = link.held()?;
-    link.tell(&Request::Target(Target::Tones(K, shape)))?;
+    link.tell(&Request::Target(Target::Tones { k: K, shape }))?;
     let cycles = follow(upper, &mut link, Duration::from_secs_f64(within), desk);
     link.tell(&Request::Telemetry(0))?;
     link.tell(&Request::Target(held))?;
@@ -228,14 +229,14 @@ fn follow(
 
 #[cfg(test)]
 mod tests {
-    use kband::control::{self, Settings};
-    use kband::plant::{EnvelopeLoop, Scene};
+    use kband_control::Settings;
+    use kband_plant::{EnvelopeLoop, Scene};
 
     use super::*;
 
     #[test]
     fn the_drive_response_is_measured_despite_wrong_settings() {
-        let tone = |phase: f32| control::UpperTone {
+        let tone = |phase: f32| UpperTone {
             ratio: RATIO,
             phase,
         };
@@ -252,9 +253,9 @@ mod tests {
                     second_tone: 0.15,
                     ..Settings::default()
                 },
-                target: control::Target::Tones {
+                target: Target::Tones {
                     k: K,
-                    shape: control::Shape::of_two(second),
+                    shape: Shape::of_two(second),
                 },
                 ..Scene::default()
             };
@@ -270,9 +271,9 @@ mod tests {
                     scene.drive.second_gain = settings.second_gain;
                     scene.drive.second_lag = settings.second_lag;
                     (scene.drive.third_gain, scene.drive.third_lag) = (gain, lag);
-                    scene.target = control::Target::Tones {
+                    scene.target = Target::Tones {
                         k: K,
-                        shape: control::Shape { second, third },
+                        shape: Shape { second, third },
                     };
                 }
             }

@@ -2,15 +2,18 @@
 
 use std::path::Path;
 
-use kband::control::{Event, Report, State, Target, UpperTone};
 use kband::regime::classify::Regime;
+use kband_control::{Event, Report, State, Target, UpperTone};
 use serde_json::{Value as Json, json};
 
-use super::compare::LEAST;
 use super::summary::Seen;
+use crate::causes;
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, Value, columns, number};
-use crate::simulate::{Lot, Outcome, SETTLED, describe, words};
+use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, SETTLED, describe, words};
+
+/// Smallest second tone that is one, over the first.
+const LEAST: f64 = 0.01;
 
 /// Files of a single run.
 pub(super) struct Written<'a> {
@@ -19,11 +22,6 @@ pub(super) struct Written<'a> {
     pub scope: Option<&'a Path>,
 }
 
-/// Expected share of time in gear below which the report advises on the lot.
-const POOR_SHARE: f64 = 0.7;
-/// Widest spread of restitution in a lot that counts as one restitution.
-const NARROW_LOT: f32 = 0.045;
-
 /// The timeline, the result in sentences, and the same as JSON.
 pub(super) fn report(
     outcome: &Outcome,
@@ -31,17 +29,18 @@ pub(super) fn report(
     unmet: Option<&[String]>,
     written: &Written<'_>,
 ) -> Result<Printout, Refusal> {
-    let summary = Seen::of(outcome).lines();
+    let seen = Seen::of(outcome);
+    let summary = seen.lines();
     let heading = format!("{}\n\n{}", summary.join("\n"), describe_scene(outcome));
     let mut report = Printout::new(timeline(outcome)).heading(heading);
     let sentences = [
         describe_state(outcome),
         describe_setpoint(outcome),
-        vec![describe_band(outcome)],
+        describe_band(outcome),
         vec![format!("regime           {}", outcome.regime())],
         describe_share_in_gear(outcome),
         Vec::from_iter(describe_expected_share(outcome)),
-        advise_on_lot(outcome),
+        list_causes(&seen),
         Vec::from_iter(describe_strays(outcome)),
         Vec::from_iter(describe_measured_regime(outcome)),
         Vec::from_iter(describe_identification(outcome)),
@@ -62,7 +61,7 @@ pub(super) fn report(
     for sentence in sentences.into_iter().flatten() {
         report = report.note(sentence);
     }
-    report.json(&as_json(outcome, &summary, fidelity, unmet, written))
+    report.json(&as_json(outcome, &seen, fidelity, unmet, written))
 }
 
 /// Events with the state, the drive and the measured regime after each.
@@ -80,17 +79,26 @@ fn timeline(outcome: &Outcome) -> Table {
         columns.push(e.titled(e.name()).digits(3));
         columns.push(th.digits(4));
     }
-    columns.push(columns::IN_GEAR_HEARD.titled("in gear (heard)").digits(2));
-    columns.push(columns::FLIP_HEARD.titled("margin (to the flip)").digits(2));
+    columns.push(
+        columns::IN_GEAR_ESTIMATED
+            .titled("in gear (estimated)")
+            .digits(2),
+    );
+    columns.push(
+        columns::FLIP_ESTIMATED
+            .titled("margin (to the flip)")
+            .digits(2),
+    );
     let mut table = Table::new(&columns);
     let mut row = |time: f64, event: String, report: &Report| {
-        let k = f64::from(report.k);
+        let amplitude = f64::from(report.amplitude);
+        let moving = amplitude > RESTING_AMPLITUDE;
         let mut row: Vec<Value> = vec![
             time.into(),
             event.into(),
             report.state.name().into(),
-            (f64::from(report.amplitude) * 1e3).into(),
-            if k < 1e3 { k.into() } else { Value::Missing },
+            moving.then_some(1e3 * amplitude).into(),
+            moving.then_some(f64::from(report.k)).into(),
         ];
         for UpperTone { ratio, phase } in report.shape.tones().into_iter().take(upper) {
             row.push(f64::from(ratio).into());
@@ -182,22 +190,43 @@ fn describe_setpoint(outcome: &Outcome) -> Vec<String> {
     if let Some(why) = outcome.no_setpoint() {
         lines.push(format!("no setpoint      {why}"));
     }
-    lines.push(format!(
-        "amplitude b      {} mm",
-        number(outcome.amplitude() * 1e3, 4)
-    ));
-    let k = outcome.k();
-    if k.is_finite() {
-        lines.push(format!("k                {}", number(k, 4)));
+    if outcome.amplitude() > RESTING_AMPLITUDE {
+        let b = number(outcome.amplitude() * 1e3, 4);
+        lines.push(format!("amplitude b      {b} mm"));
+        lines.push(format!("k                {}", number(outcome.k(), 4)));
+    } else {
+        lines.push("amplitude b      -".into());
+        lines.push("k                -".into());
     }
     lines
 }
 
-/// Band of the lock, and whether k is inside.
-fn describe_band(outcome: &Outcome) -> String {
-    match outcome.band() {
+/// Gear band for a target of gear, band of the lock, and whether k is inside.
+fn describe_band(outcome: &Outcome) -> Vec<String> {
+    let (k, moving) = (outcome.k(), outcome.amplitude() > RESTING_AMPLITUDE);
+    let place = |inside: bool| match (moving, inside) {
+        (false, _) => "",
+        (true, true) => ", k inside",
+        (true, false) => ", k outside",
+    };
+    let gear = outcome.last().gear_band.map(|band| {
+        let [low, high] = band.map(f64::from);
+        let mm = |k_of_end: f64| number(outcome.amplitude() * 1e3 * k / k_of_end, 3);
+        let amplitudes = if moving {
+            format!(" (b {} .. {} mm)", mm(high), mm(low))
+        } else {
+            String::new()
+        };
+        format!(
+            "gear band        k {} .. {}{amplitudes}{}",
+            number(low, 4),
+            number(high, 4),
+            place((low..=high).contains(&k))
+        )
+    });
+    let lock = match outcome.band() {
         Some(band) => format!(
-            "band             k {} .. {} (order {}{}), {}",
+            "band             k {} .. {} (order {}{}){}",
             number(band.low(), 4),
             number(band.high(), 4),
             band.order(),
@@ -206,17 +235,18 @@ fn describe_band(outcome: &Outcome) -> String {
             } else {
                 ""
             },
-            if band.contains(outcome.k()) {
-                "k inside"
+            if gear.is_some() {
+                ""
             } else {
-                "k outside"
+                place(band.contains(k))
             }
         ),
         None => format!(
             "band             none: {}",
             outcome.no_band().unwrap_or_default()
         ),
-    }
+    };
+    gear.into_iter().chain([lock]).collect()
 }
 
 /// Share of time in gear, simulated and measured.
@@ -234,22 +264,22 @@ fn describe_share_in_gear(outcome: &Outcome) -> Vec<String> {
             outcome.gear_order()
         ));
         let record = outcome.record();
-        if let (Some(heard), Some(error), Some(told)) = (
-            record.in_gear_heard(),
+        if let (Some(estimate), Some(error), Some(coverage)) = (
+            record.in_gear_estimated(),
             record.in_gear_error(),
-            record.in_gear_told(),
+            record.in_gear_coverage(),
         ) {
-            let told = match told {
+            let coverage = match coverage {
                 1.0 => String::new(),
-                told => format!(", told for {} of that time", number(told, 3)),
+                coverage => format!(", over {} of that time", number(coverage, 3)),
             };
             lines.push(format!(
-                "                 heard {} +- {}{told}",
-                number(heard, 3),
+                "                 estimated {} +- {}{coverage}",
+                number(estimate, 3),
                 number(error, 1)
             ));
-        } else if record.in_gear_told().is_some() {
-            lines.push("                 heard: not told".into());
+        } else if record.in_gear_coverage().is_some() {
+            lines.push("                 no estimate".into());
         }
     }
     lines
@@ -287,7 +317,7 @@ fn describe_expected_share(outcome: &Outcome) -> Option<String> {
     let source = if lot == configured_lot(outcome) {
         ""
     } else {
-        ", as it is heard"
+        ", as estimated"
     };
     Some(format!(
         "                 {} expected of restitution {}..{} that scatters by {}{source}",
@@ -298,42 +328,18 @@ fn describe_expected_share(outcome: &Outcome) -> Option<String> {
     ))
 }
 
-/// Advice where no amplitude serves the lot well.
-fn advise_on_lot(outcome: &Outcome) -> Vec<String> {
-    let settings = &outcome.file().scene.settings;
-    let lot = planned_lot(outcome);
-    let mut lines = Vec::new();
-    if let Some(expected) = predicted_share(outcome)
-        && expected < POOR_SHARE
-        && outcome.last().reference > 0.0
-    {
-        let Lot {
-            restitution: [low, high],
-            scatter,
-        } = lot;
-        let wide = high - low > NARROW_LOT;
-        let (low, high) = (number(f64::from(low), 3), number(f64::from(high), 3));
-        let what = if wide {
-            format!("a lot of R {low}..{high} is wider than any amplitude of this drive serves")
-        } else {
-            format!(
-                "a scatter of {} is more than any amplitude of this drive bears",
-                number(f64::from(scatter), 2)
-            )
-        };
-        let more = if settings.second_tone < 0.15 {
-            "a second tone in the drive (drive.second_tone = 0.15), "
-        } else {
-            ""
-        };
-        lines.push(format!(
-            "lot              {what}: {} of the time in gear is the best there is, and held; {more}parts sorted \
-             into narrower lots, or less scatter would keep them in gear for longer: kband gear --restitution {low}..{high} \
-             --scatter {}",
-            number(expected, 2),
-            number(f64::from(scatter), 2)
-        ));
+/// What one change of drive or lot would give, where parts do not stay in gear.
+fn list_causes(seen: &Seen) -> Vec<String> {
+    let causes = causes::describe(seen.causes());
+    if causes.is_empty() {
+        return vec![];
     }
+    let mut lines = vec!["causes           one change at a time is predicted to give".into()];
+    lines.extend(
+        causes
+            .iter()
+            .map(|cause| format!("                 {cause}")),
+    );
     lines
 }
 
@@ -343,7 +349,7 @@ fn describe_strays(outcome: &Outcome) -> Option<String> {
     let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
     (!strays.is_empty()).then(|| {
         format!(
-            "parts            R {} outside the lot {}..{} that the controller is told (part.actual)",
+            "parts            R {} outside the lot {}..{} of the settings (part.actual)",
             strays.join(", "),
             settings.restitution_low,
             settings.restitution_high
@@ -358,19 +364,19 @@ fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
     // Scattering phases repeat nothing, in gear or not.
     let unrepeated = matches!(measured.regime, Regime::Chaotic | Regime::Undecided);
     Some(if unrepeated && last.in_gear >= 0.5 {
-        format!("heard            in gear, order {}", last.gear)
+        format!("estimated        in gear, order {}", last.gear)
     } else if let (State::Locked, Regime::Doubled { order, doublings }) =
         (last.state, measured.regime)
     {
         // The phases stay where the lock has them, and take turns there.
         format!(
-            "heard            at the lock of order {order}, {} phases in turn (confidence {})",
+            "estimated        at the lock of order {order}, {} phases in turn (confidence {})",
             1_u64 << doublings,
             number(f64::from(measured.confidence), 2)
         )
     } else {
         format!(
-            "heard            {} (confidence {})",
+            "estimated        {} (confidence {})",
             words(measured.regime),
             number(f64::from(measured.confidence), 2)
         )
@@ -398,7 +404,7 @@ fn describe_identification(outcome: &Outcome) -> Option<String> {
 fn describe_margin(outcome: &Outcome) -> Option<String> {
     let margin = outcome.last().margin?;
     Some(format!(
-        "margin heard     {} to the flip (trace {}), R {} +- {} scattering by {}; gear lost after {} cycles or more",
+        "estimated margin {} to the flip (trace {}), R {} +- {} scattering by {}; gear lost after {} cycles or more",
         number(f64::from(margin.flip), 2),
         number(f64::from(margin.trace), 2),
         number(f64::from(margin.restitution), 3),
@@ -452,9 +458,9 @@ fn describe_lock_phase(outcome: &Outcome) -> Vec<String> {
             )
         });
         let measured = if silent {
-            "not heard".into()
+            "not measured".into()
         } else {
-            format!("heard {} rad", number(f64::from(last.phase), 3))
+            format!("measured {} rad", number(f64::from(last.phase), 3))
         };
         lines.push(format!(
             "lock phase       {} rad, {measured}{expected}",
@@ -498,7 +504,7 @@ fn list_files(written: &Written<'_>) -> Vec<String> {
 /// The result for programs.
 fn as_json(
     outcome: &Outcome,
-    summary: &[String],
+    seen: &Seen,
     fidelity: &str,
     unmet: Option<&[String]>,
     written: &Written<'_>,
@@ -510,7 +516,8 @@ fn as_json(
         .map(|happened| json!({"time": happened.time, "event": happened.event.name(), "state": happened.report.state.name()}))
         .collect();
     json!({
-        "summary": summary,
+        "summary": seen.lines(),
+        "causes": causes::describe(seen.causes()),
         "events": events,
         "state": last.state.name(),
         "fault": last.fault.map(|fault| fault.name()),
@@ -518,19 +525,20 @@ fn as_json(
         "b": outcome.amplitude() * 1e3,
         "k": k.is_finite().then_some(k),
         "band": outcome.band().map(|band| [band.low(), band.high()]),
+        "gear_band": last.gear_band,
         "regime": outcome.regime(),
         "in_gear": outcome.in_gear(),
-        "in_gear_heard": outcome.record().in_gear_heard(),
+        "in_gear_estimated": outcome.record().in_gear_estimated(),
         "in_gear_error": outcome.record().in_gear_error(),
-        "in_gear_told": outcome.record().in_gear_told(),
+        "in_gear_coverage": outcome.record().in_gear_coverage(),
         "planned_for": json!({"restitution": lot.restitution, "scatter": lot.scatter}),
-        "margin_heard": last.margin.map(|margin| json!({
-            "flip_heard": margin.flip,
-            "trace_heard": margin.trace,
-            "restitution_heard": margin.restitution,
+        "margin_estimated": last.margin.map(|margin| json!({
+            "flip_estimated": margin.flip,
+            "trace_estimated": margin.trace,
+            "restitution_estimated": margin.restitution,
             "restitution_error": margin.error,
-            "scatter_heard": margin.scatter,
-            "to_loss_heard": margin.to_loss,
+            "scatter_estimated": margin.scatter,
+            "to_loss_estimated": margin.to_loss,
         })),
         "in_gear_expected": predicted_share(outcome),
         "to_loss": outcome.time_to_loss(),

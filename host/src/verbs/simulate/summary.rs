@@ -1,21 +1,21 @@
 //! A single run in plain words: what the track and the parts do, how far from losing it, and what
 //! to do next.
 
-use kband::control::{Fault, Identification, Limits, State, Target};
 use kband::regime::classify::Regime;
+use kband_control::{Fault, Identification, Limits, State, Target};
 
+use crate::causes::{Best, Cause, MIN_SHARE_IN_GEAR, causes};
 use crate::report::number;
 use crate::simulate::Outcome;
 
-/// Length of a part along the track in mm for a rate of parts: they touch each other.
-const PART: f64 = 15.0;
-
-/// Share of time in gear from which on parts are said to stay in it.
-const STAYS: f64 = 0.95;
+/// Relative difference of two amplitudes that changes nothing a setter would see.
+const SAME_AMPLITUDE: f64 = 0.03;
+/// Share of the time in the air below which parts are said to hop and rest.
+const MIN_TIME_IN_AIR: f64 = 0.9;
 
 /// Margin in amplitude below which it is called thin: less than what a warm coil or a neighbour's
 /// hand on the bowl change.
-const THIN: f64 = 0.01;
+const THIN_MARGIN: f64 = 0.01;
 
 /// What the summary is made of.
 #[derive(Clone, Debug)]
@@ -31,9 +31,18 @@ pub(super) struct Seen {
     no_setpoint: Option<String>,
     identification: Identification,
     parts: usize,
+    /// Parts that lie at rest at the end.
+    resting: usize,
+    k: f64,
     order: u32,
     /// Share of time in gear, for parts that scatter.
     in_gear: Option<f64>,
+    /// The predicted best of the lot, where parts do not stay in gear.
+    best: Option<Best>,
+    /// Why the lot is out of gear at its best.
+    causes: Vec<Cause>,
+    /// Share of the time that the parts are in the air.
+    in_air: f64,
     /// Seconds in gear until it is lost.
     loss: Option<f64>,
     locked: bool,
@@ -42,6 +51,8 @@ pub(super) struct Seen {
     regime: String,
     /// In mm/s, upwards positive.
     speed: f64,
+    /// Length of a part along the track in mm; parts touch each other.
+    part_length: f64,
     /// Of a lock, in amplitude, relative.
     margin: Option<f64>,
     /// Restitution and scatter as options of the verbs.
@@ -62,26 +73,47 @@ impl Seen {
         let k = outcome.k();
         let (low, high) = (settings.restitution_low, settings.restitution_high);
         let rate = std::f64::consts::TAU * frequency;
+        let target = outcome.target();
+        let in_gear = outcome.in_gear().filter(|_| outcome.file().scatters());
+        let held = last.state == State::Holding && last.fault.is_none();
+        let poor = held && in_gear.is_some_and(|share| share < MIN_SHARE_IN_GEAR);
+        let (best, causes) = match target {
+            Target::Gear { order } if poor => {
+                let best = Best {
+                    share: f64::from(last.expected_in_gear),
+                    amplitude: amplitude * 1e3,
+                };
+                (Some(best), causes(settings, order, best))
+            }
+            Target::K(_) | Target::Amplitude(_) if poor => (Some(Best::of(settings, 1)), vec![]),
+            _ => (None, vec![]),
+        };
         Self {
             amplitude: amplitude * 1e3,
             peak: amplitude * rate * rate * f64::from(last.shape.peaks()[1])
                 / kband::feeder::STANDARD_GRAVITY,
-            target: outcome.target(),
+            target,
             state: last.state,
             fault: last.fault,
             limits: last.limits,
             no_setpoint: outcome.no_setpoint(),
             identification: last.identification,
             parts: scene.parts.len(),
+            resting: outcome.resting(),
+            k,
             order: outcome.gear_order(),
-            in_gear: outcome.in_gear().filter(|_| outcome.file().scatters()),
+            in_gear,
+            best,
+            causes,
+            in_air: outcome.in_air(),
             loss: outcome.time_to_loss().map(|cycles| cycles / frequency),
             locked: outcome.is_locked(),
             doubled: last
                 .regime
-                .is_some_and(|heard| matches!(heard.regime, Regime::Doubled { .. })),
+                .is_some_and(|found| matches!(found.regime, Regime::Doubled { .. })),
             regime: outcome.regime(),
             speed: outcome.speed() * 1e3,
+            part_length: outcome.file().part_length,
             margin: outcome
                 .band()
                 .filter(|band| band.contains(k))
@@ -95,6 +127,11 @@ impl Seen {
             strays: !outcome.strays().is_empty(),
             longer: (3.0 * outcome.file().duration).min(86_400.0),
         }
+    }
+
+    /// Why the lot is out of gear at its best, the most likely cause first.
+    pub(super) fn causes(&self) -> &[Cause] {
+        &self.causes
     }
 
     /// The lines, the last of them the next step.
@@ -128,6 +165,9 @@ impl Seen {
             order => format!("every {order} strokes"),
         };
         let hop = match self.in_gear {
+            Some(share) if share < 0.5 => {
+                format!("Parts do not hop once {stroke}: they {}", self.motion())
+            }
             Some(share) => format!(
                 "Parts hop once {stroke} for {} % of the time (in gear)",
                 number(100.0 * share, 3)
@@ -139,11 +179,42 @@ impl Seen {
             ),
         };
         let way = if self.speed < 0.0 { "DOWN" } else { "up" };
-        let rate = 60.0 * self.speed.abs() / PART;
+        let rate = 60.0 * self.speed.abs() / self.part_length;
         Some(format!(
-            "{hop} and travel {} mm/s {way} the track: about {} parts a minute of {PART} mm each.",
+            "{hop} and travel {} mm/s {way} the track: about {} parts a minute of {} mm each.",
             number(self.speed.abs(), 3),
-            whole(rate)
+            whole(rate),
+            number(self.part_length, 4)
+        ))
+    }
+
+    /// What parts out of gear do.
+    fn motion(&self) -> String {
+        let air = number(100.0 * self.in_air, 2);
+        if self.in_air <= 0.0 {
+            "lie at rest".into()
+        } else if self.in_air < MIN_TIME_IN_AIR {
+            format!("hop and rest in turn, in the air for {air} % of the time,")
+        } else if self.doubled {
+            "hop by turns high and low (doubled),".into()
+        } else {
+            format!("hop irregularly, in the air for {air} % of the time,")
+        }
+    }
+
+    /// What is wrong with a configured amplitude, and the one to choose.
+    fn misplaced(&self, best: Best) -> Option<String> {
+        let ratio = self.amplitude / best.amplitude;
+        if best.share < 0.5 || (ratio - 1.0).abs() < SAME_AMPLITUDE {
+            return None;
+        }
+        Some(format!(
+            "{} mm is too {} for parts of R {}: {} mm keeps them in gear for {} % of the time ([target] gear = 1)",
+            number(self.amplitude, 3),
+            if ratio < 1.0 { "little" } else { "much" },
+            self.lot,
+            number(best.amplitude, 3),
+            number(100.0 * best.share, 2)
         ))
     }
 
@@ -158,15 +229,15 @@ impl Seen {
             })
         } else if self.locked {
             let margin = self.margin?;
-            let told = format!(
+            let margin_line = format!(
                 "Margin: {} % of the amplitude ({} mm)",
                 number(100.0 * margin, 2),
                 number(margin * self.amplitude, 2)
             );
-            Some(if margin < THIN {
-                format!("{told}: thin, not every part of this lot may hold.")
+            Some(if margin < THIN_MARGIN {
+                format!("{margin_line}: thin, not every part of this lot may hold.")
             } else {
-                format!("{told} until the first part of the lot loses its lock.")
+                format!("{margin_line} until the first part of the lot loses its lock.")
             })
         } else {
             None
@@ -200,18 +271,18 @@ impl Seen {
         {
             let longer = number(self.longer, 4);
             return format!(
-                "the restitution is not known yet ({hops} hops heard): --duration {longer} gives it time"
+                "no restitution is identified yet ({hops} hops detected): run longer, with --duration {longer}"
             );
         }
         match self.identification {
             Identification::Found(found) if self.target == Target::Identify => {
                 let r = number(f64::from(found.restitution), 3);
                 return format!(
-                    "the parts rebound with R = {r}: give part.restitution an interval about it, and [target] gear = 1"
+                    "the parts rebound with R = {r}: set part.restitution to an interval about it, and [target] gear = 1"
                 );
             }
             Identification::NotFound(_) if self.target == Target::Identify => {
-                return "no restitution was found; the manual's commissioning says what parts and sensor it takes".into();
+                return "no restitution was identified: see which parts and sensor it needs in the manual's commissioning".into();
             }
             _ => {}
         }
@@ -221,9 +292,25 @@ impl Seen {
                 State::Holding | State::Locked | State::Capturing | State::Lost
             )
         {
-            return "some parts are outside the lot that the controller is told: part.restitution has to hold them all, \
-                    or no kick and no amplitude is chosen for them"
+            return "some parts are outside the configured lot: widen part.restitution to all of them. \
+                    Kick and amplitude are chosen for the configured lot only"
                 .into();
+        }
+        if self.state == State::Locked && self.resting > 0 {
+            let rest = format!(
+                "the lock is of {} of the {} parts, the others lie at rest",
+                self.parts - self.resting,
+                self.parts
+            );
+            return if self.k >= 1.0 {
+                format!(
+                    "{rest}: above k = 1 the track throws no resting part. Set [target] k = 0.9, if the band holds it: \
+                     kband bands --restitution {}",
+                    self.lot
+                )
+            } else {
+                format!("{rest}: [target] gear = 1 throws them")
+            };
         }
         if self.state == State::Locked && self.doubled {
             return format!(
@@ -239,10 +326,10 @@ impl Seen {
             State::Stopping => "the drive comes to rest: kband explain stopping".into(),
             State::Lost => "the lock is lost; parts that scatter stay in gear where they do not stay locked: [target] gear = 1".into(),
             State::Fault | State::Limiting => format!("kband explain {}", self.state.name()),
-            State::Locked if self.margin.is_some_and(|margin| margin < THIN) => {
+            State::Locked if self.margin.is_some_and(|margin| margin < THIN_MARGIN) => {
                 format!("a lot of less width has more margin: kband bands --restitution {}", self.lot)
             }
-            State::Locked => "the lock holds; kband explain margin says what it stands".into(),
+            State::Locked => "the lock holds; kband explain margin describes its margin".into(),
             State::Holding => self.held(),
         }
     }
@@ -256,11 +343,22 @@ impl Seen {
             _ if self.speed < 0.0 => {
                 "the track is too steep for this amplitude ratio: kband transport --help".into()
             }
-            (Target::Gear { .. }, Some(share)) if share >= STAYS => {
+            (Target::Gear { .. }, Some(share)) if share >= MIN_SHARE_IN_GEAR => {
                 format!("nothing has to be done; {gear} draws what else would hold them")
             }
-            (Target::Gear { .. }, Some(_)) => {
-                format!("a second tone in the drive holds more: {gear}")
+            (Target::Gear { .. }, Some(_)) => match self.causes.first() {
+                Some(Cause { remedy, best }) => format!(
+                    "{remedy}. The lot is then predicted in gear for {} % of the time instead of {} %, at {} mm: {gear}",
+                    number(100.0 * best.share, 2),
+                    number(100.0 * self.best.unwrap_or_default().share, 2),
+                    number(best.amplitude, 3)
+                ),
+                None => format!("no single change of drive or lot keeps them longer: {gear}"),
+            },
+            (Target::K(_) | Target::Amplitude(_), Some(_))
+                if let Some(wrong) = self.best.and_then(|best| self.misplaced(best)) =>
+            {
+                wrong
             }
             (Target::Locked { .. }, Some(_)) => {
                 "parts that scatter do not stay locked, but may stay in gear: [target] gear = 1"
@@ -298,13 +396,19 @@ mod tests {
             no_setpoint: None,
             identification: Identification::Idle,
             parts: 1,
+            resting: 0,
+            k: 0.4,
             order: 1,
             in_gear: Some(0.99),
+            best: None,
+            causes: vec![],
+            in_air: 0.9,
             loss: Some(1.5),
             locked: false,
             doubled: false,
             regime: "in gear 0.99, order 1".into(),
             speed: 87.5,
+            part_length: 15.0,
             margin: None,
             lot: "0.18..0.22".into(),
             scatter: 0.04,
@@ -353,7 +457,7 @@ mod tests {
             identification: Identification::Listening { hops: 12 },
             ..seen()
         };
-        assert!(identifying.next().contains("12 hops heard"));
+        assert!(identifying.next().contains("12 hops detected"));
         assert!(identifying.next().contains("--duration 30"));
         let capturing = Seen {
             state: State::Capturing,
@@ -370,7 +474,10 @@ mod tests {
                 state,
                 ..seen()
             };
-            assert!(strays.next().contains("outside the lot"), "{state:?}");
+            assert!(
+                strays.next().contains("outside the configured lot"),
+                "{state:?}"
+            );
         }
         let doubled = Seen {
             state: State::Locked,
@@ -378,6 +485,16 @@ mod tests {
             ..seen()
         };
         assert!(doubled.next().contains("doubled"), "{}", doubled.next());
+        let one_of_three = Seen {
+            state: State::Locked,
+            parts: 3,
+            resting: 2,
+            k: 1.08,
+            ..seen()
+        };
+        let next = one_of_three.next();
+        assert!(next.contains("lock is of 1 of the 3 parts"), "{next}");
+        assert!(next.contains("above k = 1"), "{next}");
         let without = Seen {
             state: State::Limiting,
             limits: Limits::NO_SETPOINT,

@@ -2,17 +2,18 @@
 
 use std::time::{Duration, Instant};
 
-use kband::control::{Fault, Limits, State, Target};
-use kband::wire::{Request, Response, Status, Telemetry};
+use kband_control::wire::{Request, Response, Status, Telemetry};
+use kband_control::{Fault, Limits, State, Target};
 use serde_json::{Value as Json, json};
 
-use crate::board::{Link, Unsolicited};
+use crate::board::{BoardSettings, Link, Unsolicited};
+use crate::causes::{self, Best, Cause, MIN_SHARE_IN_GEAR, causes};
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, columns, number};
-use crate::simulate::describe;
+use crate::simulate::{RESTING_AMPLITUDE, describe};
 
 /// Longest wait for a row of telemetry: some cycles at 5 Hz, on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(5);
+const TELEMETRY_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Answers of a board to a request of its state.
 #[derive(Clone, Debug)]
@@ -21,6 +22,8 @@ pub(in crate::verbs) struct BoardStatus {
     target: Target,
     status: Status,
     telemetry: Telemetry,
+    /// Why the lot is out of gear at its best, the most likely cause first.
+    causes: Vec<Cause>,
 }
 
 impl BoardStatus {
@@ -30,22 +33,39 @@ impl BoardStatus {
             Response::Status(status) => Some(status),
             _ => None,
         })?;
-        let target = link.held()?.into();
+        let target = link.held()?;
         link.begin_telemetry(1)?;
         let telemetry = row(link);
         // Off again, whatever came.
         link.tell(&Request::Telemetry(0))?;
+        let telemetry = telemetry?;
         Ok(Self {
             name: link.name().into(),
             target,
+            causes: vec![],
             status: status.ok_or_else(|| {
                 Refusal::new(
-                    "the board does not tell its inputs",
+                    "the board does not report its inputs",
                     "kband flash brings the firmware of this desk",
                 )
             })?,
-            telemetry: telemetry?,
+            telemetry,
         })
+    }
+
+    /// Adds the causes of a poor share in gear, by the board's settings.
+    pub(in crate::verbs) fn with_causes(mut self, link: &mut Link) -> Result<Self, Refusal> {
+        let now = Best {
+            share: f64::from(self.telemetry.expected_in_gear),
+            amplitude: f64::from(self.telemetry.setpoint) * 1e3,
+        };
+        if let Target::Gear { order } = self.target
+            && self.state() == Some(State::Holding)
+            && now.share < MIN_SHARE_IN_GEAR
+        {
+            self.causes = causes(&BoardSettings::read(link)?.known(), order, now);
+        }
+        Ok(self)
     }
 
     /// What the controller is doing; `None` where this desk does not know it.
@@ -113,7 +133,7 @@ impl BoardStatus {
             .into(),
         );
         for (input, active) in self.alarms() {
-            row(input, if active { "ACTIVE" } else { "good" }.into());
+            row(input, if active { "ACTIVE" } else { "no" }.into());
         }
         row(
             "mean acceleration",
@@ -122,29 +142,33 @@ impl BoardStatus {
                 number(f64::from(self.status.mean), 3)
             ),
         );
+        let moving = f64::from(amplitude) > RESTING_AMPLITUDE;
+        let or_rest = |value: String| if moving { value } else { "-".into() };
         row(
             "amplitude",
-            format!("{} mm", number(f64::from(amplitude) * 1e3, 4)),
+            or_rest(format!("{} mm", number(f64::from(amplitude) * 1e3, 4))),
         );
         row(
             "setpoint",
             format!("{} mm", number(f64::from(setpoint) * 1e3, 4)),
         );
-        if k.is_finite() && k < 1e4 {
-            row("k", number(f64::from(k), 4));
-        }
+        row("k", or_rest(number(f64::from(k), 4)));
         row(
             "output",
             format!("{} %", number(f64::from(output) * 100.0, 3)),
         );
         row(
-            "impacts heard",
+            "impacts detected",
             format!("{} a cycle", number(f64::from(self.telemetry.rate), 3)),
         );
         row(
-            "in gear heard",
+            "in gear estimated",
             number(f64::from(self.telemetry.in_gear), 2),
         );
+        if let Some([low, high]) = self.telemetry.gear_band {
+            let ends = [low, high].map(|k| number(f64::from(k), 4));
+            row("gear band", format!("k {}", ends.join(" .. ")));
+        }
         if let Some(margin) = self.telemetry.margin {
             row(
                 "margin to the flip",
@@ -155,7 +179,7 @@ impl BoardStatus {
                 ),
             );
             row(
-                "restitution heard",
+                "estimated restitution",
                 format!(
                     "{} +- {}, scattering by {}",
                     number(f64::from(margin.restitution), 3),
@@ -184,6 +208,9 @@ impl BoardStatus {
             );
         }
         row("time since its start", format!("{} s", self.status.seconds));
+        for cause in causes::describe(&self.causes) {
+            row("predicted", cause);
+        }
         Printout::new(table)
             .note(format!("next: {}", self.next()))
             .json(&self.to_json())
@@ -225,16 +252,19 @@ impl BoardStatus {
             "setpoint_b": self.telemetry.setpoint * 1e3,
             "k": k,
             "output": self.telemetry.output,
-            "impacts_heard": self.telemetry.rate,
-            "in_gear_heard": self.telemetry.in_gear,
-            "flip_heard": self.telemetry.margin.map(|margin| margin.flip),
-            "trace_heard": self.telemetry.margin.map(|margin| margin.trace),
-            "restitution_heard": self.telemetry.margin.map(|margin| margin.restitution),
-            "scatter_heard": self.telemetry.margin.map(|margin| margin.scatter),
-            "to_loss_heard": self.telemetry.margin.map(|margin| margin.to_loss),
+            "impacts_detected": self.telemetry.rate,
+            "in_gear_estimated": self.telemetry.in_gear,
+            "gear_band_low": self.telemetry.gear_band.map(|[low, _]| low),
+            "gear_band_high": self.telemetry.gear_band.map(|[_, high]| high),
+            "flip_estimated": self.telemetry.margin.map(|margin| margin.flip),
+            "trace_estimated": self.telemetry.margin.map(|margin| margin.trace),
+            "restitution_estimated": self.telemetry.margin.map(|margin| margin.restitution),
+            "scatter_estimated": self.telemetry.margin.map(|margin| margin.scatter),
+            "to_loss_estimated": self.telemetry.margin.map(|margin| margin.to_loss),
             "running_time": self.status.seconds,
             "mass_weighed": self.telemetry.load.map(|load| load.mass),
             "flow_weighed": self.telemetry.load.map(|load| load.flow).filter(|flow| *flow != 0.0),
+            "causes": causes::describe(&self.causes),
             "next": self.next(),
         })
     }
@@ -261,6 +291,7 @@ impl BoardStatus {
                 "withdraw the enable input and give it again: a drive starts by its edge alone"
                     .into()
             }
+            Some(_) if let [Cause { remedy, .. }, ..] = &self.causes[..] => remedy.clone(),
             Some(state) => format!(
                 "kband explain {}; kband live shows it running",
                 state.name()
@@ -271,7 +302,7 @@ impl BoardStatus {
 }
 
 fn row(link: &mut Link) -> Result<Telemetry, Refusal> {
-    let end = Instant::now() + PATIENCE;
+    let end = Instant::now() + TELEMETRY_TIMEOUT;
     while Instant::now() < end {
         for said in link.listen(Duration::from_millis(50))? {
             if let Unsolicited::Telemetry(telemetry) = said {
@@ -281,13 +312,14 @@ fn row(link: &mut Link) -> Result<Telemetry, Refusal> {
     }
     Err(Refusal::new(
         "the board answers, but sends no telemetry",
-        "reset the board; kband identify says what it counted",
+        "reset the board; kband identify lists its counts",
     ))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::Format;
 
     fn status() -> BoardStatus {
         BoardStatus {
@@ -297,8 +329,37 @@ mod tests {
                 permitted: true,
                 ..Status::default()
             },
-            telemetry: Telemetry::from(&kband::control::Report::default()),
+            telemetry: Telemetry::from(&kband_control::Report::default()),
+            causes: vec![],
         }
+    }
+
+    #[test]
+    fn an_input_that_is_not_active_and_a_track_at_rest_say_so() {
+        let mut printed = Vec::new();
+        let printout = status().printout().unwrap();
+        printout.write(Format::Table, &mut printed).unwrap();
+        let printed = String::from_utf8(printed).unwrap();
+        let value = |item: &str| {
+            let line = printed.lines().find(|line| line.starts_with(item));
+            line.unwrap()[item.len()..].trim().to_string()
+        };
+        for (item, wanted) in [("clock failed", "no"), ("amplitude", "-"), ("k ", "-")] {
+            assert_eq!(value(item), wanted, "{printed}");
+        }
+    }
+
+    #[test]
+    fn held_drive_names_the_remedy_of_the_first_cause() {
+        let mut now = status();
+        now.status.inputs.enable = true;
+        now.telemetry.state = State::Holding.number();
+        assert!(now.next().contains("kband explain holding"));
+        now.causes = vec![Cause {
+            remedy: "a stronger drive".into(),
+            best: Best::default(),
+        }];
+        assert_eq!(now.next(), "a stronger drive");
     }
 
     #[test]

@@ -130,7 +130,7 @@ impl Shape {
         let mut bands = Vec::new();
         if !wave.is_sine() {
             for order in ORDERS {
-                let found = WaveBands::of(&wave, arguments.restitution, order)?;
+                let found = WaveBands::find(&wave, arguments.restitution, order)?;
                 bands.extend(found.iter().map(|band| (order, band)));
             }
         }
@@ -145,7 +145,7 @@ impl Shape {
         }
         let mut starts = Vec::new();
         for (order, band) in &self.bands {
-            let lock = WaveLock::within(band, &self.wave, k, restitution, *order)?;
+            let lock = WaveLock::find_in_band(band, &self.wave, k, restitution, *order)?;
             starts.extend(lock.map(|lock| Origin::Hop(lock.state())));
         }
         Ok(starts)
@@ -154,9 +154,9 @@ impl Shape {
     /// Throw number above which a part that lies on the track slides up it, or down.
     fn slides_above(&self, settings: &FrictionSettings, upwards: bool) -> Option<f64> {
         if self.wave.is_sine() {
-            settings.slides_above(upwards)
+            settings.sliding_throw_number(upwards)
         } else {
-            settings.slides_above_on(&self.wave, upwards)
+            settings.sliding_throw_number_on(&self.wave, upwards)
         }
     }
 
@@ -589,20 +589,20 @@ fn report(
         }
         let velocity = row.measured.conveyed.time_mean();
         let shares = row.shares();
-        let told = |share: f64| share.is_finite().then_some(share);
+        let finite = |share: f64| share.is_finite().then_some(share);
         cells.extend([
             row.from_rest.into(),
             row.regime.name().into(),
             row.speed().into(),
             velocity.into(),
         ]);
-        cells.extend(shares.map(|share| told(share).into()));
+        cells.extend(shares.map(|share| finite(share).into()));
         table.push_row(cells);
         json.push(json!({
             "value": row.value, "throw": throw, "b": amplitude, "k": point.k, "from_rest": row.from_rest,
             "regime": row.regime.name(), "speed": row.speed(), "velocity": velocity,
-            "in_flight": told(shares[0]), "sliding_up": told(shares[1]), "sliding_down": told(shares[2]),
-            "still": told(shares[3]),
+            "in_flight": finite(shares[0]), "sliding_up": finite(shares[1]), "sliding_down": finite(shares[2]),
+            "still": finite(shares[3]),
         }));
     }
     let mut report =
@@ -741,7 +741,7 @@ mod tests {
             .iter()
             .find(|row| row.regime == Regime::Hopping)
             .unwrap();
-        let lock = Lock::at(0.43, 0.2, 1).unwrap().unwrap();
+        let lock = Lock::build(0.43, 0.2, 1).unwrap().unwrap();
         let dead = TangentialSettings::on(&hopping.point.track, 0.0);
         let expected = locked::velocity(&lock, 0.43, &dead);
         let mean = hopping.measured.conveyed.time_mean().unwrap();

@@ -1,7 +1,7 @@
 //! The times between impacts at one k: F(z), mean, autocorrelation.
 
 use kband::impact::{Kernel, Map, Tangential};
-use kband::transport::{Intervals, Motion, Origin, Spread, measure};
+use kband::transport::{Intervals, Motion, Origin, SampleMean, measure};
 use serde_json::json;
 
 use super::{Arguments, Computed, Feeder, effort, starts};
@@ -20,10 +20,10 @@ struct Found {
     starts: usize,
     impacts: u64,
     longest: f64,
-    mean: Spread,
-    deviation: Spread,
+    mean: SampleMean,
+    deviation: SampleMean,
     bins: Vec<u64>,
-    correlation: Vec<Spread>,
+    correlation: Vec<SampleMean>,
 }
 
 pub(super) fn computed(
@@ -88,11 +88,13 @@ fn found(feeder: &Feeder, k: f64, arguments: &Arguments, desk: &Desk) -> Result<
         starts: kept.len(),
         impacts: seen.iter().map(Seen::count).sum(),
         longest,
-        mean: Spread::of(seen.iter().filter_map(Seen::mean)),
-        deviation: Spread::of(seen.iter().filter_map(Seen::deviation)),
+        mean: SampleMean::from_values(seen.iter().filter_map(Seen::mean)),
+        deviation: SampleMean::from_values(seen.iter().filter_map(Seen::deviation)),
         bins,
         correlation: (1..=LAGS)
-            .map(|lag| Spread::of(seen.iter().filter_map(|one| one.autocorrelation(lag))))
+            .map(|lag| {
+                SampleMean::from_values(seen.iter().filter_map(|one| one.autocorrelation(lag)))
+            })
             .collect(),
     })
 }
@@ -207,7 +209,7 @@ fn picture(feeder: &Feeder, found: &Found) -> Picture {
         histogram = histogram.mark(mean, "mean D");
     }
     let lag = |n: usize| (n + 1) as f64;
-    let points = |of: &dyn Fn(&Spread) -> Option<f64>| -> Vec<(f64, f64)> {
+    let points = |of: &dyn Fn(&SampleMean) -> Option<f64>| -> Vec<(f64, f64)> {
         found
             .correlation
             .iter()

@@ -1,12 +1,13 @@
 //! Lanes of four f64 in AVX2 registers.
 //!
-//! Its methods are sound only where the CPU has AVX2, which nothing here checks: the type is named in
-//! `batch` alone, in functions that are called where [`Simd`](super::simd::Simd) has asked the CPU.
+//! Its methods are sound only where the CPU has AVX2, which nothing here checks: the type is named
+//! in `batch` alone, in functions that are called where [`Simd`](super::simd::Simd) has asked the
+//! CPU.
 
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
-use super::{Column, Lane, ROUNDER, WIDEST};
+use super::{Column, Lane, MAX_LANES, ROUNDING_OFFSET};
 use crate::arithmetic::node;
 
 /// Four f64.
@@ -133,7 +134,7 @@ impl Lane for Avx2 {
         Self(unsafe { _mm256_blendv_pd(no.0, yes.0, mask.0) })
     }
     #[inline(always)]
-    fn only(self, mask: Mask) -> Self {
+    fn keep_where(self, mask: Mask) -> Self {
         // SAFETY: the CPU has AVX2, see the module.
         Self(unsafe { _mm256_and_pd(self.0, mask.0) })
     }
@@ -149,7 +150,7 @@ impl Lane for Avx2 {
     }
     #[inline(always)]
     fn node_at(rounded: &[f64], at: usize) -> (Self, Self) {
-        let [a, b, c, d] = *apart(&rounded[at..at + Self::WIDTH]);
+        let [a, b, c, d] = *hide_from_compiler(&rounded[at..at + Self::WIDTH]);
         // SAFETY: the CPU has AVX2, see the module; a pair is as long as the loaded vector.
         unsafe {
             let (a, b) = (_mm_loadu_pd(pair(a)), _mm_loadu_pd(pair(b)));
@@ -170,11 +171,11 @@ impl Lane for Avx2 {
     #[inline(always)]
     fn within_turn(rounded: Self) -> (Self, Self) {
         // An integer below 2^52 with the exponent bits of 2^52 is 2^52 plus itself.
-        const LIFT: f64 = 4_503_599_627_370_496.0;
-        const _: () = assert!(ROUNDER > LIFT);
+        const INTEGER_OFFSET: f64 = 4_503_599_627_370_496.0;
+        const _: () = assert!(ROUNDING_OFFSET > INTEGER_OFFSET);
         // SAFETY: the CPU has AVX2, see the module.
         unsafe {
-            let lift = _mm256_set1_pd(LIFT);
+            let lift = _mm256_set1_pd(INTEGER_OFFSET);
             let lifted = _mm256_or_si256(rounded.index(), _mm256_castpd_si256(lift));
             let count = Self(_mm256_sub_pd(_mm256_castsi256_pd(lifted), lift));
             (
@@ -205,14 +206,14 @@ impl Lane for Avx2 {
         unsafe { _mm256_storeu_pd(values.as_mut_ptr(), self.0) };
     }
     #[inline(always)]
-    fn store_only(self, mask: Mask, values: &mut [f64], at: usize) {
+    fn store_where(self, mask: Mask, values: &mut [f64], at: usize) {
         // Without this barrier the compiler merges load and store into masked stores. A block of
         // tall flights then takes a sixth longer on an AMD EPYC.
-        let last = Self::load(apart::<4>(&values[at..at + Self::WIDTH]), 0);
+        let last = Self::load(hide_from_compiler::<4>(&values[at..at + Self::WIDTH]), 0);
         Self::select(mask, self, last).store(values, at);
     }
     #[inline(always)]
-    fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self {
+    fn pick(column: &Column, numbers: [u8; MAX_LANES]) -> Self {
         let mut values = [0.0; 4];
         for (value, number) in values.iter_mut().zip(numbers) {
             *value = column[usize::from(number)];
@@ -222,7 +223,7 @@ impl Lane for Avx2 {
         Self(unsafe { _mm256_setr_pd(a, b, c, d) })
     }
     #[inline(always)]
-    fn choose(bytes: [u8; WIDEST], places: u64) -> [u8; WIDEST] {
+    fn choose(bytes: [u8; MAX_LANES], places: u64) -> [u8; MAX_LANES] {
         // SAFETY: the CPU has AVX2, see the module.
         unsafe {
             let bytes = _mm_cvtsi64_si128(i64::from_le_bytes(bytes));
@@ -231,8 +232,8 @@ impl Lane for Avx2 {
         }
     }
     #[inline(always)]
-    fn to_array(self) -> [f64; WIDEST] {
-        let mut values = [0.0; WIDEST];
+    fn to_array(self) -> [f64; MAX_LANES] {
+        let mut values = [0.0; MAX_LANES];
         // SAFETY: the CPU has AVX2, see the module; the array is longer than a register.
         unsafe { _mm256_storeu_pd(values.as_mut_ptr(), self.0) };
         values
@@ -248,7 +249,7 @@ pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
             _mm256_castsi256_si128(index),
             _mm256_extracti128_si256::<1>(index),
         );
-        let table = node::DOUBLE.as_ptr();
+        let table = node::SINE_COSINE_DOUBLE.as_ptr();
         let a = _mm_loadu_pd(table.add(_mm_cvtsi128_si64(low) as usize).cast());
         let b = _mm_loadu_pd(table.add(_mm_extract_epi64::<1>(low) as usize).cast());
         let c = _mm_loadu_pd(table.add(_mm_cvtsi128_si64(high) as usize).cast());
@@ -262,7 +263,7 @@ pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
 /// The same numbers, hidden from the compiler. It would extract them from a register, which costs
 /// more than loading each.
 #[inline(always)]
-fn apart<const N: usize>(numbers: &[f64]) -> &[f64; N] {
+fn hide_from_compiler<const N: usize>(numbers: &[f64]) -> &[f64; N] {
     assert!(numbers.len() == N);
     let mut first = numbers.as_ptr().cast::<[f64; N]>();
     // SAFETY: there is no instruction; the pointer is unchanged, and there are as many numbers.
@@ -272,8 +273,9 @@ fn apart<const N: usize>(numbers: &[f64]) -> &[f64; N] {
     }
 }
 
-/// Sine and cosine, in this order, of the node of this [`ROUNDER`](super::ROUNDER) sum.
+/// Sine and cosine, in this order, of the node of this [`ROUNDING_OFFSET`](super::ROUNDING_OFFSET)
+/// sum.
 #[inline(always)]
 fn pair(rounded: f64) -> *const f64 {
-    node::DOUBLE[rounded.to_bits() as usize % node::COUNT].as_ptr()
+    node::SINE_COSINE_DOUBLE[rounded.to_bits() as usize % node::COUNT].as_ptr()
 }

@@ -20,16 +20,16 @@ use super::node;
 
 /// Constant whose addition rounds a number below 2^51 to an integer, held in the low bits of the
 /// sum.
-pub(crate) const ROUNDER: f64 = 6_755_399_441_055_744.0;
+pub(crate) const ROUNDING_OFFSET: f64 = 6_755_399_441_055_744.0;
 
 /// Lanes of the widest register, or two side by side.
-pub(crate) const WIDEST: usize = 8;
+pub(crate) const MAX_LANES: usize = 8;
 
 /// Number of lanes of a column.
-pub(crate) const COLUMN: usize = 256;
+pub(crate) const COLUMN_LANES: usize = 256;
 
 /// One quantity of many orbits, indexed by eight bits.
-pub(crate) type Column = [f64; COLUMN];
+pub(crate) type Column = [f64; COLUMN_LANES];
 
 /// One or several f64 processed alike.
 pub(crate) trait Lane:
@@ -46,7 +46,7 @@ pub(crate) trait Lane:
         + BitOr<Output = Self::Mask>
         + Not<Output = Self::Mask>;
 
-    /// Number of lanes, at most [`WIDEST`].
+    /// Number of lanes, at most [`MAX_LANES`].
     const WIDTH: usize;
 
     /// The same number in every lane.
@@ -67,7 +67,7 @@ pub(crate) trait Lane:
     /// `yes` where the mask holds, else `no`.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
     /// `self` where the mask holds, else 0.
-    fn only(self, mask: Self::Mask) -> Self;
+    fn keep_where(self, mask: Self::Mask) -> Self;
     /// The mask as one bit per lane.
     fn bits(mask: Self::Mask) -> u32;
     /// Whether the mask holds in any lane.
@@ -78,17 +78,17 @@ pub(crate) trait Lane:
     /// The same number. For one f64 it prevents the compiler from pairing operations: packing pairs
     /// of these kernels' numbers costs more than it saves.
     #[inline(always)]
-    fn lone(self) -> Self {
+    fn unpaired(self) -> Self {
         self
     }
-    /// Sine and cosine at the node whose index is in the low bits of a [`ROUNDER`] sum.
+    /// Sine and cosine at the node whose index is in the low bits of a [`ROUNDING_OFFSET`] sum.
     fn node(rounded: Self) -> (Self, Self);
     /// [`Lane::node`] for the sums from index `at` on.
     #[inline(always)]
     fn node_at(rounded: &[f64], at: usize) -> (Self, Self) {
         Self::node(Self::load(rounded, at))
     }
-    /// Whether two [`ROUNDER`] sums have the same node of a turn.
+    /// Whether two [`ROUNDING_OFFSET`] sums have the same node of a turn.
     fn is_same_node(rounded: Self, other: Self) -> Self::Mask;
     /// Phase of that node within its turn as a sum: its index times [`node::SPACING_HIGH`], and
     /// times [`node::SPACING_LOW`].
@@ -101,28 +101,28 @@ pub(crate) trait Lane:
     fn store(self, values: &mut [f64], at: usize);
     /// Stores the lanes selected by the mask to the place of [`Lane::load`].
     #[inline(always)]
-    fn store_only(self, mask: Self::Mask, values: &mut [f64], at: usize) {
+    fn store_where(self, mask: Self::Mask, values: &mut [f64], at: usize) {
         Self::select(mask, self, Self::load(values, at)).store(values, at);
     }
     /// Values of a column at the first of these indices.
-    fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self;
+    fn pick(column: &Column, numbers: [u8; MAX_LANES]) -> Self;
     /// Bytes at these positions.
     #[inline(always)]
-    fn choose(bytes: [u8; WIDEST], places: u64) -> [u8; WIDEST] {
+    fn choose(bytes: [u8; MAX_LANES], places: u64) -> [u8; MAX_LANES] {
         places
             .to_le_bytes()
-            .map(|place| bytes[usize::from(place) % WIDEST])
+            .map(|place| bytes[usize::from(place) % MAX_LANES])
     }
     /// The lanes, followed by zeros.
-    fn to_array(self) -> [f64; WIDEST];
+    fn to_array(self) -> [f64; MAX_LANES];
 }
 
 /// Largest integer not above `x`, for |x| < 2^51.
 #[inline(always)]
 pub(crate) fn floor<L: Lane>(x: L) -> L {
-    let rounder = L::splat(ROUNDER);
+    let rounder = L::splat(ROUNDING_OFFSET);
     let nearest = (x + rounder) - rounder;
-    nearest - L::splat(1.0).only(x.below(nearest))
+    nearest - L::splat(1.0).keep_where(x.below(nearest))
 }
 
 /// A node of the table.
@@ -134,7 +134,7 @@ pub(crate) struct Node<L> {
     pub cosine: L,
     /// Phase from the origin given to [`Node::near`] to the node, in rad.
     pub distance: L,
-    /// [`ROUNDER`] sum with the index of the node.
+    /// [`ROUNDING_OFFSET`] sum with the index of the node.
     pub rounded: L,
 }
 
@@ -145,8 +145,8 @@ impl<L: Lane> Node<L> {
     /// is reduced by an integer mask.
     #[inline(always)]
     pub fn near(origin: L, ahead: L) -> Self {
-        let rounded = name(origin + ahead);
-        let count = rounded - L::splat(ROUNDER);
+        let rounded = node_sum(origin + ahead);
+        let count = rounded - L::splat(ROUNDING_OFFSET);
         let (sine, cosine) = L::node(rounded);
         Self {
             sine,
@@ -161,12 +161,12 @@ impl<L: Lane> Node<L> {
     /// Lanes outside `which` are undefined.
     #[inline(always)]
     pub fn sine_cosine(&self, phase: L, which: L::Mask) -> (L, L) {
-        let rounded = name(phase);
+        let rounded = node_sum(phase);
         let same = L::is_same_node(rounded, self.rounded);
         if L::any(!same & which) {
-            between(phase, rounded, L::node(rounded))
+            sine_cosine_from_node(phase, rounded, L::node(rounded))
         } else {
-            between(phase, rounded, (self.sine, self.cosine))
+            sine_cosine_from_node(phase, rounded, (self.sine, self.cosine))
         }
     }
 
@@ -175,7 +175,7 @@ impl<L: Lane> Node<L> {
     pub fn phase(&self, offset: L) -> L {
         let (high, low) = L::within_turn(self.rounded);
         let phase = high + (low + offset);
-        let phase = phase + L::splat(TAU).only(phase.below(L::splat(0.0)));
+        let phase = phase + L::splat(TAU).keep_where(phase.below(L::splat(0.0)));
         // A phase just below zero would round up to a full turn.
         phase.min(L::splat(TAU.next_down()))
     }
@@ -195,14 +195,14 @@ pub(crate) struct Arc<L> {
 impl<L: Lane> Arc<L> {
     /// For |d| up to a node spacing; relative error 2e-14 for `sagitta`, 3e-16 for the others.
     #[inline(always)]
-    pub fn of(d: L) -> Self {
+    pub fn new(d: L) -> Self {
         let z = d * d;
-        let sagitta = (d * z * (L::splat(1.0 / 6.0) - z * L::splat(1.0 / 120.0))).lone();
+        let sagitta = (d * z * (L::splat(1.0 / 6.0) - z * L::splat(1.0 / 120.0))).unpaired();
         Self {
-            sine: (d - sagitta).lone(),
+            sine: (d - sagitta).unpaired(),
             versine: (z * L::splat(0.5)
                 - (z * z) * (L::splat(1.0 / 24.0) - z * L::splat(1.0 / 720.0)))
-            .lone(),
+            .unpaired(),
             sagitta,
         }
     }
@@ -211,25 +211,29 @@ impl<L: Lane> Arc<L> {
 /// Sine and cosine of `phase` in 0..2 pi; error at most 1.7e-16.
 #[inline(always)]
 pub(crate) fn sine_cosine<L: Lane>(phase: L) -> (L, L) {
-    let rounded = name(phase);
-    between(phase, rounded, L::node(rounded))
+    let rounded = node_sum(phase);
+    sine_cosine_from_node(phase, rounded, L::node(rounded))
 }
 
-/// [`ROUNDER`] sum with the index of the node nearest to `phase`.
+/// [`ROUNDING_OFFSET`] sum with the index of the node nearest to `phase`.
 #[inline(always)]
-pub(crate) fn name<L: Lane>(phase: L) -> L {
-    phase * L::splat(node::COUNT as f64 / TAU) + L::splat(ROUNDER)
+pub(crate) fn node_sum<L: Lane>(phase: L) -> L {
+    phase * L::splat(node::COUNT as f64 / TAU) + L::splat(ROUNDING_OFFSET)
 }
 
 /// Sine and cosine of `phase` in 0..2 pi from those of the nearest node.
 #[inline(always)]
-pub(crate) fn between<L: Lane>(phase: L, rounded: L, (sine, cosine): (L, L)) -> (L, L) {
-    let count = rounded - L::splat(ROUNDER);
-    let arc = Arc::of(
+pub(crate) fn sine_cosine_from_node<L: Lane>(
+    phase: L,
+    rounded: L,
+    (sine, cosine): (L, L),
+) -> (L, L) {
+    let count = rounded - L::splat(ROUNDING_OFFSET);
+    let arc = Arc::new(
         (phase - count * L::splat(node::SPACING_HIGH)) - count * L::splat(node::SPACING_LOW),
     );
     (
-        (sine + (cosine * arc.sine - sine * arc.versine)).lone(),
-        (cosine - (sine * arc.sine + cosine * arc.versine)).lone(),
+        (sine + (cosine * arc.sine - sine * arc.versine)).unpaired(),
+        (cosine - (sine * arc.sine + cosine * arc.versine)).unpaired(),
     )
 }

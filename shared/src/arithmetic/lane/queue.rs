@@ -1,17 +1,17 @@
 //! Compaction of lanes that take the same branch.
 
-use super::{COLUMN, Lane, WIDEST};
+use super::{COLUMN_LANES, Lane, MAX_LANES};
 
 /// Indices of lanes, with space to fill the last register.
 #[derive(Clone, Debug)]
 pub(crate) struct Queue {
-    lanes: [u8; COLUMN + WIDEST],
+    lanes: [u8; COLUMN_LANES + MAX_LANES],
     count: usize,
 }
 
 impl Queue {
     pub const EMPTY: Self = Self {
-        lanes: [0; COLUMN + WIDEST],
+        lanes: [0; COLUMN_LANES + MAX_LANES],
         count: 0,
     };
 
@@ -21,9 +21,12 @@ impl Queue {
 
     /// Adds the lanes of a register whose bits are set.
     #[inline(always)]
-    pub fn push_chosen<L: Lane>(&mut self, lanes: [u8; WIDEST], bits: u32) {
-        let chosen = L::choose(lanes, PLACES[bits as usize % PLACES.len()]);
-        if let Some(places) = self.lanes.get_mut(self.count..self.count + WIDEST) {
+    pub fn push_chosen<L: Lane>(&mut self, lanes: [u8; MAX_LANES], bits: u32) {
+        let chosen = L::choose(
+            lanes,
+            SET_BIT_POSITIONS[bits as usize % SET_BIT_POSITIONS.len()],
+        );
+        if let Some(places) = self.lanes.get_mut(self.count..self.count + MAX_LANES) {
             places.copy_from_slice(&chosen);
             self.count += bits.count_ones() as usize;
         }
@@ -32,18 +35,18 @@ impl Queue {
     /// Adds lanes from `at` on, one bit each.
     #[inline(always)]
     pub fn push_bits(&mut self, at: usize, bits: u32) {
-        let lanes = PLACES[bits as usize % PLACES.len()] + at as u64 * (u64::MAX / 255);
-        if let Some(places) = self.lanes.get_mut(self.count..self.count + WIDEST) {
+        let lanes = SET_BIT_POSITIONS[bits as usize % SET_BIT_POSITIONS.len()]
+            + at as u64 * (u64::MAX / 255);
+        if let Some(places) = self.lanes.get_mut(self.count..self.count + MAX_LANES) {
             places.copy_from_slice(&lanes.to_le_bytes());
             self.count += bits.count_ones() as usize;
         }
     }
 
     /// Removes the lanes that are not kept.
-    #[cfg(any(test, feature = "analysis"))]
     pub fn retain(&mut self, keeps: impl Fn(usize) -> bool) {
         let mut kept = 0;
-        for n in 0..self.count.min(COLUMN) {
+        for n in 0..self.count.min(COLUMN_LANES) {
             let lane = self.lanes[n];
             self.lanes[kept] = lane;
             kept += usize::from(keeps(lane.into()));
@@ -54,20 +57,23 @@ impl Queue {
     /// The lanes by registers of `width`, and how many of each register count; one that is not full
     /// repeats its last lane, to the same result.
     #[inline(always)]
-    pub fn registers(&mut self, width: usize) -> impl Iterator<Item = ([u8; WIDEST], usize)> + '_ {
-        let count = self.count.min(COLUMN);
+    pub fn registers(
+        &mut self,
+        width: usize,
+    ) -> impl Iterator<Item = ([u8; MAX_LANES], usize)> + '_ {
+        let count = self.count.min(COLUMN_LANES);
         let last = count.checked_sub(1).map_or(0, |last| self.lanes[last]);
-        self.lanes[count..count + WIDEST].fill(last);
+        self.lanes[count..count + MAX_LANES].fill(last);
         (0..count).step_by(width).map(move |at| {
-            let mut lanes = [0; WIDEST];
-            lanes.copy_from_slice(&self.lanes[at..at + WIDEST]);
+            let mut lanes = [0; MAX_LANES];
+            lanes.copy_from_slice(&self.lanes[at..at + MAX_LANES]);
             (lanes, width.min(count - at))
         })
     }
 }
 
 /// Positions of the set bits of the index, lowest first, a byte each.
-const PLACES: [u64; 256] = {
+const SET_BIT_POSITIONS: [u64; 256] = {
     let mut places = [0; 256];
     let mut bits = 0;
     while bits < 256 {

@@ -12,11 +12,10 @@ pub enum Simd {
 
 impl Simd {
     /// All widths, narrowest first.
-    #[cfg(any(test, feature = "unstable"))]
+    #[cfg(test)]
     pub const ALL: [Self; 2] = [Self::None, Self::Avx2];
 
     /// Widest one supported by CPU and operating system.
-    #[must_use]
     pub fn widest() -> Self {
         #[cfg(target_arch = "x86_64")]
         return x86::widest();
@@ -32,22 +31,22 @@ mod x86 {
 
     use super::Simd;
 
-    /// Cached result as an index of `KNOWN`; `KNOWN.len()` before the first query. A hypervisor
+    /// Cached result as an index of `WIDTHS`; `WIDTHS.len()` before the first query. A hypervisor
     /// traps each CPUID: a query per register of impacts took nine tenths of a map of gear.
-    static ANSWER: AtomicU8 = AtomicU8::new(KNOWN.len() as u8);
-    const KNOWN: [Simd; 2] = [Simd::None, Simd::Avx2];
+    static CACHED_WIDTH: AtomicU8 = AtomicU8::new(WIDTHS.len() as u8);
+    const WIDTHS: [Simd; 2] = [Simd::None, Simd::Avx2];
 
     pub(super) fn widest() -> Simd {
         // Concurrent queries store the same result.
-        let answer = usize::from(ANSWER.load(Ordering::Relaxed));
-        KNOWN.get(answer).copied().unwrap_or_else(|| {
-            let simd = asked();
-            ANSWER.store(simd as u8, Ordering::Relaxed);
+        let answer = usize::from(CACHED_WIDTH.load(Ordering::Relaxed));
+        WIDTHS.get(answer).copied().unwrap_or_else(|| {
+            let simd = detect();
+            CACHED_WIDTH.store(simd as u8, Ordering::Relaxed);
             simd
         })
     }
 
-    fn asked() -> Simd {
+    fn detect() -> Simd {
         const OS_SAVES: u32 = 1 << 27;
         const AVX: u32 = 1 << 28;
         const POPCNT: u32 = 1 << 23;
@@ -61,7 +60,7 @@ mod x86 {
         }
         let extended = __cpuid_count(7, 0).ebx;
         // SAFETY: the operating system provides xgetbv.
-        let saved = unsafe { saved() };
+        let saved = unsafe { saved_registers() };
         if saved & YMM != YMM || extended & AVX2_BMI != AVX2_BMI {
             Simd::None
         } else {
@@ -71,7 +70,7 @@ mod x86 {
 
     /// Registers saved by the operating system for a thread.
     #[target_feature(enable = "xsave")]
-    fn saved() -> u64 {
+    fn saved_registers() -> u64 {
         // SAFETY: register 0 always exists.
         unsafe { _xgetbv(0) }
     }
@@ -83,7 +82,7 @@ mod tests {
 
     #[cfg(target_arch = "x86_64")]
     #[test]
-    fn the_answer_is_that_of_the_standard_library() {
+    fn detected_width_matches_the_standard_library() {
         let bits = std::is_x86_feature_detected!("popcnt")
             && std::is_x86_feature_detected!("bmi1")
             && std::is_x86_feature_detected!("bmi2");

@@ -1,6 +1,6 @@
 //! Scalar lane: the operations of a wider register on one f64.
 
-use super::{Column, Lane, WIDEST};
+use super::{Column, Lane, MAX_LANES};
 use crate::arithmetic::{node, square_root, square_root_single};
 
 pub(crate) use decision::Mask;
@@ -43,7 +43,7 @@ impl Lane for f64 {
         decision::select(mask, yes, no)
     }
     #[inline(always)]
-    fn only(self, mask: Mask) -> Self {
+    fn keep_where(self, mask: Mask) -> Self {
         decision::keep(mask, self)
     }
     #[inline(always)]
@@ -51,13 +51,13 @@ impl Lane for f64 {
         decision::bits(mask)
     }
     #[inline(always)]
-    fn lone(self) -> Self {
-        decision::lone(self)
+    fn unpaired(self) -> Self {
+        decision::unpaired(self)
     }
     #[inline(always)]
     fn node(rounded: Self) -> (Self, Self) {
-        let [sine, cosine] = node::DOUBLE[rounded.to_bits() as usize % node::COUNT];
-        (sine.lone(), cosine.lone())
+        let [sine, cosine] = node::SINE_COSINE_DOUBLE[rounded.to_bits() as usize % node::COUNT];
+        (sine.unpaired(), cosine.unpaired())
     }
     #[inline(always)]
     fn is_same_node(rounded: Self, other: Self) -> Mask {
@@ -66,7 +66,7 @@ impl Lane for f64 {
     }
     #[inline(always)]
     fn within_turn(rounded: Self) -> (Self, Self) {
-        let [high, low] = node::PHASE[rounded.to_bits() as usize % node::COUNT];
+        let [high, low] = node::NODE_PHASES[rounded.to_bits() as usize % node::COUNT];
         (high, low)
     }
     #[inline(always)]
@@ -82,12 +82,12 @@ impl Lane for f64 {
         values[at] = self;
     }
     #[inline(always)]
-    fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self {
+    fn pick(column: &Column, numbers: [u8; MAX_LANES]) -> Self {
         column[usize::from(numbers[0])]
     }
     #[inline(always)]
-    fn to_array(self) -> [f64; WIDEST] {
-        let mut values = [0.0; WIDEST];
+    fn to_array(self) -> [f64; MAX_LANES] {
+        let mut values = [0.0; MAX_LANES];
         values[0] = self;
         values
     }
@@ -163,7 +163,7 @@ mod decision {
     }
 
     #[inline(always)]
-    pub(super) fn lone(mut value: f64) -> f64 {
+    pub(super) fn unpaired(mut value: f64) -> f64 {
         // SAFETY: no instruction.
         unsafe {
             core::arch::asm!("/* {0} */", inout(xmm_reg) value, options(pure, nomem, nostack, preserves_flags));
@@ -203,7 +203,7 @@ mod decision {
     }
 
     #[inline(always)]
-    pub(super) fn lone(value: f64) -> f64 {
+    pub(super) fn unpaired(value: f64) -> f64 {
         value
     }
 

@@ -2,7 +2,7 @@
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
-use super::{Column, Lane, WIDEST};
+use super::{Column, Lane, MAX_LANES};
 
 /// Two registers, the lower lanes first.
 #[derive(Clone, Copy)]
@@ -42,7 +42,7 @@ impl<T: Not<Output = T>> Not for Twice<T> {
 
 /// Upper half of these bytes, moved to the front.
 #[inline(always)]
-fn upper<L: Lane>(bytes: [u8; WIDEST]) -> [u8; WIDEST] {
+fn upper<L: Lane>(bytes: [u8; MAX_LANES]) -> [u8; MAX_LANES] {
     (u64::from_le_bytes(bytes) >> (8 * L::WIDTH)).to_le_bytes()
 }
 
@@ -50,7 +50,7 @@ impl<L: Lane> Lane for Twice<L> {
     type Mask = Twice<L::Mask>;
 
     const WIDTH: usize = {
-        assert!(2 * L::WIDTH <= WIDEST);
+        assert!(2 * L::WIDTH <= MAX_LANES);
         2 * L::WIDTH
     };
 
@@ -90,16 +90,16 @@ impl<L: Lane> Lane for Twice<L> {
         )
     }
     #[inline(always)]
-    fn only(self, mask: Self::Mask) -> Self {
-        Self(self.0.only(mask.0), self.1.only(mask.1))
+    fn keep_where(self, mask: Self::Mask) -> Self {
+        Self(self.0.keep_where(mask.0), self.1.keep_where(mask.1))
     }
     #[inline(always)]
     fn bits(mask: Self::Mask) -> u32 {
         L::bits(mask.0) | L::bits(mask.1) << L::WIDTH
     }
     #[inline(always)]
-    fn lone(self) -> Self {
-        Self(self.0.lone(), self.1.lone())
+    fn unpaired(self) -> Self {
+        Self(self.0.unpaired(), self.1.unpaired())
     }
     #[inline(always)]
     fn node(rounded: Self) -> (Self, Self) {
@@ -137,24 +137,24 @@ impl<L: Lane> Lane for Twice<L> {
         self.1.store(values, at + L::WIDTH);
     }
     #[inline(always)]
-    fn store_only(self, mask: Self::Mask, values: &mut [f64], at: usize) {
-        self.0.store_only(mask.0, values, at);
-        self.1.store_only(mask.1, values, at + L::WIDTH);
+    fn store_where(self, mask: Self::Mask, values: &mut [f64], at: usize) {
+        self.0.store_where(mask.0, values, at);
+        self.1.store_where(mask.1, values, at + L::WIDTH);
     }
     #[inline(always)]
-    fn pick(column: &Column, numbers: [u8; WIDEST]) -> Self {
+    fn pick(column: &Column, numbers: [u8; MAX_LANES]) -> Self {
         Self(
             L::pick(column, numbers),
             L::pick(column, upper::<L>(numbers)),
         )
     }
     #[inline(always)]
-    fn choose(bytes: [u8; WIDEST], places: u64) -> [u8; WIDEST] {
+    fn choose(bytes: [u8; MAX_LANES], places: u64) -> [u8; MAX_LANES] {
         L::choose(bytes, places)
     }
     #[inline(always)]
-    fn to_array(self) -> [f64; WIDEST] {
-        let mut values = [0.0; WIDEST];
+    fn to_array(self) -> [f64; MAX_LANES] {
+        let mut values = [0.0; MAX_LANES];
         self.store(&mut values, 0);
         values
     }

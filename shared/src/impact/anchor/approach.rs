@@ -1,7 +1,9 @@
 //! Approach: Householder's method of order 3 on table nodes (Householder 1970), from the fall of
 //! the parabola.
 
-use super::flight::{Flight, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest};
+use super::flight::{
+    Flight, MAX_KNOWN_HEIGHT, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest,
+};
 use crate::arithmetic::square_root_single;
 
 /// Node and offset near the impact of a tall flight.
@@ -23,7 +25,7 @@ pub(super) fn fall<F: Flight>(
     // The sign of the rise makes the value of a sinking part smaller than 2 k h, below the
     // threshold.
     let square = rise * abs(rise) + 2.0 * track.k() * height;
-    let is_tall = square >= track.tall();
+    let is_tall = square >= track.min_tall_speed_squared();
     if !is_tall {
         return None;
     }
@@ -60,24 +62,23 @@ impl Approach {
 
     /// Whether the steps from a node at time `late` preserved the distance.
     #[inline(always)]
-    pub fn has_kept(&self, node: i32, late: f32) -> bool {
+    pub fn preserves_distance(&self, node: i32, late: f32) -> bool {
         let walked = self.node.wrapping_sub(node) as f32 * SPACING;
-        abs(self.late - late - walked) < LOST
+        abs(self.late - late - walked) < MAX_DISTANCE_LOSS
     }
 }
 
 /// Number of steps after which the search replaces the approach, which bounds the time.
-const ROUNDS: u32 = 6;
-/// Height in b: largest at the end of an approach; beyond 2 the exact height wraps.
-const NEAR: f32 = 2.0;
+const MAX_STEPS: u32 = 6;
 
 /// Ratio of `b2 u0` to the squared slope: largest at the last step of a final approach. At so
-/// simple a root a third-order step leaves a thousandth of itself. `LEAP` bounds the error.
-const SIMPLE: f32 = 0.1;
+/// simple a root a third-order step leaves a thousandth of itself. `Flight::MAX_LAST_STEP` bounds
+/// the error.
+const MAX_CURVATURE_RATIO: f32 = 0.1;
 
 /// Distance from launch in rad: largest loss over the steps of a final approach. Where the part
 /// moves nearly parallel to the track, one step can lead a thousand rad away and the next back.
-const LOST: f32 = 2e-6;
+const MAX_DISTANCE_LOSS: f32 = 2e-6;
 
 /// Householder's method of order 3 on nodes until a step is short.
 ///
@@ -90,7 +91,7 @@ pub(super) fn approach<F: Flight>(
     speed: f32,
     base: f32,
 ) -> Option<Approach> {
-    for _ in 0..ROUNDS {
+    for _ in 0..MAX_STEPS {
         let Motion {
             height,
             speed: cosine,
@@ -108,11 +109,12 @@ pub(super) fn approach<F: Flight>(
         let next = node.wrapping_add(jump);
         // Householder's step is also short where it leads to no root; Newton's step is not. The
         // steps may also have led back to launch, where the part rises over the track.
-        let ends = if F::FINAL {
-            abs(u0) < F::LEAP * (u1 - F::SLOW) && abs(product) < SIMPLE * square
+        let ends = if F::APPROACH_IS_FINAL {
+            abs(u0) < F::MAX_LAST_STEP * (u1 - F::MAX_GRAZING_SPEED)
+                && abs(product) < MAX_CURVATURE_RATIO * square
         } else {
             // Far from a root a step may be short by chance, and the exact height wraps.
-            abs(step) < F::LEAP && abs(u0) < NEAR
+            abs(step) < F::MAX_LAST_STEP && abs(u0) < MAX_KNOWN_HEIGHT
         };
         if ends {
             return Some(Approach {

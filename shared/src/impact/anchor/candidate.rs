@@ -6,34 +6,34 @@ use core::f32::consts::TAU;
 
 use super::approach::{Approach, approach};
 use super::flight::{Flight, Launch, RADIANS_PER_STEP, root};
-use super::shape::Shape;
-use super::short::{DOUBLE, hop, is_flat};
+use super::short::{MAX_DOUBLE_ROOT_DISCRIMINANT, hop, is_flat};
+use super::sine_track::SineTrack;
 use crate::arithmetic::square_root_single;
 
 // The thresholds below choose between two ways to the same impact. Their cost was measured over
 // 200 000 launches per set: velocities 0..3, near lift-off, and nearly touching a hump.
 
 /// Flight time in rad: longest start from the cubic near launch, which is inaccurate beyond.
-const FAR: f32 = 4.0;
+const MAX_START_FROM_LAUNCH: f32 = 4.0;
 
 /// Share of `a1^2` by which the cubic's discriminant may be negative: omitted terms may make its
 /// roots real. It affects cost only.
-pub(super) const NEARLY_REAL: f32 = 0.06;
+pub(super) const MAX_NEGATIVE_DISCRIMINANT: f32 = 0.06;
 
 /// Flight time in rad up to which one correction covers the next two terms.
-const CORRECTED: f32 = 1.0;
+const MAX_CORRECTED_FLIGHT: f32 = 1.0;
 
 /// Share of `a1^2`: least discriminant for the correction, which divides by its root. The slope is
 /// then at least a seventh of `a1`.
-const STEEP: f32 = 0.02;
+const MIN_DISCRIMINANT_RATIO: f32 = 0.02;
 
 /// Squared speed at height 0: least for an approach from the fall. Below it the parabola hardly
 /// reaches the middle of the stroke.
-pub(super) const LEAST: f32 = 0.1;
+pub(super) const MIN_FALL_SPEED_SQUARED: f32 = 0.1;
 
 /// Flight time in rad beyond a turn from lift-off up to which a fall can end. It covers the end of
 /// the hump after the next and the error of the crossing of height 0.
-pub(super) const BEYOND: f32 = 0.5;
+pub(super) const MAX_FALL_BEYOND_TURN: f32 = 0.5;
 
 /// Where the first impact of a low flight may be.
 pub(crate) enum Candidate {
@@ -41,7 +41,7 @@ pub(crate) enum Candidate {
     Hop { flight: f32, arrival: f32 },
     /// Near `offset` rad from a node, if a down-crossing there is the first.
     Near { node: i32, offset: f32 },
-    /// The end of a final approach ([`Flight::FINAL`]), if that is the first.
+    /// The end of a final approach ([`Flight::APPROACH_IS_FINAL`]), if that is the first.
     Final(Approach),
     /// No candidate without a search.
     Unknown,
@@ -56,9 +56,9 @@ pub(crate) enum Candidate {
 /// - On the concave stretch from launch the down-crossing ends the stretch above 0.
 /// - From within a hump `u` rises to the concave stretch.
 ///
-/// See [`Shape::ends`].
+/// See [`SineTrack::ends`].
 #[inline(always)]
-pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate {
+pub(crate) fn candidate<F: Flight>(track: &SineTrack, launch: &Launch) -> Candidate {
     let Launch {
         velocity,
         sine,
@@ -70,20 +70,20 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
     let a1 = 0.5 * pull;
     let a2 = cosine * (1.0 / 6.0);
     let discriminant = a1 * a1 - 4.0 * a2 * velocity;
-    let mut near = FAR;
+    let mut near = MAX_START_FROM_LAUNCH;
     // Below the lower bound the flight clears the coming hump, or nearly so.
     let square = a1 * a1;
-    if a1 > 0.0 && discriminant > -NEARLY_REAL * square {
+    if a1 > 0.0 && discriminant > -MAX_NEGATIVE_DISCRIMINANT * square {
         let slope = root(discriminant);
         near = 2.0 * velocity / (a1 + slope);
-        if near < F::SHORT {
-            if discriminant < DOUBLE * square || is_flat::<F>(launch) {
+        if near < F::MAX_SHORT_FLIGHT {
+            if discriminant < MAX_DOUBLE_ROOT_DISCRIMINANT * square || is_flat::<F>(launch) {
                 return Candidate::Unknown;
             }
             let (flight, arrival) = hop(launch, near);
             return Candidate::Hop { flight, arrival };
         }
-        if near < CORRECTED && discriminant > STEEP * square {
+        if near < MAX_CORRECTED_FLIGHT && discriminant > MIN_DISCRIMINANT_RATIO * square {
             let z = near * near;
             let third = cosine * near;
             let over = sine * (1.0 / 24.0 - z * (1.0 / 720.0)) + third * (1.0 / 120.0);
@@ -92,29 +92,29 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
             let newton = z * near * over * inverse;
             let bend = (a2 - sine * (1.0 / 8.0) * near) * inverse;
             near -= newton * (1.0 - newton * bend);
-            if !F::FINAL {
+            if !F::APPROACH_IS_FINAL {
                 let (node, offset) = F::node_of(launch.phase, near);
                 return Candidate::Near { node, offset };
             }
         }
     } else if a1 <= 0.0 && a2 < 0.0 {
         near = (a1 - square_root_single(discriminant)) / (a2 + a2);
-        if near < F::SHORT {
+        if near < F::MAX_SHORT_FLIGHT {
             return Candidate::Unknown;
         }
     }
     let rise = velocity + cosine;
     let (mut speed, mut origin, mut base) = (-rise, 0.0, sine);
-    if near >= FAR {
-        let square = rise * rise + 2.0 * shape.k * sine;
-        if !(rise > 0.0 && square > LEAST) {
+    if near >= MAX_START_FROM_LAUNCH {
+        let square = rise * rise + 2.0 * track.k * sine;
+        if !(rise > 0.0 && square > MIN_FALL_SPEED_SQUARED) {
             return Candidate::Unknown;
         }
         speed = square_root_single(square);
-        origin = (rise + speed) * shape.inverse;
+        origin = (rise + speed) * track.inverse;
         // Leaves flights that end after the hump after the next one to the search.
-        let to_lift_off = shape.lift_off.wrapping_sub(launch.phase) as f32 * RADIANS_PER_STEP;
-        if origin > to_lift_off + (TAU + BEYOND) {
+        let to_lift_off = track.lift_off.wrapping_sub(launch.phase) as f32 * RADIANS_PER_STEP;
+        if origin > to_lift_off + (TAU + MAX_FALL_BEYOND_TURN) {
             return Candidate::Unknown;
         }
         near = origin;
@@ -122,9 +122,11 @@ pub(crate) fn candidate<F: Flight>(shape: &Shape, launch: &Launch) -> Candidate 
     }
     let (node, offset) = F::node_of(launch.phase, near);
     let late = (near - origin) - offset;
-    match approach::<F>(shape, node, late, speed, base) {
-        Some(approach) if F::FINAL && approach.has_kept(node, late) => Candidate::Final(approach),
-        Some(_) if F::FINAL => Candidate::Unknown,
+    match approach::<F>(track, node, late, speed, base) {
+        Some(approach) if F::APPROACH_IS_FINAL && approach.preserves_distance(node, late) => {
+            Candidate::Final(approach)
+        }
+        Some(_) if F::APPROACH_IS_FINAL => Candidate::Unknown,
         Some(approach) => {
             let (node, offset) = approach.end;
             Candidate::Near { node, offset }

@@ -7,8 +7,11 @@ pub(super) const SPACING: f32 = node::SPACING as f32;
 pub(super) const NODES_PER_RADIAN: f32 = (1.0 / node::SPACING) as f32;
 pub(super) const RADIANS_PER_STEP: f32 = Phase::RADIANS_PER_STEP as f32;
 pub(super) const STEPS_PER_RADIAN: f32 = Phase::STEPS_PER_RADIAN as f32;
+/// Height in b beyond which a kernel may keep only the sign ([`Flight::local`]): no step from there
+/// ends at an impact.
+pub(super) const MAX_KNOWN_HEIGHT: f32 = 2.0;
 /// 1.5 * 2^23: adding it rounds an f32 below 2^22 to an integer in the low bits.
-const ROUND: f32 = 12_582_912.0;
+const ROUNDING_OFFSET: f32 = 12_582_912.0;
 
 /// A launch in f32.
 #[derive(Clone, Copy, Debug)]
@@ -56,7 +59,7 @@ pub(super) trait Track {
     fn half_k(&self) -> f32;
     fn inverse(&self) -> f32;
     /// Squared speed at height 0: least of a tall flight.
-    fn tall(&self) -> f32;
+    fn min_tall_speed_squared(&self) -> f32;
     /// The track at a node, from f32.
     fn at(&self, node: i32) -> Motion;
 }
@@ -70,25 +73,25 @@ pub(crate) trait Flight {
     fn local(&self, node: i32) -> Local;
     /// Flight time in rad below which the form divided by the flight time keeps more digits than a
     /// node.
-    const SHORT: f32;
+    const MAX_SHORT_FLIGHT: f32;
     /// Gap over a hump that is within rounding: constant part, and part per rad of flight.
-    const ROUNDING: f32;
-    const DRIFT: f32;
+    const GAP_ROUNDING: f32;
+    const GAP_ROUNDING_PER_RADIAN: f32;
     /// Rounding of the pull.
-    const PULL: f32;
+    const PULL_ROUNDING: f32;
     /// Node at which an approach begins, and the offset in rad.
     #[inline(always)]
     fn node_of(phase: u32, x: f32) -> (i32, f32) {
         node_of(phase, x)
     }
     /// Step in rad: longest last step of an approach.
-    const LEAP: f32;
+    const MAX_LAST_STEP: f32;
     /// Arrival speed below which a graze may be within rounding.
-    const SLOW: f32;
+    const MAX_GRAZING_SPEED: f32;
     /// Whether an approach ends at the impact, to the precision of the kernel.
-    const FINAL: bool;
+    const APPROACH_IS_FINAL: bool;
     /// Last correction in rad that leaves an error within rounding, at an arrival speed of 1.
-    const NEAR: f32;
+    const MAX_LAST_CORRECTION: f32;
 }
 
 /// A flight over a sine.
@@ -121,10 +124,10 @@ pub(super) fn root(x: f32) -> f32 {
 /// Nearest integer to `x`, |x| < 2^22, as integer and as f32.
 #[inline(always)]
 pub(super) fn nearest(x: f32) -> (i32, f32) {
-    let shifted = x + ROUND;
+    let shifted = x + ROUNDING_OFFSET;
     (
-        (shifted.to_bits() as i32).wrapping_sub(ROUND.to_bits() as i32),
-        shifted - ROUND,
+        (shifted.to_bits() as i32).wrapping_sub(ROUNDING_OFFSET.to_bits() as i32),
+        shifted - ROUNDING_OFFSET,
     )
 }
 
@@ -147,6 +150,6 @@ pub(crate) fn node_from_near(phase: u32, x: f32) -> (i32, f32) {
 
 #[inline(always)]
 pub(super) fn sine_cosine_at(node: i32) -> (f32, f32) {
-    let [sine, cosine] = node::SINGLE[(node & 255) as usize];
+    let [sine, cosine] = node::SINE_COSINE_SINGLE[(node & 255) as usize];
     (sine, cosine)
 }

@@ -6,7 +6,8 @@ use super::candidate::{Candidate, candidate};
 use super::flight::{Flight, Launch, Local, OverSine, STEPS_PER_RADIAN};
 use super::search::search;
 use super::settle::{Settled, settle, settle_carefully};
-use super::shape::Shape;
+use super::sine_track::SineTrack;
+use super::single::MAX_VELOCITY;
 use super::solve::Found;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node::{self, Fine};
@@ -36,7 +37,7 @@ use crate::impact::set_up::SetUp;
 ///
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. With a restitution above 0.96 an impact
 /// may leave faster, by at most 2.5. Its velocity is then right. `Hybrid::state` refuses it,
-/// [`Kernel::flies`] returns false, and a launch from it is limited to 60.
+/// [`Kernel::is_in_range`] returns false, and a launch from it is limited to 60.
 ///
 /// ```
 /// use kband::impact::{Hybrid, Kernel, Map};
@@ -53,7 +54,7 @@ use crate::impact::set_up::SetUp;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hybrid {
-    shape: Shape,
+    track: SineTrack,
     /// The smaller of k and 1.
     threshold: Fixed<30>,
     /// Excess of k over 1, at least 0.
@@ -64,17 +65,15 @@ pub struct Hybrid {
     restitution: Fixed<32, u32>,
 }
 
-const TOP: f64 = 60.0;
-const TOP_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::of(TOP);
+const MAX_FIXED_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::from_constant(MAX_VELOCITY);
 /// Arrival velocity in `b w`: largest possible. A launch at the top arrives at most 2 faster.
-const FASTEST: Fixed<26, u32> = Fixed::<26, u32>::of(TOP + 3.0);
+const MAX_ARRIVAL_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::from_constant(MAX_VELOCITY + 3.0);
 
 impl Hybrid {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
-    #[must_use]
     #[inline(always)]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
-        let state = state.held_below(TOP_VELOCITY);
+        let state = state.limited_to(MAX_FIXED_VELOCITY);
         let (sine, fine) = sine_cosine_fine(state.phase);
         let phase = state.phase.bits();
         let velocity = state.velocity.fixed();
@@ -92,19 +91,19 @@ impl Hybrid {
             pull: 0.0,
         };
         if let Some(approach) = fall::<Ballistic<'_>>(
-            &self.shape,
+            &self.track,
             phase,
             launch.sine,
             launch.velocity + launch.cosine,
         ) {
             let (node, offset) = approach.end;
             let (local, slope) = flight.exact(node);
-            if let Some(settled) = settle::<Ballistic<'_>>(self.shape.k, &local, offset) {
+            if let Some(settled) = settle::<Ballistic<'_>>(self.track.k, &local, offset) {
                 let steps = flight.steps_at(node, &settled);
                 return self.landing(phase, steps, speed(&settled, slope), false);
             }
         }
-        let throws = self.shape.throws(phase);
+        let throws = self.track.throws(phase);
         if state.velocity == Velocity::ZERO && !throws {
             return Landing {
                 steps: 0,
@@ -126,13 +125,13 @@ impl Hybrid {
             pull,
             ..
         } = launch;
-        self.low(phase, sine, flight.rise, velocity, cosine, pull)
+        self.land_low(phase, sine, flight.rise, velocity, cosine, pull)
     }
 
     /// A flight that is not tall. Its arguments stay in registers: a struct would be stored before
     /// it is needed.
     #[inline(never)]
-    fn low(
+    fn land_low(
         &self,
         phase: u32,
         sine: Fixed<30>,
@@ -154,14 +153,16 @@ impl Hybrid {
             cosine,
             pull,
         };
-        match candidate::<Ballistic<'_>>(&self.shape, launch) {
-            Candidate::Hop { flight, arrival } => return self.hop(launch, flight, arrival, false),
+        match candidate::<Ballistic<'_>>(&self.track, launch) {
+            Candidate::Hop { flight, arrival } => {
+                return self.land_short(launch, flight, arrival, false);
+            }
             Candidate::Near { node, offset } => {
                 let (local, slope) = flight.exact(node);
-                if let Some(settled) = settle::<Ballistic<'_>>(self.shape.k, &local, offset) {
+                if let Some(settled) = settle::<Ballistic<'_>>(self.track.k, &local, offset) {
                     let steps = flight.steps_at(node, &settled);
-                    if self.shape.ends::<Ballistic<'_>>(flight.phase, steps)
-                        || self.shape.clears(phase, velocity + cosine, pull, steps)
+                    if self.track.ends::<Ballistic<'_>>(flight.phase, steps)
+                        || self.track.clears(phase, velocity + cosine, pull, steps)
                     {
                         return self.landing(flight.phase, steps, speed(&settled, slope), false);
                     }
@@ -169,12 +170,12 @@ impl Hybrid {
             }
             Candidate::Final(_) | Candidate::Unknown => {}
         }
-        self.searched(&{ *flight }, &{ *launch })
+        self.land_by_search(&{ *flight }, &{ *launch })
     }
 
     /// The impact at the end of a short hop.
     #[inline(always)]
-    fn hop(
+    fn land_short(
         &self,
         launch: &Launch,
         flight: f32,
@@ -188,14 +189,14 @@ impl Hybrid {
 
     /// The impact from the search, settled.
     #[inline(always)]
-    fn searched(&self, flight: &Ballistic<'_>, launch: &Launch) -> Landing<HybridState> {
-        let (k, phase) = (self.shape.k, flight.phase);
-        let (found, grazes) = search(&self.shape, launch, flight);
+    fn land_by_search(&self, flight: &Ballistic<'_>, launch: &Launch) -> Landing<HybridState> {
+        let (k, phase) = (self.track.k, flight.phase);
+        let (found, grazes) = search(&self.track, launch, flight);
         match found {
             Found::Short {
                 flight: time,
                 arrival,
-            } => self.hop(launch, time, arrival, grazes),
+            } => self.land_short(launch, time, arrival, grazes),
             Found::Near {
                 node,
                 offset,
@@ -206,7 +207,7 @@ impl Hybrid {
                     let speed = speed(&settled, slope);
                     let steps = flight.steps_at(node, &settled);
                     // Faster than any arrival: the speed was rounded below 0 at a graze.
-                    if speed > FASTEST {
+                    if speed > MAX_ARRIVAL_VELOCITY {
                         return self.landing(phase, steps, Fixed(0), true);
                     }
                     self.landing(phase, steps, speed, grazes)
@@ -248,7 +249,7 @@ impl Hybrid {
     }
 }
 
-/// Arrival speed; negative ones wrap above [`FASTEST`].
+/// Arrival speed; negative ones wrap above [`MAX_ARRIVAL_VELOCITY`].
 #[inline(always)]
 fn speed(settled: &Settled, slope: Fixed<26, u32>) -> Fixed<26, u32> {
     let Fixed(gain) = Fixed::<26>::from_single(settled.speed_gain);
@@ -295,7 +296,7 @@ impl Ballistic<'_> {
             single,
             fixed,
             cosine,
-        } = &node::FINE[(node & 255) as usize];
+        } = &node::FINE_NODES[(node & 255) as usize];
         let slope = velocity.wrapping_sub(*cosine);
         (
             Local {
@@ -338,31 +339,31 @@ fn product_32<const F: u32>(turns: i64, Fixed(b): Fixed<F, i64>) -> Fixed<F, i64
 impl Flight for Ballistic<'_> {
     // Flight time in rad. Larger values reduce the errors of slow flights, but more flights take
     // the longer form.
-    const SHORT: f32 = 0.06;
+    const MAX_SHORT_FLIGHT: f32 = 0.06;
     // Step in rad: from here on settling uses all digits.
-    const LEAP: f32 = 0.25;
+    const MAX_LAST_STEP: f32 = 0.25;
     // Arrival speed in `b w` of a possible graze.
-    const SLOW: f32 = 1e-3;
-    const FINAL: bool = false;
+    const MAX_GRAZING_SPEED: f32 = 1e-3;
+    const APPROACH_IS_FINAL: bool = false;
     // Correction in rad: the remaining error is its cube.
-    const NEAR: f32 = 1e-3;
+    const MAX_LAST_CORRECTION: f32 = 1e-3;
     // Two steps of 2^-30.
-    const PULL: f32 = 2e-9;
+    const PULL_ROUNDING: f32 = 2e-9;
     // Gap in b: eleven steps of 2^-30.
-    const ROUNDING: f32 = 1e-8;
+    const GAP_ROUNDING: f32 = 1e-8;
     // Gap in b per rad of flight: effect of the launch velocity's rounding.
-    const DRIFT: f32 = 3e-11;
+    const GAP_ROUNDING_PER_RADIAN: f32 = 3e-11;
 
     fn local(&self, node: i32) -> Local {
         let local = self.exact(node).0;
         let steps = self.steps_to(node);
         // Height over 2 pi: larger than the track's stroke. Beyond a height of 2 the exact bits
         // wrap.
-        const FAR: Fixed<32, i64> = Fixed::<32, i64>::of(0.375);
+        const MAX_EXACT_HEIGHT: Fixed<32, i64> = Fixed::<32, i64>::from_constant(0.375);
         let turns = product_32(steps, self.velocities(steps).0).to::<32>();
-        let height = if turns > FAR {
+        let height = if turns > MAX_EXACT_HEIGHT {
             2.0
-        } else if turns < -FAR {
+        } else if turns < -MAX_EXACT_HEIGHT {
             -2.0
         } else {
             let rise: Fixed<26> = turns.product(RADIANS_PER_TURN);
@@ -396,7 +397,7 @@ impl Kernel for Hybrid {
     fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
         let set_up = SetUp::build(k, restitution)?;
         Ok(Self {
-            shape: Shape::new(&set_up),
+            track: SineTrack::new(&set_up),
             threshold: set_up.threshold(),
             excess: set_up.excess(),
             half_turn_fall: set_up.half_turn_fall(),
@@ -405,16 +406,16 @@ impl Kernel for Hybrid {
     }
 
     fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {
-        HybridState::build(phase, velocity, TOP, "0..60 (units of b w)")
+        HybridState::build(phase, velocity, MAX_VELOCITY, "0..60 (units of b w)")
     }
 
     #[inline]
-    fn flies(state: HybridState) -> bool {
-        state.velocity.fixed() <= TOP_VELOCITY
+    fn is_in_range(state: HybridState) -> bool {
+        state.velocity.fixed() <= MAX_FIXED_VELOCITY
     }
 
     fn observe(state: HybridState) -> PartState {
-        state.observed()
+        state.to_part_state()
     }
 
     #[inline]
@@ -423,9 +424,12 @@ impl Kernel for Hybrid {
     }
 
     fn impact_single(&self, state: HybridState) -> SingleImpact<HybridState> {
-        const PER_STEP: Positive = Positive::of(Phase::RADIANS_PER_STEP);
         let Landing { steps, next, .. } = self.land(state);
-        let radians = |steps: u64| Positive::steps(steps, 0).times(PER_STEP).single();
+        let radians = |steps: u64| {
+            Positive::from_steps(steps, 0)
+                .times(Positive::RADIANS_PER_STEP)
+                .single()
+        };
         SingleImpact {
             flight: radians(steps.unsigned_abs()),
             phase: radians(u64::from(next.phase.bits())),
@@ -436,15 +440,15 @@ impl Kernel for Hybrid {
 
     fn scaled(state: HybridState, factor: f32) -> Result<HybridState, OutOfRange> {
         let velocity = state.velocity.fixed();
-        let factor = Positive::of(f64::from(factor));
-        let scaled = Positive::steps(u64::from(velocity.0), 26).times(factor);
+        let factor = Positive::from_f64(f64::from(factor));
+        let scaled = Positive::from_steps(u64::from(velocity.0), 26).times(factor);
         let scaled = if velocity.0 == 0 {
             0
         } else {
             scaled.nearest(26)
         };
         match u32::try_from(scaled) {
-            Ok(steps) if steps <= TOP_VELOCITY.0 => Ok(HybridState {
+            Ok(steps) if steps <= MAX_FIXED_VELOCITY.0 => Ok(HybridState {
                 velocity: Velocity::from_fixed(Fixed(steps)),
                 ..state
             }),
@@ -453,11 +457,10 @@ impl Kernel for Hybrid {
     }
 
     fn resting(phase: f32) -> Result<HybridState, OutOfRange> {
-        const PER_RADIAN: Positive = Positive::of(1.0 / core::f64::consts::TAU);
         if !(phase > 0.0 && phase < core::f32::consts::TAU) {
             return Self::state(f64::from(phase), 0.0);
         }
-        let turns = Positive::of(f64::from(phase)).times(PER_RADIAN);
+        let turns = Positive::from_f64(f64::from(phase)).times(Positive::TURNS_PER_RADIAN);
         Ok(HybridState {
             phase: Phase::from_bits(turns.nearest(32) as u32),
             velocity: Velocity::ZERO,
@@ -484,7 +487,7 @@ mod tests {
     /// Launches that touch a hump so gently that their arrival rounds below 0; unsigned it is the
     /// largest number.
     #[test]
-    fn an_arrival_that_rounds_below_zero_is_a_graze() {
+    fn arrival_rounded_below_zero_is_a_graze() {
         for [k, restitution, phase, velocity] in [
             [
                 0.942_362_410_194_748_2,
@@ -507,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn in_single_precision_it_is_what_f64_rounds_to() {
+    fn f32_impact_is_the_rounded_f64_impact() {
         for n in 0..200_000_u32 {
             let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
             let kernel = Hybrid::build(0.05 + spread(0.618_034), 0.5).unwrap();

@@ -18,14 +18,12 @@ mod flight;
 mod hybrid;
 mod search;
 mod settle;
-mod shape;
 mod short;
+mod sine_track;
 mod single;
 mod solve;
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-mod tones;
+mod wave_single;
 
 pub use hybrid::Hybrid;
 pub use single::{Single, SingleState};
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-pub use tones::WaveSingle;
+pub use wave_single::WaveSingle;

@@ -9,19 +9,19 @@ use super::flight::{
     smaller,
 };
 use super::settle::expand;
-use super::shape::Shape;
 use super::short::{ShortFlight, hop, short_flight};
+use super::sine_track::SineTrack;
 use super::solve::{Bracket, Found, LaunchPoint, solve};
 use crate::arithmetic::{Phase, sine_cosine_single};
 
 /// The first impact of a flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
-pub(crate) fn search<F: OverSine>(shape: &Shape, launch: &Launch, flight: &F) -> (Found, bool) {
+pub(crate) fn search<F: OverSine>(track: &SineTrack, launch: &Launch, flight: &F) -> (Found, bool) {
     let first = short_flight::<F>(launch);
     let (mut guess, mut clears, mut skims) = (0.0, false, false);
     match first {
         ShortFlight::Hop { near, grazes } if near > 0.0 => {
-            if near < F::SHORT {
+            if near < F::MAX_SHORT_FLIGHT {
                 let (flight, arrival) = hop(launch, near);
                 return (Found::Short { flight, arrival }, grazes);
             }
@@ -30,34 +30,34 @@ pub(crate) fn search<F: OverSine>(shape: &Shape, launch: &Launch, flight: &F) ->
         ShortFlight::Clears { grazes } => (clears, skims) = (true, grazes),
         _ => {}
     }
-    let (bracket, grazes) = segment(shape, launch, flight, clears, guess);
+    let (bracket, grazes) = find_bracket(track, launch, flight, clears, guess);
     let start = LaunchPoint {
         phase: launch.phase,
         height: launch.sine,
         rise: launch.velocity + launch.cosine,
     };
-    (solve(shape, &start, flight, &bracket), grazes || skims)
+    (solve(track, &start, flight, &bracket), grazes || skims)
 }
 
 #[inline(always)]
-fn segment<F: OverSine>(
-    shape: &Shape,
+fn find_bracket<F: OverSine>(
+    track: &SineTrack,
     launch: &Launch,
     flight: &F,
     clears: bool,
     guess: f32,
 ) -> (Bracket, bool) {
-    let Shape {
+    let SineTrack {
         k,
         half_k,
         inverse,
         lift_off_cosine,
         hump_length,
         ..
-    } = *shape;
+    } = *track;
     let Launch { sine, pull, .. } = *launch;
     let v = launch.velocity + launch.cosine;
-    if shape.hump == 0 {
+    if track.hump == 0 {
         // Concave throughout: one root, before the parabola leaves height -1.
         let high = (v + root(v * v + 2.0 * k * (1.0 + sine))) * inverse;
         let start = if guess > 0.0 && guess < high {
@@ -76,7 +76,7 @@ fn segment<F: OverSine>(
     let over_k = |x: f32| x * (v - half_k * x) - pull;
     let over_flank = |x: f32| v - k * x - lift_off_cosine;
     // From the very begin of a hump the next one is a whole turn away.
-    let (to_lift_off, lift_off) = match shape.lift_off.wrapping_sub(launch.phase) {
+    let (to_lift_off, lift_off) = match track.lift_off.wrapping_sub(launch.phase) {
         0 => (Phase::STEPS, TAU),
         steps => (i64::from(steps), steps as f32 * RADIANS_PER_STEP),
     };
@@ -86,7 +86,7 @@ fn segment<F: OverSine>(
         at_entry = flight.above_k(to_lift_off, at_entry);
     }
     if at_entry <= 0.0 && !clears {
-        let low = if shape.throws(launch.phase) {
+        let low = if track.throws(launch.phase) {
             lift_off - (TAU - hump_length)
         } else {
             0.0
@@ -147,7 +147,7 @@ fn segment<F: OverSine>(
             return (bracket, grazes);
         }
         let end = begin + hump_length;
-        if falls(end, begin_steps + i64::from(shape.hump)) {
+        if falls(end, begin_steps + i64::from(track.hump)) {
             let bracket = Bracket {
                 low: begin,
                 high: through + 1e-4,
@@ -168,12 +168,13 @@ fn segment<F: OverSine>(
                 return (bracket, grazes);
             }
             // Within the hump `1 - cos x >= 4 x^2 / pi^2`, which keeps the track below a parabola.
-            let spare = (4.0 / (PI * PI)) as f32 - half_k;
+            let margin = (4.0 / (PI * PI)) as f32 - half_k;
             let safe =
-                spare > 0.0 && over_top > 1e-4 && 4.0 * spare * (over_top - 1e-4) > slope * slope;
+                margin > 0.0 && over_top > 1e-4 && 4.0 * margin * (over_top - 1e-4) > slope * slope;
             let half = 0.5 * hump_length;
             if !safe && slope + k * half < lift_off_cosine && slope - k * half > -lift_off_cosine {
-                let (poke, touches) = lowest(shape, launch.phase, flight, middle, over_top, slope);
+                let (poke, touches) =
+                    find_minimum(track, launch.phase, flight, middle, over_top, slope);
                 grazes |= touches;
                 if let Some(mut bracket) = poke {
                     bracket.low = begin;
@@ -184,7 +185,7 @@ fn segment<F: OverSine>(
         }
         let mut turns = 1;
         if begin + hump_length < through - 3.0 * TAU {
-            turns += skip(shape, v, sine, begin + TAU);
+            turns += count_passed_humps(track, v, sine, begin + TAU);
         }
         begin += turns as f32 * TAU;
         begin_steps += i64::from(turns) << 32;
@@ -201,11 +202,11 @@ fn segment<F: OverSine>(
 ///
 /// The ball left at `v` from a track with sine `sine`.
 #[inline(never)]
-fn skip(shape: &Shape, v: f32, sine: f32, begin: f32) -> i32 {
-    let leaving = v * v - 2.0 * shape.k * (1.0 - sine);
+fn count_passed_humps(track: &SineTrack, v: f32, sine: f32, begin: f32) -> i32 {
+    let leaving = v * v - 2.0 * track.k * (1.0 - sine);
     let speed = root(leaving);
-    let (rises, sinks) = ((v - speed) * shape.inverse, (v + speed) * shape.inverse);
-    let last = begin + shape.hump_length;
+    let (rises, sinks) = ((v - speed) * track.inverse, (v + speed) * track.inverse);
+    let last = begin + track.hump_length;
     if leaving > 0.0 && v > 0.0 && begin > rises && last < sinks {
         ((sinks - last) * (1.0 / TAU)) as i32
     } else {
@@ -218,16 +219,16 @@ fn skip(shape: &Shape, v: f32, sine: f32, begin: f32) -> i32 {
 /// Returns a bracket that ends there if the minimum is below the track, and whether it is within
 /// rounding.
 #[inline(never)]
-fn lowest<F: Flight>(
-    shape: &Shape,
+fn find_minimum<F: Flight>(
+    track: &SineTrack,
     phase: u32,
     flight: &F,
     middle: f32,
     over_top: f32,
     slope: f32,
 ) -> (Option<Bracket>, bool) {
-    let half = 0.5 * shape.hump_length;
-    let k = shape.k;
+    let half = 0.5 * track.hump_length;
+    let k = track.k;
     let (mut low, mut high) = (-half, half);
     let mut d = smaller(larger(-slope / (1.0 - k), low), high);
     for round in 0..40 {
@@ -245,7 +246,7 @@ fn lowest<F: Flight>(
         // minimum. A third tangent costs more, over the orbits tried, than the rounds that it
         // saves.
         if round < 2 {
-            let gap = over_top + d * (slope - shape.half_k * d) + (1.0 - c);
+            let gap = over_top + d * (slope - track.half_k * d) + (1.0 - c);
             if gap + rate * (beyond - d) > 1e-3 + 1e-5 * middle {
                 return (None, false);
             }
@@ -274,5 +275,8 @@ fn lowest<F: Flight>(
         high: time,
         start: time - root(-2.0 * lowest / curvature),
     });
-    (bracket, abs(lowest) < F::ROUNDING + F::DRIFT * time)
+    (
+        bracket,
+        abs(lowest) < F::GAP_ROUNDING + F::GAP_ROUNDING_PER_RADIAN * time,
+    )
 }

@@ -10,25 +10,25 @@ use super::flight::{Flight, Local, abs, larger, root, smaller};
 
 /// Distance from a node in rad: largest for its expansion, whose remainder `d^5/120` is below
 /// 2e-10.
-const FARTHEST: f32 = 0.03;
+const MAX_NODE_DISTANCE: f32 = 0.03;
 
 /// Step in rad: longest of the careful way. Only nearly triple roots need longer ones, and they are
 /// flagged.
-const LONGEST_STEP: f32 = 0.02;
+const MAX_STEP: f32 = 0.02;
 
 /// Ratio of `b2 u0` to the squared slope, and last step in rad: largest for Chebyshev's method. It
-/// leaves `2 SIMPLE^2` of the step, 1.6e-8 rad.
-const SIMPLE: f32 = 2e-3;
+/// leaves `2 MAX_CURVATURE_RATIO^2` of the step, 1.6e-8 rad.
+const MAX_CURVATURE_RATIO: f32 = 2e-3;
 
 /// Ratio of the cubic correction to Cauchy's step: largest that is applied.
-const CORRECTION: f32 = 0.25;
+const MAX_CUBIC_CORRECTION: f32 = 0.25;
 
 /// Step in rad: longest last step of Cauchy's. The remaining error is its square over the roots'
 /// distance.
-const LAST_STEP: f32 = 2e-4;
+const MAX_LAST_STEP: f32 = 2e-4;
 
 /// Number of steps after which the current place counts as the root.
-const ROUNDS: u32 = 8;
+const MAX_STEPS: u32 = 8;
 
 /// A settled impact: offset from its node in rad, and arrival speed plus the node's slope.
 #[derive(Clone, Copy, Debug)]
@@ -68,7 +68,7 @@ pub(crate) fn settle<F: Flight>(k: f32, local: &Local, offset: f32) -> Option<Se
     if left < 0.0 {
         return Some(settled);
     }
-    if abs(settled.offset) < FARTHEST {
+    if abs(settled.offset) < MAX_NODE_DISTANCE {
         let (settled, left) = settle_once::<F>(k, local, settled.offset);
         return (left < 0.0).then_some(settled);
     }
@@ -86,7 +86,7 @@ fn settle_once<F: Flight>(k: f32, local: &Local, offset: f32) -> (Settled, f32) 
     // The remaining error is about 2 (b2 newton / slope)^2 newton.
     (
         finished(local, offset, gain, b2, e),
-        abs(newton) + F::NEAR * (slope + F::SLOW),
+        abs(newton) + F::MAX_LAST_CORRECTION * (slope + F::MAX_GRAZING_SPEED),
     )
 }
 
@@ -121,7 +121,7 @@ pub(crate) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settle
     loop {
         let (height, gain, b2) = expand(k, &local, offset);
         let slope = local.slope + gain;
-        let simple = slope < 0.0 && abs(height * b2) < SIMPLE * slope * slope;
+        let simple = slope < 0.0 && abs(height * b2) < MAX_CURVATURE_RATIO * slope * slope;
         let (mut e, square) = if simple {
             let newton = height / slope;
             (-newton * (1.0 + b2 * newton / slope), 0.0)
@@ -130,16 +130,17 @@ pub(crate) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settle
         };
         if square > 0.0 {
             let cubic = e * e * e * local.surge * (1.0 / 6.0) / square;
-            if abs(cubic) < CORRECTION * abs(e) {
+            if abs(cubic) < MAX_CUBIC_CORRECTION * abs(e) {
                 e += cubic;
             }
         }
-        if abs(e) > LONGEST_STEP {
-            e = smaller(larger(e, -LONGEST_STEP), LONGEST_STEP);
+        if abs(e) > MAX_STEP {
+            e = smaller(larger(e, -MAX_STEP), MAX_STEP);
             doubtful = true;
         }
         round += 1;
-        if (simple && abs(e) < SIMPLE) || abs(e) < LAST_STEP || round >= ROUNDS {
+        if (simple && abs(e) < MAX_CURVATURE_RATIO) || abs(e) < MAX_LAST_STEP || round >= MAX_STEPS
+        {
             return (finished(&local, offset, gain, b2, e), doubtful);
         }
         offset += e;

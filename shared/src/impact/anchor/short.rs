@@ -30,22 +30,22 @@ fn deflated(launch: &Launch, x: f32) -> (f32, f32) {
 }
 
 /// Share of `a1^2`: discriminant below which the minimum of `u/d` separates two short roots.
-pub(super) const DOUBLE: f32 = 0.2;
+pub(super) const MAX_DOUBLE_ROOT_DISCRIMINANT: f32 = 0.2;
 
 /// Time in rad of the minimum between two short roots: largest; beyond it heights keep enough
 /// digits.
-const LONGEST_VALLEY: f32 = 0.08;
+const MAX_VALLEY_TIME: f32 = 0.08;
 
 /// Rounding of `u/d` per `b w` of velocity: some 3 roundings of f32, 1.2e-7 each.
-const ROUNDING: f32 = 4e-7;
+const QUOTIENT_ROUNDING: f32 = 4e-7;
 
 /// Ratio of `w b2` to `w1^2`: largest at which a third-order step converges. It leaves that ratio
 /// squared, 1e-4 of the step.
-pub(super) const QUADRATIC: f32 = 1e-2;
+pub(super) const MAX_QUOTIENT_CURVATURE_RATIO: f32 = 1e-2;
 
 /// Ratio of the last third-order step to the flight: largest. It leaves its cube, an f32's
 /// rounding.
-pub(super) const LAST: f32 = 4e-3;
+pub(super) const MAX_LAST_STEP_RATIO: f32 = 4e-3;
 
 /// Result of the cubic near launch.
 pub(super) enum ShortFlight {
@@ -60,7 +60,7 @@ pub(super) enum ShortFlight {
 
 #[inline(always)]
 pub(super) fn short_flight<F: Flight>(launch: &Launch) -> ShortFlight {
-    let (limit, rounding) = (F::SHORT, F::PULL);
+    let (limit, rounding) = (F::MAX_SHORT_FLIGHT, F::PULL_ROUNDING);
     if is_flat::<F>(launch) {
         return flat_hop(*launch, limit, rounding);
     }
@@ -72,7 +72,7 @@ pub(super) fn short_flight<F: Flight>(launch: &Launch) -> ShortFlight {
     }
     let discriminant = a1 * a1 - 4.0 * a2 * launch.velocity;
     if a1 > 0.0 {
-        if a2 > 0.0 && discriminant < DOUBLE * a1 * a1 {
+        if a2 > 0.0 && discriminant < MAX_DOUBLE_ROOT_DISCRIMINANT * a1 * a1 {
             return double_hop(*launch, a1, a2, rounding);
         }
         simple_hop(2.0 * launch.velocity / (a1 + root(discriminant)))
@@ -102,7 +102,7 @@ fn flat_hop(launch: Launch, limit: f32, rounding: f32) -> ShortFlight {
     } else {
         1.0
     };
-    let grazes = abs(least) < rounding * valley + ROUNDING * launch.velocity;
+    let grazes = abs(least) < rounding * valley + QUOTIENT_ROUNDING * launch.velocity;
     let mut x = if least <= 0.0 {
         0.0
     } else if deflated(&launch, limit).0 <= 0.0 {
@@ -144,7 +144,7 @@ fn simple_hop(near: f32) -> ShortFlight {
 #[inline(never)]
 fn double_hop(launch: Launch, a1: f32, a2: f32, rounding: f32) -> ShortFlight {
     let mut x = a1 / (2.0 * a2);
-    if x > LONGEST_VALLEY {
+    if x > MAX_VALLEY_TIME {
         return ShortFlight::Open;
     }
     let (mut minimum, mut b2) = (0.0, 1.0);
@@ -155,7 +155,7 @@ fn double_hop(launch: Launch, a1: f32, a2: f32, rounding: f32) -> ShortFlight {
         minimum = w + 0.5 * w1 * e;
         x += e;
     }
-    let grazes = abs(minimum) < rounding * x + ROUNDING * launch.velocity;
+    let grazes = abs(minimum) < rounding * x + QUOTIENT_ROUNDING * launch.velocity;
     if minimum > 0.0 {
         ShortFlight::Clears { grazes }
     } else {
@@ -171,7 +171,7 @@ pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
     loop {
         let (w, w1) = deflated(launch, x);
         let b2 = launch.cosine * (1.0 / 6.0) - launch.sine * (1.0 / 8.0) * x;
-        let e = if w1 < 0.0 && abs(w * b2) < QUADRATIC * w1 * w1 {
+        let e = if w1 < 0.0 && abs(w * b2) < MAX_QUOTIENT_CURVATURE_RATIO * w1 * w1 {
             let inverse = 1.0 / w1;
             let newton = w * inverse;
             -newton * (1.0 + b2 * newton * inverse)
@@ -179,7 +179,7 @@ pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
             down_crossing(w, w1, b2).0
         };
         round += 1;
-        if abs(e) <= LAST * x || round >= 6 {
+        if abs(e) <= MAX_LAST_STEP_RATIO * x || round >= 6 {
             // At the root u' = d w'; w'' = 2 b2 extrapolates w' over the last step.
             let flight = x + e;
             return (flight, larger(-flight * (w1 + 2.0 * b2 * e), 0.0));
@@ -191,12 +191,12 @@ pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
 /// Whether the cubic is too inaccurate for a short hop: pull and cosine both vanish at the top of
 /// the track, with k near 1.
 ///
-/// Within a short hop of the top the cosine is below [`Flight::SHORT`] and the sine above 0.96,
-/// which is a quicker test. Below the bound of the pull, the fourth order of `u`, `d^4/24`, exceeds
-/// a quarter of the pull's term.
+/// Within a short hop of the top the cosine is below [`Flight::MAX_SHORT_FLIGHT`] and the sine
+/// above 0.96, which is a quicker test. Below the bound of the pull, the fourth order of `u`,
+/// `d^4/24`, exceeds a quarter of the pull's term.
 #[inline(always)]
 pub(super) fn is_flat<F: Flight>(launch: &Launch) -> bool {
     launch.sine > 0.96
-        && abs(launch.cosine) < F::SHORT
-        && abs(launch.pull) < 0.3 * F::SHORT * F::SHORT
+        && abs(launch.cosine) < F::MAX_SHORT_FLIGHT
+        && abs(launch.pull) < 0.3 * F::MAX_SHORT_FLIGHT * F::MAX_SHORT_FLIGHT
 }

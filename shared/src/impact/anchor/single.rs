@@ -8,7 +8,7 @@ use super::flight::{
 };
 use super::search::search;
 use super::settle::{Settled, settle, settle_carefully};
-use super::shape::Shape;
+use super::sine_track::SineTrack;
 use super::solve::Found;
 use crate::arithmetic::{Phase, node, sine_cosine_single};
 use crate::feeder::{OutOfRange, accept};
@@ -42,7 +42,7 @@ pub struct SingleState {
 ///
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. With a restitution above 0.96 an impact
 /// may leave faster, by at most 2.5. Its velocity is then right. `Single::state` refuses it,
-/// [`Kernel::flies`] returns false, and a launch from it is limited to 60.
+/// [`Kernel::is_in_range`] returns false, and a launch from it is limited to 60.
 ///
 /// ```
 /// use kband::impact::{Kernel, Map, Single};
@@ -55,25 +55,25 @@ pub struct SingleState {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Single {
-    shape: Shape,
+    track: SineTrack,
     restitution: f32,
 }
 
-pub(super) const TOP: f64 = 60.0;
+/// Launch velocity in `b w`: largest accepted.
+pub(super) const MAX_VELOCITY: f64 = 60.0;
 
 impl Single {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
-    #[must_use]
     #[inline(always)]
     pub fn land(&self, state: SingleState) -> Landing<SingleState> {
         let state = SingleState {
-            velocity: smaller(state.velocity, TOP as f32),
+            velocity: smaller(state.velocity, MAX_VELOCITY as f32),
             ..state
         };
         let (sine, cosine) = sine_cosine_single(state.phase);
         let phase = state.phase.bits();
         let flight = Ballistic {
-            k: self.shape.k,
+            k: self.track.k,
             phase,
             sine,
             rise: state.velocity + cosine,
@@ -86,7 +86,7 @@ impl Single {
             pull: 0.0,
         };
         if let Some(approach) = fall::<Ballistic>(
-            &self.shape,
+            &self.track,
             phase,
             launch.sine,
             launch.velocity + launch.cosine,
@@ -94,7 +94,7 @@ impl Single {
             let steps = steps_after(phase, &approach);
             return self.landing(phase, steps, approach.arrival(), false);
         }
-        let throws = self.shape.throws(phase);
+        let throws = self.track.throws(phase);
         if state.velocity == 0.0 && !throws {
             return Landing {
                 steps: 0,
@@ -102,10 +102,10 @@ impl Single {
                 grazes: false,
             };
         }
-        let mut pull = self.shape.k - sine;
+        let mut pull = self.track.k - sine;
         // The difference loses its digits near an end of a hump.
         if pull < 1e-3 && pull > -1e-3 {
-            pull = self.shape.pull_near_ends(phase);
+            pull = self.track.pull_near_ends(phase);
         }
         // At lift-off itself rounding must not change the sign of the pull, nor make it 0.
         launch.pull = if throws {
@@ -113,11 +113,10 @@ impl Single {
         } else {
             larger(pull, 1e-20)
         };
-        self.low(&{ flight }, &{ launch })
+        self.land_low(&{ flight }, &{ launch })
     }
 
     /// [`Single::land`] with another restitution, 0..=1, at the impact.
-    #[cfg(any(test, feature = "analysis", feature = "control"))]
     #[inline]
     pub(super) fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
         Self {
@@ -128,26 +127,26 @@ impl Single {
     }
 
     /// Whether a part that rests at `phase` is thrown off there.
-    #[cfg(feature = "control")]
     pub(super) fn throws(&self, phase: Phase) -> bool {
-        self.shape.throws(phase.bits())
+        self.track.throws(phase.bits())
     }
 
     /// Phase at which the track throws a resting part; `None` where it never does.
-    #[cfg(feature = "control")]
     pub(super) fn lift_off(&self) -> Option<Phase> {
-        (self.shape.hump > 0).then(|| Phase::from_bits(self.shape.lift_off))
+        (self.track.hump > 0).then(|| Phase::from_bits(self.track.lift_off))
     }
 
     #[inline(never)]
-    fn low(&self, flight: &Ballistic, launch: &Launch) -> Landing<SingleState> {
-        match candidate::<Ballistic>(&self.shape, launch) {
-            Candidate::Hop { flight, arrival } => return self.hop(launch, flight, arrival, false),
+    fn land_low(&self, flight: &Ballistic, launch: &Launch) -> Landing<SingleState> {
+        match candidate::<Ballistic>(&self.track, launch) {
+            Candidate::Hop { flight, arrival } => {
+                return self.land_short(launch, flight, arrival, false);
+            }
             Candidate::Final(approach) => {
                 let steps = steps_after(flight.phase, &approach);
-                if self.shape.ends::<Ballistic>(flight.phase, steps)
+                if self.track.ends::<Ballistic>(flight.phase, steps)
                     || self
-                        .shape
+                        .track
                         .clears(flight.phase, flight.rise, launch.pull, steps)
                 {
                     return self.landing(flight.phase, steps, approach.arrival(), false);
@@ -155,25 +154,25 @@ impl Single {
             }
             Candidate::Near { .. } | Candidate::Unknown => {}
         }
-        self.searched(*flight, *launch)
+        self.land_by_search(*flight, *launch)
     }
 
     #[inline(always)]
-    fn hop(
+    fn land_short(
         &self,
         launch: &Launch,
         flight: f32,
         arrival: f32,
         grazes: bool,
     ) -> Landing<SingleState> {
-        hop(launch.phase, flight, arrival, self.restitution, grazes)
+        land_short(launch.phase, flight, arrival, self.restitution, grazes)
     }
 
     #[inline(never)]
-    fn searched(&self, flight: Ballistic, launch: Launch) -> Landing<SingleState> {
-        let (found, grazes) = search(&self.shape, &launch, &flight);
-        settled(
-            self.shape.k,
+    fn land_by_search(&self, flight: Ballistic, launch: Launch) -> Landing<SingleState> {
+        let (found, grazes) = search(&self.track, &launch, &flight);
+        land_found(
+            self.track.k,
             self.restitution,
             launch.phase,
             &flight,
@@ -190,7 +189,7 @@ impl Single {
 
 /// The impact that the search found, settled.
 #[inline(always)]
-pub(super) fn settled<F: Flight>(
+pub(super) fn land_found<F: Flight>(
     k: f32,
     restitution: f32,
     phase: u32,
@@ -202,7 +201,7 @@ pub(super) fn settled<F: Flight>(
         Found::Short {
             flight: time,
             arrival,
-        } => hop(phase, time, arrival, restitution, grazes),
+        } => land_short(phase, time, arrival, restitution, grazes),
         Found::Near {
             node,
             offset,
@@ -233,7 +232,7 @@ pub(super) fn settled<F: Flight>(
 
 /// The impact at the end of a short hop.
 #[inline(always)]
-pub(super) fn hop(
+pub(super) fn land_short(
     phase: u32,
     flight: f32,
     arrival: f32,
@@ -285,21 +284,21 @@ struct Ballistic {
 impl Flight for Ballistic {
     // Flight time in rad. Near the top of the track, other values give larger errors or wrong
     // impacts.
-    const SHORT: f32 = 0.25;
+    const MAX_SHORT_FLIGHT: f32 = 0.25;
     // Step in rad: the remaining error is its cube.
-    const LEAP: f32 = 0.03;
+    const MAX_LAST_STEP: f32 = 0.03;
     // Arrival speed in `b w` of a possible graze.
-    const SLOW: f32 = 0.015;
-    const FINAL: bool = true;
+    const MAX_GRAZING_SPEED: f32 = 0.015;
+    const APPROACH_IS_FINAL: bool = true;
     // Correction in rad: beyond it the careful way takes over.
-    const NEAR: f32 = 5e-3;
+    const MAX_LAST_CORRECTION: f32 = 5e-3;
     // Pull in `b w^2`: an ulp of 1.
-    const PULL: f32 = 1.2e-7;
+    const PULL_ROUNDING: f32 = 1.2e-7;
     // Gap in b: some eighty ulps, the roundings of a height at 60 b w.
     // `grazing_flights_are_decided_down_to_rounding` tests it.
-    const ROUNDING: f32 = 1e-5;
+    const GAP_ROUNDING: f32 = 1e-5;
     // Gap in b per rad of flight: eight ulps.
-    const DRIFT: f32 = 1e-6;
+    const GAP_ROUNDING_PER_RADIAN: f32 = 1e-6;
 
     #[inline(always)]
     fn node_of(phase: u32, x: f32) -> (i32, f32) {
@@ -312,7 +311,7 @@ impl Flight for Ballistic {
         // Whole turns and the rest, each rounded once.
         let turns = ((steps + (1 << 31)) >> 32) as i32;
         let time = steps as i32 as f32 * RADIANS_PER_STEP + turns as f32 * core::f32::consts::TAU;
-        let [sine, cosine] = node::SINGLE[(node & 255) as usize];
+        let [sine, cosine] = node::SINE_COSINE_SINGLE[(node & 255) as usize];
         Local {
             height: (self.sine - sine) + time * (self.rise - 0.5 * self.k * time),
             slope: self.rise - self.k * time - cosine,
@@ -338,7 +337,7 @@ impl Kernel for Single {
     fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
         let set_up = SetUp::build(k, restitution)?;
         Ok(Self {
-            shape: Shape::new(&set_up),
+            track: SineTrack::new(&set_up),
             restitution: restitution as f32,
         })
     }
@@ -348,7 +347,7 @@ impl Kernel for Single {
         accept(
             "velocity",
             velocity,
-            (0.0..=TOP).contains(&velocity),
+            (0.0..=MAX_VELOCITY).contains(&velocity),
             "0..60 (units of b w)",
         )?;
         Ok(SingleState {
@@ -358,15 +357,12 @@ impl Kernel for Single {
     }
 
     #[inline]
-    fn flies(state: SingleState) -> bool {
-        state.velocity <= TOP as f32
+    fn is_in_range(state: SingleState) -> bool {
+        state.velocity <= MAX_VELOCITY as f32
     }
 
     fn observe(state: SingleState) -> PartState {
-        PartState {
-            phase: state.phase.radians(),
-            velocity: f64::from(state.velocity),
-        }
+        PartState::new(state.phase.radians(), f64::from(state.velocity))
     }
 
     #[inline]

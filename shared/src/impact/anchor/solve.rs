@@ -5,7 +5,8 @@
 
 use super::approach::householder;
 use super::flight::{
-    Flight, Local, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest, node_of,
+    Flight, Local, MAX_KNOWN_HEIGHT, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest,
+    node_of,
 };
 use super::settle::down_crossing;
 
@@ -14,36 +15,32 @@ use super::settle::down_crossing;
 
 /// Slope in `b w`: least for Householder's step; slower arrivals use the safeguarded search. It
 /// affects cost only.
-const SLOWEST: f32 = 0.01;
+const MIN_SLOPE: f32 = 0.01;
 
 /// Ratio of `b2 u0` to the squared slope: largest for Householder's step. From a quarter on the
 /// parabola has no root.
-const SIMPLE: f32 = 0.15;
+const MAX_CURVATURE_RATIO: f32 = 0.15;
 
 /// Distance in rad by which a step may leave the bracket: rounding of the bracket's ends in f32.
-const SLACK: f32 = 1e-4;
+const BRACKET_ROUNDING: f32 = 1e-4;
 
 /// Step in rad: longest last one. The nodes next to the root settle the remaining error.
-const LAST_STEP: f32 = 0.15;
+const MAX_LAST_STEP: f32 = 0.15;
 
 /// Squared root of the discriminant from which the cubic correction of Cauchy's step is small.
-const CORRECTED: f32 = 1e-3;
+const MIN_CORRECTED_ROOT: f32 = 1e-3;
 
 /// Ratio of the correction to the step: largest that is applied.
-const CORRECTION: f32 = 0.5;
+const MAX_CUBIC_CORRECTION: f32 = 0.5;
 
 /// Ratio of Cauchy's last step to the discriminant's root: largest.
-const CURVED: f32 = 0.1;
+const MAX_CAUCHY_STEP_RATIO: f32 = 0.1;
 
 /// Change of time in rad: a step below it is the last.
-const MOVED: f32 = 2e-3;
-
-/// Height in b beyond which a kernel may keep only the sign ([`Flight::local`]): no step from there
-/// ends at an impact.
-const FAR: f32 = 2.0;
+const MIN_TIME_CHANGE: f32 = 2e-3;
 
 /// Width in rad: a narrower bracket counts as the root.
-const NARROW: f32 = 1e-4;
+const MIN_BRACKET_WIDTH: f32 = 1e-4;
 
 /// Approximate place of the first impact.
 #[derive(Clone, Copy, Debug)]
@@ -106,17 +103,17 @@ pub(super) fn solve<F: Flight>(
         let b2 = 0.5 * (push - track.k());
         let square = u1 * u1;
         let product = b2 * u0;
-        if !(u1 < -SLOWEST && abs(product) < SIMPLE * square) {
+        if !(u1 < -MIN_SLOPE && abs(product) < MAX_CURVATURE_RATIO * square) {
             break;
         }
         let step = householder(u0, u1, square, product, surge);
         let next = time + step;
-        if !(next >= bracket.low - SLACK && next <= bracket.high + SLACK) {
+        if !(next >= bracket.low - BRACKET_ROUNDING && next <= bracket.high + BRACKET_ROUNDING) {
             break;
         }
         let (jump, count) = nearest(step * NODES_PER_RADIAN);
         node = node.wrapping_add(jump);
-        if abs(step) < LAST_STEP {
+        if abs(step) < MAX_LAST_STEP {
             return Found::Near {
                 node,
                 offset: step - count * SPACING,
@@ -151,9 +148,9 @@ fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> 
         let Local { height, slope, .. } = local;
         let b2 = 0.5 * (local.push - k);
         let (mut step, square) = down_crossing(height, slope, b2);
-        if square > CORRECTED {
+        if square > MIN_CORRECTED_ROOT {
             let cubic = step * step * step * local.surge * (1.0 / 6.0) / square;
-            if abs(cubic) < CORRECTION * abs(step) {
+            if abs(cubic) < MAX_CUBIC_CORRECTION * abs(step) {
                 step += cubic;
             }
         }
@@ -168,8 +165,11 @@ fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> 
             }
         }
         let mut next = time + step;
-        let far = abs(height) >= FAR;
-        let found = !far && square > 0.0 && next >= low - SLACK && next <= high + SLACK;
+        let far = abs(height) >= MAX_KNOWN_HEIGHT;
+        let found = !far
+            && square > 0.0
+            && next >= low - BRACKET_ROUNDING
+            && next <= high + BRACKET_ROUNDING;
         if !found {
             next = 0.5 * (low + high);
             step = next - time;
@@ -177,9 +177,10 @@ fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> 
         let moved = abs(next - x);
         x = next;
         round += 1;
-        let near = (abs(step) < CURVED * square && abs(step) < LAST_STEP) || moved < MOVED;
+        let near = (abs(step) < MAX_CAUCHY_STEP_RATIO * square && abs(step) < MAX_LAST_STEP)
+            || moved < MIN_TIME_CHANGE;
         // After 32 halvings of a few turns bisection alone reaches the rounding of f32.
-        if found && near || high - low < NARROW || round >= 32 {
+        if found && near || high - low < MIN_BRACKET_WIDTH || round >= 32 {
             let (jump, count) = nearest(step * NODES_PER_RADIAN);
             return (node.wrapping_add(jump), step - count * SPACING);
         }

@@ -1,7 +1,7 @@
 //! The orbits of a block as columns, one per quantity (structure of arrays).
 
 use super::lanes::LANES;
-use crate::arithmetic::lane::{Lane, WIDEST};
+use crate::arithmetic::lane::{Lane, MAX_LANES};
 use crate::impact::double::launch::{Launch, Track};
 
 /// One quantity of many orbits, aligned to a cache line, so that no register spans two.
@@ -85,8 +85,8 @@ impl Columns {
             phase, velocity, ..
         } = self.launch_at::<L>(at);
         let launch = Launch::new(phase, velocity);
-        launch.sine.store_only(which, &mut self.sine.0, at);
-        launch.cosine.store_only(which, &mut self.cosine.0, at);
+        launch.sine.store_where(which, &mut self.sine.0, at);
+        launch.cosine.store_where(which, &mut self.cosine.0, at);
         launch
     }
 
@@ -112,16 +112,16 @@ impl Columns {
     /// Stores the landings of the lanes of `which` in a register of neighbouring lanes.
     #[inline(always)]
     pub fn land_at<L: Lane>(&mut self, at: usize, which: L::Mask, flight: L, next: &Launch<L>) {
-        flight.store_only(which, &mut self.flight.0, at);
-        next.phase.store_only(which, &mut self.phase.0, at);
-        next.velocity.store_only(which, &mut self.velocity.0, at);
-        next.sine.store_only(which, &mut self.sine.0, at);
-        next.cosine.store_only(which, &mut self.cosine.0, at);
+        flight.store_where(which, &mut self.flight.0, at);
+        next.phase.store_where(which, &mut self.phase.0, at);
+        next.velocity.store_where(which, &mut self.velocity.0, at);
+        next.sine.store_where(which, &mut self.sine.0, at);
+        next.cosine.store_where(which, &mut self.cosine.0, at);
     }
 
     /// The launches of these lanes.
     #[inline(always)]
-    pub fn launch<L: Lane>(&self, lanes: [u8; WIDEST]) -> Launch<L> {
+    pub fn launch<L: Lane>(&self, lanes: [u8; MAX_LANES]) -> Launch<L> {
         Launch {
             phase: L::pick(&self.phase.0, lanes),
             velocity: L::pick(&self.velocity.0, lanes),
@@ -132,7 +132,7 @@ impl Columns {
 
     /// The tracks of these lanes.
     #[inline(always)]
-    pub fn track<L: Lane>(&self, lanes: [u8; WIDEST]) -> Track<L> {
+    pub fn track<L: Lane>(&self, lanes: [u8; MAX_LANES]) -> Track<L> {
         let k = L::pick(&self.k.0, lanes);
         Track {
             k,
@@ -144,13 +144,13 @@ impl Columns {
 
     /// The restitutions of these lanes.
     #[inline(always)]
-    pub fn restitution<L: Lane>(&self, lanes: [u8; WIDEST]) -> L {
+    pub fn restitution<L: Lane>(&self, lanes: [u8; MAX_LANES]) -> L {
         L::pick(&self.restitution.0, lanes)
     }
 
     /// Stores the landings of these lanes.
     #[inline(always)]
-    pub fn land<L: Lane>(&mut self, lanes: [u8; WIDEST], flight: L, next: &Launch<L>) {
+    pub fn land<L: Lane>(&mut self, lanes: [u8; MAX_LANES], flight: L, next: &Launch<L>) {
         scatter(flight, &mut self.flight, lanes);
         scatter(next.phase, &mut self.phase, lanes);
         scatter(next.velocity, &mut self.velocity, lanes);
@@ -160,7 +160,7 @@ impl Columns {
 }
 
 #[inline(always)]
-fn scatter<L: Lane>(values: L, column: &mut Aligned<LANES>, lanes: [u8; WIDEST]) {
+fn scatter<L: Lane>(values: L, column: &mut Aligned<LANES>, lanes: [u8; MAX_LANES]) {
     let values = values.to_array();
     for (lane, value) in lanes.into_iter().zip(values).take(L::WIDTH) {
         column.0[usize::from(lane)] = value;

@@ -3,9 +3,11 @@
 use super::columns::Columns;
 use super::lanes::Set;
 use super::plan::{Kind, Plan};
-use super::stages::{ROOM, Stages};
-use crate::arithmetic::lane::{Lane, WIDEST, name};
-use crate::impact::double::first::{hard, hard_hop, searched};
+use super::stages::{MAX_STAGED_LANES, Stages};
+use crate::arithmetic::lane::{Lane, MAX_LANES, node_sum};
+use crate::impact::double::first::{
+    land_by_search, land_low_by_iteration, land_short_by_iteration,
+};
 use crate::impact::double::launch::{Launch, Track};
 use crate::impact::double::step::Landing;
 use crate::impact::double::{low, short, tall};
@@ -26,12 +28,12 @@ pub(super) fn advance<L: Lane>(
 ) {
     let [talls, shorts, onces, lows] = &mut now.queues;
     let mut queues = [talls, shorts, onces, lows].map(|queue| queue.registers(L::WIDTH));
-    let mut registers = [([0; WIDEST], 0); ROOM];
+    let mut registers = [([0; MAX_LANES], 0); MAX_STAGED_LANES];
     loop {
         let mut count = 0;
         let mut ends = [0; 4];
         for kind in Kind::ALL {
-            while count < ROOM / L::WIDTH
+            while count < MAX_STAGED_LANES / L::WIDTH
                 && let Some(register) = queues[kind as usize].next()
             {
                 registers[count] = register;
@@ -45,27 +47,27 @@ pub(super) fn advance<L: Lane>(
         }
         let [talls, shorts, onces, lows] = ends;
         for n in 0..talls {
-            let (rounded, node) = stages.named(n);
+            let (rounded, node) = stages.node_with_sum(n);
             let crossing = stages.crossing::<L>(n);
-            let close = tall::approach_from(&stages.track(n), &crossing, rounded, node);
-            stages.put_close(n, &close);
-            stages.put_name(n, close.next());
+            let estimate = tall::approach_from(&stages.track(n), &crossing, rounded, node);
+            stages.put_estimate(n, &estimate);
+            stages.put_node_sum(n, estimate.next_node_sum());
         }
         for n in shorts..lows {
-            let (rounded, node) = stages.named::<L>(n);
-            let close = low::approach_on(&stages.track(n), &stages.launch(n), rounded, node);
-            stages.put_close(n, &close);
-            stages.put_name(n, close.next());
+            let (rounded, node) = stages.node_with_sum::<L>(n);
+            let estimate = low::approach_on(&stages.track(n), &stages.launch(n), rounded, node);
+            stages.put_estimate(n, &estimate);
+            stages.put_node_sum(n, estimate.next_node_sum());
         }
         for n in 0..talls {
-            stages.find_near::<L>(n);
+            stages.compute_gap::<L>(n);
         }
         for n in shorts..lows {
-            stages.find_near::<L>(n);
+            stages.compute_gap::<L>(n);
         }
         for n in 0..talls {
             let track = stages.track::<L>(n);
-            let landing = stages.near(n).finish(&track);
+            let landing = stages.gap_near_impact(n).finish(&track);
             stages.put_landing(n, &landing);
         }
         for (n, register) in (talls..shorts).zip(&registers[talls..]) {
@@ -80,18 +82,18 @@ pub(super) fn advance<L: Lane>(
                     n,
                     certain,
                     *register,
-                    |track, launch, _| hard_hop(track, launch),
+                    |track, launch, _| land_short_by_iteration(track, launch),
                 );
             }
         }
-        let mut open = Open::NONE;
+        let mut open = UncertainLanes::EMPTY;
         for (n, register) in (shorts..lows).zip(&registers[shorts..]) {
             let stretch = stages.stretch::<L>(n);
             let (landing, certain) = low::landing_near(
                 &stages.track::<L>(n),
                 || columns.launch(register.0),
                 &stretch,
-                &stages.near(n),
+                &stages.gap_near_impact(n),
             );
             stages.put_landing(n, &landing);
             if n >= onces && L::any(!stretch.certain) {
@@ -99,17 +101,25 @@ pub(super) fn advance<L: Lane>(
             }
             if L::any(!certain & stretch.certain) {
                 let certain = certain | !stretch.certain;
-                decide::<L>(columns, grazing, stages, n, certain, *register, hard);
+                decide::<L>(
+                    columns,
+                    grazing,
+                    stages,
+                    n,
+                    certain,
+                    *register,
+                    land_low_by_iteration,
+                );
             }
         }
         open.land::<L>(columns, grazing, stages);
         for (n, &(lanes, _)) in registers[..count].iter().enumerate() {
             let landing = stages.landing::<L>(n);
-            stages.put_after(n, name(landing.phase), columns.restitution(lanes));
+            stages.put_next_launch(n, node_sum(landing.phase), columns.restitution(lanes));
         }
         for (n, &(lanes, _)) in registers[..count].iter().enumerate() {
             let landing = stages.landing::<L>(n);
-            let after = stages.after(n, &landing);
+            let after = stages.next_launch(n, &landing);
             stages.put_launch(n, &after);
             columns.land(lanes, landing.flight, &after);
         }
@@ -122,22 +132,22 @@ pub(super) fn advance<L: Lane>(
 
 /// Lanes of low flights that may barely clear a hump, gathered from their registers: each has only
 /// a few.
-struct Open {
-    lanes: [u8; ROOM + WIDEST],
+struct UncertainLanes {
+    lanes: [u8; MAX_STAGED_LANES + MAX_LANES],
     /// Register, place in it, and number of valid lanes of that register, for each lane.
-    places: [[u8; 3]; ROOM],
+    places: [[u8; 3]; MAX_STAGED_LANES],
     count: usize,
 }
 
-impl Open {
-    const NONE: Self = Self {
-        lanes: [0; ROOM + WIDEST],
-        places: [[0; 3]; ROOM],
+impl UncertainLanes {
+    const EMPTY: Self = Self {
+        lanes: [0; MAX_STAGED_LANES + MAX_LANES],
+        places: [[0; 3]; MAX_STAGED_LANES],
         count: 0,
     };
 
     /// Adds the lanes of register `n` whose bits are set.
-    fn add(&mut self, n: usize, bits: u32, (lanes, count): ([u8; WIDEST], usize)) {
+    fn add(&mut self, n: usize, bits: u32, (lanes, count): ([u8; MAX_LANES], usize)) {
         for (m, lane) in lanes.into_iter().enumerate().take(count) {
             if bits >> m & 1 == 1
                 && let Some(place) = self.places.get_mut(self.count)
@@ -154,11 +164,11 @@ impl Open {
     fn land<L: Lane>(&self, columns: &Columns, grazing: &mut Set, stages: &mut Stages) {
         for at in (0..self.count).step_by(L::WIDTH) {
             let places = &self.places[at..self.count.min(at + L::WIDTH)];
-            let mut lanes = [self.lanes[at]; WIDEST];
+            let mut lanes = [self.lanes[at]; MAX_LANES];
             lanes[..places.len()].copy_from_slice(&self.lanes[at..at + places.len()]);
             let (landing, certain, stretch) =
-                low::over::<L>(&columns.track(lanes), &columns.launch(lanes));
-            let (certain, told) = (L::bits(certain), L::bits(stretch.certain));
+                low::land_near_hump::<L>(&columns.track(lanes), &columns.launch(lanes));
+            let (certain, has_stretch) = (L::bits(certain), L::bits(stretch.certain));
             let (flight, phase) = (landing.flight.to_array(), landing.phase.to_array());
             let (arrival, start) = (landing.arrival.to_array(), stretch.start.to_array());
             let (low, high) = (stretch.low.to_array(), stretch.high.to_array());
@@ -170,18 +180,18 @@ impl Open {
                         arrival: arrival[m],
                     }
                 } else {
-                    let all = [lane; WIDEST];
+                    let all = [lane; MAX_LANES];
                     let (track, launch) = (columns.track(all), columns.launch(all));
-                    let (landing, grazes) = if told >> m & 1 == 1 {
+                    let (landing, grazes) = if has_stretch >> m & 1 == 1 {
                         let stretch = low::Stretch {
                             start: start[m],
                             low: low[m],
                             high: high[m],
                             certain: f64::mask(1),
                         };
-                        hard(&track, &launch, stretch)
+                        land_low_by_iteration(&track, &launch, stretch)
                     } else {
-                        searched(&track, &launch)
+                        land_by_search(&track, &launch)
                     };
                     grazing.put(lane.into(), grazes);
                     landing
@@ -212,7 +222,7 @@ fn begin<L: Lane>(
     stages: &mut Stages,
     kind: Kind,
     n: usize,
-    lanes: [u8; WIDEST],
+    lanes: [u8; MAX_LANES],
 ) {
     let launch = columns.launch::<L>(lanes);
     let track = columns.track::<L>(lanes);
@@ -222,11 +232,16 @@ fn begin<L: Lane>(
         Kind::Tall => {
             let crossing = tall::crossing(&track, &launch);
             stages.put_crossing(n, &crossing);
-            stages.put_name(n, crossing.name());
+            stages.put_node_sum(n, crossing.node_sum());
         }
         Kind::Short => stages.put_guess(n, short::guess(&track, &launch)),
-        Kind::Once => begin_in(stages, n, &launch, &low::once(&track, &launch)),
-        Kind::Low => begin_in(stages, n, &launch, &low::stretch(&track, &launch)),
+        Kind::Once => begin_in(
+            stages,
+            n,
+            &launch,
+            &low::find_single_stretch(&track, &launch),
+        ),
+        Kind::Low => begin_in(stages, n, &launch, &low::find_stretch(&track, &launch)),
     }
 }
 
@@ -234,7 +249,7 @@ fn begin<L: Lane>(
 #[inline(always)]
 fn begin_in<L: Lane>(stages: &mut Stages, n: usize, launch: &Launch<L>, stretch: &low::Stretch<L>) {
     stages.put_stretch(n, stretch);
-    stages.put_name(n, stretch.node(launch));
+    stages.put_node_sum(n, stretch.node(launch));
 }
 
 /// Landings of the lanes of register `n` that the closed forms cannot certify.
@@ -245,13 +260,13 @@ fn decide<L: Lane>(
     stages: &mut Stages,
     n: usize,
     certain: L::Mask,
-    (lanes, count): ([u8; WIDEST], usize),
+    (lanes, count): ([u8; MAX_LANES], usize),
     landing: impl Fn(&Track<f64>, &Launch<f64>, low::Stretch<f64>) -> (Landing<f64>, bool),
 ) {
     let certain = L::bits(certain);
     for (m, lane) in lanes.into_iter().enumerate().take(count) {
         if certain >> m & 1 == 0 {
-            let all = [lane; WIDEST];
+            let all = [lane; MAX_LANES];
             let stretch = stages.stretch_of::<L>(n, m);
             let (landing, grazes) = landing(&columns.track(all), &columns.launch(all), stretch);
             replace::<L>(stages, n, m, count, &landing);

@@ -1,9 +1,9 @@
 //! Sets of lanes.
 
-use crate::arithmetic::lane::{COLUMN, WIDEST};
+use crate::arithmetic::lane::{COLUMN_LANES, MAX_LANES};
 
 /// Number of lanes of a block: its columns fit into the first-level cache.
-pub const LANES: usize = COLUMN;
+pub const LANES: usize = COLUMN_LANES;
 
 /// A set of lanes, one bit each.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,14 +49,14 @@ impl Set {
 
 /// A set of lanes, one byte each: lanes from all over the block are set without a branch.
 #[derive(Clone, Debug)]
-pub(super) struct Flags([u8; LANES + WIDEST]);
+pub(super) struct Flags([u8; LANES + MAX_LANES]);
 
 impl Flags {
-    pub const EMPTY: Self = Self([0; LANES + WIDEST]);
+    pub const EMPTY: Self = Self([0; LANES + MAX_LANES]);
 
     /// Sets the first `width` of these lanes by their bits.
     #[inline(always)]
-    pub fn put(&mut self, lanes: [u8; WIDEST], width: usize, bits: u32) {
+    pub fn put(&mut self, lanes: [u8; MAX_LANES], width: usize, bits: u32) {
         for (n, lane) in lanes.into_iter().enumerate().take(width) {
             self.0[usize::from(lane)] = (bits >> n & 1) as u8;
         }
@@ -74,8 +74,8 @@ impl Flags {
         if width == 1 {
             return self.0[at].into();
         }
-        let mut flags = [0; WIDEST];
-        flags.copy_from_slice(&self.0[at..at + WIDEST]);
+        let mut flags = [0; MAX_LANES];
+        flags.copy_from_slice(&self.0[at..at + MAX_LANES]);
         // Moves byte n to bit n of the topmost byte.
         let bits = u64::from_le_bytes(flags).wrapping_mul(0x0102_0408_1020_4080) >> 56;
         bits as u32 & ((1 << width) - 1)

@@ -15,6 +15,7 @@ mod stages;
 
 use crate::arithmetic::lane::Lane;
 use crate::arithmetic::lane::queue::Queue;
+use crate::arithmetic::lane::simd::Simd;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, PartState};
@@ -23,10 +24,6 @@ use lanes::Set;
 use plan::Plan;
 use stages::Stages;
 
-#[cfg(not(feature = "unstable"))]
-use crate::arithmetic::lane::simd::Simd;
-#[cfg(feature = "unstable")]
-pub use crate::arithmetic::lane::simd::Simd;
 pub use lanes::LANES;
 
 /// A block of orbits that advance together.
@@ -58,11 +55,11 @@ pub struct Block {
     /// The next lanes to fly, and those of the last impact.
     plans: [Plan; 2],
     /// Whether the second plan is the next one.
-    turned: bool,
+    second_is_next: bool,
     /// Lanes without a plan; only their state is set.
-    fresh: Set,
+    unplanned: Set,
     /// Planned lanes whose orbit was removed.
-    gone: Set,
+    removed: Set,
     /// Lanes to plan.
     unsorted: Queue,
     stages: Stages,
@@ -76,16 +73,8 @@ impl Default for Block {
 
 impl Block {
     /// An empty block in the widest registers of this CPU.
-    #[must_use]
     pub fn new() -> Self {
         Self::in_width(Simd::widest())
-    }
-
-    /// An empty block in registers of a given width; `None` where this CPU has no such width.
-    #[cfg(any(test, feature = "unstable"))]
-    #[must_use]
-    pub fn with(simd: Simd) -> Option<Self> {
-        (simd <= Simd::widest()).then(|| Self::in_width(simd))
     }
 
     fn in_width(simd: Simd) -> Self {
@@ -96,19 +85,12 @@ impl Block {
             resting: Set::EMPTY,
             grazing: Set::EMPTY,
             plans: [Plan::EMPTY; 2],
-            turned: false,
-            fresh: Set::EMPTY,
-            gone: Set::EMPTY,
+            second_is_next: false,
+            unplanned: Set::EMPTY,
+            removed: Set::EMPTY,
             unsorted: Queue::EMPTY,
             stages: Stages::EMPTY,
         }
-    }
-
-    /// Width of the block's registers.
-    #[cfg(any(test, feature = "unstable"))]
-    #[must_use]
-    pub fn simd(&self) -> Simd {
-        self.simd
     }
 
     /// Puts an orbit into a lane and replaces any other there.
@@ -117,39 +99,26 @@ impl Block {
     /// `OutOfRange` for a lane that does not exist.
     pub fn put(&mut self, lane: usize, map: &Map, state: PartState) -> Result<(), OutOfRange> {
         accept("lane", lane as f64, lane < LANES, "0..255")?;
-        self.withdraw(lane);
+        self.remove_lane(lane);
         self.columns.put(lane, map.track(), map.restitution());
-        self.start(lane, state);
-        Ok(())
-    }
-
-    /// Restarts the orbit of a lane from another state, on the same track; cheapest for a resting
-    /// lane.
-    ///
-    /// # Errors
-    /// `OutOfRange` for a lane without an orbit.
-    pub fn restart(&mut self, lane: usize, state: PartState) -> Result<(), OutOfRange> {
-        let filled = self.filled.contains(lane);
-        accept("lane", lane as f64, filled, "a lane with an orbit in it")?;
-        self.withdraw(lane);
         self.start(lane, state);
         Ok(())
     }
 
     /// Empties a lane.
     pub fn clear(&mut self, lane: usize) {
-        self.withdraw(lane);
+        self.remove_lane(lane);
     }
 
     /// Removes a lane. A flying lane leaves its plan before the next impact.
-    fn withdraw(&mut self, lane: usize) {
+    fn remove_lane(&mut self, lane: usize) {
         let planned = self.filled.contains(lane)
             && !self.resting.contains(lane)
-            && !self.fresh.contains(lane);
+            && !self.unplanned.contains(lane);
         if planned {
-            self.gone.put(lane, true);
+            self.removed.put(lane, true);
         }
-        self.fresh.put(lane, false);
+        self.unplanned.put(lane, false);
         self.filled.put(lane, false);
         self.resting.put(lane, false);
     }
@@ -158,11 +127,10 @@ impl Block {
         self.columns.start(lane, state.phase, state.velocity);
         self.filled.put(lane, true);
         self.grazing.put(lane, false);
-        self.fresh.put(lane, true);
+        self.unplanned.put(lane, true);
     }
 
     /// The state of a lane's orbit; `None` without an orbit.
-    #[must_use]
     pub fn state(&self, lane: usize) -> Option<PartState> {
         self.filled.contains(lane).then(|| {
             let [phase, velocity] = self.columns.state(lane);
@@ -171,7 +139,6 @@ impl Block {
     }
 
     /// The last impact of a lane's orbit, with flight 0 before the first; `None` without an orbit.
-    #[must_use]
     pub fn impact(&self, lane: usize) -> Option<Impact<PartState>> {
         self.state(lane).map(|next| Impact {
             flight: self.columns.flight(lane),
@@ -180,26 +147,20 @@ impl Block {
         })
     }
 
-    /// The lanes whose part rests, or has a closed chatter, see
+    /// Whether the orbit in a lane waits: its part rests, or has a closed chatter, see
     /// [`Contact::time_to_rest`](super::Contact::time_to_rest).
     ///
-    /// They wait until they are restarted, cleared or replaced. [`Block::advance`] checks a lane at
-    /// its begin and after each impact.
-    pub fn resting(&self) -> impl Iterator<Item = usize> + '_ {
-        self.resting.iter()
-    }
-
-    /// Whether the orbit in a lane waits, see [`Block::resting`].
-    #[must_use]
+    /// It waits until it is cleared or replaced. [`Block::advance`] checks a lane at its begin and
+    /// after each impact.
     pub fn rests(&self, lane: usize) -> bool {
         self.resting.contains(lane)
     }
 
     /// Advances every orbit that does not rest by this many impacts.
     pub fn advance(&mut self, impacts: u32) {
-        if self.gone != Set::EMPTY {
-            self.plans[usize::from(self.turned)].leave_out(&self.gone);
-            self.gone = Set::EMPTY;
+        if self.removed != Set::EMPTY {
+            self.plans[usize::from(self.second_is_next)].leave_out(&self.removed);
+            self.removed = Set::EMPTY;
         }
         match self.simd {
             #[cfg(target_arch = "x86_64")]
@@ -217,20 +178,20 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
         resting,
         grazing,
         plans: [first, second],
-        turned,
-        fresh,
+        second_is_next,
+        unplanned,
         unsorted,
         stages,
         ..
     } = block;
-    let (mut next, mut now) = if *turned {
+    let (mut next, mut now) = if *second_is_next {
         (second, first)
     } else {
         (first, second)
     };
-    if *fresh != Set::EMPTY {
-        begin::<L>(columns, next, resting, fresh, unsorted);
-        *fresh = Set::EMPTY;
+    if *unplanned != Set::EMPTY {
+        begin::<L>(columns, next, resting, unplanned, unsorted);
+        *unplanned = Set::EMPTY;
     }
     for _ in 0..impacts {
         core::mem::swap(&mut now, &mut next);
@@ -240,7 +201,7 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
         gathered::advance::<L>(columns, stages, now, next, resting, grazing);
         sort::<L>(columns, next, resting, unsorted);
     }
-    *turned ^= impacts % 2 == 1;
+    *second_is_next ^= impacts % 2 == 1;
 }
 
 /// Plans the first flights of lanes with only a state.
@@ -249,11 +210,11 @@ fn begin<L: Lane>(
     columns: &mut Columns,
     next: &mut Plan,
     resting: &mut Set,
-    fresh: &Set,
+    unplanned: &Set,
     unsorted: &mut Queue,
 ) {
     for at in (0..LANES).step_by(L::WIDTH) {
-        let bits = fresh.bits(at, L::WIDTH);
+        let bits = unplanned.bits(at, L::WIDTH);
         if bits != 0 {
             let launch = columns.begin_at::<L>(at, L::mask(bits));
             let tall = L::bits(launch.is_tall(&columns.track_at(at))) & bits;
@@ -319,12 +280,13 @@ mod tests {
     }
 
     #[test]
-    fn every_lane_is_the_map_bit_for_bit_in_every_width() {
+    fn lanes_equal_the_map_bit_for_bit() {
         for simd in Simd::ALL {
-            let Some(mut block) = Block::with(simd) else {
+            if simd > Simd::widest() {
                 std::println!("this CPU has no {simd:?}");
                 continue;
-            };
+            }
+            let mut block = Block::in_width(simd);
             let mut expected = std::vec::Vec::new();
             for (lane, (map, state)) in starts().enumerate() {
                 block.put(lane, &map, state).unwrap();

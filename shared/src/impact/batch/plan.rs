@@ -2,7 +2,7 @@
 
 use super::lanes::{Flags, Set};
 use crate::arithmetic::lane::queue::Queue;
-use crate::arithmetic::lane::{Lane, WIDEST};
+use crate::arithmetic::lane::{Lane, MAX_LANES};
 use crate::impact::double::launch::{Launch, Track};
 
 /// Kinds of flight.
@@ -48,7 +48,7 @@ impl Plan {
     #[inline(always)]
     pub fn add_tall(&mut self, at: usize, width: usize, bits: u32) {
         if width == 1 {
-            self.gathered.put([at as u8; WIDEST], 1, bits);
+            self.gathered.put([at as u8; MAX_LANES], 1, bits);
         } else {
             self.tall.add(at, bits);
         }
@@ -67,13 +67,13 @@ impl Plan {
     }
 
     /// Removes lanes without an orbit.
-    pub fn leave_out(&mut self, gone: &Set) {
-        for lane in gone.iter() {
+    pub fn leave_out(&mut self, removed: &Set) {
+        for lane in removed.iter() {
             self.tall.put(lane, false);
             self.gathered.clear(lane);
         }
         for queue in &mut self.queues {
-            queue.retain(|lane| !gone.contains(lane));
+            queue.retain(|lane| !removed.contains(lane));
         }
     }
 
@@ -86,7 +86,7 @@ impl Plan {
         track: &Track<L>,
         restitution: L,
         launch: &Launch<L>,
-        (lanes, count): ([u8; WIDEST], usize),
+        (lanes, count): ([u8; MAX_LANES], usize),
     ) {
         let all = (1 << count) - 1;
         let tall = L::bits(launch.is_tall(track));

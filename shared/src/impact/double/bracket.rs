@@ -26,7 +26,7 @@ pub(crate) struct Gap {
 pub(crate) trait Path {
     /// Longest flight time in rad for which the gap is computed as `d (u/d)`, which keeps its
     /// digits.
-    const LONGEST_HOP: f64;
+    const MAX_SHORT_HOP: f64;
 
     /// The gap `d` after the launch.
     fn at(&self, d: f64) -> Gap;
@@ -36,7 +36,7 @@ pub(crate) trait Path {
 }
 
 /// Time and gap of the minimum over the hump `begin..end`, where the slope changes from - to +.
-pub(crate) fn lowest(path: &impl Path, begin: f64, end: f64) -> (f64, Gap) {
+pub(crate) fn find_minimum(path: &impl Path, begin: f64, end: f64) -> (f64, Gap) {
     let (mut low, mut high) = (begin, end);
     let mut d = 0.5 * (low + high);
     let mut at = path.at(d);
@@ -78,14 +78,14 @@ pub(crate) fn root<P: Path>(path: &P, low: f64, high: f64, grazes: bool) -> (Lan
         d = d.min(hop);
     }
     let mut at = path.at(d);
-    let mut close = false;
+    let mut estimate = false;
     for round in 0..300 {
         if at.value > 0.0 {
             below = below.max(d);
         } else {
             above = above.min(d);
         }
-        let step = if d < P::LONGEST_HOP {
+        let step = if d < P::MAX_SHORT_HOP {
             // u/d has the same root without the one at launch.
             let w = at.value / d;
             let w1 = (at.slope - w) / d;
@@ -95,7 +95,7 @@ pub(crate) fn root<P: Path>(path: &P, low: f64, high: f64, grazes: bool) -> (Lan
             down_crossing(at.value, at.slope, 0.5 * at.curvature)
         };
         let next = d + step;
-        let next = if close && next > 0.0 {
+        let next = if estimate && next > 0.0 {
             next.max(below).min(above)
         } else if next > below && next < above && round % 4 != 3 {
             next
@@ -105,11 +105,11 @@ pub(crate) fn root<P: Path>(path: &P, low: f64, high: f64, grazes: bool) -> (Lan
         let moved = (next - d).abs();
         d = next;
         at = path.at(d);
-        if close || above - below <= f64::EPSILON * above {
+        if estimate || above - below <= f64::EPSILON * above {
             break;
         }
         // Third order: the step after this one is below rounding.
-        close = moved <= 1e-7 * d && round % 4 != 3;
+        estimate = moved <= 1e-7 * d && round % 4 != 3;
     }
     let arrival = (-at.slope).max(0.0);
     // A double root within rounding.

@@ -7,8 +7,8 @@
 //!   in a monotone stretch;
 //! - [`short`]: the flight ends within a fraction of a turn; the root of `u/d`, which keeps every
 //!   digit down to the smallest hops;
-//! - [once](low::once): the flight ends before the next hump, or exceeds the top speed at height 1;
-//!   it meets the track once;
+//! - [once](low::find_single_stretch): the flight ends before the next hump, or exceeds the top
+//!   speed at height 1; it meets the track once;
 //! - [`low`]: any other flight that closed forms certify;
 //! - [`search`]: a decision is close to rounding.
 //!
@@ -39,12 +39,12 @@ pub(crate) fn first_impact(
         cosine,
     } = *launch;
     // By value: in memory the launch would delay the tall flights, too.
-    not_tall(track, phase, velocity, sine, cosine)
+    land_not_tall(track, phase, velocity, sine, cosine)
 }
 
 /// [`first_impact`] of a flight that is not tall.
 #[inline(never)]
-fn not_tall(
+fn land_not_tall(
     track: &Track<f64>,
     phase: f64,
     velocity: f64,
@@ -65,43 +65,46 @@ fn not_tall(
         return Some(if f64::any(certain) {
             (landing, false)
         } else {
-            hard_hop(track, &launch)
+            land_short_by_iteration(track, &launch)
         });
     }
     let once = f64::any(launch.meets_once(track));
     let stretch = if once {
-        low::once(track, &launch)
+        low::find_single_stretch(track, &launch)
     } else {
-        low::stretch(track, &launch)
+        low::find_stretch(track, &launch)
     };
-    let close = low::approach(track, &launch, &stretch);
-    let (landing, certain) = low::landing(track, &launch, &stretch, &close);
+    let estimate = low::approach(track, &launch, &stretch);
+    let (landing, certain) = low::landing(track, &launch, &stretch, &estimate);
     if !f64::any(certain) {
-        return Some(hard(track, &launch, stretch));
+        return Some(land_low_by_iteration(track, &launch, stretch));
     }
     Some((landing, false))
 }
 
 /// First impact of a short flight that the quick form cannot certify, and whether it grazes.
 #[cold]
-pub(crate) fn hard_hop(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
-    short::careful(track, launch)
-        .map_or_else(|| searched(track, launch), |landing| (landing, false))
+pub(crate) fn land_short_by_iteration(
+    track: &Track<f64>,
+    launch: &Launch<f64>,
+) -> (Landing<f64>, bool) {
+    short::land_by_iteration(track, launch)
+        .map_or_else(|| land_by_search(track, launch), |landing| (landing, false))
 }
 
 /// The same for a low flight, within the stretch already found.
 #[cold]
-pub(crate) fn hard(
+pub(crate) fn land_low_by_iteration(
     track: &Track<f64>,
     launch: &Launch<f64>,
     stretch: low::Stretch<f64>,
 ) -> (Landing<f64>, bool) {
-    low::careful(track, launch, stretch)
-        .map_or_else(|| searched(track, launch), |landing| (landing, false))
+    low::land_by_iteration(track, launch, stretch)
+        .map_or_else(|| land_by_search(track, launch), |landing| (landing, false))
 }
 
 /// The same for any flight, by the search.
 #[cold]
-pub(crate) fn searched(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
-    search::landing(track, launch, search::PassedHumps::Skip)
+pub(crate) fn land_by_search(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
+    search::landing(track, launch, true)
 }

@@ -76,31 +76,29 @@ impl<L: Lane> Launch<L> {
     /// The launch of a state.
     #[inline(always)]
     pub fn new(phase: L, velocity: L) -> Self {
-        Self::with(phase, velocity, sine_cosine(phase))
+        Self::with_sine_cosine(phase, velocity, sine_cosine(phase))
     }
 
     /// The launch of a state, given its nearest table node: the node's sum, sine and cosine.
-    #[cfg(any(test, feature = "analysis"))]
     #[inline(always)]
-    pub fn at(phase: L, velocity: L, rounded: L, node: (L, L)) -> Self {
-        let near = crate::arithmetic::lane::between(phase, rounded, node);
-        Self::with(phase, velocity, near)
+    pub fn with_node(phase: L, velocity: L, rounded: L, node: (L, L)) -> Self {
+        let near = crate::arithmetic::lane::sine_cosine_from_node(phase, rounded, node);
+        Self::with_sine_cosine(phase, velocity, near)
     }
 
     /// The launch of a state after an impact near `node`, in the lanes of `which`.
-    #[cfg(any(test, feature = "analysis"))]
     #[inline(always)]
-    pub fn near(
+    pub fn near_node(
         phase: L,
         velocity: L,
         node: &crate::arithmetic::lane::Node<L>,
         which: L::Mask,
     ) -> Self {
-        Self::with(phase, velocity, node.sine_cosine(phase, which))
+        Self::with_sine_cosine(phase, velocity, node.sine_cosine(phase, which))
     }
 
     #[inline(always)]
-    pub(super) fn with(phase: L, velocity: L, (sine, cosine): (L, L)) -> Self {
+    pub(super) fn with_sine_cosine(phase: L, velocity: L, (sine, cosine): (L, L)) -> Self {
         Self {
             phase,
             velocity,
@@ -123,23 +121,23 @@ impl<L: Lane> Launch<L> {
 
     /// Square of the ball's speed at height 1; negative where the ball does not reach it.
     #[inline(always)]
-    pub fn leaving(&self, track: &Track<L>) -> L {
+    pub fn speed_squared_at_crest(&self, track: &Track<L>) -> L {
         let v = self.rise();
         v * v - (track.k + track.k) * (L::splat(1.0) - self.sine)
     }
 
     /// Square of the ball's speed at height 0; negative where the ball does not reach it.
     #[inline(always)]
-    pub(super) fn level(&self, track: &Track<L>) -> L {
+    pub(super) fn speed_squared_at_zero(&self, track: &Track<L>) -> L {
         let v = self.rise();
         v * v + (track.k + track.k) * self.sine
     }
 
     /// Time in rad until the track next pushes harder than k: the begin of the next hump.
     #[inline(always)]
-    pub(super) fn wait(&self, track: &Track<L>) -> L {
+    pub(super) fn time_to_next_hump(&self, track: &Track<L>) -> L {
         let wait = track.lift_off - self.phase;
-        wait + L::splat(TAU).only(!L::splat(0.0).below(wait))
+        wait + L::splat(TAU).keep_where(!L::splat(0.0).below(wait))
     }
 
     /// Bound of the rounding error of a height: 30 times that at the apex.
@@ -156,21 +154,20 @@ impl<L: Lane> Launch<L> {
     pub fn rests(&self, track: &Track<L>) -> L::Mask {
         let zero = L::splat(0.0);
         let pull = track.k - self.sine;
-        let held = L::select(
+        let rounded_pull = L::select(
             zero.below(self.cosine),
             pull - L::splat(4.0 * f64::EPSILON),
             pull,
         );
-        !zero.below(self.velocity) & !held.below(zero)
+        !zero.below(self.velocity) & !rounded_pull.below(zero)
     }
 
     /// Whether the velocity is low enough for [`chatters_out`](Self::chatters_out), which costs
     /// more.
     ///
     /// Let `A = k - sin t`, at most `1 + k`. Then `psi^3 (2.1 c^2 + 0.9 |s| A)` is at most
-    /// [`REMAINDER`] `A^5`. Either `|s|` is at least 1/2, or `c^2` is at least 3/4: psi is at
-    /// most 7.7e-6 (1 + k)^(5/3).
-    #[cfg(any(test, feature = "analysis"))]
+    /// [`MAX_CHATTER_REMAINDER`] `A^5`. Either `|s|` is at least 1/2, or `c^2` is at least 3/4: psi
+    /// is at most 7.7e-6 (1 + k)^(5/3).
     #[inline(always)]
     pub fn may_chatter_out(&self, track: &Track<L>) -> L::Mask {
         let reach = L::splat(1.0) + track.k;
@@ -180,8 +177,8 @@ impl<L: Lane> Launch<L> {
     /// Whether the part rests, or hops so little that its chatter has a closed form exact to f64.
     ///
     /// Let `A = k - sin t` and `z = psi / (A (1 - R))`. The third order of the chatter's duration
-    /// is at most `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`. It must be below [`REMAINDER`], and the relative
-    /// change of A below [`CHANGE`]. The form has no divisions.
+    /// is at most `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`. It must be below [`MAX_CHATTER_REMAINDER`], and
+    /// the relative change of A below [`MAX_PULL_CHANGE`]. The form has no divisions.
     #[inline(always)]
     pub fn chatters_out(&self, track: &Track<L>, restitution: L) -> L::Mask {
         let zero = L::splat(0.0);
@@ -191,9 +188,11 @@ impl<L: Lane> Launch<L> {
         let reach = pull * lost;
         let squared = pull * pull;
         let third = (hop * hop * hop) * (L::splat(2.1) * (c * c) + L::splat(0.9) * (s * pull));
-        let exact = !(L::splat(REMAINDER) * (reach * reach * reach) * squared).below(third);
-        let turning = !(L::splat(CHANGE) * (reach * pull)).below((hop + hop) * c);
-        let bending = !(L::splat(CHANGE) * (reach * reach) * pull).below((hop + hop) * hop * s);
+        let exact =
+            !(L::splat(MAX_CHATTER_REMAINDER) * (reach * reach * reach) * squared).below(third);
+        let turning = !(L::splat(MAX_PULL_CHANGE) * (reach * pull)).below((hop + hop) * c);
+        let bending =
+            !(L::splat(MAX_PULL_CHANGE) * (reach * reach) * pull).below((hop + hop) * hop * s);
         let closing = zero.below(pull) & zero.below(lost) & exact & turning & bending;
         closing | self.rests(track)
     }
@@ -201,10 +200,10 @@ impl<L: Lane> Launch<L> {
 
 /// Remainder in rad of a chatter's duration: largest third order that the closed form omits, half
 /// an ulp of a phase.
-pub(crate) const REMAINDER: f64 = 2e-16;
+pub(crate) const MAX_CHATTER_REMAINDER: f64 = 2e-16;
 /// Relative change of the pull: largest during a chatter in closed form. It keeps the rest inside
 /// `sin < k` and the fourth order below the third.
-pub(crate) const CHANGE: f64 = 1e-3;
+pub(crate) const MAX_PULL_CHANGE: f64 = 1e-3;
 
 #[cfg(test)]
 mod tests {
@@ -212,7 +211,7 @@ mod tests {
 
     /// Launches at every speed at which some chatter out, on tracks with the hardest pull there.
     #[test]
-    fn none_that_may_not_chatter_out_does() {
+    fn fast_velocity_test_excludes_no_chatter() {
         let (mut closed, mut largest) = (0, 0.0_f64);
         for n in 0..1_000_000 {
             let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);

@@ -10,39 +10,41 @@
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use super::launch::{Launch, Track};
-use super::step::{Close, Landing, Local, Near, householder, in_turn};
-use crate::arithmetic::lane::{Lane, Node, ROUNDER, floor};
+use super::step::{GapNearImpact, Landing, LandingEstimate, Local, householder, in_turn};
+use crate::arithmetic::lane::{Lane, Node, ROUNDING_OFFSET, floor};
 use crate::arithmetic::node;
 
-/// Height of the parabola `sin(pi/2 + x) ~ CREST - BEND x^2`, in units of b. Its error is
-/// within 0.028 up to 1.45 rad, 0.059 at the ends of the half turn.
-const CREST: f64 = 0.972;
-/// Curvature of the parabola of [`CREST`], per rad^2.
-const BEND: f64 = 0.4177;
+/// Height of the parabola `sin(pi/2 + x) ~ PARABOLA_HEIGHT - PARABOLA_CURVATURE x^2`, in units of
+/// b. Its error is within 0.028 up to 1.45 rad, 0.059 at the ends of the half turn.
+const PARABOLA_HEIGHT: f64 = 0.972;
+/// Curvature of the parabola of [`PARABOLA_HEIGHT`], per rad^2.
+const PARABOLA_CURVATURE: f64 = 0.4177;
 
-/// Flight time in rad below which the search decides, because it keeps the relative accuracy.
-const SHORTEST: f64 = 0.125;
+/// Flight time in rad below which the search decides, because it keeps the relative accuracy. With
+/// several tones it is the flight time in rad of the highest one, here and below.
+pub(crate) const MIN_FLIGHT_TIME: f64 = 0.125;
 
 /// Flight time in rad up to which the start is computed from the launch, by `u/d`; it affects cost
 /// only.
-const HOP: f64 = 1.1;
+pub(crate) const MAX_FLIGHT_FROM_LAUNCH: f64 = 1.1;
 
 /// Arrival speed in `b w` below which the search decides: near a triple root steps end anywhere.
-const SLOWEST: f64 = 0.03;
+const MIN_ARRIVAL_SPEED: f64 = 0.03;
 
 /// Largest `f u''/u'^2` of a step that ends near the impact; the parabola has no root from a
 /// quarter on.
-const FAIR: f64 = 0.24;
+pub(crate) const MAX_CONVERGENCE_RATIO: f64 = 0.24;
 
 /// Margin above the rounding of a height or of a squared speed, for flights that are not tall.
-const SPARE: f64 = 1e-9;
+pub(crate) const ROUNDING_MARGIN: f64 = 1e-9;
 
 impl<L: Lane> Launch<L> {
     /// Whether the ball leaves height 1 faster than the track's top speed, so that it meets the
     /// track once.
     #[inline(always)]
     fn is_certified(&self, track: &Track<L>) -> L::Mask {
-        L::splat(1.0 + SPARE).below(self.leaving(track)) & L::splat(0.0).below(self.rise())
+        L::splat(1.0 + ROUNDING_MARGIN).below(self.speed_squared_at_crest(track))
+            & L::splat(0.0).below(self.rise())
     }
 
     /// Whether a flight that is neither tall nor short meets the track once.
@@ -52,8 +54,8 @@ impl<L: Lane> Launch<L> {
     /// has one root.
     #[inline(always)]
     pub fn meets_once(&self, track: &Track<L>) -> L::Mask {
-        let height = self.height(track, self.wait(track));
-        self.is_certified(track) | (height + L::splat(SPARE)).below(track.lift_off_sine())
+        let height = self.height(track, self.time_to_next_hump(track));
+        self.is_certified(track) | (height + L::splat(ROUNDING_MARGIN)).below(track.lift_off_sine())
     }
 }
 
@@ -79,7 +81,7 @@ impl<L: Lane> Hump<L> {
     ///
     /// `CLOSELY` computes the minimum of the gap where the tangents leave its sign open.
     #[inline(always)]
-    fn at<const CLOSELY: bool>(track: &Track<L>, launch: &Launch<L>, turn: L, margin: L) -> Self {
+    fn new<const CLOSELY: bool>(track: &Track<L>, launch: &Launch<L>, turn: L, margin: L) -> Self {
         let zero = L::splat(0.0);
         let v = launch.rise();
         let begin = turn + track.lift_off;
@@ -108,7 +110,7 @@ impl<L: Lane> Hump<L> {
         let mut clear = above_parabola | monotone | margin.below(tangents);
         let (mut dip, mut dips) = ([middle; 2], zero.below(zero));
         if CLOSELY {
-            let (lowest, near) = lowest(track, launch, begin, end);
+            let (lowest, near) = find_minimum(track, launch, begin, end);
             clear = clear | margin.below(near.value - near.slope.abs() * (end - begin));
             dips = near.value.below(-margin);
             let curvature = near.sine - track.k;
@@ -130,7 +132,7 @@ impl<L: Lane> Hump<L> {
 
     /// Whether the parabola certainly passes over the hump.
     #[inline(always)]
-    fn passed(&self) -> L::Mask {
+    fn passes_hump(&self) -> L::Mask {
         self.begin_above & self.middle_above & self.end_above & self.clear
     }
 }
@@ -142,17 +144,25 @@ impl<L: Lane> Hump<L> {
 // Not inlined on a microcontroller, like `settle`: four soft-f64 copies would take 6 KiB of flash.
 #[cfg_attr(target_os = "none", inline(never))]
 #[cfg_attr(not(target_os = "none"), inline(always))]
-fn lowest<L: Lane>(track: &Track<L>, launch: &Launch<L>, begin: L, end: L) -> (L, Near<L>) {
+fn find_minimum<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    begin: L,
+    end: L,
+) -> (L, GapNearImpact<L>) {
     /// Smallest curvature that a step divides by; below it the hump is at its end.
-    const FLAT: f64 = 1e-9;
+    const MIN_CURVATURE: f64 = 1e-9;
     let mut d = (begin + end) * L::splat(0.5);
     for _ in 0..4 {
         let node = Node::near(launch.phase, d);
         let slope = (launch.rise() - track.k * node.distance) - node.cosine;
-        let curvature = (node.sine - track.k).max(L::splat(FLAT));
+        let curvature = (node.sine - track.k).max(L::splat(MIN_CURVATURE));
         d = (node.distance - slope / curvature).max(begin).min(end);
     }
-    (d, Near::at(track, launch, &Close::after(launch, d)))
+    (
+        d,
+        GapNearImpact::new(track, launch, &LandingEstimate::after_launch(launch, d)),
+    )
 }
 
 /// The stretch of the track that holds the impact, with exactly one root of the gap.
@@ -171,23 +181,23 @@ pub(crate) struct Stretch<L: Lane> {
 impl<L: Lane> Stretch<L> {
     /// Whether a landing is certainly the root in this stretch.
     #[inline(always)]
-    pub(super) fn holds(&self, landing: &Landing<L>) -> L::Mask {
+    pub(super) fn contains(&self, landing: &Landing<L>) -> L::Mask {
         self.certain
             & self.low.below(landing.flight)
             & landing.flight.below(self.high)
-            & L::splat(SLOWEST).below(landing.arrival)
+            & L::splat(MIN_ARRIVAL_SPEED).below(landing.arrival)
     }
 
-    /// The [`ROUNDER`] sum of the node nearest to the start.
+    /// The [`ROUNDING_OFFSET`] sum of the node nearest to the start.
     #[inline(always)]
     pub(crate) fn node(&self, launch: &Launch<L>) -> L {
         let per_node = L::splat(node::COUNT as f64 / TAU);
-        (self.start * per_node + launch.phase * per_node) + L::splat(ROUNDER)
+        (self.start * per_node + launch.phase * per_node) + L::splat(ROUNDING_OFFSET)
     }
 
     /// The stretch `low..high` in the half turn, upper or lower, with its middle at `centre`.
     #[inline(always)]
-    fn about(
+    fn around(
         track: &Track<L>,
         launch: &Launch<L>,
         centre: L,
@@ -196,11 +206,15 @@ impl<L: Lane> Stretch<L> {
         high: L,
         certain: L::Mask,
     ) -> Self {
-        let top = L::select(upper, L::splat(CREST), L::splat(-CREST));
-        let bend = L::select(upper, L::splat(BEND), L::splat(-BEND)) - track.half();
+        let top = L::select(upper, L::splat(PARABOLA_HEIGHT), L::splat(-PARABOLA_HEIGHT));
+        let bend = L::select(
+            upper,
+            L::splat(PARABOLA_CURVATURE),
+            L::splat(-PARABOLA_CURVATURE),
+        ) - track.half();
         let gap = launch.height(track, centre) - top;
         let slope = launch.rise() - track.k * centre;
-        let start = (centre + down_crossing(gap, slope, bend)).lone();
+        let start = (centre + down_crossing(gap, slope, bend)).unpaired();
         Self {
             start: start.max(low).min(high),
             low,
@@ -215,29 +229,29 @@ impl<L: Lane> Stretch<L> {
 /// It lies in the half turn in which the parabola falls through height 0. At the ends of that half
 /// turn the sine is 0, and the track is not at the ball's height.
 #[inline(always)]
-pub(crate) fn once<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
+pub(crate) fn find_single_stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
     let (zero, quarter) = (L::splat(0.0), L::splat(FRAC_PI_2));
     let (v, k) = (launch.rise(), track.k);
     let high = L::select(
         launch.is_certified(track),
         L::splat(f64::MAX),
-        launch.wait(track),
+        launch.time_to_next_hump(track),
     );
     // A ball that stays below has no root here: NaN gives 0.
-    let crossing = ((v + launch.level(track).sqrt()) * track.per_k)
+    let crossing = ((v + launch.speed_squared_at_zero(track).sqrt()) * track.per_k)
         .max(zero)
         .min(high);
     let turns = (launch.phase + crossing) * L::splat(1.0 / TAU);
-    let whole = (turns + L::splat(ROUNDER)) - L::splat(ROUNDER);
+    let whole = (turns + L::splat(ROUNDING_OFFSET)) - L::splat(ROUNDING_OFFSET);
     let to_middle = L::select(turns.below(whole), -quarter, quarter);
     let centre = (whole * L::splat(TAU) - launch.phase) + to_middle;
-    let bend = to_middle * L::splat(BEND / FRAC_PI_2) - track.half();
-    let below = launch.sine - to_middle * L::splat(CREST / FRAC_PI_2);
+    let bend = to_middle * L::splat(PARABOLA_CURVATURE / FRAC_PI_2) - track.half();
+    let below = launch.sine - to_middle * L::splat(PARABOLA_HEIGHT / FRAC_PI_2);
     let gap = below + centre * (v - track.half() * centre);
     let slope = v - k * centre;
     // A short flight starts more accurately from its launch, by u/d.
-    let hop = launch.is_over_within(track, HOP);
-    let centre = centre.only(!hop);
+    let hop = launch.is_over_within(track, MAX_FLIGHT_FROM_LAUNCH);
+    let centre = centre.keep_where(!hop);
     let gap = L::select(hop, launch.velocity, gap);
     let slope = L::select(hop, (launch.sine - k) * L::splat(0.5), slope);
     let bend = L::select(hop, launch.cosine * L::splat(1.0 / 6.0), bend);
@@ -245,8 +259,8 @@ pub(crate) fn once<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> 
         .max(zero)
         .sqrt();
     Stretch {
-        start: centre + ((gap + gap) / (root - slope)).lone(),
-        low: L::splat(SHORTEST),
+        start: centre + ((gap + gap) / (root - slope)).unpaired(),
+        low: L::splat(MIN_FLIGHT_TIME),
         high,
         certain: zero.below(quarter),
     }
@@ -254,17 +268,20 @@ pub(crate) fn once<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> 
 
 /// The stretch that a low flight ends in.
 #[inline(always)]
-pub(crate) fn stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
-    stretch_over::<L, false>(track, launch)
+pub(crate) fn find_stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
+    find_stretch_over::<L, false>(track, launch)
 }
 
 /// [`stretch`]; `CLOSELY` also decides flights that barely clear a hump or barely touch it.
 #[inline(always)]
-fn stretch_over<L: Lane, const CLOSELY: bool>(track: &Track<L>, launch: &Launch<L>) -> Stretch<L> {
+fn find_stretch_over<L: Lane, const CLOSELY: bool>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+) -> Stretch<L> {
     let (zero, one, turn) = (L::splat(0.0), L::splat(1.0), L::splat(TAU));
     let v = launch.rise();
-    let leaving = launch.leaving(track);
-    let level = launch.level(track);
+    let leaving = launch.speed_squared_at_crest(track);
+    let level = launch.speed_squared_at_zero(track);
     let crossing = (v + level.max(zero).sqrt()) * track.per_k;
     let crossing = L::select(level.below(zero), zero, crossing.max(zero));
     // The turn of the crossing begins at `base`; its hump at `begin`.
@@ -292,13 +309,13 @@ fn stretch_over<L: Lane, const CLOSELY: bool>(track: &Track<L>, launch: &Launch<
                 turn - launch.phase,
             );
             let last = base - turn;
-            clear = clear | beyond(track, launch, first, last, margin);
+            clear = clear | is_above_humps(track, launch, first, last, margin);
             if L::any(!clear) {
                 // Between the first and the last the parabola is highest.
                 let inner = last.below(first + turn + one)
-                    | beyond(track, launch, first + turn, last - turn, margin);
-                let over_first = Hump::at::<CLOSELY>(track, launch, first, margin).passed();
-                let over_last = Hump::at::<CLOSELY>(track, launch, last, margin).passed();
+                    | is_above_humps(track, launch, first + turn, last - turn, margin);
+                let over_first = Hump::new::<CLOSELY>(track, launch, first, margin).passes_hump();
+                let over_last = Hump::new::<CLOSELY>(track, launch, last, margin).passes_hump();
                 if CLOSELY {
                     let at_first = !clear & !over_first;
                     let at_last = !clear & over_first & inner & !over_last;
@@ -311,11 +328,11 @@ fn stretch_over<L: Lane, const CLOSELY: bool>(track: &Track<L>, launch: &Launch<
         let begin = base + track.lift_off;
         let end = base + track.hump_end();
         let ahead = zero.below(begin);
-        let hump = Hump::at::<CLOSELY>(track, launch, base, margin);
+        let hump = Hump::new::<CLOSELY>(track, launch, base, margin);
         let before = !certified & ahead & hump.begin_below;
         let rising = !certified & ahead & hump.begin_above & hump.middle_below;
         let falling = !certified & ahead & hump.begin_above & hump.middle_above & hump.end_below;
-        let after = !certified & !sooner & (!ahead | hump.passed());
+        let after = !certified & !sooner & (!ahead | hump.passes_hump());
         certain = certified | before | rising | falling | after;
 
         let middle = base + L::splat(FRAC_PI_2);
@@ -343,12 +360,12 @@ fn stretch_over<L: Lane, const CLOSELY: bool>(track: &Track<L>, launch: &Launch<
         certain = certain & clear;
     }
 
-    let mut stretch = Stretch::about(
+    let mut stretch = Stretch::around(
         track,
         launch,
         centre,
         upper,
-        low.max(L::splat(SHORTEST)),
+        low.max(L::splat(MIN_FLIGHT_TIME)),
         high,
         certain,
     );
@@ -360,7 +377,13 @@ fn stretch_over<L: Lane, const CLOSELY: bool>(track: &Track<L>, launch: &Launch<
 
 /// Whether the parabola is above height 1 from the hump of the turn at `from` to that at `to`.
 #[inline(always)]
-fn beyond<L: Lane>(track: &Track<L>, launch: &Launch<L>, from: L, to: L, margin: L) -> L::Mask {
+fn is_above_humps<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    from: L,
+    to: L,
+    margin: L,
+) -> L::Mask {
     let bar = L::splat(1.0) + margin;
     !launch.height(track, from + track.lift_off).below(bar)
         & !launch.height(track, to + track.hump_end()).below(bar)
@@ -374,13 +397,17 @@ pub(crate) fn approach<L: Lane>(
     track: &Track<L>,
     launch: &Launch<L>,
     stretch: &Stretch<L>,
-) -> Close<L> {
+) -> LandingEstimate<L> {
     approach_from(track, launch, stretch.node(launch))
 }
 
-/// [`approach`] from the node of the [`ROUNDER`] sum.
+/// [`approach`] from the node of the [`ROUNDING_OFFSET`] sum.
 #[inline(always)]
-pub(super) fn approach_from<L: Lane>(track: &Track<L>, launch: &Launch<L>, rounded: L) -> Close<L> {
+pub(super) fn approach_from<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    rounded: L,
+) -> LandingEstimate<L> {
     approach_on(track, launch, rounded, L::node(rounded))
 }
 
@@ -391,14 +418,14 @@ pub(crate) fn approach_on<L: Lane>(
     launch: &Launch<L>,
     rounded: L,
     (sine, cosine): (L, L),
-) -> Close<L> {
+) -> LandingEstimate<L> {
     // An error of 1e-12 is small enough here.
-    let distance = (rounded - L::splat(ROUNDER)) * L::splat(node::SPACING) - launch.phase;
+    let distance = (rounded - L::splat(ROUNDING_OFFSET)) * L::splat(node::SPACING) - launch.phase;
     let v = launch.rise();
     let f = distance * (v - track.half() * distance) + (launch.sine - sine);
     let g = (v - track.k * distance) - cosine;
     let back = householder(f, g, sine - track.k, cosine, -sine);
-    Close { rounded, back }
+    LandingEstimate { rounded, back }
 }
 
 /// Landing of a low flight from a time close to it; the mask marks certified first impacts.
@@ -409,26 +436,35 @@ pub(crate) fn landing<L: Lane>(
     track: &Track<L>,
     launch: &Launch<L>,
     stretch: &Stretch<L>,
-    close: &Close<L>,
+    estimate: &LandingEstimate<L>,
 ) -> (Landing<L>, L::Mask) {
-    settled(track, || *launch, stretch, settle(track, launch, close))
+    repeat_last_step(
+        track,
+        || *launch,
+        stretch,
+        take_chebyshev_step(track, launch, estimate),
+    )
 }
 
 /// [`landing`], given the gap near it.
-#[cfg(any(test, feature = "analysis"))]
 #[inline(always)]
 pub(crate) fn landing_near<L: Lane>(
     track: &Track<L>,
     launch: impl FnOnce() -> Launch<L>,
     stretch: &Stretch<L>,
-    near: &Near<L>,
+    near: &GapNearImpact<L>,
 ) -> (Landing<L>, L::Mask) {
-    settled(track, launch, stretch, settle_near(track, near))
+    repeat_last_step(
+        track,
+        launch,
+        stretch,
+        take_chebyshev_step_near(track, near),
+    )
 }
 
 /// Repeats the last step in the lanes of a certain stretch where it was too long.
 #[inline(always)]
-fn settled<L: Lane>(
+fn repeat_last_step<L: Lane>(
     track: &Track<L>,
     launch: impl FnOnce() -> Launch<L>,
     stretch: &Stretch<L>,
@@ -436,28 +472,27 @@ fn settled<L: Lane>(
 ) -> (Landing<L>, L::Mask) {
     if L::any(!settled & stretch.certain) {
         let launch = launch();
-        let close = Close::after(&launch, landing.flight);
-        let (again, then) = settle(track, &launch, &close);
+        let estimate = LandingEstimate::after_launch(&launch, landing.flight);
+        let (again, then) = take_chebyshev_step(track, &launch, &estimate);
         landing = landing.or(settled, again);
         settled = settled | then;
     }
     landing.phase = in_turn(landing.phase);
-    (landing, settled & stretch.holds(&landing))
+    (landing, settled & stretch.contains(&landing))
 }
 
 /// Landing, mask and stretch of a low flight that barely clears a hump or barely touches it.
 ///
 /// Nearly every flight whose [`stretch`] is not certain is of this kind. The mask marks certified
 /// first impacts.
-#[cfg(any(test, feature = "analysis"))]
 #[inline(always)]
-pub(crate) fn over<L: Lane>(
+pub(crate) fn land_near_hump<L: Lane>(
     track: &Track<L>,
     launch: &Launch<L>,
 ) -> (Landing<L>, L::Mask, Stretch<L>) {
-    let stretch = stretch_over::<L, true>(track, launch);
-    let close = approach(track, launch, &stretch);
-    let (landing, certain) = landing(track, launch, &stretch, &close);
+    let stretch = find_stretch_over::<L, true>(track, launch);
+    let estimate = approach(track, launch, &stretch);
+    let (landing, certain) = landing(track, launch, &stretch, &estimate);
     (landing, certain, stretch)
 }
 
@@ -466,18 +501,18 @@ pub(crate) fn over<L: Lane>(
 /// Without a certain stretch it searches the one of `CLOSELY`; `None` where that is not certain
 /// either.
 #[cold]
-pub(crate) fn careful(
+pub(crate) fn land_by_iteration(
     track: &Track<f64>,
     launch: &Launch<f64>,
     mut stretch: Stretch<f64>,
 ) -> Option<Landing<f64>> {
     if !f64::any(stretch.certain) {
-        stretch = stretch_over::<f64, true>(track, launch);
+        stretch = find_stretch_over::<f64, true>(track, launch);
         if !f64::any(stretch.certain) {
             return None;
         }
-        let close = approach(track, launch, &stretch);
-        let (landing, certain) = landing(track, launch, &stretch, &close);
+        let estimate = approach(track, launch, &stretch);
+        let (landing, certain) = landing(track, launch, &stretch, &estimate);
         if f64::any(certain) {
             return Some(landing);
         }
@@ -485,9 +520,9 @@ pub(crate) fn careful(
     let mut d = stretch.start;
     for _ in 0..8 {
         d = d.max(stretch.low).min(stretch.high);
-        let local = Local::near(track, launch, d);
+        let local = Local::at_nearest_node(track, launch, d);
         let (f, g, curvature) = (local.value, local.slope, local.curvature(track));
-        let step = if g < 0.0 && (f * curvature).abs() < FAIR * g * g {
+        let step = if g < 0.0 && (f * curvature).abs() < MAX_CONVERGENCE_RATIO * g * g {
             -householder(f, g, curvature, local.node.cosine, -local.node.sine)
         } else {
             down_crossing(f, g, 0.5 * curvature)
@@ -495,14 +530,14 @@ pub(crate) fn careful(
         d = (local.node.distance + step)
             .max(stretch.low)
             .min(stretch.high);
-        let close = Close {
+        let estimate = LandingEstimate {
             rounded: local.node.rounded,
             back: local.node.distance - d,
         };
-        let (mut landing, settled) = settle(track, launch, &close);
+        let (mut landing, settled) = take_chebyshev_step(track, launch, &estimate);
         if f64::any(settled) {
             landing.phase = in_turn(landing.phase);
-            return f64::any(stretch.holds(&landing)).then_some(landing);
+            return f64::any(stretch.contains(&landing)).then_some(landing);
         }
     }
     None
@@ -514,29 +549,33 @@ pub(crate) fn careful(
 /// rounding error below zero.
 #[cfg_attr(target_os = "none", inline(never))]
 #[cfg_attr(not(target_os = "none"), inline(always))]
-fn settle<L: Lane>(
+fn take_chebyshev_step<L: Lane>(
     track: &Track<L>,
     launch: &Launch<L>,
-    close: &Close<L>,
+    estimate: &LandingEstimate<L>,
 ) -> (Landing<L>, L::Mask) {
-    settle_near(track, &Near::at(track, launch, close))
+    take_chebyshev_step_near(track, &GapNearImpact::new(track, launch, estimate))
 }
 
 /// [`settle`], given the gap.
 #[inline(always)]
-pub(super) fn settle_near<L: Lane>(track: &Track<L>, near: &Near<L>) -> (Landing<L>, L::Mask) {
+pub(super) fn take_chebyshev_step_near<L: Lane>(
+    track: &Track<L>,
+    near: &GapNearImpact<L>,
+) -> (Landing<L>, L::Mask) {
     let per_slope = L::splat(1.0) / near.slope;
-    let newton = (near.value * per_slope).lone();
+    let newton = (near.value * per_slope).unpaired();
     let curvature = near.sine - track.k;
-    let turn = ((curvature * L::splat(0.5)) * per_slope).lone() * newton;
+    let turn = ((curvature * L::splat(0.5)) * per_slope).unpaired() * newton;
     let back = newton + newton * turn;
     let arrival = back * (curvature - back * (near.cosine * L::splat(0.5))) - near.slope;
-    let settled = newton.abs().below(L::splat(NEAR)) & turn.abs().below(L::splat(NEAR / 3.0));
+    let settled = newton.abs().below(L::splat(MAX_LAST_NEWTON_STEP))
+        & turn.abs().below(L::splat(MAX_LAST_NEWTON_STEP / 3.0));
     (near.landing(back, arrival), settled)
 }
 
 /// Newton step in rad up to which Chebyshev's method leaves an error below rounding.
-const NEAR: f64 = 3e-6;
+const MAX_LAST_NEWTON_STEP: f64 = 3e-6;
 
 /// Cauchy's step: to the down-crossing of `f + g x + b x^2`, or to its extremum without one.
 #[inline(always)]
@@ -549,14 +588,14 @@ fn down_crossing<L: Lane>(f: L, g: L, b: L) -> L {
 
 #[cfg(test)]
 mod tests {
-    use super::super::search::{self, PassedHumps};
+    use super::super::search;
     use super::*;
 
     /// Launches whose parabola passes a hump by 1e-6 to 0.3 above or below.
     ///
     /// Where the closed form is certain, its impact is that of the search.
     #[test]
-    fn humps_that_are_cleared_by_little_or_dipped_into_are_told_from_each_other() {
+    fn near_misses_of_humps_are_decided_right() {
         let (mut cleared, mut dipped) = (0, 0);
         for n in 0..400_000 {
             let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
@@ -572,16 +611,17 @@ mod tests {
                 continue;
             }
             let (track, launch) = (Track::new(k), Launch::new(phase, velocity));
-            let told = launch.is_tall(&track) | launch.is_short(&track) | launch.meets_once(&track);
-            if f64::any(told) || f64::any(stretch(&track, &launch).certain) {
+            let certified =
+                launch.is_tall(&track) | launch.is_short(&track) | launch.meets_once(&track);
+            if f64::any(certified) || f64::any(find_stretch(&track, &launch).certain) {
                 continue;
             }
-            let (landing, certain, _) = over(&track, &launch);
+            let (landing, certain, _) = land_near_hump(&track, &launch);
             // The search decides arrivals that are too slow for steps.
             if !f64::any(certain) {
                 continue;
             }
-            let (expected, grazes) = search::landing(&track, &launch, PassedHumps::Walk);
+            let (expected, grazes) = search::landing(&track, &launch, false);
             let off = (landing.flight - expected.flight).abs();
             assert!(
                 !grazes && off < 3e-13 / expected.arrival,
@@ -601,8 +641,8 @@ mod tests {
     ///
     /// Closed forms decide nearly all of them, with the impact of the search.
     #[test]
-    fn humps_before_the_turn_of_the_fall_are_met_in_closed_form() {
-        let (mut open, mut told) = (0, 0);
+    fn closed_forms_decide_earlier_humps() {
+        let (mut open, mut certified) = (0, 0);
         for n in 0..300_000 {
             let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
             let k = 0.02 + 0.2 * spread(0.618_034);
@@ -610,16 +650,16 @@ mod tests {
             let track = Track::new(k);
             let quick =
                 launch.is_tall(&track) | launch.is_short(&track) | launch.meets_once(&track);
-            if f64::any(quick) || f64::any(stretch(&track, &launch).certain) {
+            if f64::any(quick) || f64::any(find_stretch(&track, &launch).certain) {
                 continue;
             }
             open += 1;
-            let (landing, certain, _) = over(&track, &launch);
+            let (landing, certain, _) = land_near_hump(&track, &launch);
             if !f64::any(certain) {
                 continue;
             }
-            told += 1;
-            let (expected, grazes) = search::landing(&track, &launch, PassedHumps::Walk);
+            certified += 1;
+            let (expected, grazes) = search::landing(&track, &launch, false);
             let off = (landing.flight - expected.flight).abs();
             // A few roundings of a height over the speed: both are within 3 of a time near 50 rad.
             assert!(
@@ -627,6 +667,9 @@ mod tests {
                 "{n} {off} {grazes}"
             );
         }
-        assert!(open > 3000 && 20 * told > 19 * open, "{told} of {open}");
+        assert!(
+            open > 3000 && 20 * certified > 19 * open,
+            "{certified} of {open}"
+        );
     }
 }

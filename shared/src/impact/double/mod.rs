@@ -12,5 +12,3 @@ mod map;
 mod search;
 
 pub use map::Map;
-#[cfg(any(test, feature = "unstable"))]
-pub use search::PassedHumps;

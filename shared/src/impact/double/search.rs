@@ -6,9 +6,9 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::bracket::{Gap, Path, lowest, root};
+use super::bracket::{Gap, Path, find_minimum, root};
 use super::launch::{Launch, Track};
-use super::short::{LONGEST_HOP, deflated};
+use super::short::{MAX_SHORT_HOP, deflated};
 use super::step::{Landing, Local};
 use crate::arithmetic::lane::{Arc, floor};
 use crate::arithmetic::square_root;
@@ -20,7 +20,7 @@ struct Flight<'a> {
 }
 
 impl Path for Flight<'_> {
-    const LONGEST_HOP: f64 = LONGEST_HOP;
+    const MAX_SHORT_HOP: f64 = MAX_SHORT_HOP;
 
     fn at(&self, d: f64) -> Gap {
         gap(self.track, self.launch, d)
@@ -34,7 +34,7 @@ impl Path for Flight<'_> {
 
 fn gap(track: &Track<f64>, launch: &Launch<f64>, d: f64) -> Gap {
     let (s, c, psi) = (launch.sine, launch.cosine, launch.velocity);
-    if d < LONGEST_HOP {
+    if d < MAX_SHORT_HOP {
         let pull = track.k - s;
         let w = deflated(pull, launch, d);
         let ahead = launch.phase + d;
@@ -51,10 +51,10 @@ fn gap(track: &Track<f64>, launch: &Launch<f64>, d: f64) -> Gap {
             rounding: f64::EPSILON * d * (psi + d * (pull.abs() + track.k + 1.0) + d * d * c.abs()),
         }
     } else {
-        let local = Local::near(track, launch, d);
+        let local = Local::at_nearest_node(track, launch, d);
         let node = &local.node;
         let x = d - node.distance;
-        let arc = Arc::of(x);
+        let arc = Arc::new(x);
         let turning = node.sine * arc.sine + node.cosine * arc.versine;
         let v = launch.rise();
         Gap {
@@ -69,29 +69,21 @@ fn gap(track: &Track<f64>, launch: &Launch<f64>, d: f64) -> Gap {
     }
 }
 
-/// How the search treats the humps of the track while the ball is above height 1.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum PassedHumps {
-    /// Skip them: no impact is possible there.
-    #[default]
-    Skip,
-    /// Visit each, to show that the skip changes nothing and how much time it saves.
-    #[cfg(any(test, feature = "unstable"))]
-    Walk,
-}
-
 /// The first impact after `launch`, and whether it grazes: another touch is within rounding.
+///
+/// While the ball is above height 1 no impact is possible: `skip` leaves out the humps there, and
+/// changes no bit.
 #[cold]
 pub(crate) fn landing(
     track: &Track<f64>,
     launch: &Launch<f64>,
-    passed: PassedHumps,
+    skip: bool,
 ) -> (Landing<f64>, bool) {
     let path = Flight { track, launch };
     let v = launch.rise();
-    let leaving = launch.leaving(track);
+    let leaving = launch.speed_squared_at_crest(track);
     // While the ball is above height 1 no hump reaches it.
-    let (above_from, above_to) = if passed == PassedHumps::Skip && v > 0.0 && leaving > 0.0 {
+    let (above_from, above_to) = if skip && v > 0.0 && leaving > 0.0 {
         let root = square_root(leaving);
         ((v - root) * track.per_k, (v + root) * track.per_k)
     } else {
@@ -125,7 +117,7 @@ pub(crate) fn landing(
             let (lowest, at_lowest) = if at_end.slope <= 0.0 {
                 (end, at_end)
             } else {
-                lowest(&path, begin, end)
+                find_minimum(&path, begin, end)
             };
             if at_lowest.value <= 0.0 {
                 grazes |= -at_lowest.value <= at_lowest.rounding && at_end.slope > 0.0;
@@ -150,7 +142,7 @@ pub(crate) fn landing(
 /// The gap where the track's acceleration passes k going up.
 fn gap_at_lift_off(track: &Track<f64>, launch: &Launch<f64>, begin: f64) -> Gap {
     let mut at = gap(track, launch, begin);
-    if begin >= LONGEST_HOP {
+    if begin >= MAX_SHORT_HOP {
         at.value = launch.height(track, begin) - track.k.min(1.0);
         at.slope = (launch.rise() - track.k * begin) - track.lift_off_cosine;
     }

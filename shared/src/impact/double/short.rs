@@ -11,13 +11,13 @@ use super::step::{Landing, householder};
 use crate::arithmetic::lane::Lane;
 
 /// Flight time in rad, approximate: longest short hop.
-pub(crate) const LONGEST_HOP: f64 = 0.5;
+pub(crate) const MAX_SHORT_HOP: f64 = 0.5;
 
 impl<L: Lane> Launch<L> {
     /// Whether the flight, if it is not tall, is short.
     #[inline(always)]
     pub fn is_short(&self, track: &Track<L>) -> L::Mask {
-        self.is_over_within(track, LONGEST_HOP)
+        self.is_over_within(track, MAX_SHORT_HOP)
     }
 
     /// Whether a flight that is not tall ends within about `longest` rad, by the quadratic of
@@ -101,25 +101,25 @@ pub(crate) fn landing<L: Lane>(
     launch: &Launch<L>,
     guess: L,
 ) -> (Landing<L>, L::Mask) {
-    let d = closer(track, launch, guess);
-    let (mut landing, mut settled) = settle(track, launch, d);
+    let d = take_householder_step(track, launch, guess);
+    let (mut landing, mut settled) = take_chebyshev_step(track, launch, d);
     if L::any(!settled) {
-        let (again, then) = settle(track, launch, landing.flight);
+        let (again, then) = take_chebyshev_step(track, launch, landing.flight);
         landing = landing.or(settled, again);
         settled = settled | then;
     }
-    (landing, settled & holds(track, launch, &landing))
+    (landing, settled & is_first_impact(track, launch, &landing))
 }
 
 /// [`landing`] with up to four steps; `None` where the first impact stays uncertain.
 #[cold]
-pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landing<f64>> {
+pub(crate) fn land_by_iteration(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landing<f64>> {
     let mut d = guess(track, launch);
     for _ in 0..4 {
-        d = closer(track, launch, d);
-        let (landing, settled) = settle(track, launch, d);
+        d = take_householder_step(track, launch, d);
+        let (landing, settled) = take_chebyshev_step(track, launch, d);
         if f64::any(settled) {
-            return f64::any(holds(track, launch, &landing)).then_some(landing);
+            return f64::any(is_first_impact(track, launch, &landing)).then_some(landing);
         }
     }
     None
@@ -129,17 +129,17 @@ pub(crate) fn careful(track: &Track<f64>, launch: &Launch<f64>) -> Option<Landin
 ///
 /// Up to the next hump u is concave, or convex and then concave, so it has one root there.
 #[inline(always)]
-fn holds<L: Lane>(track: &Track<L>, launch: &Launch<L>, landing: &Landing<L>) -> L::Mask {
+fn is_first_impact<L: Lane>(track: &Track<L>, launch: &Launch<L>, landing: &Landing<L>) -> L::Mask {
     let (d, zero) = (landing.flight, L::splat(0.0));
     zero.below(d)
-        & d.below(L::splat(1.1 * LONGEST_HOP))
-        & d.below(launch.wait(track))
+        & d.below(L::splat(1.1 * MAX_SHORT_HOP))
+        & d.below(launch.time_to_next_hump(track))
         & zero.below(landing.arrival)
 }
 
 /// One step of Householder's method of order 4: relative error 1e-7 from a guess within a tenth.
 #[inline(always)]
-fn closer<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> L {
+fn take_householder_step<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> L {
     let (psi, s, c) = (launch.velocity, launch.sine, launch.cosine);
     let pull = track.k - s;
     let z = d * d;
@@ -166,11 +166,15 @@ fn closer<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> L {
 ///
 /// The mask marks steps so short that the remaining error is below rounding.
 #[inline(always)]
-fn settle<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> (Landing<L>, L::Mask) {
+fn take_chebyshev_step<L: Lane>(
+    track: &Track<L>,
+    launch: &Launch<L>,
+    d: L,
+) -> (Landing<L>, L::Mask) {
     let (s, c) = (launch.sine, launch.cosine);
     let at = deflated(track.k - s, launch, d);
     let per_slope = L::splat(1.0) / at.slope;
-    let newton = ((d * at.value) * per_slope).lone();
+    let newton = ((d * at.value) * per_slope).unpaired();
     let turn = ((at.curvature * L::splat(0.5)) * per_slope) * newton;
     let back = newton + newton * turn;
     let flight = d - back;
@@ -188,9 +192,12 @@ fn settle<L: Lane>(track: &Track<L>, launch: &Launch<L>, d: L) -> (Landing<L>, L
         phase,
         arrival,
     };
-    (landing, newton.abs().below(d * L::splat(NEAR)))
+    (
+        landing,
+        newton.abs().below(d * L::splat(MAX_LAST_NEWTON_STEP)),
+    )
 }
 
 /// Newton step, relative to the flight, up to which Chebyshev's method leaves an error below
 /// rounding.
-const NEAR: f64 = 5e-7;
+const MAX_LAST_NEWTON_STEP: f64 = 5e-7;

@@ -5,7 +5,7 @@
 use core::f64::consts::TAU;
 
 use super::launch::{Launch, Track};
-use crate::arithmetic::lane::{Arc, Lane, Node, ROUNDER};
+use crate::arithmetic::lane::{Arc, Lane, Node, ROUNDING_OFFSET};
 use crate::arithmetic::node;
 use crate::impact::kernel::{Impact, PartState};
 
@@ -22,7 +22,7 @@ pub(crate) struct Landing<L> {
 
 /// The impact of a part launched in `state`; without a landing the part rests.
 #[inline(always)]
-pub(crate) fn impact_of(
+pub(crate) fn build_impact(
     restitution: f64,
     state: PartState,
     landing: Option<(Landing<f64>, bool)>,
@@ -36,10 +36,7 @@ pub(crate) fn impact_of(
     };
     Impact {
         flight: landing.flight,
-        next: PartState {
-            phase: landing.phase,
-            velocity: restitution * landing.arrival,
-        },
+        next: PartState::new(landing.phase, restitution * landing.arrival),
         grazes,
     }
 }
@@ -69,7 +66,7 @@ pub(super) struct Local<L> {
 impl<L: Lane> Local<L> {
     /// Around the node nearest to `d` after the launch.
     #[inline(always)]
-    pub(super) fn near(track: &Track<L>, launch: &Launch<L>, d: L) -> Self {
+    pub(super) fn at_nearest_node(track: &Track<L>, launch: &Launch<L>, d: L) -> Self {
         let node = Node::near(launch.phase, d);
         let v = launch.rise();
         Self {
@@ -92,27 +89,27 @@ impl<L: Lane> Local<L> {
 /// matter.
 #[inline(always)]
 pub(crate) fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
-    let (gg, ff, bent) = ((g * g).lone(), (f * f).lone(), (g2 * f).lone());
-    let turned = ((g3 * L::splat(1.0 / 6.0)) * ff).lone();
+    let (gg, ff, bent) = ((g * g).unpaired(), (f * f).unpaired(), (g2 * f).unpaired());
+    let turned = ((g3 * L::splat(1.0 / 6.0)) * ff).unpaired();
     let top = g * (gg - bent) + turned;
     let rest = (bent * bent) * L::splat(0.25) - ((g4 * L::splat(1.0 / 24.0)) * f) * ff;
     let bottom = gg * (gg - L::splat(1.5) * bent) + (rest + (turned + turned) * g);
-    (f * top / bottom).lone()
+    (f * top / bottom).unpaired()
 }
 
 /// Estimated landing: a table node and a distance before it.
 #[derive(Clone, Copy)]
-pub(crate) struct Close<L> {
-    /// The [`ROUNDER`] sum of the node.
+pub(crate) struct LandingEstimate<L> {
+    /// The [`ROUNDING_OFFSET`] sum of the node.
     pub rounded: L,
     /// Distance before the node in rad.
     pub back: L,
 }
 
-impl<L: Lane> Close<L> {
+impl<L: Lane> LandingEstimate<L> {
     /// The estimate `d` rad after the launch.
     #[inline(always)]
-    pub(super) fn after(launch: &Launch<L>, d: L) -> Self {
+    pub(super) fn after_launch(launch: &Launch<L>, d: L) -> Self {
         let node = Node::near(launch.phase, d);
         Self {
             rounded: node.rounded,
@@ -120,9 +117,9 @@ impl<L: Lane> Close<L> {
         }
     }
 
-    /// The [`ROUNDER`] sum of the nearest node.
+    /// The [`ROUNDING_OFFSET`] sum of the nearest node.
     #[inline(always)]
-    pub fn next(&self) -> L {
+    pub fn next_node_sum(&self) -> L {
         self.rounded - self.back * L::splat(node::COUNT as f64 / TAU)
     }
 }
@@ -132,7 +129,7 @@ impl<L: Lane> Close<L> {
 /// The ball is expanded about the node of the approach, the track about the node next to the
 /// impact. Every sum follows the readiness of its terms.
 #[derive(Clone, Copy)]
-pub(crate) struct Near<L> {
+pub(crate) struct GapNearImpact<L> {
     /// The node next to the impact; its distance is that of the approach's node from the launch.
     pub node: Node<L>,
     /// Time in rad back from the approach's node.
@@ -149,20 +146,19 @@ pub(crate) struct Near<L> {
     pub cosine: L,
 }
 
-impl<L: Lane> Near<L> {
-    /// At `close`.
+impl<L: Lane> GapNearImpact<L> {
+    /// At `estimate`.
     #[inline(always)]
-    pub fn at(track: &Track<L>, launch: &Launch<L>, close: &Close<L>) -> Self {
-        Self::around(track, launch, close, close.next())
+    pub fn new(track: &Track<L>, launch: &Launch<L>, estimate: &LandingEstimate<L>) -> Self {
+        Self::with_node_sum(track, launch, estimate, estimate.next_node_sum())
     }
 
     /// The gap from the results of another stage.
     ///
     /// The order is `back`, the node's sum and distance, `x`, `value`, `slope`, `sine`, `cosine`.
     /// No later step uses the node's own sine and cosine, so those fields hold the track's.
-    #[cfg(any(test, feature = "analysis"))]
     #[inline(always)]
-    pub fn handed_on([back, rounded, distance, x, value, slope, sine, cosine]: [L; 8]) -> Self {
+    pub fn from_stage([back, rounded, distance, x, value, slope, sine, cosine]: [L; 8]) -> Self {
         Self {
             node: Node {
                 sine,
@@ -179,37 +175,37 @@ impl<L: Lane> Near<L> {
         }
     }
 
-    /// [`Near::at`], given the sum of the node next to the impact.
+    /// [`GapNearImpact::new`], given the sum of the node next to the impact.
     #[inline(always)]
-    pub(super) fn around(
+    pub(super) fn with_node_sum(
         track: &Track<L>,
         launch: &Launch<L>,
-        close: &Close<L>,
+        estimate: &LandingEstimate<L>,
         rounded: L,
     ) -> Self {
-        Self::on(track, launch, close, rounded, L::node(rounded))
+        Self::with_node(track, launch, estimate, rounded, L::node(rounded))
     }
 
-    /// [`Near::around`], given that node's sine and cosine too.
+    /// [`GapNearImpact::with_node_sum`], given that node's sine and cosine too.
     #[inline(always)]
-    pub fn on(
+    pub fn with_node(
         track: &Track<L>,
         launch: &Launch<L>,
-        close: &Close<L>,
+        estimate: &LandingEstimate<L>,
         rounded: L,
         (node_sine, node_cosine): (L, L),
     ) -> Self {
-        let (half, back) = (track.half(), close.back);
-        let x = (close.rounded - rounded) * L::splat(node::SPACING) - back;
-        let count = close.rounded - L::splat(ROUNDER);
+        let (half, back) = (track.half(), estimate.back);
+        let x = (estimate.rounded - rounded) * L::splat(node::SPACING) - back;
+        let count = estimate.rounded - L::splat(ROUNDING_OFFSET);
         let distance = (count * L::splat(node::SPACING_HIGH) - launch.phase)
             + count * L::splat(node::SPACING_LOW);
         let v = launch.rise();
         let height = launch.sine + distance * (v - half * distance);
         let speed = v - track.k * distance;
-        let arc = Arc::of(x);
-        let rise = (node_cosine * arc.sine - node_sine * arc.versine).lone();
-        let fall = (node_sine * arc.sine + node_cosine * arc.versine).lone();
+        let arc = Arc::new(x);
+        let rise = (node_cosine * arc.sine - node_sine * arc.versine).unpaired();
+        let fall = (node_sine * arc.sine + node_cosine * arc.versine).unpaired();
         let cosine = node_cosine - fall;
         Self {
             node: Node {
@@ -232,9 +228,9 @@ impl<L: Lane> Near<L> {
     pub(super) fn landing(&self, back: L, arrival: L) -> Landing<L> {
         let (high, low) = L::within_turn(self.node.rounded);
         Landing {
-            flight: (self.node.distance - (self.back + back)).lone(),
-            phase: (high + ((low + self.x) - back)).lone(),
-            arrival: arrival.lone(),
+            flight: (self.node.distance - (self.back + back)).unpaired(),
+            phase: (high + ((low + self.x) - back)).unpaired(),
+            arrival: arrival.unpaired(),
         }
     }
 
@@ -246,8 +242,8 @@ impl<L: Lane> Near<L> {
         landing
     }
 
-    /// [`Near::finish`] for the lanes of `which`: the phases of the others may lie anywhere.
-    #[cfg(any(test, feature = "analysis"))]
+    /// [`GapNearImpact::finish`] for the lanes of `which`: the phases of the others may lie
+    /// anywhere.
     #[inline(always)]
     pub fn finish_only(&self, track: &Track<L>, which: L::Mask) -> Landing<L> {
         let mut landing = self.finish_unturned(track);
@@ -257,7 +253,7 @@ impl<L: Lane> Near<L> {
         landing
     }
 
-    /// [`Near::finish`], whose phase may be a rounding error below zero.
+    /// [`GapNearImpact::finish`], whose phase may be a rounding error below zero.
     #[inline(always)]
     fn finish_unturned(&self, track: &Track<L>) -> Landing<L> {
         let (f, g, sine, g3) = (self.value, self.slope, self.sine, self.cosine);
@@ -276,7 +272,7 @@ pub(crate) fn in_turn<L: Lane>(phase: L) -> L {
     let below = phase.below(L::splat(0.0));
     if L::any(below) {
         // A tiny negative phase rounds up to the whole turn.
-        (phase + L::splat(TAU).only(below)).min(L::splat(TAU.next_down()))
+        (phase + L::splat(TAU).keep_where(below)).min(L::splat(TAU.next_down()))
     } else {
         phase
     }

@@ -9,8 +9,8 @@
 use core::f64::consts::TAU;
 
 use super::launch::{Launch, Track};
-use super::step::{Close, Landing, Near, householder};
-use crate::arithmetic::lane::{Lane, ROUNDER};
+use super::step::{GapNearImpact, Landing, LandingEstimate, householder};
+use crate::arithmetic::lane::{Lane, ROUNDING_OFFSET};
 use crate::arithmetic::node;
 
 /// Smallest squared speed at height 1 of a tall flight, in `(b w)^2`; the certificate holds from 1.
@@ -18,14 +18,14 @@ use crate::arithmetic::node;
 /// At 3 one step comes within 1.4e-3 of the root, at 4 within 4.4e-4, at 6 within 9.4e-5. Measured
 /// over 300 000 states or more in each of five ranges, k in 0.02..0.98. The golden data bound the
 /// residual after the second step.
-pub(crate) const LEAVING: f64 = 3.0;
+pub(crate) const MIN_TALL_SPEED_SQUARED: f64 = 3.0;
 
 impl<L: Lane> Launch<L> {
     /// Whether the flight is tall.
     #[inline(always)]
     pub fn is_tall(&self, track: &Track<L>) -> L::Mask {
-        let least = L::splat(LEAVING) + (track.k + track.k);
-        least.below(self.level(track)) & L::splat(0.0).below(self.rise())
+        let least = L::splat(MIN_TALL_SPEED_SQUARED) + (track.k + track.k);
+        least.below(self.speed_squared_at_zero(track)) & L::splat(0.0).below(self.rise())
     }
 }
 
@@ -39,10 +39,10 @@ pub(crate) struct Crossing<L> {
 }
 
 impl<L: Lane> Crossing<L> {
-    /// The [`ROUNDER`] sum of the nearest node.
+    /// The [`ROUNDING_OFFSET`] sum of the nearest node.
     #[inline(always)]
-    pub(crate) fn name(&self) -> L {
-        self.nodes + L::splat(ROUNDER)
+    pub(crate) fn node_sum(&self) -> L {
+        self.nodes + L::splat(ROUNDING_OFFSET)
     }
 }
 
@@ -52,7 +52,7 @@ impl<L: Lane> Crossing<L> {
 pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossing<L> {
     let per_node = L::splat(node::COUNT as f64 / TAU);
     let v = launch.rise();
-    let speed = launch.level(track).rough_sqrt();
+    let speed = launch.speed_squared_at_zero(track).rough_sqrt();
     Crossing {
         nodes: (v + speed) * (track.per_k * per_node) + launch.phase * per_node,
         speed,
@@ -61,8 +61,8 @@ pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossin
 
 /// Landing within 1.4e-3 rad, by one step of Householder's method of order 4.
 #[inline(always)]
-pub(crate) fn approach<L: Lane>(track: &Track<L>, crossing: &Crossing<L>) -> Close<L> {
-    let rounded = crossing.name();
+pub(crate) fn approach<L: Lane>(track: &Track<L>, crossing: &Crossing<L>) -> LandingEstimate<L> {
+    let rounded = crossing.node_sum();
     approach_from(track, crossing, rounded, L::node(rounded))
 }
 
@@ -73,19 +73,19 @@ pub(crate) fn approach_from<L: Lane>(
     crossing: &Crossing<L>,
     rounded: L,
     (sine, cosine): (L, L),
-) -> Close<L> {
-    let past = ((rounded - L::splat(ROUNDER)) - crossing.nodes) * L::splat(node::SPACING);
+) -> LandingEstimate<L> {
+    let past = ((rounded - L::splat(ROUNDING_OFFSET)) - crossing.nodes) * L::splat(node::SPACING);
     // Relative to the crossing nothing cancels. Gravity adds less than 1e-4 to the fall within
     // `past`.
     let below = past * crossing.speed + sine;
     let speed = (crossing.speed + track.k * past) + cosine;
     let back = householder(below, speed, track.k - sine, -cosine, sine);
-    Close { rounded, back }
+    LandingEstimate { rounded, back }
 }
 
 /// The end of a tall flight.
 #[inline(always)]
 pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> Landing<f64> {
-    let close = approach(track, &crossing(track, launch));
-    Near::at(track, launch, &close).finish(track)
+    let estimate = approach(track, &crossing(track, launch));
+    GapNearImpact::new(track, launch, &estimate).finish(track)
 }

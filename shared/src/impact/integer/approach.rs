@@ -4,7 +4,7 @@
 use core::f64::consts::{PI, TAU};
 
 use super::ballistic::Ballistic;
-use super::constants::HALF;
+use super::constants::HALF_RADIAN;
 use crate::arithmetic::fixed::{Fixed, Reciprocal, square_root_scaled};
 use crate::arithmetic::node;
 
@@ -17,26 +17,28 @@ pub(super) struct StepsFrom {
 }
 
 /// Node spacing in rad.
-const SPACING: Fixed<17> = Fixed::<17>::of(node::SPACING);
+const SPACING: Fixed<17> = Fixed::<17>::from_constant(node::SPACING);
 /// Nodes in a radian.
-const NODES_PER_RADIAN: Fixed<6> = Fixed::<6>::of(node::COUNT as f64 / TAU);
+const NODES_PER_RADIAN: Fixed<6> = Fixed::<6>::from_constant(node::COUNT as f64 / TAU);
 /// Step in rad: longest last one; after it settling uses all digits.
-const LAST: Fixed<16> = Fixed::<16>::of(0.03967);
+const MAX_LAST_STEP: Fixed<16> = Fixed::<16>::from_constant(0.03967);
 
 /// The node nearest to a time in turns, and its distance in rad from that time.
 #[inline(always)]
 fn nearest_node(time: Fixed<18>) -> (i32, Fixed<17>) {
     let Fixed(node) = (time + Fixed::<18>(1 << 9)).to::<8>();
     let half_turns = (Fixed::<8>(node).to::<18>() - time).scaled::<17>();
-    (node, half_turns.short_times(Fixed::<10>::of(PI)))
+    (node, half_turns.short_times(Fixed::<10>::from_constant(PI)))
 }
 
 impl StepsFrom {
     /// The start `near` rad after a launch at `phase` and height `base`.
     #[inline(always)]
     pub(super) fn launch(phase: u32, near: Fixed<17>, speed: Fixed<13>, base: Fixed<30>) -> Self {
-        let turns = near.to::<14>().short_times(Fixed::<17>::of(1.0 / TAU));
-        let (node, late) = nearest_node(turns_of(phase).signed() + turns);
+        let turns = near
+            .to::<14>()
+            .short_times(Fixed::<17>::from_constant(1.0 / TAU));
+        let (node, late) = nearest_node(phase_in_turns(phase).signed() + turns);
         Self {
             node,
             late: near + late,
@@ -64,7 +66,7 @@ impl StepsFrom {
             Fixed(turns.to::<18>().0 as u32)
         };
         let mut turns = time_of(speed);
-        if turns > Fixed::<18, u32>::of(3.0) {
+        if turns > Fixed::<18, u32>::from_constant(3.0) {
             // A long flight amplifies the error of the root: one step of Heron's method.
             let reached = Fixed::<52, i64>(speed.wide::<26, 52>(speed).0 as i64);
             let rest = (square() - reached).narrow::<30>();
@@ -72,7 +74,7 @@ impl StepsFrom {
             speed = Fixed(speed.0.saturating_add_signed(gain.scaled::<26>().0));
             turns = time_of(speed);
         }
-        let (node, late) = nearest_node(turns_of(phase).wrapping_add(turns).signed());
+        let (node, late) = nearest_node(phase_in_turns(phase).wrapping_add(turns).signed());
         Self {
             node,
             late,
@@ -84,11 +86,11 @@ impl StepsFrom {
 
 /// A phase in turns.
 #[inline(always)]
-fn turns_of(phase: u32) -> Fixed<18, u32> {
+fn phase_in_turns(phase: u32) -> Fixed<18, u32> {
     Fixed::<32, u32>(phase).to()
 }
 
-/// Time in rad, from `least` to 4, at which the height `d (psi - a1 d + a2 d^2)` returns to 0.
+/// Time in rad, from `minimum` to 4, at which the height `d (psi - a1 d + a2 d^2)` returns to 0.
 ///
 /// `Some(None)` where it does not return so soon, `None` where it returns sooner.
 #[inline(always)]
@@ -96,7 +98,7 @@ pub(super) fn near_launch(
     a1: Fixed<15>,
     a2: Fixed<15>,
     psi: Fixed<15>,
-    least: Fixed<17>,
+    minimum: Fixed<17>,
 ) -> Option<Option<Fixed<17>>> {
     let square: Fixed<29> = a1.short_times(a1);
     let product: Fixed<30> = a2.short_times(psi);
@@ -117,10 +119,10 @@ pub(super) fn near_launch(
         return None;
     }
     let near: Fixed<17> = Reciprocal::coarse(under.unsigned()).times(over);
-    if near < least {
+    if near < minimum {
         return None;
     }
-    Some(Some(near).filter(|near| *near < Fixed::<17>::of(4.0)))
+    Some(Some(near).filter(|near| *near < Fixed::<17>::from_constant(4.0)))
 }
 
 /// Steps on nodes until one is short: a node and the distance from it in rad.
@@ -141,7 +143,7 @@ pub(super) fn approach(flight: &Ballistic<'_>, from: StepsFrom) -> Option<(i32, 
         let fallen: Fixed<16> = mean.wrapping_times(late.to::<15>());
         let u0 = fallen + motion.below;
         let u1 = fall + motion.speed;
-        if u1 < Fixed::<13>::of(1.0 / 32.0) {
+        if u1 < Fixed::<13>::from_constant(1.0 / 32.0) {
             return None;
         }
         // Newton's step and the quadratic correction b2 u0 / u1^2.
@@ -150,14 +152,14 @@ pub(super) fn approach(flight: &Ballistic<'_>, from: StepsFrom) -> Option<(i32, 
         let newton: Fixed<16> = reciprocal.short_times(u0, one);
         let ratio: Fixed<16> = reciprocal.short_times(newton, one + one);
         let twice: Fixed<15> = motion.curvature.short_times(ratio.to::<14>());
-        let half = Fixed::<15>::of(0.5);
+        let half = Fixed::<15>::from_constant(0.5);
         let bend = twice.to::<14>().scaled::<15>().clamp(-half, half);
         let step = -(newton + newton.short_times(bend));
         let nodes: Fixed<22> = step.short_times(NODES_PER_RADIAN);
-        let jump = (nodes + Fixed::<22>::of(0.5)).to::<0>().0;
+        let jump = (nodes + Fixed::<22>::from_constant(0.5)).to::<0>().0;
         node += jump;
         let distance = Fixed::<17>(jump * SPACING.0);
-        if step.unsigned_abs() < LAST.unsigned() {
+        if step.unsigned_abs() < MAX_LAST_STEP.unsigned() {
             return Some((node, (step - distance.to::<16>()).to()));
         }
         late = late + distance;
@@ -169,7 +171,7 @@ impl Ballistic<'_> {
     /// Node and offset near the impact of a tall flight, see `anchor/approach.rs`.
     #[inline(always)]
     pub(super) fn fall(&self) -> Option<(i32, Fixed<34>)> {
-        let crossing = self.crossing(self.constants.tall)?;
+        let crossing = self.crossing(self.constants.min_tall_speed_squared)?;
         approach(self, crossing)
     }
 
@@ -179,9 +181,10 @@ impl Ballistic<'_> {
         self.velocity.signed() + self.cosine.to()
     }
 
-    /// Crossing of height 0 on the parabola's fall, if the squared speed there is at least `least`.
+    /// Crossing of height 0 on the parabola's fall, if the squared speed there is at least
+    /// `minimum`.
     #[inline(always)]
-    pub(super) fn crossing(&self, least: Fixed<27>) -> Option<StepsFrom> {
+    pub(super) fn crossing(&self, minimum: Fixed<27>) -> Option<StepsFrom> {
         let constants = self.constants;
         let Fixed(rise) = self.rise();
         if rise <= 0 {
@@ -196,8 +199,8 @@ impl Ballistic<'_> {
         let shift = 28 - 2 * scale;
         // 2 k sin, for the squared speed at the top of the track and at height 0.
         let lift = constants.k.times::<30, 28>(self.sine).scaled::<27>();
-        let needed = least.wrapping_sub(lift).0 as u32;
-        if lift < least && (v * v) >> 1 < needed >> shift {
+        let needed = minimum.wrapping_sub(lift).0 as u32;
+        if lift < minimum && (v * v) >> 1 < needed >> shift {
             return None;
         }
         let square = (v * v).wrapping_add(((lift.0 >> shift) << 1) as u32);
@@ -227,19 +230,19 @@ impl Ballistic<'_> {
         let a2: Fixed<15> = self
             .cosine
             .to::<15>()
-            .short_times(Fixed::<16>::of(1.0 / 6.0));
-        if a1.unsigned_abs() < Fixed::<15, u32>::of(1.0)
-            && self.velocity < Fixed::<26, u32>::of(1.5)
+            .short_times(Fixed::<16>::from_constant(1.0 / 6.0));
+        if a1.unsigned_abs() < Fixed::<15, u32>::from_constant(1.0)
+            && self.velocity < Fixed::<26, u32>::from_constant(1.5)
         {
             let psi = self.velocity.to::<15>().signed();
-            if let Some(near) = near_launch(a1, a2, psi, Fixed::<17>::of(1.0 / 8.0))? {
+            if let Some(near) = near_launch(a1, a2, psi, Fixed::<17>::from_constant(1.0 / 8.0))? {
                 let speed = -self.rise().to::<13>();
                 return approach(self, StepsFrom::launch(self.phase, near, speed, self.sine));
             }
         }
-        let crossing = self.crossing(Fixed::<27>::of(0.1))?;
+        let crossing = self.crossing(Fixed::<27>::from_constant(0.1))?;
         // A root more than half a rad before the crossing does not belong to a fall.
-        let limit = self.constants.limit(self.phase) + HALF;
+        let limit = self.constants.limit(self.phase) + HALF_RADIAN;
         (self.steps_to(crossing.node) < limit)
             .then(|| approach(self, crossing))
             .flatten()

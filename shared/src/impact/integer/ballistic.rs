@@ -64,14 +64,14 @@ impl Ballistic<'_> {
 
     /// Height over `level` after `steps`, saturating; and velocity.
     #[inline(always)]
-    pub(super) fn over(&self, steps: i64, level: Fixed<30>) -> (Fixed<30>, Fixed<26>) {
+    pub(super) fn height_over(&self, steps: i64, level: Fixed<30>) -> (Fixed<30>, Fixed<26>) {
         let (turns, velocity) = self.ballistic(steps);
         // Steps of 2^-28 cannot overflow; those of 2^-30 do beyond a height of 2.
         let rise: Fixed<28> = turns.times(RADIANS_PER_TURN);
         let coarse = rise + self.sine.to::<28>() - level.to::<28>();
-        let height = if coarse >= Fixed::<28>::of(2.0) {
+        let height = if coarse >= Fixed::<28>::from_constant(2.0) {
             Fixed(i32::MAX)
-        } else if coarse < -Fixed::<28>::of(2.0) {
+        } else if coarse < -Fixed::<28>::from_constant(2.0) {
             Fixed(-i32::MAX)
         } else {
             let low = turns.0.wrapping_mul(RADIANS_PER_TURN.0) as u32 >> 30;
@@ -90,7 +90,7 @@ impl Ballistic<'_> {
     /// The track at a node, its height over `base`.
     #[inline(always)]
     pub(super) fn motion(&self, node: i32, base: Fixed<30>) -> Motion {
-        let [sine, cosine] = node::FIXED[(node & 255) as usize];
+        let [sine, cosine] = node::SINE_COSINE_FIXED[(node & 255) as usize];
         Motion {
             // From one end of the stroke to the other the value is 2, which saturates.
             below: sine.saturating_add(-base).to(),
@@ -102,8 +102,8 @@ impl Ballistic<'_> {
     /// The flight at a node.
     #[inline(never)]
     pub(super) fn local(&self, node: i32) -> Local {
-        let [sine, cosine] = node::FIXED[(node & 255) as usize];
-        let (height, velocity) = self.over(self.steps_to(node), sine);
+        let [sine, cosine] = node::SINE_COSINE_FIXED[(node & 255) as usize];
+        let (height, velocity) = self.height_over(self.steps_to(node), sine);
         Local {
             height,
             slope: velocity - cosine.to(),
@@ -115,8 +115,8 @@ impl Ballistic<'_> {
 
     /// Height and slope at a small distance `d` from a node, where both are small.
     #[inline(always)]
-    pub(super) fn expanded(&self, local: &Local, d: Fixed<34>) -> (Fixed<30>, Fixed<26>) {
-        let powers = Powers::of(d);
+    pub(super) fn expand(&self, local: &Local, d: Fixed<34>) -> (Fixed<30>, Fixed<26>) {
+        let powers = Powers::new(d);
         let Local { sine, cosine, .. } = *local;
         // u1 d + (S - k) d^2/2 - S d^4/24 + C (d - sin d).
         let bent: Fixed<30> =
@@ -135,13 +135,13 @@ impl Ballistic<'_> {
 impl Local {
     /// The curvature at `d` from the node.
     #[inline(always)]
-    pub(super) fn turned(&self, d: Fixed<34>) -> Fixed<28> {
+    pub(super) fn curvature_at(&self, d: Fixed<34>) -> Fixed<28> {
         self.curvature + self.cosine.times(d)
     }
 
     /// Mean curvature over `d` from a place with this `curvature`.
     #[inline(always)]
-    pub(super) fn bent(&self, curvature: Fixed<28>, d: Fixed<34>) -> Fixed<28> {
+    pub(super) fn mean_curvature(&self, curvature: Fixed<28>, d: Fixed<34>) -> Fixed<28> {
         let half: Fixed<27> = self.cosine.times(d);
         curvature + half.scaled()
     }

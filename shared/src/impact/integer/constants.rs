@@ -5,17 +5,17 @@ use crate::arithmetic::{Phase, node};
 use crate::impact::set_up::SetUp;
 
 /// Arrival speed in `b w` below which a graze may be within rounding: its squares use all digits.
-pub(super) const SLOW: Fixed<26> = Fixed::<26>::of(1.0 / 64.0);
+pub(super) const MAX_GRAZING_SPEED: Fixed<26> = Fixed::<26>::from_constant(1.0 / 64.0);
 /// Flight time of 1/16 rad in steps of a phase; shorter flights use the divided form, which keeps
 /// every digit.
-pub(super) const SHORT: i64 = (Phase::STEPS_PER_RADIAN / 16.0) as i64;
+pub(super) const MAX_SHORT_FLIGHT: i64 = (Phase::STEPS_PER_RADIAN / 16.0) as i64;
 /// Half a rad in steps of a phase.
-pub(super) const HALF: i64 = 8 * SHORT;
+pub(super) const HALF_RADIAN: i64 = 8 * MAX_SHORT_FLIGHT;
 /// Distance from a node in rad: largest for its expansion. It slightly exceeds the node spacing and
 /// stays within the 2^-5 range of the powers.
-pub(super) const REACH: Fixed<34> = Fixed::<34>::at_most(1.0 / 40.0);
+pub(super) const MAX_NODE_DISTANCE: Fixed<34> = Fixed::<34>::floor_of_constant(1.0 / 40.0);
 /// Node spacing in rad.
-pub(super) const SPACING: Fixed<34> = Fixed::<34>::of(node::SPACING);
+pub(super) const SPACING: Fixed<34> = Fixed::<34>::from_constant(node::SPACING);
 /// Radians per turn, 2 pi, and turns per radian.
 pub(super) use crate::arithmetic::trigonometry::{RADIANS_PER_TURN, TURNS_PER_RADIAN};
 
@@ -43,7 +43,7 @@ pub(super) struct Constants {
     /// 1 / (2 pi k).
     pub inverse: Fixed<24, u32>,
     /// Squared speed at height 0: least of a tall flight.
-    pub tall: Fixed<27>,
+    pub min_tall_speed_squared: Fixed<27>,
     /// Restitution, 1 as 1 - 2^-32.
     pub restitution: Fixed<32, u32>,
 }
@@ -59,7 +59,7 @@ impl Constants {
             lift_off_cosine: Fixed(set_up.lift_off_cosine.nearest(26) as i32),
             half_turn_fall: set_up.half_turn_fall(),
             inverse: Fixed(set_up.turns().nearest(24) as u32),
-            tall: Fixed(set_up.tall().nearest(27) as i32),
+            min_tall_speed_squared: Fixed(set_up.min_tall_speed_squared().nearest(27) as i32),
             restitution: set_up.restitution,
         }
     }
@@ -68,7 +68,7 @@ impl Constants {
     /// next hump.
     #[inline(always)]
     pub fn ends(&self, phase: u32, steps: i64) -> bool {
-        steps >= SHORT && steps <= self.limit(phase)
+        steps >= MAX_SHORT_FLIGHT && steps <= self.limit(phase)
     }
 
     /// Steps from `phase` to the end of the next hump; at least 1 to its begin.

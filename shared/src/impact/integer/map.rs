@@ -1,7 +1,7 @@
 //! The impact map in integers, by kind of flight.
 
 use super::ballistic::Ballistic;
-use super::constants::{Constants, SLOW, TURNS_PER_RADIAN};
+use super::constants::{Constants, MAX_GRAZING_SPEED, TURNS_PER_RADIAN};
 use super::settle::{arrival, landing, settle, solve};
 use super::short::ShortFlight;
 use crate::arithmetic::Velocity;
@@ -28,7 +28,7 @@ use crate::impact::set_up::SetUp;
 ///
 /// State and range as [`Hybrid`](crate::impact::Hybrid), but velocity 0..=29. With a restitution
 /// above 0.93 an impact may leave faster, by at most 2.5. Its velocity is then right.
-/// `Integer::state` refuses it, [`Kernel::flies`] returns false, and a launch from it is limited
+/// `Integer::state` refuses it, [`Kernel::is_in_range`] returns false, and a launch from it is limited
 /// to 29.
 ///
 /// ```
@@ -43,15 +43,14 @@ use crate::impact::set_up::SetUp;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integer(Constants);
 
-const TOP: f64 = 29.0;
-const TOP_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::of(TOP);
+const MAX_VELOCITY: f64 = 29.0;
+const MAX_FIXED_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::from_constant(MAX_VELOCITY);
 
 impl Integer {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
-    #[must_use]
     #[inline(always)]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
-        let state = state.held_below(TOP_VELOCITY);
+        let state = state.limited_to(MAX_FIXED_VELOCITY);
         let [sine, cosine] = sine_cosine_narrow(state.phase);
         let phase = state.phase.bits();
         let velocity = state.velocity.fixed();
@@ -89,7 +88,9 @@ impl Integer {
             && flight.steps_to(node) <= self.0.limit(flight.phase) + (1 << 23)
         {
             let settled = settle(flight, node, flight.local(node), offset);
-            if settled.converged && settled.speed > SLOW && self.0.ends(flight.phase, settled.steps)
+            if settled.converged
+                && settled.speed > MAX_GRAZING_SPEED
+                && self.0.ends(flight.phase, settled.steps)
             {
                 return landing(flight, settled.steps, settled.speed, false);
             }
@@ -107,7 +108,7 @@ impl Integer {
             ShortFlight::Clears { grazes } => (true, grazes),
             ShortFlight::Open => (false, false),
         };
-        let (bracket, grazes) = flight.segment(throws, clears);
+        let (bracket, grazes) = flight.find_bracket(throws, clears);
         let (node, local, offset) = solve(flight, bracket);
         let settled = settle(flight, node, local, offset);
         arrival(flight, &settled, grazes || skims)
@@ -125,16 +126,16 @@ impl Kernel for Integer {
     }
 
     fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {
-        HybridState::build(phase, velocity, TOP, "0..29 (units of b w)")
+        HybridState::build(phase, velocity, MAX_VELOCITY, "0..29 (units of b w)")
     }
 
     #[inline]
-    fn flies(state: HybridState) -> bool {
-        state.velocity.fixed() <= TOP_VELOCITY
+    fn is_in_range(state: HybridState) -> bool {
+        state.velocity.fixed() <= MAX_FIXED_VELOCITY
     }
 
     fn observe(state: HybridState) -> PartState {
-        state.observed()
+        state.to_part_state()
     }
 
     #[inline]

@@ -10,7 +10,7 @@ use crate::arithmetic::fixed::{Fixed, Reciprocal};
 
 /// Height in b over a hump's middle below the track: smaller ones need the minimum, as the flight
 /// may graze.
-const BARELY: Fixed<30> = Fixed::<30>::of(1.0 / 8192.0);
+const MIN_TOUCH_DEPTH: Fixed<30> = Fixed::<30>::from_constant(1.0 / 8192.0);
 
 /// A bracket with one down-crossing and the start in it, in steps of a phase after launch.
 #[derive(Clone, Copy)]
@@ -23,7 +23,7 @@ pub(super) struct Bracket {
 impl Ballistic<'_> {
     /// The bracket of the first impact, and whether the flight grazes.
     #[inline(never)]
-    pub(super) fn segment(&self, throws: bool, clears: bool) -> (Bracket, bool) {
+    pub(super) fn find_bracket(&self, throws: bool, clears: bool) -> (Bracket, bool) {
         let constants = self.constants;
         if constants.hump == 0 {
             return (self.concave(), false);
@@ -32,7 +32,7 @@ impl Ballistic<'_> {
             0 => Phase::STEPS,
             steps => i64::from(steps),
         };
-        let (over, velocity) = self.over(to_lift_off, constants.threshold);
+        let (over, velocity) = self.height_over(to_lift_off, constants.threshold);
         if over <= Fixed::<30>::ZERO && !clears {
             let low = if throws {
                 (to_lift_off - (Phase::STEPS - i64::from(constants.hump))).max(0)
@@ -68,19 +68,19 @@ impl Ballistic<'_> {
                 return (bracket, grazes);
             }
             let end = begin + i64::from(constants.hump);
-            let (over_end, end_velocity) = self.over(end, constants.threshold);
+            let (over_end, end_velocity) = self.height_over(end, constants.threshold);
             let high_end = if over_end <= Fixed::<30>::ZERO {
                 Some((end, end))
             } else {
                 let middle = begin + i64::from(constants.hump >> 1);
-                let (over_top, top_velocity) = self.over(middle, Fixed::<30>::ONE);
-                if over_top <= -BARELY {
+                let (over_top, top_velocity) = self.height_over(middle, Fixed::<30>::ONE);
+                if over_top <= -MIN_TOUCH_DEPTH {
                     Some((middle, middle))
                 } else if slope < Fixed::<26>::ZERO
                     && end_velocity + constants.lift_off_cosine > Fixed::<26>::ZERO
-                    && !self.is_safe(over_top, top_velocity)
+                    && !self.clears_hump(over_top, top_velocity)
                 {
-                    let (poke, touches) = self.lowest(begin, end);
+                    let (poke, touches) = self.find_minimum(begin, end);
                     grazes |= touches;
                     poke
                 } else {
@@ -96,7 +96,7 @@ impl Ballistic<'_> {
                 };
                 return (bracket, grazes);
             }
-            begin = self.skip(begin) + Phase::STEPS;
+            begin = self.last_passed_hump(begin) + Phase::STEPS;
             (height, slope) = self.at_begin(begin);
         }
         let bracket = Bracket {
@@ -110,7 +110,7 @@ impl Ballistic<'_> {
     /// Height minus k, and slope relative to the track, at a hump's begin.
     #[inline(always)]
     pub(super) fn at_begin(&self, begin: i64) -> (Fixed<30>, Fixed<26>) {
-        let (height, velocity) = self.over(begin, self.constants.threshold);
+        let (height, velocity) = self.height_over(begin, self.constants.threshold);
         (height, velocity - self.constants.lift_off_cosine)
     }
 
@@ -121,7 +121,7 @@ impl Ballistic<'_> {
         // v^2 + 2 k (1 + sin), below 37 where the flight is not tall.
         let rise = self.rise.narrow::<26>();
         let v = rise.to::<13>();
-        let lift = self.sine.to::<29>() + Fixed::<29>::of(1.0);
+        let lift = self.sine.to::<29>() + Fixed::<29>::from_constant(1.0);
         let drop: Fixed<27> = self.constants.k.times(lift);
         let square = Fixed::<26, u32>(v.short_times::<13, 26>(v).0 as u32)
             .wrapping_add(Fixed(drop.scaled::<26>().0 as u32));
@@ -140,20 +140,20 @@ impl Ballistic<'_> {
     ///
     /// The inputs are the height over 1 and the velocity at the middle of the hump.
     #[inline(always)]
-    pub(super) fn is_safe(&self, over_top: Fixed<30>, velocity: Fixed<26>) -> bool {
+    pub(super) fn clears_hump(&self, over_top: Fixed<30>, velocity: Fixed<26>) -> bool {
         // A positive spare implies k below 1.
-        const BOUND: Fixed<28> = Fixed::<28>::at_most(16.0 / (PI * PI));
-        let spare = BOUND - (self.constants.k + self.constants.k);
-        let height: Fixed<26> = spare.times(over_top);
+        const VERSINE_BOUND: Fixed<28> = Fixed::<28>::floor_of_constant(16.0 / (PI * PI));
+        let margin = VERSINE_BOUND - (self.constants.k + self.constants.k);
+        let height: Fixed<26> = margin.times(over_top);
         let square: Fixed<52, i64> = velocity.wide(velocity);
         // Both rounded to the safe side.
-        spare > Fixed::<28>::ZERO && i64::from(height.0) - 1 > square.to::<26>().0 + 1
+        margin > Fixed::<28>::ZERO && i64::from(height.0) - 1 > square.to::<26>().0 + 1
     }
 
     /// The last hump, from the one at `begin` on, with the ball above height 1 over all of them.
     #[inline(never)]
-    pub(super) fn skip(&self, begin: i64) -> i64 {
-        let (over, velocity) = self.over(begin, Fixed::<30>::ONE);
+    pub(super) fn last_passed_hump(&self, begin: i64) -> i64 {
+        let (over, velocity) = self.height_over(begin, Fixed::<30>::ONE);
         if over < Fixed::<30>::ONE || velocity <= Fixed::<26>::ZERO {
             return begin;
         }
@@ -168,7 +168,7 @@ impl Ballistic<'_> {
     ///
     /// The second value: whether it is within rounding.
     #[inline(never)]
-    pub(super) fn lowest(&self, begin: i64, end: i64) -> (Option<(i64, i64)>, bool) {
+    pub(super) fn find_minimum(&self, begin: i64, end: i64) -> (Option<(i64, i64)>, bool) {
         let phase = i64::from(self.phase);
         let mut low = ((begin + phase) >> 24) as i32;
         let mut high_node = ((end + phase) >> 24) as i32 + 1;
@@ -189,20 +189,20 @@ impl Ballistic<'_> {
         let (mut left, mut right) = (place(begin), place(end));
         for _ in 0..16 {
             let middle = Fixed((left.0 + right.0) / 2);
-            if self.expanded(&local, middle).1 > Fixed::<26>::ZERO {
+            if self.expand(&local, middle).1 > Fixed::<26>::ZERO {
                 right = middle;
             } else {
                 left = middle;
             }
         }
         let d = Fixed((left.0 + right.0) / 2);
-        let height = self.expanded(&local, d).0;
+        let height = self.expand(&local, d).0;
         // Steps by which the products of a height round.
-        const ROUNDED: u32 = 11;
+        const HEIGHT_ROUNDING_STEPS: u32 = 11;
         // The cosine at launch, rounded to 4e-9, shifts the height by that times the flight: 5
         // steps of 2^-30 per rad.
         let drift = (self.steps_to(node) >> 27) as u32;
-        let touches = height.unsigned_abs().0 < ROUNDED + drift;
+        let touches = height.unsigned_abs().0 < HEIGHT_ROUNDING_STEPS + drift;
         let turns: Fixed<32> = d.times(TURNS_PER_RADIAN);
         let place = (self.steps_to(node) + i64::from(turns.0)).clamp(begin, end);
         (
@@ -219,6 +219,6 @@ pub(super) fn from_begin(lift_off: i64, height: Fixed<30>, slope: Fixed<26>, low
         return lift_off;
     }
     let step: Fixed<24> = Reciprocal::coarse(slope.unsigned_abs()).times(height);
-    let farthest = Fixed::<24>::of(3.0);
+    let farthest = Fixed::<24>::from_constant(3.0);
     (lift_off + turn_steps(step.clamp(-farthest, farthest))).max(low)
 }

@@ -3,7 +3,9 @@
 //! Simple roots take Chebyshev's method, nearly double roots Cauchy's step (Traub 1964).
 
 use super::ballistic::{Ballistic, Local};
-use super::constants::{RADIANS_PER_TURN, REACH, SLOW, SPACING, TURNS_PER_RADIAN, turn_steps};
+use super::constants::{
+    MAX_GRAZING_SPEED, MAX_NODE_DISTANCE, RADIANS_PER_TURN, SPACING, TURNS_PER_RADIAN, turn_steps,
+};
 use super::search::Bracket;
 use crate::arithmetic::fixed::{Fixed, Reciprocal, square_root_scaled};
 use crate::arithmetic::{Phase, Velocity};
@@ -17,7 +19,7 @@ pub(super) struct Settled {
 }
 
 /// Step in rad after which only rounding remains.
-const SMALL: Fixed<34> = Fixed::<34>::of(1.0 / 4096.0);
+const MAX_LAST_STEP: Fixed<34> = Fixed::<34>::from_constant(1.0 / 4096.0);
 
 /// The state after an impact at `speed` of at least 0.
 #[inline(always)]
@@ -61,7 +63,7 @@ pub(super) fn solve(flight: &Ballistic<'_>, bracket: Bracket) -> (i32, Local, Fi
         let (step, crosses) = down_crossing(&local);
         let next = time + turn_steps(step);
         let inside = crosses && next >= low - (1 << 16) && next <= high + (1 << 16);
-        if inside && step.abs() < REACH.to::<24>() {
+        if inside && step.abs() < MAX_NODE_DISTANCE.to::<24>() {
             return (node, local, step.to());
         }
         if time > low && time < high {
@@ -92,18 +94,18 @@ pub(super) fn settle(
     mut local: Local,
     offset: Fixed<34>,
 ) -> Settled {
-    let mut d = offset.clamp(-REACH, REACH);
+    let mut d = offset.clamp(-MAX_NODE_DISTANCE, MAX_NODE_DISTANCE);
     let mut round = 0;
     loop {
-        let (height, slope) = flight.expanded(&local, d);
-        let curvature = local.turned(d);
+        let (height, slope) = flight.expand(&local, d);
+        let curvature = local.curvature_at(d);
         round += 1;
         // 2 (S - k) u0 below u1^2 / 4, with the slope at most 4.
         let low = height.unsigned_abs().to::<16>().min(Fixed(0x7fff));
         let bend: Fixed<28, u32> = curvature.unsigned_abs().to::<12>().short_times(low);
         let slow = slope.unsigned_abs().to::<14>().min(Fixed(0xffff));
         let square: Fixed<28, u32> = slow.short_times(slow);
-        let simple = if slope < -SLOW {
+        let simple = if slope < -MAX_GRAZING_SPEED {
             bend.scaled::<25>() < square.to::<25>()
         } else {
             let (square, bend) = squares(height, slope, curvature);
@@ -122,31 +124,31 @@ pub(super) fn settle(
                 curvature,
                 ..local
             };
-            let farthest = REACH.to::<24>();
+            let farthest = MAX_NODE_DISTANCE.to::<24>();
             let step = down_crossing(&nearly).0;
-            step.clamp((-REACH).to(), farthest).to()
+            step.clamp((-MAX_NODE_DISTANCE).to(), farthest).to()
         };
         // The remaining error of a simple root is about 2 (b2 e / slope)^2 e.
         let reach = match slope.unsigned_abs().to::<2>().0 {
-            0 => SMALL,
-            1..4 => Fixed::<34>::of(2.0 / 4096.0),
-            4..16 => Fixed::<34>::of(4.0 / 4096.0),
-            _ => Fixed::<34>::of(12.0 / 4096.0),
+            0 => MAX_LAST_STEP,
+            1..4 => Fixed::<34>::from_constant(2.0 / 4096.0),
+            4..16 => Fixed::<34>::from_constant(4.0 / 4096.0),
+            _ => Fixed::<34>::from_constant(12.0 / 4096.0),
         };
         let size = step.unsigned_abs();
         let converged = simple && size < reach.unsigned();
-        let small = size < SMALL.unsigned();
+        let small = size < MAX_LAST_STEP.unsigned();
         d = d.saturating_add(step);
-        if d.unsigned_abs() > REACH.unsigned() && round < 10 {
+        if d.unsigned_abs() > MAX_NODE_DISTANCE.unsigned() && round < 10 {
             // Far along a long fall it moves by several nodes at once.
             let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
             let jump = (turns + Fixed::<34>(1 << 25)).to::<8>().0;
             node += jump;
             local = flight.local(node);
-            d = (d - Fixed::<34>(jump * SPACING.0)).clamp(-REACH, REACH);
+            d = (d - Fixed::<34>(jump * SPACING.0)).clamp(-MAX_NODE_DISTANCE, MAX_NODE_DISTANCE);
         } else if converged || small || round >= 10 {
-            d = d.clamp(-REACH, REACH);
-            let last = local.bent(curvature, step).times(step);
+            d = d.clamp(-MAX_NODE_DISTANCE, MAX_NODE_DISTANCE);
+            let last = local.mean_curvature(curvature, step).times(step);
             let turns: Fixed<34> = d.times(TURNS_PER_RADIAN);
             let steps = (turns + Fixed::<34>(2)).to::<32>();
             return Settled {
@@ -241,7 +243,7 @@ fn down_crossing(local: &Local) -> (Fixed<24>, bool) {
             half.scaled()
         }
     };
-    let farthest = Fixed::<24>::of(2.9);
+    let farthest = Fixed::<24>::from_constant(2.9);
     (
         step.clamp(-farthest, farthest),
         discriminant > Fixed::<52, i64>::ZERO,

@@ -5,7 +5,7 @@ use super::ballistic::Ballistic;
 use crate::arithmetic::fixed::{Fixed, Reciprocal, high, wide, wide_signed};
 
 /// Flight time in rad: longest short hop.
-const LONGEST_HOP: Fixed<34> = Fixed::<34>::of(1.0 / 16.0);
+const MAX_SHORT_HOP: Fixed<34> = Fixed::<34>::from_constant(1.0 / 16.0);
 
 /// The flight near launch, with the height `d (2 psi - d G) / 2`.
 ///
@@ -29,27 +29,28 @@ impl NearLaunch {
         Self {
             pull,
             sine,
-            third: high(cosine, Fixed::<32>::of(1.0 / 3.0).0),
+            third: high(cosine, Fixed::<32>::from_constant(1.0 / 3.0).0),
             cosine,
             twice: i64::from(velocity.min(1 << (23 + down))) << (39 - down),
             down,
         }
     }
 
-    /// `G` and the derivative of `d G` at `d`, below [`LONGEST_HOP`].
+    /// `G` and the derivative of `d G` at `d`, below [`MAX_SHORT_HOP`].
     #[inline(always)]
     fn mean_and_slope(&self, Fixed(d): Fixed<34>) -> (i32, i32) {
         let linear = high(self.third, d) >> 2;
         let quadratic = high(self.sine, high(d, d)) >> 4;
         (
-            self.pull - linear + (((quadratic >> 5) * Fixed::<17>::of(1.0 / 12.0).0) >> 12),
+            self.pull - linear
+                + (((quadratic >> 5) * Fixed::<17>::from_constant(1.0 / 12.0).0) >> 12),
             self.pull - 2 * linear + (quadratic >> 2),
         )
     }
 
     /// Newton's step from `d` to where `d G` reaches 2 psi, for a slope above 0.
     #[inline(always)]
-    fn newton(&self, d: Fixed<34>, mean: i32, slope: i32) -> Fixed<34> {
+    fn newton_step(&self, d: Fixed<34>, mean: i32, slope: i32) -> Fixed<34> {
         // Computed as if `down` were 0: its value cancels.
         let reciprocal = Reciprocal::coarse(Fixed::<30, u32>(slope as u32));
         let rest = self.twice - wide_signed(d.0, mean);
@@ -73,9 +74,9 @@ impl NearLaunch {
             if slope <= 0 {
                 return self.before_end();
             }
-            let step = self.newton(d, mean, slope);
+            let step = self.newton_step(d, mean, slope);
             d = d.saturating_add(step).max(Fixed::<34>::ZERO);
-            if d >= LONGEST_HOP {
+            if d >= MAX_SHORT_HOP {
                 return self.before_end();
             }
             round += 1;
@@ -102,7 +103,7 @@ impl NearLaunch {
     /// The hop from the right end, 1/16 rad, if one ends before it.
     #[inline(never)]
     fn before_end(&self) -> ShortFlight {
-        let mut d = LONGEST_HOP - Fixed::<34>::STEP;
+        let mut d = MAX_SHORT_HOP - Fixed::<34>::STEP;
         let (mean, _) = self.mean_and_slope(d);
         if self.twice >= wide_signed(d.0, mean) {
             // So near to the throw the maximum of d G, at 3 pull / (2 cos), lies before the right
@@ -121,7 +122,7 @@ impl NearLaunch {
             if slope <= 0 {
                 break;
             }
-            let step = self.newton(d, mean, slope);
+            let step = self.newton_step(d, mean, slope);
             d = (d + step).max(Fixed::<34>::ZERO);
             if step.unsigned_abs() <= d.to::<22>().unsigned_abs().scaled() {
                 break;
@@ -142,7 +143,7 @@ impl NearLaunch {
     #[inline(never)]
     fn skims(&self) -> bool {
         let reciprocal = Reciprocal::coarse(Fixed::<30, u32>(self.cosine as u32));
-        let last = LONGEST_HOP - Fixed::<34>::STEP;
+        let last = MAX_SHORT_HOP - Fixed::<34>::STEP;
         let top: Fixed<34> = reciprocal.times(Fixed::<30>(self.pull + self.pull / 2));
         let mut d = top.min(last);
         for _ in 0..2 {
@@ -209,7 +210,7 @@ impl Ballistic<'_> {
         let shift = (23 + near.down).checked_sub(reciprocal.shift);
         let Some(first) = shift
             .map(|shift| ratio >> shift)
-            .filter(|&z| z < LONGEST_HOP.unsigned().0.into())
+            .filter(|&z| z < MAX_SHORT_HOP.unsigned().0.into())
         else {
             return near.before_end();
         };
@@ -217,7 +218,7 @@ impl Ballistic<'_> {
         // d = z (1 + e + 2 e^2) with z = 2 psi / pull, e = cos z / (3 pull).
         let bend: Fixed<30> = reciprocal.times(Fixed::<30>(near.third).times::<34, 32>(first));
         // Beyond this bound the first terms are useless; from 1/4 on the start may overflow.
-        if bend.abs() < Fixed::<30>::of(1.0 / 16.0) {
+        if bend.abs() < Fixed::<30>::from_constant(1.0 / 16.0) {
             let square: Fixed<30> = bend.times(bend);
             near.hop(first + first.times(bend + square + square))
         } else {

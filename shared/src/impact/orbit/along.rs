@@ -36,7 +36,7 @@ pub(super) fn accept_motion(
 
 /// Motion of a part during a contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Lain {
+pub struct ContactMotion {
     /// Distance along the track in units of b.
     pub distance: f64,
     /// Velocity along the track at the end in units of `b w`.
@@ -59,23 +59,34 @@ impl<L: AlongLaw> Along for L {}
 pub trait AlongLaw: Copy {
     /// Whether rest erases the history of a part, so that its orbit repeats from lift-off to
     /// lift-off.
-    const FORGETS: bool;
+    const REST_ERASES_HISTORY: bool;
 
     /// Distance in b and velocity after `impact`, for a launch with `velocity` along the track.
-    fn fly(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> (f64, f64);
+    fn move_in_flight(
+        &self,
+        launch: PartState,
+        impact: &Impact<PartState>,
+        velocity: f64,
+    ) -> (f64, f64);
 
     /// The infinitely many hops of `chatter` rad that bring a part to rest after `last`.
-    fn chatter(&self, contact: &Contact, last: PartState, chatter: f64, velocity: f64) -> Lain;
+    fn move_in_chatter(
+        &self,
+        contact: &Contact,
+        last: PartState,
+        chatter: f64,
+        velocity: f64,
+    ) -> ContactMotion;
 
     /// A contact from `phase` on for `wait` rad.
-    fn lie(&self, phase: f64, wait: f64, velocity: f64) -> Lain;
+    fn move_in_contact(&self, phase: f64, wait: f64, velocity: f64) -> ContactMotion;
 
     /// Whether a steady motion along the track is possible.
-    fn is_held(&self) -> bool {
+    fn can_be_steady(&self) -> bool {
         true
     }
 
     /// One drive cycle of a part that never leaves the track; `None` without motion or without a
     /// steady one.
-    fn stay(&self) -> Option<Lain>;
+    fn steady_cycle(&self) -> Option<ContactMotion>;
 }

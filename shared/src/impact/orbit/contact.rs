@@ -5,8 +5,9 @@ use core::f64::consts::{FRAC_PI_2, PI, TAU};
 use crate::arithmetic::lane::Lane;
 use crate::feeder::OutOfRange;
 use crate::impact::double::Map;
-use crate::impact::double::launch::{Launch, REMAINDER, Track};
+use crate::impact::double::launch::{Launch, MAX_CHATTER_REMAINDER, Track};
 use crate::impact::kernel::{Kernel, PartState};
+use crate::impact::wave::in_turn;
 
 /// Begin and end of a part's contact with the track.
 ///
@@ -36,9 +37,8 @@ pub struct Contact {
 
 impl Contact {
     /// Contact on the track of `map`.
-    #[must_use]
     pub fn new(map: &Map) -> Self {
-        Self::of(map.k(), map.restitution())
+        Self::from_k(map.k(), map.restitution())
     }
 
     /// Contact for `k` and a restitution, both within the ranges of [`Map`].
@@ -46,7 +46,7 @@ impl Contact {
         Map::build(k, restitution).map(|map| Self::new(&map))
     }
 
-    fn of(k: f64, restitution: f64) -> Self {
+    fn from_k(k: f64, restitution: f64) -> Self {
         // The remainder is z^3 (2.1 (c/A)^2 + 0.9 |s|/A) with A <= 1 + k. Where |s| < 1/2,
         // c^2 > 3/4, so the bracket is at least the smaller of these two.
         let pull = 1.0 + k;
@@ -54,7 +54,7 @@ impl Contact {
         let track = Track::new(k);
         Self {
             restitution,
-            ceiling: libm::cbrt(REMAINDER / least) * pull * (1.0 - restitution),
+            ceiling: libm::cbrt(MAX_CHATTER_REMAINDER / least) * pull * (1.0 - restitution),
             lift_off: (k < 1.0).then_some(track.lift_off),
             track,
         }
@@ -62,7 +62,6 @@ impl Contact {
 
     /// Phase where a resting part is thrown off (`arcsin k`) in rad; `None` where it rests for ever
     /// (k >= 1).
-    #[must_use]
     pub fn lift_off(&self) -> Option<f64> {
         self.lift_off
     }
@@ -80,7 +79,6 @@ impl Contact {
     /// 1e-3 of itself. So the track still pulls the part down when it comes to rest. A velocity
     /// of 0 rests at once where the track does not throw it. A lane of `batch::Block` waits on the
     /// same decision.
-    #[must_use]
     pub fn time_to_rest(&self, state: PartState) -> Option<f64> {
         let PartState { phase, velocity } = state;
         if velocity > self.ceiling {
@@ -103,8 +101,6 @@ impl Contact {
     /// in rad.
     ///
     /// It is `2 psi / (A (1 - R Rt))`, to first order in psi.
-    #[cfg(any(test, feature = "analysis", feature = "control"))]
-    #[must_use]
     pub(crate) fn chatter_reach(&self, state: PartState, tangential_restitution: f64) -> f64 {
         let pull = self.track.k - libm::sin(state.phase);
         if pull > 0.0 && state.velocity > 0.0 {
@@ -117,10 +113,9 @@ impl Contact {
     /// Time in rad from rest at `phase` to lift-off, 0 where the track throws the part at once.
     ///
     /// `None` where it rests for ever.
-    #[must_use]
     pub fn wait(&self, phase: f64) -> Option<f64> {
         let lift_off = self.lift_off?;
-        let past = turned(phase - lift_off);
+        let past = in_turn(phase - lift_off);
         // Within rounding of a hump's end a resting part stays: the track has already thrown all
         // others.
         let thrown = past == 0.0 || past < (PI - 2.0 * lift_off) * (1.0 - 1e-9);
@@ -130,15 +125,14 @@ impl Contact {
     /// [`Contact::wait`] by polling the track every 1/256 turn.
     ///
     /// It measures the time that the jump saves and proves that the jump changes nothing.
-    #[must_use]
     pub(super) fn wait_by_polling(&self, phase: f64) -> Option<f64> {
-        const STEP: f64 = TAU / 256.0;
+        const POLLING_STEP: f64 = TAU / 256.0;
         if libm::sin(phase) >= self.track.k {
             return self.wait(phase);
         }
         for n in 0..257 {
-            let (from, to) = (f64::from(n) * STEP, f64::from(n + 1) * STEP);
-            let crest = turned(FRAC_PI_2 - phase - from) < STEP && self.track.k < 1.0;
+            let (from, to) = (f64::from(n) * POLLING_STEP, f64::from(n + 1) * POLLING_STEP);
+            let crest = in_turn(FRAC_PI_2 - phase - from) < POLLING_STEP && self.track.k < 1.0;
             if crest || libm::sin(phase + to) >= self.track.k {
                 // The crossing lies in this polled step; its exact phase is arcsin k.
                 return self
@@ -148,12 +142,6 @@ impl Contact {
         }
         None
     }
-}
-
-/// `angle` in 0..2 pi.
-pub(super) fn turned(angle: f64) -> f64 {
-    let turned = angle - TAU * libm::floor(angle / TAU);
-    if turned < TAU { turned } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -166,7 +154,7 @@ mod tests {
         clippy::excessive_precision,
         reason = "as many digits as the reference has"
     )]
-    const CHATTER: [([f64; 4], f64, Option<f64>); 4] = [
+    const CHATTER_REFERENCES: [([f64; 4], f64, Option<f64>); 4] = [
         (
             [0.9, 0.5, 2.0, 0.5],
             5.278_033_763_750_945_676_93,
@@ -186,8 +174,8 @@ mod tests {
     ];
 
     #[test]
-    fn chatter_ends_when_the_reference_says() {
-        for ([k, restitution, phase, velocity], rest, lift_off) in CHATTER {
+    fn chatter_times_match_the_references() {
+        for ([k, restitution, phase, velocity], rest, lift_off) in CHATTER_REFERENCES {
             let map = Map::build(k, restitution).unwrap();
             let mut time = phase;
             let mut ended = None;
@@ -220,17 +208,14 @@ mod tests {
     /// It hops on until the closed form is 100 times shorter, with a remainder of 1e-6 of the
     /// tested one.
     #[test]
-    fn the_closure_is_the_sum_of_the_hops() {
+    fn chatter_time_is_the_sum_of_its_hops() {
         for k in [0.05, 0.43, 0.9, 1.0, 1.5] {
             for restitution in [0.0, 0.2, 0.5, 0.8, 0.95] {
                 let map = Map::build(k, restitution).unwrap();
                 let contact = Contact::new(&map);
                 for step in 0..32 {
                     let phase = f64::from(step) * TAU / 32.0;
-                    let mut state = PartState {
-                        phase,
-                        velocity: 1e-4,
-                    };
+                    let mut state = PartState::new(phase, 1e-4);
                     while contact.time_to_rest(state).is_none() && state.velocity > 1e-9 {
                         state.velocity *= 0.9;
                     }
@@ -254,7 +239,7 @@ mod tests {
                     // The remainder, and the rounding of phases of 2 pi to which tiny hops are
                     // added.
                     assert!(
-                        (summed - closed).abs() < REMAINDER + 1e-9 * closed,
+                        (summed - closed).abs() < MAX_CHATTER_REMAINDER + 1e-9 * closed,
                         "{k} {restitution} {phase}: {summed} {closed}"
                     );
                     assert!(libm::sin(phase + closed) < k);
@@ -264,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn incomplete_chatter_goes_on() {
+    fn open_chatter_has_no_time_to_rest() {
         // Just before lift-off the pull vanishes: no closure, however slow the part.
         let contact = Contact::build(0.5, 0.5).unwrap();
         let lift_off = contact.lift_off().unwrap();
@@ -272,17 +257,11 @@ mod tests {
             let phase = lift_off - 1e-9;
             let closed = contact.time_to_rest(PartState { phase, velocity });
             assert_eq!(closed.is_some(), velocity < 1e-13, "{velocity}");
-            let thrown = PartState {
-                phase: lift_off + 1e-9,
-                velocity,
-            };
+            let thrown = PartState::new(lift_off + 1e-9, velocity);
             assert_eq!(contact.time_to_rest(thrown), None);
         }
         let elastic = Contact::build(0.5, 1.0).unwrap();
-        let falling = PartState {
-            phase: 4.0,
-            velocity: 1e-9,
-        };
+        let falling = PartState::new(4.0, 1e-9);
         assert_eq!(elastic.time_to_rest(falling), None);
         let still = PartState {
             velocity: 0.0,
@@ -292,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ceiling_refuses_nothing_that_closes() {
+    fn velocity_ceiling_excludes_no_closed_chatter() {
         for k in [0.01, 0.3, 0.99, 1.0, 3.0, 50.0] {
             for restitution in [0.0, 0.5, 0.99] {
                 let contact = Contact::build(k, restitution).unwrap();
@@ -302,10 +281,10 @@ mod tests {
                 };
                 for step in 0..64 {
                     for decade in -60..10 {
-                        let state = PartState {
-                            phase: f64::from(step) * TAU / 64.0,
-                            velocity: libm::exp10(0.1 * f64::from(decade)),
-                        };
+                        let state = PartState::new(
+                            f64::from(step) * TAU / 64.0,
+                            libm::exp10(0.1 * f64::from(decade)),
+                        );
                         assert_eq!(contact.time_to_rest(state), open.time_to_rest(state));
                     }
                 }
@@ -314,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wait_ends_where_the_track_throws() {
+    fn wait_ends_where_the_track_throws() {
         for k in [0.01, 0.43, 0.9, 0.999_999] {
             let contact = Contact::build(k, 0.5).unwrap();
             for step in 0..512 {

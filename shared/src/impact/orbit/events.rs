@@ -1,15 +1,16 @@
 //! Events of one part on one track: impacts, rests and lift-offs (event-driven simulation).
 
-use super::contact::{Contact, turned};
+use super::contact::Contact;
 use super::observe::Observer;
 use super::release::Release;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, Kernel, PartState};
 use crate::impact::scatter::Scatter;
+use crate::impact::wave::in_turn;
 
 /// Mean restitution: smallest one that can scatter.
-const LEAST_SCATTERED: f64 = 1e-6;
+const MIN_SCATTERED_RESTITUTION: f64 = 1e-6;
 
 /// The next event of a part.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,11 +33,9 @@ pub enum OrbitEvent {
     },
 }
 
-/// Shortcuts of an orbit. None changes a bit of it.
-///
-/// Each can be switched off to prove that, and to measure the time that it saves.
+/// Shortcuts of an orbit. None changes a bit of it; tests switch each off to prove that.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Skips {
+pub(crate) struct Shortcuts {
     /// A part at rest jumps to lift-off; off: poll the track until it throws the part.
     pub rest_jump: bool,
     /// The flight after lift-off depends on k only and is computed once; off: every time.
@@ -46,8 +45,8 @@ pub struct Skips {
     pub repeat: bool,
 }
 
-#[cfg(any(test, feature = "unstable"))]
-impl Skips {
+#[cfg(test)]
+impl Shortcuts {
     /// No shortcut.
     pub const NONE: Self = Self {
         rest_jump: false,
@@ -56,7 +55,7 @@ impl Skips {
     };
 }
 
-impl Default for Skips {
+impl Default for Shortcuts {
     /// Every shortcut.
     fn default() -> Self {
         Self {
@@ -69,7 +68,7 @@ impl Default for Skips {
 
 /// Why [`Orbit::watch`] stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ended {
+pub enum StopReason {
     /// The requested number of impacts was reached.
     Counted,
     /// The part was thrown a second time. The orbit repeats from here for ever.
@@ -100,7 +99,7 @@ pub enum Ended {
 pub struct Orbit<'a, K: Kernel<State = PartState> = Map> {
     kernel: &'a K,
     contact: Contact,
-    skips: Skips,
+    shortcuts: Shortcuts,
     state: PartState,
     stage: Stage,
     /// The release of the part, once computed.
@@ -122,18 +121,13 @@ enum Stage {
 
 impl<'a> Orbit<'a> {
     /// The orbit that begins just after an impact with `start`.
-    #[must_use]
     pub fn new(map: &'a Map, start: PartState) -> Self {
         Self::on(map, Contact::new(map), start)
     }
 
     /// The orbit that begins at rest; the first lift-off is at `arcsin k`.
-    #[must_use]
     pub fn from_rest(map: &'a Map) -> Self {
-        let origin = PartState {
-            phase: 0.0,
-            velocity: 0.0,
-        };
+        let origin = PartState::new(0.0, 0.0);
         let mut orbit = Self::new(map, origin);
         orbit.stage = Stage::Resting;
         orbit
@@ -142,12 +136,11 @@ impl<'a> Orbit<'a> {
 
 impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
     /// The orbit of any kernel with an f64 state, on a track with this `contact`.
-    #[must_use]
     pub fn on(kernel: &'a K, contact: Contact, start: PartState) -> Self {
         Self {
             kernel,
             contact,
-            skips: Skips::default(),
+            shortcuts: Shortcuts::default(),
             state: start,
             stage: Stage::Hopping,
             release: None,
@@ -183,7 +176,7 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
         accept(
             "restitution",
             mean,
-            mean >= LEAST_SCATTERED,
+            mean >= MIN_SCATTERED_RESTITUTION,
             "0.000001..1 where it scatters: what is left of no speed cannot be drawn",
         )?;
         self.scatter = Some(scatter);
@@ -191,14 +184,12 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
     }
 
     /// The last drawn restitution over that of the kernel; 1 without scatter.
-    #[cfg(any(test, feature = "analysis"))]
-    #[must_use]
     pub(crate) fn drawn(&self) -> f64 {
         self.drawn
     }
 
     /// `impact` with its velocity scaled to a drawn restitution.
-    fn scattered(&mut self, mut impact: Impact<PartState>) -> Impact<PartState> {
+    fn scatter_impact(&mut self, mut impact: Impact<PartState>) -> Impact<PartState> {
         if let Some(scatter) = &mut self.scatter {
             self.drawn = scatter.draw() / scatter.mean();
             impact.next.velocity *= self.drawn;
@@ -206,16 +197,14 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
         impact
     }
 
-    /// This orbit with the shortcuts of `skips` only.
-    #[cfg(any(test, feature = "unstable"))]
-    #[must_use]
-    pub fn with(mut self, skips: Skips) -> Self {
-        self.skips = skips;
+    /// This orbit with the shortcuts of `shortcuts` only.
+    #[cfg(test)]
+    pub(crate) fn with(mut self, shortcuts: Shortcuts) -> Self {
+        self.shortcuts = shortcuts;
         self
     }
 
     /// The state after the last event.
-    #[must_use]
     pub fn state(&self) -> PartState {
         self.state
     }
@@ -224,56 +213,53 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
     ///
     /// It ends at the second lift-off. An observer of means that restarts at the first
     /// ([`Observer::lift_off`]) then holds the exact mean of the endless orbit.
-    pub fn watch(&mut self, impacts: u64, observer: &mut impl Observer) -> Ended {
-        let mut seen = 0;
+    pub fn watch(&mut self, impacts: u64, observer: &mut impl Observer) -> StopReason {
+        let mut impacts_seen = 0;
         let mut lift_offs = 0;
-        while seen < impacts {
+        while impacts_seen < impacts {
             let before = self.state;
             match self.next() {
-                None => return Ended::RestsForEver,
+                None => return StopReason::RestsForEver,
                 Some(OrbitEvent::Impact(impact)) => {
                     observer.impact(before, &impact);
-                    seen += 1;
+                    impacts_seen += 1;
                 }
                 Some(OrbitEvent::Rest { chatter, phase }) => observer.rest(before, chatter, phase),
                 Some(OrbitEvent::LiftOff { wait, phase }) => {
                     observer.lift_off(wait, phase);
                     lift_offs += 1;
-                    if lift_offs == 2 && self.skips.repeat && self.scatter.is_none() {
-                        return Ended::Repeats;
+                    if lift_offs == 2 && self.shortcuts.repeat && self.scatter.is_none() {
+                        return StopReason::Repeats;
                     }
                 }
             }
         }
-        Ended::Counted
+        StopReason::Counted
     }
 
     /// The release of the part; `None` where the kernel finds no flight, for k within rounding
     /// of 1.
-    fn released(&mut self) -> Option<Release<PartState>> {
-        if !self.skips.release || self.release.is_none() {
-            self.release = Release::of(self.kernel, self.contact.lift_off()?, 0.0);
+    fn find_release(&mut self) -> Option<Release<PartState>> {
+        if !self.shortcuts.release || self.release.is_none() {
+            self.release = Release::build(self.kernel, self.contact.lift_off()?, 0.0);
         }
         self.release
     }
 
-    fn settle(&mut self, chatter: f64) -> OrbitEvent {
-        let phase = turned(self.state.phase + chatter);
-        self.state = PartState {
-            phase,
-            velocity: 0.0,
-        };
+    fn begin_rest(&mut self, chatter: f64) -> OrbitEvent {
+        let phase = in_turn(self.state.phase + chatter);
+        self.state = PartState::new(phase, 0.0);
         self.stage = Stage::Resting;
         OrbitEvent::Rest { chatter, phase }
     }
 
     fn lift_off(&mut self) -> Option<OrbitEvent> {
-        let wait = if self.skips.rest_jump {
+        let wait = if self.shortcuts.rest_jump {
             self.contact.wait(self.state.phase)?
         } else {
             self.contact.wait_by_polling(self.state.phase)?
         };
-        self.state = self.released()?.launch;
+        self.state = self.find_release()?.launch;
         self.stage = Stage::Released;
         Some(OrbitEvent::LiftOff {
             wait,
@@ -288,21 +274,21 @@ impl<K: Kernel<State = PartState>> Iterator for Orbit<'_, K> {
     fn next(&mut self) -> Option<OrbitEvent> {
         let impact = match self.stage {
             Stage::Resting => return self.lift_off(),
-            Stage::Released => self.released()?.impact,
+            Stage::Released => self.find_release()?.impact,
             Stage::Hopping => {
                 if let Some(chatter) = self.contact.time_to_rest(self.state) {
-                    return Some(self.settle(chatter));
+                    return Some(self.begin_rest(chatter));
                 }
                 let impact = self.kernel.impact(self.state);
                 if impact.flight <= 0.0 {
                     // The sines of kernel and contact differ by an ulp at sin t = k: the part
                     // rests.
-                    return Some(self.settle(0.0));
+                    return Some(self.begin_rest(0.0));
                 }
                 impact
             }
         };
-        let impact = self.scattered(impact);
+        let impact = self.scatter_impact(impact);
         self.stage = Stage::Hopping;
         self.state = impact.next;
         Some(OrbitEvent::Impact(impact))
@@ -316,8 +302,8 @@ mod tests {
     use super::super::observe::Count;
     use super::*;
 
-    fn events(map: &Map, start: PartState, skips: Skips, count: usize) -> Vec<OrbitEvent> {
-        Orbit::new(map, start).with(skips).take(count).collect()
+    fn events(map: &Map, start: PartState, shortcuts: Shortcuts, count: usize) -> Vec<OrbitEvent> {
+        Orbit::new(map, start).with(shortcuts).take(count).collect()
     }
 
     #[test]
@@ -325,7 +311,7 @@ mod tests {
         clippy::excessive_precision,
         reason = "as many digits as the reference has"
     )]
-    fn the_release_flight_is_the_reference() {
+    fn release_flight_matches_the_reference() {
         // docs/theory-reference.md#t11.2
         for (k, restitution, flight, velocity) in [
             (
@@ -359,7 +345,7 @@ mod tests {
 
     /// Each shortcut alone, and all of them, against none: the same events, bit for bit.
     #[test]
-    fn skips_change_no_bit() {
+    fn shortcuts_change_no_bit() {
         for (k, restitution) in [
             (0.9, 0.5),
             (0.43, 0.2),
@@ -370,20 +356,20 @@ mod tests {
             let map = Map::build(k, restitution).unwrap();
             for start in 0..12 {
                 let start = Map::state(0.55 * f64::from(start), 0.1 * f64::from(start)).unwrap();
-                let plain = events(&map, start, Skips::NONE, 300);
-                for skips in [
-                    Skips::default(),
-                    Skips {
+                let plain = events(&map, start, Shortcuts::NONE, 300);
+                for shortcuts in [
+                    Shortcuts::default(),
+                    Shortcuts {
                         rest_jump: true,
-                        ..Skips::NONE
+                        ..Shortcuts::NONE
                     },
-                    Skips {
+                    Shortcuts {
                         release: true,
-                        ..Skips::NONE
+                        ..Shortcuts::NONE
                     },
                 ] {
                     assert_eq!(
-                        events(&map, start, skips, 300),
+                        events(&map, start, shortcuts, 300),
                         plain,
                         "k {k} R {restitution}"
                     );
@@ -392,13 +378,13 @@ mod tests {
         }
     }
 
-    /// [`Skips::repeat`] omits only repeated events.
+    /// [`Shortcuts::repeat`] omits only repeated events.
     #[test]
-    fn after_a_second_lift_off_the_orbit_repeats_itself_bit_for_bit() {
+    fn orbit_repeats_after_its_second_lift_off() {
         for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.6, 0.1), (0.7, 0.0)] {
             let map = Map::build(k, restitution).unwrap();
             let all: Vec<OrbitEvent> = Orbit::from_rest(&map)
-                .with(Skips::NONE)
+                .with(Shortcuts::NONE)
                 .skip(1)
                 .take(4000)
                 .collect();
@@ -413,30 +399,30 @@ mod tests {
             let (mut short, mut long) = (Count::default(), Count::default());
             assert_eq!(
                 Orbit::from_rest(&map).watch(4000, &mut short),
-                Ended::Repeats
+                StopReason::Repeats
             );
             assert!(short.impacts < 100 && short.lift_offs == 2);
             let full = Orbit::from_rest(&map)
-                .with(Skips::NONE)
+                .with(Shortcuts::NONE)
                 .watch(4000, &mut long);
-            assert_eq!((full, long.impacts), (Ended::Counted, 4000));
+            assert_eq!((full, long.impacts), (StopReason::Counted, 4000));
         }
     }
 
     #[test]
-    fn above_one_parts_rest_for_ever_unless_they_are_lively_enough() {
+    fn above_k_1_only_high_restitutions_hop() {
         let map = Map::build(1.5, 0.5).unwrap();
         let mut count = Count::default();
         let mut orbit = Orbit::new(&map, Map::state(2.0, 1.0).unwrap());
-        assert_eq!(orbit.watch(u64::MAX, &mut count), Ended::RestsForEver);
+        assert_eq!(orbit.watch(u64::MAX, &mut count), StopReason::RestsForEver);
         assert_eq!((count.rests, count.lift_offs), (1, 0));
         assert_eq!(Orbit::from_rest(&map).next(), None);
-        assert_eq!(Orbit::from_rest(&map).with(Skips::NONE).next(), None);
+        assert_eq!(Orbit::from_rest(&map).with(Shortcuts::NONE).next(), None);
 
         // docs/theory-reference.md#t11.4: hopping above k = 1.
         let map = Map::build(1.2, 0.8).unwrap();
         let mut orbit = Orbit::new(&map, Map::state(1.0, 3.3).unwrap());
-        assert_eq!(orbit.watch(2000, &mut ()), Ended::Counted);
+        assert_eq!(orbit.watch(2000, &mut ()), StopReason::Counted);
         let PartState { phase, velocity } = orbit.state();
         // The reference is printed to 15 digits; the orbit contracts its own rounding.
         assert!((phase - 1.138_585_860_520_52).abs() < 1e-13, "{phase}");
@@ -447,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn dead_and_elastic_parts_and_starts_without_velocity_go_on() {
+    fn every_restitution_and_start_keeps_moving() {
         for k in [0.05, 0.5, 0.999_999_999, 1.0, 1.3] {
             for restitution in [0.0, 0.3, 1.0] {
                 let map = Map::build(k, restitution).unwrap();

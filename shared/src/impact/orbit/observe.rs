@@ -133,7 +133,7 @@ mod tests {
     use super::*;
     use crate::impact::double::Map;
     use crate::impact::kernel::Kernel;
-    use crate::impact::orbit::{Orbit, Skips};
+    use crate::impact::orbit::{Orbit, Shortcuts};
 
     /// FNV-1a hash of the bits of impact phases and flights, in order.
     struct Hash(u64);
@@ -147,14 +147,14 @@ mod tests {
     }
 
     #[test]
-    fn every_part_of_a_tuple_sees_every_event_and_changes_nothing() {
+    fn each_tuple_member_sees_every_event() {
         let map = Map::build(0.9, 0.5).unwrap();
         let (mut bare, mut first, mut second) = (Hash(1), Hash(1), Hash(1));
         let (mut counted, mut again) = (Count::default(), Count::default());
         let orbit = || {
-            Orbit::new(&map, Map::state(2.0, 0.5).unwrap()).with(Skips {
+            Orbit::new(&map, Map::state(2.0, 0.5).unwrap()).with(Shortcuts {
                 repeat: false,
-                ..Skips::default()
+                ..Shortcuts::default()
             })
         };
         orbit().watch(500, &mut bare);

@@ -18,15 +18,14 @@ pub struct Release<S> {
 ///
 /// It exceeds their rounding of `arcsin k` and of a phase, so that the part always leaves the
 /// track. It omits a launch velocity of at most half its square, 5e-9 `b w`.
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-pub const LATE: f64 = 1e-4;
+pub const LIFT_OFF_DELAY: f64 = 1e-4;
 
 impl<S: Copy> Release<S> {
-    /// The release `delay` rad (0, or [`LATE`]) after `lift_off`, which is `arcsin k` in rad.
+    /// The release `delay` rad (0, or [`LIFT_OFF_DELAY`]) after `lift_off`, which is `arcsin k` in
+    /// rad.
     ///
     /// `None` where the kernel finds no flight there.
-    #[must_use]
-    pub fn of<K: Kernel<State = S>>(kernel: &K, lift_off: f64, delay: f64) -> Option<Self> {
+    pub fn build<K: Kernel<State = S>>(kernel: &K, lift_off: f64, delay: f64) -> Option<Self> {
         let launch = K::state(lift_off + delay, 0.0).ok()?;
         let impact = kernel.impact(launch);
         (impact.flight > 0.0).then_some(Self { launch, impact })
@@ -52,36 +51,45 @@ mod tests {
             };
             let k = k.max(0.005);
             let kernel = K::build(k, 0.3).unwrap();
-            let release = Release::of(&kernel, libm::asin(k), delay);
+            let release = Release::build(&kernel, libm::asin(k), delay);
             (k, release.map(|release| release.impact.flight))
         })
     }
 
     #[test]
-    fn a_part_at_rest_is_thrown_off_in_every_arithmetic() {
+    fn resting_part_lifts_off_in_every_arithmetic() {
         for (k, flight) in flights::<Map>(0.0) {
             assert!(flight.is_some(), "{k:e}");
         }
-        let coarse = flights::<Hybrid>(LATE)
-            .chain(flights::<Single>(LATE))
-            .chain(flights::<Integer>(LATE));
+        let coarse = flights::<Hybrid>(LIFT_OFF_DELAY)
+            .chain(flights::<Single>(LIFT_OFF_DELAY))
+            .chain(flights::<Integer>(LIFT_OFF_DELAY));
         for (k, flight) in coarse {
-            // Within LATE of the top of the sine the track's push has ended after the delay.
-            assert!(flight.is_some() || k > 1.0 - LATE * LATE, "{k:e}");
+            // Within LIFT_OFF_DELAY of the top of the sine the track's push has ended after the
+            // delay.
+            assert!(
+                flight.is_some() || k > 1.0 - LIFT_OFF_DELAY * LIFT_OFF_DELAY,
+                "{k:e}"
+            );
         }
     }
 
     #[test]
-    fn the_delay_changes_the_flight_by_no_more_than_it_says() {
+    fn lift_off_delay_error_is_within_its_bound() {
         for (k, restitution) in [(0.43, 0.2), (0.6, 0.3), (0.9, 0.5)] {
             let map = Map::build(k, restitution).unwrap();
             let lift_off = libm::asin(k);
-            let prompt = Release::of(&map, lift_off, 0.0).unwrap().impact;
-            let late = Release::of(&map, lift_off, LATE).unwrap().impact;
+            let prompt = Release::build(&map, lift_off, 0.0).unwrap().impact;
+            let late = Release::build(&map, lift_off, LIFT_OFF_DELAY)
+                .unwrap()
+                .impact;
             // The flight ends at the same time, but for the omitted launch velocity. That acts for
             // the time since launch, over an arrival speed of at least 0.1.
-            let apart = late.flight + LATE - prompt.flight;
-            assert!(apart.abs() < 10.0 * 5e-9 * prompt.flight, "{k} {apart:e}");
+            let difference = late.flight + LIFT_OFF_DELAY - prompt.flight;
+            assert!(
+                difference.abs() < 10.0 * 5e-9 * prompt.flight,
+                "{k} {difference:e}"
+            );
             let slower = late.next.velocity - prompt.next.velocity;
             assert!(slower.abs() < 10.0 * 5e-9 * prompt.flight, "{k} {slower:e}");
         }

@@ -6,8 +6,7 @@
 use super::observe::Observer;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, PartState};
-#[cfg(any(test, feature = "analysis", feature = "control"))]
-use crate::impact::tones::WaveMap;
+use crate::impact::wave_map::WaveMap;
 
 /// Partial derivatives of one impact; `det J = R^2 psi / psi'` (docs/theory-impacts.md#t2.4).
 ///
@@ -17,7 +16,7 @@ use crate::impact::tones::WaveMap;
 /// let map = Map::build(0.34, 0.2)?;
 /// let state = Map::state(0.7, 0.36)?;
 /// let impact = map.impact(state);
-/// let tangent = Tangent::of(&map, state, &impact).unwrap();
+/// let tangent = Tangent::build(&map, state, &impact).unwrap();
 /// let expected = 0.2 * 0.2 * state.velocity / impact.next.velocity;
 /// assert!((tangent.determinant() / expected - 1.0).abs() < 1e-12);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
@@ -33,8 +32,7 @@ pub struct Tangent {
 impl Tangent {
     /// The tangent of the impact that `map` computed from `state`; `None` at arrival speed 0, where
     /// no derivative exists.
-    #[must_use]
-    pub fn of(map: &Map, state: PartState, impact: &Impact<PartState>) -> Option<Self> {
+    pub fn build(map: &Map, state: PartState, impact: &Impact<PartState>) -> Option<Self> {
         let PartState {
             phase: t,
             velocity: psi,
@@ -64,8 +62,6 @@ impl Tangent {
     }
 
     /// The tangent on a track of several tones.
-    #[cfg(any(test, feature = "analysis", feature = "control"))]
-    #[must_use]
     pub fn on_tones(map: &WaveMap, state: PartState, impact: &Impact<PartState>) -> Option<Self> {
         let (d, k, r) = (impact.flight, map.k(), map.restitution());
         let [_, _, push, _] = map.wave().motion(state.phase);
@@ -104,7 +100,6 @@ impl Tangent {
     }
 
     /// Determinant of the Jacobian.
-    #[must_use]
     pub fn determinant(&self) -> f64 {
         let [[a, b], [c, d]] = self.jacobian;
         a * d - b * c
@@ -130,7 +125,6 @@ pub struct Growth<'a> {
 
 impl<'a> Growth<'a> {
     /// An observer of an orbit on `map`.
-    #[must_use]
     pub fn new(map: &'a Map) -> Self {
         Self {
             map,
@@ -146,8 +140,7 @@ impl<'a> Growth<'a> {
     ///
     /// Otherwise the first direction biases the exponents of a periodic orbit, by 1e-3 over 3000
     /// impacts.
-    #[must_use]
-    pub fn settling(map: &'a Map, impacts: u64) -> Self {
+    pub fn with_settling(map: &'a Map, impacts: u64) -> Self {
         Self {
             settle: impacts,
             settling: impacts,
@@ -158,7 +151,6 @@ impl<'a> Growth<'a> {
     /// Both Lyapunov exponents per impact, the larger first; `None` before the first impact.
     ///
     /// Their sum is `2 ln R` plus the end terms `ln(psi_first / psi_last) / impacts`.
-    #[must_use]
     pub fn exponents(&self) -> Option<[f64; 2]> {
         let count = self.impacts as f64;
         (self.impacts > 0).then(|| self.sums.map(|sum| sum / count))
@@ -167,7 +159,7 @@ impl<'a> Growth<'a> {
 
 impl Observer for Growth<'_> {
     fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
-        let Some(tangent) = Tangent::of(self.map, launch, impact) else {
+        let Some(tangent) = Tangent::build(self.map, launch, impact) else {
             return;
         };
         let [[a, b], [c, d]] = tangent.jacobian;
@@ -191,7 +183,7 @@ impl Observer for Growth<'_> {
     }
 
     fn lift_off(&mut self, _: f64, _: f64) {
-        *self = Self::settling(self.map, self.settle);
+        *self = Self::with_settling(self.map, self.settle);
     }
 }
 
@@ -199,10 +191,10 @@ impl Observer for Growth<'_> {
 mod tests {
     use super::*;
     use crate::impact::kernel::Kernel;
-    use crate::impact::orbit::{Orbit, OrbitEvent, Skips};
+    use crate::impact::orbit::{Orbit, OrbitEvent, Shortcuts};
 
     #[test]
-    fn the_determinant_is_r_squared_psi_over_psi_next() {
+    fn determinant_is_r_squared_psi_over_psi_next() {
         let mut cases = 0;
         for k in [0.02, 0.1, 0.3, 0.43, 0.586, 0.9, 1.2] {
             for restitution in [0.1, 0.2, 0.5, 0.8, 0.95, 1.0] {
@@ -213,7 +205,7 @@ mod tests {
                     for _ in 0..10 {
                         let Ok(from) = state else { break };
                         let impact = map.impact(from);
-                        let Some(tangent) = Tangent::of(&map, from, &impact) else {
+                        let Some(tangent) = Tangent::build(&map, from, &impact) else {
                             break;
                         };
                         if impact.next.velocity < 1e-3 {
@@ -240,21 +232,21 @@ mod tests {
     }
 
     #[test]
-    fn a_settled_frame_has_the_multipliers_of_the_lock() {
+    fn settled_frame_has_the_multipliers_of_the_lock() {
         let map = Map::build(0.43, 0.2).unwrap();
-        let lock = crate::regime::Lock::at(0.43, 0.2, 1).unwrap().unwrap();
+        let lock = crate::regime::Lock::build(0.43, 0.2, 1).unwrap().unwrap();
         let exact = libm::log(lock.multipliers().modulus());
         let of = |mut growth: Growth<'_>| {
             Orbit::new(&map, lock.state()).watch(3000, &mut growth);
             growth.exponents().unwrap()[0]
         };
-        assert!((of(Growth::settling(&map, 64)) - exact).abs() < 1e-9);
+        assert!((of(Growth::with_settling(&map, 64)) - exact).abs() < 1e-9);
         // Without alignment the first direction biases the mean for ever.
         assert!((of(Growth::new(&map)) - exact).abs() > 1e-4);
     }
 
     #[test]
-    fn derivatives_are_differences() {
+    fn derivatives_match_differences() {
         for (k, restitution, phase, velocity) in [
             (0.43, 0.2, 0.4, 0.5),
             (0.3, 0.6, 2.0, 1.5),
@@ -267,7 +259,7 @@ mod tests {
             };
             let map = Map::build(k, restitution).unwrap();
             let state = Map::state(phase, velocity).unwrap();
-            let tangent = Tangent::of(&map, state, &map.impact(state)).unwrap();
+            let tangent = Tangent::build(&map, state, &map.impact(state)).unwrap();
             let h = 1e-5;
             let column =
                 |more: [f64; 2], less: [f64; 2], row: usize| (more[row] - less[row]) / (2.0 * h);
@@ -286,7 +278,7 @@ mod tests {
 
     /// lambda1 + lambda2 = 2 ln R, with lambda2 from the determinants of the Jacobians themselves.
     #[test]
-    fn the_exponents_sum_to_twice_the_log_of_restitution() {
+    fn exponents_sum_to_twice_the_log_of_restitution() {
         for (k, restitution, exponent) in [
             (0.43, 0.2, Some(-1.3307)),
             (0.34, 0.2, Some(0.5020)),
@@ -337,7 +329,7 @@ mod tests {
 
     impl Observer for Determinants<'_> {
         fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
-            if let Some(tangent) = Tangent::of(self.map, launch, impact) {
+            if let Some(tangent) = Tangent::build(self.map, launch, impact) {
                 self.sum += libm::log(tangent.determinant().abs());
             }
         }
@@ -351,13 +343,13 @@ mod tests {
     }
 
     #[test]
-    fn growth_begins_anew_at_lift_off() {
+    fn growth_restarts_at_lift_off() {
         let map = Map::build(0.9, 0.5).unwrap();
         let mut growth = Growth::new(&map);
         let mut orbit = Orbit::new(&map, Map::state(2.0, 0.5).unwrap());
         orbit.watch(10_000, &mut growth);
         assert!(growth.impacts < 200);
-        let event = orbit.with(Skips::NONE).next();
+        let event = orbit.with(Shortcuts::NONE).next();
         assert!(matches!(event, Some(OrbitEvent::Impact(_))));
     }
 }

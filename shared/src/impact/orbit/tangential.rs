@@ -1,11 +1,10 @@
 //! Motion along the track with a tangential restitution (equations 10 and 11;
 //! docs/theory-transport.md#t8.1).
 
-use super::along::{AlongLaw, Lain, accept_motion};
+use super::along::{AlongLaw, ContactMotion, accept_motion};
 use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, PartState};
-#[cfg(feature = "plant")]
 use crate::impact::wave::Wave;
 
 /// Parameters of the motion along the track besides k.
@@ -25,7 +24,6 @@ pub struct TangentialSettings {
 
 impl TangentialSettings {
     /// The settings of parts with a tangential restitution on `track`.
-    #[must_use]
     pub fn on(track: &Track, restitution: f64) -> Self {
         Self {
             restitution,
@@ -53,7 +51,7 @@ impl TangentialSettings {
 /// let impact = map.impact(launch);
 /// let along = Tangential::build(0.43, level)?;
 /// assert!((along.distance(launch, &impact, 2.0) - 2.0 * impact.flight).abs() < 1e-14);
-/// assert!((along.after(launch, &impact, 2.0) - 0.3 * 2.0).abs() < 1e-15);
+/// assert!((along.velocity_after_impact(launch, &impact, 2.0) - 0.3 * 2.0).abs() < 1e-15);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,7 +86,6 @@ impl Tangential {
     }
 
     /// The settings of this motion.
-    #[must_use]
     pub fn settings(&self) -> TangentialSettings {
         self.settings
     }
@@ -98,21 +95,18 @@ impl Tangential {
     /// The part leaves `launch` with `velocity` (symbol phi) along the track: `W d` of equation 11.
     /// The form `phi d + d^2 { eta [sin(t+gamma) (1-cos d)/d^2 + cos(t+gamma) (d - sin d)/d^2] -
     /// (k/2) tan(alpha) }` keeps its digits for the shortest hops.
-    #[must_use]
     pub fn distance(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> f64 {
         let d = impact.flight;
         let (sine, cosine) = libm::sincos(launch.phase + self.settings.phase_lead);
         let shaken = sine * versine(d) + cosine * d * sagitta(d);
-        self.travelled(d, velocity, shaken)
+        self.distance_with_shaking(d, velocity, shaken)
     }
 
     /// [`Tangential::distance`] on a track of several tones.
     ///
     /// The parallel motion is `eta` times the normal one, led by gamma as a whole:
     /// `eta S(t + gamma)`.
-    #[must_use]
-    #[cfg(feature = "plant")]
-    pub(crate) fn distance_on(
+    pub fn distance_on(
         &self,
         wave: &Wave,
         launch: PartState,
@@ -129,25 +123,23 @@ impl Tangential {
                 n * n * tone.amplitude * (sine * versine(x) + cosine * x * sagitta(x))
             })
             .sum();
-        self.travelled(d, velocity, shaken)
+        self.distance_with_shaking(d, velocity, shaken)
     }
 
     /// The distance of a flight, with the track's share `shaken d^2`.
-    fn travelled(&self, flight: f64, velocity: f64, shaken: f64) -> f64 {
+    fn distance_with_shaking(&self, flight: f64, velocity: f64, shaken: f64) -> f64 {
         let push = self.settings.amplitude_ratio * shaken - 0.5 * self.gravity;
         flight * (velocity + flight * push)
     }
 
     /// Velocity after a flight in which the track's velocity changed by `change`.
-    fn kept(&self, flight: f64, velocity: f64, change: f64) -> f64 {
+    fn velocity_after_restitution(&self, flight: f64, velocity: f64, change: f64) -> f64 {
         let arrived = velocity - self.settings.amplitude_ratio * change - self.gravity * flight;
         self.settings.restitution * arrived
     }
 
-    /// [`Tangential::after`] on a track of several tones.
-    #[must_use]
-    #[cfg(feature = "plant")]
-    pub(crate) fn after_on(
+    /// [`Tangential::velocity_after_impact`] on a track of several tones.
+    pub fn velocity_after_impact_on(
         &self,
         wave: &Wave,
         launch: PartState,
@@ -164,57 +156,75 @@ impl Tangential {
                 -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
             })
             .sum();
-        self.kept(d, velocity, change)
+        self.velocity_after_restitution(d, velocity, change)
     }
 
     /// Velocity along the track just after the impact (symbol phi', equation 10).
-    #[must_use]
-    pub fn after(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> f64 {
+    pub fn velocity_after_impact(
+        &self,
+        launch: PartState,
+        impact: &Impact<PartState>,
+        velocity: f64,
+    ) -> f64 {
         let d = impact.flight;
         let half = 0.5 * d;
         let lead = launch.phase + self.settings.phase_lead;
         // cos(t+d+gamma) - cos(t+gamma), without cancellation.
         let change = -2.0 * libm::sin(lead + half) * libm::sin(half);
-        self.kept(d, velocity, change)
+        self.velocity_after_restitution(d, velocity, change)
     }
 }
 
 /// At rest the velocity is 0: the infinitely many impacts of the chatter use it up.
 impl AlongLaw for Tangential {
-    const FORGETS: bool = true;
+    const REST_ERASES_HISTORY: bool = true;
 
     #[inline]
-    fn fly(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> (f64, f64) {
+    fn move_in_flight(
+        &self,
+        launch: PartState,
+        impact: &Impact<PartState>,
+        velocity: f64,
+    ) -> (f64, f64) {
         let distance = self.distance(launch, impact, velocity);
-        (distance, self.after(launch, impact, velocity))
+        (
+            distance,
+            self.velocity_after_impact(launch, impact, velocity),
+        )
     }
 
     /// The velocity decays geometrically over hops that shrink geometrically.
     ///
     /// The drive's effect is of second order in a chatter of at most 1e-4 rad.
-    fn chatter(&self, contact: &Contact, last: PartState, _: f64, velocity: f64) -> Lain {
-        Lain {
+    fn move_in_chatter(
+        &self,
+        contact: &Contact,
+        last: PartState,
+        _: f64,
+        velocity: f64,
+    ) -> ContactMotion {
+        ContactMotion {
             distance: velocity * contact.chatter_reach(last, self.settings.restitution),
-            ..Lain::default()
+            ..ContactMotion::default()
         }
     }
 
-    fn lie(&self, _: f64, _: f64, _: f64) -> Lain {
-        Lain::default()
+    fn move_in_contact(&self, _: f64, _: f64, _: f64) -> ContactMotion {
+        ContactMotion::default()
     }
 
-    fn stay(&self) -> Option<Lain> {
+    fn steady_cycle(&self) -> Option<ContactMotion> {
         None
     }
 }
 
 /// `(1 - cos d) / d^2`.
 fn versine(d: f64) -> f64 {
-    versine_of(0.5 * d, libm::sin(0.5 * d))
+    versine_from_half(0.5 * d, libm::sin(0.5 * d))
 }
 
 /// The same from half of d and the sine of that half.
-pub(super) fn versine_of(half: f64, sine: f64) -> f64 {
+pub(super) fn versine_from_half(half: f64, sine: f64) -> f64 {
     if half == 0.0 {
         return 0.5;
     }
@@ -269,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sagitta_of_a_short_arc_is_its_series_and_meets_the_closed_form() {
+    fn sagitta_series_meets_the_closed_form() {
         for n in 1..=1000 {
             let d = 1e-4 * f64::from(n);
             let x = d * d;
@@ -282,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flight_solves_the_equation_of_motion() {
+    fn flight_solves_the_equation_of_motion() {
         for k in [0.05, 0.43, 0.9] {
             let map = Map::build(k, 0.6).unwrap();
             let tangential = Tangential::build(k, SETTINGS).unwrap();
@@ -295,7 +305,7 @@ mod tests {
                 let (distance, speed) = integrated(k, launch.phase, impact.flight, velocity);
                 // The rule's error is of order d^2 (d/4000)^4 < 1e-8 for d up to 130.
                 assert!((tangential.distance(launch, &impact, velocity) - distance).abs() < 1e-6);
-                velocity = tangential.after(launch, &impact, velocity);
+                velocity = tangential.velocity_after_impact(launch, &impact, velocity);
                 assert!((velocity - SETTINGS.restitution * speed).abs() < 1e-6);
                 launch = impact.next;
             }
@@ -303,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn both_forms_of_the_way_agree_and_short_hops_keep_their_digits() {
+    fn distance_forms_agree_and_keep_their_digits() {
         let tangential = Tangential::build(0.5, SETTINGS).unwrap();
         let hop = |flight| Impact {
             flight,

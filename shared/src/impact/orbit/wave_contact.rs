@@ -1,8 +1,8 @@
 //! Chatter to rest on a track of several tones (docs/theory-impacts.md#t4.1).
 
-use crate::impact::double::launch::{CHANGE, REMAINDER};
+use crate::impact::double::launch::{MAX_CHATTER_REMAINDER, MAX_PULL_CHANGE};
 use crate::impact::kernel::PartState;
-use crate::impact::tones::track::Track;
+use crate::impact::wave_map::track::Track;
 
 /// Duration in rad of the infinitely many hops that end at rest, if its closed form is exact to
 /// f64.
@@ -31,7 +31,7 @@ pub(super) fn time_to_rest(track: &Track, restitution: f64, state: PartState) ->
     let (c, s) = (at.surge.abs(), at.bend.abs());
     let z = hop / (pull * lost);
     let third = z * z * z * (2.1 * (c / pull) * (c / pull) + 0.9 * s / pull);
-    let exact = third <= REMAINDER;
-    let steady = 2.0 * z * c <= CHANGE * pull && 2.0 * z * z * s <= CHANGE * pull;
+    let exact = third <= MAX_CHATTER_REMAINDER;
+    let steady = 2.0 * z * c <= MAX_PULL_CHANGE * pull && 2.0 * z * z * s <= MAX_PULL_CHANGE * pull;
     (exact && steady).then(|| 2.0 * z + 4.0 / 3.0 * (at.surge / pull) * z * z)
 }

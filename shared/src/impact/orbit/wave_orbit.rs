@@ -3,8 +3,8 @@
 use super::events::OrbitEvent;
 use super::wave_contact::time_to_rest;
 use crate::impact::kernel::{Impact, Kernel, PartState};
-use crate::impact::tones::WaveMap;
 use crate::impact::wave::in_turn;
+use crate::impact::wave_map::WaveMap;
 
 /// The orbit of one part on a track of several tones: an iterator that ends when the part rests for
 /// ever.
@@ -16,7 +16,6 @@ pub struct WaveOrbit {
 
 impl WaveOrbit {
     /// The orbit that begins just after an impact with `start`.
-    #[must_use]
     pub fn new(map: &WaveMap, start: PartState) -> Self {
         Self {
             map: *map,
@@ -26,7 +25,6 @@ impl WaveOrbit {
 
     /// The orbit that begins at rest, phase 0; the first lift-off is where the push first rises
     /// through k.
-    #[must_use]
     pub(crate) fn from_rest(map: &WaveMap) -> Self {
         Self {
             map: *map,
@@ -35,7 +33,6 @@ impl WaveOrbit {
     }
 
     /// The state after the last event.
-    #[must_use]
     pub(crate) fn state(&self) -> PartState {
         self.part.state
     }
@@ -46,8 +43,8 @@ impl Iterator for WaveOrbit {
 
     fn next(&mut self) -> Option<OrbitEvent> {
         Some(match self.part.next(&self.map)? {
-            Next::Contact(event) => event,
-            Next::Flight(launch) => {
+            PartStep::Contact(event) => event,
+            PartStep::Flight(launch) => {
                 let impact = self.map.elastic_impact(launch);
                 self.part.land(impact, self.part.restitution)
             }
@@ -57,7 +54,7 @@ impl Iterator for WaveOrbit {
 
 /// A part on a track of several tones, between two events. Its owner computes the flights.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct WavePart {
+pub struct WavePart {
     /// Restitution for the closed form of a chatter.
     restitution: f64,
     state: PartState,
@@ -76,7 +73,7 @@ enum Stage {
 
 /// The next step of a part.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Next {
+pub enum PartStep {
     /// The part came to rest or was thrown.
     Contact(OrbitEvent),
     /// The part flies from this state; [`WavePart::land`] takes the impact.
@@ -85,7 +82,6 @@ pub(crate) enum Next {
 
 impl WavePart {
     /// A part just after an impact, in `state`.
-    #[must_use]
     pub fn new(restitution: f64, state: PartState) -> Self {
         Self {
             restitution,
@@ -95,12 +91,8 @@ impl WavePart {
     }
 
     /// A part that rests at a phase in rad.
-    #[must_use]
     pub fn at_rest(restitution: f64, phase: f64) -> Self {
-        let state = PartState {
-            phase: in_turn(phase),
-            velocity: 0.0,
-        };
+        let state = PartState::new(in_turn(phase), 0.0);
         Self {
             stage: Stage::Resting,
             ..Self::new(restitution, state)
@@ -108,13 +100,13 @@ impl WavePart {
     }
 
     /// The next step on the track of `map`; `None` at rest for ever.
-    pub fn next(&mut self, map: &WaveMap) -> Option<Next> {
+    pub fn next(&mut self, map: &WaveMap) -> Option<PartStep> {
         Some(match self.stage {
-            Stage::Resting => Next::Contact(self.lift_off(map)?),
-            Stage::Released => Next::Flight(self.state),
+            Stage::Resting => PartStep::Contact(self.lift_off(map)?),
+            Stage::Released => PartStep::Flight(self.state),
             Stage::Hopping => match time_to_rest(map.track(), self.restitution, self.state) {
-                Some(chatter) => Next::Contact(self.settle(chatter)),
-                None => Next::Flight(self.state),
+                Some(chatter) => PartStep::Contact(self.begin_rest(chatter)),
+                None => PartStep::Flight(self.state),
             },
         })
     }
@@ -123,7 +115,7 @@ impl WavePart {
     pub fn land(&mut self, mut impact: Impact<PartState>, restitution: f64) -> OrbitEvent {
         if impact.flight <= 0.0 {
             // Within rounding of a window's edge: the part rests.
-            return self.settle(0.0);
+            return self.begin_rest(0.0);
         }
         impact.next.velocity *= restitution;
         self.stage = Stage::Hopping;
@@ -131,12 +123,9 @@ impl WavePart {
         OrbitEvent::Impact(impact)
     }
 
-    fn settle(&mut self, chatter: f64) -> OrbitEvent {
+    fn begin_rest(&mut self, chatter: f64) -> OrbitEvent {
         let phase = in_turn(self.state.phase + chatter);
-        self.state = PartState {
-            phase,
-            velocity: 0.0,
-        };
+        self.state = PartState::new(phase, 0.0);
         self.stage = Stage::Resting;
         OrbitEvent::Rest { chatter, phase }
     }
@@ -147,10 +136,7 @@ impl WavePart {
         // rests. On the flat top of a very short window the difference exceeds an ulp.
         let mut late = 0.0;
         for _ in 0..40 {
-            let start = PartState {
-                phase: in_turn(phase + late),
-                velocity: 0.0,
-            };
+            let start = PartState::new(in_turn(phase + late), 0.0);
             if map.impact(start).flight > 0.0 {
                 self.state = start;
                 self.stage = Stage::Released;
@@ -177,7 +163,7 @@ mod tests {
     use crate::impact::wave::{Tone, Wave};
 
     #[test]
-    fn one_tone_has_the_events_of_the_sine() {
+    fn one_tone_orbit_matches_the_sine() {
         for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.2, 0.8), (0.7, 0.0), (1.5, 0.5)] {
             let one = Map::build(k, restitution).unwrap();
             let same = WaveMap::build(k, restitution).unwrap();
@@ -187,7 +173,7 @@ mod tests {
                 .zip(WaveOrbit::new(&same, start))
                 .take(12)
             {
-                let apart = match (a, b) {
+                let difference = match (a, b) {
                     (OrbitEvent::Impact(a), OrbitEvent::Impact(b)) => (a.flight - b.flight).abs(),
                     (OrbitEvent::Rest { phase: a, .. }, OrbitEvent::Rest { phase: b, .. })
                     | (
@@ -196,7 +182,7 @@ mod tests {
                     ) => (a - b).abs(),
                     other => panic!("{k} {restitution}: {other:?}"),
                 };
-                assert!(apart < 1e-6, "{k} {restitution}: {a:?} {b:?}");
+                assert!(difference < 1e-6, "{k} {restitution}: {a:?} {b:?}");
             }
             let ended = WaveOrbit::from_rest(&same).next().is_none();
             assert_eq!(ended, k >= 1.0);
@@ -204,13 +190,10 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_every_restitution_go_on() {
+    fn every_restitution_keeps_hopping() {
         for n in 0..200 {
             let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
-            let tone = |a: f64, b: f64| Tone {
-                amplitude: 0.5 * spread(a),
-                angle: 6.0 * spread(b),
-            };
+            let tone = |a: f64, b: f64| Tone::new(0.5 * spread(a), 6.0 * spread(b));
             let wave = Wave::build(tone(0.618, 0.414), tone(0.732, 0.236)).unwrap();
             for restitution in [0.0, 0.3, 0.9, 1.0] {
                 let k = 0.05 + 1.1 * spread(0.303) * wave.highest_throw();

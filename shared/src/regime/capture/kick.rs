@@ -78,20 +78,17 @@ impl Kick {
     }
 
     /// Settings of the kick.
-    #[must_use]
     pub fn settings(&self) -> KickSettings {
         self.settings
     }
 
     /// Duration in cycles until the command remains at the target.
-    #[must_use]
-    pub(crate) fn length(&self) -> u32 {
+    pub fn length(&self) -> u32 {
         u32::from(self.settings.hold) + u32::from(self.settings.descent)
     }
 
     /// Commanded amplitude over the target amplitude in drive cycle `cycle`, counted from 0.
-    #[must_use]
-    pub(crate) fn command(&self, cycle: u32) -> f32 {
+    pub fn command(&self, cycle: u32) -> f32 {
         let KickSettings {
             factor,
             hold,
@@ -114,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_kick_starts_at_its_factor_falls_along_its_line_and_ends_at_the_target() {
+    fn kick_falls_linearly_from_its_factor_to_the_target() {
         for (hold, descent, release) in [
             (12, 0, 1.0),
             (3, 40, 1.2),
@@ -149,44 +146,15 @@ mod tests {
             descent: 1,
             release: 1.0,
         };
-        for (settings, parameter) in [
-            (
-                KickSettings {
-                    factor: 0.9,
-                    ..good
-                },
-                "factor",
-            ),
-            (
-                KickSettings {
-                    factor: f32::NAN,
-                    ..good
-                },
-                "factor",
-            ),
-            (
-                KickSettings {
-                    hold: 10_001,
-                    ..good
-                },
-                "hold",
-            ),
-            (
-                KickSettings {
-                    descent: 10_001,
-                    ..good
-                },
-                "descent",
-            ),
-            (
-                KickSettings {
-                    release: 1.6,
-                    ..good
-                },
-                "release",
-            ),
-        ] {
-            assert_eq!(Kick::build(settings).unwrap_err().parameter, parameter);
-        }
+        let refused = |change: fn(&mut KickSettings)| {
+            let mut settings = good;
+            change(&mut settings);
+            Kick::build(settings).unwrap_err().parameter
+        };
+        assert_eq!(refused(|s| s.factor = 0.9), "factor");
+        assert_eq!(refused(|s| s.factor = f32::NAN), "factor");
+        assert_eq!(refused(|s| s.hold = 10_001), "hold");
+        assert_eq!(refused(|s| s.descent = 10_001), "descent");
+        assert_eq!(refused(|s| s.release = 1.6), "release");
     }
 }

@@ -65,14 +65,13 @@ impl DriveLag {
     }
 
     /// Highest amplitude over the target amplitude.
-    #[must_use]
     pub(crate) fn limit(&self) -> f32 {
         self.limit
     }
 }
 
 /// Distance of amplitude over target from a constant command below which it is set to the command.
-const SETTLED: f32 = 2e-3;
+const SETTLED_TOLERANCE: f32 = 2e-3;
 
 /// Amplitude of the track over the target amplitude through one kick.
 ///
@@ -90,7 +89,6 @@ pub struct KickEnvelope {
 impl KickEnvelope {
     /// Envelope of `kick` on `drive` at the start of cycle 0. The command is limited to the drive's
     /// limit.
-    #[must_use]
     pub fn new(drive: DriveLag, kick: Kick) -> Self {
         let mut envelope = Self {
             drive,
@@ -99,14 +97,14 @@ impl KickEnvelope {
             now: drive.start,
             next: drive.start,
         };
-        envelope.next = envelope.after(drive.start, 0);
+        envelope.next = envelope.next_amplitude(drive.start, 0);
         envelope
     }
 
-    fn after(&self, amplitude: f32, cycle: u32) -> f32 {
+    fn next_amplitude(&self, amplitude: f32, cycle: u32) -> f32 {
         let command = self.kick.command(cycle).min(self.drive.limit);
         let error = (amplitude - command) * self.drive.decay;
-        if error > -SETTLED && error < SETTLED {
+        if error > -SETTLED_TOLERANCE && error < SETTLED_TOLERANCE {
             command
         } else {
             command + error
@@ -120,7 +118,7 @@ impl KickEnvelope {
         while self.cycle < cycle && !self.is_settled() {
             self.cycle += 1;
             self.now = self.next;
-            self.next = self.after(self.now, self.cycle);
+            self.next = self.next_amplitude(self.now, self.cycle);
         }
         if self.is_settled() {
             return 1.0;
@@ -130,13 +128,11 @@ impl KickEnvelope {
     }
 
     /// Whether the command remains at the target from now on.
-    #[must_use]
     pub(crate) fn is_over(&self) -> bool {
         self.cycle >= self.kick.length()
     }
 
     /// Whether the kick is over and the amplitude has reached the target.
-    #[must_use]
     pub(crate) fn is_settled(&self) -> bool {
         self.is_over() && self.now == 1.0
     }
@@ -147,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_envelope_is_the_exponential_of_its_time_constant() {
+    fn envelope_is_exponential() {
         let drive = DriveLag::build(DriveLagSettings {
             time_constant: 5.0,
             start: 1.0,
@@ -166,7 +162,7 @@ mod tests {
             };
             let amplitude = f64::from(envelope.amplitude(time));
             // Error bound: the chord of the exponential over one cycle, step / (8 tau^2) = 1/200,
-            // plus SETTLED.
+            // plus SETTLED_TOLERANCE.
             assert!(
                 (amplitude - exact).abs() < 0.0051,
                 "{time} {amplitude} {exact}"
@@ -176,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_without_lag_follows_at_the_next_cycle_and_holds_its_limit() {
+    fn drive_without_lag_follows_at_the_next_cycle() {
         let drive = DriveLag::build(DriveLagSettings {
             time_constant: 0.0,
             start: 0.0,
@@ -193,30 +189,13 @@ mod tests {
 
     #[test]
     fn refusals_name_the_parameter() {
-        for (settings, parameter) in [
-            (
-                DriveLagSettings {
-                    time_constant: -1.0,
-                    ..DriveLagSettings::DEFAULT
-                },
-                "time_constant",
-            ),
-            (
-                DriveLagSettings {
-                    start: 1.1,
-                    ..DriveLagSettings::DEFAULT
-                },
-                "start",
-            ),
-            (
-                DriveLagSettings {
-                    limit: f64::NAN,
-                    ..DriveLagSettings::DEFAULT
-                },
-                "limit",
-            ),
-        ] {
-            assert_eq!(DriveLag::build(settings).unwrap_err().parameter, parameter);
-        }
+        let refused = |change: fn(&mut DriveLagSettings)| {
+            let mut settings = DriveLagSettings::DEFAULT;
+            change(&mut settings);
+            DriveLag::build(settings).unwrap_err().parameter
+        };
+        assert_eq!(refused(|s| s.time_constant = -1.0), "time_constant");
+        assert_eq!(refused(|s| s.start = 1.1), "start");
+        assert_eq!(refused(|s| s.limit = f64::NAN), "limit");
     }
 }

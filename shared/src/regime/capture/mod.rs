@@ -5,16 +5,13 @@
 //! R = 0.26 (docs/theory-capture.md#t7.2). A kick is chosen by simulating parts of the whole lot
 //! with the impact map. Desk and board use the same code.
 
-mod follow;
 mod kick;
 mod lag;
 mod plan;
+mod trial;
 
-#[cfg(feature = "unstable")]
-pub use follow::{Follow, Outcome, Trial};
-#[cfg(not(feature = "unstable"))]
-use follow::{Follow, Outcome, Trial};
 pub use kick::{Kick, KickSettings};
 pub(crate) use lag::KickEnvelope;
 pub use lag::{DriveLag, DriveLagSettings};
-pub use plan::{Lot, Plan, PlanSettings, Planner, Scored};
+pub use plan::{Lot, Plan, PlanSettings, Planner, ScoredKick};
+pub use trial::{Outcome, Trial, TrialRun};

@@ -8,7 +8,7 @@ use core::task::Poll;
 
 use heapless::Vec;
 
-use super::{DriveLag, Follow, Kick, KickSettings, Outcome, Trial};
+use super::{DriveLag, Kick, KickSettings, Outcome, Trial, TrialRun};
 use crate::feeder::{OutOfRange, Restitution, accept};
 use crate::impact::Kernel;
 use crate::regime::band;
@@ -29,8 +29,6 @@ pub struct Lot {
 impl Lot {
     /// Part number `index` of the lot. The four corners of restitution and amplitude error come
     /// first, then Roberts' R2 low-discrepancy sequence.
-    #[cfg_attr(not(feature = "unstable"), doc(hidden))]
-    #[must_use]
     pub fn part(&self, index: u32) -> Trial {
         let (a, b) = match index {
             0 => (0.0, 1.0),
@@ -64,21 +62,21 @@ pub struct PlanSettings {
     /// Time constant of the drive in cycles; it scales the holds of the candidates.
     pub time_constant: f64,
     /// Work in impacts after which the search ends with the best kick so far. A set-up of the map
-    /// counts as [`SET_UP`] impacts.
+    /// counts as [`SET_UP_COST`] impacts.
     pub effort: u32,
 }
 
 impl PlanSettings {
     /// Default work in impacts. It takes 20 million instructions on a Cortex-M4F, 495 an impact.
-    pub const EFFORT: u32 = 40_000;
+    pub const DEFAULT_EFFORT: u32 = 40_000;
 }
 
 /// Cost of a set-up of the map, in impacts: an arcsine, a square root and a division in integers.
-pub const SET_UP: u32 = 3;
+pub const SET_UP_COST: u32 = 3;
 
 /// A kick and its count of captures.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Scored {
+pub struct ScoredKick {
     /// The kick.
     pub kick: Kick,
     /// Number of parts tried.
@@ -87,9 +85,8 @@ pub struct Scored {
     pub locked: u32,
 }
 
-impl Scored {
+impl ScoredKick {
     /// Share of the tried parts that it captured, 0..=1.
-    #[must_use]
     pub fn share(&self) -> f64 {
         f64::from(self.locked) / f64::from(self.tried.max(1))
     }
@@ -102,12 +99,12 @@ impl Scored {
 }
 
 /// Number of kicks kept for later attempts.
-const KEPT: usize = 4;
+const KEPT_KICKS: usize = 4;
 
 /// Result of a search: the kept kicks, best first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    ranked: Vec<Scored, KEPT>,
+    ranked: Vec<ScoredKick, KEPT_KICKS>,
     /// Number of impacts computed, waits of resting parts included.
     pub impacts: u32,
     /// Number of set-ups of the map for another amplitude or part.
@@ -118,7 +115,7 @@ pub struct Plan {
 
 impl Plan {
     /// Sorts the kept kicks by expected share, largest first.
-    fn sort(&mut self) {
+    fn sort_by_share(&mut self) {
         // Bubble sort: stable and without allocation.
         for end in (1..self.ranked.len()).rev() {
             for rank in 0..end {
@@ -132,27 +129,24 @@ impl Plan {
     }
 
     /// Cost of the search, in impacts.
-    #[must_use]
     pub fn effort(&self) -> u32 {
-        self.impacts + SET_UP * self.set_ups
+        self.impacts + SET_UP_COST * self.set_ups
     }
 
     /// The best kick; `None` if no kick captured a part.
-    #[must_use]
-    pub fn best(&self) -> Option<Scored> {
+    pub fn best(&self) -> Option<ScoredKick> {
         self.ranked.first().copied()
     }
 
     /// Kick for attempt number `attempt`, counted from 0. Attempts cycle through the kept kicks;
     /// each further cycle holds the kick one drive cycle longer, so no attempt repeats.
-    #[must_use]
     pub fn attempt(&self, attempt: u32) -> Option<Kick> {
-        let known = self.ranked.len() as u32;
-        let turn = attempt.checked_rem(known)?;
+        let kept = self.ranked.len() as u32;
+        let turn = attempt.checked_rem(kept)?;
         let mut settings = self.ranked.get(turn as usize)?.kick.settings();
         settings.hold = settings
             .hold
-            .saturating_add((attempt / known).min(1000) as u16)
+            .saturating_add((attempt / kept).min(1000) as u16)
             .min(10_000);
         Kick::build(settings).ok()
     }
@@ -179,7 +173,7 @@ impl Plan {
 ///     },
 ///     drive: DriveLag::build(DriveLagSettings::DEFAULT)?,
 ///     time_constant: 5.0,
-///     effort: PlanSettings::EFFORT,
+///     effort: PlanSettings::DEFAULT_EFFORT,
 /// })?;
 /// let plan = loop {
 ///     if let Poll::Ready(plan) = planner.advance(1000) {
@@ -194,7 +188,7 @@ pub struct Planner<K: Kernel> {
     settings: PlanSettings,
     flip: f64,
     candidate: u16,
-    running: Option<(Scored, Option<Follow<K>>)>,
+    running: Option<(ScoredKick, Option<TrialRun<K>>)>,
     /// Rank of the kept kick that is recounted next; `None` during the search.
     recounted: Option<usize>,
     plan: Plan,
@@ -202,35 +196,35 @@ pub struct Planner<K: Kernel> {
 }
 
 /// Number of parts of the screen of a kick.
-const SCREENED: u32 = 16;
+const SCREENED_PARTS: u32 = 16;
 
 /// Largest number of misses in the screen while fewer than four kicks are kept.
-const ALLOWED: u32 = 3;
+const MAX_SCREEN_MISSES: u32 = 3;
 
 /// Number of parts on which a kick that passed the screen is confirmed.
-const CONFIRMED: u32 = 48;
+const CONFIRMED_PARTS: u32 = 48;
 
 /// Share of the work spent on the search, in fifths; the rest is for the recount.
-const SEARCH_FIFTHS: u32 = 3;
+const SEARCH_EFFORT_FIFTHS: u32 = 3;
 
 /// Largest number of parts of the recount of a kick.
-const RECOUNTED: u32 = 96;
+const RECOUNTED_PARTS: u32 = 96;
 
 /// Result of one impact of a trial.
-enum Tried {
+enum TrialProgress {
     Flying,
-    Ended(Scored),
+    StopReason(ScoredKick),
     Refused,
 }
 
 /// Number of impacts after which a trial counts as missed; it bounds the work of one trial.
-const MOST_IMPACTS: u32 = 6_000;
+const MAX_TRIAL_IMPACTS: u32 = 6_000;
 
 /// Commanded k of the rectangular kicks over the lot's highest flip.
-const DEPTHS: [f64; 8] = [0.93, 0.88, 0.82, 0.75, 0.65, 0.55, 0.45, 0.35];
+const KICK_DEPTHS: [f64; 8] = [0.93, 0.88, 0.82, 0.75, 0.65, 0.55, 0.45, 0.35];
 
 /// Holds of the rectangular kicks, in time constants of the drive.
-const HOLDS: [f64; 3] = [2.5, 4.0, 6.5];
+const KICK_HOLDS: [f64; 3] = [2.5, 4.0, 6.5];
 
 /// Descents of the rectangular kicks, in cycles.
 const SHORT_DESCENTS: [u16; 2] = [0, 30];
@@ -241,10 +235,10 @@ const SLOW_DESCENTS: [u16; 4] = [60, 120, 240, 400];
 /// Upper bound of restitution at which slow descents come first, in order 1. Below, rectangular
 /// kicks are more reliable and shorter; above, neither is reliable and shorter kicks allow more
 /// attempts.
-const LIVELY: core::ops::Range<f64> = 0.35..0.58;
+const SLOW_DESCENT_RESTITUTIONS: core::ops::Range<f64> = 0.35..0.58;
 
 /// Commanded k at the start and end of a slow descent, over the lot's highest flip.
-const SLOW_SPANS: [(f64, f64); 4] = [(0.82, 1.0), (0.80, 0.90), (0.82, 0.88), (0.70, 0.90)];
+const SLOW_DESCENT_SPANS: [(f64, f64); 4] = [(0.82, 1.0), (0.80, 0.90), (0.82, 0.88), (0.70, 0.90)];
 
 impl<K: Kernel> Planner<K> {
     /// Begins a search; an error names the parameter out of range.
@@ -284,31 +278,31 @@ impl<K: Kernel> Planner<K> {
         let hold = |constants: f64| {
             libm::round(constants * self.settings.time_constant + 2.0).min(10_000.0) as u16
         };
-        let rectangles = DEPTHS.len() * HOLDS.len() * SHORT_DESCENTS.len();
-        let slow = SLOW_SPANS.len() * SLOW_DESCENTS.len();
+        let rectangles = KICK_DEPTHS.len() * KICK_HOLDS.len() * SHORT_DESCENTS.len();
+        let slow = SLOW_DESCENT_SPANS.len() * SLOW_DESCENTS.len();
         if index >= rectangles + slow {
             return Err(());
         }
         let lot = self.settings.lot;
-        if lot.order == 1 && LIVELY.contains(&lot.restitution.high()) {
+        if lot.order == 1 && SLOW_DESCENT_RESTITUTIONS.contains(&lot.restitution.high()) {
             index = (index + rectangles) % (rectangles + slow);
         }
         let settings = if index < rectangles {
-            let depth = DEPTHS[index % DEPTHS.len()];
-            index /= DEPTHS.len();
+            let depth = KICK_DEPTHS[index % KICK_DEPTHS.len()];
+            index /= KICK_DEPTHS.len();
             KickSettings {
                 factor: factor(depth),
-                hold: hold(HOLDS[index % HOLDS.len()]),
-                descent: SHORT_DESCENTS[index / HOLDS.len()],
+                hold: hold(KICK_HOLDS[index % KICK_HOLDS.len()]),
+                descent: SHORT_DESCENTS[index / KICK_HOLDS.len()],
                 release: 1.0,
             }
         } else {
             index -= rectangles;
-            let (from, to) = SLOW_SPANS[index % SLOW_SPANS.len()];
+            let (from, to) = SLOW_DESCENT_SPANS[index % SLOW_DESCENT_SPANS.len()];
             KickSettings {
                 factor: factor(from),
                 hold: hold(4.0),
-                descent: SLOW_DESCENTS[index / SLOW_SPANS.len()],
+                descent: SLOW_DESCENTS[index / SLOW_DESCENT_SPANS.len()],
                 release: factor(to).max(1.0),
             }
         };
@@ -322,9 +316,9 @@ impl<K: Kernel> Planner<K> {
     /// Computes at most `slice` further impacts and returns the plan at the end of the search.
     pub fn advance(&mut self, slice: u32) -> Poll<Plan> {
         for _ in 0..slice {
-            if self.done || !self.step() {
+            if self.done || !self.advance_one_impact() {
                 if !self.done {
-                    self.plan.sort();
+                    self.plan.sort_by_share();
                     self.done = true;
                 }
                 return Poll::Ready(self.plan.clone());
@@ -334,13 +328,13 @@ impl<K: Kernel> Planner<K> {
     }
 
     /// Computes one impact; returns `false` at the end of the search.
-    fn step(&mut self) -> bool {
+    fn advance_one_impact(&mut self) -> bool {
         let effort = self.plan.effort();
         if effort >= self.settings.effort {
             return false;
         }
-        if self.recounted.is_none() && effort >= self.settings.effort / 5 * SEARCH_FIFTHS {
-            self.recount();
+        if self.recounted.is_none() && effort >= self.settings.effort / 5 * SEARCH_EFFORT_FIFTHS {
+            self.begin_recount();
         }
         match self.recounted {
             Some(rank) => self.step_recount(rank),
@@ -349,49 +343,49 @@ impl<K: Kernel> Planner<K> {
     }
 
     /// Ends the search and begins the recount, which removes the selection bias of the kept kicks.
-    fn recount(&mut self) {
+    fn begin_recount(&mut self) {
         self.running = None;
         self.recounted = Some(0);
     }
 
-    /// Computes one impact of the recount; returns `false` once each kept kick has [`RECOUNTED`]
-    /// trials.
+    /// Computes one impact of the recount; returns `false` once each kept kick has
+    /// [`RECOUNTED_PARTS`] trials.
     fn step_recount(&mut self, rank: usize) -> bool {
         let open = |rank: usize| {
             let kept = self.plan.ranked.get(rank).copied();
-            kept.filter(|scored| scored.tried < RECOUNTED)
+            kept.filter(|scored| scored.tried < RECOUNTED_PARTS)
         };
         let Some(scored) = open(rank) else {
-            let next = (1..=KEPT)
-                .map(|ahead| (rank + ahead) % KEPT)
+            let next = (1..=KEPT_KICKS)
+                .map(|ahead| (rank + ahead) % KEPT_KICKS)
                 .find(|rank| open(*rank).is_some());
             self.recounted = next.or(self.recounted);
             return next.is_some();
         };
         match self.try_part(scored) {
-            Tried::Flying => true,
-            Tried::Refused => false,
-            Tried::Ended(scored) => {
+            TrialProgress::Flying => true,
+            TrialProgress::Refused => false,
+            TrialProgress::StopReason(scored) => {
                 if let Some(kept) = self.plan.ranked.get_mut(rank) {
                     *kept = scored;
                 }
-                self.recounted = Some((rank + 1) % KEPT);
+                self.recounted = Some((rank + 1) % KEPT_KICKS);
                 true
             }
         }
     }
 
     /// Computes one impact of the search; returns `false` once a kick captured each of
-    /// [`CONFIRMED`] parts.
+    /// [`CONFIRMED_PARTS`] parts.
     fn step_search(&mut self) -> bool {
         let Some(scored) = self.running.as_ref().map(|(scored, _)| *scored) else {
             match self.candidate(self.candidate) {
-                Err(()) => self.recount(),
+                Err(()) => self.begin_recount(),
                 Ok(kick) => {
                     self.candidate += 1;
                     if let Some(kick) = kick {
                         self.plan.kicks += 1;
-                        let scored = Scored {
+                        let scored = ScoredKick {
                             kick,
                             tried: 0,
                             locked: 0,
@@ -403,73 +397,77 @@ impl<K: Kernel> Planner<K> {
             return true;
         };
         let scored = match self.try_part(scored) {
-            Tried::Flying => return true,
-            Tried::Refused => return false,
-            Tried::Ended(scored) => scored,
+            TrialProgress::Flying => return true,
+            TrialProgress::Refused => return false,
+            TrialProgress::StopReason(scored) => scored,
         };
         let missed = scored.tried - scored.locked;
-        let enough = if missed > 1 { SCREENED } else { CONFIRMED };
+        let enough = if missed > 1 {
+            SCREENED_PARTS
+        } else {
+            CONFIRMED_PARTS
+        };
         // Bound: even with no further miss in the screen this kick would not be kept.
-        let hopeless = match self.plan.ranked.get(KEPT - 1) {
-            None => missed > ALLOWED,
+        let hopeless = match self.plan.ranked.get(KEPT_KICKS - 1) {
+            None => missed > MAX_SCREEN_MISSES,
             Some(last) => {
-                let best = Scored {
-                    locked: SCREENED.saturating_sub(missed),
-                    tried: SCREENED,
+                let best = ScoredKick {
+                    locked: SCREENED_PARTS.saturating_sub(missed),
+                    tried: SCREENED_PARTS,
                     ..scored
                 };
-                scored.tried <= SCREENED && best.expected() <= last.expected()
+                scored.tried <= SCREENED_PARTS && best.expected() <= last.expected()
             }
         };
         if scored.tried < enough && !hopeless {
             self.running = Some((scored, None));
             return true;
         }
-        self.keep(scored);
-        missed > 0 || scored.tried < CONFIRMED
+        self.insert_by_rank(scored);
+        missed > 0 || scored.tried < CONFIRMED_PARTS
     }
 
     /// Computes one impact of the next part of `scored`.
-    fn try_part(&mut self, mut scored: Scored) -> Tried {
+    fn try_part(&mut self, mut scored: ScoredKick) -> TrialProgress {
         let lot = &self.settings.lot;
         let drive = self.settings.drive;
-        let (_, follow) = self.running.get_or_insert((scored, None));
-        if follow.is_none() {
-            match Follow::new(lot.part(scored.tried), drive, scored.kick) {
+        let (_, trial_run) = self.running.get_or_insert((scored, None));
+        if trial_run.is_none() {
+            match TrialRun::new(lot.part(scored.tried), drive, scored.kick) {
                 Ok(begun) => {
                     self.plan.set_ups += begun.set_ups();
-                    *follow = Some(begun);
+                    *trial_run = Some(begun);
                 }
-                Err(_) => return Tried::Refused,
+                Err(_) => return TrialProgress::Refused,
             }
         }
-        let Some(follow) = follow else {
-            return Tried::Refused;
+        let Some(trial_run) = trial_run else {
+            return TrialProgress::Refused;
         };
-        let set_ups = follow.set_ups();
-        let outcome = follow
-            .step()
-            .or((follow.steps() >= MOST_IMPACTS).then_some(Outcome::Missed));
+        let set_ups = trial_run.set_ups();
+        let outcome = trial_run
+            .simulate_impact()
+            .or((trial_run.steps() >= MAX_TRIAL_IMPACTS).then_some(Outcome::Missed));
         self.plan.impacts += 1;
-        self.plan.set_ups += follow.set_ups() - set_ups;
+        self.plan.set_ups += trial_run.set_ups() - set_ups;
         let Some(outcome) = outcome else {
-            return Tried::Flying;
+            return TrialProgress::Flying;
         };
         self.running = None;
         scored.tried += 1;
         scored.locked += u32::from(outcome == Outcome::Locked);
-        Tried::Ended(scored)
+        TrialProgress::StopReason(scored)
     }
 
     /// Inserts a kick by rank; at equal rank the earlier, shorter one stays ahead.
-    fn keep(&mut self, scored: Scored) {
+    fn insert_by_rank(&mut self, scored: ScoredKick) {
         if scored.locked == 0 {
             return;
         }
         let mut next = scored;
-        for held in &mut self.plan.ranked {
-            if next.expected() > held.expected() {
-                core::mem::swap(held, &mut next);
+        for kept in &mut self.plan.ranked {
+            if next.expected() > kept.expected() {
+                core::mem::swap(kept, &mut next);
             }
         }
         // The lowest-ranked kick is dropped when the list is full.
@@ -495,7 +493,7 @@ mod tests {
             },
             drive: drive(time_constant, 0.0),
             time_constant,
-            effort: PlanSettings::EFFORT,
+            effort: PlanSettings::DEFAULT_EFFORT,
         }
     }
 
@@ -519,9 +517,9 @@ mod tests {
     }
 
     fn captured(part: Trial, drive: DriveLag, kick: Kick) -> bool {
-        let mut follow = Follow::<Hybrid>::new(part, drive, kick).unwrap();
-        for _ in 0..MOST_IMPACTS {
-            if let Some(outcome) = follow.step() {
+        let mut trial_run = TrialRun::<Hybrid>::new(part, drive, kick).unwrap();
+        for _ in 0..MAX_TRIAL_IMPACTS {
+            if let Some(outcome) = trial_run.simulate_impact() {
                 return outcome == Outcome::Locked;
             }
         }
@@ -531,24 +529,24 @@ mod tests {
     /// Share of `runs` parts captured within `attempts` kicks, on parts other than those of the
     /// plan.
     fn rate(settings: PlanSettings, plan: &Plan, runs: u32, attempts: u32) -> f64 {
-        let mut held = 0;
+        let mut captured_runs = 0;
         for run in 0..runs {
             let part = settings.lot.part(1000 + run);
-            held += u32::from((0..attempts).any(|attempt| {
+            captured_runs += u32::from((0..attempts).any(|attempt| {
                 let start = if attempt == 0 { 0.0 } else { 1.0 };
                 let drive = drive(settings.time_constant, start);
                 plan.attempt(attempt)
                     .is_some_and(|kick| captured(part, drive, kick))
             }));
         }
-        f64::from(held) / f64::from(runs)
+        f64::from(captured_runs) / f64::from(runs)
     }
 
     #[test]
-    fn planned_kicks_capture_where_the_band_alone_does_not() {
+    fn planned_kicks_reach_the_capture_goals() {
         // The controller's goals are 0.99, 0.99, 0.97 and 0.90; 1000 runs with 6 attempts gave
         // 1.000, 1.000, 1.000, 0.991. At 0.9 the standard error of 100 runs is 0.03.
-        for (low, high, time_constant, least) in [
+        for (low, high, time_constant, min_rate) in [
             (0.18, 0.22, 5.0, 0.99),
             (0.28, 0.32, 5.0, 0.99),
             (0.38, 0.42, 8.0, 0.97),
@@ -557,9 +555,9 @@ mod tests {
             let settings = settings(low, high, time_constant);
             let plan = plan(settings);
             // The last step may add up to three set-ups.
-            assert!(plan.effort() <= settings.effort + 3 * SET_UP);
+            assert!(plan.effort() <= settings.effort + 3 * SET_UP_COST);
             let captured = rate(settings, &plan, 100, 6);
-            assert!(captured >= least, "{low}..{high}: {captured}");
+            assert!(captured >= min_rate, "{low}..{high}: {captured}");
             if low > 0.26 {
                 let alone = (0..100)
                     .filter(|&run| {
@@ -572,7 +570,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_made_in_slices_is_the_plan_made_at_once() {
+    fn slices_do_not_change_the_plan() {
         let settings = settings(0.28, 0.32, 5.0);
         let at_once = plan(settings);
         for slice in [1, 7] {
@@ -590,7 +588,7 @@ mod tests {
     }
 
     #[test]
-    fn its_memory_is_in_itself_and_small() {
+    fn planner_memory_is_at_most_1_kib() {
         assert!(
             size_of::<Planner<Hybrid>>() <= 1024,
             "{}",
@@ -599,7 +597,7 @@ mod tests {
     }
 
     #[test]
-    fn the_limit_of_the_drive_is_kept_and_no_kick_is_an_answer() {
+    fn plan_is_empty_where_the_drive_limit_is_too_low() {
         let mut weak = settings(0.28, 0.32, 5.0);
         weak.drive = DriveLag::build(DriveLagSettings {
             limit: 1.1,

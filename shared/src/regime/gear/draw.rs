@@ -5,9 +5,6 @@
 
 use crate::arithmetic::gauss;
 
-/// Largest restitution drawn, one rounding step below 1.
-const HIGHEST: f32 = 1.0 - f32::EPSILON;
-
 /// Seeded stream of restitutions: Gaussian, clipped to [0, 1), as
 /// [`Scatter`](crate::impact::Scatter) in f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,7 +22,7 @@ impl Draw {
             mean,
             deviation,
             // Mixing separates the streams of neighbouring seeds.
-            state: mixed(seed.wrapping_mul(0x9E37_79B9) ^ 0x5851_F42D),
+            state: mix_bits(seed.wrapping_mul(0x9E37_79B9) ^ 0x5851_F42D),
         }
     }
 
@@ -40,26 +37,26 @@ impl Draw {
         if self.deviation == 0.0 {
             return self.mean;
         }
-        (self.mean + self.deviation * gauss(|| self.uniform())).clamp(0.0, HIGHEST)
+        (self.mean + self.deviation * gauss(|| self.next_uniform())).clamp(0.0, 1.0 - f32::EPSILON)
     }
 
     #[inline]
-    fn bits(&mut self) -> u32 {
+    fn next_bits(&mut self) -> u32 {
         self.state = self.state.wrapping_add(0x9E37_79B9);
-        mixed(self.state)
+        mix_bits(self.state)
     }
 
     /// Uniform in 0..1 without 0, in steps of 2^-24.
     #[inline]
-    fn uniform(&mut self) -> f32 {
-        ((self.bits() >> 8) as f32 + 0.5) * (1.0 / 16_777_216.0)
+    fn next_uniform(&mut self) -> f32 {
+        ((self.next_bits() >> 8) as f32 + 0.5) * (1.0 / 16_777_216.0)
     }
 }
 
 /// Mixing function: a bijection of 32 bits in which each input bit affects each output bit (C.
 /// Wellons, hash-prospector, bias 0.17).
 #[inline]
-fn mixed(mut z: u32) -> u32 {
+fn mix_bits(mut z: u32) -> u32 {
     z = (z ^ (z >> 16)).wrapping_mul(0x21f0_aaad);
     z = (z ^ (z >> 15)).wrapping_mul(0x735a_2d97);
     z ^ (z >> 15)
@@ -70,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_gaussian_and_clipped() {
+    fn draws_are_gaussian_and_clipped() {
         const COUNT: u32 = 400_000;
         let mut draw = Draw::new(0.5, 0.1, 1);
         let mut moments = [0.0; 4];
@@ -112,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbouring_seeds_share_nothing() {
+    fn neighbouring_seeds_are_uncorrelated() {
         let draws = |seed| {
             let mut draw = Draw::new(0.3, 0.05, seed);
             core::array::from_fn::<f64, 1000, _>(|_| f64::from(draw.draw()) - 0.3)

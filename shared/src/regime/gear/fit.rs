@@ -8,7 +8,7 @@
 /// Number of coefficients: a quadratic in three coordinates, the cube of the first, and a quadratic
 /// of the part's restitution within the lot.
 const TERMS: usize = 13;
-const TRIANGLE: usize = TERMS * (TERMS + 1) / 2;
+const TRIANGLE_ENTRIES: usize = TERMS * (TERMS + 1) / 2;
 
 /// Rows of a packed lower triangle; each ends on the diagonal.
 fn rows(triangle: &[f32]) -> impl Iterator<Item = &[f32]> {
@@ -21,7 +21,7 @@ fn rows(triangle: &[f32]) -> impl Iterator<Item = &[f32]> {
 }
 
 /// Solves `L x = b` by forward substitution, in place.
-fn solve_down(triangle: &[f32], right: &mut [f32]) {
+fn forward_substitute(triangle: &[f32], right: &mut [f32]) {
     for (n, row) in rows(triangle).enumerate() {
         let (Some((before, [value, ..])), Some((diagonal, row))) =
             (right.split_at_mut_checked(n), row.split_last())
@@ -36,7 +36,7 @@ fn solve_down(triangle: &[f32], right: &mut [f32]) {
 }
 
 /// Solves `L^T x = b` by back substitution, in place.
-fn solve_up(triangle: &[f32], right: &mut [f32; TERMS]) {
+fn back_substitute(triangle: &[f32], right: &mut [f32; TERMS]) {
     for n in (0..TERMS).rev() {
         // Row n is the first with column n, on the diagonal.
         let mut column = rows(triangle).filter_map(|row| row.get(n));
@@ -60,21 +60,21 @@ fn solve_up(triangle: &[f32], right: &mut [f32; TERMS]) {
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
     /// Packed lower triangle of the normal equations, and their right side.
-    normal: [f32; TRIANGLE],
+    normal: [f32; TRIANGLE_ENTRIES],
     right: [f32; TERMS],
 }
 
 impl Fit {
     /// No run yet.
     pub const EMPTY: Self = Self {
-        normal: [0.0; TRIANGLE],
+        normal: [0.0; TRIANGLE_ENTRIES],
         right: [0.0; TERMS],
     };
 
-    /// Adds a run: its place, its part's normalized restitution in the lot (-1..1, `None` for a
+    /// Adds a run: its point, its part's normalized restitution in the lot (-1..1, `None` for a
     /// single restitution), its share.
-    pub fn take(&mut self, place: [f32; 3], lot: Option<f32>, share: f32) {
-        let terms = terms(place, lot);
+    pub fn add_run(&mut self, point: [f32; 3], lot: Option<f32>, share: f32) {
+        let terms = terms(point, lot);
         let mut sums = self.normal.iter_mut();
         for (n, (term, right)) in terms.iter().zip(&mut self.right).enumerate() {
             // The terms come first in the zip, so that its end consumes no sum of the next row.
@@ -100,7 +100,7 @@ impl Fit {
             else {
                 break;
             };
-            solve_down(above, row);
+            forward_substitute(above, row);
             *diagonal += if n == 0 { 1e-3 } else { RIDGE };
             for factor in &*row {
                 *diagonal -= factor * factor;
@@ -108,10 +108,10 @@ impl Fit {
             *diagonal = libm::sqrtf(diagonal.max(1e-6));
             begin += n + 1;
         }
-        let mut shape = self.right;
-        solve_down(&factor, &mut shape);
-        solve_up(&factor, &mut shape);
-        FittedShare(shape)
+        let mut coefficients = self.right;
+        forward_substitute(&factor, &mut coefficients);
+        back_substitute(&factor, &mut coefficients);
+        FittedShare(coefficients)
     }
 }
 
@@ -120,26 +120,27 @@ impl Fit {
 pub struct FittedShare([f32; TERMS]);
 
 impl FittedShare {
-    /// Mean share at a place whose first coordinate has an error uniform within +-`error`.
-    pub fn at(&self, place: [f32; 3], error: f32) -> f32 {
+    /// Mean share at a point whose first coordinate has an error uniform within +-`error`.
+    pub fn mean_share(&self, point: [f32; 3], error: f32) -> f32 {
         // With a uniform error d, the mean of (x + d)^2 is x^2 + error^2/3, of (x + d)^3 it is x^3
         // + x error^2.
         let spread = error * error / 3.0;
-        let terms = terms(place, None);
-        let Self(shape) = self;
-        let mut sum = shape[SQUARE] * spread + shape[CUBE] * 3.0 * place[0] * spread;
-        for (factor, term) in shape.iter().zip(&terms).take(PLACES) {
+        let terms = terms(point, None);
+        let Self(coefficients) = self;
+        let mut sum =
+            coefficients[SQUARE_TERM] * spread + coefficients[CUBE_TERM] * 3.0 * point[0] * spread;
+        for (factor, term) in coefficients.iter().zip(&terms).take(POINT_TERMS) {
             sum += factor * term;
         }
         sum
     }
 }
 
-/// Number of terms of the place, which precede those of the lot; indices of the first coordinate's
+/// Number of terms of the point, which precede those of the lot; indices of the first coordinate's
 /// square and cube.
-const PLACES: usize = 11;
-const SQUARE: usize = 4;
-const CUBE: usize = 10;
+const POINT_TERMS: usize = 11;
+const SQUARE_TERM: usize = 4;
+const CUBE_TERM: usize = 10;
 
 fn terms([x, y, z]: [f32; 3], lot: Option<f32>) -> [f32; TERMS] {
     let [first, second] = lot.map_or([0.0; 2], |lot| [lot, lot * lot - 1.0 / 3.0]);
@@ -169,11 +170,11 @@ mod tests {
         let mut fit = Fit::EMPTY;
         for n in 0..runs {
             let part = |step: u32| 2.0 * (n.wrapping_mul(step) >> 8) as f32 / 16_777_216.0 - 1.0;
-            let place = [part(0xD1B5_4A33), part(0xABC9_8388), part(0x8CB9_2BA7)];
+            let point = [part(0xD1B5_4A33), part(0xABC9_8388), part(0x8CB9_2BA7)];
             let lot = lots.then(|| part(0x9E37_79B9));
             let of_lot = lot.map_or(0.0, |lot| 0.3 * lot - 0.2 * (lot * lot - 1.0 / 3.0));
-            let share = truth(place) + of_lot;
-            fit.take(place, lot, share + noise * part(0x6A09_E667));
+            let share = truth(point) + of_lot;
+            fit.add_run(point, lot, share + noise * part(0x6A09_E667));
         }
         fit.solve()
     }
@@ -184,32 +185,35 @@ mod tests {
     }
 
     #[test]
-    fn what_is_smooth_is_found_and_the_lot_does_not_matter() {
+    fn smooth_share_is_recovered_for_any_lot() {
         for lots in [false, true] {
-            let shape = fitted(400, 0.0, lots);
-            for place in [[0.0; 3], [0.3, -0.1, 0.0], [-0.8, 0.7, 0.9]] {
-                let error = shape.at(place, 0.0) - truth(place);
-                assert!(error.abs() < 3e-3, "{lots} {place:?} {error}");
+            let coefficients = fitted(400, 0.0, lots);
+            for point in [[0.0; 3], [0.3, -0.1, 0.0], [-0.8, 0.7, 0.9]] {
+                let error = coefficients.mean_share(point, 0.0) - truth(point);
+                assert!(error.abs() < 3e-3, "{lots} {point:?} {error}");
             }
         }
         // Noise of 0.17 RMS in 400 runs leaves a standard error of 0.17 sqrt(13/400) = 0.03. The
         // bound is four of them.
-        let error = fitted(400, 0.3, true).at([0.3, 0.0, 0.0], 0.0) - truth([0.3, 0.0, 0.0]);
+        let error =
+            fitted(400, 0.3, true).mean_share([0.3, 0.0, 0.0], 0.0) - truth([0.3, 0.0, 0.0]);
         assert!(error.abs() < 0.12, "{error}");
     }
 
     #[test]
-    fn an_error_of_the_first_coordinate_takes_the_mean_over_it() {
-        let shape = fitted(400, 0.0, false);
+    fn coordinate_error_averages_the_share() {
+        let coefficients = fitted(400, 0.0, false);
         let mean = (0..2001)
-            .map(|n| shape.at([0.2 + 0.4 * (n - 1000) as f32 / 1000.0, 0.1, 0.0], 0.0))
+            .map(|n| {
+                coefficients.mean_share([0.2 + 0.4 * (n - 1000) as f32 / 1000.0, 0.1, 0.0], 0.0)
+            })
             .sum::<f32>()
             / 2001.0;
-        assert!((shape.at([0.2, 0.1, 0.0], 0.4) - mean).abs() < 1e-4);
+        assert!((coefficients.mean_share([0.2, 0.1, 0.0], 0.4) - mean).abs() < 1e-4);
     }
 
     #[test]
-    fn of_no_run_it_is_finite() {
-        assert!(Fit::EMPTY.solve().at([1.0; 3], 1.0).is_finite());
+    fn fit_without_runs_is_finite() {
+        assert!(Fit::EMPTY.solve().mean_share([1.0; 3], 1.0).is_finite());
     }
 }

@@ -1,7 +1,7 @@
 //! Limits of a drive on k when the track moves with several tones
 //! (docs/theory-real-parts.md#t10.3).
 
-use super::rider::Tones;
+use super::part::Tones;
 use crate::arithmetic::{Phase, sine_cosine_single};
 
 /// Lowest k at each limit of the drive with one tone, and output per upper tone.
@@ -19,7 +19,6 @@ pub struct GearLimits {
 
 impl GearLimits {
     /// A drive without limits.
-    #[cfg(test)]
     pub const NONE: Self = Self {
         displacement: 0.0,
         acceleration: 0.0,
@@ -28,14 +27,12 @@ impl GearLimits {
     };
 
     /// Whether all limits hold with these tones at this k.
-    #[must_use]
-    pub fn afford(&self, k: f32, tones: Tones) -> bool {
-        k >= self.least(tones)
+    pub fn allow(&self, k: f32, tones: Tones) -> bool {
+        k >= self.min_k(tones)
     }
 
     /// Lowest k at which all limits hold with these tones.
-    #[must_use]
-    pub fn least(&self, tones: Tones) -> f32 {
+    pub fn min_k(&self, tones: Tones) -> f32 {
         let [displacement, acceleration] = peaks(tones);
         let [second, third] = self.overtones;
         let [[of_second, _], [of_third, _]] = tones;
@@ -47,14 +44,13 @@ impl GearLimits {
 
 /// Upper bounds of displacement over b and acceleration over b w^2: max |S| and max |S''|. They are
 /// the largest of 64 samples plus the largest remainder between samples.
-#[must_use]
 pub fn peaks(tones: Tones) -> [f32; 2] {
-    const PLACES: u32 = 64;
+    const SAMPLES: u32 = 64;
     let [[ratio, angle], [third, _]] = tones;
     let [_, of_third] = tones.map(|[_, angle]| Phase::from_radians(f64::from(angle)));
     let angle = Phase::from_radians(f64::from(angle));
     let (mut displacement, mut acceleration) = (0.0_f32, 0.0_f32);
-    for n in 0..PLACES {
+    for n in 0..SAMPLES {
         let (sine, _) = sine_cosine_single(Phase::from_bits(n << 26));
         let (second, _) = sine_cosine_single(Phase::from_bits(n << 27) + angle);
         let (mut height, mut push) = (sine + ratio * second, sine + 4.0 * ratio * second);
@@ -69,7 +65,7 @@ pub fn peaks(tones: Tones) -> [f32; 2] {
     }
     // Taylor's remainder about the peak: half the largest second derivative times the squared
     // distance of half a sample.
-    let half = core::f32::consts::PI / PLACES as f32;
+    let half = core::f32::consts::PI / SAMPLES as f32;
     let between = 0.5 * half * half;
     [
         displacement + between * (1.0 + 4.0 * ratio + 9.0 * third),
@@ -82,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn peaks_are_those_of_a_fine_grid_and_no_less() {
+    fn peaks_bound_a_fine_grid() {
         for tones in [
             [[0.0; 2]; 2],
             [[0.15, 2.356], [0.0; 2]],
@@ -93,27 +89,27 @@ mod tests {
         ] {
             let [displacement, acceleration] = peaks(tones).map(f64::from);
             let [[e, th], [e3, th3]] = tones.map(|tone| tone.map(f64::from));
-            let (mut most, mut hardest) = (0.0_f64, 0.0_f64);
+            let (mut max_displacement, mut max_acceleration) = (0.0_f64, 0.0_f64);
             for n in 0..20_000 {
                 let t = f64::from(n) * core::f64::consts::TAU / 20_000.0;
                 let (first, second) = (libm::sin(t), e * libm::sin(2.0 * t + th));
                 let third = e3 * libm::sin(3.0 * t + th3);
-                most = most.max((first + second + third).abs());
-                hardest = hardest.max((first + 4.0 * second + 9.0 * third).abs());
+                max_displacement = max_displacement.max((first + second + third).abs());
+                max_acceleration = max_acceleration.max((first + 4.0 * second + 9.0 * third).abs());
             }
             assert!(
-                (most - 1e-6..most + 0.01).contains(&displacement),
+                (max_displacement - 1e-6..max_displacement + 0.01).contains(&displacement),
                 "{tones:?}"
             );
             assert!(
-                (hardest - 1e-6..hardest + 0.015).contains(&acceleration),
+                (max_acceleration - 1e-6..max_acceleration + 0.015).contains(&acceleration),
                 "{tones:?}"
             );
         }
     }
 
     #[test]
-    fn a_tone_is_afforded_up_to_each_limit() {
+    fn tones_are_allowed_up_to_each_limit() {
         let tones = [[0.15, 2.356], [0.05, 5.3]];
         let [displacement, acceleration] = peaks(tones);
         for (limits, k) in [
@@ -140,8 +136,8 @@ mod tests {
                 0.2 * 2.1,
             ),
         ] {
-            assert!(limits.afford(k * 1.001, tones) && !limits.afford(k * 0.999, tones));
+            assert!(limits.allow(k * 1.001, tones) && !limits.allow(k * 0.999, tones));
         }
-        assert!(GearLimits::NONE.afford(0.01, [[0.5, 0.0], [0.0; 2]]));
+        assert!(GearLimits::NONE.allow(0.01, [[0.5, 0.0], [0.0; 2]]));
     }
 }

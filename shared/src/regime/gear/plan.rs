@@ -8,11 +8,11 @@ use core::f32::consts::{FRAC_PI_2, PI};
 
 use heapless::Vec;
 
-use super::Gear;
+use super::GearDetector;
 use super::draw::Draw;
 use super::fit::{Fit, FittedShare};
 use super::limits::GearLimits;
-use super::rider::{Rider, Span, Surface, Tones};
+use super::part::{SimulatedPart, Span, Tones, TrackMap};
 use crate::feeder::{OutOfRange, Restitution, accept};
 
 /// Inputs of the search.
@@ -30,7 +30,7 @@ pub struct GearPlanSettings {
     pub k: [f32; 2],
     /// Largest amplitudes of the second and third tone (symbols e, e3) over the first, 0..=0.5. A
     /// value below 0.01 excludes the tone; without a second tone there is no third.
-    pub most: [f32; 2],
+    pub max_tones: [f32; 2],
     /// Limits of the drive.
     pub limits: GearLimits,
 }
@@ -43,20 +43,26 @@ pub struct GearPlan {
     /// Amplitude over the first tone (symbol e) and angle in rad (symbol th) of the second and
     /// third tone; 0 and 0 without one.
     pub tones: Tones,
+    /// Gear band: lowest and highest k, about this one and at these tones, whose fitted share is
+    /// within [`GEAR_BAND_LOSS`] of the share here. It ends where the search or the drive ends.
+    pub band: [f32; 2],
     /// Predicted share of time in gear at this k and these tones, mean over the lot, 0..=1.
     pub share: f32,
     /// Whether the search has ended.
     pub settled: bool,
 }
 
+/// Loss of the share of time in gear at the ends of the gear band.
+pub const GEAR_BAND_LOSS: f32 = 0.02;
+
 /// Largest number of candidates of the first round.
-const CANDIDATES: usize = 36;
+const MAX_CANDIDATES: usize = ORDER_1_ROWS.len() * GRID_STEPS_UPPER_TONES;
 
 /// A grid point of the first round; its index gives k and tones.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     /// Factor on the tones' amplitudes at which the drive's limits hold, 0..=1.
-    afforded: f32,
+    amplitude_factor: f32,
     /// Sum of the shares in gear of its runs, and the number of runs.
     sum: f32,
     runs: u16,
@@ -65,122 +71,126 @@ struct Candidate {
 /// A point of the search: k, and amplitude over the first (symbol e) and angle (symbol th, rad) of
 /// two upper tones.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct SearchPoint {
     k: f32,
     tones: Tones,
 }
 
 /// Runs of a candidate of the first round, with one, two and three tones. A candidate with share 0
 /// after two runs gets no third.
-const RUNS: [u16; 3] = [5, 3, 3];
+const RUNS_PER_CANDIDATE: [u16; 3] = [5, 3, 3];
 
 /// Drive periods of a run and of its discarded transient, in the first round and in the later
 /// regions.
-const PERIODS: [[u16; 2]; 2] = [[130, 25], [300, 30]];
+const RUN_AND_TRANSIENT_PERIODS: [[u16; 2]; 2] = [[130, 25], [300, 30]];
 
-/// Cumulative share of [`EFFORT`] at which each stage ends, with one, two and three tones. The
-/// stages are first round, regions and verification.
-const UNTIL: [&[f32]; 3] = [
+/// Cumulative share of [`MAX_IMPACTS`] at which each stage ends, with one, two and three tones. The
+/// stages are first round, regions and verification; the rest completes the run in progress.
+const STAGE_END_EFFORT: [&[f32]; 3] = [
     &[0.38, 0.57, 0.82, 0.97],
     &[0.38, 0.57, 0.82, 0.97],
     &[0.36, 0.52, 0.68, 0.87, 0.97],
 ];
 
-/// Cumulative share of [`EFFORT`] at which a stage beyond the lists ends; the rest completes the
-/// run in progress.
-const LAST: f32 = 0.97;
-
 /// Predicted share in gear from which the scatter of the simulated parts is multiplied by
-/// [`STRAIN`]. Above it places differ by less than the error of the fit; more scatter separates
-/// them.
-const ENOUGH: f32 = 0.985;
-const STRAIN: f32 = 1.5;
+/// [`SATURATED_SCATTER_FACTOR`]. Above it points differ by
+/// less than the error of the fit; more scatter separates them.
+const SATURATED_SHARE: f32 = 0.985;
+const SATURATED_SCATTER_FACTOR: f32 = 1.5;
 
 /// Weight of a verification run over a selection run in the predicted share. Selection runs are
-/// biased upwards, because they chose the place (winner's curse).
-const CHOSE: f32 = 6.0;
+/// biased upwards, because they chose the point (winner's curse).
+const VERIFICATION_WEIGHT: f32 = 6.0;
 
 /// Half-widths of the first region: in k in candidate spacings, in e over the largest tried, in th
-/// in rad. The next region is [`NARROWER`] times as wide. The last region of a search with three
-/// tones uses [`HALF_OF_THIRD`].
-const HALF: [f32; 3] = [1.3, 0.25, 0.2];
-const HALF_OF_THIRD: [f32; 3] = [0.7, 0.6, 0.6];
-const NARROWER: f32 = 0.75;
+/// in rad. The next region is [`REGION_SHRINK_FACTOR`] times as wide. The last region of a search
+/// with three tones uses [`THIRD_TONE_HALF_WIDTHS`].
+const REGION_HALF_WIDTHS: [f32; 3] = [1.3, 0.25, 0.2];
+const THIRD_TONE_HALF_WIDTHS: [f32; 3] = [0.7, 0.6, 0.6];
+const REGION_SHRINK_FACTOR: f32 = 0.75;
 
 /// Grid points in k of the first round: with one tone, and in each row with two or three.
-const STEPS: usize = 20;
-const STEPS_OF_TWO: usize = 12;
+const GRID_STEPS_ONE_TONE: usize = 20;
+const GRID_STEPS_UPPER_TONES: usize = 12;
 
 /// Upper tones of the rows of the first round: e over the largest tried, th in rad. For order 1 the
 /// best of 32 angles lay between these for each lot tried (docs/theory-real-parts.md#t10.2). From
-/// order 3 on [`ROUND`] spans the circle.
-const ROWS: [Tones; 3] = [[[1.0, 2.4], NONE], [[1.0, 2.65], NONE], [[0.7, 2.5], NONE]];
-const ROUND: [Tones; 3] = [
-    [[1.0, FRAC_PI_2], NONE],
-    [[1.0, PI], NONE],
-    [[1.0, 2.4], NONE],
+/// order 3 on [`FULL_CIRCLE_ROWS`] spans the circle.
+const ORDER_1_ROWS: [Tones; 3] = [
+    [[1.0, 2.4], NO_TONE],
+    [[1.0, 2.65], NO_TONE],
+    [[0.7, 2.5], NO_TONE],
 ];
-/// Rows for order 2, with amplitudes larger by [`MORE_OF_ORDER_TWO`]. A dense search found its best
-/// angles at 2.88 to 3.14 rad.
-const ROWS_OF_ORDER_TWO: [Tones; 3] =
-    [[[1.0, 2.75], NONE], [[1.0, 3.0], NONE], [[0.75, 2.9], NONE]];
-const MORE_OF_ORDER_TWO: f32 = 1.3;
-const NONE: [f32; 2] = [0.0; 2];
-/// Rows with a third tone, at the angle th3 = [`THIRD`] rad. A random search over some thousand
-/// shapes found its best there (docs/theory-real-parts.md#t10.3).
-const ROWS_OF_THREE: [Tones; 3] = [
-    [[1.0, 2.6], [1.0, THIRD]],
-    [[0.8, 2.6], [0.5, THIRD]],
-    [[0.8, 2.6], [0.0, THIRD]],
+const FULL_CIRCLE_ROWS: [Tones; 3] = [
+    [[1.0, FRAC_PI_2], NO_TONE],
+    [[1.0, PI], NO_TONE],
+    [[1.0, 2.4], NO_TONE],
 ];
-const THIRD: f32 = 5.3;
+/// Rows for order 2, with amplitudes larger by [`ORDER_2_AMPLITUDE_FACTOR`]. A dense search found
+/// its best angles at 2.88 to 3.14 rad.
+const ORDER_2_ROWS: [Tones; 3] = [
+    [[1.0, 2.75], NO_TONE],
+    [[1.0, 3.0], NO_TONE],
+    [[0.75, 2.9], NO_TONE],
+];
+const ORDER_2_AMPLITUDE_FACTOR: f32 = 1.3;
+const NO_TONE: [f32; 2] = [0.0; 2];
+/// Rows with a third tone, at the angle th3 = [`THIRD_TONE_ANGLE`] rad. A random search over some
+/// thousand shapes found its best there (docs/theory-real-parts.md#t10.3).
+const THREE_TONE_ROWS: [Tones; 3] = [
+    [[1.0, 2.6], [1.0, THIRD_TONE_ANGLE]],
+    [[0.8, 2.6], [0.5, THIRD_TONE_ANGLE]],
+    [[0.8, 2.6], [0.0, THIRD_TONE_ANGLE]],
+];
+const THIRD_TONE_ANGLE: f32 = 5.3;
 
-/// Largest second tone tried over the first, as LEAST_TRIED + TRIED R at mean restitution R. The
+/// Largest second tone tried over the first: TRIED_SECOND_TONE_AT_R_0 plus
+/// TRIED_SECOND_TONE_SLOPE times the mean restitution R. The
 /// best for order 1 lay between 0.13 at R = 0.15 and 0.25 at R = 0.6, for scatter of 0.03 to 0.15.
 ///
-/// With a third tone the slope is [`TRIED_OF_THREE`]. The third tone is at most [`MOST_OF_THIRD`],
-/// the bound of the random search.
-const LEAST_TRIED: f32 = 0.08;
-const TRIED: f32 = 0.3;
-const TRIED_OF_THREE: f32 = 0.4;
-const MOST_OF_THIRD: f32 = 0.07;
+/// With a third tone the slope is [`THREE_TONE_TRIED_SLOPE`]. The third tone is at most
+/// [`MAX_THIRD_TONE`], the bound of the random search.
+const TRIED_SECOND_TONE_AT_R_0: f32 = 0.08;
+const TRIED_SECOND_TONE_SLOPE: f32 = 0.3;
+const THREE_TONE_TRIED_SLOPE: f32 = 0.4;
+const MAX_THIRD_TONE: f32 = 0.07;
 
 /// Grid points at which the fitted share is evaluated: in each of e and th, and in k.
-const LOOKED: u8 = 5;
-const LOOKED_K: u8 = 17;
+const TONE_GRID_POINTS: u8 = 5;
+const K_GRID_POINTS: u8 = 17;
 
 /// Penalty on the share per squared normalized distance from the region's centre. It breaks ties
 /// where the share saturates at 1.
-const AWAY: f32 = 0.03;
+const DISTANCE_PENALTY: f32 = 0.03;
 
 /// Amplitude over the first below which a tone counts as absent.
-const LEAST: f32 = 0.01;
+const MIN_TONE_AMPLITUDE: f32 = 0.01;
 
 /// Largest number of impacts of a search with one, two and three tones. It bounds the search to 84
 /// million instructions on a Cortex-M4F, at 416 to 452 an impact of one tone and 708 of two.
-const EFFORT: [u32; 3] = [170_000, 101_000, 115_000];
+const MAX_IMPACTS: [u32; 3] = [170_000, 101_000, 115_000];
 
 /// Cost, in impacts, of the peak search of upper tones and of the set-up of a run.
-const PEAKS: u32 = 8;
-const SET_UP: u32 = 30;
+const PEAK_SEARCH_COST: u32 = 8;
+const RUN_SET_UP_COST: u32 = 30;
 
 /// Stage of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
     /// Runs on the grid over the whole range of k.
-    Wide,
+    Grid,
     /// Runs in the region about the best point.
-    Near,
+    Region,
     /// Maximization of the fitted share on a grid; holds the next row.
-    Choice(u8),
+    Maximization(u8),
     /// Verification runs at the chosen point.
-    Verdict,
+    Verification,
 }
 
 /// Results of the runs of the current stage.
 #[derive(Clone, Debug)]
-enum Tried {
-    Candidates(Vec<Candidate, CANDIDATES>),
+enum RunResults {
+    Candidates(Vec<Candidate, MAX_CANDIDATES>),
     Fit(Fit),
     Share(FittedShare),
 }
@@ -188,27 +198,27 @@ enum Tried {
 /// A box of the search space in k and in amplitude and angle of one upper tone.
 #[derive(Clone, Copy, Debug)]
 struct Region {
-    centre: Place,
-    half: [f32; 3],
+    centre: SearchPoint,
+    half_widths: [f32; 3],
     /// Whether the third tone varies instead of the second.
-    of_third: bool,
+    varies_third: bool,
 }
 
 impl Region {
     /// The three coordinates that vary.
-    fn varied(&self, place: Place) -> [f32; 3] {
-        let [second, third] = place.tones;
-        let [ratio, angle] = if self.of_third { third } else { second };
-        [place.k, ratio, angle]
+    fn varied_coordinates(&self, point: SearchPoint) -> [f32; 3] {
+        let [second, third] = point.tones;
+        let [ratio, angle] = if self.varies_third { third } else { second };
+        [point.k, ratio, angle]
     }
 
     /// The point with these three coordinates; the other tone is the centre's.
-    fn place(&self, [k, ratio, angle]: [f32; 3]) -> Place {
+    fn point(&self, [k, ratio, angle]: [f32; 3]) -> SearchPoint {
         let [second, third] = self.centre.tones;
         let varied = [ratio, angle];
-        Place {
+        SearchPoint {
             k,
-            tones: if self.of_third {
+            tones: if self.varies_third {
                 [second, varied]
             } else {
                 [varied, third]
@@ -217,17 +227,20 @@ impl Region {
     }
 
     /// Coordinates normalized to -1..1 within the region.
-    fn inside(&self, place: Place) -> [f32; 3] {
-        let ([k, ratio, angle], centre) = (self.varied(place), self.varied(self.centre));
+    fn normalize(&self, point: SearchPoint) -> [f32; 3] {
+        let ([k, ratio, angle], centre) = (
+            self.varied_coordinates(point),
+            self.varied_coordinates(self.centre),
+        );
         // An amplitude below 0 is the same tone with its angle turned by half a turn.
-        let place = if self.of_third && angle < centre[2] - FRAC_PI_2 {
+        let point = if self.varies_third && angle < centre[2] - FRAC_PI_2 {
             [k, -ratio, angle + PI]
         } else {
             [k, ratio, angle]
         };
         core::array::from_fn(|n| {
-            if self.half[n] > 0.0 {
-                (place[n] - centre[n]) / self.half[n]
+            if self.half_widths[n] > 0.0 {
+                (point[n] - centre[n]) / self.half_widths[n]
             } else {
                 0.0
             }
@@ -248,13 +261,13 @@ impl Region {
 #[derive(Clone, Debug)]
 pub struct GearPlanner {
     settings: GearPlanSettings,
-    tried: Tried,
+    results: RunResults,
     /// Number of upper tones searched, 0..=2.
-    upper: usize,
+    upper_tones: usize,
     /// Lowest candidate and spacing in k, and largest second and third tone tried.
     low: f32,
     step: f32,
-    most: [f32; 2],
+    max_tones: [f32; 2],
     stage: Stage,
     /// Number of regions begun, and the current region.
     regions: usize,
@@ -264,14 +277,14 @@ pub struct GearPlanner {
     round: u16,
     /// Number of runs begun.
     runs: u32,
-    rider: Option<(Surface, Rider, Run)>,
-    gear: Gear<i64>,
-    best: Option<(f32, Place)>,
+    running: Option<(TrackMap, SimulatedPart, Run)>,
+    gear: GearDetector<i64>,
+    best: Option<(f32, SearchPoint)>,
     /// Factor on the lot's scatter in the simulated runs.
-    strain: f32,
+    scatter_factor: f32,
     /// Sum of the shares of the runs that estimate the result, and their weight; while a region is
     /// searched, its number of runs.
-    told: [f32; 2],
+    estimate: [f32; 2],
     plan: Option<GearPlan>,
     impacts: u32,
 }
@@ -281,56 +294,63 @@ pub struct GearPlanner {
 #[derive(Clone, Copy, Debug)]
 struct Run {
     lot: Option<f32>,
-    inside: [f32; 3],
+    point: [f32; 3],
 }
 
 impl GearPlanner {
     /// Begins a search; an error names the parameter out of range.
     pub fn new(settings: GearPlanSettings) -> Result<Self, OutOfRange> {
         let [low, high] = settings.k;
-        let within = |parameter, value: f32, accepts, accepted| {
+        let check = |parameter, value: f32, accepts, accepted| {
             accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
         };
-        within(
+        check(
             "scatter",
             settings.scatter,
             (0.0..=0.3).contains(&settings.scatter),
             "0..0.3",
         )?;
-        within(
+        check(
             "amplitude_error",
             settings.amplitude_error,
             (0.0..=0.2).contains(&settings.amplitude_error),
             "0..0.2",
         )?;
-        within(
+        check(
             "k",
             low,
             0.005 <= low && low <= high && high <= 4.0,
             "0.005..4, the lowest first",
         )?;
-        for (name, most) in ["second tone", "third tone"].into_iter().zip(settings.most) {
-            within(
+        for (name, most) in ["second tone", "third tone"]
+            .into_iter()
+            .zip(settings.max_tones)
+        {
+            check(
                 name,
                 most,
                 (0.0..=0.5).contains(&most),
                 "0..0.5 of the first",
             )?;
         }
-        let [second, third] = settings.most;
-        let upper = match (second >= LEAST, third >= LEAST) {
+        let [second, third] = settings.max_tones;
+        let upper = match (second >= MIN_TONE_AMPLITUDE, third >= MIN_TONE_AMPLITUDE) {
             (false, _) => 0,
             (true, false) => 1,
             (true, true) => 2,
         };
         let middle = settings.restitution.middle() as f32;
-        let tried = if upper > 1 { TRIED_OF_THREE } else { TRIED };
-        let mut tried = LEAST_TRIED + tried * middle;
+        let slope = if upper > 1 {
+            THREE_TONE_TRIED_SLOPE
+        } else {
+            TRIED_SECOND_TONE_SLOPE
+        };
+        let mut max_second = TRIED_SECOND_TONE_AT_R_0 + slope * middle;
         let (steps, [low, high]) = if upper > 0 && settings.order <= 2 {
             let mut best = 0.28 + (0.15 + 0.95 * middle) * middle;
             if settings.order == 2 {
                 best *= 0.5;
-                tried *= MORE_OF_ORDER_TWO;
+                max_second *= ORDER_2_AMPLITUDE_FACTOR;
             }
             let within = [low.max(0.75 * best), high.min(1.3 * best)];
             let range = if within[0] < within[1] {
@@ -338,58 +358,58 @@ impl GearPlanner {
             } else {
                 settings.k
             };
-            (STEPS_OF_TWO, range)
+            (GRID_STEPS_UPPER_TONES, range)
         } else if upper > 0 {
-            (STEPS_OF_TWO, settings.k)
+            (GRID_STEPS_UPPER_TONES, settings.k)
         } else {
-            (STEPS, settings.k)
+            (GRID_STEPS_ONE_TONE, settings.k)
         };
         let step = (high - low) / (steps - 1) as f32;
-        let most = match upper {
+        let max_tones = match upper {
             0 => [0.0; 2],
-            1 => [second.min(tried), 0.0],
-            _ => [second.min(tried), third.min(MOST_OF_THIRD)],
+            1 => [second.min(max_second), 0.0],
+            _ => [second.min(max_second), third.min(MAX_THIRD_TONE)],
         };
         Ok(Self {
             settings,
-            tried: Tried::Candidates(Vec::new()),
-            upper,
+            results: RunResults::Candidates(Vec::new()),
+            upper_tones: upper,
             low,
             step,
-            most,
-            stage: Stage::Wide,
+            max_tones,
+            stage: Stage::Grid,
             regions: 0,
             region: Region {
-                centre: Place {
+                centre: SearchPoint {
                     k: low,
-                    tones: [NONE; 2],
+                    tones: [NO_TONE; 2],
                 },
-                half: [0.0; 3],
-                of_third: false,
+                half_widths: [0.0; 3],
+                varies_third: false,
             },
             candidate: 0,
             round: 0,
             runs: 0,
-            rider: None,
-            gear: Gear::in_steps(settings.order)?,
+            running: None,
+            gear: GearDetector::build_in_steps(settings.order)?,
             best: None,
-            strain: 1.0,
-            told: [0.0; 2],
+            scatter_factor: 1.0,
+            estimate: [0.0; 2],
             plan: None,
             impacts: 0,
         })
     }
 
     /// Largest factor on the tones' amplitudes at which the drive's limits hold; 0 if none does.
-    fn afforded(&mut self, place: Place) -> f32 {
+    fn allowed_amplitude_factor(&mut self, point: SearchPoint) -> f32 {
         for part in [1.0, 0.85, 0.7, 0.55, 0.4, 0.2] {
-            let tones = scaled(place.tones, part);
+            let tones = scale_tones(point.tones, part);
             let [[ratio, _], _] = tones;
-            if ratio < LEAST {
+            if ratio < MIN_TONE_AMPLITUDE {
                 break;
             }
-            self.impacts += PEAKS;
-            if self.settings.limits.afford(place.k, tones) {
+            self.impacts += PEAK_SEARCH_COST;
+            if self.settings.limits.allow(point.k, tones) {
                 return part;
             }
         }
@@ -397,19 +417,16 @@ impl GearPlanner {
     }
 
     /// Inputs of the search.
-    #[must_use]
     pub fn settings(&self) -> &GearPlanSettings {
         &self.settings
     }
 
     /// Result so far; `None` before the first round ends.
-    #[must_use]
     pub fn plan(&self) -> Option<&GearPlan> {
         self.plan.as_ref()
     }
 
     /// Work done so far, in impacts.
-    #[must_use]
     #[cfg(test)]
     pub fn impacts(&self) -> u32 {
         self.impacts
@@ -419,7 +436,7 @@ impl GearPlanner {
     pub fn advance(&mut self, impacts: u32) -> bool {
         let until = self.impacts.saturating_add(impacts);
         while self.impacts < until && !self.is_over() {
-            self.step();
+            self.advance_once();
         }
         !self.is_over()
     }
@@ -429,56 +446,64 @@ impl GearPlanner {
     }
 
     /// Selects the entry for the number of upper tones.
-    fn of<T: Copy>(&self, [one, two, three]: [T; 3]) -> T {
-        match self.upper {
+    fn by_tone_count<T: Copy>(&self, [one, two, three]: [T; 3]) -> T {
+        match self.upper_tones {
             0 => one,
             1 => two,
             _ => three,
         }
     }
 
-    /// Work done over [`EFFORT`].
-    fn spent(&self) -> f32 {
-        self.impacts as f32 / self.of(EFFORT) as f32
+    /// Work done over [`MAX_IMPACTS`].
+    fn used_effort(&self) -> f32 {
+        self.impacts as f32 / self.by_tone_count(MAX_IMPACTS) as f32
     }
 
     /// Computes one impact of the current run, or begins the next run or stage.
-    fn step(&mut self) {
+    fn advance_once(&mut self) {
         self.impacts += 1;
-        if let Some((surface, rider, run)) = &mut self.rider {
-            if rider.step(surface) {
-                let (share, run) = (rider.share(), *run);
-                self.rider = None;
-                self.take(share, &run);
-            } else if self.impacts >= self.of(EFFORT) {
-                self.rider = None;
+        if let Some((map, part, run)) = &mut self.running {
+            if part.simulate_flight(map) {
+                let (share, run) = (part.share(), *run);
+                self.running = None;
+                self.record_share(share, &run);
+            } else if self.impacts >= self.by_tone_count(MAX_IMPACTS) {
+                self.running = None;
             }
             return;
         }
-        let until = self.of(UNTIL).get(self.regions).copied();
-        if self.spent() >= until.unwrap_or(LAST) && !matches!(self.stage, Stage::Choice(_)) {
+        let ends = self.by_tone_count(STAGE_END_EFFORT);
+        let is_stage_over = ends
+            .get(self.regions)
+            .or(ends.last())
+            .is_none_or(|end| self.used_effort() >= *end);
+        if is_stage_over && !matches!(self.stage, Stage::Maximization(_)) {
             self.end_stage();
             return;
         }
         match self.stage {
-            Stage::Wide => self.try_candidate(),
-            Stage::Near => self.try_about(),
-            Stage::Choice(row) => self.look(row),
-            Stage::Verdict => self.try_chosen(),
+            Stage::Grid => self.begin_candidate_run(),
+            Stage::Region => self.begin_region_run(),
+            Stage::Maximization(row) => self.evaluate_row(row),
+            Stage::Verification => self.begin_verification_run(),
         }
     }
 
     fn steps(&self) -> usize {
-        if self.upper > 0 { STEPS_OF_TWO } else { STEPS }
+        if self.upper_tones > 0 {
+            GRID_STEPS_UPPER_TONES
+        } else {
+            GRID_STEPS_ONE_TONE
+        }
     }
 
     fn rows(&self) -> &'static [Tones] {
-        match (self.upper, self.settings.order) {
-            (0, _) => &[[NONE; 2]],
-            (1, 1) => &ROWS,
-            (_, 1) => &ROWS_OF_THREE,
-            (_, 2) => &ROWS_OF_ORDER_TWO,
-            _ => &ROUND,
+        match (self.upper_tones, self.settings.order) {
+            (0, _) => &[[NO_TONE; 2]],
+            (1, 1) => &ORDER_1_ROWS,
+            (_, 1) => &THREE_TONE_ROWS,
+            (_, 2) => &ORDER_2_ROWS,
+            _ => &FULL_CIRCLE_ROWS,
         }
     }
 
@@ -489,48 +514,48 @@ impl GearPlanner {
     }
 
     /// Point of a candidate, its tones' amplitudes multiplied by `part`.
-    fn place(&self, number: usize, part: f32) -> Place {
+    fn point(&self, number: usize, part: f32) -> SearchPoint {
         let [second, third] = self.row(number);
-        let [of_second, of_third] = self.most;
+        let [of_second, of_third] = self.max_tones;
         let tones = [
             [second[0] * of_second, second[1]],
             [third[0] * of_third, third[1]],
         ];
         let k = self.low + self.step * (number % self.steps()) as f32;
-        Place {
+        SearchPoint {
             k: k.min(self.settings.k[1]),
-            tones: scaled(tones, part),
+            tones: scale_tones(tones, part),
         }
     }
 
     /// Begins the next run of the first round.
-    fn try_candidate(&mut self) {
+    fn begin_candidate_run(&mut self) {
         let number = self.candidate;
         if number >= self.steps() * self.rows().len() {
             self.candidate = 0;
             self.round += 1;
-            if self.round >= self.of(RUNS) {
+            if self.round >= self.by_tone_count(RUNS_PER_CANDIDATE) {
                 self.end_stage();
             }
             return;
         }
-        let tried = |tried: &Tried| match tried {
-            Tried::Candidates(candidates) => candidates.get(number).copied(),
+        let recorded = |results: &RunResults| match results {
+            RunResults::Candidates(candidates) => candidates.get(number).copied(),
             _ => None,
         };
-        if tried(&self.tried).is_none() {
-            let afforded = self.afforded(self.place(number, 1.0));
+        if recorded(&self.results).is_none() {
+            let amplitude_factor = self.allowed_amplitude_factor(self.point(number, 1.0));
             let candidate = Candidate {
-                afforded,
+                amplitude_factor,
                 sum: 0.0,
                 runs: 0,
             };
-            if let Tried::Candidates(candidates) = &mut self.tried {
-                // CANDIDATES is the largest product of steps and rows.
+            if let RunResults::Candidates(candidates) = &mut self.results {
+                // MAX_CANDIDATES is the largest product of rows and steps.
                 let _ = candidates.push(candidate);
             }
         }
-        let Some(candidate) = tried(&self.tried) else {
+        let Some(candidate) = recorded(&self.results) else {
             self.end_stage();
             return;
         };
@@ -539,104 +564,113 @@ impl GearPlanner {
             return;
         }
         self.begin_run(
-            self.place(number, candidate.afforded),
+            self.point(number, candidate.amplitude_factor),
             u32::from(self.round),
         );
     }
 
     /// Begins a run at the next low-discrepancy point of the region.
-    fn try_about(&mut self) {
+    fn begin_region_run(&mut self) {
         // R3 sequence, the additive recurrence of M. Roberts (2018), in units of 2^-32.
-        const STEP: [u32; 3] = [0xD1B5_4A33, 0xABC9_8388, 0x8CB9_2BA7];
+        const R3_STEPS: [u32; 3] = [0xD1B5_4A33, 0xABC9_8388, 0x8CB9_2BA7];
         let run = self.runs;
-        let (centre, half) = (self.region.varied(self.region.centre), self.region.half);
+        let (centre, half) = (
+            self.region.varied_coordinates(self.region.centre),
+            self.region.half_widths,
+        );
         let varied = core::array::from_fn(|n| {
-            centre[n] + half[n] * (2.0 * part(run.wrapping_mul(STEP[n])) - 1.0)
+            centre[n] + half[n] * (2.0 * unit_fraction(run.wrapping_mul(R3_STEPS[n])) - 1.0)
         });
-        let place = self.within(self.region.place(varied));
-        self.begin_run(place, run);
+        let point = self.check(self.region.point(varied));
+        self.begin_run(point, run);
     }
 
     /// Begins a verification run at the chosen point.
-    fn try_chosen(&mut self) {
+    fn begin_verification_run(&mut self) {
         if let Some(plan) = self.plan {
-            self.begin_run(plan.place(), self.runs);
+            self.begin_run(plan.point(), self.runs);
         }
     }
 
     /// Clamps a point to the configured ranges and to the drive's limits.
-    fn within(&mut self, Place { k, tones }: Place) -> Place {
+    fn check(&mut self, SearchPoint { k, tones }: SearchPoint) -> SearchPoint {
         let [low, high] = self.settings.k;
         let k = k.max(low).min(high);
-        if self.upper == 0 {
-            return Place {
+        if self.upper_tones == 0 {
+            return SearchPoint {
                 k,
-                tones: [NONE; 2],
+                tones: [NO_TONE; 2],
             };
         }
-        let ([second, third], most) = (tones, self.settings.most);
-        let tone = |[ratio, angle]: [f32; 2], most: f32| [ratio.max(0.0).min(most), angle];
+        let ([second, third], most) = (tones, self.settings.max_tones);
+        let tone = |[ratio, angle]: [f32; 2], max_amplitude: f32| {
+            [ratio.max(0.0).min(max_amplitude), angle]
+        };
         // A third tone below 0 is one turned by half a turn.
-        let tones = [tone(second, most[0]), tone(upright(third), most[1])];
-        let afforded = self.afforded(Place { k, tones });
-        Place {
+        let tones = [
+            tone(second, most[0]),
+            tone(with_positive_amplitude(third), most[1]),
+        ];
+        let afforded = self.allowed_amplitude_factor(SearchPoint { k, tones });
+        SearchPoint {
             k,
-            tones: scaled(tones, afforded),
+            tones: scale_tones(tones, afforded),
         }
     }
 
     /// Begins a run; its number gives restitution and amplitude error by the R2 sequence (M.
     /// Roberts 2018). Any number of runs covers lot and errors evenly.
-    fn begin_run(&mut self, place: Place, number: u32) {
+    fn begin_run(&mut self, point: SearchPoint, number: u32) {
         self.runs += 1;
-        self.impacts += SET_UP;
-        let lot = 2.0 * part(number.wrapping_mul(0xC13F_A9A9).wrapping_add(1 << 31)) - 1.0;
-        let error = 2.0 * part(number.wrapping_mul(0x91E1_0DA5).wrapping_add(1 << 31)) - 1.0;
+        self.impacts += RUN_SET_UP_COST;
+        let lot = 2.0 * unit_fraction(number.wrapping_mul(0xC13F_A9A9).wrapping_add(1 << 31)) - 1.0;
+        let error =
+            2.0 * unit_fraction(number.wrapping_mul(0x91E1_0DA5).wrapping_add(1 << 31)) - 1.0;
         let (low, high) = (
             self.settings.restitution.low() as f32,
             self.settings.restitution.high() as f32,
         );
         let mean = low + (high - low) * (0.5 + 0.5 * lot);
         let seed = (self.regions as u32) << 24 ^ self.runs;
-        let k = place.k * (1.0 + self.settings.amplitude_error * error);
-        let [first, later] = PERIODS;
+        let k = point.k * (1.0 + self.settings.amplitude_error * error);
+        let [first, later] = RUN_AND_TRANSIENT_PERIODS;
         let [periods, before] = if self.regions == 0 { first } else { later };
         let run = Run {
             lot: (high > low).then_some(lot),
-            inside: self.region.inside(Place { k, ..place }),
+            point: self.region.normalize(SearchPoint { k, ..point }),
         };
-        match Surface::at(k, place.tones) {
-            Ok(surface) => {
-                let strain = if self.stage == Stage::Verdict {
+        match TrackMap::build(k, point.tones) {
+            Ok(map) => {
+                let scatter_factor = if self.stage == Stage::Verification {
                     1.0
                 } else {
-                    self.strain
+                    self.scatter_factor
                 };
-                let draw = Draw::new(mean, self.settings.scatter * strain, seed);
-                let rider = Rider::new(draw, self.gear, Span::periods(periods, before));
-                self.rider = Some((surface, rider, run));
+                let draw = Draw::new(mean, self.settings.scatter * scatter_factor, seed);
+                let part = SimulatedPart::new(draw, self.gear, Span::from_periods(periods, before));
+                self.running = Some((map, part, run));
             }
-            Err(_) => self.take(0.0, &run),
+            Err(_) => self.record_share(0.0, &run),
         }
     }
 
     /// Records the share in gear of the run that ended.
-    fn take(&mut self, share: f32, run: &Run) {
-        match &mut self.tried {
-            Tried::Candidates(candidates) => {
+    fn record_share(&mut self, share: f32, run: &Run) {
+        match &mut self.results {
+            RunResults::Candidates(candidates) => {
                 if let Some(candidate) = candidates.get_mut(self.candidate) {
                     candidate.sum += share;
                     candidate.runs += 1;
                 }
                 self.candidate += 1;
             }
-            Tried::Fit(fit) => {
-                self.told[1] += 1.0;
-                fit.take(run.inside, run.lot, share);
+            RunResults::Fit(fit) => {
+                self.estimate[1] += 1.0;
+                fit.add_run(run.point, run.lot, share);
             }
-            Tried::Share(_) => {
-                self.told[0] += share;
-                self.told[1] += 1.0;
+            RunResults::Share(_) => {
+                self.estimate[0] += share;
+                self.estimate[1] += 1.0;
             }
         }
     }
@@ -644,24 +678,28 @@ impl GearPlanner {
     /// Evaluates the runs of a stage and begins the next stage.
     fn end_stage(&mut self) {
         match self.stage {
-            Stage::Wide => {
+            Stage::Grid => {
                 let best = self.best_candidate();
-                self.settle_for(best);
-                let half = [HALF[0] * self.step, HALF[1] * self.most[0], HALF[2]];
-                self.look_about(best.1, half, false);
+                self.set_plan(best);
+                let half = [
+                    REGION_HALF_WIDTHS[0] * self.step,
+                    REGION_HALF_WIDTHS[1] * self.max_tones[0],
+                    REGION_HALF_WIDTHS[2],
+                ];
+                self.begin_region(best.1, half, false);
             }
-            Stage::Near => {
-                if let Tried::Fit(fit) = &self.tried {
-                    self.tried = Tried::Share(fit.solve());
+            Stage::Region => {
+                if let RunResults::Fit(fit) = &self.results {
+                    self.results = RunResults::Share(fit.solve());
                 }
                 self.best = None;
-                self.stage = Stage::Choice(0);
+                self.stage = Stage::Maximization(0);
             }
-            Stage::Choice(_) => {}
-            Stage::Verdict => {
+            Stage::Maximization(_) => {}
+            Stage::Verification => {
                 if let Some(plan) = &mut self.plan {
                     plan.settled = true;
-                    let [sum, runs] = self.told;
+                    let [sum, runs] = self.estimate;
                     if runs > 0.0 {
                         plan.share = sum / runs;
                     }
@@ -671,27 +709,27 @@ impl GearPlanner {
     }
 
     /// Begins a region.
-    fn look_about(&mut self, centre: Place, half: [f32; 3], of_third: bool) {
-        let half = if self.upper > 0 {
-            half
+    fn begin_region(&mut self, centre: SearchPoint, half_widths: [f32; 3], varies_third: bool) {
+        let half_widths = if self.upper_tones > 0 {
+            half_widths
         } else {
-            [half[0], 0.0, 0.0]
+            [half_widths[0], 0.0, 0.0]
         };
         self.regions += 1;
         self.region = Region {
             centre,
-            half,
-            of_third,
+            half_widths,
+            varies_third,
         };
-        self.tried = Tried::Fit(Fit::EMPTY);
-        self.told = [0.0; 2];
-        self.stage = Stage::Near;
+        self.results = RunResults::Fit(Fit::EMPTY);
+        self.estimate = [0.0; 2];
+        self.stage = Stage::Region;
     }
 
     /// The candidate with the largest share, smoothed over k with weights 1/4, 1/2, 1/4. Smoothing
     /// prefers the middle of a range in which no run left gear. If all shares are 0, it is the
     /// middle of the range of k without tones.
-    fn best_candidate(&self) -> (f32, Place) {
+    fn best_candidate(&self) -> (f32, SearchPoint) {
         let share = |candidate: &Candidate| {
             if candidate.runs == 0 {
                 0.0
@@ -700,13 +738,13 @@ impl GearPlanner {
             }
         };
         let middle = 0.5 * (self.settings.k[0] + self.settings.k[1]);
-        let nowhere = Place {
+        let nowhere = SearchPoint {
             k: middle,
-            tones: [NONE; 2],
+            tones: [NO_TONE; 2],
         };
         let mut best = (0.0, nowhere);
-        let candidates = match &self.tried {
-            Tried::Candidates(candidates) => candidates.as_slice(),
+        let candidates = match &self.results {
+            RunResults::Candidates(candidates) => candidates.as_slice(),
             _ => &[],
         };
         for (first, row) in candidates.chunks(self.steps()).enumerate() {
@@ -715,7 +753,10 @@ impl GearPlanner {
                 let beside = before.map_or(0.0, share) + row.get(n + 1).map_or(0.0, share);
                 let mean = 0.25 * beside + 0.5 * share(here);
                 if mean > best.0 {
-                    best = (mean, self.place(first * self.steps() + n, here.afforded));
+                    best = (
+                        mean,
+                        self.point(first * self.steps() + n, here.amplitude_factor),
+                    );
                 }
             }
         }
@@ -723,15 +764,22 @@ impl GearPlanner {
     }
 
     /// Evaluates the fitted share at one row of the grid, for each k, and keeps the best point.
-    fn look(&mut self, row: u8) {
-        let rows = if self.upper > 0 { LOOKED * LOOKED } else { 1 };
+    fn evaluate_row(&mut self, row: u8) {
+        let rows = if self.upper_tones > 0 {
+            TONE_GRID_POINTS * TONE_GRID_POINTS
+        } else {
+            1
+        };
         if row >= rows {
-            self.end_choice();
+            self.end_maximization();
             return;
         }
-        let (centre, half) = (self.region.varied(self.region.centre), self.region.half);
-        let Tried::Share(shape) = self.tried else {
-            self.end_choice();
+        let (centre, half) = (
+            self.region.varied_coordinates(self.region.centre),
+            self.region.half_widths,
+        );
+        let RunResults::Share(shape) = self.results else {
+            self.end_maximization();
             return;
         };
         let at = |n: u8, all: u8| {
@@ -741,121 +789,156 @@ impl GearPlanner {
                 0.0
             }
         };
-        let (y, z) = if self.upper > 0 {
-            (at(row % LOOKED, LOOKED), at(row / LOOKED, LOOKED))
+        let (y, z) = if self.upper_tones > 0 {
+            (
+                at(row % TONE_GRID_POINTS, TONE_GRID_POINTS),
+                at(row / TONE_GRID_POINTS, TONE_GRID_POINTS),
+            )
         } else {
             (0.0, 0.0)
         };
         let (ratio, angle) = (centre[1] + half[1] * y, centre[2] + half[2] * z);
-        let ratio = match (self.region.of_third, ratio) {
-            (false, ratio) if ratio < LEAST => 0.0,
-            (true, ratio) if ratio.abs() < LEAST => 0.0,
+        let ratio = match (self.region.varies_third, ratio) {
+            (false, ratio) if ratio < MIN_TONE_AMPLITUDE => 0.0,
+            (true, ratio) if ratio.abs() < MIN_TONE_AMPLITUDE => 0.0,
             _ => ratio,
         };
-        let mut least = self.settings.k[0];
-        let [second, third] = self.region.place([0.0, ratio, angle]).tones;
-        let tones = [second, upright(third)];
+        let mut min_k = self.settings.k[0];
+        let [second, third] = self.region.point([0.0, ratio, angle]).tones;
+        let tones = [second, with_positive_amplitude(third)];
         let [second, _] = second;
         if second > 0.0 {
-            self.impacts += PEAKS;
-            least = least.max(self.settings.limits.least(tones));
+            self.impacts += PEAK_SEARCH_COST;
+            min_k = min_k.max(self.settings.limits.min_k(tones));
         }
-        let [of_second, of_third] = self.settings.most;
-        let most = if self.region.of_third {
+        let [of_second, of_third] = self.settings.max_tones;
+        let most = if self.region.varies_third {
             of_third
         } else {
             of_second
         };
-        let error = self.error();
-        for n in 0..LOOKED_K {
-            let x = at(n, LOOKED_K);
+        let error = self.normalized_k_error();
+        for n in 0..K_GRID_POINTS {
+            let x = at(n, K_GRID_POINTS);
             let k = centre[0] + half[0] * x;
             let inside = [x, y, z];
-            let away = AWAY * inside.iter().map(|x| x * x).sum::<f32>();
-            let share = shape.at(inside, error).min(1.0);
-            let weighed = share - away;
+            let penalty = DISTANCE_PENALTY * inside.iter().map(|x| x * x).sum::<f32>();
+            let share = shape.mean_share(inside, error).min(1.0);
+            let weighed = share - penalty;
             if inside.iter().map(|x| x * x).sum::<f32>() <= 1.0
-                && k >= least
+                && k >= min_k
                 && k <= self.settings.k[1]
                 && ratio.abs() <= most
                 && self.best.is_none_or(|(best, _)| weighed > best)
             {
-                self.best = Some((weighed, Place { k, tones }));
+                self.best = Some((weighed, SearchPoint { k, tones }));
             }
         }
-        self.stage = Stage::Choice(row + 1);
+        self.stage = Stage::Maximization(row + 1);
     }
 
-    fn end_choice(&mut self) {
-        if let Some((_, place)) = self.best.take() {
-            self.settle_for((self.fitted(place), place));
+    fn end_maximization(&mut self) {
+        if let Some((_, point)) = self.best.take() {
+            self.set_plan((self.fitted_share(point), point));
+            let band = [-1.0, 1.0].map(|side| self.gear_band_end(point, side));
+            if let Some(plan) = &mut self.plan {
+                plan.band = band;
+            }
         }
         // If no point meets the drive's limits, the former plan remains.
         let Some(plan) = self.plan else {
             return;
         };
-        let left = self.of(UNTIL).len().saturating_sub(self.regions);
+        let left = self
+            .by_tone_count(STAGE_END_EFFORT)
+            .len()
+            .saturating_sub(self.regions);
         if left > 2 {
-            let of_third = self.upper > 1 && left == 3;
+            let of_third = self.upper_tones > 1 && left == 3;
             let half = if of_third {
-                let [k, _, _] = self.region.half;
+                let [k, _, _] = self.region.half_widths;
                 [
-                    HALF_OF_THIRD[0] * k,
-                    HALF_OF_THIRD[1] * self.most[1],
-                    HALF_OF_THIRD[2],
+                    THIRD_TONE_HALF_WIDTHS[0] * k,
+                    THIRD_TONE_HALF_WIDTHS[1] * self.max_tones[1],
+                    THIRD_TONE_HALF_WIDTHS[2],
                 ]
             } else {
-                self.region.half.map(|half| half * NARROWER)
+                self.region
+                    .half_widths
+                    .map(|half| half * REGION_SHRINK_FACTOR)
             };
-            let mut centre = plan.place();
+            let mut centre = plan.point();
             let [_, third] = &mut centre.tones;
             if of_third && third[0] == 0.0 {
-                third[1] = THIRD;
+                third[1] = THIRD_TONE_ANGLE;
             }
-            self.look_about(centre, half, of_third);
+            self.begin_region(centre, half, of_third);
         } else {
             self.regions += 1;
-            self.stage = Stage::Verdict;
-            let [_, chose] = self.told;
-            let runs = if self.strain == 1.0 {
-                chose / CHOSE
+            self.stage = Stage::Verification;
+            let [_, selection_runs] = self.estimate;
+            let runs = if self.scatter_factor == 1.0 {
+                selection_runs / VERIFICATION_WEIGHT
             } else {
                 0.0
             };
-            self.told = [runs * plan.share, runs];
+            self.estimate = [runs * plan.share, runs];
         }
     }
 
     /// Fitted share at a point; 0 before the fit is solved.
-    fn fitted(&self, place: Place) -> f32 {
-        match &self.tried {
-            Tried::Share(shape) => shape.at(self.region.inside(place), self.error()),
+    fn fitted_share(&self, point: SearchPoint) -> f32 {
+        match &self.results {
+            RunResults::Share(shape) => {
+                shape.mean_share(self.region.normalize(point), self.normalized_k_error())
+            }
             _ => 0.0,
         }
     }
 
+    /// End of the gear band below (`side` -1) or above (1) a point of the region.
+    fn gear_band_end(&self, point: SearchPoint, side: f32) -> f32 {
+        let step = side * self.region.half_widths[0] / f32::from(K_GRID_POINTS);
+        let [min_k, max_k] = self.settings.k;
+        let min_k = min_k.max(self.settings.limits.min_k(point.tones));
+        let least = self.fitted_share(point).min(1.0) - GEAR_BAND_LOSS;
+        let is_inside = |k: f32| {
+            let [x, ..] = self.region.normalize(SearchPoint { k, ..point });
+            (min_k..=max_k).contains(&k)
+                && x.abs() <= 1.0
+                && self.fitted_share(SearchPoint { k, ..point }) >= least
+        };
+        let ks = (1..=2 * K_GRID_POINTS).map(|n| point.k + step * f32::from(n));
+        ks.take_while(|k| is_inside(*k)).last().unwrap_or(point.k)
+    }
+
     /// Error of k from the error of the amplitude, in the region's normalized coordinate.
-    fn error(&self) -> f32 {
-        let Region { centre, half, .. } = &self.region;
-        if half[0] > 0.0 {
-            self.settings.amplitude_error * centre.k / half[0]
+    fn normalized_k_error(&self) -> f32 {
+        let Region {
+            centre,
+            half_widths,
+            ..
+        } = &self.region;
+        if half_widths[0] > 0.0 {
+            self.settings.amplitude_error * centre.k / half_widths[0]
         } else {
             0.0
         }
     }
 
-    fn settle_for(&mut self, (share, Place { k, tones }): (f32, Place)) {
+    fn set_plan(&mut self, (share, SearchPoint { k, tones }): (f32, SearchPoint)) {
         let share = share.clamp(0.0, 1.0);
-        if share >= ENOUGH {
-            self.strain *= STRAIN;
+        if share >= SATURATED_SHARE {
+            self.scatter_factor *= SATURATED_SCATTER_FACTOR;
         }
         self.plan = Some(GearPlan {
             k,
             tones: match tones {
-                [[second, _], _] if second < LEAST => [NONE; 2],
-                [second, [third, _]] if third < LEAST => [second, NONE],
+                [[second, _], _] if second < MIN_TONE_AMPLITUDE => [NO_TONE; 2],
+                [second, [third, _]] if third < MIN_TONE_AMPLITUDE => [second, NO_TONE],
                 _ => tones,
             },
+            band: [k; 2],
             share,
             settled: false,
         });
@@ -863,8 +946,8 @@ impl GearPlanner {
 }
 
 impl GearPlan {
-    fn place(&self) -> Place {
-        Place {
+    fn point(&self) -> SearchPoint {
+        SearchPoint {
             k: self.k,
             tones: self.tones,
         }
@@ -872,7 +955,7 @@ impl GearPlan {
 }
 
 /// The same tone with an amplitude of at least 0.
-fn upright([ratio, angle]: [f32; 2]) -> [f32; 2] {
+fn with_positive_amplitude([ratio, angle]: [f32; 2]) -> [f32; 2] {
     if ratio < 0.0 {
         [-ratio, angle - PI]
     } else {
@@ -881,12 +964,12 @@ fn upright([ratio, angle]: [f32; 2]) -> [f32; 2] {
 }
 
 /// Tones with their amplitudes multiplied by `part`.
-fn scaled(tones: Tones, part: f32) -> Tones {
+fn scale_tones(tones: Tones, part: f32) -> Tones {
     tones.map(|[ratio, angle]| [ratio * part, angle])
 }
 
 /// A uniform number in 0..1 from the upper 24 of 32 bits.
-fn part(bits: u32) -> f32 {
+fn unit_fraction(bits: u32) -> f32 {
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
@@ -898,15 +981,19 @@ mod tests {
     use crate::regime::gear::{Share, shares_from_rest};
 
     /// Share in f64 from other random draws, over 20 parts of 2000 periods.
-    fn truth(plan: &GearPlan, lot: Restitution, scatter: f32) -> f64 {
-        truth_of(1, plan, lot, scatter)
+    fn reference_share(plan: &GearPlan, lot: Restitution, scatter: f32) -> f64 {
+        reference_share_of_order(1, plan, lot, scatter)
     }
 
-    fn truth_of(order: u32, plan: &GearPlan, lot: Restitution, scatter: f32) -> f64 {
-        let [second, third] = plan.tones.map(|[amplitude, angle]| Tone {
-            amplitude: f64::from(amplitude),
-            angle: f64::from(angle),
-        });
+    fn reference_share_of_order(
+        order: u32,
+        plan: &GearPlan,
+        lot: Restitution,
+        scatter: f32,
+    ) -> f64 {
+        let [second, third] = plan
+            .tones
+            .map(|[amplitude, angle]| Tone::new(f64::from(amplitude), f64::from(angle)));
         let wave = Wave::build(second, third).unwrap();
         let map = WaveMap::on(wave, f64::from(plan.k), lot.middle()).unwrap();
         let part = |n: u64| {
@@ -916,27 +1003,27 @@ mod tests {
         let parts: [Scatter; 20] = core::array::from_fn(|n| part(n as u64));
         let mut sum = Share::default();
         shares_from_rest(&map, &parts, order, 2000.0, |_, share| {
-            sum = sum.and(&share)
+            sum = sum.plus(&share)
         })
         .unwrap();
         sum.share()
     }
 
-    fn plan(lot: Restitution, scatter: f32, most: [f32; 2]) -> GearPlanner {
-        let mut planner = plan_of(lot, scatter, most);
+    fn plan(lot: Restitution, scatter: f32, max_tones: [f32; 2]) -> GearPlanner {
+        let mut planner = build_planner(lot, scatter, max_tones);
         while planner.advance(1000) {}
         planner
     }
 
-    fn plan_of(lot: Restitution, scatter: f32, most: [f32; 2]) -> GearPlanner {
-        let born = band::birth(lot.high(), 1).unwrap();
+    fn build_planner(lot: Restitution, scatter: f32, max_tones: [f32; 2]) -> GearPlanner {
+        let birth = band::birth(lot.high(), 1).unwrap();
         GearPlanner::new(GearPlanSettings {
             restitution: lot,
             scatter,
             amplitude_error: 0.02,
             order: 1,
-            k: [0.28, (1.02 * born).min(0.98) as f32],
-            most,
+            k: [0.28, (1.02 * birth).min(0.98) as f32],
+            max_tones,
             limits: GearLimits::NONE,
         })
         .unwrap()
@@ -945,7 +1032,7 @@ mod tests {
     /// Reference shares: the best over 60 values of k, with 40 parts of 3000 periods each, or over
     /// a random search, in f64. At a share of 0.4 plan and reference each have an error of 0.01.
     #[test]
-    fn the_share_at_the_chosen_k_is_that_of_a_fine_grid_and_is_told() {
+    fn predicted_share_matches_a_fine_grid() {
         for (low, high, scatter, second_tone, best) in [
             (0.2, 0.2, 0.05, 0.0, 0.955),
             (0.3, 0.3, 0.05, 0.0, 0.838),
@@ -965,7 +1052,7 @@ mod tests {
             let lot = Restitution::interval(low, high).unwrap();
             let planner = plan(lot, scatter, [second_tone, 0.0]);
             let plan = planner.plan().unwrap();
-            let truth = truth(plan, lot, scatter);
+            let truth = reference_share(plan, lot, scatter);
             assert!(
                 plan.settled && truth > best - 0.03,
                 "{low} {scatter}: {truth} {plan:?}"
@@ -977,10 +1064,49 @@ mod tests {
         }
     }
 
+    /// Both the fit and the reference shares have errors of 0.01 to 0.02.
+    #[test]
+    fn gear_band_ends_where_the_share_falls_by_its_loss() {
+        let mut losses = [0.0; 2];
+        let mut unsaturated = 0.0;
+        for (low, high, scatter, second) in [
+            (0.2, 0.2, 0.05, 0.0),
+            (0.3, 0.3, 0.05, 0.0),
+            (0.5, 0.5, 0.05, 0.0),
+            (0.3, 0.3, 0.1, 0.0),
+            (0.1, 0.3, 0.03, 0.0),
+            (0.18, 0.22, 0.04, 0.0),
+            (0.35, 0.45, 0.05, 0.0),
+            (0.2, 0.2, 0.05, 0.15),
+            (0.5, 0.5, 0.05, 0.15),
+            (0.3, 0.3, 0.1, 0.15),
+            (0.5, 0.5, 0.1, 0.25),
+            (0.2, 0.2, 0.15, 0.15),
+            (0.1, 0.4, 0.03, 0.0),
+        ] {
+            let lot = Restitution::interval(low, high).unwrap();
+            let plan = *plan(lot, scatter, [second, 0.0]).plan().unwrap();
+            let [below, above] = plan.band;
+            assert!(below <= plan.k && plan.k <= above && below < 0.99 * above);
+            let share = |k: f32| reference_share(&GearPlan { k, ..plan }, lot, scatter);
+            let loss = |k: f32| share(plan.k) - share(k);
+            let (ends, half) = (loss(below).max(loss(above)), 0.5 * (above - below));
+            assert!(ends < 0.055, "{low} {high} {scatter}: {ends} {plan:?}");
+            if plan.share < SATURATED_SHARE {
+                unsaturated += 1.0;
+                losses[0] += 0.5 * (loss(below) + loss(above));
+                losses[1] += 0.5 * (loss(below - half) + loss(above + half));
+            }
+        }
+        let [at_ends, beyond] = losses.map(|sum| sum / unsaturated);
+        assert!((0.0..0.03).contains(&at_ends), "{at_ends}");
+        assert!(beyond > 2.0 * at_ends && beyond > 0.03, "{beyond}");
+    }
+
     /// Best shares of a random search over some thousand shapes of two and of three tones, at the
     /// same peak acceleration (docs/theory-real-parts.md#t10.3).
     #[test]
-    fn a_third_tone_buys_what_a_random_search_says() {
+    fn three_tone_plan_matches_a_random_search() {
         for (restitution, scatter, peak, two, three) in [
             (0.5, 0.10, 5.0, 0.947, 0.987),
             (0.5, 0.15, 5.0, 0.65, 0.77),
@@ -989,12 +1115,12 @@ mod tests {
         ] {
             let lot = Restitution::single(restitution).unwrap();
             for (third, best) in [(0.0, two), (0.06, three)] {
-                let mut settings = plan_of(lot, scatter, [0.3, third]).settings;
+                let mut settings = build_planner(lot, scatter, [0.3, third]).settings;
                 settings.limits.acceleration = 1.0 / peak;
                 let mut planner = GearPlanner::new(settings).unwrap();
                 while planner.advance(1000) {}
                 let plan = planner.plan().unwrap();
-                let truth = truth(plan, lot, scatter);
+                let truth = reference_share(plan, lot, scatter);
                 let [_, pushed] = super::super::peaks(plan.tones);
                 assert!(pushed / plan.k < peak * 1.001, "{plan:?}");
                 assert!(
@@ -1005,7 +1131,7 @@ mod tests {
                     (f64::from(plan.share) - truth).abs() < 0.04,
                     "{truth} {plan:?}"
                 );
-                assert!(planner.impacts() <= EFFORT[if third > 0.0 { 2 } else { 1 }]);
+                assert!(planner.impacts() <= MAX_IMPACTS[if third > 0.0 { 2 } else { 1 }]);
             }
         }
     }
@@ -1013,7 +1139,7 @@ mod tests {
     /// Best shares of `kband gear --order 2 --largest-second-tone 0.3 --runs 12`: a dense map over
     /// k, e and th in f64. The map is refined at its best points.
     #[test]
-    fn of_order_two_the_plan_comes_near_a_dense_search() {
+    fn order_2_plan_matches_a_dense_search() {
         for (restitution, scatter, one, two) in [
             (0.2, 0.05, 0.047, 0.940),
             (0.4, 0.05, 0.133, 0.883),
@@ -1021,17 +1147,17 @@ mod tests {
             (0.3, 0.03, 0.137, 0.998),
         ] {
             let lot = Restitution::single(restitution).unwrap();
-            let born = band::birth(lot.high(), 2).unwrap();
+            let birth = band::birth(lot.high(), 2).unwrap();
             for (second, best) in [(0.0, one), (0.3, two)] {
                 let settings = GearPlanSettings {
                     order: 2,
-                    k: [0.14, (1.02 * born).min(0.98) as f32],
-                    ..plan_of(lot, scatter, [second, 0.0]).settings
+                    k: [0.14, (1.02 * birth).min(0.98) as f32],
+                    ..build_planner(lot, scatter, [second, 0.0]).settings
                 };
                 let mut planner = GearPlanner::new(settings).unwrap();
                 while planner.advance(1000) {}
                 let plan = planner.plan().unwrap();
-                let truth = truth_of(2, plan, lot, scatter);
+                let truth = reference_share_of_order(2, plan, lot, scatter);
                 std::println!("{restitution} {second}: {truth:.3} of {best}, {plan:?}");
                 assert!(truth > best - 0.03, "{restitution}: {truth} {plan:?}");
                 assert!(
@@ -1043,9 +1169,9 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_stands_however_soon_the_effort_ends_and_where_nothing_is_ever_in_gear() {
+    fn plan_exists_without_gear_and_without_effort() {
         let lot = Restitution::single(0.3).unwrap();
-        for most in [[0.0; 2], [0.2, 0.0], [0.2, 0.05]] {
+        for max_tones in [[0.0; 2], [0.2, 0.0], [0.2, 0.05]] {
             let mut planner = GearPlanner::new(GearPlanSettings {
                 restitution: lot,
                 scatter: 0.3,
@@ -1053,7 +1179,7 @@ mod tests {
                 order: 1,
                 // No part at rest is ever thrown at these k.
                 k: [1.4, 2.0],
-                most,
+                max_tones,
                 limits: GearLimits {
                     acceleration: 2.0,
                     ..GearLimits::NONE
@@ -1062,19 +1188,19 @@ mod tests {
             .unwrap();
             while planner.advance(1000) {}
             let plan = planner.plan().unwrap();
-            assert!(plan.share == 0.0 && plan.tones == [NONE; 2], "{plan:?}");
+            assert!(plan.share == 0.0 && plan.tones == [NO_TONE; 2], "{plan:?}");
             assert!((1.4..=2.0).contains(&plan.k));
         }
-        let mut spent = plan_of(lot, 0.05, [0.0; 2]);
-        // As if the effort were spent before each candidate had a run.
-        spent.impacts = EFFORT[0];
-        while spent.advance(64) {}
-        let plan = spent.plan().unwrap();
+        let mut exhausted = build_planner(lot, 0.05, [0.0; 2]);
+        // As if the effort were exhausted before each candidate had a run.
+        exhausted.impacts = MAX_IMPACTS[0];
+        while exhausted.advance(64) {}
+        let plan = exhausted.plan().unwrap();
         assert!(plan.settled && (0.28..0.61).contains(&plan.k), "{plan:?}");
     }
 
     #[test]
-    fn slices_change_no_bit_and_the_effort_is_bounded() {
+    fn slices_change_no_bit_and_effort_is_bounded() {
         let lot = Restitution::single(0.7).unwrap();
         let whole = plan(lot, 0.05, [0.0; 2]);
         let mut sliced = GearPlanner::new(whole.settings).unwrap();
@@ -1083,79 +1209,32 @@ mod tests {
             (sliced.plan(), sliced.impacts()),
             (whole.plan(), whole.impacts())
         );
-        assert!(whole.impacts() <= EFFORT[0]);
+        assert!(whole.impacts() <= MAX_IMPACTS[0]);
     }
 
     #[test]
-    fn what_cannot_be_planned_is_refused() {
-        let settings = GearPlanSettings {
+    fn plan_settings_out_of_range_are_refused() {
+        let good = GearPlanSettings {
             restitution: Restitution::single(0.2).unwrap(),
             scatter: 0.05,
             amplitude_error: 0.02,
             order: 1,
             k: [0.3, 0.4],
-            most: [0.0; 2],
+            max_tones: [0.0; 2],
             limits: GearLimits::NONE,
         };
-        for (settings, parameter) in [
-            (
-                GearPlanSettings {
-                    scatter: 0.31,
-                    ..settings
-                },
-                "scatter",
-            ),
-            (
-                GearPlanSettings {
-                    scatter: f32::NAN,
-                    ..settings
-                },
-                "scatter",
-            ),
-            (
-                GearPlanSettings {
-                    amplitude_error: 0.3,
-                    ..settings
-                },
-                "amplitude_error",
-            ),
-            (
-                GearPlanSettings {
-                    most: [0.6, 0.0],
-                    ..settings
-                },
-                "second tone",
-            ),
-            (
-                GearPlanSettings {
-                    most: [0.2, 0.6],
-                    ..settings
-                },
-                "third tone",
-            ),
-            (
-                GearPlanSettings {
-                    order: 0,
-                    ..settings
-                },
-                "order",
-            ),
-            (
-                GearPlanSettings {
-                    k: [0.4, 0.3],
-                    ..settings
-                },
-                "k",
-            ),
-            (
-                GearPlanSettings {
-                    k: [0.4, 4.1],
-                    ..settings
-                },
-                "k",
-            ),
-        ] {
-            assert_eq!(GearPlanner::new(settings).unwrap_err().parameter, parameter);
-        }
+        let refused = |change: fn(&mut GearPlanSettings)| {
+            let mut settings = good;
+            change(&mut settings);
+            GearPlanner::new(settings).unwrap_err().parameter
+        };
+        assert_eq!(refused(|s| s.scatter = 0.31), "scatter");
+        assert_eq!(refused(|s| s.scatter = f32::NAN), "scatter");
+        assert_eq!(refused(|s| s.amplitude_error = 0.3), "amplitude_error");
+        assert_eq!(refused(|s| s.max_tones = [0.6, 0.0]), "second tone");
+        assert_eq!(refused(|s| s.max_tones = [0.2, 0.6]), "third tone");
+        assert_eq!(refused(|s| s.order = 0), "order");
+        assert_eq!(refused(|s| s.k = [0.4, 0.3]), "k");
+        assert_eq!(refused(|s| s.k = [0.4, 4.1]), "k");
     }
 }

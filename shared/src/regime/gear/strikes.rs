@@ -6,26 +6,26 @@
 use core::f32::consts::TAU;
 
 use super::draw::Draw;
-use super::rider::{Rider, Span, Surface, Tones};
-use super::{Gear, ROW};
+use super::part::{SimulatedPart, Span, Tones, TrackMap};
+use super::{GearDetector, MIN_FLIGHTS_IN_GEAR};
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::{OutOfRange, Restitution};
 
 /// Bins of the histogram in a turn; 0.1 rad each.
-pub const PLACES: usize = 64;
+pub const PHASE_BINS: usize = 64;
 /// Groups of the lot by restitution; each has its own histogram in gear.
 pub const GROUPS: usize = 4;
 /// Number of simulated parts: half start at rest, half on the lock.
-const PARTS: u32 = 32;
+const SIMULATED_PARTS: u32 = 32;
 /// Simulated drive periods of each part.
-const PERIODS: u16 = 768;
+const SIMULATED_PERIODS: u16 = 768;
 /// Largest number of impacts of all parts. Chattering parts would have up to twice as many.
-const MOST: u32 = 600_000;
+const MAX_IMPACTS: u32 = 600_000;
 /// Margin in restitution beyond both ends of the lot. It covers an amplitude error of 2 %, which
 /// shifts the phase in gear as `0.02 (1 - R^2)/2` does.
-pub const WIDE: f32 = 0.01;
+pub const RESTITUTION_MARGIN: f32 = 0.01;
 /// Tolerance of the landing phase after rest, in steps of 2^-32 turns; 3e-3 rad.
-const NEAR: i32 = 1 << 21;
+const LANDING_PHASE_TOLERANCE: i32 = 1 << 21;
 
 /// Inputs of the simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,44 +46,42 @@ pub struct StrikeSettings {
 #[derive(Clone, Copy, Debug)]
 pub struct StrikeProfile {
     /// Energy of a part in gear, by group of the lot and phase.
-    pub in_gear: [[f32; PLACES]; GROUPS],
-    /// Energy of a part out of gear by phase, without [`StrikeProfile::landed`].
-    pub out: [f32; PLACES],
+    pub in_gear: [[f32; PHASE_BINS]; GROUPS],
+    /// Energy of a part out of gear by phase, without [`StrikeProfile::landing_energy`].
+    pub out_of_gear: [f32; PHASE_BINS],
     /// Energy of the first landings after rest, all at one phase.
-    pub landed: f32,
+    pub landing_energy: f32,
     /// Number of those landings per drive period.
-    pub landings: f32,
+    pub landing_rate: f32,
     /// Phase of those landings; `None` without any.
-    pub landing: Option<Phase>,
+    pub landing_phase: Option<Phase>,
     /// Simulated drive periods in gear and out of it, by group.
     pub periods: [[f32; GROUPS]; 2],
     /// Losses of gear in those periods.
     pub losses: f32,
     /// Mean downward acceleration of the track (symbol A) at the launches in gear, by group.
-    pub bends: [f32; GROUPS],
+    pub launch_accelerations: [f32; GROUPS],
 }
 
 impl StrikeProfile {
-    const NONE: Self = Self {
-        in_gear: [[0.0; PLACES]; GROUPS],
-        out: [0.0; PLACES],
-        landed: 0.0,
-        landings: 0.0,
-        landing: None,
+    const EMPTY: Self = Self {
+        in_gear: [[0.0; PHASE_BINS]; GROUPS],
+        out_of_gear: [0.0; PHASE_BINS],
+        landing_energy: 0.0,
+        landing_rate: 0.0,
+        landing_phase: None,
         periods: [[0.0; GROUPS]; 2],
         losses: 0.0,
-        bends: [0.0; GROUPS],
+        launch_accelerations: [0.0; GROUPS],
     };
 
     /// Share of the followed time in gear, 0..=1.
-    #[must_use]
     pub fn share(&self) -> f32 {
         let [within, without] = self.periods.map(|periods| periods.iter().sum::<f32>());
         within / (within + without).max(1.0)
     }
 
-    /// Mean drive periods in gear until it is lost; where it was not lost, a least.
-    #[must_use]
+    /// Mean drive periods in gear until it is lost; without a loss, all of them: a lower bound.
     pub fn time_to_loss(&self) -> f32 {
         self.periods[0].iter().sum::<f32>() / self.losses.max(1.0)
     }
@@ -91,9 +89,7 @@ impl StrikeProfile {
 
 /// Result of a completed count, with its inputs and its number of steps.
 ///
-/// A count is deterministic, so a stored result replaces a repetition
-/// ([`Controller::strikes_known`](crate::control::Controller::strikes_known)).
-#[cfg(any(test, feature = "unstable"))]
+/// A count is deterministic, so a stored result replaces a repetition.
 #[derive(Clone, Copy, Debug)]
 pub struct StrikeCount {
     /// Inputs of the count.
@@ -102,10 +98,9 @@ pub struct StrikeCount {
     profile: StrikeProfile,
 }
 
-#[cfg(any(test, feature = "unstable"))]
 impl StrikeCount {
     /// Counts to the end.
-    pub fn of(settings: StrikeSettings) -> Result<Self, OutOfRange> {
+    pub fn compute(settings: StrikeSettings) -> Result<Self, OutOfRange> {
         let mut profiler = StrikeProfiler::new(settings)?;
         while profiler.advance(u32::MAX) {}
         Ok(Self {
@@ -118,32 +113,32 @@ impl StrikeCount {
 
 /// An impact of a run of flights that is still too short for gear.
 #[derive(Clone, Copy, Debug, Default)]
-struct Waiting {
-    place: u8,
+struct PendingImpact {
+    bin: u8,
     landed: bool,
     energy: f32,
-    turns: f32,
+    periods: f32,
 }
 
 /// Simulates the parts of a lot and accumulates their impact energies.
 #[derive(Clone, Copy, Debug)]
 pub struct StrikeProfiler {
     settings: StrikeSettings,
-    surface: Surface,
-    gear: Gear<i64>,
-    rider: Option<Rider>,
+    map: TrackMap,
+    gear: GearDetector<i64>,
+    simulated: Option<SimulatedPart>,
     part: u32,
     impacts: u32,
     /// Steps so far, and the number of steps of a stored result.
     steps: u32,
-    known: Option<u32>,
-    row: [Waiting; ROW as usize],
-    waiting: usize,
-    was_in: bool,
+    stored_steps: Option<u32>,
+    pending: [PendingImpact; MIN_FLIGHTS_IN_GEAR as usize],
+    pending_count: usize,
+    was_in_gear: bool,
     /// Drive periods in gear of the current part.
-    turns: f32,
-    /// Number of flights in [`StrikeProfile::bends`], by group.
-    bent: [f32; GROUPS],
+    periods: f32,
+    /// Number of flights in [`StrikeProfile::launch_accelerations`], by group.
+    launch_counts: [f32; GROUPS],
     profile: StrikeProfile,
 }
 
@@ -152,219 +147,232 @@ impl StrikeProfiler {
     pub fn new(settings: StrikeSettings) -> Result<Self, OutOfRange> {
         Ok(Self {
             settings,
-            surface: Surface::at(settings.k, settings.tones)?,
-            gear: Gear::in_steps(settings.order)?,
-            rider: None,
+            map: TrackMap::build(settings.k, settings.tones)?,
+            gear: GearDetector::build_in_steps(settings.order)?,
+            simulated: None,
             part: 0,
             impacts: 0,
             steps: 0,
-            known: None,
-            row: [Waiting::default(); ROW as usize],
-            waiting: 0,
-            was_in: false,
-            turns: 0.0,
-            bent: [0.0; GROUPS],
-            profile: StrikeProfile::NONE,
+            stored_steps: None,
+            pending: [PendingImpact::default(); MIN_FLIGHTS_IN_GEAR as usize],
+            pending_count: 0,
+            was_in_gear: false,
+            periods: 0.0,
+            launch_counts: [0.0; GROUPS],
+            profile: StrikeProfile::EMPTY,
         })
     }
 
     /// Inputs of the count.
-    #[must_use]
     pub fn settings(&self) -> &StrikeSettings {
         &self.settings
     }
 
     /// Mean restitution of a group.
-    #[must_use]
     pub fn restitution(&self, group: usize) -> f32 {
-        let [low, high] = self.followed();
+        let [low, high] = self.restitution_range();
         low + (high - low) * (group as f32 + 0.5) * (1.0 / GROUPS as f32)
     }
 
     /// Lowest and highest simulated restitution.
-    fn followed(&self) -> [f32; 2] {
+    fn restitution_range(&self) -> [f32; 2] {
         let lot = self.settings.restitution;
         [
-            (lot.low() as f32 - WIDE).max(0.0),
-            (lot.high() as f32 + WIDE).min(0.99),
+            (lot.low() as f32 - RESTITUTION_MARGIN).max(0.0),
+            (lot.high() as f32 + RESTITUTION_MARGIN).min(0.99),
         ]
     }
 
     /// Result; `None` before the end.
-    #[must_use]
     pub fn profile(&self) -> Option<&StrikeProfile> {
-        (self.part > PARTS).then_some(&self.profile)
+        (self.part > SIMULATED_PARTS).then_some(&self.profile)
     }
 
     /// Inputs of a count in progress; `None` once it has ended or a stored result is set.
-    #[cfg(any(test, feature = "unstable"))]
-    #[must_use]
-    pub fn asked(&self) -> Option<&StrikeSettings> {
-        Some(&self.settings).filter(|_| self.part <= PARTS && self.known.is_none())
+    pub fn pending_settings(&self) -> Option<&StrikeSettings> {
+        Some(&self.settings).filter(|_| self.part <= SIMULATED_PARTS && self.stored_steps.is_none())
     }
 
     /// Sets a stored result if its inputs agree. It becomes available after the same number of
     /// steps.
-    #[cfg(any(test, feature = "unstable"))]
-    pub fn know(&mut self, count: &StrikeCount) {
-        if self.asked() == Some(&count.settings) {
+    pub fn set_stored_result(&mut self, count: &StrikeCount) {
+        if self.pending_settings() == Some(&count.settings) {
             self.profile = count.profile;
-            self.known = Some(count.steps);
+            self.stored_steps = Some(count.steps);
         }
     }
 
     /// Simulates at most this number of impacts and returns whether the count continues.
     pub fn advance(&mut self, impacts: u32) -> bool {
-        if let Some(last) = self.known {
+        if let Some(last) = self.stored_steps {
             let left = last.saturating_sub(self.steps);
             self.steps += left.min(impacts);
             if self.steps == last {
-                self.part = PARTS + 1;
+                self.part = SIMULATED_PARTS + 1;
             }
             return impacts <= left;
         }
         for _ in 0..impacts {
-            if self.part > PARTS {
+            if self.part > SIMULATED_PARTS {
                 return false;
             }
-            self.step();
+            self.simulate_flight();
             self.steps += 1;
         }
         true
     }
 
-    fn step(&mut self) {
-        let Some(rider) = &mut self.rider else {
-            self.begin();
+    fn simulate_flight(&mut self) {
+        let Some(simulated) = &mut self.simulated else {
+            self.begin_part();
             return;
         };
         self.impacts += 1;
-        let mut struck = None;
-        let over = rider.step_heard(&self.surface, |heard| struck = Some(heard));
-        if let Some(heard) = struck {
-            let speed = heard.speed(&self.surface);
-            let place = (heard.phase.bits() >> 26) as u8;
-            let landed = heard.rested && {
-                let landing = *self.profile.landing.get_or_insert(heard.phase);
-                (-NEAR..NEAR).contains(&((heard.phase - landing).bits() as i32))
+        let mut landed_impact = None;
+        let over = simulated.simulate_flight_with(&self.map, |impact| landed_impact = Some(impact));
+        if let Some(impact) = landed_impact {
+            let speed = impact.arrival_speed(&self.map);
+            let bin = (impact.phase.bits() >> 26) as u8;
+            let is_first_landing = impact.from_rest && {
+                let landing = *self.profile.landing_phase.get_or_insert(impact.phase);
+                (-LANDING_PHASE_TOLERANCE..LANDING_PHASE_TOLERANCE)
+                    .contains(&((impact.phase - landing).bits() as i32))
             };
-            let strike = Waiting {
-                place,
-                landed,
+            let pending_impact = PendingImpact {
+                bin,
+                landed: is_first_landing,
                 energy: speed * speed,
-                turns: heard.steps as f32 * (1.0 / Phase::TURN as f32),
+                periods: impact.steps as f32 * (1.0 / Phase::TURN as f32),
             };
-            if heard.rested || !self.is_row(strike.turns) {
-                self.lose();
+            if impact.from_rest || !self.is_in_gear(pending_impact.periods) {
+                self.end_sequence();
             }
-            if heard.in_gear {
-                self.was_in = true;
-                for strike in self.row.into_iter().take(self.waiting) {
-                    self.count_in(strike);
+            if impact.in_gear {
+                self.was_in_gear = true;
+                for pending_impact in self.pending.into_iter().take(self.pending_count) {
+                    self.add_in_gear(pending_impact);
                 }
-                self.waiting = 0;
-                self.count_in(strike);
+                self.pending_count = 0;
+                self.add_in_gear(pending_impact);
                 let group = self.group();
-                self.profile.bends[group] += heard.bend(&self.surface);
-                self.bent[group] += 1.0;
-            } else if self.is_row(strike.turns) && self.waiting < self.row.len() {
-                self.row[self.waiting] = strike;
-                self.waiting += 1;
+                self.profile.launch_accelerations[group] += impact.launch_acceleration(&self.map);
+                self.launch_counts[group] += 1.0;
+            } else if self.is_in_gear(pending_impact.periods)
+                && self.pending_count < self.pending.len()
+            {
+                self.pending[self.pending_count] = pending_impact;
+                self.pending_count += 1;
             } else {
-                self.count_out(strike);
+                self.add_out_of_gear(pending_impact);
             }
         }
-        if over || self.impacts >= MOST {
+        if over || self.impacts >= MAX_IMPACTS {
             // The end of the simulation is no loss of gear.
-            self.was_in = false;
-            self.lose();
-            let time = self.rider.take().map_or(0, |rider| rider.time());
+            self.was_in_gear = false;
+            self.end_sequence();
+            let time = self
+                .simulated
+                .take()
+                .map_or(0, |simulated| simulated.time());
             let all = time as f32 * (1.0 / Phase::TURN as f32);
             let group = self.group();
-            self.profile.periods[0][group] += self.turns;
-            self.profile.periods[1][group] += (all - self.turns).max(0.0);
-            self.turns = 0.0;
+            self.profile.periods[0][group] += self.periods;
+            self.profile.periods[1][group] += (all - self.periods).max(0.0);
+            self.periods = 0.0;
         }
     }
 
     /// Group of the current part.
     fn group(&self) -> usize {
-        (self.part as usize).saturating_sub(1) * GROUPS / PARTS as usize % GROUPS
+        (self.part as usize).saturating_sub(1) * GROUPS / SIMULATED_PARTS as usize % GROUPS
     }
 
-    fn is_row(&self, turns: f32) -> bool {
-        super::is_in_gear(f64::from(turns), f64::from(self.settings.order))
+    fn is_in_gear(&self, periods: f32) -> bool {
+        super::is_in_gear(f64::from(periods), f64::from(self.settings.order))
     }
 
     /// Ends a run of flights; impacts of a run too short for gear count as out of gear.
-    fn lose(&mut self) {
-        for strike in self.row.into_iter().take(self.waiting) {
-            self.count_out(strike);
+    fn end_sequence(&mut self) {
+        for pending_impact in self.pending.into_iter().take(self.pending_count) {
+            self.add_out_of_gear(pending_impact);
         }
-        self.waiting = 0;
-        if self.was_in {
+        self.pending_count = 0;
+        if self.was_in_gear {
             self.profile.losses += 1.0;
         }
-        self.was_in = false;
+        self.was_in_gear = false;
     }
 
-    fn count_in(&mut self, strike: Waiting) {
-        self.turns += strike.turns;
+    fn add_in_gear(&mut self, pending_impact: PendingImpact) {
+        self.periods += pending_impact.periods;
         let group = self.group();
-        if let Some(sum) = self.profile.in_gear[group].get_mut(usize::from(strike.place)) {
-            *sum += strike.energy;
+        if let Some(sum) = self.profile.in_gear[group].get_mut(usize::from(pending_impact.bin)) {
+            *sum += pending_impact.energy;
         }
     }
 
-    fn count_out(&mut self, strike: Waiting) {
-        if strike.landed {
-            self.profile.landed += strike.energy;
-            self.profile.landings += 1.0;
-        } else if let Some(sum) = self.profile.out.get_mut(usize::from(strike.place)) {
-            *sum += strike.energy;
+    fn add_out_of_gear(&mut self, pending_impact: PendingImpact) {
+        if pending_impact.landed {
+            self.profile.landing_energy += pending_impact.energy;
+            self.profile.landing_rate += 1.0;
+        } else if let Some(sum) = self
+            .profile
+            .out_of_gear
+            .get_mut(usize::from(pending_impact.bin))
+        {
+            *sum += pending_impact.energy;
         }
     }
 
     /// Begins the next part, or ends the count.
-    fn begin(&mut self) {
+    fn begin_part(&mut self) {
         self.part += 1;
-        if self.part > PARTS || self.impacts >= MOST {
-            self.end();
+        if self.part > SIMULATED_PARTS || self.impacts >= MAX_IMPACTS {
+            self.normalize();
             return;
         }
         // The restitutions are evenly spaced; each is simulated from rest and from the lock.
         let pair = (self.part - 1) / 2;
-        let place = (pair as f32 + 0.5) * (2.0 / PARTS as f32);
-        let [low, high] = self.followed();
-        let mean = low + (high - low) * place;
+        let position = (pair as f32 + 0.5) * (2.0 / SIMULATED_PARTS as f32);
+        let [low, high] = self.restitution_range();
+        let mean = low + (high - low) * position;
         let draw = Draw::new(mean, self.settings.scatter, self.part);
-        let span = Span::periods(PERIODS, 0);
-        let rider = Rider::new(draw, self.gear, span);
-        self.rider = Some(match self.lock(mean) {
-            Some((phase, velocity)) if self.part.is_multiple_of(2) => rider.thrown(phase, velocity),
-            _ => rider,
+        let span = Span::from_periods(SIMULATED_PERIODS, 0);
+        let simulated = SimulatedPart::new(draw, self.gear, span);
+        self.simulated = Some(match self.find_lock(mean) {
+            Some((phase, velocity)) if self.part.is_multiple_of(2) => {
+                simulated.with_launch(phase, velocity)
+            }
+            _ => simulated,
         });
     }
 
-    fn end(&mut self) {
-        self.part = PARTS + 1;
+    fn normalize(&mut self) {
+        self.part = SIMULATED_PARTS + 1;
         let profile = &mut self.profile;
         let within = profile.periods[0].map(|periods| 1.0 / periods.max(1.0));
         for (sums, within) in profile.in_gear.iter_mut().zip(within) {
             sums.iter_mut().for_each(|sum| *sum *= within);
         }
-        for (bend, count) in profile.bends.iter_mut().zip(self.bent) {
+        for (bend, count) in profile
+            .launch_accelerations
+            .iter_mut()
+            .zip(self.launch_counts)
+        {
             *bend /= count.max(1.0);
         }
         let without = 1.0 / profile.periods[1].iter().sum::<f32>().max(1.0);
-        profile.out.iter_mut().for_each(|sum| *sum *= without);
-        profile.landed *= without;
-        profile.landings *= without;
+        profile
+            .out_of_gear
+            .iter_mut()
+            .for_each(|sum| *sum *= without);
+        profile.landing_energy *= without;
+        profile.landing_rate *= without;
     }
 
     /// Phase and launch velocity of the lock (docs/theory-real-parts.md#t10.3); `None` without one.
     /// A scan and a bisection solve `C(t0) = pi r k (1 - R)/(1 + R)`.
-    fn lock(&self, restitution: f32) -> Option<(Phase, f32)> {
+    fn find_lock(&self, restitution: f32) -> Option<(Phase, f32)> {
         let StrikeSettings {
             order, k, tones, ..
         } = self.settings;
@@ -385,15 +393,15 @@ impl StrikeProfiler {
             speed
         };
         let step = Phase::from_bits(1 << 26);
-        let (mut fastest, mut most, mut phase) = (Phase::ZERO, -1.0, Phase::ZERO);
+        let (mut fastest, mut max_velocity, mut phase) = (Phase::ZERO, -1.0, Phase::ZERO);
         for _ in 0..64 {
             let velocity = rises(phase);
-            if velocity > most {
-                (fastest, most) = (phase, velocity);
+            if velocity > max_velocity {
+                (fastest, max_velocity) = (phase, velocity);
             }
             phase += step;
         }
-        if most <= wanted {
+        if max_velocity <= wanted {
             return None;
         }
         // The stable root lies where the velocity falls.
@@ -417,7 +425,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_count_that_is_told_of_ends_as_one_s_own() {
+    fn stored_result_equals_the_computed_one() {
         let settings = StrikeSettings {
             restitution: Restitution::interval(0.28, 0.32).unwrap(),
             scatter: 0.05,
@@ -425,7 +433,7 @@ mod tests {
             k: 0.4438,
             tones: [[0.0; 2]; 2],
         };
-        let count = StrikeCount::of(settings).unwrap();
+        let count = StrikeCount::compute(settings).unwrap();
         // Slice sizes that divide the number of steps, and one that does not; stored result set at
         // the start and later.
         let factor = (2..64)
@@ -433,22 +441,23 @@ mod tests {
             .unwrap_or(1);
         for (slice, after) in [(64, 0), (64, 3), (factor, 1), (count.steps - 1, 0)] {
             let mut own = StrikeProfiler::new(settings).unwrap();
-            let mut told = own;
+            let mut stored = own;
             for round in 0_u32.. {
                 if round == after {
-                    assert_eq!(told.asked(), Some(&settings));
-                    told.know(&count);
-                    assert_eq!(told.asked(), None);
+                    assert_eq!(stored.pending_settings(), Some(&settings));
+                    stored.set_stored_result(&count);
+                    assert_eq!(stored.pending_settings(), None);
                 }
                 let more = own.advance(slice);
-                assert_eq!(told.advance(slice), more, "{slice} {round}");
-                assert_eq!(own.profile().is_some(), told.profile().is_some());
+                assert_eq!(stored.advance(slice), more, "{slice} {round}");
+                assert_eq!(own.profile().is_some(), stored.profile().is_some());
                 if !more {
                     break;
                 }
             }
-            let [own, told] = [own, told].map(|of| std::format!("{:?}", of.profile().unwrap()));
-            assert_eq!(own, told);
+            let [own, stored] =
+                [own, stored].map(|profiler| std::format!("{:?}", profiler.profile().unwrap()));
+            assert_eq!(own, stored);
         }
         // A result at another k is rejected.
         let mut other = StrikeProfiler::new(StrikeSettings {
@@ -456,7 +465,7 @@ mod tests {
             ..settings
         })
         .unwrap();
-        other.know(&count);
-        assert!(other.asked().is_some());
+        other.set_stored_result(&count);
+        assert!(other.pending_settings().is_some());
     }
 }

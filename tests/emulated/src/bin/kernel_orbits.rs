@@ -19,7 +19,6 @@ fn run() {
 }
 
 fn orbits<K: Machine>() {
-    kband_emulated::say!("flies {} {IMPACTS}", K::NAME);
     for values in ORBITS {
         let (kernel, start) = begin::<K>(black_box(values));
         let settled = fly(&kernel, start, IMPACTS);

@@ -1,7 +1,7 @@
 //! Model of the chip without its core: memory, peripherals and external connections (RM0090,
 //! chapter 2).
 
-use super::bridge::{Bridge, Came};
+use super::bridge::{Bridge, Effects};
 use super::check::Check;
 use super::clocks::{Cause, Clocks, FASTEST, TICKS};
 use super::converter::Converter;
@@ -10,18 +10,15 @@ use super::flash::{self, Flash};
 use super::gpio::{Mode, Port, Wire};
 use super::power::{LOWEST, Power, Supply};
 use super::serial::Serial;
-use super::system::{Asks, NMI, System};
+use super::system::{NMI, System, WriteEffect};
 use super::voltage::Voltage;
 use super::watchdog::{Independent, WINDOW_CONTROL, Window};
 use super::world::{STEP, Seen, World};
 
 /// First address of the RAM.
 pub const MEMORY: u32 = 0x2000_0000;
-/// Size of the RAM, bytes.
 const MEMORY_SIZE: usize = 128 * 1024;
-/// First address of the core-coupled RAM.
 const COUPLED: u32 = 0x1000_0000;
-/// Size of the core-coupled RAM, bytes.
 const COUPLED_SIZE: usize = 64 * 1024;
 /// Addresses: identity of the chip, debug freeze registers (38.16), flash size (39.2).
 const IDENTITY: u32 = 0xe004_2000;
@@ -57,7 +54,7 @@ pub struct Board {
     pub attention: bool,
     /// Number of successive reads of the busy flash's status. Any write or other register read ends
     /// the count, except the window watchdog's count.
-    pub looks: u32,
+    pub flash_status_reads: u32,
     /// Whether the floating-point unit is on.
     pub float: bool,
     /// A pending reset.
@@ -92,7 +89,7 @@ pub struct Board {
     /// CRC.
     pub check: Check,
     /// Memory below the RAM; this chip has none.
-    pub below: Vec<u8>,
+    pub memory_below_ram: Vec<u8>,
     /// USART1 to USART3.
     pub serials: [Serial; 3],
     /// IWDG.
@@ -105,7 +102,6 @@ pub struct Board {
     lines: [u32; 6],
     monitor: bool,
     configuration: [u32; 8],
-    /// Debug freeze registers.
     stops: [u32; 3],
     /// The chip's surroundings.
     pub world: World,
@@ -120,7 +116,7 @@ impl Default for Board {
             cycle: 63,
             stall: 0,
             attention: false,
-            looks: 0,
+            flash_status_reads: 0,
             float: false,
             reset: None,
             supplied: true,
@@ -138,7 +134,7 @@ impl Default for Board {
             converter: Converter::default(),
             voltage: Voltage::default(),
             check: Check::default(),
-            below: Vec::new(),
+            memory_below_ram: Vec::new(),
             serials: Default::default(),
             watchdog: Independent::default(),
             window: Window::default(),
@@ -155,7 +151,7 @@ impl Default for Board {
 impl Board {
     /// Resets the registers; the RAM and the debugger's settings stay.
     pub fn reset(&mut self, cause: Cause) {
-        self.world.see(self.now, Seen::Reset(cause));
+        self.world.record(self.now, Seen::Reset(cause));
         self.clocks.reset();
         self.clocks.note(cause);
         self.power.reset();
@@ -194,7 +190,6 @@ impl Board {
     }
 
     /// Frequency of the core's clock, Hz.
-    #[must_use]
     pub fn clock(&self) -> u32 {
         self.clocks.core(self.now)
     }
@@ -203,7 +198,7 @@ impl Board {
     pub fn refresh(&mut self) {
         self.clock_tree();
         self.interrupts();
-        self.look();
+        self.update_trace();
         self.schedule();
     }
 
@@ -267,8 +262,7 @@ impl Board {
         driven
     }
 
-    /// Updates the trace of bridge, "drive on" and lamps.
-    fn look(&mut self) {
+    fn update_trace(&mut self) {
         let lamp = |port: usize, pin: usize| self.ports[port].output(pin) == Some(true);
         let outputs = [lamp(2, 3), lamp(2, 2), lamp(1, 11)];
         let driven = self.drive(self.now);
@@ -299,7 +293,7 @@ impl Board {
 
     /// Executes all events up to `now` in order of time. An instruction may end after an event:
     /// track, bridge and converter use the event's own time.
-    pub fn happen(&mut self) {
+    pub fn run_events(&mut self) {
         let now = self.now;
         loop {
             let track = self.world.due;
@@ -364,21 +358,21 @@ impl Board {
         }
     }
 
-    fn came(&mut self, came: Came, at: u64) {
+    fn came(&mut self, came: Effects, at: u64) {
         if came.trigger && self.converts {
             let upper = self.upper();
             self.converter.trigger(at, upper);
             if self.bridge.driven() {
                 let sampled = self.converter.samples(upper) / self.cycle.max(1);
                 let clear = self.bridge.clear(sampled as u32);
-                self.world.clear = self.world.clear.min(clear);
+                self.world.min_edge_distance = self.world.min_edge_distance.min(clear);
             }
         }
     }
 
     /// Changes the external level of a pin. An edge at an unmasked EXTI line becomes pending
     /// (12.2.4). The manual leaves open whether a masked line latches edges; here it does not.
-    pub fn wire(&mut self, port: usize, pin: usize, wire: Wire) {
+    pub fn set_wire(&mut self, port: usize, pin: usize, wire: Wire) {
         let before = self.ports[port].level(pin);
         self.ports[port].wires[pin] = wire;
         let after = self.ports[port].level(pin);
@@ -395,7 +389,7 @@ impl Board {
         let ours = self.ports[1].mode(12) == Mode::Function(1);
         let high = ours && self.ports[1].level(12);
         if self.bridge.break_input(high, clock_failed) {
-            self.look();
+            self.update_trace();
         }
     }
 
@@ -442,19 +436,19 @@ impl Board {
         while self.now < until && self.reset.is_none() {
             self.now = self.next.clamp(self.now, until);
             if self.next <= self.now {
-                self.happen();
+                self.run_events();
             }
         }
     }
 
     /// Advances the time with the core halted, to tick `until`; frozen peripherals stop.
-    pub fn stand(&mut self, until: u64) {
+    pub fn pass_halted(&mut self, until: u64) {
         let from = self.now;
         self.pass(until);
         let ticks = self.now - from;
         self.system.stands(ticks);
         if self.stops[1] >> 12 & 1 == 1 {
-            self.watchdog.stands(ticks);
+            self.watchdog.suspend(ticks);
         }
         if self.stops[1] >> 11 & 1 == 1 {
             self.window.stands(ticks);
@@ -471,7 +465,6 @@ impl Board {
 
     /// Tick until which nothing changes for a core that reads only the flash status and the window
     /// watchdog's count.
-    #[must_use]
     pub fn is_still_until(&self) -> u64 {
         let counts = self.window.counts_at(self.now, self.lower());
         self.next.min(self.flash.busy()).min(counts)
@@ -496,7 +489,7 @@ impl Board {
 
     fn register(&mut self, address: u32) -> u32 {
         if self.now >= self.next {
-            self.happen();
+            self.run_events();
         }
         if self.unclocked(address, "reads") {
             return 0;
@@ -505,11 +498,11 @@ impl Board {
         let offset = address & 0x3ff;
         match address {
             flash::STATUS if self.flash.busy() > now => {
-                self.looks = self.looks.saturating_add(1);
+                self.flash_status_reads = self.flash_status_reads.saturating_add(1);
                 self.attention = true;
             }
             WINDOW_CONTROL => {}
-            _ => self.looks = 0,
+            _ => self.flash_status_reads = 0,
         }
         match address {
             0x4000_2c00..0x4000_3000 => self.window.read(offset, now, lower),
@@ -548,7 +541,7 @@ impl Board {
 
     fn set_register(&mut self, address: u32, value: u32) {
         if self.now >= self.next {
-            self.happen();
+            self.run_events();
         }
         if self.unclocked(address, "writes") {
             return;
@@ -631,7 +624,7 @@ impl Board {
     }
 
     fn own(&mut self, address: u32) -> u32 {
-        self.looks = 0;
+        self.flash_status_reads = 0;
         match address {
             IDENTITY => self.identity.0,
             0xe004_2004 => self.stops[0],
@@ -641,7 +634,7 @@ impl Board {
         }
     }
 
-    fn set_own(&mut self, address: u32, size: u32, value: u32) -> Asks {
+    fn set_own(&mut self, address: u32, size: u32, value: u32) -> WriteEffect {
         match address {
             0xe004_2004 => self.stops[0] = value,
             STOPS_LOWER => self.stops[1] = value,
@@ -654,17 +647,18 @@ impl Board {
                 return asks;
             }
         }
-        Asks::Nothing
+        WriteEffect::Nothing
     }
 
-    /// Reads outside the RAM.
     #[inline(never)]
     fn load_elsewhere(&mut self, address: u32, size: u32) -> Option<u32> {
         match address >> 28 {
             1 if self.system.is_guarded(address) => None,
-            1 if address >= self.lowest() => {
-                number(&self.below, (address - self.lowest()) as usize, size)
-            }
+            1 if address >= self.lowest() => number(
+                &self.memory_below_ram,
+                (address - self.lowest()) as usize,
+                size,
+            ),
             0 if address < 0x0010_0000 || flash::RANGE.contains(&address) => {
                 self.wait_for_flash();
                 let at = (address & 0x000f_ffff) as usize;
@@ -696,9 +690,12 @@ impl Board {
         let lowest = self.lowest();
         match address >> 28 {
             1 if self.system.is_guarded(address) => None,
-            1 if address >= lowest => {
-                put(&mut self.below, (address - lowest) as usize, size, value)
-            }
+            1 if address >= lowest => put(
+                &mut self.memory_below_ram,
+                (address - lowest) as usize,
+                size,
+                value,
+            ),
             0 if flash::RANGE.contains(&address) => {
                 self.wait_for_flash();
                 let (now, before) = (self.now, self.flash.operations);
@@ -729,9 +726,9 @@ impl Board {
             }
             0xe => {
                 match self.set_own(address, size, value) {
-                    Asks::Reset => self.reset = Some(Cause::Software),
-                    Asks::Float(on) => self.float = on,
-                    Asks::Nothing => {}
+                    WriteEffect::Reset => self.reset = Some(Cause::Software),
+                    WriteEffect::Float(on) => self.float = on,
+                    WriteEffect::Nothing => {}
                 }
                 Some(())
             }
@@ -741,7 +738,7 @@ impl Board {
 
     /// First address of the memory below the RAM.
     fn lowest(&self) -> u32 {
-        MEMORY - self.below.len() as u32
+        MEMORY - self.memory_below_ram.len() as u32
     }
 
     /// Fetches an instruction outside the RAM; the wait is counted with its line.
@@ -790,7 +787,7 @@ impl Bus for Board {
 
     #[inline]
     fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
-        self.looks = 0;
+        self.flash_status_reads = 0;
         let at = address.wrapping_sub(MEMORY) as usize;
         put(&mut self.ram, at, size, value).or_else(|| self.store_elsewhere(address, size, value))
     }
@@ -835,7 +832,7 @@ mod tests {
             board.store(MASK, 4, mask);
             board.store(RISING, 4, edges[0]);
             board.store(FALLING, 4, edges[1]);
-            board.wire(1, 0, wire);
+            board.set_wire(1, 0, wire);
             let pending = board.load(PENDING, 4) == Some(1);
             board.store(PENDING, 4, 1);
             assert_eq!(board.load(PENDING, 4), Some(0), "a one clears it");

@@ -13,14 +13,12 @@ const AUTOMATIC: u32 = 1 << 14;
 /// Main output enable (17.4.18).
 pub const MAIN_OUTPUT: u32 = 1 << 15;
 
-/// Effects of a timer event beyond the timer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Came {
+pub struct Effects {
     /// An update on the trigger output (CR2.MMS = 2).
     pub trigger: bool,
 }
 
-/// The registers and the counter.
 #[derive(Clone, Debug)]
 pub struct Bridge {
     words: [u32; 20],
@@ -56,7 +54,6 @@ impl Default for Bridge {
 }
 
 impl Bridge {
-    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self {
             cycle: self.cycle,
@@ -68,8 +65,6 @@ impl Bridge {
         self.words[offset / 4]
     }
 
-    /// Whether the counter runs.
-    #[must_use]
     pub fn runs(&self) -> bool {
         self.word(0) & ENABLE != 0 && self.cycle > 0
     }
@@ -78,7 +73,6 @@ impl Bridge {
         self.word(0) >> 5 & 3 != 0
     }
 
-    /// Sets the duration of a timer clock cycle, ticks; 0 for no clock.
     pub fn set_cycle(&mut self, cycle: u64, now: u64) {
         if cycle != self.cycle {
             self.catch_up(now);
@@ -86,12 +80,10 @@ impl Bridge {
         }
     }
 
-    /// Duration of a count, ticks.
     fn count_ticks(&self) -> u64 {
         self.cycle * u64::from(self.prescaler + 1)
     }
 
-    /// Count at tick `now`.
     fn place(&self, now: u64) -> u32 {
         if !self.runs() {
             return self.count;
@@ -115,8 +107,6 @@ impl Bridge {
         }
     }
 
-    /// Tick at which the counter next turns.
-    #[must_use]
     pub fn due(&self) -> u64 {
         if !self.runs() || self.reload == 0 {
             return u64::MAX;
@@ -129,8 +119,7 @@ impl Bridge {
         self.since + u64::from(steps) * self.count_ticks()
     }
 
-    /// Turns the counter.
-    pub fn turn(&mut self) -> Came {
+    pub fn turn(&mut self) -> Effects {
         self.since = self.due();
         if self.centred() {
             self.count = if self.down { 0 } else { self.reload };
@@ -140,17 +129,17 @@ impl Bridge {
         }
         if self.repetition > 0 {
             self.repetition -= 1;
-            return Came::default();
+            return Effects::default();
         }
         if self.word(0) & UPDATE_OFF != 0 {
-            return Came::default();
+            return Effects::default();
         }
         self.update();
         self.words[0x10 / 4] |= UPDATE;
         if self.word(0x44) & AUTOMATIC != 0 && self.word(0x10) & BREAK == 0 {
             self.words[0x44 / 4] |= MAIN_OUTPUT;
         }
-        Came {
+        Effects {
             trigger: self.word(4) >> 4 & 7 == 2,
         }
     }
@@ -164,8 +153,6 @@ impl Bridge {
         self.count = self.count.min(self.reload);
     }
 
-    /// Reads a register.
-    #[must_use]
     pub fn read(&self, offset: u32, now: u64) -> u32 {
         match offset {
             0x14 => 0,
@@ -176,16 +163,16 @@ impl Bridge {
     }
 
     /// Writes a register; returns the effects of a software event.
-    pub fn write(&mut self, offset: u32, value: u32, now: u64) -> Came {
+    pub fn write(&mut self, offset: u32, value: u32, now: u64) -> Effects {
         let Some(&old) = self.words.get(offset as usize / 4) else {
-            return Came::default();
+            return Effects::default();
         };
         self.catch_up(now);
         let lock = self.word(0x44) >> 8 & 3;
         let value = match offset {
             0x10 => old & value,
             0x14 => {
-                let mut came = Came::default();
+                let mut came = Effects::default();
                 if value & 1 != 0 {
                     self.update();
                     (self.count, self.down, self.since) = (0, false, now);
@@ -199,7 +186,7 @@ impl Bridge {
             }
             0x24 => {
                 (self.count, self.since) = (value & 0xffff, now);
-                return Came::default();
+                return Effects::default();
             }
             0x44 => {
                 // Bits that a lock level protects (17.4.18); the level itself is written once.
@@ -223,7 +210,7 @@ impl Bridge {
             0x34 if self.word(0x18) & 8 == 0 => self.compare = value & 0xffff,
             _ => {}
         }
-        Came::default()
+        Effects::default()
     }
 
     /// A break: disables the outputs without any clock (17.3.12).
@@ -246,20 +233,16 @@ impl Bridge {
         false
     }
 
-    /// Whether the main output is enabled.
-    #[must_use]
     pub fn enabled(&self) -> bool {
         self.word(0x44) & MAIN_OUTPUT != 0
     }
 
     /// Whether the outputs and both their channels are enabled: one of the gates is always high.
-    #[must_use]
     pub fn driven(&self) -> bool {
         self.enabled() && self.word(0x20) & 5 != 0
     }
 
     /// Whether the gates are driven to their off level while the outputs are disabled (OSSI).
-    #[must_use]
     pub fn held_off(&self) -> bool {
         self.word(0x44) & IDLE_DRIVEN != 0 && self.word(4) & 0x300 == 0
     }
@@ -269,13 +252,11 @@ impl Bridge {
         self.words[0x44 / 4] &= !MAIN_OUTPUT;
     }
 
-    /// Sets it.
     pub fn switch_on(&mut self) {
         self.words[0x44 / 4] |= MAIN_OUTPUT;
     }
 
     /// Mean bridge voltage over its supply, -1..1; a stopped counter leaves one switch on.
-    #[must_use]
     pub fn output(&self, now: u64) -> f32 {
         if !self.driven() {
             return 0.0;
@@ -293,7 +274,6 @@ impl Bridge {
 
     /// Number of counts between the nearest edge, dead time included, and the first `sampled`
     /// counts after the bottom. The compare value is that of the periods around it.
-    #[must_use]
     pub fn clear(&self, sampled: u32) -> u32 {
         let (_, compare, dead) = self.period();
         let compare = compare.min(self.reload);
@@ -301,14 +281,12 @@ impl Bridge {
     }
 
     /// Requested interrupts: update, break.
-    #[must_use]
     pub fn interrupts(&self) -> [bool; 2] {
         let both = self.word(0x10) & self.word(0x0c);
         [both & UPDATE != 0, both & BREAK != 0]
     }
 
     /// Period in timer counts, its high part, and the dead time in counts.
-    #[must_use]
     pub fn period(&self) -> (u32, u32, u32) {
         let turns = if self.centred() { 2 } else { 1 };
         let dead = match self.word(0x44) & 0xff {

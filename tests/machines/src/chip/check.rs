@@ -1,9 +1,7 @@
 //! Model of the CRC unit (RM0090, chapter 4): CRC-32 of words, highest bit first, four cycles each.
 
-/// Generator polynomial of CRC-32.
 const POLYNOMIAL: u32 = 0x04c1_1db7;
 
-/// The registers.
 #[derive(Clone, Debug)]
 pub struct Check {
     sum: u32,
@@ -17,8 +15,6 @@ impl Default for Check {
 }
 
 impl Check {
-    /// Reads a register.
-    #[must_use]
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x00 => self.sum,
@@ -27,7 +23,6 @@ impl Check {
         }
     }
 
-    /// Writes a register.
     pub fn write(&mut self, offset: u32, value: u32) {
         match offset {
             0x00 => {
@@ -47,10 +42,10 @@ impl Check {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kband::wire::crc32;
+    use kband_control::wire::crc32;
 
     #[test]
-    fn words_with_their_bits_reversed_give_the_crc_32_of_their_bytes() {
+    fn reversed_words_give_the_crc_32_of_their_bytes() {
         let bytes: Vec<u8> = (0..64).map(|n| n * 37).collect();
         let mut unit = Check::default();
         for word in bytes.as_chunks().0 {

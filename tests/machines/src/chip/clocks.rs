@@ -47,7 +47,6 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// Flags of this cause in CSR.
     fn flags(self) -> u32 {
         const PIN: u32 = 1 << 26;
         match self {
@@ -115,7 +114,6 @@ impl Clocks {
     }
 
     /// Reads a register at tick `now`.
-    #[must_use]
     pub fn read(&self, offset: u32, now: u64) -> u32 {
         match offset {
             0x00 => self.control(now),
@@ -210,13 +208,11 @@ impl Clocks {
     }
 
     /// Whether the security system's interrupt is pending.
-    #[must_use]
     pub fn security(&self) -> bool {
         self.interrupts & CSSF != 0
     }
 
     /// Frequency of the core at tick `now`, Hz; 0: none.
-    #[must_use]
     pub fn core(&self, now: u64) -> u32 {
         let system = match self.configuration & 3 {
             0 => INTERNAL,
@@ -244,14 +240,12 @@ impl Clocks {
     }
 
     /// Divider of a bus clock; `upper` is APB2.
-    #[must_use]
     pub fn divider(&self, upper: bool) -> u32 {
         let code = self.configuration >> if upper { 13 } else { 10 } & 7;
         if code < 4 { 1 } else { 2 << (code - 4) }
     }
 
     /// Divider from the core's clock to that of a bus's timers (7.2).
-    #[must_use]
     pub fn timer_divider(&self, upper: bool) -> u32 {
         match self.divider(upper) {
             1 => 1,
@@ -261,7 +255,6 @@ impl Clocks {
 
     /// Whether the peripheral at `address` has its clock (7.3.10 to 7.3.14); true for those without
     /// a clock enable.
-    #[must_use]
     pub fn enabled(&self, address: u32) -> bool {
         let enabled = |register: usize, bit: u32| self.others[register / 4] >> bit & 1 == 1;
         match address {
@@ -302,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn the_board_runs_at_168_megahertz_with_another_crystal_at_another_clock() {
+    fn another_crystal_gives_another_clock() {
         let mut clocks = board();
         let now = TICKS;
         assert_eq!(clocks.core(now), 168_000_000);

@@ -35,7 +35,6 @@ impl Default for Converter {
 }
 
 impl Converter {
-    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
@@ -92,7 +91,6 @@ impl Converter {
 
     /// Ticks from a trigger to the end of the group's first sample. Three converter cycles for the
     /// trigger (DS8626, table 67), then the sampling time.
-    #[must_use]
     pub fn samples(&self, cycle: u64) -> u64 {
         let channel = self.group().first().copied().unwrap_or(0);
         let bits = 12 - 2 * (self.words[1] >> 24 & 3);
@@ -129,7 +127,6 @@ impl Converter {
     }
 
     /// Tick at which a conversion ends.
-    #[must_use]
     pub fn due(&self) -> u64 {
         self.injected.min(self.regular)
     }
@@ -175,7 +172,6 @@ impl Converter {
     }
 
     /// Whether it requests its interrupt: end of a regular conversion, or of the injected group.
-    #[must_use]
     pub fn interrupts(&self) -> bool {
         let (status, control) = (self.words[0], self.words[1]);
         status & REGULAR_END != 0 && control >> 5 & 1 == 1
@@ -188,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_trigger_converts_the_injected_group_and_asks_for_the_interrupt() {
+    fn trigger_converts_the_injected_group_and_interrupts() {
         let mut converter = Converter::default();
         let cycle = 12;
         converter.write(0x304, 1 << 16, 0, cycle);
@@ -208,6 +204,22 @@ mod tests {
         assert!(converter.interrupts());
         converter.write(0x00, !INJECTED_END, 0, cycle);
         assert!(!converter.interrupts());
+    }
+
+    #[test]
+    fn the_ranks_of_a_group_follow_each_other() {
+        let mut converter = Converter::default();
+        // Channel 1, then channel 10, both with 28 cycles of sampling time.
+        converter.write(0x10, 2 << 3, 0, 12);
+        converter.write(0x0c, 2, 0, 12);
+        converter.write(0x38, 1 << 20 | 1 << 10 | 10 << 15, 0, 12);
+        converter.write(0x08, ON | 1 << 16 | 1 << 20, 0, 12);
+        converter.trigger(0, 12);
+        // The first channel's sampling time, at half of the clock.
+        assert_eq!(converter.samples(12), (3 + 28) * 2 * 12);
+        assert_eq!(converter.due(), 2 * 40 * 2 * 12);
+        assert!(converter.end(converter.due(), |channel| 100 * channel as u16));
+        assert_eq!((converter.read(0x3c), converter.read(0x40)), (100, 1000));
     }
 
     #[test]

@@ -7,7 +7,6 @@ use super::clocks::TICKS;
 
 /// First address of the flash.
 pub const START: u32 = 0x0800_0000;
-/// Size of the flash, bytes.
 const SIZE: usize = 1024 * 1024;
 /// Addresses of the flash.
 pub const RANGE: Range<u32> = START..START + SIZE as u32;
@@ -16,9 +15,7 @@ pub const REGISTERS: Range<u32> = 0x4002_3c00..0x4002_3c18;
 /// Address of the status register.
 pub const STATUS: u32 = REGISTERS.start + 0x0c;
 
-/// Key values that unlock the controller.
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
-/// Key values that unlock the option bytes.
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
 /// Bits of ACR (3.9.1).
 const PREFETCH: u32 = 1 << 8;
@@ -26,7 +23,6 @@ const INSTRUCTION_CACHE: u32 = 1 << 9;
 const DATA_CACHE: u32 = 1 << 10;
 const RESET_INSTRUCTIONS: u32 = 1 << 11;
 const RESET_DATA: u32 = 1 << 12;
-/// Bits of the control register.
 const PROGRAM: u32 = 1;
 const ERASE_SECTOR: u32 = 1 << 1;
 const ERASE_ALL: u32 = 1 << 2;
@@ -58,7 +54,6 @@ const ERASE_TIMES: [[u64; 4]; 3] = [
 ];
 
 /// Offsets of a sector.
-#[must_use]
 pub fn sector(number: usize) -> Option<Range<usize>> {
     match number {
         0..=3 => Some(number * 0x4000..(number + 1) * 0x4000),
@@ -68,7 +63,6 @@ pub fn sector(number: usize) -> Option<Range<usize>> {
     }
 }
 
-/// Number of the sector at an offset.
 fn sector_at(offset: usize) -> Option<usize> {
     (0..12).find(|number| sector(*number).is_some_and(|range| range.contains(&offset)))
 }
@@ -152,7 +146,6 @@ pub struct Flash {
     control: u32,
     status: u32,
     option_control: u32,
-    /// The option bytes in force.
     options: u32,
     busy: u64,
     instructions: Lines,
@@ -203,13 +196,11 @@ impl Flash {
     }
 
     /// Level of the brown-out reset; 3 is off.
-    #[must_use]
     pub fn brown_out(&self) -> u32 {
         self.options >> 2 & 3
     }
 
     /// Whether the independent watchdog runs from reset on.
-    #[must_use]
     pub fn hardware_watchdog(&self) -> bool {
         self.options & SOFTWARE_WATCHDOG == 0
     }
@@ -221,25 +212,21 @@ impl Flash {
     }
 
     /// The option bytes in force.
-    #[must_use]
     pub fn options(&self) -> u32 {
         self.options
     }
 
     /// Tick until which it is busy.
-    #[must_use]
     pub fn busy(&self) -> u64 {
         self.busy
     }
 
     /// Number of wait states.
-    #[must_use]
     pub fn latency(&self) -> u32 {
         self.access & 7
     }
 
     /// Whether prefetch, instruction cache and data cache are on.
-    #[must_use]
     pub fn accelerator(&self) -> [bool; 3] {
         [PREFETCH, INSTRUCTION_CACHE, DATA_CACHE].map(|bit| self.access & bit != 0)
     }
@@ -281,7 +268,6 @@ impl Flash {
     }
 
     /// Reads a register by its offset at tick `now`.
-    #[must_use]
     pub fn register(&self, offset: u32, now: u64) -> u32 {
         match offset {
             0x00 => self.access,

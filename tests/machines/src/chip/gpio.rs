@@ -37,7 +37,6 @@ pub struct Port {
 
 impl Port {
     /// Builds port `number`; A is 0.
-    #[must_use]
     pub fn new(number: usize) -> Self {
         let first = match number {
             0 => [0xa800_0000, 0x6400_0000],
@@ -61,7 +60,6 @@ impl Port {
     }
 
     /// Reads a register.
-    #[must_use]
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x10 => (0..16).map(|pin| u32::from(self.level(pin)) << pin).sum(),
@@ -85,7 +83,6 @@ impl Port {
     }
 
     /// Configuration of a pin.
-    #[must_use]
     pub fn mode(&self, pin: usize) -> Mode {
         match self.words[0] >> (2 * pin) & 3 {
             0 => Mode::Input,
@@ -96,7 +93,6 @@ impl Port {
     }
 
     /// The level at a pin as its input register shows it; one that floats reads low.
-    #[must_use]
     pub fn level(&self, pin: usize) -> bool {
         match (self.mode(pin), self.wires[pin]) {
             (Mode::Analogue, _) => false,
@@ -108,7 +104,6 @@ impl Port {
     }
 
     /// Level of an output; `None` where the pin is no output.
-    #[must_use]
     pub fn output(&self, pin: usize) -> Option<bool> {
         (self.mode(pin) == Mode::Output).then(|| self.level(pin))
     }

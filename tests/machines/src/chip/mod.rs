@@ -19,7 +19,7 @@ mod voltage;
 mod watchdog;
 pub mod world;
 
-use self::core::{COUNTER, Code, Core, Fault, STACK, Waits};
+use self::core::{COUNTER, Code, Core, Fault, STACK, WaitState};
 pub use board::Board;
 pub use board::MEMORY;
 use clocks::{Cause, TICKS};
@@ -46,7 +46,7 @@ const HALTED: u32 = 1 << 17;
 const LOCKED_UP: u32 = 1 << 19;
 const WAS_RESET: u32 = 1 << 25;
 /// Largest number of instructions of a loader before it counts as hanging.
-const MOST_INSTRUCTIONS: u64 = 60_000_000;
+const MAX_LOADER_INSTRUCTIONS: u64 = 60_000_000;
 /// Duration of a probe's access, ticks: 20 us.
 const ACCESS: u64 = TICKS / 50_000;
 
@@ -56,7 +56,6 @@ pub const SAMPLE: u16 = 16 + 18;
 pub const LINK: u16 = 16 + 38;
 /// Exception number of SysTick, the millisecond clock.
 pub const MILLISECOND: u16 = 15;
-/// Number of exceptions of the chip.
 const EXCEPTIONS: usize = 16 + 82;
 
 /// Bits of CFSR and HFSR (B3.2.15, B3.2.16).
@@ -71,17 +70,15 @@ const UNALIGNED: u32 = 1 << 24;
 const FORCED: u32 = 1 << 30;
 const DEBUG_EVENT: u32 = 1 << 31;
 
-/// State of the core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Runs {
-    /// Halted by a debugger.
-    Nothing,
+    Halted,
     /// Executes the memory's content.
     Core,
     /// Runs an unspecified older firmware that keeps driving the bridge.
     Unknown,
     /// Stopped for good: no code at the address, or a fault within a fault.
-    Lost,
+    Stopped,
 }
 
 /// Run time of an exception's handler in core cycles, including handlers that preempt it.
@@ -181,7 +178,6 @@ impl Chip {
     ///
     /// # Panics
     /// The chip has no such exception.
-    #[must_use]
     pub fn handler(&self, exception: u16) -> Handler {
         self.handlers[usize::from(exception)]
     }
@@ -197,7 +193,6 @@ impl Chip {
     }
 
     /// Content of the flash.
-    #[must_use]
     pub fn flash(&self) -> &[u8] {
         &self.board.flash.bytes
     }
@@ -210,7 +205,6 @@ impl Chip {
     }
 
     /// Number of words programmed and sectors erased.
-    #[must_use]
     pub fn operations(&self) -> u64 {
         self.board.flash.operations
     }
@@ -221,22 +215,19 @@ impl Chip {
     }
 
     /// Whether the bridge is driven; only its main output enable opens it.
-    #[must_use]
     pub fn is_driven(&self) -> bool {
         self.board.supplied && self.board.bridge.enabled()
     }
 
     /// Entry address of the running firmware; `None` where none runs.
-    #[must_use]
     pub fn running(&self) -> Option<u32> {
         let runs = matches!(self.runs, Runs::Core | Runs::Unknown);
         (self.is_supplied() && runs).then_some(self.entry)
     }
 
     /// Whether the core has stopped for good: no code, or a fault within a fault.
-    #[must_use]
-    pub fn was_lost(&self) -> bool {
-        self.runs == Runs::Lost
+    pub fn has_stopped(&self) -> bool {
+        self.runs == Runs::Stopped
     }
 
     /// Switches the supply on. The RAM holds noise, and the firmware in the flash starts, if there
@@ -271,7 +262,7 @@ impl Chip {
 
     /// Reads bytes as a probe does; `None` where an address has no memory.
     pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Option<()> {
-        self.goes_on()?;
+        self.run_between_accesses()?;
         let size = width(address, bytes.len());
         for (index, part) in bytes.chunks_exact_mut(size).enumerate() {
             let place = address.checked_add((index * size) as u32)?;
@@ -287,7 +278,7 @@ impl Chip {
 
     /// Writes bytes as a probe does, `size` at a time.
     pub fn write(&mut self, address: u32, size: usize, bytes: &[u8]) -> Option<()> {
-        self.goes_on()?;
+        self.run_between_accesses()?;
         let before = self.board.flash.operations;
         for (index, part) in bytes.chunks_exact(size).enumerate() {
             let place = address.checked_add((index * size) as u32)?;
@@ -299,7 +290,7 @@ impl Chip {
             }
         }
         self.driven_while_halted |= self.board.flash.operations != before && self.is_driven();
-        self.goes_on()
+        self.run_between_accesses()
     }
 
     fn is_supplied(&self) -> bool {
@@ -308,20 +299,20 @@ impl Chip {
     }
 
     /// Runs the core between two accesses of a probe.
-    fn goes_on(&mut self) -> Option<()> {
+    fn run_between_accesses(&mut self) -> Option<()> {
         if !self.is_supplied() {
             return None;
         }
         match self.runs {
             Runs::Unknown if !self.was_reset => self.board.bridge.switch_on(),
             Runs::Unknown => {}
-            Runs::Nothing | Runs::Lost | Runs::Core => self.run(self.board.now + ACCESS),
+            Runs::Halted | Runs::Stopped | Runs::Core => self.run(self.board.now + ACCESS),
         }
         Some(())
     }
 
     /// Runs the chip for this time.
-    pub fn lives(&mut self, time: std::time::Duration) {
+    pub fn run_for(&mut self, time: std::time::Duration) {
         if self.runs == Runs::Core && self.is_supplied() {
             let passed = (time.as_secs_f64() * TICKS as f64) as u64;
             self.run(self.board.now + passed);
@@ -341,8 +332,8 @@ impl Chip {
                 let mut value = self.halting | READY;
                 if self.halting & DEBUG != 0 {
                     value |= match self.runs {
-                        Runs::Nothing => HALTED,
-                        Runs::Lost => LOCKED_UP,
+                        Runs::Halted => HALTED,
+                        Runs::Stopped => LOCKED_UP,
                         Runs::Core | Runs::Unknown => 0,
                     };
                 }
@@ -391,14 +382,14 @@ impl Chip {
         self.halting = control;
         let asked = control & (DEBUG | HALT | STEP);
         if asked & DEBUG == 0 {
-            if self.runs == Runs::Nothing {
+            if self.runs == Runs::Halted {
                 self.goes();
             }
             return;
         }
         if asked & HALT != 0 {
             self.stop(1);
-        } else if self.runs == Runs::Nothing {
+        } else if self.runs == Runs::Halted {
             self.goes();
             if self.runs == Runs::Unknown {
                 if asked & STEP != 0 {
@@ -411,7 +402,7 @@ impl Chip {
                 }
             } else if self.core.r[COUNTER] >= MEMORY {
                 // A loader: the probe waits for its end.
-                self.steps(MOST_INSTRUCTIONS);
+                self.steps(MAX_LOADER_INSTRUCTIONS);
             }
         }
     }
@@ -422,7 +413,7 @@ impl Chip {
         let older = self.older && !loader;
         self.runs = if older { Runs::Unknown } else { Runs::Core };
         self.board.halted = false;
-        self.core.waits = Waits::Not;
+        self.core.waits = WaitState::Not;
         self.board.refresh();
     }
 
@@ -433,19 +424,19 @@ impl Chip {
             if self.runs == Runs::Core && !self.is_supplied() {
                 return;
             }
-            self.one();
+            self.step();
             if self.board.next <= self.board.now {
-                self.board.happen();
+                self.board.run_events();
             }
             self.attend();
         }
         if most > 1 && self.runs == Runs::Core && self.core.instructions >= end {
-            self.runs = Runs::Lost;
+            self.runs = Runs::Stopped;
         }
     }
 
     fn stop(&mut self, why: u32) {
-        self.runs = Runs::Nothing;
+        self.runs = Runs::Halted;
         self.was_halted = true;
         self.board.halted = true;
         self.board.refresh();
@@ -473,7 +464,7 @@ impl Chip {
         self.core.reset(stack, entry);
         self.entry = entry & !1;
         let starts = flash::RANGE.contains(&entry) && entry & 1 == 1;
-        self.runs = if starts { Runs::Core } else { Runs::Lost };
+        self.runs = if starts { Runs::Core } else { Runs::Stopped };
         if self.halting & DEBUG != 0 && self.board.system.catch & 1 != 0 {
             self.stop(8);
         }
@@ -486,22 +477,22 @@ impl Chip {
                 self.resets();
                 continue;
             }
-            if !self.board.supplied || self.board.cycle == 0 || self.runs == Runs::Lost {
+            if !self.board.supplied || self.board.cycle == 0 || self.runs == Runs::Stopped {
                 self.board.pass(until);
                 continue;
             }
-            if self.runs == Runs::Nothing {
-                self.board.stand(until);
+            if self.runs == Runs::Halted {
+                self.board.pass_halted(until);
                 continue;
             }
-            if self.core.waits != Waits::Not {
+            if self.core.waits != WaitState::Not {
                 self.sleeps(until);
                 continue;
             }
             self.stretch(until);
         }
         if self.board.next <= self.board.now {
-            self.board.happen();
+            self.board.run_events();
         }
     }
 
@@ -509,25 +500,28 @@ impl Chip {
     fn stretch(&mut self, until: u64) {
         let limit = until.min(self.board.next);
         while self.board.now < limit {
-            self.one();
+            self.step();
             if self.core.attention || self.board.attention {
                 break;
             }
         }
         if self.board.next <= self.board.now {
-            self.board.happen();
+            self.board.run_events();
         }
         self.attend();
-        if self.board.looks > 0 {
-            self.looks_on(until);
+        if self.board.flash_status_reads > 0 {
+            self.skip_flash_wait(until);
         }
     }
 
     /// Skips repetitions of a loop that waits for the flash, as long as nothing changes in it.
     #[cold]
-    fn looks_on(&mut self, until: u64) {
+    fn skip_flash_wait(&mut self, until: u64) {
         let now = self.board.now;
-        let before = self.looked.take().filter(|_| self.board.looks > 1);
+        let before = self
+            .looked
+            .take()
+            .filter(|_| self.board.flash_status_reads > 1);
         let mut took = None;
         if let Some(mut before) = before {
             let rounds = self.core.instructions - before.core.instructions;
@@ -550,11 +544,10 @@ impl Chip {
         }));
     }
 
-    /// Executes one instruction.
     #[inline(always)]
-    fn one(&mut self) {
+    fn step(&mut self) {
         if self.board.flash.changed.is_some() {
-            self.learns();
+            self.drop_changed_code();
         }
         if self.hangs.is_some() && self.is_hung() {
             self.core.instructions += 1;
@@ -569,13 +562,12 @@ impl Chip {
 
     /// Drops the decoded instructions of the changed flash.
     #[cold]
-    fn learns(&mut self) {
+    fn drop_changed_code(&mut self) {
         if let Some(changed) = self.board.flash.changed.take() {
             self.code.forget(&changed);
         }
     }
 
-    /// Whether the next instruction hangs.
     #[cold]
     fn is_hung(&self) -> bool {
         match self.hangs {
@@ -588,19 +580,19 @@ impl Chip {
 
     /// Sleeps until an event wakes the core.
     fn sleeps(&mut self, until: u64) {
-        let event = self.core.waits == Waits::Event && self.core.event;
+        let event = self.core.waits == WaitState::Event && self.core.event;
         let wakes = self.board.system.wakes() && self.awake().is_some()
-            || self.core.waits == Waits::Interrupt && self.board.system.wakes();
+            || self.core.waits == WaitState::Interrupt && self.board.system.wakes();
         if event || wakes {
             if event {
                 self.core.event = false;
             }
-            self.core.waits = Waits::Not;
+            self.core.waits = WaitState::Not;
         } else {
             let next = self.board.next.min(until);
             self.board.now = self.board.now.max(next);
             if self.board.next <= self.board.now {
-                self.board.happen();
+                self.board.run_events();
             }
         }
         self.attend();
@@ -682,9 +674,9 @@ impl Chip {
         let core = &self.core;
         let running = system.running(core.mask, core.fault_mask, core.base_priority);
         if running <= -1 {
-            self.runs = Runs::Lost;
+            self.runs = Runs::Stopped;
             self.core.attention = true;
-            self.board.world.see(self.board.now, Seen::LockedUp);
+            self.board.world.record(self.board.now, Seen::LockedUp);
             return;
         }
         system.hard_status |= FORCED;
@@ -725,7 +717,7 @@ mod tests {
 
     /// Runs of a few cycles execute each round of the wait; one long run skips most of them.
     #[test]
-    fn a_wait_for_the_flash_that_passes_at_once_ends_as_one_that_is_executed() {
+    fn a_skipped_flash_wait_equals_an_executed_one() {
         const CODE: u32 = 0x2000_1000;
         // ldr r2, [r0]; ldr r4, [r1]; tst r2, r3; bne to the first; b to itself.
         let program = [0x6802_u16, 0x680c, 0x421a, 0xd1fb, 0xe7fe];
@@ -770,7 +762,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_within_a_fault_locks_up_once_until_the_watchdog_bites() {
+    fn nested_fault_locks_up_until_the_watchdog_resets() {
         let mut chip = Chip::default();
         // Stack at the top of the RAM; each vector points to erased flash, which is no instruction.
         let vectors = std::iter::once(0x2002_0000_u32).chain(std::iter::repeat(0x0800_0101));
@@ -784,7 +776,7 @@ mod tests {
             trace.filter(|(_, seen)| *seen == Seen::LockedUp).count()
         };
         assert_eq!(locked(&chip), 1);
-        assert!(chip.was_lost());
+        assert!(chip.has_stopped());
         assert!(chip.board.now >= TICKS / 100);
         for (register, value) in [(0, 0x5555), (4, 0), (8, 100), (0, 0xcccc)] {
             let address = 0x4000_3000 + register;

@@ -19,7 +19,6 @@ pub const LOWEST: f64 = 2.7;
 /// State of the chip at a supply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Supply {
-    /// High enough.
     Enough,
     /// Below the brown-out level: in reset.
     BrownOut,
@@ -49,7 +48,6 @@ impl Default for Power {
 }
 
 impl Power {
-    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self {
             volts: self.volts,
@@ -57,8 +55,6 @@ impl Power {
         };
     }
 
-    /// Reads a register.
-    #[must_use]
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x00 => self.control,
@@ -67,7 +63,6 @@ impl Power {
         }
     }
 
-    /// Writes a register.
     pub fn write(&mut self, offset: u32, value: u32) {
         match offset {
             0x00 => self.control = value & 0xc3f3,
@@ -87,13 +82,11 @@ impl Power {
 
     /// Whether the supply is too low to program or erase the flash by words (DS8626, flash memory
     /// programming), or the monitor's output is high.
-    #[must_use]
     pub fn too_low_for_flash(&self) -> bool {
         self.volts < LOWEST || self.below
     }
 
     /// State of the chip with this brown-out level of the option bytes (3.9.1), in reset or not.
-    #[must_use]
     pub fn supply(&self, level: u32, in_reset: bool) -> Supply {
         let more = if in_reset { HYSTERESIS } else { 0.0 };
         if self.volts < OFF + more / 2.0 {
@@ -111,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_monitor_sees_a_supply_below_its_level_and_only_while_it_is_on() {
+    fn monitor_sees_a_low_supply_only_while_on() {
         let mut power = Power {
             volts: 2.5,
             ..Power::default()

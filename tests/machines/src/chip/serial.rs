@@ -79,7 +79,6 @@ impl Serial {
         };
     }
 
-    /// Sets the duration of a clock cycle in ticks.
     pub fn set_cycle(&mut self, cycle: u64) {
         self.cycle = cycle;
     }
@@ -106,7 +105,6 @@ impl Serial {
         self.cycle > 0 && (self.byte() as f64 / desk - 1.0).abs() < 0.03
     }
 
-    /// Reads a register.
     pub fn read(&mut self, offset: u32) -> u32 {
         match offset {
             0x00 => {
@@ -127,7 +125,6 @@ impl Serial {
         }
     }
 
-    /// Writes a register at tick `now`.
     pub fn write(&mut self, offset: u32, value: u32, now: u64) {
         match offset {
             0x00 => self.status &= value | !(RECEIVED | SENT),
@@ -147,8 +144,6 @@ impl Serial {
         }
     }
 
-    /// Tick of the next event.
-    #[must_use]
     pub fn due(&self) -> u64 {
         let coming = self.coming.front().map_or(u64::MAX, |next| next.0);
         let going = self.shifting.filter(|_| !self.stuck);
@@ -195,8 +190,6 @@ impl Serial {
         }
     }
 
-    /// Whether it requests its interrupt.
-    #[must_use]
     pub fn interrupts(&self) -> bool {
         let (status, control) = (self.status, self.control[0]);
         let asked = control & (IDLE | RECEIVED | SENT | EMPTY);

@@ -1,15 +1,11 @@
 //! Model of the core's own peripherals: interrupts, faults, SysTick, cycle counter (ARM DDI 0403E,
 //! chapters B1 to B3, C1).
 
-/// Number of exceptions.
 const EXCEPTIONS: usize = 112;
-/// Exception number of the NMI.
 pub const NMI: u16 = 2;
-/// Exception number of the hard fault.
 pub const HARD_FAULT: u16 = 3;
 /// Exception number of PendSV.
 const SERVICE: u16 = 14;
-/// Exception number of SysTick.
 const SYSTICK: u16 = 15;
 /// Exception number of the first interrupt.
 pub const INTERRUPTS: u16 = 16;
@@ -18,16 +14,13 @@ const IDLE: i32 = 256;
 
 /// Effect of a write on the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Asks {
-    /// None.
+pub enum WriteEffect {
     Nothing,
-    /// A reset.
     Reset,
     /// Switches the floating-point unit on or off.
     Float(bool),
 }
 
-/// The registers.
 #[derive(Clone, Debug)]
 pub struct System {
     pending: u128,
@@ -99,7 +92,6 @@ impl Default for System {
 }
 
 impl System {
-    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self {
             catch: self.catch,
@@ -107,7 +99,6 @@ impl System {
         };
     }
 
-    /// Makes an exception pending.
     pub fn pend(&mut self, number: u16) {
         self.pending |= 1 << number;
     }
@@ -132,7 +123,6 @@ impl System {
     }
 
     /// Priority of the active exception (B1.5.4), with the masks of the core.
-    #[must_use]
     pub fn running(&self, mask: bool, fault_mask: bool, base: u8) -> i32 {
         let mut lowest = IDLE;
         let mut left = self.active;
@@ -153,13 +143,11 @@ impl System {
     }
 
     /// Whether any enabled exception is pending: this ends a wait for an interrupt, masked or not.
-    #[must_use]
     pub fn wakes(&self) -> bool {
         self.pending & self.enabled != 0
     }
 
     /// The exception to be entered.
-    #[must_use]
     pub fn due(&self, mask: bool, fault_mask: bool, base: u8) -> Option<u16> {
         let mut left = self.pending & self.enabled;
         if left == 0 {
@@ -178,7 +166,6 @@ impl System {
         best
     }
 
-    /// Enters an exception.
     pub fn enter(&mut self, number: u16) {
         self.pending &= !(1 << number);
         self.active |= 1 << number;
@@ -191,15 +178,12 @@ impl System {
         self.pending |= self.lines & bit;
     }
 
-    /// Address of an exception's vector.
-    #[must_use]
     pub fn vector(&self, number: u16) -> u32 {
         self.vectors + 4 * u32::from(number)
     }
 
     /// Whether a no-access region of the memory protection covers an address below the RAM
     /// (B3.5.3). Other regions are not modelled.
-    #[must_use]
     pub fn is_guarded(&self, address: u32) -> bool {
         self.protection & 1 == 1
             && self.regions.iter().any(|&(base, attributes)| {
@@ -209,8 +193,6 @@ impl System {
             })
     }
 
-    /// Tick at which SysTick wraps.
-    #[must_use]
     pub fn tick_due(&self) -> u64 {
         self.tick_due
     }
@@ -337,7 +319,7 @@ impl System {
         now: u64,
         cycle: u64,
         cycles: u64,
-    ) -> Asks {
+    ) -> WriteEffect {
         let bits = |from: u32| u128::from(value) << (16 + 8 * from);
         let mut set_priorities = |first: u32| {
             for (at, byte) in (first as usize..)
@@ -399,7 +381,7 @@ impl System {
             0xe000_ed0c if value >> 16 == 0x5fa => {
                 self.grouping = value & 0x700;
                 if value & 4 != 0 {
-                    return Asks::Reset;
+                    return WriteEffect::Reset;
                 }
             }
             0xe000_ed10 => self.control = value & 0x16,
@@ -409,7 +391,7 @@ impl System {
             0xe000_ed2c => self.hard_status &= !value,
             0xe000_ed88 => {
                 self.access = value;
-                return Asks::Float(value >> 20 & 0xf == 0xf);
+                return WriteEffect::Float(value >> 20 & 0xf == 0xf);
             }
             0xe000_ed94 => self.protection = value & 7,
             0xe000_ed98 => self.region = (value & 7) as usize,
@@ -420,7 +402,7 @@ impl System {
             0xe000_ef34 => self.float_context = value,
             _ => {}
         }
-        Asks::Nothing
+        WriteEffect::Nothing
     }
 
     fn restart_tick(&mut self, now: u64, cycle: u64) {
@@ -439,12 +421,12 @@ mod tests {
 
     const ADC: u16 = 18;
 
-    fn write(system: &mut System, address: u32, value: u32) -> Asks {
+    fn write(system: &mut System, address: u32, value: u32) -> WriteEffect {
         system.write(address, 4, value, 0, 6, 0)
     }
 
     #[test]
-    fn a_pending_interrupt_is_due_where_it_is_enabled_and_above_what_runs() {
+    fn pending_interrupt_needs_enable_and_priority() {
         let mut system = System::default();
         system.line(ADC, true);
         assert_eq!(system.due(false, false, 0), None);
@@ -495,11 +477,14 @@ mod tests {
     #[test]
     fn a_reset_needs_its_key() {
         let mut system = System::default();
-        assert_eq!(write(&mut system, 0xe000_ed0c, 4), Asks::Nothing);
-        assert_eq!(write(&mut system, 0xe000_ed0c, 0x05fa_0004), Asks::Reset);
+        assert_eq!(write(&mut system, 0xe000_ed0c, 4), WriteEffect::Nothing);
+        assert_eq!(
+            write(&mut system, 0xe000_ed0c, 0x05fa_0004),
+            WriteEffect::Reset
+        );
         assert_eq!(
             write(&mut system, 0xe000_ed88, 0xf << 20),
-            Asks::Float(true)
+            WriteEffect::Float(true)
         );
     }
 

@@ -1,6 +1,5 @@
 //! Model of the digital-to-analogue converter's first channel, on PA4 (RM0090, chapter 14).
 
-/// The registers.
 #[derive(Clone, Debug, Default)]
 pub struct Voltage {
     control: u32,
@@ -9,13 +8,10 @@ pub struct Voltage {
 }
 
 impl Voltage {
-    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Reads a register.
-    #[must_use]
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x00 => self.control,
@@ -40,7 +36,6 @@ impl Voltage {
     }
 
     /// The output over its reference, 0..1; `None` where it is off and the pin floats.
-    #[must_use]
     pub fn output(&self) -> Option<f64> {
         (self.control & 1 == 1).then(|| f64::from(self.out) / 4096.0)
     }

@@ -10,9 +10,7 @@ pub const WINDOW_CONTROL: u32 = 0x4000_2c00;
 pub struct Independent {
     /// Frequency of its oscillator, Hz: 17 to 47 kHz, typically 32 kHz (DS8626, table 40).
     pub clock: f64,
-    /// Whether it runs.
     pub running: bool,
-    /// Tick of the last feed.
     pub fed: u64,
     /// Longest interval between two feeds, ticks.
     pub longest: u64,
@@ -56,8 +54,6 @@ impl Independent {
         };
     }
 
-    /// Reads a register.
-    #[must_use]
     pub fn read(&self, offset: u32, now: u64) -> u32 {
         match offset {
             0x04 => self.prescaler,
@@ -67,7 +63,6 @@ impl Independent {
         }
     }
 
-    /// Writes a register.
     pub fn write(&mut self, offset: u32, value: u32, now: u64) {
         match (offset, value & 0xffff) {
             (0x00, 0x5555) => self.open = true,
@@ -118,7 +113,6 @@ impl Independent {
     }
 
     /// Tick of its reset.
-    #[must_use]
     pub fn due(&self) -> u64 {
         if self.running {
             self.since + (self.count.max(0.0) * self.step()) as u64 + 1
@@ -128,7 +122,7 @@ impl Independent {
     }
 
     /// Suspends it for some ticks: a debugger halts the core and freezes it.
-    pub fn stands(&mut self, ticks: u64) {
+    pub fn suspend(&mut self, ticks: u64) {
         self.since += ticks;
         self.fed += ticks;
     }
@@ -142,7 +136,7 @@ pub struct Window {
     early: bool,
     since: u64,
     /// Whether a write has caused its reset: too early, or below 0x40.
-    pub bit: bool,
+    pub reset_reason: bool,
 }
 
 impl Default for Window {
@@ -152,19 +146,17 @@ impl Default for Window {
             configuration: 0x7f,
             early: false,
             since: 0,
-            bit: false,
+            reset_reason: false,
         }
     }
 }
 
 impl Window {
-    /// Resets the registers.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
     /// Whether it runs; only a reset stops it.
-    #[must_use]
     pub fn running(&self) -> bool {
         self.control & 0x80 != 0
     }
@@ -185,7 +177,6 @@ impl Window {
     }
 
     /// Tick of the next change of the count.
-    #[must_use]
     pub fn counts_at(&self, now: u64, cycle: u64) -> u64 {
         if !self.running() {
             return u64::MAX;
@@ -194,8 +185,6 @@ impl Window {
         (now / step + 1) * step
     }
 
-    /// Reads a register.
-    #[must_use]
     pub fn read(&self, offset: u32, now: u64, cycle: u64) -> u32 {
         match offset {
             0x00 => self.control & 0x80 | self.count(now, cycle),
@@ -213,7 +202,7 @@ impl Window {
                 let soon = running && self.count(now, cycle) > self.configuration & 0x7f;
                 self.control = value & 0xff | u32::from(running) << 7;
                 self.since = now;
-                self.bit |= soon || self.running() && self.control & 0x40 == 0;
+                self.reset_reason |= soon || self.running() && self.control & 0x40 == 0;
             }
             0x04 => {
                 self.control = self.control & 0x80 | self.count(now, cycle);
@@ -226,9 +215,8 @@ impl Window {
     }
 
     /// Tick of its reset: the count falls from 0x40 to 0x3f.
-    #[must_use]
     pub fn due(&self, cycle: u64) -> u64 {
-        if self.bit {
+        if self.reset_reason {
             return 0;
         }
         if !self.running() || cycle == 0 {
@@ -238,7 +226,6 @@ impl Window {
     }
 
     /// Tick of its early warning, where that is enabled.
-    #[must_use]
     pub fn warns(&self, cycle: u64) -> u64 {
         let asked = self.configuration >> 9 & 1 == 1 && !self.early;
         if !self.running() || !asked || cycle == 0 {
@@ -253,18 +240,15 @@ impl Window {
         (self.since / step + u64::from(counts)) * step
     }
 
-    /// Makes the early warning's interrupt pending.
     pub fn warn(&mut self) {
         self.early = true;
     }
 
     /// Whether its interrupt is pending.
-    #[must_use]
     pub fn interrupts(&self) -> bool {
         self.early && self.configuration >> 9 & 1 == 1
     }
 
-    /// Suspends it for some ticks.
     pub fn stands(&mut self, ticks: u64) {
         self.since += ticks;
     }
@@ -275,7 +259,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_independent_one_bites_when_prescaler_reload_and_clock_say() {
+    fn watchdog_period_follows_prescaler_and_reload() {
         for clock in [17_000.0, 32_000.0, 47_000.0] {
             let mut dog = Independent {
                 clock,
@@ -314,13 +298,13 @@ mod tests {
         assert_eq!(dog.due(cycle), 0x40 * count);
         assert_eq!(dog.read(0, 3 * count, cycle), 0x80 | 0x7c);
         dog.write(0x00, 0xff, 0x20 * count, cycle);
-        assert!(!dog.bit, "within the window");
+        assert!(!dog.reset_reason, "within the window");
         let mut dog = fresh();
         dog.write(0x00, 0xff, 5 * count, cycle);
-        assert!(dog.bit, "before the window");
+        assert!(dog.reset_reason, "before the window");
         let mut dog = fresh();
         dog.write(0x00, 0xbf, 0x30 * count, cycle);
-        assert!(dog.bit, "a reload below 0x40");
+        assert!(dog.reset_reason, "a reload below 0x40");
         let mut dog = fresh();
         dog.write(0x04, 0x260, 0, cycle);
         assert_eq!(dog.warns(cycle), 0x3f * count);

@@ -1,16 +1,20 @@
 //! The chip's surroundings: track on the bridge, accelerometer on the converter, and a trace of the
 //! outputs.
 
-use kband::control::{Settings, phase_step};
-use kband::plant::{Bench, Scene};
+use kband_control::{Settings, phase_step};
+use kband_plant::{Bench, Scene};
 
 use super::clocks::{Cause, TICKS};
 
 /// Interval between two steps of the simulated track, ticks.
-pub const STEP: u64 = TICKS / kband::control::SAMPLE_RATE as u64;
+pub const STEP: u64 = TICKS / kband_control::SAMPLE_RATE as u64;
 
-/// Mean bridge voltage over its supply at full output: a duty of 93 %.
-pub const FULL: f32 = 0.86;
+/// Mean bridge voltage over its supply that moves the drive by its `gain`: the board's full output,
+/// a duty of 93 %.
+const FULL: f32 = 0.86;
+
+/// Channel of the converter on which the current sensor is (PC0).
+const CURRENT: usize = 10;
 
 /// Events seen from outside the chip.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,12 +46,9 @@ pub struct World {
     pub sensor_supply: f32,
     /// Drift of the sensor's voltage, V.
     pub sensor_offset: f32,
-    /// Mean bridge voltage over its supply that moves the drive by its `gain`: the board's full
-    /// output.
-    pub full: f32,
     /// Smallest number of timer cycles between an edge of the bridge and the converter's sampling
     /// time.
-    pub clear: u32,
+    pub min_edge_distance: u32,
     /// Sensor reading, counts of a converter of 12 bits.
     pub reading: u16,
     /// Readings of the converter's other channels, counts.
@@ -62,7 +63,7 @@ pub struct World {
     /// Largest displacement of the track since its last reset, m.
     pub peak: f32,
     /// Largest mean of the bridge's output over a step.
-    pub loudest: f32,
+    pub largest_mean_output: f32,
     /// Accesses that no program may make, with their ticks.
     pub violations: Vec<(u64, String)>,
     /// Number of ticks with the bridge driven while the core was outside its specification.
@@ -86,8 +87,7 @@ impl World {
             due: STEP,
             sensor_supply: 1.0,
             sensor_offset: 0.0,
-            full: FULL,
-            clear: u32::MAX,
+            min_edge_distance: u32::MAX,
             reading: 2048,
             analogue: [0; 19],
             held: 0.0,
@@ -96,7 +96,7 @@ impl World {
             last: [false; 4],
             trace: Vec::new(),
             peak: 0.0,
-            loudest: 0.0,
+            largest_mean_output: 0.0,
             violations: Vec::new(),
             outside: 0,
         })
@@ -113,26 +113,26 @@ impl World {
         self.drive(self.held, self.due);
         let mean = (self.sum / STEP as f64) as f32;
         self.sum = 0.0;
-        self.bench.hold(mean / self.full, self.step);
+        self.bench.hold(mean / FULL, self.step);
         let reading = f32::from(self.bench.sample().0);
         let drift = self.sensor_offset * (4096.0 / 3.3);
         self.reading = (reading * self.sensor_supply + drift) as u16;
+        self.analogue[CURRENT] = self.bench.current().0;
         self.bench.forget_strikes();
         let [x, _] = self.bench.plant().motion();
         self.peak = self.peak.max(x.abs());
-        self.loudest = self.loudest.max(mean.abs());
+        self.largest_mean_output = self.largest_mean_output.max(mean.abs());
         self.due += STEP;
     }
 
     /// Amplitude of the track, m.
-    #[must_use]
     pub fn amplitude(&self) -> f32 {
         let [x, v] = self.bench.plant().motion();
         x.hypot(v / self.angular)
     }
 
     /// Adds an event to the trace.
-    pub fn see(&mut self, now: u64, seen: Seen) {
+    pub fn record(&mut self, now: u64, seen: Seen) {
         self.trace.push((now, seen));
     }
 
@@ -145,7 +145,7 @@ impl World {
         let seen = [Seen::Bridge, Seen::DriveOn, Seen::Ready, Seen::Fault];
         for ((seen, level), last) in seen.into_iter().zip(levels).zip(self.last) {
             if level != last {
-                self.see(now, seen(level));
+                self.record(now, seen(level));
             }
         }
         self.last = levels;

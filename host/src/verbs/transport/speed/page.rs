@@ -1,5 +1,7 @@
 //! Speeds as table, JSON and picture.
 
+use std::f64::consts::TAU;
+
 use kband::regime::classify::Regime;
 use kband::regime::{Lock, band};
 use kband::transport::locked;
@@ -11,12 +13,14 @@ use super::{Over, Row, hops_on};
 use crate::ending::{self, FILLS};
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Printout, Table, Value, columns, number};
+use crate::report::{Printout, columns, fields, number};
 
 pub(super) fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
     match row.regime {
         Regime::Locked { order } => {
-            let lock = Lock::at(row.k, feeder.restitution, order).ok().flatten()?;
+            let lock = Lock::build(row.k, feeder.restitution, order)
+                .ok()
+                .flatten()?;
             Some(locked::velocity(&lock, row.k, &feeder.settings))
         }
         Regime::Doubled { .. } | Regime::Periodic { .. } | Regime::Chaotic | Regime::Undecided => {
@@ -30,6 +34,51 @@ pub(super) fn bound(feeder: &Feeder) -> Option<f64> {
     (feeder.settings.phase_lead == 0.0).then(|| locked::bound(feeder.restitution, &feeder.settings))
 }
 
+/// The drive, and what was asked of it.
+struct Asked<'a> {
+    feeder: &'a Feeder,
+    part_length: Option<f64>,
+}
+
+impl Asked<'_> {
+    /// A velocity of the map in mm/s.
+    fn in_mm(&self, row: &Row, velocity: f64) -> f64 {
+        velocity * self.feeder.velocity_unit(row.k)
+    }
+
+    /// Parts in an hour, end to end.
+    fn parts_per_hour(&self, row: &Row) -> Option<f64> {
+        let speed = self.in_mm(row, row.mean());
+        let parts = |length: f64| (speed / length * 3600.0).max(0.0);
+        self.part_length.map(parts)
+    }
+}
+
+fields! {
+    /// The speed of a regime at one amplitude.
+    fn speeds(row: Row, asked: Asked<'_>) {
+        all K => row.k;
+        all B.digits(5) => asked.feeder.amplitude(row.k);
+        all REGIME => row.named();
+        json IN_GEAR => row.in_gear.map(|gear| gear.share);
+        all STARTS => row.starts;
+        all FROM_REST => row.from_rest;
+        all SPEED.digits(5) => asked.in_mm(row, row.mean());
+        all SPEED_ERROR.digits(2) => row.time_mean.error().map(|error| asked.in_mm(row, error));
+        all IMPACT_MEAN.digits(5) => row.impact_mean.mean().map(|mean| asked.in_mm(row, mean));
+        json VELOCITY => row.mean();
+        json IMPACT_VELOCITY => row.impact_mean.mean();
+        all CLOSED_FORM.digits(5) => closed_form(asked.feeder, row).map(|velocity| asked.in_mm(row, velocity));
+        all BOUND.digits(4) => bound(asked.feeder).map(|velocity| asked.in_mm(row, velocity));
+        all CRITICAL_SLOPE.digits(7) => critical_slope(asked.feeder, row);
+        all INTERVAL.digits(5) => row.interval.mean().map(|mean| mean / TAU);
+        all EXPONENT.titled("exponent").digits(3) => row.exponent.mean();
+        all SENSITIVITY.digits(3) => row.sensitivity.map(|found| found.value);
+        all SENSITIVITY_ERROR.digits(2) => row.sensitivity.map(|found| found.error);
+        all PARTS_PER_HOUR.digits(4) => asked.parts_per_hour(row);
+    }
+}
+
 pub(super) fn report(
     feeder: &Feeder,
     arguments: &Arguments,
@@ -37,61 +86,17 @@ pub(super) fn report(
     rows: &[Row],
     fits: &[Fit],
 ) -> Result<Printout, Refusal> {
-    let mut columns = vec![
-        columns::K,
-        columns::B.digits(5),
-        columns::REGIME,
-        columns::STARTS,
-        columns::FROM_REST,
-        columns::SPEED.digits(5),
-        columns::SPEED_ERROR.digits(2),
-        columns::IMPACT_MEAN.digits(5),
-        columns::CLOSED_FORM.digits(5),
-        columns::BOUND.digits(4),
-        columns::CRITICAL_SLOPE.digits(7),
-        columns::INTERVAL.digits(5),
-        columns::EXPONENT.titled("exponent").digits(3),
-        columns::SENSITIVITY.digits(3),
-        columns::SENSITIVITY_ERROR.digits(2),
-    ];
-    if arguments.part_length.is_some() {
-        columns.push(columns::PARTS_PER_HOUR.digits(4));
-    }
-    let mut table = Table::new(&columns);
-    for row in rows {
-        let unit = feeder.velocity_unit(row.k);
-        let speed = row.mean() * unit;
-        let mut cells: Vec<Value> = vec![
-            row.k.into(),
-            feeder.amplitude(row.k).into(),
-            row.named().into(),
-            row.starts.into(),
-            row.from_rest.into(),
-            speed.into(),
-            row.time_mean.error().map(|error| error * unit).into(),
-            row.impact_mean.mean().map(|mean| mean * unit).into(),
-            closed_form(feeder, row)
-                .map(|velocity| velocity * unit)
-                .into(),
-            bound(feeder).map(|velocity| velocity * unit).into(),
-            critical_slope(feeder, row).into(),
-            row.interval
-                .mean()
-                .map(|mean| mean / std::f64::consts::TAU)
-                .into(),
-            row.exponent.mean().into(),
-            row.sensitivity.map(|found| found.value).into(),
-            row.sensitivity.map(|found| found.error).into(),
-        ];
-        if let Some(length) = arguments.part_length {
-            cells.push((speed / length * 3600.0).max(0.0).into());
-        }
-        table.push_row(cells);
-    }
-    let shown: Vec<_> = rows
-        .iter()
-        .map(|row| row_json(feeder, arguments, row))
-        .collect();
+    let part_length = arguments.part_length;
+    let asked = Asked {
+        feeder,
+        part_length,
+    };
+    let view = speeds(&asked);
+    let shown: Vec<_> = rows.iter().map(|row| view.object(row)).collect();
+    let view = match part_length {
+        Some(_) => view,
+        None => view.without(columns::PARTS_PER_HOUR),
+    };
     let regimes: Vec<_> = fits
         .iter()
         .map(|fit| {
@@ -110,7 +115,7 @@ pub(super) fn report(
     let in_phase = (feeder.settings.phase_lead == 0.0)
         .then(|| locked::critical_slope_in_phase(feeder.restitution, &feeder.settings))
         .map(|tangent| tangent.atan().to_degrees());
-    let mut report = Printout::new(table).heading(format!(
+    let mut report = view.printout(rows).heading(format!(
         "Conveying speed at {}; {}",
         over.words(),
         feeder.words()
@@ -164,38 +169,14 @@ pub(super) fn report(
     }))
 }
 
-pub(super) fn row_json(feeder: &Feeder, arguments: &Arguments, row: &Row) -> serde_json::Value {
-    let unit = feeder.velocity_unit(row.k);
-    let speed = row.mean() * unit;
-    json!({
-        "k": row.k,
-        "b": feeder.amplitude(row.k),
-        "regime": row.named(),
-        "in_gear": row.in_gear.map(|gear| gear.share),
-        "starts": row.starts,
-        "from_rest": row.from_rest,
-        "speed": speed,
-        "speed_error": row.time_mean.error().map(|error| error * unit),
-        "impact_mean": row.impact_mean.mean().map(|mean| mean * unit),
-        "velocity": row.mean(),
-        "impact_velocity": row.impact_mean.mean(),
-        "closed_form": closed_form(feeder, row).map(|velocity| velocity * unit),
-        "bound": bound(feeder).map(|velocity| velocity * unit),
-        "critical_slope": critical_slope(feeder, row),
-        "interval": row.interval.mean().map(|mean| mean / std::f64::consts::TAU),
-        "exponent": row.exponent.mean(),
-        "sensitivity": row.sensitivity.map(|found| found.value),
-        "sensitivity_error": row.sensitivity.map(|found| found.error),
-        "parts_per_hour": arguments.part_length.map(|length| (speed / length * 3600.0).max(0.0)),
-    })
-}
-
 /// Incline in degrees on which a locked part stands still; `None` where it is not locked.
 fn critical_slope(feeder: &Feeder, row: &Row) -> Option<f64> {
     let Regime::Locked { order } = row.regime else {
         return None;
     };
-    let lock = Lock::at(row.k, feeder.restitution, order).ok().flatten()?;
+    let lock = Lock::build(row.k, feeder.restitution, order)
+        .ok()
+        .flatten()?;
     let tangent = locked::critical_slope(&lock, row.k, &feeder.settings);
     Some(tangent.atan().to_degrees())
 }
@@ -268,7 +249,7 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     };
     let lock = |order: u32| {
         smooth(&|k| {
-            let lock = Lock::at(k, feeder.restitution, order).ok().flatten()?;
+            let lock = Lock::build(k, feeder.restitution, order).ok().flatten()?;
             lock.attracts()
                 .then(|| locked::velocity(&lock, k, &feeder.settings))
         })

@@ -6,7 +6,7 @@ mod push;
 
 use push::{Push, first_zero};
 
-use super::along::{AlongLaw, Lain, accept_motion};
+use super::along::{AlongLaw, ContactMotion, accept_motion};
 use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept};
 use crate::impact::kernel::{Impact, PartState};
@@ -29,7 +29,6 @@ pub struct FrictionSettings {
 
 impl FrictionSettings {
     /// The settings of parts with these coefficients on `track`.
-    #[must_use]
     pub fn on(track: &Track, sticking: f64, sliding: f64) -> Self {
         Self {
             sticking,
@@ -68,8 +67,8 @@ impl FrictionSettings {
     }
 
     /// Acceleration of a free part relative to the track, at a `k`.
-    fn free(&self, wave: &Wave, k: f64) -> Push {
-        Push::of(
+    fn free_acceleration(&self, wave: &Wave, k: f64) -> Push {
+        Push::new(
             wave,
             self.amplitude_ratio,
             self.phase_lead,
@@ -77,12 +76,10 @@ impl FrictionSettings {
         )
     }
 
-    /// [`Friction::flown`] of a single flight; `wave` is `None` for a sine.
+    /// [`Friction::motion_before_impact`] of a single flight; `wave` is `None` for a sine.
     ///
     /// `None` where [`Friction::on`] refuses the settings.
-    #[cfg(feature = "plant")]
-    #[must_use]
-    pub(crate) fn flown(
+    pub fn motion_before_impact(
         &self,
         wave: Option<&Wave>,
         k: f64,
@@ -91,8 +88,8 @@ impl FrictionSettings {
     ) -> Option<(f64, f64)> {
         self.check(k).ok()?;
         let free = match wave {
-            Some(wave) => self.free(wave, k),
-            None => Push::of_sine(
+            Some(wave) => self.free_acceleration(wave, k),
+            None => Push::from_sine(
                 self.amplitude_ratio,
                 self.phase_lead,
                 k * self.incline_tangent,
@@ -104,15 +101,13 @@ impl FrictionSettings {
 
     /// Velocity along the track after an impact with a normal impulse per mass, in the unit of the
     /// impulse.
-    #[must_use]
-    pub(crate) fn struck(&self, velocity: f64, impulse: f64) -> f64 {
+    pub fn velocity_after_impact(&self, velocity: f64, impulse: f64) -> f64 {
         let left = velocity.abs() - self.sliding * impulse;
         libm::copysign(left.max(0.0), velocity)
     }
 
     /// Velocity along the track that a chatter removes less than a contact of the same duration.
-    #[must_use]
-    pub(crate) fn spared(&self, velocity: f64, normal: f64) -> f64 {
+    pub fn chatter_velocity_excess(&self, velocity: f64, normal: f64) -> f64 {
         if velocity == 0.0 {
             0.0
         } else {
@@ -125,8 +120,7 @@ impl FrictionSettings {
     ///
     /// `(mu_s + T)/|mu_s + eta e^(i gamma)|` and `(mu_s - T)/|mu_s - eta e^(i gamma)|`, at
     /// gamma = 0 Boothroyd's limits. `None` where it never slides.
-    #[must_use]
-    pub fn slides_above(&self, upwards: bool) -> Option<f64> {
+    pub fn sliding_throw_number(&self, upwards: bool) -> Option<f64> {
         let c = if upwards { 1.0 } else { -1.0 };
         let (sine, cosine) = libm::sincos(self.phase_lead);
         let eta = c * self.amplitude_ratio;
@@ -137,13 +131,12 @@ impl FrictionSettings {
 
     /// The same on a track of several tones: `(mu_s +- T)` over the maximum of
     /// `mu_s A(tau) +- eta A(tau + gamma)`.
-    #[must_use]
-    pub fn slides_above_on(&self, wave: &Wave, upwards: bool) -> Option<f64> {
+    pub fn sliding_throw_number_on(&self, wave: &Wave, upwards: bool) -> Option<f64> {
         let c = if upwards { 1.0 } else { -1.0 };
-        let along = Push::of(wave, c * self.amplitude_ratio, self.phase_lead, 0.0);
+        let along = Push::new(wave, c * self.amplitude_ratio, self.phase_lead, 0.0);
         let push = along
-            .plus(self.sticking, &Push::of(wave, 1.0, 0.0, 0.0))
-            .highest();
+            .plus(self.sticking, &Push::new(wave, 1.0, 0.0, 0.0))
+            .maximum();
         let hold = self.sticking + c * self.incline_tangent;
         (push > 0.0).then(|| (hold / push).max(0.0))
     }
@@ -171,7 +164,7 @@ impl FrictionSettings {
 ///     phase_lead: 0.0,
 ///     incline_tangent: 3.0_f64.to_radians().tan(),
 /// })?;
-/// let cycle = along.lying_for_ever().expect("it settles");
+/// let cycle = along.steady_contact_cycle().expect("it settles");
 /// assert!((cycle.distance / core::f64::consts::TAU - 0.386_499).abs() < 1e-6);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
@@ -186,7 +179,7 @@ pub struct Friction {
 
 /// Friction state of a part in contact; `Sliding` holds the direction c.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Contacting {
+enum FrictionState {
     Sticking,
     Sliding(f64),
 }
@@ -205,71 +198,76 @@ impl Friction {
         settings.check(k)?;
         Ok(Self {
             settings,
-            free: settings.free(wave, k),
-            normal: Push::of(wave, 1.0, 0.0, k),
+            free: settings.free_acceleration(wave, k),
+            normal: Push::new(wave, 1.0, 0.0, k),
         })
     }
 
     /// Distance in b and velocity in `b w` just before the impact, after a flight of `d` rad from
     /// `phase`.
-    #[must_use]
-    fn flown(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
+    fn motion_before_impact(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
         let (distance, gained) = self.free.integrals(phase, d);
         (velocity * d + distance, velocity + gained)
     }
 
     /// A chatter of `chatter` rad that brings a part to rest after `last`.
-    #[must_use]
-    pub(crate) fn chattered(&self, last: PartState, chatter: f64, velocity: f64) -> Lain {
+    pub(crate) fn integrate_chatter(
+        &self,
+        last: PartState,
+        chatter: f64,
+        velocity: f64,
+    ) -> ContactMotion {
         // Over its duration the impacts push like a contact, but for the part's initial normal
         // velocity. Their impulses sum to the integral of N less psi.
-        let spared = self.settings.spared(velocity, last.velocity);
-        self.lain(last.phase, chatter, velocity + spared)
+        let excess = self
+            .settings
+            .chatter_velocity_excess(velocity, last.velocity);
+        self.integrate_contact(last.phase, chatter, velocity + excess)
     }
 
     /// The push on a part that slides in direction c.
-    fn sliding(&self, c: f64) -> Push {
+    fn sliding_acceleration(&self, c: f64) -> Push {
         self.free.plus(c * self.settings.sliding, &self.normal)
     }
 
     /// Margin of static friction over the push in direction c: `mu_s N - c f`.
-    fn slack(&self, c: f64) -> Push {
+    fn static_friction_margin(&self, c: f64) -> Push {
         Push::default()
             .plus(-self.settings.sticking, &self.normal)
             .plus(-c, &self.free)
     }
 
     /// Friction state of a part of velocity 0 at `phase`.
-    fn held(&self, phase: f64) -> Contacting {
+    fn friction_state_at_rest(&self, phase: f64) -> FrictionState {
         let free = self.free.at(phase);
         let hold = -self.settings.sticking * self.normal.at(phase);
         if free.abs() > hold {
-            Contacting::Sliding(if free > 0.0 { 1.0 } else { -1.0 })
+            FrictionState::Sliding(if free > 0.0 { 1.0 } else { -1.0 })
         } else {
-            Contacting::Sticking
+            FrictionState::Sticking
         }
     }
 
     /// A contact from `phase` on for `duration` rad, with initial `velocity`.
-    fn lain(&self, phase: f64, duration: f64, velocity: f64) -> Lain {
+    fn integrate_contact(&self, phase: f64, duration: f64, velocity: f64) -> ContactMotion {
         /// Phase step in rad past an event that changes nothing: the push only touches the friction
         /// limit.
-        const TOUCH: f64 = 1e-7;
-        let mut lain = Lain {
+        const TOUCH_PHASE_STEP: f64 = 1e-7;
+        let mut motion = ContactMotion {
             velocity,
-            ..Lain::default()
+            ..ContactMotion::default()
         };
         let (mut at, mut left) = (phase, duration);
         let mut state = if velocity == 0.0 {
-            self.held(at)
+            self.friction_state_at_rest(at)
         } else {
-            Contacting::Sliding(if velocity > 0.0 { 1.0 } else { -1.0 })
+            FrictionState::Sliding(if velocity > 0.0 { 1.0 } else { -1.0 })
         };
         while left > 0.0 {
             match state {
-                Contacting::Sticking => {
+                FrictionState::Sticking => {
                     let until = |c: f64| {
-                        let slack = self.slack(c);
+                        let slack = self.static_friction_margin(c);
                         first_zero(left, slack.bound(2), |d| {
                             (slack.at(at + d), slack.slope(at + d))
                         })
@@ -282,11 +280,11 @@ impl Friction {
                     };
                     let Some((d, c)) = next else { break };
                     (at, left) = (at + d, left - d);
-                    state = Contacting::Sliding(c);
+                    state = FrictionState::Sliding(c);
                 }
-                Contacting::Sliding(c) => {
-                    let push = self.sliding(c);
-                    let begun = c * lain.velocity;
+                FrictionState::Sliding(c) => {
+                    let push = self.sliding_acceleration(c);
+                    let begun = c * motion.velocity;
                     // At the begin of a slide velocity and push may be 0; then the push's slope
                     // gives the first distance.
                     let slope = c * push.slope(at);
@@ -306,39 +304,42 @@ impl Friction {
                         stop.map_or(left, |d| lead + d)
                     };
                     let stopped = d < left;
-                    let (way, gained) = push.integrals(at, d);
-                    lain.distance += lain.velocity * d + way;
-                    lain.velocity = if stopped { 0.0 } else { lain.velocity + gained };
-                    if c > 0.0 {
-                        lain.forward += d;
+                    let (displacement, gained) = push.integrals(at, d);
+                    motion.distance += motion.velocity * d + displacement;
+                    motion.velocity = if stopped {
+                        0.0
                     } else {
-                        lain.backward += d;
+                        motion.velocity + gained
+                    };
+                    if c > 0.0 {
+                        motion.forward += d;
+                    } else {
+                        motion.backward += d;
                     }
                     (at, left) = (at + d, left - d);
                     if stopped {
-                        state = self.held(at);
-                        if d < TOUCH {
-                            let touch = TOUCH.min(left);
+                        state = self.friction_state_at_rest(at);
+                        if d < TOUCH_PHASE_STEP {
+                            let touch = TOUCH_PHASE_STEP.min(left);
                             (at, left) = (at + touch, left - touch);
                         }
                     }
                 }
             }
         }
-        lain
+        motion
     }
 
     /// One drive cycle of a part that is never thrown, once its motion repeats.
     ///
     /// `None` without a steady motion (friction cannot hold the incline) and where the track
     /// throws.
-    #[must_use]
-    pub fn lying_for_ever(&self) -> Option<Lain> {
+    pub fn steady_contact_cycle(&self) -> Option<ContactMotion> {
         /// Drive cycles before the motion counts as unsteady.
         ///
         /// A slide that stops erases the history; one that never stops settles by its own damping.
-        const CYCLES: usize = 20_000;
-        if !self.is_held() {
+        const MAX_CYCLES: usize = 20_000;
+        if !self.can_be_steady() {
             return None;
         }
         let thrown = self.normal.bound(0) > 0.0 && self.throws();
@@ -346,8 +347,8 @@ impl Friction {
             return None;
         }
         let mut velocity = 0.0;
-        for _ in 0..CYCLES {
-            let cycle = self.lain(0.0, core::f64::consts::TAU, velocity);
+        for _ in 0..MAX_CYCLES {
+            let cycle = self.integrate_contact(0.0, core::f64::consts::TAU, velocity);
             if (cycle.velocity - velocity).abs() <= 1e-14 {
                 return Some(cycle);
             }
@@ -372,32 +373,46 @@ impl Friction {
 }
 
 impl AlongLaw for Friction {
-    const FORGETS: bool = false;
+    const REST_ERASES_HISTORY: bool = false;
 
-    fn fly(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> (f64, f64) {
+    fn move_in_flight(
+        &self,
+        launch: PartState,
+        impact: &Impact<PartState>,
+        velocity: f64,
+    ) -> (f64, f64) {
         let (t, d) = (launch.phase, impact.flight);
-        let (distance, arriving) = self.flown(t, d, velocity);
+        let (distance, arriving) = self.motion_before_impact(t, d, velocity);
         let arrival = -(launch.velocity + self.normal.velocity(t, d));
         let impulse = arrival.max(0.0) + impact.next.velocity;
-        (distance, self.settings.struck(arriving, impulse))
+        (
+            distance,
+            self.settings.velocity_after_impact(arriving, impulse),
+        )
     }
 
-    fn chatter(&self, _: &Contact, last: PartState, chatter: f64, velocity: f64) -> Lain {
-        self.chattered(last, chatter, velocity)
+    fn move_in_chatter(
+        &self,
+        _: &Contact,
+        last: PartState,
+        chatter: f64,
+        velocity: f64,
+    ) -> ContactMotion {
+        self.integrate_chatter(last, chatter, velocity)
     }
 
-    fn lie(&self, phase: f64, wait: f64, velocity: f64) -> Lain {
-        self.lain(phase, wait, velocity)
+    fn move_in_contact(&self, phase: f64, wait: f64, velocity: f64) -> ContactMotion {
+        self.integrate_contact(phase, wait, velocity)
     }
 
     /// The normal force is `k` in the mean, whatever the motion, so friction holds an incline of at
     /// most `mu_s`.
-    fn is_held(&self) -> bool {
+    fn can_be_steady(&self) -> bool {
         self.settings.incline_tangent.abs() <= self.settings.sticking
     }
 
-    fn stay(&self) -> Option<Lain> {
-        self.lying_for_ever()
+    fn steady_cycle(&self) -> Option<ContactMotion> {
+        self.steady_contact_cycle()
     }
 }
 
@@ -419,14 +434,13 @@ mod tests {
         }
     }
 
-    fn cycle(throw: f64, settings: FrictionSettings) -> Lain {
+    fn cycle(throw: f64, settings: FrictionSettings) -> ContactMotion {
         let along = Friction::build(1.0 / throw, settings).unwrap();
-        along.lying_for_ever().unwrap()
+        along.steady_contact_cycle().unwrap()
     }
 
-    #[cfg(feature = "plant")]
     #[test]
-    fn a_single_flight_is_flown_as_with_the_whole_set_up_to_the_last_bit() {
+    fn single_flight_equals_the_full_set_up() {
         for n in 0..2000 {
             let part = |m: i32| f64::from(n * m % 2003) / 2003.0;
             let settings = FrictionSettings {
@@ -436,18 +450,21 @@ mod tests {
             let (k, flight, velocity) =
                 (0.05 + part(17), [TAU * part(19), 9.0 * part(23)], part(3));
             let whole = Friction::build(k, settings).unwrap();
-            let expected = whole.flown(flight[0], flight[1], velocity);
-            assert_eq!(settings.flown(None, k, flight, velocity), Some(expected));
-            let sine = settings.flown(Some(&Wave::sine()), k, flight, velocity);
+            let expected = whole.motion_before_impact(flight[0], flight[1], velocity);
+            assert_eq!(
+                settings.motion_before_impact(None, k, flight, velocity),
+                Some(expected)
+            );
+            let sine = settings.motion_before_impact(Some(&Wave::sine()), k, flight, velocity);
             assert_eq!(sine, Some(expected));
         }
-        let refused = settings(1.0, 0.3, 3.0).flown(None, 2000.0, [0.0, 1.0], 0.0);
+        let refused = settings(1.0, 0.3, 3.0).motion_before_impact(None, 2000.0, [0.0, 1.0], 0.0);
         assert_eq!(refused, None);
     }
 
     /// docs/theory-real-parts.md#t10.4.
     #[test]
-    fn speeds_of_parts_that_never_hop_are_the_references() {
+    fn speeds_without_hops_match_the_references() {
         for (throw, eta, mu, degrees, expected) in [
             (0.6, libm::sqrt(3.0), 0.8, 3.0, 0.386_499),
             (0.9, libm::sqrt(3.0), 0.8, 3.0, 0.822_437),
@@ -468,7 +485,7 @@ mod tests {
         let backward = (mu - tangent) / (eta - mu);
         assert!((forward - 0.336_647).abs() < 1e-6 && (backward - 0.802_094).abs() < 1e-6);
         for (upwards, closed) in [(true, forward), (false, backward)] {
-            assert!((slow.slides_above(upwards).unwrap() - closed).abs() < 1e-15);
+            assert!((slow.sliding_throw_number(upwards).unwrap() - closed).abs() < 1e-15);
         }
         // With a phase lead: against the contact itself.
         for lead in [-1.0, 0.5, 2.0] {
@@ -476,7 +493,7 @@ mod tests {
                 phase_lead: lead,
                 ..slow
             };
-            let from = led.slides_above(true).unwrap();
+            let from = led.sliding_throw_number(true).unwrap();
             assert_eq!(cycle(from - 1e-6, led).forward, 0.0, "{lead}");
             assert!(cycle(from + 1e-4, led).forward > 0.0, "{lead}");
         }
@@ -500,11 +517,17 @@ mod tests {
 
     /// Distance over one contact by the classical Runge-Kutta method, with the direction of each
     /// small step.
-    fn stepped(along: &Friction, k: f64, phase: f64, duration: f64, start: f64) -> (f64, f64) {
+    fn integrate_by_steps(
+        along: &Friction,
+        k: f64,
+        phase: f64,
+        duration: f64,
+        start: f64,
+    ) -> (f64, f64) {
         let s = along.settings;
         let steps = 400_000;
         let h = duration / f64::from(steps);
-        let (mut way, mut v) = (0.0, start);
+        let (mut displacement, mut v) = (0.0, start);
         for n in 0..steps {
             let tau = phase + (f64::from(n) + 0.5) * h;
             let free = s.amplitude_ratio * libm::sin(tau + s.phase_lead) - k * s.incline_tangent;
@@ -515,14 +538,14 @@ mod tests {
             let c = if v == 0.0 { free.signum() } else { v.signum() };
             let next = v + h * (free - c * s.sliding * force);
             let next = if next * c < 0.0 { 0.0 } else { next };
-            way += 0.5 * h * (v + next);
+            displacement += 0.5 * h * (v + next);
             v = next;
         }
-        (way, v)
+        (displacement, v)
     }
 
     #[test]
-    fn a_contact_is_that_of_small_steps() {
+    fn contact_matches_integration_by_small_steps() {
         let mut cases = 0;
         for n in 0..40 {
             let part = |m: i32| f64::from(n * m % 37) / 37.0;
@@ -536,14 +559,17 @@ mod tests {
             let k = 1.02 + part(17);
             let friction = Friction::build(k, along).unwrap();
             let (phase, duration, v) = (6.0 * part(19), 9.0, 2.0 * part(23) - 1.0);
-            let lain = friction.lie(phase, duration, v);
-            let (way, velocity) = stepped(&friction, k, phase, duration, v);
-            assert!((lain.distance - way).abs() < 2e-4, "{n}: {lain:?} {way}");
+            let motion = friction.move_in_contact(phase, duration, v);
+            let (displacement, velocity) = integrate_by_steps(&friction, k, phase, duration, v);
             assert!(
-                (lain.velocity - velocity).abs() < 2e-4,
-                "{n}: {lain:?} {velocity}"
+                (motion.distance - displacement).abs() < 2e-4,
+                "{n}: {motion:?} {displacement}"
             );
-            cases += usize::from(lain.forward > 0.0 && lain.backward > 0.0);
+            assert!(
+                (motion.velocity - velocity).abs() < 2e-4,
+                "{n}: {motion:?} {velocity}"
+            );
+            cases += usize::from(motion.forward > 0.0 && motion.backward > 0.0);
         }
         assert!(cases > 10, "{cases}");
     }
@@ -576,17 +602,19 @@ mod tests {
             for _ in 0..30 {
                 let (phase, d, u) = match orbit.next() {
                     Some(OrbitEvent::Impact(impact)) => {
-                        velocity = friction.fly(before, &impact, velocity).1;
+                        velocity = friction.move_in_flight(before, &impact, velocity).1;
                         (before.phase, impact.flight, impact.next.velocity)
                     }
                     Some(OrbitEvent::Rest { chatter, .. }) => {
                         velocity = friction
-                            .chatter(&contact, before, chatter, velocity)
+                            .move_in_chatter(&contact, before, chatter, velocity)
                             .velocity;
                         (before.phase, chatter, 0.0)
                     }
                     Some(OrbitEvent::LiftOff { wait, .. }) => {
-                        velocity = friction.lie(before.phase, wait, velocity).velocity;
+                        velocity = friction
+                            .move_in_contact(before.phase, wait, velocity)
+                            .velocity;
                         (before.phase, wait, 0.0)
                     }
                     None => break,
@@ -627,6 +655,6 @@ mod tests {
         assert_eq!(named(slick), "friction");
         // An incline that friction cannot hold has no steady speed.
         let steep = Friction::build(1.5, settings(1.5, 0.1, 20.0)).unwrap();
-        assert!(steep.lying_for_ever().is_none());
+        assert!(steep.steady_contact_cycle().is_none());
     }
 }

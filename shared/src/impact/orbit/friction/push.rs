@@ -3,17 +3,17 @@
 //! The first zero is found by steps that a bound of the second derivative limits, see
 //! docs/theory-impacts.md#t3.3.
 
-use crate::impact::orbit::tangential::{sagitta, versine_of};
+use crate::impact::orbit::tangential::{sagitta, versine_from_half};
 use crate::impact::wave::Wave;
 
 /// Harmonics of a track's motion.
-const TONES: usize = 3;
+const HARMONICS: usize = 3;
 
 /// `sum over n of (sine_n sin(n tau) + cosine_n cos(n tau)) - constant`, in `b w^2`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Push {
-    sine: [f64; TONES],
-    cosine: [f64; TONES],
+    sine: [f64; HARMONICS],
+    cosine: [f64; HARMONICS],
     constant: f64,
     /// Harmonics from this one on are zero.
     count: usize,
@@ -21,7 +21,7 @@ pub(super) struct Push {
 
 impl Push {
     /// `amplitude A(tau + lead) - constant`, with `A = -S''` of the track's motion S.
-    pub(super) fn of(wave: &Wave, amplitude: f64, lead: f64, constant: f64) -> Self {
+    pub(super) fn new(wave: &Wave, amplitude: f64, lead: f64, constant: f64) -> Self {
         let mut push = Self {
             constant,
             ..Self::default()
@@ -37,9 +37,8 @@ impl Push {
         push
     }
 
-    /// [`Push::of`] a sine.
-    #[cfg(feature = "plant")]
-    pub(super) fn of_sine(amplitude: f64, lead: f64, constant: f64) -> Self {
+    /// [`Push::new`] a sine.
+    pub(super) fn from_sine(amplitude: f64, lead: f64, constant: f64) -> Self {
         let (sine, cosine) = libm::sincos(lead);
         let mut push = Self {
             constant,
@@ -53,7 +52,9 @@ impl Push {
 
     /// `self + factor other`.
     pub(super) fn plus(&self, factor: f64, other: &Self) -> Self {
-        let sum = |a: [f64; TONES], b: [f64; TONES]| core::array::from_fn(|n| a[n] + factor * b[n]);
+        let sum = |a: [f64; HARMONICS], b: [f64; HARMONICS]| {
+            core::array::from_fn(|n| a[n] + factor * b[n])
+        };
         Self {
             sine: sum(self.sine, other.sine),
             cosine: sum(self.cosine, other.cosine),
@@ -97,29 +98,32 @@ impl Push {
 
     /// Distance and [velocity](Push::velocity) gained in `d` rad from `phase` on.
     pub(super) fn integrals(&self, phase: f64, d: f64) -> (f64, f64) {
-        let (mut way, mut gained) = (-0.0, -0.0);
+        let (mut displacement, mut gained) = (-0.0, -0.0);
         for (n, p, q) in self.tones() {
             let half = 0.5 * n * d;
             let chord = libm::sin(half);
             let (sine, cosine) = libm::sincos(n * phase);
             let x = n * d;
-            let (even, odd) = (versine_of(half, chord), x * sagitta(x));
-            way += p * (sine * even + cosine * odd) + q * (cosine * even - sine * odd);
+            let (even, odd) = (versine_from_half(half, chord), x * sagitta(x));
+            displacement += p * (sine * even + cosine * odd) + q * (cosine * even - sine * odd);
             let (sine, cosine) = libm::sincos(n * phase + half);
             gained += 2.0 / n * chord * (p * sine + q * cosine);
         }
         let constant = self.constant;
-        (d * d * (way - 0.5 * constant), gained - constant * d)
+        (
+            d * d * (displacement - 0.5 * constant),
+            gained - constant * d,
+        )
     }
 
     /// Maximum in a turn, within 1e-12 of its size.
-    pub(super) fn highest(&self) -> f64 {
+    pub(super) fn maximum(&self) -> f64 {
         /// Number of phases between which the push has at most one maximum: three harmonics have
         /// three.
-        const PHASES: u32 = 256;
-        let step = core::f64::consts::TAU / f64::from(PHASES);
+        const SCANNED_PHASES: u32 = 256;
+        let step = core::f64::consts::TAU / f64::from(SCANNED_PHASES);
         let mut highest = f64::NEG_INFINITY;
-        for n in 0..PHASES {
+        for n in 0..SCANNED_PHASES {
             let (mut low, mut high) = (f64::from(n) * step, f64::from(n + 1) * step);
             highest = highest.max(self.at(low));
             if self.slope(low) <= 0.0 || self.slope(high) > 0.0 {
@@ -158,11 +162,11 @@ fn powi(n: f64, order: i32) -> f64 {
 /// counts as having left 0.
 pub(super) fn first_zero(limit: f64, bend: f64, at: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
     /// Steps after which the current `d` counts as the zero; most zeros need some ten.
-    const STEPS: usize = 10_000;
+    const MAX_STEPS: usize = 10_000;
     /// Error of a zero in rad; at most one such step is lost.
-    const FINE: f64 = 1e-14;
+    const ZERO_TOLERANCE: f64 = 1e-14;
     let mut d = 0.0;
-    for _ in 0..STEPS {
+    for _ in 0..MAX_STEPS {
         let (value, slope) = at(d);
         let value = value.max(0.0);
         let step = if bend > 0.0 {
@@ -178,7 +182,7 @@ pub(super) fn first_zero(limit: f64, bend: f64, at: impl Fn(f64) -> (f64, f64)) 
         } else {
             return None;
         };
-        if step <= FINE * (1.0 + d) {
+        if step <= ZERO_TOLERANCE * (1.0 + d) {
             return Some(d);
         }
         d += step;
@@ -195,16 +199,13 @@ mod tests {
     use crate::impact::wave::Tone;
 
     fn push() -> Push {
-        let second = Tone {
-            amplitude: 0.15,
-            angle: 2.356,
-        };
+        let second = Tone::new(0.15, 2.356);
         let wave = Wave::build(second, Tone::default()).unwrap();
-        Push::of(&wave, 1.5, 0.4, 0.3)
+        Push::new(&wave, 1.5, 0.4, 0.3)
     }
 
     #[test]
-    fn integrals_are_those_of_the_value() {
+    fn integrals_match_the_value() {
         let push = push();
         let (phase, d) = (0.7, 3.1);
         let steps = 20_000;
@@ -215,8 +216,8 @@ mod tests {
             distance += h * (velocity + 0.5 * h * value);
             velocity += h * value;
         }
-        let (way, gained) = push.integrals(phase, d);
-        assert!((gained - velocity).abs() < 1e-8 && (way - distance).abs() < 1e-8);
+        let (displacement, gained) = push.integrals(phase, d);
+        assert!((gained - velocity).abs() < 1e-8 && (displacement - distance).abs() < 1e-8);
         assert_eq!(gained, push.velocity(phase, d));
         let slope = (push.at(phase + 1e-6) - push.at(phase - 1e-6)) / 2e-6;
         assert!((push.slope(phase) - slope).abs() < 1e-8);
@@ -224,20 +225,17 @@ mod tests {
     }
 
     #[test]
-    fn the_highest_value_is_that_of_a_fine_scan() {
+    fn maximum_matches_a_fine_scan() {
         for n in 0..50 {
             let part = |m: i32| f64::from(n * m % 53) / 53.0;
-            let tone = |size: f64, angle: f64| Tone {
-                amplitude: 0.5 * size,
-                angle: 6.0 * angle,
-            };
+            let tone = |size: f64, angle: f64| Tone::new(0.5 * size, 6.0 * angle);
             let wave = Wave::build(tone(part(5), part(7)), tone(part(11), part(13))).unwrap();
-            let push = Push::of(&wave, 1.5, 0.4, 0.3);
+            let push = Push::new(&wave, 1.5, 0.4, 0.3);
             let scanned = (0..100_000).map(|n| push.at(1e-4 * f64::from(n)));
             let scanned = scanned.fold(f64::NEG_INFINITY, f64::max);
             // A scan in steps of 1e-4 rad misses this much of a maximum.
             let missed = 0.125 * 1e-8 * push.bound(2);
-            let highest = push.highest();
+            let highest = push.maximum();
             assert!(
                 (0.0..=missed).contains(&(highest - scanned)),
                 "{n}: {highest} {scanned}"
@@ -247,7 +245,7 @@ mod tests {
 
     /// Finds every zero of a fine scan and passes none.
     #[test]
-    fn the_first_zero_is_the_first() {
+    fn first_zero_is_the_smallest() {
         let push = push();
         for n in 0..400 {
             let from = 0.05 * f64::from(n);

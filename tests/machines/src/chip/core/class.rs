@@ -44,7 +44,6 @@ impl Class {
     ];
 
     /// Class of an instruction of one or two halfwords.
-    #[must_use]
     pub fn of(first: u16, second: u16) -> Self {
         match decode(first, second) {
             Op::Data(..)
@@ -53,10 +52,8 @@ impl Class {
             | Op::Near(..)
             | Op::Extend(..)
             | Op::Saturate(..)
-            | Op::SaturateHalves(..)
-            | Op::Parallel(..)
+            | Op::SaturateLanes(..)
             | Op::Saturating(..)
-            | Op::Select(..)
             | Op::Pack(..)
             | Op::Turn(..)
             | Op::Insert(..)
@@ -74,7 +71,7 @@ impl Class {
             | Op::SingleMovePair(..)
             | Op::FromStatus(..)
             | Op::ToStatus(..) => Self::FloatMove,
-            Op::Single(..) | Op::Unary(..) | Op::Fixed(..) | Op::SingleCompare(..) => Self::Float,
+            Op::Single(..) | Op::Unary(..) | Op::SingleCompare(..) => Self::Float,
             Op::Load(..)
             | Op::LoadPair(..)
             | Op::LoadMany(..)

@@ -13,9 +13,7 @@ use super::{Bus, Fault, decode};
 const FLASH: u32 = 0x0800_0000;
 /// Size of the flash, bytes.
 const FLASH_SIZE: u32 = 1024 * 1024;
-/// First address of the RAM.
 const MEMORY: u32 = 0x2000_0000;
-/// Size of the RAM, bytes.
 const MEMORY_SIZE: u32 = 128 * 1024;
 /// Number of address bits in a page.
 const PAGE_BITS: u32 = 11;
@@ -26,14 +24,13 @@ const FLASH_PAGES: usize = (FLASH_SIZE >> PAGE_BITS) as usize;
 
 /// A decoded instruction and its bytes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Known {
+pub(super) struct Decoded {
     pub(super) op: Op,
     halves: [u16; 2],
     wide: bool,
 }
 
-impl Known {
-    /// Size in bytes.
+impl Decoded {
     #[inline]
     pub(super) fn size(&self) -> u32 {
         if self.wide { 4 } else { 2 }
@@ -56,21 +53,21 @@ impl Known {
 
     /// Whether memory still holds it; only RAM is checked.
     #[inline]
-    pub(super) fn lies(&self, bus: &mut impl Bus, address: u32) -> bool {
+    pub(super) fn is_unchanged(&self, bus: &mut impl Bus, address: u32) -> bool {
         address.wrapping_sub(FLASH) < FLASH_SIZE
             || bus.fetch(address) == Some(self.halves[0])
                 && (!self.wide || bus.fetch(address.wrapping_add(2)) == Some(self.halves[1]))
     }
 }
 
-type Page = [Option<Known>; PAGE];
+type Page = [Option<Decoded>; PAGE];
 
 /// Decoded instructions of a program. Copies share them until one of them adds more.
 #[derive(Clone, Debug)]
 pub struct Code {
     pages: Vec<Option<Arc<Page>>>,
     /// An instruction outside flash and RAM.
-    elsewhere: Option<Known>,
+    elsewhere: Option<Decoded>,
 }
 
 impl Default for Code {
@@ -96,15 +93,19 @@ impl Code {
 
     /// The cached instruction at an address. In RAM it must be compared with memory.
     #[inline]
-    pub(super) fn find(&self, address: u32) -> Option<&Known> {
+    pub(super) fn find(&self, address: u32) -> Option<&Decoded> {
         let page = self.pages.get(page(address))?.as_ref()?;
         page[place(address)].as_ref()
     }
 
     /// Decodes the instruction at an address.
     #[cold]
-    pub(super) fn learn(&mut self, bus: &mut impl Bus, address: u32) -> Result<&Known, Fault> {
-        let known = Known::read(bus, address)?;
+    pub(super) fn decode_at(
+        &mut self,
+        bus: &mut impl Bus,
+        address: u32,
+    ) -> Result<&Decoded, Fault> {
+        let known = Decoded::read(bus, address)?;
         let Some(page) = self.pages.get_mut(page(address)) else {
             return Ok(self.elsewhere.insert(known));
         };

@@ -1,8 +1,7 @@
 //! Decoder from halfwords to instructions (ARM DDI 0403E, A5 and A6).
 
 use super::op::{
-    Alu, Extension, Flags, Lane, Lanes, Long, Op, Operand, Place, Product, Shift, Single, Turn,
-    Unary, Width,
+    Alu, Extension, Flags, Long, Op, Operand, Place, Product, Shift, Single, Turn, Unary, Width,
 };
 
 const STACK: u8 = 13;
@@ -11,7 +10,6 @@ const COUNTER: u8 = 15;
 const NONE: u8 = 16;
 
 /// Whether this halfword begins an instruction of two (A5.1).
-#[must_use]
 pub fn is_wide(first: u16) -> bool {
     first >= 0xe800
 }
@@ -31,7 +29,6 @@ fn signed(value: u32, count: u32) -> i32 {
 }
 
 /// The instruction of one or two halfwords.
-#[must_use]
 pub fn decode(first: u16, second: u16) -> Op {
     if is_wide(first) {
         wide(first, second)
@@ -129,8 +126,7 @@ fn narrow(code: u16) -> Op {
         0b11000 => Op::StoreMany(upper, byte as u16, false, true),
         0b11001 => Op::LoadMany(upper, byte as u16, false, byte >> upper & 1 == 0),
         0b11010 | 0b11011 => match bits(code, 8, 4) {
-            14 => Op::Undefined,
-            15 => Op::Supervisor(byte as u8),
+            14 | 15 => Op::Undefined,
             condition => Op::BranchIf(condition, signed(byte, 8) * 2),
         },
         0b11100 => Op::Branch(signed(u32::from(code & 0x7ff), 11) * 2),
@@ -368,11 +364,8 @@ fn plain_number(first: u16, second: u16) -> Op {
             Op::Data(Alu::Move, Flags::Keep, target, NONE, Operand::Number(value))
         }
         0b01100 => Op::MoveTop(target, u16::from(base) << 12 | number as u16),
-        kind @ (0b10010 | 0b11010) if low == 0 => {
-            let signed = kind == 0b10010;
-            let count = bits(second, 0, 4) + u8::from(signed);
-            Op::SaturateHalves(signed, target, count, base)
-        }
+        // Saturation of both halves.
+        0b10010 | 0b11010 if low == 0 => Op::Undefined,
         kind @ (0b10000 | 0b10010 | 0b11000 | 0b11010) => {
             let signed = kind < 0b11000;
             let how = if kind & 0b10 == 0 {
@@ -505,41 +498,22 @@ fn data_register(first: u16, second: u16) -> Op {
             };
             Op::ShiftBy(shift(kind >> 1), flags, d, n, m)
         }
-        (0..=5, 8..) => {
-            let kinds = [
-                Extension::SignedHalf,
-                Extension::Half,
-                Extension::SignedBytes,
-                Extension::Bytes,
-                Extension::SignedByte,
-                Extension::Byte,
-            ];
-            Op::Extend(kinds[usize::from(kind)], d, n, m, bits(second, 4, 2) * 8)
-        }
-        (8.., 0..=7) => {
-            let lanes = match kind & 7 {
-                0 => Lanes::Add8,
-                1 => Lanes::Add16,
-                2 => Lanes::AddSubtract,
-                4 => Lanes::Subtract8,
-                5 => Lanes::Subtract16,
-                6 => Lanes::SubtractAdd,
-                _ => return Op::Undefined,
+        (0 | 1 | 3..=5, 8..) => {
+            let extension = match kind {
+                0 => Extension::SignedHalf,
+                1 => Extension::Half,
+                3 => Extension::Bytes,
+                4 => Extension::SignedByte,
+                _ => Extension::Byte,
             };
-            let lane = match how & 3 {
-                0 => Lane::Wraps,
-                1 => Lane::Saturates,
-                2 => Lane::Halved,
-                _ => return Op::Undefined,
-            };
-            Op::Parallel(lanes, lane, how < 4, d, n, m)
+            Op::Extend(extension, d, n, m, bits(second, 4, 2) * 8)
         }
-        (8, 8..=11) => Op::Saturating(how & 1 == 1, how & 2 == 2, d, n, m),
+        (8 | 9 | 12 | 13, 5) => Op::SaturateLanes(kind & 1 == 0, kind & 4 != 0, d, n, m),
+        (8, 8 | 10) => Op::Saturating(how == 10, d, n, m),
         (9, 8) => Op::Turn(Turn::Bytes, d, m),
         (9, 9) => Op::Turn(Turn::HalfBytes, d, m),
         (9, 10) => Op::Turn(Turn::Bits, d, m),
         (9, 11) => Op::Turn(Turn::SignedHalf, d, m),
-        (10, 8) => Op::Select(d, n, m),
         (11, 8) => Op::Turn(Turn::Zeros, d, m),
         _ => Op::Undefined,
     }
@@ -558,12 +532,8 @@ fn product(first: u16, second: u16) -> Op {
         0 if a == COUNTER => return Op::Multiply(Flags::Keep, d, n, m),
         0 => return Op::MultiplyAdd(d, n, m, a),
         1 => Product::Halves(one, other),
-        2 => Product::Dual(other),
-        3 => Product::WordHalf(other),
-        4 => Product::DualSubtract(other),
         5 => Product::Top(other),
-        6 => Product::TopSubtract(other),
-        _ => Product::Differences,
+        _ => return Op::Undefined,
     };
     Op::Product(kind, d, n, m, a)
 }
@@ -575,16 +545,12 @@ fn long(first: u16, second: u16) -> Op {
         bits(second, 8, 4),
         bits(second, 0, 4),
     );
-    let (one, other) = (bit(second, 5), bit(second, 4));
     let kind = match (bits(first, 4, 3), bits(second, 4, 4)) {
         (0, 0) => Long::Signed,
         (1, 15) => return Op::Divide(true, high, n, m),
         (2, 0) => Long::Unsigned,
         (3, 15) => return Op::Divide(false, high, n, m),
         (4, 0) => Long::SignedAdd,
-        (4, 8..=11) => Long::Halves(one, other),
-        (4, 12 | 13) => Long::Dual(other),
-        (5, 12 | 13) => Long::DualSubtract(other),
         (6, 0) => Long::UnsignedAdd,
         (6, 6) => Long::AddBoth,
         _ => return Op::Undefined,
@@ -689,8 +655,6 @@ fn single(first: u16, second: u16) -> Op {
         (false, 2) => pick(Single::Multiply, Single::NegativeMultiply),
         (false, _) => pick(Single::Add, Single::Subtract),
         (true, 0) if !other => Op::Single(Single::Divide, d, n, m),
-        (true, 1) => pick(Single::FusedNegativeSubtract, Single::FusedNegativeAdd),
-        (true, 2) => pick(Single::Fused, Single::FusedSubtract),
         (true, 3) if !other => {
             let byte = u32::from(bits(first, 0, 4)) << 4 | u32::from(second & 0xf);
             let exponent = if byte & 0x40 == 0 {
@@ -712,17 +676,7 @@ fn single(first: u16, second: u16) -> Op {
                 (8, true) => Unary::FromSigned,
                 (8, false) => Unary::FromUnsigned,
                 (12, true) => Unary::ToUnsigned,
-                (12, false) => Unary::RoundUnsigned,
                 (13, true) => Unary::ToSigned,
-                (13, false) => Unary::RoundSigned,
-                (kind @ (10 | 11 | 14 | 15), wide) => {
-                    let behind = bits(second, 0, 4) << 1 | bits(second, 5, 1);
-                    let size = if wide { 32 } else { 16 };
-                    if behind > size {
-                        return Op::Undefined;
-                    }
-                    return Op::Fixed(d, kind & 4 != 0, kind & 1 == 0, !wide, size - behind);
-                }
                 _ => return Op::Undefined,
             };
             Op::Unary(unary, d, m)

@@ -1,11 +1,10 @@
 //! Exception entry and return (ARM DDI 0403E, B1.5.6 and B1.5.8).
 
-use super::{Bus, COUNTER, Core, Fault, LINK, STACK, Waits};
+use super::{Bus, COUNTER, Core, Fault, LINK, STACK, WaitState};
 
 /// Bits of CONTROL: second stack pointer in use, numbers in the floating-point registers.
 const SECOND_STACK: u32 = 1 << 1;
 const FLOAT: u32 = 1 << 2;
-/// Size of a stack frame, bytes.
 const FRAME: u32 = 0x20;
 /// Size of a stack frame with floating-point registers, bytes.
 const FLOAT_FRAME: u32 = 0x68;
@@ -52,7 +51,7 @@ impl Core {
         self.block = 0;
         self.exclusive = false;
         self.event = true;
-        self.waits = Waits::Not;
+        self.waits = WaitState::Not;
         self.r[COUNTER] = vector & !1;
         let more = if float { FLOAT_LATENCY } else { 0 };
         (LATENCY + more, taken)
@@ -131,7 +130,6 @@ impl Core {
         }
     }
 
-    /// Sets a special register.
     pub(super) fn set_special(&mut self, number: u8, value: u32) {
         let second = self.control & SECOND_STACK != 0;
         match number {

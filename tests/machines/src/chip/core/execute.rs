@@ -1,16 +1,15 @@
 //! Execution of each instruction (ARM DDI 0403E, A7.7).
 
-use super::op::{
-    Alu, Extension, Flags, Lane, Lanes, Long, Op, Operand, Place, Product, Shift, Turn, Width,
-};
-use super::{Bus, COUNTER, Core, Fault, LINK, Waits};
+use super::op::{Alu, Extension, Flags, Long, Op, Operand, Place, Product, Shift, Turn, Width};
+use super::{Bus, COUNTER, Core, Fault, LINK, WaitState};
 
 /// Cycles to refill the pipeline after a branch: 1 to 3 by alignment (ARM DDI 0439B, 3.3.1).
 const REFILL: u32 = 2;
 
-/// The two halves of a value with their signs.
-fn halves(value: u32) -> [i32; 2] {
-    [i32::from(value as i16), i32::from((value >> 16) as i16)]
+/// The upper (`top`) or lower half of a value with its sign.
+fn half(value: u32, top: bool) -> i64 {
+    let half = if top { value >> 16 } else { value };
+    i64::from(half as i16)
 }
 
 impl Core {
@@ -326,19 +325,15 @@ impl Core {
                 } else {
                     self.get(n)
                 };
-                let lanes = |low: u32, high: u32| {
-                    base.wrapping_add(low) & 0xffff | (base >> 16).wrapping_add(high) << 16
-                };
                 let value = match kind {
                     Extension::SignedByte => base.wrapping_add_signed(i32::from(value as i8)),
                     Extension::Byte => base.wrapping_add(value & 0xff),
                     Extension::SignedHalf => base.wrapping_add_signed(i32::from(value as i16)),
                     Extension::Half => base.wrapping_add(value & 0xffff),
-                    Extension::SignedBytes => lanes(
-                        i32::from(value as i8) as u32,
-                        i32::from((value >> 16) as i8) as u32,
-                    ),
-                    Extension::Bytes => lanes(value & 0xff, value >> 16 & 0xff),
+                    Extension::Bytes => {
+                        let (low, high) = (value & 0xff, value >> 16 & 0xff);
+                        base.wrapping_add(low) & 0xffff | (base >> 16).wrapping_add(high) << 16
+                    }
                 };
                 Ok(self.set(d, value))
             }
@@ -351,31 +346,14 @@ impl Core {
                 let value = self.saturate(signed, bits, i64::from(value as i32));
                 Ok(self.set(d, value))
             }
-            Op::SaturateHalves(signed, d, bits, n) => {
-                let [low, high] = halves(self.get(n));
-                let low = self.saturate(signed, bits, low.into());
-                let high = self.saturate(signed, bits, high.into());
-                Ok(self.set(d, low & 0xffff | high << 16))
-            }
-            Op::Parallel(lanes, lane, signed, d, n, m) => {
-                let value = self.parallel(lanes, lane, signed, n, m);
+            Op::SaturateLanes(bytes, subtracted, d, n, m) => {
+                let value = self.saturate_lanes(bytes, subtracted, n, m);
                 Ok(self.set(d, value))
             }
-            Op::Saturating(doubled, subtracted, d, n, m) => {
-                let mut two = i64::from(self.get(n) as i32);
-                if doubled {
-                    two = i64::from(self.saturate(true, 32, two * 2) as i32);
-                }
+            Op::Saturating(subtracted, d, n, m) => {
+                let two = i64::from(self.get(n) as i32);
                 let two = if subtracted { -two } else { two };
                 let value = self.saturate(true, 32, i64::from(self.get(m) as i32) + two);
-                Ok(self.set(d, value))
-            }
-            Op::Select(d, n, m) => {
-                let mut value = 0;
-                for lane in 0..4 {
-                    let from = if self.greater >> lane & 1 == 1 { n } else { m };
-                    value |= self.get(from) & 0xff << (8 * lane);
-                }
                 Ok(self.set(d, value))
             }
             Op::Pack(top, d, n, m, by) => {
@@ -454,13 +432,13 @@ impl Core {
             Op::Barrier => Ok(1 + REFILL),
             Op::WaitEvent => {
                 if !std::mem::take(&mut self.event) {
-                    self.waits = Waits::Event;
+                    self.waits = WaitState::Event;
                     self.attention = true;
                 }
                 Ok(1)
             }
             Op::WaitInterrupt => {
-                self.waits = Waits::Interrupt;
+                self.waits = WaitState::Interrupt;
                 self.attention = true;
                 Ok(1)
             }
@@ -488,7 +466,7 @@ impl Core {
                 self.set_special(number, self.get(n));
                 Ok(2)
             }
-            Op::Supervisor(_) | Op::Undefined => Err(Fault::Undefined),
+            Op::Undefined => Err(Fault::Undefined),
             _ => {
                 self.touch_float()?;
                 self.float_op(op, bus)
@@ -500,10 +478,6 @@ impl Core {
         match *op {
             Op::Single(operation, d, n, m) => Ok(self.single(operation, d, n, m)),
             Op::Unary(operation, d, m) => Ok(self.unary(operation, d, m)),
-            Op::Fixed(d, to, signed, half, behind) => {
-                self.fixed(d, to, signed, half, behind);
-                Ok(1)
-            }
             Op::SingleNumber(d, value) => {
                 self.s[usize::from(d)] = value;
                 Ok(1)
@@ -529,10 +503,9 @@ impl Core {
                 Ok(2)
             }
             Op::FromStatus(15) => {
-                let greater = self.greater;
                 let (saturated, flags) = (self.saturated, self.status);
                 self.set_flags(flags);
-                (self.greater, self.saturated) = (greater, saturated);
+                self.saturated = saturated;
                 Ok(1)
             }
             Op::FromStatus(t) => Ok(self.set(t, self.status)),
@@ -665,46 +638,22 @@ impl Core {
 
     fn product(&mut self, kind: Product, d: u8, n: u8, m: u8, a: u8) -> u32 {
         let (one, two) = (self.get(n), self.get(m));
-        let ([n0, n1], [m0, m1]) = (halves(one), halves(two));
         let added = if usize::from(a) == COUNTER {
             0
         } else {
             self.get(a)
         };
-        let pick = |[low, high]: [i32; 2], top: bool| i64::from(if top { high } else { low });
-        let exchanged = |exchange: bool| if exchange { [m1, m0] } else { [m0, m1] };
-        let words = i64::from(one as i32) * i64::from(two as i32);
-        let rounded = |round: bool| if round { 0x8000_0000 } else { 0 };
-        let mut sum = |value: i64| {
-            let total = value + i64::from(added as i32);
-            self.saturated |= i64::from(total as i32) != total;
-            total as u32
-        };
         let value = match kind {
-            Product::Halves(first, second) => sum(pick([n0, n1], first) * pick([m0, m1], second)),
-            Product::WordHalf(second) => {
-                sum((i64::from(one as i32) * pick([m0, m1], second)) >> 16)
-            }
-            Product::Dual(exchange) => {
-                let [low, high] = exchanged(exchange);
-                sum(i64::from(n0) * i64::from(low) + i64::from(n1) * i64::from(high))
-            }
-            Product::DualSubtract(exchange) => {
-                let [low, high] = exchanged(exchange);
-                sum(i64::from(n0) * i64::from(low) - i64::from(n1) * i64::from(high))
+            Product::Halves(first, second) => {
+                let total = half(one, first) * half(two, second) + i64::from(added as i32);
+                self.saturated |= i64::from(total as i32) != total;
+                total as u32
             }
             Product::Top(round) => {
+                let words = i64::from(one as i32) * i64::from(two as i32);
+                let rounding = if round { 0x8000_0000 } else { 0 };
                 let base = i64::from(added as i32) << 32;
-                (base.wrapping_add(words).wrapping_add(rounded(round)) >> 32) as u32
-            }
-            Product::TopSubtract(round) => {
-                let base = i64::from(added as i32) << 32;
-                (base.wrapping_sub(words).wrapping_add(rounded(round)) >> 32) as u32
-            }
-            Product::Differences => {
-                let lanes = one.to_le_bytes().into_iter().zip(two.to_le_bytes());
-                let total: u32 = lanes.map(|(a, b)| u32::from(a.abs_diff(b))).sum();
-                added.wrapping_add(total)
+                (base.wrapping_add(words).wrapping_add(rounding) >> 32) as u32
             }
         };
         self.set(d, value)
@@ -713,30 +662,14 @@ impl Core {
     fn long(&mut self, kind: Long, low: u8, high: u8, n: u8, m: u8) -> u32 {
         let (one, two) = (self.get(n), self.get(m));
         let target = u64::from(self.get(high)) << 32 | u64::from(self.get(low));
-        let ([n0, n1], [m0, m1]) = (halves(one), halves(two));
         let unsigned = u64::from(one) * u64::from(two);
         let signed = (i64::from(one as i32) * i64::from(two as i32)) as u64;
-        let exchanged = |exchange: bool| if exchange { [m1, m0] } else { [m0, m1] };
-        let times = |a: i32, b: i32| i64::from(a) * i64::from(b);
         let value = match kind {
             Long::Unsigned => unsigned,
             Long::Signed => signed,
             Long::UnsignedAdd => target.wrapping_add(unsigned),
             Long::SignedAdd => target.wrapping_add(signed),
             Long::AddBoth => unsigned + u64::from(self.get(low)) + u64::from(self.get(high)),
-            Long::Halves(first, second) => {
-                let a = if first { n1 } else { n0 };
-                let b = if second { m1 } else { m0 };
-                target.wrapping_add(times(a, b) as u64)
-            }
-            Long::Dual(exchange) => {
-                let [b0, b1] = exchanged(exchange);
-                target.wrapping_add((times(n0, b0) + times(n1, b1)) as u64)
-            }
-            Long::DualSubtract(exchange) => {
-                let [b0, b1] = exchanged(exchange);
-                target.wrapping_add((times(n0, b0) - times(n1, b1)) as u64)
-            }
         };
         self.set(low, value as u32);
         self.set(high, (value >> 32) as u32);
@@ -754,53 +687,18 @@ impl Core {
         value.clamp(low, high) as u32
     }
 
-    fn parallel(&mut self, lanes: Lanes, lane: Lane, signed: bool, n: u8, m: u8) -> u32 {
-        let (one, two) = (self.get(n), self.get(m));
-        let bytes = matches!(lanes, Lanes::Add8 | Lanes::Subtract8);
-        let (count, width) = if bytes { (4, 8) } else { (2, 16) };
-        let part = |word: u32, index: u32| {
-            let value = word >> (width * index) & ones(width as u8);
-            if signed {
-                (value << (32 - width)) as i32 >> (32 - width)
+    fn saturate_lanes(&self, bytes: bool, subtracted: bool, n: u8, m: u8) -> u32 {
+        let width = if bytes { 8 } else { 16 };
+        let largest = ones(width);
+        (0..32).step_by(width.into()).fold(0, |value, low| {
+            let (one, two) = (self.get(n) >> low & largest, self.get(m) >> low & largest);
+            let lane = if subtracted {
+                one.saturating_sub(two)
             } else {
-                value as i32
-            }
-        };
-        let (mut value, mut greater) = (0, 0);
-        for index in 0..count {
-            let (other, subtracts) = match lanes {
-                Lanes::Add16 | Lanes::Add8 => (index, false),
-                Lanes::Subtract16 | Lanes::Subtract8 => (index, true),
-                // Upper sum, lower difference, of the exchanged halves.
-                Lanes::AddSubtract => (1 - index, index == 0),
-                Lanes::SubtractAdd => (1 - index, index == 1),
+                (one + two).min(largest)
             };
-            let (a, b) = (part(one, index), part(two, other));
-            let result = if subtracts { a - b } else { a + b };
-            let above = if signed || subtracts {
-                result >= 0
-            } else {
-                result >= 1 << width
-            };
-            greater |= u8::from(above) << index;
-            let result = match lane {
-                Lane::Wraps => result,
-                Lane::Halved => result >> 1,
-                Lane::Saturates if signed => {
-                    result.clamp(-(1 << (width - 1)), (1 << (width - 1)) - 1)
-                }
-                Lane::Saturates => result.clamp(0, (1 << width) - 1),
-            };
-            value |= (result as u32 & ones(width as u8)) << (width * index);
-        }
-        if lane == Lane::Wraps {
-            self.greater = if bytes {
-                greater
-            } else {
-                ((greater & 1) * 3) | ((greater >> 1) * 12)
-            };
-        }
-        value
+            value | lane << low
+        })
     }
 }
 

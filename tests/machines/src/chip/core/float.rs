@@ -45,10 +45,6 @@ impl Core {
             self.number(result, &[target, product])
         };
         let turned = |bits: u32| bits ^ 0x8000_0000;
-        let fused = |one: u32, target: u32| {
-            let result = f32::from_bits(one).mul_add(two, f32::from_bits(target));
-            self.number(result, &[target, one, bits[2]])
-        };
         let (value, cycles) = match operation {
             Single::Add => (plain(one + two), 1),
             Single::Subtract => (plain(one - two), 1),
@@ -59,16 +55,11 @@ impl Core {
             Single::MultiplySubtract => (sum(after(target, 0x8000_0000).1, bits[0]), 3),
             Single::NegativeMultiplySubtract => (sum(after(target, 0).1, turned(bits[0])), 3),
             Single::NegativeMultiplyAdd => (sum(after(target, 0x8000_0000).1, turned(bits[0])), 3),
-            Single::Fused => (fused(bits[1], bits[0]), 3),
-            Single::FusedSubtract => (fused(turned(bits[1]), bits[0]), 3),
-            Single::FusedNegativeSubtract => (fused(bits[1], turned(bits[0])), 3),
-            Single::FusedNegativeAdd => (fused(turned(bits[1]), turned(bits[0])), 3),
         };
         self.s[d] = value;
         cycles
     }
 
-    /// One operand.
     pub(super) fn unary(&mut self, operation: Unary, d: u8, m: u8) -> u32 {
         let bits = self.s[usize::from(m)];
         let value = f32::from_bits(bits);
@@ -81,34 +72,9 @@ impl Core {
             Unary::FromUnsigned => ((bits as f32).to_bits(), 1),
             Unary::ToSigned => (value as i32 as u32, 1),
             Unary::ToUnsigned => (value as u32, 1),
-            Unary::RoundSigned => (value.round_ties_even() as i32 as u32, 1),
-            Unary::RoundUnsigned => (value.round_ties_even() as u32, 1),
         };
         self.s[usize::from(d)] = result;
         cycles
-    }
-
-    /// To fixed point or from it.
-    pub(super) fn fixed(&mut self, d: u8, to: bool, signed: bool, half: bool, behind: u8) {
-        let place = &mut self.s[usize::from(d)];
-        let scale = f64::from(behind).exp2();
-        *place = if to {
-            let value = f64::from(f32::from_bits(*place)) * scale;
-            match (signed, half) {
-                (true, true) => i32::from(value as i16) as u32,
-                (true, false) => value as i32 as u32,
-                (false, true) => u32::from(value as u16),
-                (false, false) => value as u32,
-            }
-        } else {
-            let value = match (signed, half) {
-                (true, true) => f64::from(*place as i16),
-                (true, false) => f64::from(*place as i32),
-                (false, true) => f64::from(*place as u16),
-                (false, false) => f64::from(*place),
-            };
-            ((value / scale) as f32).to_bits()
-        };
     }
 
     /// Compares; the flags go to FPSCR.

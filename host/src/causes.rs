@@ -1,0 +1,219 @@
+//! Why parts are in gear for less of the time than the lot allows: the plan of gear is made again
+//! with one bound lifted at a time, in the order in which a setter should look.
+//!
+//! Method: relaxation of one constraint at a time. Each cause states the share in gear that its
+//! remedy is predicted to give.
+
+use kband::regime::gear::GearPlan;
+use kband_control::{Controller, Settings, StartCause, Target};
+
+use crate::report::number;
+
+/// Share of time in gear, 0..=1, from which parts are said to stay in gear: no cause is searched.
+pub const MIN_SHARE_IN_GEAR: f64 = 0.95;
+/// Least gain of the predicted share for which a remedy is named.
+const MIN_GAIN: f64 = 0.05;
+/// Second tone that is tried, over the first.
+const SECOND_TONE: f32 = 0.15;
+/// Factor by which the drive is made stronger to lift its output limit.
+const STRONGER: f32 = 10.0;
+
+/// The predicted best of a lot on a drive.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Best {
+    /// Share of time in gear, 0..=1.
+    pub share: f64,
+    /// Amplitude b in mm; 0 where no amplitude brings parts into gear.
+    pub amplitude: f64,
+}
+
+impl Best {
+    /// The best of a lot and an order, as the controller plans it.
+    pub fn of(settings: &Settings, order: u8) -> Self {
+        plan(settings, order).map_or(Self::default(), |(plan, amplitude)| Self {
+            share: f64::from(plan.share),
+            amplitude,
+        })
+    }
+}
+
+/// The controller's plan of gear of an order, and its amplitude b in mm; `None` where the drive
+/// brings no part into gear.
+pub fn plan(settings: &Settings, order: u8) -> Option<(GearPlan, f64)> {
+    let target = Target::Gear { order };
+    let mut controller = Controller::build(settings, target, StartCause::Ordinary).ok()?;
+    while controller.plan_step() {}
+    Some((controller.gear()?, f64::from(controller.setpoint()) * 1e3))
+}
+
+/// One cause, with its remedy and what the remedy gives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cause {
+    /// What holds the parts back, with its numbers, and what to change.
+    pub remedy: String,
+    /// Predicted best with this one change.
+    pub best: Best,
+}
+
+/// The causes whose remedy raises the share of `now`, the most likely first.
+pub fn causes(settings: &Settings, order: u8, now: Best) -> Vec<Cause> {
+    let Settings {
+        frequency,
+        resonance,
+        output_maximum,
+        amplitude_limit,
+        acceleration_limit,
+        restitution_low,
+        restitution_high,
+        scatter,
+        ..
+    } = *settings;
+    let middle = 0.5 * (restitution_low + restitution_high);
+    let force = number(3.0 * f64::from(settings.quality * SECOND_TONE), 2);
+    let mut all: Vec<(String, Settings)> = Vec::new();
+    let mut lift = |remedy: String, change: &dyn Fn(&mut Settings)| {
+        let mut lifted = *settings;
+        change(&mut lifted);
+        if lifted != *settings {
+            all.push((remedy, lifted));
+        }
+    };
+    lift(
+        format!("a stronger drive: the output is at its limit of {output_maximum}"),
+        &|lifted| {
+            lifted.gain = (STRONGER * lifted.gain).min(100.0);
+            lifted.second_gain = (STRONGER * lifted.second_gain).min(100.0);
+            lifted.third_gain = (STRONGER * lifted.third_gain).min(100.0);
+        },
+    );
+    lift(
+        format!(
+            "the drive on its resonance: it runs at {frequency} Hz, its resonance is {resonance} Hz"
+        ),
+        &|lifted| lifted.resonance = frequency,
+    );
+    lift(
+        format!("a higher acceleration limit than {acceleration_limit} m/s^2"),
+        &|lifted| lifted.acceleration_limit = 1000.0,
+    );
+    lift(
+        format!("a higher amplitude limit than {amplitude_limit} mm"),
+        &|lifted| lifted.amplitude_limit = 100.0,
+    );
+    lift(
+        format!(
+            "parts sorted by restitution: restitution of the lot is {restitution_low}..{restitution_high}"
+        ),
+        &|lifted| (lifted.restitution_low, lifted.restitution_high) = (middle, middle),
+    );
+    lift(
+        format!("parts that scatter less: their restitution scatters by {scatter}"),
+        &|lifted| lifted.scatter = 0.0,
+    );
+    if settings.second_tone < SECOND_TONE && settings.second_gain > 0.0 {
+        lift(
+            format!(
+                "a second tone (drive.second_tone = {SECOND_TONE}), if a mode at twice the frequency gives {} mm \
+                 (second_gain); without a mode there it takes {force} times the force of the first tone",
+                settings.second_gain
+            ),
+            &|lifted| lifted.second_tone = SECOND_TONE,
+        );
+    }
+    all.into_iter()
+        .map(|(remedy, lifted)| Cause {
+            remedy,
+            best: Best::of(&lifted, order),
+        })
+        .filter(|cause| cause.best.share >= now.share + MIN_GAIN)
+        .collect()
+}
+
+/// The causes in lines for a reader, with the share and the amplitude that each remedy gives.
+pub fn describe(causes: &[Cause]) -> Vec<String> {
+    let line = |cause: &Cause| {
+        format!(
+            "{} in gear at {} mm with {}",
+            number(cause.best.share, 2),
+            number(cause.best.amplitude, 3),
+            cause.remedy
+        )
+    };
+    causes.iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A narrow lot on a drive that serves it.
+    fn served() -> Settings {
+        Settings {
+            restitution_low: 0.19,
+            restitution_high: 0.21,
+            scatter: 0.02,
+            ..Settings::default()
+        }
+    }
+
+    #[test]
+    fn served_lot_has_no_cause() {
+        let settings = served();
+        let best = Best::of(&settings, 1);
+        assert!(best.share >= MIN_SHARE_IN_GEAR, "{best:?}");
+        assert_eq!(causes(&settings, 1, best), []);
+    }
+
+    #[test]
+    fn each_bound_is_named_where_it_alone_binds() {
+        type Change = fn(&mut Settings);
+        let cases: [(&str, Change); 6] = [
+            ("a stronger drive", |s| s.gain = 0.15),
+            ("the drive on its resonance", |s| s.resonance = 40.0),
+            ("a higher acceleration limit", |s| {
+                s.acceleration_limit = 15.0
+            }),
+            ("a higher amplitude limit", |s| s.amplitude_limit = 0.15),
+            ("parts sorted by restitution", |s| {
+                (s.restitution_low, s.restitution_high) = (0.1, 0.5);
+            }),
+            ("parts that scatter less", |s| s.scatter = 0.2),
+        ];
+        for (remedy, change) in cases {
+            let mut settings = served();
+            change(&mut settings);
+            let now = Best::of(&settings, 1);
+            let causes = causes(&settings, 1, now);
+            let cause = causes.iter().find(|cause| cause.remedy.starts_with(remedy));
+            let cause = cause.unwrap_or_else(|| panic!("{remedy}: {now:?} {causes:?}"));
+            assert!(cause.best.share > 0.9, "{remedy}: {now:?} {cause:?}");
+            // Only the drive off its resonance also lacks output; a second tone comes last.
+            let others = causes.iter().filter(|other| {
+                !other.remedy.starts_with("a second tone") && other.remedy != cause.remedy
+            });
+            let others: Vec<&Cause> = others.collect();
+            assert_eq!(
+                others.len(),
+                usize::from(remedy.contains("resonance")),
+                "{others:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn second_tone_is_advised_only_where_a_mode_is_configured() {
+        let advised = |second_gain| {
+            let settings = Settings {
+                scatter: 0.1,
+                second_gain,
+                ..served()
+            };
+            let causes = causes(&settings, 1, Best::of(&settings, 1));
+            causes
+                .iter()
+                .any(|cause| cause.remedy.starts_with("a second tone"))
+        };
+        assert!(advised(0.5));
+        assert!(!advised(0.0));
+    }
+}

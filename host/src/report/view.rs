@@ -1,0 +1,176 @@
+//! One description of a result: its fields with their columns, in the forms that have them.
+
+use serde_json::Value as Json;
+
+use super::Printout;
+use super::table::{Column, Table};
+use super::value::Value;
+
+/// A form of a result, one bit each.
+const READ: u8 = 1;
+const CSV: u8 = 2;
+const JSON: u8 = 4;
+
+/// A field of a result `R`: its column, and how its value comes of the result.
+pub struct Field<'a, R> {
+    /// The forms that have it.
+    forms: u8,
+    column: Column,
+    value: Box<dyn Fn(&R) -> Value + 'a>,
+}
+
+impl<'a, R> Field<'a, R> {
+    fn new<V: Into<Value>>(forms: u8, column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
+        Self {
+            forms,
+            column,
+            value: Box::new(move |row| value(row).into()),
+        }
+    }
+
+    /// A field of every form.
+    pub fn all<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
+        Self::new(READ | CSV | JSON, column, value)
+    }
+
+    /// A field of the table to read alone.
+    pub fn read<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
+        Self::new(READ, column, value)
+    }
+
+    /// A field of CSV and JSON alone.
+    pub fn data<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
+        Self::new(CSV | JSON, column, value)
+    }
+
+    /// A field of JSON alone.
+    pub fn json<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
+        Self::new(JSON, column, value)
+    }
+}
+
+/// The fields of a result `R`.
+pub struct View<'a, R> {
+    fields: Vec<Field<'a, R>>,
+}
+
+impl<'a, R> View<'a, R> {
+    /// A view of these fields; [`fields!`](crate::report::fields) lists them one a line.
+    pub fn of(fields: Vec<Field<'a, R>>) -> Self {
+        Self { fields }
+    }
+
+    /// The view without a column, where the result has none.
+    pub fn without(mut self, column: Column) -> Self {
+        self.fields
+            .retain(|field| field.column.name() != column.name());
+        self
+    }
+
+    fn of_form(&self, form: u8) -> impl Iterator<Item = &Field<'a, R>> {
+        self.fields
+            .iter()
+            .filter(move |field| field.forms & form != 0)
+    }
+
+    fn table(&self, form: u8, rows: &[R]) -> Table {
+        let columns: Vec<Column> = self.of_form(form).map(|field| field.column).collect();
+        let mut table = Table::new(&columns);
+        for row in rows {
+            table.push_row(self.of_form(form).map(|field| (field.value)(row)).collect());
+        }
+        table
+    }
+
+    /// The rows in every form; JSON is the array of them.
+    pub fn printout(&self, rows: &[R]) -> Printout {
+        Printout {
+            json: Some(rows.iter().map(|row| self.object(row)).collect()),
+            ..Printout::new(self.table(READ, rows)).csv_of(self.table(CSV, rows))
+        }
+    }
+
+    /// A row in JSON.
+    pub fn object(&self, row: &R) -> Json {
+        let fields = self.of_form(JSON);
+        let pair = |field: &Field<R>| (field.column.name().into(), (field.value)(row).json());
+        Json::Object(fields.map(pair).collect())
+    }
+
+    /// The columns of CSV.
+    pub fn columns(&self) -> Vec<Column> {
+        self.of_form(CSV).map(|field| field.column).collect()
+    }
+
+    /// The values under them, for rows that go out one by one.
+    pub fn row(&self, row: &R) -> Vec<Value> {
+        self.of_form(CSV).map(|field| (field.value)(row)).collect()
+    }
+}
+
+/// Makes a function that gives the [`View`] of a result: after `all`, `read`, `data` or `json` (its
+/// forms) come the column, by its name in [`columns`](crate::report::columns), and the value of a row.
+macro_rules! fields {
+    ($(#[$doc:meta])* $vis:vis fn $name:ident($row:ident: $of:ty $(, $more:ident: $kind:ty)*) {
+        $($form:ident $column:expr => $value:expr;)*
+    }) => {
+        $(#[$doc])*
+        $vis fn $name<'a>($($more: &'a $kind),*) -> $crate::report::View<'a, $of> {
+            use $crate::report::columns::*;
+            $crate::report::View::of(vec![
+                $($crate::report::Field::$form($column, move |$row: &$of| $value)),*
+            ])
+        }
+    };
+}
+pub(crate) use fields;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::{Format, columns};
+
+    struct At {
+        k: f64,
+        b: Option<f64>,
+    }
+
+    fields! {
+        fn at(at: At, factor: f64) {
+            all K.digits(2) => factor * at.k;
+            read B => at.b.map_or("none".into(), |b| b.to_string());
+            data B => at.b;
+        }
+    }
+
+    #[test]
+    fn each_form_has_its_fields_of_the_same_rows() {
+        let rows = [
+            At { k: 0.4375, b: None },
+            At {
+                k: 0.5,
+                b: Some(0.25),
+            },
+        ];
+        let view = at(&1.0);
+        let printed = |format| {
+            let mut bytes = Vec::new();
+            view.printout(&rows).write(format, &mut bytes).unwrap();
+            crate::provenance::stripped(&String::from_utf8(bytes).unwrap())
+        };
+        assert_eq!(
+            printed(Format::Table),
+            "   k  b (mm)\n0.44  none\n 0.5  0.25\n"
+        );
+        assert_eq!(printed(Format::Csv), "k,b (mm)\n0.4375,\n0.5,0.25\n");
+        let json: Json = serde_json::from_str(&printed(Format::Json)).unwrap();
+        assert_eq!(
+            json,
+            serde_json::json!([{"k": 0.4375, "b": null}, {"k": 0.5, "b": 0.25}])
+        );
+        assert_eq!(view.object(&rows[1]), json[1]);
+        let bare = at(&2.0).without(columns::B);
+        assert_eq!(bare.columns(), [columns::K.digits(2)]);
+        assert_eq!(bare.row(&rows[1]), [Value::Number(1.0)]);
+    }
+}

@@ -1,0 +1,273 @@
+//! The search for k at which a lot is chaotic (docs/theory-bands.md#t6.3), slice by slice, by the
+//! board's impact map.
+//!
+//! The method is a scan of k from high to low on a geometric grid. At each k the board's own regime
+//! classifier judges three simulated parts.
+
+use crate::settings::Settings;
+use kband::feeder::OutOfRange;
+use kband::impact::{Hybrid, Kernel};
+use kband::regime::classify::{Classifier, Regime, TimingAccuracy};
+use kband::regime::{Lock, band};
+
+/// Impacts that one slice computes: 38 000 instructions at 300 an impact.
+const SLICE_IMPACTS: u32 = 128;
+/// Relative step of the scan in k: the middle of a stretch errs by 0.2 %, a fifth of the permitted
+/// amplitude error of 1 %.
+const SCAN_STEP: f64 = 0.004;
+/// Highest k of the scan over the flip at the lot's lowest restitution; the doublings accumulate at
+/// 0.87 to 0.92 of it.
+const MAX_K_OVER_FLIP: f64 = 0.935;
+/// Lowest k of the scan over the flip at the lot's highest restitution; below it the hopping is
+/// transient.
+const MIN_K_OVER_FLIP: f64 = 0.80;
+/// Impacts after which a part is classified, by the last [`CLASSIFIED_IMPACTS`]; an attraction of 1 % per impact
+/// shrinks 1 rad to 0.005 rad before.
+const TRIAL_IMPACTS: u32 = 600;
+/// Impacts in the classifier's memory, as on the board.
+const CLASSIFIED_IMPACTS: usize = 64;
+/// Velocity in b w below which a part comes to rest: its hops end within `2e-3/(P (1 - R))`, pull P
+/// (docs/theory-impacts.md#t4.1).
+const MIN_VELOCITY: f64 = 1e-3;
+
+/// One simulated part at one k.
+#[derive(Clone, Copy, Debug)]
+struct Trial {
+    map: Hybrid,
+    state: <Hybrid as Kernel>::State,
+    impacts: u32,
+    classifier: Classifier<CLASSIFIED_IMPACTS>,
+}
+
+impl Trial {
+    fn new(k: f64, restitution: f64) -> Option<Self> {
+        let lock = Lock::build(k, restitution, 1).ok()??;
+        let state = lock.state();
+        Some(Self {
+            map: Hybrid::build(k, restitution).ok()?,
+            // Beside the orbit, which repels here.
+            state: Hybrid::state(state.phase + 0.02, state.velocity).ok()?,
+            impacts: 0,
+            classifier: Classifier::build(TimingAccuracy::BOARD).ok()?,
+        })
+    }
+
+    /// Computes one impact. Whether the part is chaotic, once it is classified.
+    fn step(&mut self) -> Option<bool> {
+        let impact = self.map.impact(self.state);
+        self.state = impact.next;
+        self.impacts += 1;
+        // The hops end unless the track's pull is as small. The classification would also call such
+        // a part not chaotic; this saves its impacts.
+        if Hybrid::observe(impact.next).velocity < MIN_VELOCITY {
+            return Some(false);
+        }
+        if self.impacts + CLASSIFIED_IMPACTS as u32 > TRIAL_IMPACTS {
+            self.classifier.flight(impact.flight);
+        }
+        (self.impacts > TRIAL_IMPACTS).then(|| self.classifier.verdict().regime == Regime::Chaotic)
+    }
+}
+
+/// A finished search for chaos: its lot, its k, its number of slices.
+///
+/// Equal lots give the same k after the same number of slices. A controller that gets the result of
+/// another one skips the search
+/// ([`Controller::supply_chaos`](crate::Controller::supply_chaos)).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChaosResult {
+    /// Lowest and highest restitution of the lot.
+    pub lot: [f32; 2],
+    /// k in the middle of the widest stretch; `None` where the lot has none.
+    pub k: Option<f64>,
+    /// Number of slices it needed.
+    pub slices: u32,
+}
+
+/// The search for the widest stretch of k that is chaotic for the lot's lowest, middle and highest
+/// restitution.
+///
+/// Chaotic means here: so classified by the board's own classifier, without coming to rest.
+#[derive(Clone, Copy, Debug)]
+pub struct ChaosSearch {
+    parts: [f64; 3],
+    k: f64,
+    lowest: f64,
+    part: usize,
+    trial: Option<Trial>,
+    /// The present stretch and the longest so far, as (high k, low k).
+    growing: Option<(f64, f64)>,
+    longest: Option<(f64, f64)>,
+    done: bool,
+    lot: [f32; 2],
+    slices: u32,
+    /// The result of this search, or of another one for the same lot.
+    known: Option<ChaosResult>,
+}
+
+impl ChaosSearch {
+    /// Begins the search for a lot. The error names the parameter.
+    pub fn begin(settings: &Settings) -> Result<Self, OutOfRange> {
+        let lot = settings.lot()?;
+        let (low, high) = (lot.low(), lot.high());
+        Ok(Self {
+            // The part of highest restitution comes to rest first; that of lowest stays periodic
+            // longest.
+            parts: [high, low, lot.middle()],
+            k: MAX_K_OVER_FLIP * band::flip(low, 1)?,
+            lowest: MIN_K_OVER_FLIP * band::flip(high, 1)?,
+            part: 0,
+            trial: None,
+            growing: None,
+            longest: None,
+            done: false,
+            lot: [settings.restitution_low, settings.restitution_high],
+            slices: 0,
+            known: None,
+        })
+    }
+
+    /// Computes one slice. Whether more remain.
+    pub fn step(&mut self) -> bool {
+        if self.done {
+            return false;
+        }
+        self.slices = self.slices.saturating_add(1);
+        if let Some(known) = self.known {
+            self.done = self.slices >= known.slices;
+            return !self.done;
+        }
+        for _ in 0..SLICE_IMPACTS {
+            if self.k < self.lowest {
+                self.done = true;
+                self.known = Some(ChaosResult {
+                    lot: self.lot,
+                    k: self.longest.map(|(high, low)| libm::sqrt(high * low)),
+                    slices: self.slices,
+                });
+                return false;
+            }
+            let restitution = self.parts.get(self.part).copied();
+            let trial = match &mut self.trial {
+                Some(trial) => trial,
+                empty => {
+                    match restitution.and_then(|restitution| Trial::new(self.k, restitution)) {
+                        Some(trial) => empty.insert(trial),
+                        None => {
+                            self.next(false);
+                            continue;
+                        }
+                    }
+                }
+            };
+            if let Some(chaotic) = trial.step() {
+                self.trial = None;
+                if chaotic && self.part + 1 < self.parts.len() {
+                    self.part += 1;
+                } else {
+                    self.next(chaotic);
+                }
+            }
+        }
+        true
+    }
+
+    /// Goes on to the next k. `chaotic`: all parts were chaotic at this one.
+    fn next(&mut self, chaotic: bool) {
+        let width = |stretch: Option<(f64, f64)>| stretch.map_or(0.0, |(high, low)| high / low);
+        self.growing = chaotic.then(|| (self.growing.map_or(self.k, |(high, _)| high), self.k));
+        if width(self.growing) > width(self.longest) {
+            self.longest = self.growing;
+        }
+        self.part = 0;
+        self.k *= 1.0 - SCAN_STEP;
+    }
+
+    /// The lot of the running search; `None` once a result is supplied or found.
+    #[cfg(any(test, feature = "memo"))]
+    pub fn asked(&self) -> Option<[f32; 2]> {
+        (!self.done && self.known.is_none()).then_some(self.lot)
+    }
+
+    /// Supplies the result of a search for an equal lot. It appears after the same number of
+    /// slices.
+    #[cfg(any(test, feature = "memo"))]
+    pub fn supply(&mut self, known: ChaosResult) {
+        if self.asked() == Some(known.lot) {
+            self.known = Some(known);
+        }
+    }
+
+    /// The result, once the search is over.
+    pub fn result(&self) -> Option<&ChaosResult> {
+        self.known.as_ref().filter(|_| self.done)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kband::impact::Map;
+    use kband::regime::exponent::{self, Dynamics, ExponentSettings};
+
+    fn search(low: f32, high: f32) -> (Option<f64>, u32) {
+        let mut search = ChaosSearch::begin(&Settings {
+            restitution_low: low,
+            restitution_high: high,
+            ..Settings::default()
+        })
+        .unwrap();
+        let mut slices = 0;
+        while search.step() {
+            slices += 1;
+            assert!(slices < 2000);
+        }
+        (search.result().unwrap().k, slices)
+    }
+
+    #[test]
+    fn found_k_has_a_positive_exponent() {
+        for (low, high) in [(0.2, 0.2), (0.195, 0.205), (0.3, 0.3), (0.5, 0.5)] {
+            let (k, _) = search(low, high);
+            let k = k.unwrap();
+            let middle = 0.5 * f64::from(low + high);
+            let map = Map::build(k, middle).unwrap();
+            let settings = ExponentSettings {
+                settle: 1000,
+                impacts: 4000,
+            };
+            let found =
+                exponent::measure(&map, exponent::start_near_lock(&map, 1), settings).unwrap();
+            assert_eq!(found.dynamics, Dynamics::Chaotic, "R {middle} k {k}");
+        }
+    }
+
+    #[test]
+    fn replayed_search_repeats_result_and_slice() {
+        let settings = Settings::default();
+        let mut first = ChaosSearch::begin(&settings).unwrap();
+        while first.step() {}
+        let found = *first.result().unwrap();
+        let mut spared = ChaosSearch::begin(&settings).unwrap();
+        spared.supply(ChaosResult {
+            lot: [0.1, 0.2],
+            ..found
+        });
+        assert_eq!(spared.asked(), Some(found.lot));
+        spared.step();
+        spared.supply(found);
+        let mut slices = 2;
+        while spared.step() {
+            slices += 1;
+        }
+        assert_eq!(slices, found.slices);
+        assert_eq!(spared.result(), Some(&found));
+    }
+
+    #[test]
+    fn a_wide_lot_has_no_common_chaos_and_the_search_ends() {
+        let (k, slices) = search(0.15, 0.25);
+        assert_eq!(k, None);
+        assert!(slices < 1200, "{slices}");
+    }
+}

@@ -1,0 +1,100 @@
+//! The order of gear that gives a wanted mass flow, in g/s.
+//!
+//! In gear the parts' speed is proportional to the order and does not depend on the amplitude
+//! (docs/theory-transport.md#t8.3). The method is exhaustive: the order whose predicted flow is
+//! nearest wins, debounced.
+
+use super::setpoint::ORDERS;
+
+/// Relative deviation from the wanted flow that is accepted, as for a speed; a neighbouring order
+/// is at least a ninth away.
+const FLOW_TOLERANCE: f32 = 0.1;
+/// Cycles in a row for which another order, or none, must be the best: eight times the memory of
+/// the weight estimate.
+const DECISION_CYCLES: u32 = 512;
+
+/// Comparison of the orders of gear with a wanted flow.
+#[derive(Clone, Copy, Debug)]
+pub struct FlowChoice {
+    wanted: f32,
+    /// Cycles in a row in which the present order was not the best.
+    wrong_cycles: u32,
+}
+
+/// Result of the comparison.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FlowStep {
+    /// The present order stays.
+    Stay,
+    /// Another order is nearer to the flow.
+    Order(u8),
+    /// No order gives the flow; the nearest one's flow, in g/s.
+    None(f32),
+}
+
+impl FlowChoice {
+    /// For a wanted flow in g/s.
+    pub fn new(wanted: f32) -> Self {
+        Self {
+            wanted,
+            wrong_cycles: 0,
+        }
+    }
+
+    /// Processes a cycle with the estimated flow of the present order, in g/s; `None` without an
+    /// estimate.
+    pub fn cycle(&mut self, order: u8, flow: Option<f32>) -> FlowStep {
+        let Some(flow) = flow else {
+            return FlowStep::Stay;
+        };
+        let each = flow / f32::from(order);
+        let misses = |order: u8| (each * f32::from(order) - self.wanted).abs();
+        let best = ORDERS.fold(order, |best, other| {
+            if misses(other) < misses(best) {
+                other
+            } else {
+                best
+            }
+        });
+        if best == order && misses(best) <= FLOW_TOLERANCE * self.wanted {
+            self.wrong_cycles = 0;
+            return FlowStep::Stay;
+        }
+        self.wrong_cycles += 1;
+        if self.wrong_cycles < DECISION_CYCLES {
+            return FlowStep::Stay;
+        }
+        self.wrong_cycles = 0;
+        if misses(best) > FLOW_TOLERANCE * self.wanted {
+            FlowStep::None(each * f32::from(best))
+        } else {
+            FlowStep::Order(best)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Result for a constant flow.
+    fn comes_of(wanted: f32, order: u8, flow: f32) -> FlowStep {
+        let mut choice = FlowChoice::new(wanted);
+        (0..DECISION_CYCLES)
+            .map(|_| choice.cycle(order, Some(flow)))
+            .find(|step| *step != FlowStep::Stay)
+            .unwrap_or(FlowStep::Stay)
+    }
+
+    #[test]
+    fn flow_choice_finds_the_nearest_order_or_refuses() {
+        assert_eq!(comes_of(50.0, 1, 47.0), FlowStep::Stay);
+        assert_eq!(comes_of(100.0, 1, 48.0), FlowStep::Order(2));
+        assert_eq!(comes_of(50.0, 3, 150.0), FlowStep::Order(1));
+        assert_eq!(comes_of(70.0, 1, 48.0), FlowStep::None(48.0));
+        assert_eq!(comes_of(1000.0, 1, 48.0), FlowStep::None(384.0));
+        // Without an estimate there is no decision.
+        let mut choice = FlowChoice::new(50.0);
+        assert!((0..2 * DECISION_CYCLES).all(|_| choice.cycle(1, None) == FlowStep::Stay));
+    }
+}

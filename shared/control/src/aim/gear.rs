@@ -1,0 +1,141 @@
+//! The amplitude at which the parts stay in gear the longest (docs/theory-real-parts.md#t10.8).
+//!
+//! The search itself is the planner of `regime::gear`; here are its limits in k, and its slices for
+//! idle time.
+
+use super::setpoint::{Choice, Level, NoSetpoint};
+use crate::drive::{Response, Scale, Shape, absolute};
+use crate::settings::Settings;
+use kband::feeder::OutOfRange;
+use kband::regime::band;
+use kband::regime::gear::{GearLimits, GearPlan, GearPlanSettings, GearPlanner};
+
+/// Impacts that one slice computes.
+const SLICE: u32 = 64;
+/// Lowest k of the search, times the order: below 0.28 no restitution has a band of order 1, and no
+/// lot had its best k.
+const MIN_K: f64 = 0.28;
+/// Highest k of the search over the birth of the lock at the lot's highest restitution; above it
+/// gear is only transient.
+const MAX_K_OVER_BIRTH: f64 = 1.02;
+/// Highest k of the search for any lot: from k = 1 the track throws no resting part.
+const MAX_K: f64 = 0.98;
+
+/// The search for the k at which the lot stays in gear the longest, within the drive's reach.
+#[derive(Clone, Debug)]
+pub struct GearSearch {
+    planner: GearPlanner,
+    plan: Option<GearPlan>,
+    /// Whether the last slice found a new plan.
+    fresh: bool,
+}
+
+impl GearSearch {
+    /// Begins the search for an order, or gives the reason for no setpoint. The error names the
+    /// parameter.
+    pub fn begin(
+        order: u8,
+        settings: &Settings,
+        scale: &Scale,
+    ) -> Result<Result<Self, NoSetpoint>, OutOfRange> {
+        let lot = settings.lot()?;
+        let turns = f64::from(order);
+        let born = band::birth(lot.high().min(0.99), u32::from(order))?;
+        let high = (MAX_K_OVER_BIRTH * born).min(MAX_K) as f32;
+        let reached = scale.k(scale.reach(settings));
+        if reached > high {
+            return Ok(Err(NoSetpoint::Gear {
+                needed: scale.amplitude(high) * 1e3,
+            }));
+        }
+        let asked = GearPlanSettings {
+            restitution: lot,
+            scatter: settings.scatter,
+            amplitude_error: settings.amplitude_error,
+            order: u32::from(order),
+            k: [reached.max((MIN_K / turns) as f32), high],
+            max_tones: [settings.second_tone, settings.third_tone],
+            limits: GearLimits {
+                displacement: scale.k(settings.amplitude_limit * 1e-3),
+                acceleration: scale.normal_gravity / settings.acceleration_limit,
+                output: scale.k(settings.output_maximum * scale.full_amplitude),
+                overtones: (Response::at(settings).upper)
+                    .map(|answer| scale.full_amplitude / absolute(answer)),
+            },
+        };
+        Ok(Ok(Self {
+            planner: GearPlanner::new(asked)?,
+            plan: None,
+            fresh: false,
+        }))
+    }
+
+    /// Computes one slice. Whether more remain.
+    pub fn step(&mut self) -> bool {
+        let more = self.planner.advance(SLICE);
+        let found = self.planner.plan().copied();
+        self.take(found.filter(|plan| self.plan != Some(*plan)));
+        more
+    }
+
+    /// Stores the plan of a slice, if it found one.
+    pub(super) fn take(&mut self, found: Option<GearPlan>) {
+        self.fresh = found.is_some();
+        self.plan = found.or(self.plan);
+    }
+
+    /// The settings of the search.
+    pub fn settings(&self) -> &GearPlanSettings {
+        self.planner.settings()
+    }
+
+    /// Whether the plan is settled and the search over.
+    pub fn is_over(&self) -> bool {
+        self.plan.is_some_and(|plan| plan.settled)
+    }
+
+    /// The best plan so far.
+    pub fn plan(&self) -> Option<&GearPlan> {
+        self.plan.as_ref()
+    }
+
+    /// The plan of the last slice, if it found a new one.
+    pub fn last_plan(&self) -> Option<&GearPlan> {
+        self.plan().filter(|_| self.fresh)
+    }
+
+    /// The setpoint of the best plan so far.
+    pub fn choice(&self) -> Choice {
+        let Some(plan) = self.plan() else {
+            return Choice::level(Level::Pending);
+        };
+        Choice {
+            shape: Shape::of(plan.tones),
+            ..Choice::level(Level::K(f64::from(plan.k)))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weak_drive_gets_the_sufficient_amplitude() {
+        let settings = Settings {
+            gain: 0.1,
+            ..Settings::default()
+        };
+        let scale = Scale::at(&settings, 50.0);
+        let Err(NoSetpoint::Gear { needed }) = GearSearch::begin(1, &settings, &scale).unwrap()
+        else {
+            panic!("no amplitude of this drive throws the parts so far");
+        };
+        let served = Settings {
+            gain: needed / settings.output_maximum * 1.01,
+            ..settings
+        };
+        let scale = Scale::at(&served, 50.0);
+        assert!(GearSearch::begin(1, &served, &scale).unwrap().is_ok());
+    }
+}

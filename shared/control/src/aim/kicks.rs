@@ -1,0 +1,147 @@
+//! The search for the kicks that bring parts from rest onto the wanted lock
+//! (docs/theory-capture.md#t7.3).
+//!
+//! The planner of `regime::capture` simulates the lot; here it runs in slices of idle time.
+
+use core::task::Poll;
+
+use crate::hear::LockWindow;
+use crate::settings::Settings;
+use kband::feeder::OutOfRange;
+use kband::impact::Hybrid;
+use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner};
+
+/// Impacts that one slice computes: at most 0.2 million instructions, for which 300 drive cycles
+/// per second leave time.
+const SLICE_IMPACTS: u32 = 20;
+/// Highest amplitude of a planned kick over the setpoint.
+const MAX_KICK_RATIO: f32 = 2.5;
+
+/// A finished search: its settings, its plan, its number of slices.
+///
+/// Equal settings give the same plan after the same number of slices. A controller that gets the
+/// plan of another one skips the search
+/// ([`Controller::supply_kicks`](crate::Controller::supply_kicks)).
+#[derive(Clone, Debug, PartialEq)]
+pub struct KickResult {
+    /// Settings of the search.
+    pub settings: PlanSettings,
+    /// The plan found.
+    pub plan: Plan,
+    /// Number of slices it needed.
+    pub slices: u32,
+}
+
+/// The search for kicks in slices; the default searches for nothing.
+#[derive(Clone, Debug, Default)]
+pub struct KickSearch {
+    planner: Option<Planner<Hybrid>>,
+    #[cfg(any(test, feature = "memo"))]
+    settings: Option<PlanSettings>,
+    slices: u32,
+    known: Option<KickResult>,
+    plan: Option<Plan>,
+}
+
+impl KickSearch {
+    /// Begins the search for kicks that bring the lot onto a lock. `reserve` is the largest
+    /// amplitude of a kick over the lock's. The error names the parameter.
+    pub fn begin(settings: &Settings, lock: &LockWindow, reserve: f32) -> Result<Self, OutOfRange> {
+        let envelope = f64::from(settings.envelope);
+        let settings = PlanSettings {
+            lot: Lot {
+                k: lock.k,
+                restitution: settings.lot()?,
+                order: u32::from(lock.order),
+                amplitude_error: f64::from(settings.amplitude_error),
+            },
+            drive: DriveLag::build(DriveLagSettings {
+                time_constant: envelope,
+                start: 1.0,
+                limit: f64::from(reserve.clamp(1.0, MAX_KICK_RATIO)),
+            })?,
+            time_constant: envelope,
+            effort: PlanSettings::DEFAULT_EFFORT,
+        };
+        Ok(Self {
+            planner: Some(Planner::new(settings)?),
+            #[cfg(any(test, feature = "memo"))]
+            settings: Some(settings),
+            ..Self::default()
+        })
+    }
+
+    /// Computes one slice. Whether more remain.
+    pub fn step(&mut self) -> bool {
+        let Some(planner) = &mut self.planner else {
+            return false;
+        };
+        self.slices = self.slices.saturating_add(1);
+        let progress = match &self.known {
+            Some(known) if self.slices < known.slices => Poll::Pending,
+            Some(known) => Poll::Ready(known.plan.clone()),
+            None => planner.advance(SLICE_IMPACTS),
+        };
+        match progress {
+            Poll::Pending => true,
+            Poll::Ready(plan) => {
+                self.planner = None;
+                self.plan = Some(plan);
+                false
+            }
+        }
+    }
+
+    /// Settings of the running search; `None` once a plan is supplied or found.
+    #[cfg(any(test, feature = "memo"))]
+    pub fn asked(&self) -> Option<&PlanSettings> {
+        self.settings
+            .as_ref()
+            .filter(|_| self.planner.is_some() && self.known.is_none())
+    }
+
+    /// Supplies the plan of an equal search. It appears after the same number of slices.
+    #[cfg(any(test, feature = "memo"))]
+    pub fn supply(&mut self, known: KickResult) {
+        if self.asked() == Some(&known.settings) {
+            self.known = Some(known);
+        }
+    }
+
+    /// The finished search.
+    #[cfg(any(test, feature = "memo"))]
+    pub fn planned(&self) -> Option<KickResult> {
+        Some(KickResult {
+            settings: self.settings?,
+            plan: self.plan.clone()?,
+            slices: self.slices,
+        })
+    }
+
+    /// The plan, once found.
+    pub fn plan(&self) -> Option<&Plan> {
+        self.plan.as_ref()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::aim::setpoint::Choice;
+
+    #[test]
+    fn kick_is_bounded_by_reserve_and_maximum() {
+        let settings = Settings::default();
+        let lock = Choice::lock(1, &settings).unwrap().lock.unwrap();
+        for (reserve, limit) in [(0.5, 1.0), (1.3, 1.3), (2.4, 2.4), (9.0, 2.5)] {
+            let search = KickSearch::begin(&settings, &lock, reserve).unwrap();
+            let asked = search.asked().unwrap().drive;
+            let wanted = DriveLag::build(DriveLagSettings {
+                time_constant: f64::from(settings.envelope),
+                start: 1.0,
+                limit: f64::from(limit as f32),
+            });
+            assert_eq!(asked, wanted.unwrap(), "{reserve}");
+        }
+    }
+}

@@ -1,0 +1,289 @@
+//! Setpoint selection: the target, its setpoint, and the searches that belong to it.
+
+use super::GearSearch;
+use super::chaos::{ChaosResult, ChaosSearch};
+use super::flow::{FlowChoice, FlowStep};
+use super::kicks::KickSearch;
+use super::retune::Retuning;
+use super::setpoint::{Choice, Level, NoSetpoint};
+use super::speed::SpeedSearch;
+use crate::drive::{Scale, Shape, UPPER};
+use crate::hear::{GearMargin, LockWindow};
+use crate::settings::Settings;
+use crate::state::{Event, Events};
+use crate::target::Target;
+use kband::feeder::{OutOfRange, Restitution};
+use kband::regime::gear::GearPlan;
+
+/// Smallest predicted share of time in gear that serves a lot; below it an event is reported and
+/// the best amplitude held.
+pub const MIN_GEAR_SHARE: f32 = 0.7;
+
+/// The target, its setpoint, and the searches that still run.
+#[derive(Clone, Debug)]
+pub struct Selection {
+    target: Target,
+    level: Level,
+    lock: Option<LockWindow>,
+    shape: Shape,
+    speed: Option<SpeedSearch>,
+    /// The search for the k of the longest gear, where gear is the target.
+    pub gear: Option<GearSearch>,
+    /// The wanted flow, and the order of gear that is requested or found for it.
+    flow: Option<FlowChoice>,
+    order: u8,
+    /// The plan that gave the setpoint.
+    plan: Option<GearPlan>,
+    retuning: Retuning,
+    /// The search for the kicks that bring the parts onto the lock.
+    pub search: KickSearch,
+    /// The search for chaos, where that is the target.
+    pub chaos: Option<ChaosSearch>,
+}
+
+impl Selection {
+    /// The selection for a target. The error names the number out of range.
+    pub fn of_target(
+        target: Target,
+        settings: &Settings,
+        scale: &Scale,
+    ) -> Result<Self, OutOfRange> {
+        let mut choice = Choice::of_target(target, settings)?.within(settings, scale);
+        let gear = match target {
+            Target::Gear { .. } | Target::Flow(_) => {
+                GearSearch::begin(first_order(target), settings, scale)?
+                    .inspect_err(|why| choice.level = Level::None(*why))
+                    .ok()
+            }
+            _ => None,
+        };
+        let chaotic = target == Target::Chaotic && choice.lock.is_some();
+        Ok(Self {
+            target,
+            level: choice.level,
+            lock: choice.lock,
+            shape: choice.shape,
+            speed: match target {
+                Target::Speed(speed) => Some(SpeedSearch::begin(speed)),
+                _ => None,
+            },
+            gear,
+            flow: match target {
+                Target::Flow(flow) => Some(FlowChoice::new(flow)),
+                _ => None,
+            },
+            order: first_order(target),
+            plan: None,
+            retuning: Retuning::default(),
+            search: kicks(&choice, settings, scale)?,
+            chaos: if chaotic {
+                Some(ChaosSearch::begin(settings)?)
+            } else {
+                None
+            },
+        })
+    }
+
+    /// The target.
+    pub fn target(&self) -> Target {
+        self.target
+    }
+
+    /// The wanted lock, also on the way to chaos or for a speed.
+    pub fn lock(&self) -> Option<&LockWindow> {
+        self.lock.as_ref()
+    }
+
+    /// The wanted shape of the track's motion.
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    /// Whether the search for the setpoint is over, with or without a result.
+    pub fn chosen(&self) -> bool {
+        self.level != Level::Pending
+    }
+
+    /// The reason for having no setpoint, if so.
+    pub fn no_setpoint(&self) -> Option<NoSetpoint> {
+        match self.level {
+            Level::None(why) => Some(why),
+            _ => None,
+        }
+    }
+
+    /// The setpoint's amplitude, in m; 0 where there is none.
+    pub fn setpoint(&self, scale: &Scale) -> f32 {
+        match self.level {
+            Level::K(k) => scale.amplitude(k as f32),
+            Level::Amplitude(amplitude) => amplitude,
+            Level::Pending | Level::None(_) => 0.0,
+        }
+    }
+
+    /// Sets another k, on the way to the target.
+    pub fn set_k(&mut self, k: f64) {
+        self.level = Level::K(k);
+    }
+
+    /// Sets the setpoint back to the lock.
+    pub fn go_to_lock(&mut self) {
+        if let Some(lock) = self.lock {
+            self.level = Level::K(lock.k);
+        }
+    }
+
+    /// Records that the lot has no chaos.
+    pub fn give_up_chaos(&mut self) {
+        self.lock = None;
+        self.level = Level::None(NoSetpoint::Chaos);
+    }
+
+    /// The result of the search for chaos, once it is over.
+    pub fn found_chaos(&self) -> Option<&ChaosResult> {
+        self.chaos.as_ref().and_then(ChaosSearch::result)
+    }
+
+    /// The best plan for gear so far.
+    pub fn gear_plan(&self) -> Option<&GearPlan> {
+        self.plan.as_ref()
+    }
+
+    /// Restitutions and scatter of the lot: as configured, or as estimated for the present plan of
+    /// gear.
+    pub fn lot(&self, settings: &Settings) -> Option<(Restitution, f32)> {
+        if let Some(gear) = &self.gear {
+            let asked = gear.settings();
+            return Some((asked.restitution, asked.scatter));
+        }
+        Some((settings.lot().ok()?, settings.scatter))
+    }
+
+    /// Processes a cycle at the setpoint. It starts a new plan where the parts differ from the
+    /// planned ones, or where the drive fails to make a tone. The setpoint stays until that plan is
+    /// settled.
+    pub fn retune(
+        &mut self,
+        margin: Option<&GearMargin>,
+        lacks: [bool; UPPER],
+        settings: &Settings,
+        scale: &Scale,
+    ) {
+        let Some(order) = self.gear_order() else {
+            return;
+        };
+        let Some(gear) = self.gear.as_ref().filter(|gear| gear.is_over()) else {
+            return;
+        };
+        let wanted = self
+            .retuning
+            .cycle(gear.settings(), margin, lacks, settings);
+        if let Some(wanted) = wanted
+            && let Ok(Ok(search)) = GearSearch::begin(order, &wanted, scale)
+        {
+            self.gear = Some(search);
+        }
+    }
+
+    /// The requested order of gear, or the one found for a flow.
+    pub fn gear_order(&self) -> Option<u8> {
+        matches!(self.target, Target::Gear { .. } | Target::Flow(_)).then_some(self.order)
+    }
+
+    /// Selects the order of gear that gives the wanted flow; `flow` is the estimated present one,
+    /// in g/s.
+    pub fn serve_flow(
+        &mut self,
+        flow: Option<f32>,
+        settings: &Settings,
+        scale: &Scale,
+        news: &mut Events,
+    ) {
+        let Some(choice) = &mut self.flow else {
+            return;
+        };
+        match choice.cycle(self.order, flow) {
+            FlowStep::Stay => {}
+            FlowStep::Order(order) => match GearSearch::begin(order, settings, scale) {
+                Ok(Ok(search)) => {
+                    self.order = order;
+                    self.plan = None;
+                    self.gear = Some(search);
+                }
+                _ => self.refuse_flow(flow, news),
+            },
+            FlowStep::None(nearest) => self.refuse_flow(Some(nearest), news),
+        }
+    }
+
+    fn refuse_flow(&mut self, nearest: Option<f32>, news: &mut Events) {
+        self.level = Level::None(NoSetpoint::Flow(nearest.unwrap_or(0.0)));
+        self.flow = None;
+        news.push(Event::NoSetpoint);
+    }
+
+    /// Computes one slice of the searches. Whether more remain.
+    pub fn step(&mut self, settings: &Settings, scale: &Scale, news: &mut Events) -> bool {
+        if let Some(speed) = &mut self.speed {
+            if let Some(choice) = speed.step(settings) {
+                self.speed = None;
+                self.choose(choice.within(settings, scale), settings, scale, news);
+            }
+            return true;
+        }
+        if let Some(gear) = &mut self.gear
+            && !gear.is_over()
+        {
+            let more = gear.step();
+            // Every plan of the first search is used; of a later search only the settled one.
+            let better = gear
+                .last_plan()
+                .filter(|plan| plan.settled || self.plan.is_none_or(|plan| !plan.settled));
+            if better.is_some() {
+                self.plan = better.copied();
+                if self
+                    .plan
+                    .is_some_and(|plan| plan.settled && plan.share < MIN_GEAR_SHARE)
+                {
+                    news.push(Event::GearPoor);
+                }
+                let choice = gear.choice();
+                (self.level, self.shape) = (choice.level, choice.shape);
+            }
+            return more;
+        }
+        self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)
+    }
+
+    /// Adopts the result of a search.
+    fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, news: &mut Events) {
+        (self.level, self.lock, self.shape) = (choice.level, choice.lock, choice.shape);
+        match kicks(&choice, settings, scale) {
+            Ok(search) => self.search = search,
+            // A lock without a plan of kicks is no setpoint.
+            Err(_) => (self.level, self.lock) = (Level::None(NoSetpoint::Speed(None)), None),
+        }
+        if self.no_setpoint().is_some() {
+            news.push(Event::NoSetpoint);
+        }
+    }
+}
+
+/// The order of gear that a target begins with.
+fn first_order(target: Target) -> u8 {
+    match target {
+        Target::Gear { order } => order,
+        _ => 1,
+    }
+}
+
+/// The search for the kicks that a choice needs.
+fn kicks(choice: &Choice, settings: &Settings, scale: &Scale) -> Result<KickSearch, OutOfRange> {
+    match choice.lock {
+        Some(lock) => {
+            let reserve = scale.max_kick(settings, scale.amplitude(lock.k as f32));
+            KickSearch::begin(settings, &lock, reserve)
+        }
+        None => Ok(KickSearch::default()),
+    }
+}

@@ -1,0 +1,336 @@
+//! The amplitude for a target, chosen for the whole lot.
+//!
+//! For a lock it is the k with the largest margin in the common band (docs/theory-bands.md#t5.4).
+
+use core::fmt;
+
+use crate::angle::phase_of;
+use crate::drive::{Scale, Shape};
+use crate::hear::LockWindow;
+use crate::identify;
+use crate::settings::Settings;
+use crate::target::Target;
+use kband::feeder::{OutOfRange, accept};
+use kband::regime::Lock;
+use kband::regime::band::BandError;
+use kband::regime::band::{Band, NoBand};
+
+/// Reason why a target has no setpoint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NoSetpoint {
+    /// The lot has no common band of the wanted order.
+    Band(NoBand),
+    /// The drive does not reach an amplitude at which a part of the lot is in gear.
+    Gear {
+        /// The smallest sufficient amplitude b, in mm.
+        needed: f32,
+    },
+    /// The output does not reach the target's amplitude b.
+    Output {
+        /// That amplitude, in mm.
+        needed: f32,
+        /// The largest amplitude of the configured drive, in mm.
+        reach: f32,
+    },
+    /// The lot has no common chaotic stretch.
+    Chaos,
+    /// No lock conveys at this speed within 10 %. The speed of the nearest lock in mm/s, if there
+    /// is one.
+    Speed(Option<f32>),
+    /// In no gear do the parts leave the track at this flow within 10 %. The nearest flow in g/s.
+    Flow(f32),
+}
+
+impl fmt::Display for NoSetpoint {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Band(none) => none.fmt(formatter),
+            Self::Gear { needed } => write!(
+                formatter,
+                "the drive does not reach the amplitude from which on parts of the lot are in gear, {needed:.4} mm; a \
+                 higher limit, output_maximum or gain would allow it"
+            ),
+            Self::Output { needed, reach } => write!(
+                formatter,
+                "it needs an amplitude of {needed:.4} mm, and the output reaches {reach:.4} mm; a higher output_maximum or \
+                 gain would allow it"
+            ),
+            Self::Chaos => formatter.write_str(
+                "no k at which all parts of the interval are chaotic; a narrower interval of restitution would \
+                 allow it",
+            ),
+            Self::Speed(Some(speed)) => write!(
+                formatter,
+                "no lock of the lot conveys at this speed within 10 %; the nearest is {speed:.1} mm/s"
+            ),
+            Self::Flow(flow) => write!(
+                formatter,
+                "in no gear do the parts that are on the track leave it at this flow within 10 %; the nearest is {flow:.1} g/s"
+            ),
+            Self::Speed(None) => formatter.write_str("the lot has no common band, so no lock conveys it"),
+        }
+    }
+}
+
+/// Form of a target's setpoint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Level {
+    /// As k, at any frequency.
+    K(f64),
+    /// As an amplitude in m.
+    Amplitude(f32),
+    /// Not found yet: the search for the lock of a speed, or for the k of gear, still runs.
+    Pending,
+    /// None, for this reason.
+    None(NoSetpoint),
+}
+
+/// The setpoint of a target, with its lock and shape.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Choice {
+    /// The setpoint.
+    pub level: Level,
+    /// The wanted lock at it, if there is one.
+    pub lock: Option<LockWindow>,
+    /// The wanted shape of the motion.
+    pub shape: Shape,
+}
+
+/// Half width in rad of a lock's phase window beyond the lot's own phases, for amplitude error,
+/// unresolved doubling, and errors of the phase stamps.
+const LOCK_HALF_WIDTH: f32 = 0.35;
+/// Permitted orders of lock and gear.
+pub(super) const ORDERS: core::ops::RangeInclusive<u8> = 1..=8;
+
+impl Choice {
+    /// The choice for a target. The error names a number out of range.
+    pub fn of_target(target: Target, settings: &Settings) -> Result<Self, OutOfRange> {
+        let limit_to_output = |parameter, value: f32, accepts, accepted| {
+            accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
+        };
+        match target {
+            Target::Locked { order } => {
+                limit_to_output(
+                    "target locked order",
+                    f32::from(order),
+                    ORDERS.contains(&order),
+                    "1..8",
+                )?;
+                Self::lock(order, settings)
+            }
+            Target::Gear { order } => {
+                limit_to_output(
+                    "target gear order",
+                    f32::from(order),
+                    ORDERS.contains(&order),
+                    "1..8",
+                )?;
+                Ok(Self::level(Level::Pending))
+            }
+            // Chaos is reached through the lock of order 1.
+            Target::Chaotic => Self::lock(1, settings),
+            Target::K(k) => {
+                limit_to_output("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
+                Ok(Self::level(Level::K(f64::from(k))))
+            }
+            Target::Tones { k, shape } => {
+                limit_to_output("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
+                shape.check()?;
+                let [second, third] = shape.tones().map(|tone| tone.ratio);
+                limit_to_output(
+                    "target second tone, ratio",
+                    second,
+                    second <= settings.second_tone,
+                    "0..second_tone, which is what the drive affords",
+                )?;
+                limit_to_output(
+                    "target third tone, ratio",
+                    third,
+                    third <= settings.third_tone,
+                    "0..third_tone, which is what the drive affords",
+                )?;
+                Ok(Self {
+                    shape,
+                    ..Self::level(Level::K(f64::from(k)))
+                })
+            }
+            Target::Identify => Ok(Self::level(Level::K(identify::FIRST_K))),
+            Target::Amplitude(b) => {
+                let accepts = (0.0..=settings.amplitude_limit).contains(&b);
+                limit_to_output("target amplitude", b, accepts, "0..amplitude_limit mm")?;
+                Ok(Self::level(Level::Amplitude(b * 1e-3)))
+            }
+            Target::Flow(flow) => {
+                // Parts are weighed by the power that they absorb on a track of known mass with one
+                // tone.
+                let Settings {
+                    track_mass,
+                    track_length,
+                    second_tone,
+                    ..
+                } = *settings;
+                limit_to_output(
+                    "track_mass",
+                    track_mass,
+                    track_mass > 0.0,
+                    "above 0 to 100000 kg with target flow: the mass that swings with the track",
+                )?;
+                limit_to_output(
+                    "track_length",
+                    track_length,
+                    track_length > 0.0,
+                    "above 0 to 100000 mm with target flow: the length of the track on which parts are",
+                )?;
+                limit_to_output(
+                    "second_tone",
+                    second_tone,
+                    second_tone == 0.0,
+                    "0 with target flow: parts are weighed on a track of one tone",
+                )?;
+                let accepts = flow > 0.0 && flow <= 1e6;
+                limit_to_output("target flow", flow, accepts, "above 0 to 1000000 g/s")?;
+                Ok(Self::level(Level::Pending))
+            }
+            Target::Speed(speed) => {
+                limit_to_output(
+                    "target speed",
+                    speed,
+                    speed.is_finite(),
+                    "a finite speed in mm/s",
+                )?;
+                Ok(Self::level(Level::Pending))
+            }
+        }
+    }
+
+    /// Refuses an amplitude that the configured drive's output cannot reach: a smaller one would
+    /// give another motion of the parts. An amplitude beyond a hard limit is kept and limited
+    /// there.
+    pub fn within(self, settings: &Settings, scale: &Scale) -> Self {
+        let needed = match self.level {
+            Level::K(k) => scale.amplitude(k as f32),
+            Level::Amplitude(amplitude) => amplitude,
+            Level::Pending | Level::None(_) => return self,
+        };
+        let reach = settings.output_maximum * scale.full_amplitude;
+        if needed.min(scale.ceiling) <= reach {
+            return self;
+        }
+        let [needed, reach] = [needed, reach].map(|amplitude| amplitude * 1e3);
+        Self::level(Level::None(NoSetpoint::Output { needed, reach }))
+    }
+
+    /// A choice of this level without a lock.
+    pub fn level(level: Level) -> Self {
+        Self {
+            level,
+            lock: None,
+            shape: Shape::SINE,
+        }
+    }
+
+    /// The choice of the whole lot's lock of an order.
+    pub(super) fn lock(order: u8, settings: &Settings) -> Result<Self, OutOfRange> {
+        let lot = settings.lot()?;
+        let band = match Band::common(lot, u32::from(order)) {
+            Ok(band) => band,
+            Err(BandError::Empty(none)) => {
+                return Ok(Self::level(Level::None(NoSetpoint::Band(none))));
+            }
+            Err(BandError::OutOfRange(refused)) => return Err(refused),
+        };
+        let k = band.setpoint();
+        let at = |r| {
+            Lock::build(k, r, u32::from(order))
+                .map(|lock| lock.map(|lock| lock.state().phase as f32))
+        };
+        let lock = at(lot.low())?
+            .zip(at(lot.high())?)
+            .map(|(low, high)| LockWindow {
+                order,
+                k,
+                phase: phase_of(0.5 * (low + high)),
+                width: 0.5 * (high - low).abs() + LOCK_HALF_WIDTH,
+            });
+        Ok(Self {
+            level: Level::K(k),
+            lock,
+            shape: Shape::SINE,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kband::feeder::Restitution;
+
+    #[test]
+    fn the_setpoint_of_a_lock_is_in_the_band_of_every_part() {
+        let choice = Choice::of_target(Target::Locked { order: 1 }, &Settings::default()).unwrap();
+        let Level::K(k) = choice.level else {
+            panic!("{choice:?}")
+        };
+        for restitution in [0.18, 0.2, 0.22] {
+            let band = Band::common(Restitution::single(restitution).unwrap(), 1).unwrap();
+            assert!(band.contains(k));
+        }
+    }
+
+    #[test]
+    fn a_flow_is_refused_where_nothing_can_be_weighed() {
+        let refused =
+            |settings: &Settings| Choice::of_target(Target::Flow(45.0), settings).unwrap_err();
+        let bare = Settings::default();
+        assert_eq!(refused(&bare).parameter, "track_mass");
+        let massive = Settings {
+            track_mass: 10.0,
+            ..bare
+        };
+        assert_eq!(refused(&massive).parameter, "track_length");
+        let scale = Settings {
+            track_length: 500.0,
+            ..massive
+        };
+        assert!(Choice::of_target(Target::Flow(45.0), &scale).is_ok());
+        let two = Settings {
+            second_tone: 0.15,
+            ..scale
+        };
+        assert_eq!(refused(&two).parameter, "second_tone");
+    }
+
+    #[test]
+    fn lock_window_covers_the_phases_of_the_lot() {
+        let settings = Settings::default();
+        let lock = Choice::lock(1, &settings).unwrap().lock.unwrap();
+        let at = |restitution| {
+            let lock = Lock::build(lock.k, restitution, 1).unwrap().unwrap();
+            lock.state().phase as f32
+        };
+        let (low, high) = (at(0.18), at(0.22));
+        let apart = (high - low).abs();
+        assert!(apart > 0.1, "{apart}");
+        assert!((lock.width - (0.5 * apart + LOCK_HALF_WIDTH)).abs() < 1e-5);
+        let middle = phase_of(0.5 * (low + high));
+        assert!((lock.phase - middle).bits().cast_signed().abs() < 1000);
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused_by_name() {
+        for (target, parameter) in [
+            (Target::Locked { order: 0 }, "target locked order"),
+            (Target::Locked { order: 9 }, "target locked order"),
+            (Target::Gear { order: 0 }, "target gear order"),
+            (Target::Gear { order: 9 }, "target gear order"),
+            (Target::K(0.0), "target k"),
+            (Target::K(f32::NAN), "target k"),
+            (Target::Amplitude(1.1), "target amplitude"),
+            (Target::Amplitude(f32::NAN), "target amplitude"),
+            (Target::Speed(f32::INFINITY), "target speed"),
+        ] {
+            let refused = Choice::of_target(target, &Settings::default()).unwrap_err();
+            assert_eq!(refused.parameter, parameter);
+        }
+    }
+}

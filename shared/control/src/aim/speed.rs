@@ -1,0 +1,142 @@
+//! The lock that conveys at a wanted speed: an exhaustive search over the orders of lock.
+//!
+//! A locked part's speed does not depend on the amplitude (docs/theory-transport.md#t8.3), so only
+//! the order remains to choose.
+
+use super::setpoint::{Choice, Level, NoSetpoint, ORDERS};
+use crate::hear::LockWindow;
+use crate::settings::Settings;
+use kband::impact::TangentialSettings;
+use kband::regime::{Lock, band};
+use kband::transport::locked;
+
+/// Relative deviation of a lock's speed from the wanted one that is accepted.
+const SPEED_TOLERANCE: f32 = 0.1;
+
+/// The search for the lock whose speed is nearest to a wanted one.
+#[derive(Clone, Copy, Debug)]
+pub struct SpeedSearch {
+    /// The wanted speed in mm/s.
+    wanted: f32,
+    /// The next order of lock.
+    order: u8,
+    /// The nearest lock so far, with its speed in mm/s.
+    nearest: Option<(f32, Choice)>,
+}
+
+impl SpeedSearch {
+    /// Begins the search for a speed in mm/s.
+    pub fn begin(wanted: f32) -> Self {
+        Self {
+            wanted,
+            order: *ORDERS.start(),
+            nearest: None,
+        }
+    }
+
+    /// Computes one slice, which is one order of lock. The choice, after the last order.
+    pub fn step(&mut self, settings: &Settings) -> Option<Choice> {
+        if let Some((speed, choice)) = lock_speed(self.order, settings)
+            && self
+                .nearest
+                .is_none_or(|(best, _)| self.distance(speed) < self.distance(best))
+        {
+            self.nearest = Some((speed, choice));
+        }
+        self.order = self.order.saturating_add(1);
+        (self.order > *ORDERS.end()).then(|| self.choice())
+    }
+
+    /// Distance of a speed from the wanted one, in mm/s.
+    fn distance(&self, speed: f32) -> f32 {
+        (speed - self.wanted).abs()
+    }
+
+    fn choice(&self) -> Choice {
+        match self.nearest {
+            Some((speed, choice))
+                if self.distance(speed) <= SPEED_TOLERANCE * self.wanted.abs() =>
+            {
+                choice
+            }
+            other => Choice::level(Level::None(NoSetpoint::Speed(
+                other.map(|(speed, _)| speed),
+            ))),
+        }
+    }
+}
+
+/// The lot's lock of an order and its conveying speed in mm/s; `None` where the lot has none.
+fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
+    let lot = settings.lot().ok()?;
+    // Without a band, `Choice::lock` computes the narrower lot that would have one; that is slow
+    // and not needed.
+    let (flip, birth) = (
+        band::flip(lot.high(), u32::from(order)).ok()?,
+        band::birth(lot.low(), u32::from(order)).ok()?,
+    );
+    if flip >= birth {
+        return None;
+    }
+    let choice = Choice::lock(order, settings).ok()?;
+    Some((conveying_speed(&choice.lock?, settings)?, choice))
+}
+
+/// Conveying speed in mm/s of the lot's middle in a lock (equation 20).
+fn conveying_speed(lock: &LockWindow, settings: &Settings) -> Option<f32> {
+    let track = settings.track().ok()?;
+    let tangential = TangentialSettings::on(&track, f64::from(settings.tangential_restitution));
+    let orbit =
+        Lock::build(lock.k, settings.lot().ok()?.middle(), u32::from(lock.order)).ok()??;
+    let unit = track.velocity_unit(track.amplitude(lock.k));
+    Some((locked::velocity(&orbit, lock.k, &tangential) * unit * 1e3) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn choice(speed: f32, settings: &Settings) -> Choice {
+        let mut search = SpeedSearch::begin(speed);
+        for _ in 1..8 {
+            assert_eq!(search.step(settings), None);
+        }
+        search.step(settings).unwrap()
+    }
+
+    #[test]
+    fn speed_search_finds_the_nearest_lock_or_refuses() {
+        // Equation 21: `pi r (g cos(alpha) / w) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }` =
+        // 88.4 r mm/s.
+        let settings = Settings {
+            restitution_low: 0.199,
+            restitution_high: 0.201,
+            ..Settings::default()
+        };
+        for (speed, order) in [(88.0, 1), (95.0, 1), (180.0, 2), (268.0, 3)] {
+            let choice = choice(speed, &settings);
+            assert_eq!(choice.lock.unwrap().order, order, "{speed}");
+            assert_eq!(Ok(choice), Choice::lock(order, &settings), "{speed}");
+        }
+        for speed in [-80.0, 0.0, 40.0, 130.0] {
+            let choice = choice(speed, &settings);
+            assert!(
+                matches!(choice.level, Level::None(NoSetpoint::Speed(Some(near))) if near > 80.0),
+                "{speed}: {choice:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_lot_without_any_band_has_no_speed_at_all() {
+        // docs/theory-bands.md#t5.4: no common band of order 1; those of higher orders are
+        // narrower.
+        let settings = Settings {
+            restitution_low: 0.1,
+            restitution_high: 0.3,
+            ..Settings::default()
+        };
+        let choice = choice(100.0, &settings);
+        assert_eq!(choice, Choice::level(Level::None(NoSetpoint::Speed(None))));
+    }
+}

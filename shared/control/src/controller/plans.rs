@@ -1,0 +1,72 @@
+//! Results of one controller's searches, supplied to another with equal settings (memoization).
+
+use super::Controller;
+use crate::aim::{ChaosResult, ChaosSearch, GearPlanned, GearSearch, KickResult};
+use kband::regime::capture::PlanSettings;
+use kband::regime::gear::{GearPlan, GearPlanSettings, StrikeCount, StrikeSettings};
+
+impl Controller {
+    /// The search for kicks that [`Controller::plan_step`] runs; `None` where there is none.
+    pub fn kicks_search(&self) -> Option<&PlanSettings> {
+        self.selection.search.asked()
+    }
+
+    /// Supplies the result of the search of [`Controller::kicks_search`], from another controller.
+    pub fn supply_kicks(&mut self, known: KickResult) {
+        self.selection.search.supply(known);
+    }
+
+    /// The finished search for kicks of the present target.
+    pub fn planned(&self) -> Option<KickResult> {
+        self.selection.search.planned()
+    }
+
+    /// The search for gear that [`Controller::plan_step`] runs; `None` where there is none.
+    pub fn gear_search(&self) -> Option<&GearPlanSettings> {
+        self.selection.gear.as_ref().and_then(GearSearch::asked)
+    }
+
+    /// Supplies the result of the search of [`Controller::gear_search`], from another controller.
+    pub fn supply_gear(&mut self, known: GearPlanned) {
+        if let Some(gear) = &mut self.selection.gear {
+            gear.supply(known);
+        }
+    }
+
+    /// The finished search for gear of the present target.
+    pub fn gear_planned(&self) -> Option<&GearPlanned> {
+        self.selection.gear.as_ref().and_then(GearSearch::planned)
+    }
+
+    /// The best plan for gear so far; `None` for another target, and before a first k is found.
+    pub fn gear(&self) -> Option<GearPlan> {
+        self.selection.gear_plan().copied()
+    }
+
+    /// The count of strikes that [`Controller::plan_step`] runs; `None` where there is none.
+    pub fn strikes_search(&self) -> Option<&StrikeSettings> {
+        self.listener.share.asked()
+    }
+
+    /// Supplies the count of [`Controller::strikes_search`], made elsewhere.
+    pub fn supply_strikes(&mut self, count: &StrikeCount) {
+        self.listener.share.know(count);
+    }
+
+    /// The lot whose chaos [`Controller::plan_step`] searches for; `None` where there is no search.
+    pub fn chaos_search(&self) -> Option<[f32; 2]> {
+        self.selection.chaos.as_ref().and_then(ChaosSearch::asked)
+    }
+
+    /// Supplies the result of the search of [`Controller::chaos_search`], from another controller.
+    pub fn supply_chaos(&mut self, known: ChaosResult) {
+        if let Some(chaos) = &mut self.selection.chaos {
+            chaos.supply(known);
+        }
+    }
+
+    /// The finished search for chaos of the present target.
+    pub fn chaos_found(&self) -> Option<ChaosResult> {
+        self.selection.found_chaos().copied()
+    }
+}

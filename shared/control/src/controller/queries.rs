@@ -1,0 +1,201 @@
+//! Queries of a controller: its report, its readiness, its estimates.
+
+use super::Controller;
+use crate::aim::NoSetpoint;
+use crate::angle::{phase_of, radians_of};
+use crate::drive::absolute;
+use crate::hear::{Command, GearShare, Load, Overtone};
+use crate::identify::Identification;
+use crate::report::Report;
+use crate::settings::Settings;
+use crate::state::{Events, Limits, State};
+use crate::supervise::Interlock;
+use crate::target::Target;
+
+impl Controller {
+    /// Report of the last cycle.
+    pub fn report(&self) -> Report {
+        let (seen, phases) = (&self.measured, &self.listener.phases);
+        Report {
+            cycle: self.count,
+            k: self.k(seen.amplitude),
+            amplitude: seen.amplitude,
+            lead: radians_of(seen.lead),
+            shape: seen.shape,
+            reference: self.reference.now,
+            setpoint: self.setpoint(),
+            rate: phases.rate(),
+            phase: phases.phase(),
+            concentration: phases.concentration(),
+            confidence: self.confidence(),
+            in_gear: self.in_gear(),
+            in_gear_error: self.in_gear_error(),
+            gear: self.order().unwrap_or(1),
+            to_loss: self.listener.time_to_loss(),
+            margin: self.listener.margin_of_all().filter(|_| !self.is_deaf()),
+            expected_in_gear: self.selection.gear_plan().map_or(0.0, |plan| plan.share),
+            gear_band: self.selection.gear_plan().map(|plan| plan.band),
+            load: self.load(),
+            attempts: self.machine.attempts(),
+            identification: self.identifier.result(),
+            regime: self.listener.regime,
+            frequency: self.resonance.frequency(),
+            state: self.machine.state(),
+            fault: self.machine.fault(),
+            limits: self.limits.limits(),
+            events: seen.events,
+            command: self.command(),
+        }
+    }
+
+    /// The next command.
+    pub fn command(&self) -> Command {
+        let overtones = self.tones.output();
+        Command {
+            amplitude: self.output,
+            lead: phase_of(self.output_lead),
+            overtones: overtones.map(|[sine, cosine]| Overtone { sine, cosine }),
+            step: self.scale.step,
+            immediate: !self.machine.running() || self.amplitude.is_immediate(),
+            fold: self.identifier.fold(),
+            whole: self.identifier.is_running(),
+        }
+    }
+
+    /// Whether the target is met and the amplitude is steady: the lock, chaos or gear is detected,
+    /// or the requested amplitude is held. Gear counts where its estimated share exceeds one half.
+    pub fn is_ready(&self) -> bool {
+        self.faults.is_steady() && self.is_target_met()
+    }
+
+    fn is_target_met(&self) -> bool {
+        match (self.machine.state(), self.selection.target()) {
+            (State::Holding, Target::K(_) | Target::Tones { .. } | Target::Amplitude(_)) => true,
+            (State::Holding, Target::Gear { .. } | Target::Flow(_)) => {
+                self.listener.in_gear_detected
+            }
+            (State::Holding, Target::Chaotic) => self.machine.in_chaos(),
+            (State::Locked, target) => target != Target::Chaotic,
+            _ => false,
+        }
+    }
+
+    /// State of the controller.
+    pub fn state(&self) -> State {
+        self.machine.state()
+    }
+
+    /// The causes that keep the drive off, for [`Controller::resume`].
+    pub fn interlock(&self) -> &Interlock {
+        self.machine.interlock()
+    }
+
+    /// Events of the last cycle.
+    pub fn events(&self) -> Events {
+        self.measured.events
+    }
+
+    /// Predicted normal amplitude of the track under the outputs so far, in m.
+    pub fn expected(&self) -> f32 {
+        0.5 * self.scale.full_amplitude
+            * absolute(self.predicted_envelopes[1] + self.predicted_envelopes[2])
+    }
+
+    /// Estimated share of the parts' time in gear ([`Report::in_gear`]), 0..=1.
+    pub fn in_gear(&self) -> f32 {
+        if self.is_deaf() {
+            return 0.0;
+        }
+        self.listener.in_gear_at_least()
+    }
+
+    /// Whether no part would be detected: then nothing is reported of the parts.
+    fn is_deaf(&self) -> bool {
+        self.limits.limits().contains(Limits::DEAF)
+    }
+
+    /// That share with its error; `None` where it is only a lower bound.
+    pub(crate) fn gear_share(&self) -> Option<GearShare> {
+        self.listener.in_gear().filter(|_| !self.is_deaf())
+    }
+
+    /// The estimated share, also while [`Limits::DEAF`](crate::Limits::DEAF) hides it in the report.
+    pub fn estimated_share(&self) -> Option<GearShare> {
+        self.listener.in_gear()
+    }
+
+    /// Standard error of that share; infinite where it is only a lower bound
+    /// ([`Report::in_gear_error`]).
+    pub fn in_gear_error(&self) -> f32 {
+        self.gear_share().map_or(f32::INFINITY, |heard| heard.error)
+    }
+
+    /// Estimated load of the parts on the track ([`Report::load`]).
+    pub fn load(&self) -> Option<Load> {
+        let weighs = !self.is_deaf() && !self.listener.empty;
+        self.meter.as_ref().filter(|_| weighs)?.load()
+    }
+
+    /// Normal amplitude of the track (symbol b) measured in the last cycle, in m.
+    pub fn amplitude(&self) -> f32 {
+        self.measured.amplitude
+    }
+
+    /// Reference amplitude at the end of the cycle after next, in m.
+    pub fn reference(&self) -> f32 {
+        self.reference.now
+    }
+
+    /// The settings in use.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The target.
+    pub fn target(&self) -> Target {
+        self.selection.target()
+    }
+
+    /// Order of the wanted lock, also on the way to chaos or for a speed, or of the wanted gear.
+    pub fn order(&self) -> Option<u8> {
+        (self.selection.gear_order()).or_else(|| self.selection.lock().map(|lock| lock.order))
+    }
+
+    /// Amplitude of the target's setpoint in m, before any limit; 0 where there is none.
+    pub fn setpoint(&self) -> f32 {
+        self.selection.setpoint(&self.scale)
+    }
+
+    /// Whether the search for the setpoint is over, with or without a result. The lock for a speed
+    /// and the k for gear need a search.
+    pub fn is_setpoint_found(&self) -> bool {
+        self.selection.chosen()
+    }
+
+    /// The reason for having no setpoint, and a remedy.
+    pub fn no_setpoint(&self) -> Option<NoSetpoint> {
+        self.selection.no_setpoint()
+    }
+
+    /// Largest amplitude in m that the settings allow the drive.
+    pub fn reach(&self) -> f32 {
+        self.scale.reach(&self.settings)
+    }
+
+    /// k at a normal amplitude in m.
+    pub fn k(&self, amplitude: f32) -> f32 {
+        self.scale.k(amplitude)
+    }
+
+    /// Progress of the identification of the parts' restitution ([`Target::Identify`]). The result
+    /// is offered here and applied nowhere. It stays until the next identification.
+    pub fn identification(&self) -> Identification {
+        self.identifier.result()
+    }
+
+    /// Sets whether the regime is classified for [`Report::regime`] where the controller does not
+    /// need it. Default: yes.
+    pub fn watch_regime(&mut self, watched: bool) {
+        self.listener.always_classifies = watched;
+    }
+}

@@ -1,0 +1,388 @@
+//! Tests of the controller on an ideal drive: targets, searches, refusals, bad readings.
+
+use super::*;
+use crate::Report;
+use crate::signal_path::DetectedImpact;
+use kband::regime::classify::Regime;
+
+mod lockout;
+mod table;
+
+#[test]
+fn the_parts_are_heard_beyond_the_last_count_of_cycles() {
+    let target = Target::Locked { order: 1 };
+    let mut controller =
+        Controller::build(&Settings::default(), target, StartCause::Ordinary).unwrap();
+    controller.count = u32::MAX - 150;
+    let inputs = Inputs {
+        enable: true,
+        ..Inputs::default()
+    };
+    let mut cycle = Cycle {
+        samples: 400,
+        low: 1500,
+        high: 2500,
+        ..Cycle::default()
+    };
+    let impact = DetectedImpact {
+        phase: Phase::from_radians(0.445),
+        strength: 5.0,
+    };
+    let mut heard = |silent: bool| {
+        cycle.heard = (!silent).then_some(impact).into_iter().collect();
+        let mut report = Report::default();
+        for _ in 0..120 {
+            report = controller.cycle(&cycle, &inputs);
+            cycle.quadrature = -obeyed(&controller) * controller.scale.angular_squared;
+        }
+        (report.cycle, report.regime.map(|verdict| verdict.regime))
+    };
+    let locked = Some(Regime::Locked { order: 1 });
+    assert_eq!(heard(false), (u32::MAX - 30, locked));
+    assert_eq!(heard(false), (89, locked));
+    assert_eq!(heard(true), (209, Some(Regime::Rest)));
+}
+
+/// A controller at a target with its drive, and their reports.
+fn driven(target: Target) -> (Controller, Report) {
+    let settings = Settings {
+        restitution_low: 0.199,
+        restitution_high: 0.201,
+        ..Settings::default()
+    };
+    let mut controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+    let mut report = Report::default();
+    for _ in 0..60 {
+        report = follow(&mut controller, true, 1);
+    }
+    (controller, report)
+}
+
+/// Amplitude in m of the next cycle of an ideal drive.
+fn obeyed(controller: &Controller) -> f32 {
+    let [next, running, _] = controller.predicted_envelopes;
+    0.5 * controller.scale.full_amplitude * absolute(next + running)
+}
+
+/// A cycle of such a drive, and some slices.
+fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
+    let cycle = Cycle {
+        samples: 400,
+        quadrature: -obeyed(controller) * controller.scale.angular_squared,
+        low: 1500,
+        high: 2500,
+        ..Cycle::default()
+    };
+    let inputs = Inputs {
+        enable,
+        ..Inputs::default()
+    };
+    let report = controller.cycle(&cycle, &inputs);
+    for _ in 0..slices {
+        controller.plan_step();
+    }
+    report
+}
+
+/// While the bridge is held open the output is 0 at once. The drive starts again once it is
+/// released and the track at rest.
+#[test]
+fn a_drive_that_is_held_off_stops_without_a_ramp() {
+    let (mut controller, held) = driven(Target::K(0.5));
+    assert!(held.command.amplitude > 0.1);
+    let cycle = |controller: &mut Controller, held_off: bool| {
+        let cycle = Cycle {
+            samples: 400,
+            quadrature: -obeyed(controller) * controller.scale.angular_squared,
+            low: 1500,
+            high: 2500,
+            ..Cycle::default()
+        };
+        let inputs = Inputs {
+            enable: true,
+            held_off,
+            chatters: held_off,
+            ..Inputs::default()
+        };
+        controller.cycle(&cycle, &inputs)
+    };
+    let first = cycle(&mut controller, true);
+    assert_eq!(
+        (first.state, first.command.amplitude),
+        (State::Stopping, 0.0)
+    );
+    assert!(
+        first
+            .events
+            .iter()
+            .any(|event| event == Event::EnableChatters)
+    );
+    let mut ended = false;
+    for _ in 0..200 {
+        let report = cycle(&mut controller, true);
+        assert_eq!((report.fault, report.command.amplitude), (None, 0.0));
+        ended |= report.state == State::Off;
+    }
+    assert!(ended);
+    assert_eq!(cycle(&mut controller, false).state, State::Starting);
+}
+
+/// Any number of a cycle may be no number, or too large for a converter. From that cycle on there
+/// is no output, and the fault is 13. No number of the report is NaN. After the acknowledgement the
+/// drive starts as before.
+/// report is NaN. After the fault is acknowledged the drive starts as before.
+#[test]
+fn nan_reading_stops_the_drive_and_is_forgotten() {
+    type Spoil = fn(&mut Cycle, f32);
+    let spoils: [Spoil; 7] = [
+        |cycle, bad| cycle.in_phase = bad,
+        |cycle, bad| cycle.quadrature = bad,
+        |cycle, bad| cycle.upper[1][0] = bad,
+        |cycle, bad| cycle.mean = bad,
+        |cycle, bad| cycle.noise = bad,
+        |cycle, bad| cycle.blanked = bad,
+        |cycle, bad| cycle.current = bad,
+    ];
+    for track_mass in [0.0, 10.0] {
+        for spoil in spoils {
+            for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30] {
+                let settings = Settings {
+                    second_tone: 0.1,
+                    track_mass,
+                    ..Settings::default()
+                };
+                let target = Target::K(0.5);
+                let mut controller =
+                    Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+                let mut held = Report::default();
+                for _ in 0..60 {
+                    held = follow(&mut controller, true, 1);
+                }
+                assert!(held.command.amplitude > 0.1 && controller.is_ready());
+                let mut cycle = Cycle {
+                    samples: 400,
+                    quadrature: -obeyed(&controller) * controller.scale.angular_squared,
+                    low: 1500,
+                    high: 2500,
+                    ..Cycle::default()
+                };
+                spoil(&mut cycle, bad);
+                let inputs = Inputs {
+                    enable: true,
+                    ..Inputs::default()
+                };
+                let mut report = controller.cycle(&cycle, &inputs);
+                for _ in 0..10 {
+                    assert_eq!(report.fault, Some(Fault::ControlLate));
+                    assert_eq!(report.command.amplitude, 0.0);
+                    assert_eq!(report.command.overtones, [crate::Overtone::NONE; UPPER]);
+                    assert!(report.amplitude.is_finite() && report.lead.is_finite());
+                    assert!(!report.k.is_nan() && report.shape.second.ratio.is_finite());
+                    report = follow(&mut controller, true, 1);
+                }
+                for _ in 0..40 {
+                    report = follow(&mut controller, false, 1);
+                }
+                for _ in 0..60 {
+                    report = follow(&mut controller, true, 1);
+                }
+                assert_eq!(report.fault, None);
+                assert_eq!(report.amplitude, held.amplitude);
+            }
+        }
+    }
+}
+
+/// Settings of a drive that makes 0.19 mm at most at 50 Hz.
+fn weak() -> Settings {
+    Settings {
+        gain: 0.2,
+        ..Settings::default()
+    }
+}
+
+#[test]
+fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
+    let held = Target::Amplitude(0.18);
+    let mut controller = Controller::build(&weak(), held, StartCause::Ordinary).unwrap();
+    assert_eq!(controller.no_setpoint(), None);
+    let shape = Shape::SINE;
+    for (target, parameter) in [
+        (Target::Amplitude(0.191), "target amplitude"),
+        (Target::K(0.4), "target k"),
+        (Target::Tones { k: 0.4, shape }, "target k"),
+        (Target::Locked { order: 1 }, "target locked order"),
+        (Target::Chaotic, "target chaotic, order of its lock"),
+    ] {
+        let refused = controller.set_target(target).unwrap_err();
+        assert_eq!(refused.parameter, parameter);
+        assert!(refused.accepted.contains("output_maximum"), "{refused}");
+        assert_eq!(controller.target(), held);
+        assert!(controller.setpoint() > 0.17e-3);
+    }
+    for target in [Target::Amplitude(0.189), Target::K(0.55), Target::Identify] {
+        controller.set_target(target).unwrap();
+        assert_eq!(controller.target(), target);
+    }
+    // Identification begins at 0.114 mm.
+    let weaker = Settings {
+        gain: 0.11,
+        ..weak()
+    };
+    let mut controller =
+        Controller::build(&weaker, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
+    assert!(controller.set_target(Target::Identify).is_err());
+    // A hard limit holds the amplitude, and the limit is reported.
+    let limited = Settings {
+        amplitude_limit: 0.15,
+        ..weak()
+    };
+    let mut controller =
+        Controller::build(&limited, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
+    controller.set_target(Target::K(0.4)).unwrap();
+}
+
+#[test]
+fn off_the_resonance_the_output_reaches_less() {
+    let beside = Settings {
+        resonance: 47.0,
+        ..Settings::default()
+    };
+    let at = |settings: &Settings, b| {
+        Controller::build(settings, Target::Amplitude(b), StartCause::Ordinary)
+            .unwrap()
+            .no_setpoint()
+    };
+    assert_eq!(at(&Settings::default(), 0.94), None);
+    let Some(NoSetpoint::Output { needed, reach }) = at(&beside, 0.94) else {
+        panic!("0.94 mm 3 Hz beside the resonance");
+    };
+    // The response of a resonance of quality 25 at 50/47 of it is 0.289 of the one at resonance.
+    assert!((needed - 0.94).abs() < 1e-5 && (reach / (0.95 * 0.289) - 1.0).abs() < 0.01);
+    assert_eq!(at(&beside, 0.99 * reach), None);
+    assert!(at(&beside, 1.01 * reach).is_some());
+}
+
+#[test]
+fn target_out_of_reach_moves_nothing() {
+    let enabled = Inputs {
+        enable: true,
+        ..Inputs::default()
+    };
+    for target in [
+        Target::Amplitude(0.3),
+        Target::K(0.4),
+        Target::Locked { order: 1 },
+    ] {
+        let mut controller = Controller::build(&weak(), target, StartCause::Ordinary).unwrap();
+        let why = controller.no_setpoint();
+        assert!(matches!(why, Some(NoSetpoint::Output { .. })), "{why:?}");
+        for _ in 0..200 {
+            let report = controller.cycle(&Cycle::default(), &enabled);
+            assert_eq!(report.command.amplitude, 0.0, "{:?}", report.state);
+        }
+        assert!(controller.report().limits.contains(Limits::NO_SETPOINT));
+    }
+}
+
+#[test]
+fn unreachable_speed_is_reported_after_the_search() {
+    let (strong, _) = driven(Target::Speed(88.0));
+    let b = strong.setpoint() * 1e3;
+    assert!(b > 0.1, "{b}");
+    let settings = Settings {
+        gain: b,
+        ..Settings::default()
+    };
+    let mut controller =
+        Controller::build(&settings, Target::Speed(88.0), StartCause::Ordinary).unwrap();
+    while !controller.is_setpoint_found() {
+        controller.plan_step();
+    }
+    let why = controller.no_setpoint();
+    assert!(matches!(why, Some(NoSetpoint::Output { .. })), "{why:?}");
+    let report = controller.cycle(&Cycle::default(), &Inputs::default());
+    assert!(report.events.iter().any(|event| event == Event::NoSetpoint));
+}
+
+#[test]
+fn the_amplitude_stays_while_the_lock_for_a_speed_is_sought() {
+    let (mut controller, before) = driven(Target::K(0.5));
+    assert_eq!(before.state, State::Holding);
+    controller.set_target(Target::Speed(180.0)).unwrap();
+    for _ in 0..7 {
+        let report = follow(&mut controller, true, 1);
+        assert!(!controller.is_setpoint_found());
+        assert_eq!(report.state, State::Starting);
+        assert_eq!(report.reference, before.reference);
+        assert_eq!(report.setpoint, 0.0);
+    }
+    follow(&mut controller, true, 1);
+    let (other, _) = driven(Target::Speed(180.0));
+    assert!(controller.is_setpoint_found() && controller.order() == Some(2));
+    assert_eq!(controller.setpoint(), other.setpoint());
+    assert_eq!(controller.kicks_search(), other.kicks_search());
+    assert!(follow(&mut controller, true, 1).reference > before.reference);
+}
+
+#[test]
+fn a_drive_starts_once_the_lock_for_a_speed_is_chosen() {
+    let target = Target::Speed(40.0);
+    let mut controller =
+        Controller::build(&Settings::default(), target, StartCause::Ordinary).unwrap();
+    for _ in 0..8 {
+        assert_eq!(follow(&mut controller, true, 1).state, State::Off);
+    }
+    // No lock conveys so, and the drive stays at rest.
+    let report = follow(&mut controller, true, 1);
+    assert_eq!((report.state, report.reference), (State::Limiting, 0.0));
+    let events: std::vec::Vec<_> = report.events.iter().collect();
+    assert_eq!(events, [Event::NoSetpoint, Event::Started, Event::Limited]);
+}
+
+#[test]
+fn interrupted_search_serves_the_last_target() {
+    let wanted = driven(Target::Speed(180.0)).0;
+    for slices in 0..8 {
+        for trouble in 0..4 {
+            let (mut controller, _) = driven(Target::Locked { order: 1 });
+            controller.set_target(Target::Speed(90.0)).unwrap();
+            follow(&mut controller, true, slices);
+            match trouble {
+                // Another speed, another target, a stop, a fault.
+                0 => controller.set_target(Target::Speed(268.0)).unwrap(),
+                1 => {
+                    controller.set_target(Target::K(0.5)).unwrap();
+                    assert!(controller.is_setpoint_found() && controller.order().is_none());
+                }
+                2 => {
+                    let report = follow(&mut controller, false, 0);
+                    assert_eq!(report.state, State::Stopping);
+                }
+                _ => {
+                    let inputs = Inputs {
+                        enable: true,
+                        over_temperature: true,
+                        ..Inputs::default()
+                    };
+                    let report = controller.cycle(&Cycle::default(), &inputs);
+                    assert_eq!(report.state, State::Fault);
+                }
+            }
+            follow(&mut controller, trouble < 2, slices);
+            controller.set_target(Target::Speed(180.0)).unwrap();
+            for enable in [false, true] {
+                for _ in 0..200 {
+                    follow(&mut controller, enable, 1);
+                }
+            }
+            assert_eq!(controller.setpoint(), wanted.setpoint());
+            assert_eq!(controller.order(), Some(2));
+            assert!(
+                controller.machine.running(),
+                "{slices} {trouble} {:?}",
+                controller.machine.fault()
+            );
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! Gain and phase margin of the amplitude loop on a given drive, from its Nyquist curve (Astrom and
+//! Murray, Feedback Systems, 2008).
+//!
+//! Near a steady amplitude the amplitude is linear in the output. Only the part of a change along
+//! the steady envelope counts: `P = (E(z) + E*(z)) / 2`. `E` is the envelope that turns by its
+//! pole, `E*` the one that turns by the conjugate. `E` includes the dead time: computing 1 cycle,
+//! driving 1 cycle, and the mean of the measured one.
+
+use core::f64::consts::PI;
+
+use num_complex::Complex64 as Complex;
+
+use super::amplitude::AmplitudeLoop;
+use crate::settings::Settings;
+use kband::feeder::OutOfRange;
+
+/// Number of angles per cycle on the curve: evenly over the logarithm, and as many around the
+/// envelope's turn.
+const ANGLES: i32 = 1500;
+/// Smallest angle of the curve, in rad per cycle.
+const MIN_ANGLE: f64 = 1e-5;
+
+/// Stability margins of a loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LoopMargins {
+    /// Factor on the loop's gain at which it oscillates.
+    pub gain: f64,
+    /// Additional phase lag, in degrees, at which it oscillates; 180 where its gain is below 1 at
+    /// all frequencies.
+    pub phase: f64,
+    /// Smallest distance of the open loop from -1: one over the largest amplification of a
+    /// disturbance.
+    pub distance: f64,
+}
+
+/// Frequency response of a drive's amplitude to its output.
+#[derive(Clone, Copy, Debug)]
+struct Plant {
+    pole: Complex,
+    mean: Complex,
+}
+
+impl Plant {
+    fn of(settings: &Settings) -> Self {
+        let [frequency, resonance, quality] =
+            [settings.frequency, settings.resonance, settings.quality].map(f64::from);
+        let natural = resonance / frequency;
+        let decay = -PI * natural / quality;
+        let damped = libm::sqrt(1.0 - 0.25 / (quality * quality));
+        let turn = if settings.tracking > 0.0 || natural == 1.0 {
+            0.0
+        } else {
+            2.0 * PI * (natural * damped - 1.0)
+        };
+        let logarithm = Complex::new(decay, turn);
+        let pole = turned(turn) * libm::exp(decay);
+        Self {
+            pole,
+            mean: (pole - 1.0) / logarithm,
+        }
+    }
+
+    /// Measured amplitude over output as a phasor, both over their steady values. `turned` is `e^(i
+    /// angle)` of the angle per cycle.
+    fn at(&self, turned: Complex) -> Complex {
+        let late = turned.conj();
+        let of = |pole: Complex, mean: Complex| {
+            late * late * (mean * late * (1.0 - pole) / (1.0 - pole * late) + (1.0 - mean))
+        };
+        (of(self.pole, self.mean) + of(self.pole.conj(), self.mean.conj())) * 0.5
+    }
+}
+
+fn turned(angle: f64) -> Complex {
+    Complex::new(libm::cos(angle), libm::sin(angle))
+}
+
+fn length(z: Complex) -> f64 {
+    libm::sqrt(z.norm_sqr())
+}
+
+impl LoopMargins {
+    /// Margins of the loop built for the settings `told`, on the drive `is`; `gain` and `resonance`
+    /// may differ. The error names a setting out of range.
+    ///
+    /// At the resonance it is the PI loop at the configured gain, before it was estimated. Off the
+    /// resonance the gain estimate is the only feedback. Its loop is an integral gain times the
+    /// difference of drive and model, which is zero for a correctly configured drive. The margins
+    /// are those of the loop without the model.
+    pub fn of(told: &Settings, is: &Settings) -> Result<Self, OutOfRange> {
+        let control = AmplitudeLoop::build(told)?;
+        is.check()?;
+        let plant = Plant::of(is);
+        let strength = |settings: &Settings| f64::from(settings.gain) * steady(settings);
+        let wrong = strength(is) / strength(told);
+        let [proportional, integral, learning] = control.gains().map(f64::from);
+        let open = |turned: Complex| {
+            let sum = turned - 1.0;
+            let control = if learning > 0.0 {
+                learning / sum
+            } else {
+                wrong * proportional * (1.0 + integral / sum)
+            };
+            control * plant.at(turned)
+        };
+        Ok(Self::around(open, plant.pole))
+    }
+
+    /// Margins of the loop off the resonance with its model, on a drive of another resonance than
+    /// configured; `None` for a first-order loop. The error names a setting out of range.
+    pub fn of_detuned(told: &Settings, is: &Settings) -> Result<Option<Self>, OutOfRange> {
+        let control = AmplitudeLoop::build(told)?;
+        is.check()?;
+        let (plant, model) = (Plant::of(is), Plant::of(told));
+        let [.., learning] = control.gains().map(f64::from);
+        let open = |turned: Complex| {
+            let left = turned - 1.0 + learning;
+            learning * (plant.at(turned) - model.at(turned)) / left
+        };
+        let found = (learning > 0.0).then(|| {
+            let [first, second] = [plant, model].map(|of| Self::around(open, of.pole));
+            Self {
+                gain: first.gain.min(second.gain),
+                phase: first.phase.min(second.phase),
+                distance: first.distance.min(second.distance),
+            }
+        });
+        Ok(found)
+    }
+
+    /// Margins of an open loop over the angle per cycle, which changes quickly near the turn of a
+    /// pole.
+    fn around(open: impl Fn(Complex) -> Complex, pole: Complex) -> Self {
+        let turn = libm::fabs(libm::atan2(pole.im, pole.re));
+        // A decay within a few cycles is smooth enough for the even angles.
+        let width = (-libm::log(length(pole))).min(0.2);
+        let mut found = Self {
+            gain: f64::INFINITY,
+            phase: 180.0,
+            distance: 1.0,
+        };
+        let mut look = |angles: &mut dyn Iterator<Item = f64>| {
+            let mut before: Option<Complex> = None;
+            for angle in angles.filter(|angle| (MIN_ANGLE..=PI).contains(angle)) {
+                let now = open(turned(angle));
+                if let Some(before) = before {
+                    // Crossings of the negative real axis and of the unit circle.
+                    if (now.im < 0.0) != (before.im < 0.0) && now.re < 0.0 && before.re < 0.0 {
+                        found.gain = found.gain.min(1.0 / length(now).max(length(before)));
+                    }
+                    if (now.norm_sqr() < 1.0) != (before.norm_sqr() < 1.0) {
+                        let lag = libm::fabs(libm::atan2(now.im, now.re)) * (180.0 / PI);
+                        found.phase = found.phase.min(180.0 - lag);
+                    }
+                }
+                found.distance = found.distance.min(length(now + 1.0));
+                before = Some(now);
+            }
+        };
+        let step = libm::log(PI / MIN_ANGLE) / f64::from(ANGLES);
+        look(&mut (0..=ANGLES).map(|n| MIN_ANGLE * libm::exp(step * f64::from(n))));
+        let near = 6.0 * width / f64::from(ANGLES);
+        look(&mut (-ANGLES..=ANGLES).map(|n| turn + near * f64::from(n)));
+        found
+    }
+}
+
+/// Steady amplitude over the one at resonance.
+fn steady(settings: &Settings) -> f64 {
+    let [frequency, resonance, quality] =
+        [settings.frequency, settings.resonance, settings.quality].map(f64::from);
+    if settings.tracking > 0.0 {
+        return 1.0;
+    }
+    let x = frequency / resonance;
+    let (detuned, width) = (1.0 - x * x, x / quality);
+    1.0 / (quality * libm::sqrt(detuned * detuned + width * width))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const QUALITIES: [f32; 8] = [3.0, 5.0, 8.0, 15.0, 25.0, 50.0, 100.0, 200.0];
+
+    fn drive(quality: f32, detuned: f32) -> Settings {
+        Settings {
+            quality,
+            frequency: 50.0 * (1.0 + detuned),
+            ..Settings::default()
+        }
+    }
+
+    /// Detunings of 0 to 20 % to either side, dense near the resonance.
+    fn detunings() -> impl Iterator<Item = f32> {
+        let fine = (0..40).map(|n| 0.0002 * n as f32);
+        let coarse = (0..49).map(|n| 0.008 + 0.004 * n as f32);
+        fine.chain(coarse).flat_map(|off| [off, -off])
+    }
+
+    /// In drive cycles the loop is the same at every frequency, 5 to 500 Hz.
+    #[test]
+    fn the_loop_has_margins_at_every_quality_detuning_and_gain() {
+        for wrong in [1.0, 0.5, 2.0] {
+            let mut least = [f64::INFINITY; 3];
+            for quality in QUALITIES {
+                for off in detunings() {
+                    let configured = drive(quality, off);
+                    let actual = Settings {
+                        gain: configured.gain * wrong,
+                        ..configured
+                    };
+                    let found = LoopMargins::of(&configured, &actual).unwrap();
+                    let found = [found.gain, found.phase, found.distance];
+                    for (least, found) in least.iter_mut().zip(found) {
+                        *least = least.min(found);
+                    }
+                }
+            }
+            std::println!("gain {wrong}: {least:?}");
+            let [gain, phase, distance] = least;
+            if wrong > 1.0 {
+                assert!(gain > 2.2 && phase > 44.0 && distance > 0.45, "{least:?}");
+            } else {
+                assert!(gain > 4.5 && phase > 65.0 && distance > 0.7, "{least:?}");
+            }
+        }
+    }
+
+    /// Any frequency on any resonance, and the smallest quality, within the settings' ranges.
+    #[test]
+    fn far_from_the_resonance_the_margins_stay() {
+        let mut least = [f64::INFINITY; 2];
+        for quality in [1.0, 1.5, 2.0, 10.0, 200.0] {
+            for n in -60..=60 {
+                let ratio = 10.0_f32.powf(n as f32 / 30.0);
+                let settings = Settings {
+                    quality,
+                    frequency: (50.0 * ratio.sqrt()).clamp(5.0, 500.0),
+                    resonance: (50.0 / ratio.sqrt()).clamp(5.0, 500.0),
+                    safe_amplitude: 0.0,
+                    ..Settings::default()
+                };
+                let found = LoopMargins::of(&settings, &settings).unwrap();
+                least = [least[0].min(found.gain), least[1].min(found.phase)];
+            }
+        }
+        std::println!("{least:?}");
+        assert!(least[0] > 3.9 && least[1] > 65.0, "{least:?}");
+    }
+
+    /// Off the resonance any other resonance may be the true one.
+    #[test]
+    fn detuned_loop_keeps_margins_at_a_wrong_resonance() {
+        let mut least = [f64::INFINITY; 3];
+        for quality in [5.0, 25.0, 100.0, 200.0] {
+            for told in detunings().step_by(5) {
+                for is in detunings().step_by(7) {
+                    let (told, mut is) = (drive(quality, told), drive(quality, is));
+                    is.resonance *= told.frequency / is.frequency;
+                    is.frequency = told.frequency;
+                    let Some(found) = LoopMargins::of_detuned(&told, &is).unwrap() else {
+                        continue;
+                    };
+                    let found = [found.gain, found.phase, found.distance];
+                    for (least, found) in least.iter_mut().zip(found) {
+                        *least = least.min(found);
+                    }
+                }
+            }
+        }
+        std::println!("{least:?}");
+        let [gain, phase, distance] = least;
+        assert!(gain > 3.4 && phase > 90.0 && distance > 0.7, "{least:?}");
+    }
+}

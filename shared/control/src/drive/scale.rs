@@ -1,0 +1,219 @@
+//! Conversion between amplitude, k and output at the drive's frequency; the hard limits.
+
+use core::f32::consts::{PI, TAU};
+
+use num_complex::Complex32 as Complex;
+
+use super::envelope::Envelope;
+use crate::angle::{phase_of, phase_step};
+use crate::settings::Settings;
+use crate::state::Limits;
+use kband::arithmetic::sine_cosine_single;
+use kband::feeder::STANDARD_GRAVITY;
+
+/// Smallest detectable swing in converter steps: noise of 1.5 steps RMS leaves the phase an error
+/// of 0.04 rad at 500 Hz.
+const TELLS: f32 = 8.0;
+/// Largest predicted envelope over the hard limits, above the over-amplitude fault, so that this
+/// fault detects a wrongly configured gain.
+const MAX_ENVELOPE_RATIO: f32 = 1.2;
+
+/// Smallest detectable amplitude at the configured frequency, in m.
+pub fn min_amplitude(settings: &Settings) -> f32 {
+    let angular = TAU * settings.frequency;
+    min_acceleration(settings) / (angular * angular)
+}
+
+/// Smallest detectable acceleration, in m/s^2.
+fn min_acceleration(settings: &Settings) -> f32 {
+    let step = settings.converter_reference
+        / (libm::exp2f(settings.converter_bits) * settings.sensitivity)
+        * STANDARD_GRAVITY as f32;
+    TELLS * step
+}
+
+/// The factors between amplitude, k and output.
+#[derive(Clone, Copy, Debug)]
+pub struct Scale {
+    /// Gravity normal to the track (symbol g cos alpha) in m/s^2, as [`Track::normal_gravity`] in
+    /// single precision.
+    ///
+    /// [`Track::normal_gravity`]: kband::feeder::Track::normal_gravity
+    pub normal_gravity: f32,
+    /// Square of the angular frequency, in 1/s^2.
+    pub angular_squared: f32,
+    /// Advance of the phase per sample.
+    pub step: u32,
+    /// Largest amplitude that both hard limits allow, in m.
+    pub ceiling: f32,
+    /// The hard limit that sets the ceiling.
+    pub ceiling_limit: Limits,
+    /// Model of the track's amplitude under the output.
+    pub envelope: Envelope,
+    /// Share of the envelope's size that survives a cycle, 0..1.
+    keep: f32,
+    /// Amplitude at full output and the drive's frequency, in m. Where the frequency tracks the
+    /// resonance, it is the one there.
+    pub full_amplitude: f32,
+    /// Amplitude per ampere of the drive's current, likewise, in m/A; 0 where it is not
+    /// commissioned.
+    pub per_ampere: f32,
+    /// Smallest detectable amplitude, in m.
+    pub least: f32,
+}
+
+impl Scale {
+    /// The factors at a frequency in Hz.
+    pub fn at(settings: &Settings, frequency: f32) -> Self {
+        let envelope = Envelope::at(settings);
+        let mut scale = Self {
+            normal_gravity: settings.gravity * libm::cosf(settings.incline * (PI / 180.0)),
+            angular_squared: 0.0,
+            step: 0,
+            ceiling: 0.0,
+            ceiling_limit: Limits::AMPLITUDE,
+            envelope,
+            keep: libm::expf(-PI / settings.quality),
+            full_amplitude: settings.gain * 1e-3 * envelope.response,
+            per_ampere: settings.current_gain * 1e-3 * envelope.response,
+            least: 0.0,
+        };
+        scale.retune(settings, frequency);
+        scale
+    }
+
+    /// Updates the factors that depend on the drive's frequency, in Hz.
+    pub fn retune(&mut self, settings: &Settings, frequency: f32) {
+        let angular = TAU * frequency;
+        self.angular_squared = angular * angular;
+        self.step = phase_step(frequency);
+        self.least = min_acceleration(settings) / self.angular_squared;
+        let by_acceleration = settings.acceleration_limit / self.angular_squared;
+        let by_amplitude = settings.amplitude_limit * 1e-3;
+        self.ceiling = by_acceleration.min(by_amplitude);
+        self.ceiling_limit = if by_acceleration < by_amplitude {
+            Limits::ACCELERATION
+        } else {
+            Limits::AMPLITUDE
+        };
+    }
+
+    /// k at a normal amplitude in m.
+    pub fn k(&self, amplitude: f32) -> f32 {
+        self.normal_gravity / (amplitude * self.angular_squared)
+    }
+
+    /// Normal amplitude in m at a k.
+    pub fn amplitude(&self, k: f32) -> f32 {
+        self.normal_gravity / (k * self.angular_squared)
+    }
+
+    /// Largest amplitude in m that the settings allow the drive.
+    pub fn reach(&self, settings: &Settings) -> f32 {
+        (settings.output_maximum * self.full_amplitude).min(self.ceiling)
+    }
+
+    /// Largest output for the next cycle, as a share of full output. It keeps the predicted
+    /// envelope within a fifth over the hard limits, or within `amplitude` (m). The prediction uses
+    /// the configured gain and not the accelerometer. `envelope` is over the steady one at full
+    /// output.
+    pub fn most_output(&self, envelope: Complex, amplitude: Option<f32>) -> f32 {
+        let amplitude = amplitude.unwrap_or(MAX_ENVELOPE_RATIO * self.ceiling);
+        self.envelope
+            .most_output(envelope, amplitude / self.full_amplitude)
+    }
+
+    /// The envelope after a cycle at an output, over the steady one at full output.
+    pub fn after(&self, envelope: Complex, output: f32) -> Complex {
+        self.envelope.advance(envelope, output)
+    }
+
+    /// Whether a lead (rad) is more than a quarter turn from that of an envelope.
+    pub fn is_opposed(&self, envelope: Complex, lead: f32) -> bool {
+        let (sine, cosine) = sine_cosine_single(phase_of(lead - self.envelope.lead));
+        envelope.re * cosine + envelope.im * sine < 0.0
+    }
+
+    /// Largest amplitude of a kick over an amplitude (m), within the drive's output and hard
+    /// limits.
+    pub fn max_kick(&self, settings: &Settings, amplitude: f32) -> f32 {
+        // The first cycle of a command step from 1 to f needs an output of 1 + s (f - 1). Here s is
+        // the step of the reference over the step of the drive's own envelope.
+        let steeper = (1.0 - libm::expf(-1.0 / settings.envelope)) / (1.0 - self.keep);
+        let strength = settings.output_maximum * settings.gain * 1e-3 / amplitude;
+        (1.0 + (strength - 1.0) / steeper.max(1.0)).min(self.ceiling / amplitude)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn normal_gravity_matches_the_track() {
+        for n in -60..=60 {
+            let settings = Settings {
+                incline: n as f32,
+                ..Settings::default()
+            };
+            let single = f64::from(Scale::at(&settings, 50.0).normal_gravity);
+            let double = settings.track().unwrap().normal_gravity();
+            // Roundings of the angle (60 degrees in rad times the tangent there: 1.8), of the
+            // cosine and of the product.
+            assert!(
+                (single / double - 1.0).abs() < 2.5e-7,
+                "{n}: {single} {double}"
+            );
+        }
+    }
+
+    #[test]
+    fn reach_and_reserve_end_at_the_output_and_at_the_hard_limit() {
+        let settings = Settings::default();
+        let scale = Scale::at(&settings, settings.frequency);
+        // Eight steps of 3.3 V / 4096 at 0.1 V/g are 0.632 m/s^2.
+        assert!((scale.least - 6.4042e-6).abs() < 1e-9, "{}", scale.least);
+        assert_eq!(scale.least, min_amplitude(&settings));
+        // The output's 0.95 mm; a millimetre is allowed.
+        assert!((scale.reach(&settings) - 0.95e-3).abs() < 1e-9);
+        let limited = Settings {
+            amplitude_limit: 0.3,
+            ..settings
+        };
+        let scale = Scale::at(&limited, limited.frequency);
+        assert_eq!(scale.reach(&limited), scale.ceiling);
+        assert_eq!(
+            (scale.ceiling, scale.ceiling_limit),
+            (0.3e-3, Limits::AMPLITUDE)
+        );
+        let reserve = scale.max_kick(&limited, 0.2e-3);
+        assert!((reserve - 1.5).abs() < 1e-6, "{reserve}");
+        // 40 m/s^2 at 50 Hz are 0.405 mm.
+        let gentle = Settings {
+            acceleration_limit: 40.0,
+            ..settings
+        };
+        let scale = Scale::at(&gentle, gentle.frequency);
+        assert!(
+            (scale.ceiling - 0.40528e-3).abs() < 1e-8,
+            "{}",
+            scale.ceiling
+        );
+        assert_eq!(scale.ceiling_limit, Limits::ACCELERATION);
+    }
+
+    #[test]
+    fn no_output_takes_the_envelope_further() {
+        let settings = Settings {
+            amplitude_limit: 0.3,
+            ..Settings::default()
+        };
+        let scale = Scale::at(&settings, settings.frequency);
+        let mut envelope = Complex::default();
+        for _ in 0..200 {
+            envelope = scale.after(envelope, scale.most_output(envelope, None));
+        }
+        let reached = envelope.norm_sqr().sqrt() * scale.full_amplitude / scale.ceiling;
+        assert!((reached - 1.2).abs() < 0.02, "{reached}");
+    }
+}

@@ -1,0 +1,273 @@
+//! Control of one upper tone of the track's motion, at a multiple of the drive's frequency, in
+//! amplitude and phase.
+//!
+//! The method is an integral loop on a phasor, as in adaptive feedforward cancellation of harmonics
+//! (Bodson, Sacks and Khosla 1994). Its state is one complex correction of the configured response.
+
+use core::f32::consts::PI;
+
+use num_complex::Complex32 as Complex;
+
+use super::envelope::absolute;
+use super::shape::UpperTone;
+use crate::settings::Settings;
+
+/// Dead time from a command to the middle of the first cycle that shows it, in cycles: computing 1,
+/// driving 1, averaging 0.5.
+const DEAD_TIME: f32 = 2.5;
+/// Time constant of the loop over its dead time plus the tone's envelope: gain margin above 4 at
+/// any detuning.
+const LOOP_TIME_CONSTANT_RATIO: f32 = 4.0;
+/// Deviation of the track's response from the configured one that is reported, as a factor and in
+/// rad: aging and warm-up cause a third.
+const REPORTED_DEVIATION: (f32, f32) = (1.5, 0.35);
+/// Deviation, as a factor and in rad, at which the tone is given up: the limit of the loop's
+/// margins.
+const MAX_DEVIATION: (f32, f32) = (3.0, 1.05);
+
+/// The loop that holds one tone.
+///
+/// It estimates one complex number: the track's response over the configured one. The output is the
+/// wanted motion through the estimated response, so a change of amplitude moves its tone along. The
+/// loop corrects only the response. That is an integral loop, whose plant is the envelope of this
+/// tone alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToneLoop {
+    /// Frequency of the tone over the drive's.
+    harmonic: u8,
+    /// Largest ratio that the settings allow; 0 means no such tone.
+    most: f32,
+    /// Output for a metre of the tone, by the configured response.
+    inverse: Complex,
+    /// Share of the error that a cycle corrects.
+    learning: f32,
+    /// Change of the ratio per cycle: in the first start, in a later one, and downwards.
+    pace: [f32; 3],
+    /// Estimate: the configured response over the true one.
+    correction: Complex,
+    /// Present tone of the loop as `e (cos th + i sin th)`, and its goal.
+    shape: Complex,
+    goal: Complex,
+    /// Wanted motion of the last cycles, newest first, in m.
+    wanted: [Complex; 3],
+    /// Cycles in which the response was estimated.
+    estimated_cycles: u16,
+    reported: bool,
+    given_up: bool,
+}
+
+impl ToneLoop {
+    /// The loop of the tone at `harmonic` times the drive's frequency, at rest. `answer` is the
+    /// configured motion at full output, in m.
+    pub fn new(settings: &Settings, harmonic: u8, most: f32, answer: Complex) -> Self {
+        // The slowest envelope assumed is that of a mode as sharp as the drive's own.
+        let envelope = settings.quality / (f32::from(harmonic) * PI);
+        let slow = LOOP_TIME_CONSTANT_RATIO * (DEAD_TIME + envelope);
+        let cycles = |seconds: f32| (seconds * settings.frequency).max(1.0);
+        Self {
+            harmonic,
+            most,
+            inverse: if most > 0.0 {
+                answer.inv()
+            } else {
+                Complex::default()
+            },
+            learning: 1.0 / slow,
+            pace: [
+                most / (3.0 * slow).max(cycles(settings.soft_start)),
+                most / cycles(settings.soft_start),
+                most / cycles(settings.soft_stop),
+            ],
+            correction: Complex::new(1.0, 0.0),
+            shape: Complex::default(),
+            goal: Complex::default(),
+            wanted: [Complex::default(); 3],
+            estimated_cycles: 0,
+            reported: false,
+            given_up: false,
+        }
+    }
+
+    /// Whether the settings allow the tone.
+    #[inline]
+    pub fn allowed(&self) -> bool {
+        self.most > 0.0
+    }
+
+    /// Switches the tone off and keeps the estimate.
+    pub fn rest(&mut self) {
+        self.shape = Complex::default();
+        self.wanted = [Complex::default(); 3];
+    }
+
+    /// Switches the tone off and restarts from the configured response.
+    pub fn restart(&mut self) {
+        self.rest();
+        self.correction = Complex::new(1.0, 0.0);
+        self.estimated_cycles = 0;
+        self.reported = false;
+        self.given_up = false;
+    }
+
+    /// Switches the tone off until the next start.
+    pub fn give_up(&mut self) {
+        self.given_up = true;
+    }
+
+    /// Whether the tone was given up.
+    pub fn is_given_up(&self) -> bool {
+        self.given_up
+    }
+
+    /// Whether the tone has reached its goal.
+    pub fn arrived(&self) -> bool {
+        self.given_up || absolute(self.goal - self.shape) < 1e-3
+    }
+
+    /// Whether the tone is off.
+    pub fn is_silent(&self) -> bool {
+        self.shape == Complex::default()
+    }
+
+    /// A ratio, limited to the allowed one.
+    pub fn within(&self, ratio: f32) -> f32 {
+        ratio.min(self.most)
+    }
+
+    /// Sets the goal: the wanted tone times the share that the hard limits leave.
+    pub fn aim(&mut self, tone: &UpperTone, share: f32) {
+        let wanted = self.within(tone.ratio);
+        self.goal = if self.given_up || wanted <= 0.0 {
+            Complex::default()
+        } else {
+            tone.phasor() * (share * wanted / tone.ratio)
+        };
+    }
+
+    /// Estimates the track's response from the motion of the first tone and of this one, in m, in
+    /// the last cycle. Whether it deviates from the configured one, reported once.
+    pub fn estimate_response(&mut self, first: Complex, seen: Complex) -> bool {
+        let [_, driven, _] = self.wanted;
+        // A full tone has the most information; the weight is the square of the amplitude.
+        let full = self.goal.norm_sqr() * first.norm_sqr();
+        let square = driven.norm_sqr();
+        if self.given_up || full <= 0.0 || 16.0 * square < full {
+            return false;
+        }
+        let error = (driven - seen) * driven.conj() / full.max(square);
+        self.correction += error * self.learning;
+        self.estimated_cycles = self.estimated_cycles.saturating_add(1);
+        let beyond = |(factor, angle): (f32, f32)| {
+            let size = absolute(self.correction);
+            let turned = libm::atan2f(self.correction.im, self.correction.re);
+            size > factor || size * factor < 1.0 || turned.abs() > angle
+        };
+        self.given_up = beyond(MAX_DEVIATION);
+        let news = beyond(REPORTED_DEVIATION) && !self.reported;
+        self.reported |= news;
+        news
+    }
+
+    /// Advances one cycle towards the goal. The output is along the sine and i times the cosine of
+    /// the tone's phase, as shares of full output.
+    ///
+    /// `long` is the amplitude of the first tone in m; `None` where it is too small for a phase
+    /// reference.
+    pub fn advance(&mut self, first: Complex, long: Option<f32>) -> Complex {
+        let step = self.goal - self.shape;
+        let pace = match (
+            self.goal.norm_sqr() > self.shape.norm_sqr(),
+            self.estimated_cycles,
+        ) {
+            (false, _) => self.pace[2],
+            (true, learnt) if f32::from(learnt) * self.learning < 3.0 => self.pace[0],
+            (true, _) => self.pace[1],
+        };
+        let way = absolute(step);
+        self.shape = if way > pace {
+            self.shape + step * (pace / way)
+        } else {
+            self.goal
+        };
+        let wanted = match long {
+            Some(long) => {
+                // The nth power of the first tone's phasor, with its own size.
+                let mut wanted = self.shape * first;
+                for _ in 1..self.harmonic {
+                    wanted = wanted * first / long;
+                }
+                wanted
+            }
+            None => Complex::default(),
+        };
+        self.wanted = [wanted, self.wanted[0], self.wanted[1]];
+        self.correction * self.inverse * wanted
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use num_complex::Complex64;
+
+    use super::*;
+
+    /// Gain margin, phase margin in degrees and least distance to -1 of the loop. The mode's
+    /// frequency is that of the tone times `1 + off`.
+    fn margins(harmonic: u8, quality: f32, off: f64) -> [f64; 3] {
+        let settings = Settings {
+            quality,
+            ..Settings::default()
+        };
+        let answer = Complex::new(0.0, -5e-4);
+        let learning = f64::from(ToneLoop::new(&settings, harmonic, 0.2, answer).learning);
+        let turn = |angle: f64| Complex64::new(angle.cos(), angle.sin());
+        // Decay and turn of the envelope per drive cycle: n pi (1 + off) / Q and 2 n pi off.
+        let half = core::f64::consts::PI * f64::from(harmonic);
+        let decay = half * (1.0 + off) / f64::from(quality);
+        let pole = turn(2.0 * half * off) * (-decay).exp();
+        let open = |angle: f64| {
+            let late = turn(-angle);
+            // Two cycles of dead time, the mean of a cycle's ends, the envelope, the sum.
+            learning * late * late * (late + 1.0) * 0.5 * (Complex64::new(1.0, 0.0) - pole)
+                / ((Complex64::new(1.0, 0.0) - pole * late) * (Complex64::new(1.0, 0.0) - late))
+        };
+        let (mut gain, mut phase, mut distance) = (f64::INFINITY, 180.0_f64, f64::INFINITY);
+        for way in [1.0, -1.0] {
+            let mut before = open(way * 1e-5);
+            for n in 1..6000 {
+                let angle = 1e-5 * (core::f64::consts::PI / 1e-5).powf(f64::from(n) / 6000.0);
+                let now = open(way * angle);
+                if (now.im < 0.0) != (before.im < 0.0) && now.re < 0.0 {
+                    gain = gain.min(-1.0 / now.re);
+                }
+                if (now.norm_sqr() < 1.0) != (before.norm_sqr() < 1.0) {
+                    phase = phase.min(180.0 - now.im.atan2(now.re).to_degrees().abs());
+                }
+                distance = distance.min((now + 1.0).norm_sqr().sqrt());
+                before = now;
+            }
+        }
+        [gain, phase, distance]
+    }
+
+    /// In drive cycles the loop is the same at every frequency, 5 to 500 Hz.
+    #[test]
+    fn the_loop_has_margins_at_every_quality_and_detuning() {
+        for harmonic in [2, 3] {
+            let mut least = [f64::INFINITY; 3];
+            for quality in [3.0, 5.0, 8.0, 15.0, 25.0, 50.0, 100.0, 200.0] {
+                for n in -40..=40 {
+                    let found = margins(harmonic, quality, 0.005 * f64::from(n));
+                    for (least, found) in least.iter_mut().zip(found) {
+                        *least = least.min(found);
+                    }
+                }
+            }
+            std::println!("{harmonic}: {least:?}");
+            let [gain, phase, distance] = least;
+            // A gain wrong by a factor of 2 and a phase wrong by 30 degrees leave a factor of 2 and
+            // 30 degrees.
+            assert!(gain > 4.0 && phase > 60.0 && distance > 0.7, "{least:?}");
+        }
+    }
+}

@@ -1,0 +1,345 @@
+//! The upper tones of the track's motion: one loop for each, within output and hard limits.
+
+use num_complex::Complex32 as Complex;
+
+use super::answer::Response;
+use super::envelope::absolute;
+use super::scale::Scale;
+use super::shape::{Shape, TrackMotion, UPPER, UpperTone};
+use super::tone::ToneLoop;
+use crate::settings::Settings;
+use kband::feeder::{OutOfRange, accept};
+
+/// Acceleration over the hard limit that gives the upper tones up at once, as for the first tone's
+/// fault.
+const MAX_ACCELERATION_RATIO: f32 = 1.15;
+/// Smallest share of the wanted tones that does not count as held back; noise at the hard limit
+/// costs less than the rest.
+const MIN_TONE_SHARE: f32 = 0.95;
+/// Cycles of a smaller share before a limit is reported, as for the output.
+const CUT_CYCLES: u16 = 25;
+
+/// Inputs of the upper tones' loops in a cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToneInputs {
+    /// The demodulated motion.
+    pub motion: TrackMotion,
+    /// The wanted shape.
+    pub wanted: Shape,
+    /// Reference amplitude b of the first tone, in m.
+    pub reference: f32,
+    /// Square of the angular frequency of the first tone in 1/s^2.
+    pub square: f32,
+    /// Output that the first tone leaves, as a share of full output.
+    pub room: f32,
+    /// Smallest amplitude of the first tone with a usable phase, in m.
+    pub least: f32,
+}
+
+/// Largest second and third tone (symbols e and e3) for which the configured output suffices at a
+/// k; 0..0.5. The output also makes the first tone, and for the third the configured second one.
+///
+/// ```
+/// use kband_control::{Settings, affordable_tones};
+/// let mut settings = Settings { second_tone: 0.15, ..Settings::default() };
+/// // Modes at two and three times the frequency make a half and a quarter of what the resonance does.
+/// assert_eq!(affordable_tones(&settings, 0.35), [0.5, 0.5]);
+/// // One resonance alone: the force grows like 3 Q e, and like 8 Q e3.
+/// settings.second_gain = 0.0;
+/// settings.third_gain = 0.0;
+/// settings.second_tone = 0.01;
+/// let [second, third] = affordable_tones(&settings, 0.35);
+/// assert!((0.030..0.032).contains(&second), "{second}");
+/// assert!((0.007..0.009).contains(&third), "{third}");
+/// ```
+pub fn affordable_tones(settings: &Settings, k: f32) -> [f32; UPPER] {
+    let scale = Scale::at(settings, settings.frequency);
+    let amplitude = scale.amplitude(k);
+    let mut room = settings.output_maximum - amplitude / scale.full_amplitude;
+    let answers = Response::at(settings).upper.map(absolute);
+    let told = [settings.second_tone, settings.third_tone];
+    let mut affords = [0.0; UPPER];
+    for ((affords, answer), told) in affords.iter_mut().zip(answers).zip(told) {
+        let most = room * answer / amplitude;
+        // No amplitude (k infinite) leaves no reference for a tone: none.
+        *affords = if most.is_nan() {
+            0.0
+        } else {
+            most.clamp(0.0, 0.5)
+        };
+        room -= told * amplitude / answer;
+    }
+    affords
+}
+
+/// The loops that hold the upper tones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tones {
+    loops: [ToneLoop; UPPER],
+    acceleration_limit: f32,
+    amplitude_limit: f32,
+    /// The loops' goal, and its [peaks](Shape::peaks).
+    shape: Shape,
+    peaks: [f32; 2],
+    output: [Complex; UPPER],
+    /// Cycles in a row with too small tones, and whether the output was too small in the last one.
+    cut_for: u16,
+    short: bool,
+    /// Share of the wanted tones within the hard limits, 0..1.
+    share: f32,
+}
+
+impl Tones {
+    /// Builds the loops at rest. The error names a tone that the drive cannot make even where the
+    /// track only just throws parts (k = 1).
+    pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
+        let told = [settings.second_tone, settings.third_tone];
+        let names = [
+            (
+                "second_tone",
+                "0..what output_maximum leaves for it at k = 1 by second_gain",
+            ),
+            (
+                "third_tone",
+                "0..what output_maximum and second_tone leave for it at k = 1 by third_gain",
+            ),
+        ];
+        let affords = affordable_tones(settings, 1.0);
+        for (((name, accepted), told), affords) in names.into_iter().zip(told).zip(affords) {
+            accept(name, f64::from(told), told <= affords, accepted)?;
+        }
+        let [second, third] = Response::at(settings).upper;
+        Ok(Self {
+            loops: [
+                ToneLoop::new(settings, 2, settings.second_tone, second),
+                ToneLoop::new(settings, 3, settings.third_tone, third),
+            ],
+            acceleration_limit: settings.acceleration_limit,
+            amplitude_limit: settings.amplitude_limit * 1e-3,
+            shape: Shape::SINE,
+            peaks: [1.0; 2],
+            output: [Complex::default(); UPPER],
+            cut_for: 0,
+            short: false,
+            share: 1.0,
+        })
+    }
+
+    /// Whether the settings allow an upper tone.
+    #[inline]
+    pub fn allowed(&self) -> bool {
+        let [second, _] = &self.loops;
+        second.allowed()
+    }
+
+    fn loops(&mut self) -> impl Iterator<Item = &mut ToneLoop> {
+        self.loops.iter_mut().filter(|tone| tone.allowed())
+    }
+
+    /// Switches the tones off and keeps the estimates.
+    pub fn rest(&mut self) {
+        self.loops().for_each(ToneLoop::rest);
+        self.output = [Complex::default(); UPPER];
+        self.cut_for = 0;
+        self.short = false;
+        self.share = 1.0;
+    }
+
+    /// Switches the tones off and restarts from the configured responses.
+    pub fn restart(&mut self) {
+        self.rest();
+        self.loops().for_each(ToneLoop::restart);
+    }
+
+    /// Outputs of the upper tones along sine and cosine of their multiples of the output's phase,
+    /// as shares of full output.
+    pub fn output(&self) -> [[f32; 2]; UPPER] {
+        self.output.map(|output| [output.re, output.im])
+    }
+
+    /// Tones that are smaller than wanted: those given up, and the highest one while output or hard
+    /// limits cut all.
+    pub fn missing_tones(&self) -> [bool; UPPER] {
+        let cut = self.cut_for > CUT_CYCLES;
+        let [second, third] = &self.loops;
+        let highest = self.shape.third.ratio > 0.0 && third.allowed();
+        [
+            second.is_given_up() || cut && !highest,
+            third.is_given_up() || cut && highest,
+        ]
+    }
+
+    /// Whether every tone has reached its goal.
+    pub fn arrived(&self) -> bool {
+        self.loops.iter().all(ToneLoop::arrived)
+    }
+
+    /// Advances one cycle. Which tones were found to deviate from the configured response, reported
+    /// once each.
+    pub fn cycle(&mut self, asked: &ToneInputs) -> [bool; UPPER] {
+        if asked.wanted != self.shape {
+            self.shape = asked.wanted;
+            self.peaks = self.shape.peaks();
+        }
+        let TrackMotion { first, upper } = asked.motion;
+        let long = absolute(first);
+        self.share = self.left(asked, long);
+        let short = self.short;
+        let mut news = [false; UPPER];
+        let wanted = self.shape.tones();
+        for (((tone, wanted), seen), news) in
+            (self.loops.iter_mut().zip(wanted).zip(upper)).zip(&mut news)
+        {
+            if tone.allowed() {
+                tone.aim(&wanted, self.share);
+                *news = !short && tone.estimate_response(first, seen);
+            }
+        }
+        self.watch(asked, long);
+        // Below the smallest usable amplitude the first tone gives no phase reference.
+        let told = (long > asked.least).then_some(long);
+        let mut all = 0.0;
+        for (tone, output) in self.loops.iter_mut().zip(&mut self.output) {
+            if tone.allowed() {
+                *output = tone.advance(first, told);
+                all += absolute(*output);
+            }
+        }
+        let room = asked.room.max(0.0);
+        self.short = all > room;
+        let mut made = self.share;
+        if self.short {
+            made = self.share * room / all;
+            for output in &mut self.output {
+                *output *= room / all;
+            }
+        }
+        self.cut_for = if made < MIN_TONE_SHARE {
+            self.cut_for.saturating_add(1)
+        } else {
+            0
+        };
+        news
+    }
+
+    /// Share of the wanted tones within the hard limits.
+    ///
+    /// max |S| and max |S''| are convex in the tones, and 1 without any: a chord bounds them.
+    fn left(&self, asked: &ToneInputs, first: f32) -> f32 {
+        let wanted = |(tone, shape): (&ToneLoop, UpperTone)| tone.within(shape.ratio) > 0.0;
+        if !self.loops.iter().zip(self.shape.tones()).any(wanted) {
+            return 1.0;
+        }
+        let amplitude = first.max(asked.reference);
+        let mut share = 1.0_f32;
+        let limits = [self.amplitude_limit, self.acceleration_limit / asked.square];
+        for (peak, limit) in self.peaks.into_iter().zip(limits) {
+            let (room, needed) = (limit / amplitude - 1.0, peak - 1.0);
+            if needed > 0.0 && needed > room {
+                share = share.min((room / needed).max(0.0));
+            }
+        }
+        share
+    }
+
+    /// Gives the upper tones up where they accelerate the track beyond the hard limit.
+    fn watch(&mut self, asked: &ToneInputs, first: f32) {
+        let mut excess = 0.0_f32;
+        for ((tone, wanted), seen) in
+            (self.loops.iter().zip(self.shape.tones())).zip(asked.motion.phasors())
+        {
+            if wanted.ratio > 0.0 && !tone.is_silent() {
+                excess = excess.max(absolute(seen) / wanted.ratio);
+            }
+        }
+        if excess <= 0.0 {
+            return;
+        }
+        let peak = 1.0 + (self.peaks[1] - 1.0) * excess;
+        let alone = first * asked.square;
+        if alone * peak > MAX_ACCELERATION_RATIO * self.acceleration_limit
+            && alone <= self.acceleration_limit
+        {
+            self.loops().for_each(ToneLoop::give_up);
+            self.rest();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_chord_bounds_the_peaks() {
+        for n in 0..48 {
+            let scaled = |by: f32| {
+                Shape::new(
+                    UpperTone::new(by * (0.01 * (n % 25) as f32 + 0.01), 0.13 * n as f32 - 3.1),
+                    UpperTone::new(by * 0.01 * (n % 6) as f32, 0.17 * n as f32 - 3.1),
+                )
+            };
+            let pairs = scaled(0.5).peaks().into_iter().zip(scaled(1.0).peaks());
+            for (half, whole) in pairs {
+                assert!(half <= 0.5 * (1.0 + whole) + 1e-2, "{:?}", scaled(1.0));
+            }
+        }
+    }
+
+    #[test]
+    fn no_room_at_all_is_no_tone_and_no_nan() {
+        let settings = Settings {
+            second_tone: 0.15,
+            ..Settings::default()
+        };
+        let mut tones = Tones::build(&settings).unwrap();
+        for room in [0.0, -6e-8, -0.1, f32::NEG_INFINITY] {
+            for motion in [Complex::default(), Complex::new(0.0, -2e-4)] {
+                tones.cycle(&ToneInputs {
+                    motion: TrackMotion {
+                        first: motion,
+                        ..TrackMotion::default()
+                    },
+                    wanted: Shape::of_two(UpperTone::new(0.12, 2.6)),
+                    reference: 2e-4,
+                    square: 98_696.0,
+                    room,
+                    least: 1e-6,
+                });
+                assert_eq!(tones.output(), [[0.0; 2]; UPPER], "{room}");
+            }
+        }
+    }
+
+    fn refused(settings: &Settings) -> Option<&'static str> {
+        Tones::build(settings)
+            .err()
+            .map(|refused| refused.parameter)
+    }
+
+    #[test]
+    fn tones_that_the_drive_cannot_make_are_refused() {
+        let mut settings = Settings {
+            second_tone: 0.15,
+            ..Settings::default()
+        };
+        assert_eq!(refused(&settings), None);
+        // One resonance alone: 0.11 at k = 1, and 8/3 less of a third tone.
+        settings.second_gain = 0.0;
+        assert_eq!(refused(&settings), Some("second_tone"));
+        settings.second_tone = 0.11;
+        assert_eq!(refused(&settings), None);
+        settings = Settings {
+            second_tone: 0.25,
+            third_tone: 0.06,
+            ..Settings::default()
+        };
+        assert_eq!(refused(&settings), None);
+        settings.third_gain = 0.0;
+        assert_eq!(refused(&settings), Some("third_tone"));
+        settings.third_tone = 0.03;
+        assert_eq!(refused(&settings), None);
+        settings.second_tone = 0.0;
+        assert_eq!(settings.check().unwrap_err().parameter, "third_tone");
+    }
+}

@@ -1,0 +1,122 @@
+//! Bias of the demodulated motion where samples are blanked around impacts.
+//!
+//! Parts that strike in each cycle at one phase make the track's velocity jump there. Drive and
+//! loss reverse the jump over the cycle. At phase p after the impact the motion therefore contains
+//! a sawtooth part, `J saw(p) sin p` with `saw(p) = 1/2 - p/(2 pi)`. The demodulator fits mean,
+//! sine and cosine by least squares to the remaining samples. It blanks the samples in which the
+//! impact rings, where the sawtooth is largest.
+
+use core::f32::consts::{PI, TAU};
+
+use num_complex::Complex32 as Complex;
+
+use crate::angle::phase_of;
+use kband::arithmetic::sine_cosine_single;
+
+/// Bias of the fit over `J` and the blanked share, a quarter turn behind `J`: between 0.43 (one
+/// phase) and 0.3 (scatter of 0.4 rad).
+const BLANKING_BIAS: f32 = 0.35;
+
+/// Weight of the impacts' push over that in the fundamental, where this share of the cycle is
+/// blanked.
+pub fn push_weight(share: f32) -> f32 {
+    1.0 + PI * BLANKING_BIAS * share
+}
+
+/// Coefficient of the conjugate of last minus present motion in the demodulated motion.
+///
+/// Blanked samples repeat the last cycle. `at` is `e^(-i phase)` of the middle of the blanked
+/// interval.
+pub fn last_cycle_gain(at: Complex, share: f32) -> Complex {
+    let (sine, _) = sine_cosine_single(phase_of(TAU * share));
+    at * at * (-sine / (TAU * (1.0 - share)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Solves three linear equations.
+    fn solved(mut rows: [[f64; 4]; 3]) -> [f64; 3] {
+        for i in 0..3 {
+            let pivot = rows[i];
+            for j in (0..3).filter(|j| *j != i) {
+                let ratio = rows[j][i] / pivot[i];
+                for (entry, pivot) in rows[j].iter_mut().zip(pivot) {
+                    *entry -= ratio * pivot;
+                }
+            }
+        }
+        core::array::from_fn(|n| rows[n][3] / rows[n][n])
+    }
+
+    /// Least-squares sine and cosine of the sawtooth, for impacts with this scatter and blanked
+    /// share.
+    fn fitted(scatter: f64, share: f64) -> [f64; 2] {
+        let turn = 2.0 * core::f64::consts::PI;
+        let motion = |phase: f64| {
+            let (mut sum, mut weight) = (0.0, 0.0);
+            for n in -20..=20 {
+                let off = f64::from(n) * 0.15;
+                let (own, at) = (libm::exp(-0.5 * off * off), phase - off * scatter);
+                let since = at - turn * libm::floor(at / turn);
+                sum += own * (0.5 - since / turn) * libm::sin(at);
+                weight += own;
+            }
+            sum / weight
+        };
+        let mut rows = [[0.0; 4]; 3];
+        for n in 0..720 {
+            let phase = (f64::from(n) - 359.5) / 720.0 * turn;
+            if phase.abs() < 0.5 * share * turn {
+                continue;
+            }
+            let (sine, cosine) = libm::sincos(phase);
+            let parts = [sine, cosine, 1.0, motion(phase)];
+            for (row, part) in rows.iter_mut().zip(parts) {
+                for (entry, other) in row.iter_mut().zip(parts) {
+                    *entry += part * other;
+                }
+            }
+        }
+        let [sine, cosine, _] = solved(rows);
+        [sine, cosine]
+    }
+
+    #[test]
+    fn sawtooth_lies_between_one_phase_and_wide_scatter() {
+        for share in [0.1, 0.2, 0.3] {
+            let [one, wide] = [0.0, 0.4].map(|scatter| {
+                let (part, whole) = (fitted(scatter, share), fitted(scatter, 0.0));
+                assert!((part[0] - whole[0]).abs() < 1e-9);
+                part[1] - whole[1]
+            });
+            let told = f64::from(BLANKING_BIAS) * share;
+            assert!(wide < told && told < one, "{share}: {wide} {told} {one}");
+        }
+    }
+
+    /// The motion was `last` in the previous cycle and is `now`.
+    #[test]
+    fn what_is_blanked_is_the_last_cycle_s() {
+        let (last, now) = (Complex::new(1.1, 0.2), Complex::new(0.9, -0.1));
+        let (middle, share) = (2.0_f32, 0.25);
+        let mut found = Complex::new(0.0, 0.0);
+        let count = 3600;
+        for n in 0..count {
+            let phase = (n as f32 + 0.5) / count as f32 * TAU;
+            let turn = Complex::new(libm::cosf(phase), libm::sinf(phase));
+            let blanked = (phase - middle).abs() < 0.5 * share * TAU;
+            let shown = if blanked { last } else { now };
+            found += turn.conj() * (shown * turn).im * 2.0;
+            if blanked {
+                found -= last * Complex::new(0.0, -1.0);
+            }
+        }
+        // Im(c e^(i phase)) against e^(-i phase) is -i c.
+        let found = found * Complex::new(0.0, 1.0) / (count as f32 * (1.0 - share));
+        let at = Complex::new(libm::cosf(middle), -libm::sinf(middle));
+        let expected = now + last_cycle_gain(at, share) * (last - now).conj();
+        assert!((found - expected).norm_sqr() < 1e-7, "{found} {expected}");
+    }
+}

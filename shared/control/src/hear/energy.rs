@@ -1,0 +1,86 @@
+//! Sums the residual's energy by sector of the drive's turn, for all parts together (a histogram
+//! with energy as weight).
+
+use kband::arithmetic::Phase;
+
+/// Number of sectors of a turn: 0.2 rad each.
+pub const SECTORS: usize = 32;
+/// Number of sectors that each drive cycle hands over.
+pub const SECTORS_HANDED: usize = 8;
+/// Number of low bits of a phase within its sector.
+const BELOW: u32 = u32::BITS - SECTORS.trailing_zeros();
+
+/// Energy of successive sectors, summed over the last [`SECTORS`]/[`SECTORS_HANDED`] cycles.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sectors {
+    /// Index of the first sector, 0..32.
+    pub first: u8,
+    /// Sum of the squared residual in each sector, in (m/s^2)^2.
+    pub energy: [f32; SECTORS_HANDED],
+}
+
+/// Running sums of the residual's energy by phase of the output.
+#[derive(Clone, Copy, Debug)]
+pub struct EnergyHistogram {
+    /// Sums by sector, in groups as they are handed over.
+    sums: [[f32; SECTORS_HANDED]; SECTORS / SECTORS_HANDED],
+    /// Index of the next group to hand over.
+    next: u8,
+}
+
+impl EnergyHistogram {
+    /// Sums at zero.
+    pub const EMPTY: Self = Self {
+        sums: [[0.0; SECTORS_HANDED]; SECTORS / SECTORS_HANDED],
+        next: 0,
+    };
+
+    /// Sector of a phase, 0..32.
+    #[inline(always)]
+    pub fn sector(phase: Phase) -> usize {
+        (phase.bits() >> BELOW) as usize
+    }
+
+    /// Adds the square of a residual (m/s^2) at a phase of the output.
+    #[inline(always)]
+    pub fn add(&mut self, phase: Phase, residual: f32) {
+        self.sums.as_flattened_mut()[Self::sector(phase)] += residual * residual;
+    }
+
+    /// Ends a cycle: moves the next group of sectors into `handed`.
+    #[inline]
+    pub fn hand_over(&mut self, handed: &mut Sectors) {
+        let next = usize::from(self.next) % self.sums.len();
+        handed.first = (next * SECTORS_HANDED) as u8;
+        handed.energy = self.sums[next];
+        self.sums[next] = [0.0; SECTORS_HANDED];
+        self.next = (next + 1) as u8;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_sector_is_handed_over_once_in_four_cycles_and_emptied() {
+        let mut energy = EnergyHistogram::EMPTY;
+        let (mut handed, mut phase) = ([0.0; SECTORS], Phase::ZERO);
+        for _ in 0..40 {
+            for _ in 0..400 {
+                energy.add(phase, 2.0);
+                phase += Phase::from_bits(u32::MAX / 400 + 1);
+            }
+            let mut sectors = Sectors::default();
+            energy.hand_over(&mut sectors);
+            let Sectors { first, energy } = sectors;
+            for (n, energy) in energy.iter().enumerate() {
+                handed[usize::from(first) + n] += energy;
+            }
+        }
+        // 12 or 13 samples of 4 in each sector, over the first 37 to 40 cycles.
+        for sum in handed {
+            assert!((37.0 * 48.0..=40.0 * 52.0).contains(&sum), "{sum}");
+        }
+    }
+}

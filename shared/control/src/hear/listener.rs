@@ -1,0 +1,280 @@
+//! Detects lock, gear and regime of the parts, and an empty track, from all estimators.
+//!
+//! Gear is detected with hysteresis; time limits confirm gear and an empty track.
+
+use super::gear::{DriveState, GearEstimator};
+use super::margin::GearMargin;
+use super::phases::PhaseStatistics;
+use super::share::{GearShare, ShareHearing, Tuned};
+use super::signal::Cycle;
+use crate::angle::SAMPLE_RATE;
+use crate::hear::LockWindow;
+use kband::arithmetic::Phase;
+use kband::feeder::OutOfRange;
+use kband::regime::classify::{Classifier, Regime, TimingAccuracy, Verdict};
+use kband::regime::gear::StrikeProfile;
+
+/// Period of the regime's classification, in drive cycles: its search for periods is the costliest
+/// part of a cycle.
+const CLASSIFICATION_PERIOD_CYCLES: u32 = 8;
+
+/// Largest error at which a share with only a lower bound is reported.
+const MAX_BOUND_ERROR: f32 = 0.1;
+/// Ratio of single flights to the share of all parts below which there are several parts.
+const MIN_SINGLE_FLIGHT_RATIO: f32 = 0.5;
+/// Share of time in gear above which gear is detected.
+const GEAR_DETECTED_SHARE: f32 = 0.5;
+/// Share of time in gear below which gear is lost (hysteresis).
+const GEAR_LOST_SHARE: f32 = 0.4;
+
+/// Share of time in single flights above which they prove gear of one part without a fit of the
+/// energy: its impacts then scatter less than configured.
+const MIN_SINGLE_FLIGHTS: f32 = 0.99;
+/// Share of time in single flights below which that proof is lost (hysteresis).
+const LOST_SINGLE_FLIGHTS: f32 = 0.9;
+
+/// Minimum drive cycles without contradiction before gear is detected again: the long histogram
+/// holds older energy.
+const MIN_SUPPORTED_CYCLES: f32 = 24.0;
+/// Minimum time without contradiction, in s.
+const MIN_SUPPORTED_SECONDS: f32 = 0.4;
+/// Minimum time without an impact for an empty track, in s.
+const EMPTY_SECONDS: f32 = 1.0;
+/// Minimum time without an impact for an empty track, in flights of the gear.
+const EMPTY_FLIGHTS: f32 = 4.0;
+
+/// Estimated state of the parts.
+#[derive(Clone, Debug)]
+pub struct Listener {
+    /// Statistics of the impacts' phases.
+    pub phases: PhaseStatistics,
+    /// Estimator of gear from single impacts.
+    pub gear: GearEstimator,
+    /// Estimator of the share in gear of many parts.
+    pub share: ShareHearing,
+    classifier: Classifier<64>,
+    /// Last classified regime.
+    pub regime: Option<Verdict>,
+    /// Whether the parts are in gear for more than half of their time.
+    pub in_gear_detected: bool,
+    /// Number of drive cycles without an impact.
+    silent: f32,
+    /// Whether the track is empty: no impact for a second.
+    pub empty: bool,
+    /// Number of drive cycles since the energy last contradicted gear.
+    supported: f32,
+    /// Frequency of the drive in Hz.
+    frequency: f32,
+    /// Whether the regime is classified even where nothing depends on it.
+    pub always_classifies: bool,
+}
+
+impl Listener {
+    /// Listener without any data; refused outside the classifier's range.
+    pub fn build(gear: GearEstimator) -> Result<Self, OutOfRange> {
+        Ok(Self {
+            phases: PhaseStatistics::default(),
+            gear,
+            share: ShareHearing::new(),
+            classifier: Classifier::build(TimingAccuracy::BOARD)?,
+            regime: None,
+            in_gear_detected: false,
+            silent: 0.0,
+            empty: false,
+            supported: f32::INFINITY,
+            frequency: 0.0,
+            always_classifies: true,
+        })
+    }
+
+    /// Restarts the classifier, with the count of cycles.
+    pub fn begin(&mut self) {
+        if let Ok(fresh) = Classifier::build(TimingAccuracy::BOARD) {
+            self.classifier = fresh;
+        }
+    }
+
+    /// Clears all estimates of the parts.
+    pub fn clear(&mut self) {
+        self.phases.reset();
+        self.gear.reset();
+        self.share.reset();
+        self.classifier.forget();
+        self.regime = None;
+        (self.in_gear_detected, self.supported, self.silent) = (false, f32::INFINITY, 0.0);
+    }
+
+    /// Updates all estimates with one cycle; `wanted` is whether a decision needs the regime.
+    pub fn cycle(
+        &mut self,
+        cycle: &Cycle,
+        with: &DriveState,
+        lock: Option<&LockWindow>,
+        tuned: &Tuned,
+        wanted: bool,
+    ) {
+        let DriveState { count, lead, .. } = *with;
+        self.gear.cycle(cycle, with);
+        self.share.cycle(cycle, tuned);
+        self.frequency = tuned.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
+        self.watch_silence(cycle, tuned);
+        let evidence = self.share.evidence();
+        let one = self.is_one_in_gear(LOST_SINGLE_FLIGHTS);
+        let contradicted = evidence.is_some_and(|evidence| {
+            !(evidence.supports(GEAR_LOST_SHARE) && (evidence.fits() || one))
+        });
+        self.supported = if contradicted {
+            0.0
+        } else {
+            self.supported + 1.0
+        };
+        self.in_gear_detected = self.detect_gear();
+        self.phases.cycle(cycle, count, lead, lock);
+        for heard in &cycle.heard {
+            let time = (u64::from(count) << 32 | u64::from(heard.phase.bits()))
+                .wrapping_add_signed(i64::from(lead.bits() as i32));
+            self.classifier
+                .impact((time >> 32) as u32, Phase::from_bits(time as u32));
+        }
+        self.classifier.cycle(count);
+        if count.is_multiple_of(CLASSIFICATION_PERIOD_CYCLES) && (self.always_classifies || wanted)
+        {
+            self.regime = Some(self.correct_verdict(self.classifier.verdict()));
+        }
+    }
+
+    /// Detects an empty track (no impact for a second, and for four flights), and clears the
+    /// estimates.
+    fn watch_silence(&mut self, cycle: &Cycle, tuned: &Tuned) {
+        if !cycle.heard.is_empty() {
+            (self.silent, self.empty) = (0.0, false);
+            return;
+        }
+        self.silent += 1.0;
+        let patience = (EMPTY_SECONDS * self.frequency).max(EMPTY_FLIGHTS * f32::from(tuned.order));
+        self.empty = self.silent > patience;
+        if self.empty {
+            self.gear.reset();
+            self.share.reset();
+        }
+    }
+
+    /// Whether the parts are in gear for more than half of their time, with hysteresis.
+    ///
+    /// Detection needs a fit of the map that supports gear, because impacts alone may come from a part
+    /// that lands and rests. The energy must fit, or nearly all flights be single ones of one part
+    /// at a phase where gear does not repel.
+    fn detect_gear(&self) -> bool {
+        let Some(evidence) = self.share.evidence() else {
+            return self.in_gear_detected && self.in_gear_at_least() > GEAR_LOST_SHARE;
+        };
+        let (level, single) = if self.in_gear_detected {
+            (GEAR_LOST_SHARE, LOST_SINGLE_FLIGHTS)
+        } else {
+            (GEAR_DETECTED_SHARE, MIN_SINGLE_FLIGHTS)
+        };
+        let shares = match self.share.share() {
+            Some(heard) if self.in_gear_detected => heard.share > GEAR_LOST_SHARE,
+            Some(heard) => heard.share - heard.error > GEAR_DETECTED_SHARE,
+            None => false,
+        };
+        let supported = MIN_SUPPORTED_CYCLES.max(MIN_SUPPORTED_SECONDS * self.frequency);
+        (self.in_gear_detected || self.supported > supported)
+            && evidence.supports(level)
+            && (evidence.fits() && shares || self.is_one_in_gear(single))
+    }
+
+    /// Whether single flights of one part take a share of the time above `level` (0..=1), at a phase
+    /// where gear does not repel.
+    ///
+    /// Parts that land together and rest strike as regularly, often while the track still
+    /// accelerates upwards (docs/theory-bands.md#t5.1).
+    fn is_one_in_gear(&self, level: f32) -> bool {
+        self.gear.share() > level && self.gear.may_lock_at(self.phases.phase())
+    }
+
+    /// Corrects a verdict of lock at a phase without any lock: parts hop, chatter undetected and
+    /// rest.
+    fn correct_verdict(&self, verdict: Verdict) -> Verdict {
+        match verdict.regime {
+            Regime::Locked { order } if !self.gear.may_lock_at(self.phases.phase()) => Verdict {
+                regime: Regime::HopAndRest { cycles: order },
+                ..verdict
+            },
+            _ => verdict,
+        }
+    }
+
+    /// Margin of one part to the loss of gear; `None` with too few impacts, and for several parts.
+    pub fn margin(&self) -> Option<GearMargin> {
+        let mut margin = self.gear.margin()?;
+        if self.share.share().is_some() && !self.is_one() {
+            return None;
+        }
+        if self.gear.time_to_loss().is_infinite()
+            && let Some(profile) = self.share.profile()
+        {
+            margin.to_loss = margin.to_loss.max(profile.time_to_loss());
+        }
+        Some(margin)
+    }
+
+    /// Margin to the loss of gear: of one part, else the mean over several.
+    pub fn margin_of_all(&self) -> Option<GearMargin> {
+        self.margin().or_else(|| self.share.margin())
+    }
+
+    /// Mean drive cycles in gear per loss: measured of one part, else predicted for the lot;
+    /// infinite without both.
+    pub fn time_to_loss(&self) -> f32 {
+        let heard = self.gear.time_to_loss();
+        if heard.is_finite() && self.margin().is_some() {
+            return heard;
+        }
+        self.share
+            .profile()
+            .map_or(f32::INFINITY, StrikeProfile::time_to_loss)
+    }
+
+    /// Estimated share of time in gear; `None` where only a lower bound exists
+    /// ([`GearHearing::share`]).
+    pub fn in_gear(&self) -> Option<GearShare> {
+        if self.share.is_judged() {
+            return self.share.share();
+        }
+        let least = GearShare::at_least(self.gear.share());
+        (least.error < MAX_BOUND_ERROR).then_some(least)
+    }
+
+    /// Whether the impacts come from one part: with several parts most flights are not detected as
+    /// such.
+    fn is_one(&self) -> bool {
+        let flights = self.gear.long_share();
+        match self.share.share() {
+            Some(together) => {
+                flights >= MIN_SINGLE_FLIGHT_RATIO * (together.share - 2.0 * together.error)
+            }
+            None => flights >= MIN_SINGLE_FLIGHT_RATIO,
+        }
+    }
+
+    /// Estimated share of time in gear, or its lower bound.
+    pub fn in_gear_at_least(&self) -> f32 {
+        match self.in_gear() {
+            Some(heard) => heard.share,
+            // Energy that no profile explains gives no bound.
+            None if self.share.is_judged() && !self.is_one() => 0.0,
+            None => self.gear.share(),
+        }
+    }
+
+    /// Confidence that the parts are in a lock, 0..1.
+    pub fn confidence(&self, lock: Option<&LockWindow>) -> f32 {
+        let most = match self.in_gear() {
+            Some(heard) => heard.share + 2.0 * heard.error,
+            None => 1.0,
+        };
+        lock.map_or(0.0, |lock| self.phases.lock_confidence(lock.order))
+            .min(most)
+    }
+}

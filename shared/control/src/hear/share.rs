@@ -1,0 +1,1143 @@
+//! Estimates the share of time in gear of any number of parts from the phases of their impacts.
+//!
+//! Single impacts of a crowd cannot be assigned to parts, but the energies of independent impacts
+//! add up. The residual's energy per sector is a mixture of profiles that the map predicts
+//! (docs/theory-real-parts.md#t10.7). Its components are parts in gear, parts out of gear, and
+//! noise.
+//!
+//! Method: weighted non-negative least squares by an active set (Lawson and Hanson, Solving Least
+//! Squares Problems, 1974, chapter 23). There are [`SECTORS`] equations and [`PARTS`] unknown
+//! weights. The expected energy of the last mixture weighs each equation (iteratively reweighted
+//! least squares). Histograms forget exponentially. The delay and the decay time of the ringing are
+//! nuisance parameters, fitted in turn by a parabola through three trial points.
+
+use super::energy::{SECTORS, Sectors};
+use super::margin::GearMargin;
+use super::onset::{OnsetConstants, StandardOnset};
+use super::signal::Cycle;
+use crate::angle::{SAMPLE_RATE, phase_of};
+use crate::drive::{Shape, UPPER};
+use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
+use kband::feeder::Restitution;
+#[cfg(any(test, feature = "memo"))]
+use kband::regime::gear::StrikeCount;
+use kband::regime::gear::{
+    GROUPS, PHASE_BINS, RESTITUTION_MARGIN, StrikeProfile, StrikeProfiler, StrikeSettings,
+};
+
+/// Memory of the long energy histogram, in drive cycles (exponential forgetting; 5 s at 50 Hz).
+const MEMORY: f32 = 256.0;
+/// Weight of the long histogram, in drive cycles, above which it is fitted.
+const BEFORE: f32 = 24.0;
+/// Period of the fits to the long histogram, in drive cycles.
+const AGAIN: u32 = 16;
+/// Memory of the short energy histogram, in s, from which READY detects changes of the parts.
+const SHORT_MEMORY: f32 = 0.3;
+/// Bounds of that memory, in drive cycles.
+const SHORT_MEMORY_CYCLES: [f32; 2] = [8.0, 64.0];
+/// Weight of the short histogram, in drive cycles, above which it is fitted: one and a half turns
+/// of all sectors.
+const MIN_SHORT_WEIGHT: f32 = 6.0;
+/// Period of the fits to the short histogram, in s.
+const SHORT_FIT_PERIOD: f32 = 0.1;
+/// Bounds of that period, in drive cycles.
+const SHORT_FIT_PERIOD_CYCLES: [f32; 2] = [4.0, 16.0];
+/// Largest unexplained share of the energy in gear: systematic part, and random part of a single
+/// impact. The random part falls with the root of the number of impacts.
+const MAX_UNEXPLAINED: [f32; 2] = [0.15, 0.9];
+/// The same without a profile of parts out of gear: such parts then show only in a poor fit.
+const MAX_UNEXPLAINED_WITHOUT_OUT: [f32; 2] = [0.05, 1.1];
+/// Scatter of the restitution below which the profiles are lines, and fit less well.
+const MIN_SCATTER: f32 = 0.01;
+/// Predicted share of time in gear above which READY is credible: in gear it is at least 0.71. It
+/// does not prevent every false READY.
+const MIN_PREDICTED_SHARE: f32 = 0.65;
+/// Difference of the lead from its mean, in 2^-32 turns (0.05 rad), above which the mean is used;
+/// smaller differences are measurement noise.
+const TURNED: u32 = 1 << 25;
+/// Impacts predicted per slice of background work.
+const SLICE: u32 = 64;
+/// Relative change of k, and change of the upper tones, above which the profiles are predicted
+/// anew.
+const MOVED: f32 = 0.01;
+/// Rounding step of the upper tones (`e cos th`, `e sin th`), so that nearly equal feeders share
+/// one strike count.
+const STEP_OF_TONES: f32 = 1.0 / 1024.0;
+/// Relative change of k, and change of the upper tones, up to which the old share remains reported;
+/// a load moves k by some percent.
+const NEAR: f32 = 0.05;
+/// Growth of that share's standard error per drive cycle: after 4 s at 50 Hz it exceeds [`TELLS`].
+const FADES: f32 = 0.001;
+/// Initial decay time of the ringing's energy, in s: half of the 1 ms of a bare track.
+const RINGS: f32 = 0.5e-3;
+/// Bounds of the decay time, in s.
+const RINGING: [f32; 2] = [0.05e-3, 5e-3];
+/// Step of the search for the decay time, as a factor.
+const FACTOR: f32 = 1.15;
+/// Energy of the parts over that of the noise above which a share is reported.
+const HEARD: f32 = 0.3;
+/// Minimum predicted drive periods in gear of a group for its profile: two rows of the eight
+/// flights that define gear.
+const KNOWN: f32 = 16.0;
+/// Minimum predicted drive periods out of gear for a profile of parts out of gear.
+const MIN_PERIODS_OUT: f32 = 256.0;
+/// Largest number of parts that land together: as many as a scene has.
+const TOGETHER: f32 = 24.0;
+/// Minimum share in gear for estimating the margin; below it too few impacts are in gear.
+const LEAST: f32 = 0.1;
+/// Standard error of a share due to the predicted profiles, each counted from some ten thousand
+/// impacts.
+const COUNTED: f32 = 0.01;
+/// Largest standard error of the share in gear at which it is reported: a quarter separates most
+/// from few.
+const TELLS: f32 = 0.25;
+/// Initial delay of an impact's energy, in samples: two one-pole filters and the rise of the
+/// ringing.
+const LATE: f32 = 2.5;
+/// Bounds of that delay, in samples; an error of the configured amplitude shifts it by some
+/// samples.
+const LATES: [f32; 2] = [-1.5, 6.5];
+/// Step of the search for the delay, in samples.
+const LATER: f32 = 0.5;
+/// Trial points around the current estimate: delays in steps of [`LATER`], decay times as powers of
+/// [`FACTOR`].
+const TRIES: [[f32; 2]; 3] = [[0.0, 1.0], [-1.0, 1.0 / FACTOR], [1.0, FACTOR]];
+/// Components of the mixture: one per group in gear, two out of gear (landings apart, landings
+/// merged), and noise.
+const PARTS: usize = GROUPS + 3;
+/// Index of the noise component.
+const NOISE: usize = GROUPS + 2;
+/// Number of predicted impact profiles: one per group in gear, and one out of gear.
+const STRUCK: usize = GROUPS + 1;
+
+/// Estimated share of time in gear.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GearShare {
+    /// Share, 0..=1.
+    pub share: f32,
+    /// Standard error of the share.
+    pub error: f32,
+}
+
+/// State of drive and settings in one cycle, as the estimator needs it.
+#[derive(Clone, Copy, Debug)]
+pub struct Tuned {
+    /// Phase lead of the track.
+    pub lead: Phase,
+    /// Order of the gear.
+    pub order: u8,
+    /// Measured k.
+    pub k: f32,
+    /// Measured shape of the track's motion.
+    pub shape: Shape,
+    /// Advance of the phase per sample.
+    pub step: u32,
+    /// Configured or identified restitutions of the lot (symbol R), and their scatter from impact
+    /// to impact (symbol s).
+    pub lot: Option<(Restitution, f32)>,
+    /// Whether the amplitude has settled at its setpoint.
+    pub stands: bool,
+}
+
+type Row = [f32; SECTORS];
+
+/// Energy by the phase of the output, with exponential forgetting.
+#[derive(Clone, Copy, Debug)]
+struct Histogram {
+    energy: Row,
+    /// Sum of the noise energy.
+    noise: f32,
+    /// Weight of both sums, in drive cycles.
+    weight: f32,
+}
+
+impl Histogram {
+    const EMPTY: Self = Self {
+        energy: [0.0; SECTORS],
+        noise: 0.0,
+        weight: 0.0,
+    };
+
+    /// Adds the sectors of one cycle, with exponential forgetting; `memory` in drive cycles.
+    fn add(&mut self, sectors: &Sectors, noise: f32, memory: f32) {
+        let keep = 1.0 - 1.0 / memory;
+        // Each cycle brings a quarter of the sectors, with the energy of four cycles.
+        let keep_quarter = keep * keep * keep * keep;
+        let sums = self.energy.iter_mut().skip(usize::from(sectors.first));
+        for (sum, energy) in sums.zip(sectors.energy) {
+            *sum = *sum * keep_quarter + energy;
+        }
+        self.noise = self.noise * keep + noise;
+        self.weight = self.weight * keep + 1.0;
+    }
+}
+
+/// Agreement of an energy histogram with the fitted mixture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Agreement {
+    /// Share of time in gear by the fitted weights, 0..=1.
+    in_gear: f32,
+    /// Whether the mixture fits: the total variation distance of both distributions of energy is
+    /// within its bound in gear.
+    fits: bool,
+}
+
+/// Evidence for READY: the predicted share, and the agreement of both histograms.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GearEvidence {
+    /// Share of time in gear that the map predicts for the lot, 0..=1.
+    predicted: f32,
+    long: Agreement,
+    short: Agreement,
+}
+
+impl GearEvidence {
+    /// Whether the map predicts gear, and both histograms show a share of time in gear above
+    /// `level` (0..=1).
+    pub fn supports(&self, level: f32) -> bool {
+        self.predicted > MIN_PREDICTED_SHARE
+            && self.long.in_gear > level
+            && self.short.in_gear > level
+    }
+
+    /// Whether the mixture fits both histograms.
+    pub fn fits(&self) -> bool {
+        self.long.fits && self.short.fits
+    }
+}
+
+/// Energy of each component by sector; lanes of four allow the compiler to vectorize.
+type Rows = [[f32; LANES]; SECTORS];
+/// Number of components, rounded up to a multiple of four.
+const LANES: usize = PARTS.next_multiple_of(4);
+
+/// Estimator of the share of time in gear for any number of parts.
+#[derive(Clone, Debug)]
+pub struct ShareHearing {
+    /// Mean k since the amplitude settled.
+    k: f32,
+    /// Mean upper tones (`e cos th`, `e sin th`) since then.
+    tones: [[f32; 2]; UPPER],
+    cycles: f32,
+    /// Upper tones for which the profiles were predicted.
+    profiled: [[f32; 2]; UPPER],
+    profiler: Option<StrikeProfiler>,
+    /// Energy of the last 256 cycles; the reported share is fitted to it.
+    long: Histogram,
+    due: u32,
+    /// Energy of the last 0.3 s; changes of the parts are detected in it.
+    short: Histogram,
+    short_due: f32,
+    /// Whether a fit to the short histogram is due.
+    checks: bool,
+    evidence: Option<GearEvidence>,
+    /// Phase lead used for the fit.
+    lead: Phase,
+    /// Mean lead since the histogram began; a growing load turns the track.
+    turned: Phase,
+    step: u32,
+    /// Amplitudes of the drive's own acceleration, cosine and sine, in m/s^2.
+    swing: [f32; 2],
+    /// Estimated decay time of the ringing's energy, in s.
+    rings: f32,
+    /// Estimated delay of the energy, in samples.
+    late: f32,
+    /// Whether the next search is for the delay.
+    of_late: bool,
+    fitting: Option<Fitting>,
+    /// Weights of the last mixture, the starting point of the next fit; all 0 before the first.
+    weights: [f32; PARTS],
+    share: Option<GearShare>,
+    margin: Option<GearMargin>,
+    /// Whether the share was estimated before the track changed.
+    fades: bool,
+    /// Whether a mixture was fitted to the energy.
+    judged: bool,
+}
+
+/// Running search for decay time or delay: residual sum of squares at each trial point.
+#[derive(Clone, Copy, Debug, Default)]
+struct Fitting {
+    tried: usize,
+    off: [f32; TRIES.len()],
+}
+
+/// Fitted mixture.
+#[derive(Clone, Copy, Debug)]
+struct Mixture {
+    /// Sum over the sectors of the squared residual over the expected energy.
+    off: f32,
+    /// Energy in other sectors than the mixture predicts.
+    astray: f32,
+    weights: [f32; PARTS],
+    /// Covariance of the weights for a dispersion (reduced chi-square) of 1.
+    covariance: [[f32; PARTS]; PARTS],
+}
+
+impl GearShare {
+    /// Estimate from a lower bound only: the middle of the remaining interval, give or take half of
+    /// it.
+    pub(crate) fn at_least(least: f32) -> Self {
+        let rest = 0.5 * (1.0 - least);
+        Self {
+            share: least + rest,
+            error: rest,
+        }
+    }
+}
+
+impl ShareHearing {
+    /// Estimator without any data.
+    pub fn new() -> Self {
+        Self {
+            k: 0.0,
+            tones: [[0.0; 2]; UPPER],
+            cycles: 0.0,
+            profiled: [[0.0; 2]; UPPER],
+            profiler: None,
+            long: Histogram::EMPTY,
+            due: 0,
+            short: Histogram::EMPTY,
+            short_due: 0.0,
+            checks: false,
+            evidence: None,
+            lead: Phase::ZERO,
+            turned: Phase::ZERO,
+            step: 0,
+            swing: [0.0; 2],
+            rings: RINGS,
+            late: LATE,
+            of_late: false,
+            fitting: None,
+            weights: [0.0; PARTS],
+            share: None,
+            margin: None,
+            fades: false,
+            judged: false,
+        }
+    }
+
+    /// Clears the histograms and the estimates; keeps the ringing parameters and the profiles.
+    pub fn reset(&mut self) {
+        self.begin();
+        (self.cycles, self.fitting) = (0.0, None);
+        self.unlearn();
+    }
+
+    /// Clears both histograms.
+    fn begin(&mut self) {
+        (self.long, self.due) = (Histogram::EMPTY, 0);
+        (self.short, self.short_due) = (Histogram::EMPTY, 0.0);
+        self.checks = false;
+        self.weights = [0.0; PARTS];
+    }
+
+    fn unlearn(&mut self) {
+        (self.share, self.margin) = (None, None);
+        (self.fades, self.judged) = (false, false);
+        self.evidence = None;
+    }
+
+    /// Evidence for READY; `None` before the first fit.
+    pub fn evidence(&self) -> Option<&GearEvidence> {
+        self.evidence.as_ref()
+    }
+
+    /// Estimated share; `None` without an estimate.
+    pub fn share(&self) -> Option<GearShare> {
+        self.share
+    }
+
+    /// Mean margin of the parts in gear to its loss; `None` without a share, or where fewer than a
+    /// tenth are in gear.
+    pub fn margin(&self) -> Option<GearMargin> {
+        self.margin
+    }
+
+    /// Whether a mixture was fitted. Without a share the energy is then no mixture of the profiles.
+    pub fn is_judged(&self) -> bool {
+        self.judged
+    }
+
+    /// Predicted profile of the lot; `None` until the prediction is complete.
+    pub fn profile(&self) -> Option<&StrikeProfile> {
+        self.profiler.as_ref()?.profile()
+    }
+
+    /// Settings of the running strike count; `None` while none runs.
+    #[cfg(any(test, feature = "memo"))]
+    pub fn asked(&self) -> Option<&StrikeSettings> {
+        self.profiler.as_ref()?.pending_settings()
+    }
+
+    /// Replaces the running count by a finished one ([`StrikeProfiler::set_stored_result`]).
+    #[cfg(any(test, feature = "memo"))]
+    pub fn know(&mut self, count: &StrikeCount) {
+        if let Some(profiler) = &mut self.profiler {
+            profiler.set_stored_result(count);
+        }
+    }
+
+    /// Adds one drive cycle to the histograms, and schedules the fits.
+    pub fn cycle(&mut self, cycle: &Cycle, tuned: &Tuned) {
+        self.fade();
+        if !tuned.stands {
+            return;
+        }
+        self.follow(tuned);
+        let noise = cycle.noise * cycle.noise * f32::from(cycle.samples);
+        let frequency = tuned.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
+        let cycles = |seconds: f32, [low, high]: [f32; 2]| (seconds * frequency).clamp(low, high);
+        let short_memory = cycles(SHORT_MEMORY, SHORT_MEMORY_CYCLES);
+        self.short.add(&cycle.sectors, noise, short_memory);
+        self.short_due += 1.0;
+        self.long.add(&cycle.sectors, noise, MEMORY);
+        let apart = (tuned.lead - self.turned).bits() as i32;
+        self.turned += Phase::from_bits((apart as f32 / self.long.weight) as i32 as u32);
+        self.lead = if apart.unsigned_abs() > TURNED {
+            self.turned
+        } else {
+            tuned.lead
+        };
+        self.step = tuned.step;
+        self.swing = [cycle.in_phase, cycle.quadrature];
+        self.due += 1;
+        if self.due >= AGAIN && self.long.weight > BEFORE {
+            self.due = 0;
+            if self.profile().is_some() && self.fitting.is_none() {
+                self.fitting = Some(Fitting::default());
+            }
+        }
+        self.checks |= self.short_due >= cycles(SHORT_FIT_PERIOD, SHORT_FIT_PERIOD_CYCLES)
+            && self.short.weight > MIN_SHORT_WEIGHT;
+    }
+
+    /// Increases the error of a share estimated before the track changed, up to its withdrawal.
+    fn fade(&mut self) {
+        if let Some(share) = self.share.as_mut().filter(|_| self.fades) {
+            share.error += FADES;
+            if share.error > TELLS {
+                self.unlearn();
+            }
+        }
+    }
+
+    /// Averages the track's motion, and starts a new prediction of the profiles where it has
+    /// changed.
+    fn follow(&mut self, tuned: &Tuned) {
+        self.cycles = (self.cycles + 1.0).min(16.0);
+        let share = 1.0 / self.cycles;
+        self.k += (tuned.k - self.k) * share;
+        if tuned.shape.is_sine() {
+            self.tones = [[0.0; 2]; UPPER];
+        } else {
+            let means = self.tones.as_flattened_mut().iter_mut();
+            for (mean, part) in means.zip(tuned.shape.mixed().as_flattened()) {
+                *mean += (part - *mean) * share;
+            }
+        }
+        if self.cycles < 8.0 {
+            return;
+        }
+        let order = u32::from(tuned.order.max(1));
+        let apart = |a: f32, b: f32, most: f32| a - b > most || b - a > most;
+        let Some((restitution, scatter)) = tuned.lot else {
+            return;
+        };
+        if let Some(profiler) = &self.profiler {
+            let settings = profiler.settings();
+            let within = |most: f32| {
+                let tones = self.tones.as_flattened().iter();
+                let mut tones = tones.zip(self.profiled.as_flattened());
+                settings.order == order
+                    && !apart(settings.k, self.k, most * settings.k)
+                    && tones.all(|(is, was)| !apart(*was, *is, most))
+            };
+            let (same, near) = (within(MOVED), within(NEAR));
+            if same && settings.restitution == restitution && settings.scatter == scatter {
+                return;
+            }
+            if !same {
+                // The energy so far belongs to another motion; after a small change parts stay in
+                // gear.
+                self.begin();
+                if near {
+                    self.fades = true;
+                } else {
+                    self.unlearn();
+                }
+            }
+        }
+        self.fitting = None;
+        self.profiled = self
+            .tones
+            .map(|tone| tone.map(|part| STEP_OF_TONES * libm::roundf(part / STEP_OF_TONES)));
+        let tones = self.profiled.map(|[straight, across]| {
+            let ratio = libm::sqrtf(straight * straight + across * across);
+            if ratio < 1e-3 {
+                [0.0; 2]
+            } else {
+                [ratio, libm::atan2f(across, straight)]
+            }
+        });
+        // Outside the map's range there is no estimate.
+        self.profiler = StrikeProfiler::new(StrikeSettings {
+            restitution,
+            scatter,
+            order,
+            k: rounded(self.k),
+            tones,
+        })
+        .ok();
+    }
+
+    /// Runs one bounded slice of the estimate; returns whether more are due.
+    pub fn step(&mut self) -> bool {
+        if let Some(profiler) = &mut self.profiler
+            && profiler.advance(SLICE)
+        {
+            return true;
+        }
+        if core::mem::take(&mut self.checks) {
+            self.short_due = 0.0;
+            self.check();
+            return true;
+        }
+        let Some(mut fitting) = self.fitting.take() else {
+            return false;
+        };
+        let Some([steps, factor]) = TRIES.get(fitting.tried) else {
+            self.refine(&fitting.off);
+            return false;
+        };
+        let (rings, late) = if self.of_late {
+            (self.rings, self.late + LATER * steps)
+        } else {
+            (self.rings * factor, self.late)
+        };
+        let Some(rows) = self.rows(rings, late) else {
+            return false;
+        };
+        let heard = self.heard(&self.long);
+        // Each sector is weighed by the energy that the last mixture expects in it.
+        let by = if self.weights == [0.0; PARTS] {
+            mixed(
+                &rows,
+                &unmix(&heard, &rows, &evened(&heard), &self.weights).0,
+            )
+        } else {
+            mixed(&rows, &self.weights)
+        };
+        let (weights, covariance) = unmix(&heard, &rows, &by, &self.weights);
+        let expected = mixed(&rows, &weights);
+        if let Some(apart) = fitting.off.get_mut(fitting.tried) {
+            *apart = off(&heard, &expected, &by);
+        }
+        if fitting.tried == 0 {
+            self.tell(&Mixture {
+                off: off(&heard, &expected, &expected),
+                astray: astray(&heard, &expected),
+                weights,
+                covariance,
+            });
+        }
+        fitting.tried += 1;
+        self.fitting = Some(fitting);
+        true
+    }
+
+    /// Fits the short histogram, after a first fit of the long one.
+    fn check(&mut self) {
+        if self.evidence.is_none() {
+            return;
+        }
+        let Some(rows) = self.rows(self.rings, self.late) else {
+            return;
+        };
+        let heard = self.heard(&self.short);
+        let by = if self.weights == [0.0; PARTS] {
+            evened(&heard)
+        } else {
+            mixed(&rows, &self.weights)
+        };
+        let (weights, _) = unmix(&heard, &rows, &by, &self.weights);
+        let astray = astray(&heard, &mixed(&rows, &weights));
+        let short = self.agreement(&self.short, &weights, astray);
+        if let (Some(evidence), Some(short)) = (&mut self.evidence, short) {
+            evidence.short = short;
+        }
+    }
+
+    /// Updates share, margin and evidence from a mixture.
+    fn tell(&mut self, found: &Mixture) {
+        let noise = self.long.noise / self.long.weight;
+        let share = self
+            .profile()
+            .and_then(|profile| told(found, profile, noise));
+        let long = self.agreement(&self.long, &found.weights, found.astray);
+        self.evidence = self
+            .profile()
+            .zip(long)
+            .map(|(profile, long)| GearEvidence {
+                predicted: profile.share(),
+                long,
+                short: self.evidence.map_or(long, |before| before.short),
+            });
+        self.margin = share.and(self.margin_of(found));
+        self.share = share;
+        self.weights = found.weights;
+        (self.fades, self.judged) = (false, true);
+    }
+
+    /// Agreement of a histogram with the weights fitted to it, from the energy in other sectors than
+    /// predicted (`astray`).
+    fn agreement(
+        &self,
+        histogram: &Histogram,
+        weights: &[f32; PARTS],
+        astray: f32,
+    ) -> Option<Agreement> {
+        let profiler = self.profiler.as_ref()?;
+        let (settings, profile) = (profiler.settings(), profiler.profile()?);
+        let within = weights[..GROUPS].iter().sum::<f32>();
+        let without = weights[GROUPS..NOISE].iter().sum::<f32>();
+        let even = (weights[NOISE] - histogram.noise / histogram.weight).max(0.0);
+        let unexplained =
+            (astray + even) / (struck(weights, profile) + even).max(f32::MIN_POSITIVE);
+        let [systematic, random] = if knows_out(profile) || settings.scatter < MIN_SCATTER {
+            MAX_UNEXPLAINED
+        } else {
+            MAX_UNEXPLAINED_WITHOUT_OUT
+        };
+        // Impacts of one part in gear; the number of parts is unknown.
+        let impacts = histogram.weight / settings.order as f32;
+        Some(Agreement {
+            in_gear: within / (within + without).max(f32::MIN_POSITIVE),
+            fits: unexplained < systematic + random / square_root_single(impacts),
+        })
+    }
+
+    /// Estimates the margin of the parts in gear: restitution from the weights of the groups, trace
+    /// from the phases of their profiles.
+    fn margin_of(&self, found: &Mixture) -> Option<GearMargin> {
+        let profiler = self.profiler.as_ref()?;
+        let profile = profiler.profile()?;
+        let StrikeSettings { k, scatter, .. } = *profiler.settings();
+        let groups = &found.weights[..GROUPS];
+        let all: f32 = groups.iter().sum();
+        let out: f32 = found.weights[GROUPS..NOISE].iter().sum();
+        if all <= LEAST * (all + out) {
+            return None;
+        }
+        let middles: [f32; GROUPS] = core::array::from_fn(|group| profiler.restitution(group));
+        let weighed = groups.iter().zip(middles);
+        let restitution = weighed.map(|(weight, middle)| weight * middle).sum::<f32>() / all;
+        let mut variance = 0.0_f32;
+        for (row, one) in found.covariance.iter().zip(middles) {
+            for (covariance, other) in row.iter().zip(middles) {
+                variance += (one - restitution) * (other - restitution) * covariance;
+            }
+        }
+        let dispersion = found.off / (SECTORS - PARTS - 1) as f32;
+        // Restitutions within a group, and beyond the lot's ends, cannot be separated.
+        let apart = middles[1] - middles[0];
+        let error = libm::sqrtf(
+            variance.max(0.0) * dispersion / (all * all)
+                + apart * apart / 12.0
+                + RESTITUTION_MARGIN * RESTITUTION_MARGIN,
+        );
+        // A group's phase follows from its restitution; the fit estimates the number of its parts.
+        let each = groups.iter().zip(middles).zip(profile.launch_accelerations);
+        let traces = each.map(|((weight, middle), bend)| {
+            let squeezed = (1.0 + middle) * (1.0 + middle);
+            weight * (1.0 + middle * middle - squeezed * bend / k)
+        });
+        let trace = traces.sum::<f32>() / all;
+        Some(GearMargin {
+            trace,
+            restitution,
+            error,
+            scatter,
+            flip: 1.0 + restitution * restitution + trace,
+            to_loss: profile.time_to_loss(),
+        })
+    }
+
+    /// Moves to the minimum of the parabola through the three trial points (at most one step).
+    fn refine(&mut self, [at, before, after]: &[f32; TRIES.len()]) {
+        let bend = before + after - 2.0 * at;
+        let slope = 0.5 * (after - before);
+        let step = if bend > 0.0 {
+            (-slope / bend).clamp(-1.0, 1.0)
+        } else if slope > 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
+        if self.of_late {
+            self.late = (self.late + step * LATER).clamp(LATES[0], LATES[1]);
+        } else {
+            self.rings = (self.rings * libm::powf(FACTOR, step)).clamp(RINGING[0], RINGING[1]);
+        }
+        self.of_late = !self.of_late;
+    }
+
+    /// Predicted energy of each component by sector; `rings` is the decay time in s, `late` the
+    /// delay in samples.
+    fn rows(&self, rings: f32, late: f32) -> Option<Rows> {
+        let profile = self.profile()?;
+        // Decay time in turns of the drive.
+        let turns = rings * SAMPLE_RATE as f32 * self.step as f32 * (1.0 / Phase::TURN as f32);
+        let late = late * self.step as f32 * (1.0 / Phase::TURN as f32);
+        let lead = self.lead.bits() as f32 * (1.0 / Phase::TURN as f32) - late;
+        let lead = lead - libm::floorf(lead);
+        let landing = profile.landing_phase.unwrap_or(Phase::ZERO);
+        let landing = landing.bits() as f32 * (1.0 / Phase::TURN as f32) - lead;
+        let mut rows = [[1.0 / SECTORS as f32; LANES]; SECTORS];
+        let [first, second, third, fourth] = &profile.in_gear;
+        let struck = [first, second, third, fourth, &profile.out_of_gear];
+        ring(&mut rows, struck, lead, turns);
+        for (group, periods) in profile.periods[0].into_iter().enumerate() {
+            if periods < KNOWN {
+                rows.iter_mut().for_each(|row| row[group] = 0.0);
+            }
+        }
+        let known = if knows_out(profile) { 1.0 } else { 0.0 };
+        let together = together(profile);
+        for (row, landed) in rows.iter_mut().zip(landed(landing, turns)) {
+            let out = row[GROUPS];
+            row[GROUPS] = known * (out + profile.landing_energy * landed);
+            row[GROUPS + 1] = known * (out + together * profile.landing_energy * landed);
+        }
+        Some(rows)
+    }
+
+    /// Energy per cycle of a histogram, less the drive's own.
+    fn heard(&self, histogram: &Histogram) -> Row {
+        let inverse = 1.0 / histogram.weight;
+        let leak = self.leak();
+        let mut heard = [0.0; SECTORS];
+        for ((heard, energy), leak) in heard.iter_mut().zip(&histogram.energy).zip(leak) {
+            *heard = (energy * inverse - leak).max(0.0);
+        }
+        heard
+    }
+
+    /// Energy per cycle that the drive's own acceleration leaves in each sector of the residual.
+    fn leak(&self) -> Row {
+        let theta = Phase::from_bits(self.step);
+        let (sine, cosine) = sine_cosine_single(theta);
+        // (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice, at z = e^(i theta).
+        let left = 1.0 - StandardOnset::CORNER as f32;
+        let above = 2.0 - 2.0 * cosine;
+        let below = 1.0 - 2.0 * left * cosine + left * left;
+        let gain = left * left * above / below;
+        // Angle of (1 - z^-1): numerator over denominator.
+        let angle =
+            libm::atan2f(sine, 1.0 - cosine) - libm::atan2f(left * sine, 1.0 - left * cosine);
+        let (turn, straight) = sine_cosine_single(phase_of(2.0 * angle));
+        let [cosines, sines] = self.swing;
+        // Re((a - i b) e^(i x)) is a cos x + b sin x.
+        let re = gain * (cosines * straight + sines * turn);
+        let im = gain * (cosines * turn - sines * straight);
+        let samples = Phase::TURN as f32 / self.step.max(1) as f32 / SECTORS as f32;
+        let level = 0.5 * (re * re + im * im);
+        let double = [re * re - im * im, 2.0 * re * im];
+        // The energy has twice the drive's frequency: both halves of the turn are equal.
+        let half: [f32; SECTORS / 2] = core::array::from_fn(|n| {
+            let middle = Phase::from_bits((2 * n as u32 + 1) << 26);
+            let (sine, cosine) = sine_cosine_single(middle + middle);
+            samples * (level + 0.5 * SQUEEZED * (double[0] * cosine - double[1] * sine))
+        });
+        core::array::from_fn(|n| half[n % half.len()])
+    }
+}
+
+/// Attenuation of the second harmonic by the average over a sector, `sin x / x`.
+const SQUEEZED: f32 = 0.993_6;
+
+/// Rounds k to eight binary places: an error of at most 0.2 %, a fifth of [`MOVED`].
+fn rounded(k: f32) -> f32 {
+    const STEP: u32 = 1 << 15;
+    f32::from_bits((k.to_bits() + STEP / 2) & !(STEP - 1))
+}
+
+/// Estimates the share from a mixture; `noise` is the measured noise energy per cycle.
+///
+/// `None` where noise drowns the parts ([`HEARD`]) or the standard error exceeds [`TELLS`].
+fn told(found: &Mixture, profile: &StrikeProfile, noise: f32) -> Option<GearShare> {
+    let within = found.weights[..GROUPS].iter().sum::<f32>();
+    let without = found.weights[GROUPS..NOISE].iter().sum::<f32>();
+    let energy = struck(&found.weights, profile);
+    let all = within + without;
+    if energy <= HEARD * found.weights[NOISE] || all <= 0.0 {
+        return None;
+    }
+    let share = within / all;
+    // Derivative of the share by each weight, times the sum of weights.
+    let slope = |n: usize| match n {
+        n if n < GROUPS => 1.0 - share,
+        n if n < NOISE => -share,
+        _ => 0.0,
+    };
+    let mut variance = 0.0;
+    for (a, row) in found.covariance.iter().enumerate() {
+        for (b, covariance) in row.iter().enumerate() {
+            variance += slope(a) * slope(b) * covariance;
+        }
+    }
+    let dispersion = found.off / (SECTORS - PARTS - 1) as f32;
+    let scattered = variance.max(0.0) * dispersion / (all * all);
+    // Energy that no profile explains, and even energy beyond the noise, may be of parts in gear or
+    // out.
+    let even = (found.weights[NOISE] - noise).max(0.0);
+    let astray = (found.astray + even) / (energy + found.weights[NOISE]);
+    let error = libm::sqrtf(scattered + COUNTED * COUNTED + astray * astray);
+    (error < TELLS).then_some(GearShare { share, error })
+}
+
+/// Whether the profile of parts out of gear counts.
+fn knows_out(profile: &StrikeProfile) -> bool {
+    profile.periods[1].iter().sum::<f32>() >= MIN_PERIODS_OUT
+}
+
+/// Energy of the parts per cycle, by the weights of a mixture.
+fn struck(weights: &[f32; PARTS], profile: &StrikeProfile) -> f32 {
+    let without = weights[GROUPS..NOISE].iter().sum::<f32>();
+    let landing = weights[GROUPS] + together(profile) * weights[GROUPS + 1];
+    let sum = |row: &[f32; PHASE_BINS]| row.iter().sum::<f32>();
+    let groups = profile.in_gear.iter().zip(weights);
+    groups.map(|(row, weight)| weight * sum(row)).sum::<f32>()
+        + without * sum(&profile.out_of_gear)
+        + landing * profile.landing_energy
+}
+
+/// Half of the sum of absolute differences: energy in other sectors than predicted.
+fn astray(heard: &Row, expected: &Row) -> f32 {
+    let apart = heard.iter().zip(expected).map(|(heard, expected)| {
+        let apart = heard - expected;
+        0.5 * if apart < 0.0 { -apart } else { apart }
+    });
+    apart.sum()
+}
+
+/// Energy of merged landings over that of as many separate ones, where all parts are out of gear.
+///
+/// Amplitudes of merged impacts add: each other part lands with it with the probability of a
+/// landing per period.
+fn together(profile: &StrikeProfile) -> f32 {
+    1.0 + (TOGETHER - 1.0) * profile.landing_rate
+}
+
+/// Convolves the profiles with the exponential decay of the ringing, one per column of the rows.
+///
+/// The track leads the output by `lead` turns; the energy of an impact falls by e in `turns` turns.
+fn ring(rows: &mut Rows, profiles: [&[f32; PHASE_BINS]; STRUCK], lead: f32, turns: f32) {
+    let width = 1.0 / PHASE_BINS as f32;
+    let left = libm::expf(-width / turns);
+    // Impacts are spread evenly over their place: share of their energy that falls into it.
+    let stays = 1.0 - (1.0 - left) * turns / width;
+    let places = lead * PHASE_BINS as f32;
+    let whole = libm::floorf(places);
+    let share = places - whole;
+    let first = whole as i32 as usize;
+    let struck_at = |n: usize| {
+        let [low, high] = [n + first, n + first + 1].map(|n| n % PHASE_BINS);
+        profiles.map(|profile| profile[low] + (profile[high] - profile[low]) * share)
+    };
+    let mut rings = [0.0; STRUCK];
+    for (sector, row) in rows.iter_mut().enumerate() {
+        let mut heard = [0.0; STRUCK];
+        for n in 0..PHASE_BINS / SECTORS {
+            let struck = struck_at(sector * (PHASE_BINS / SECTORS) + n);
+            for ((heard, rings), struck) in heard.iter_mut().zip(&mut rings).zip(struck) {
+                *heard += stays * struck + *rings * (1.0 - left);
+                *rings = *rings * left + (1.0 - stays) * struck;
+            }
+        }
+        row[..STRUCK].copy_from_slice(&heard);
+    }
+    // The turn is periodic: ringing at its end continues at its beginning.
+    let around = around::<PHASE_BINS>(left);
+    let left: f32 = core::iter::repeat_n(left, PHASE_BINS / SECTORS).product();
+    let mut rings = rings.map(|rings| rings * around * (1.0 - left));
+    for row in rows {
+        for (heard, rings) in row.iter_mut().zip(&mut rings) {
+            *heard += *rings;
+            *rings *= left;
+        }
+    }
+}
+
+/// Sum of the geometric series over all turns, where `left` remains after each of `STEPS` steps of
+/// a turn.
+fn around<const STEPS: usize>(left: f32) -> f32 {
+    const { assert!(STEPS.is_power_of_two()) };
+    let turn = (0..STEPS.trailing_zeros()).fold(left, |left, _| left * left);
+    1.0 / (1.0 - turn)
+}
+
+/// Energy by sector of one impact of unit energy at phase `at`, in turns; decay time in turns.
+fn landed(at: f32, turns: f32) -> Row {
+    let at = (at - libm::floorf(at)) * SECTORS as f32;
+    let first = at as usize % SECTORS;
+    let left = libm::expf(-1.0 / (SECTORS as f32 * turns));
+    let mut row = [0.0; SECTORS];
+    let mut rings = libm::expf(-(first as f32 + 1.0 - at) / (SECTORS as f32 * turns));
+    row[first] = 1.0 - rings;
+    rings *= around::<SECTORS>(left) * (1.0 - left);
+    for n in 1..=SECTORS {
+        row[(first + n) % SECTORS] += rings;
+        rings *= left;
+    }
+    row
+}
+
+/// Moving average over three sectors: the weights of the equations before the first mixture.
+fn evened(heard: &Row) -> Row {
+    core::array::from_fn(|n| {
+        (heard[(n + SECTORS - 1) % SECTORS] + heard[n] + heard[(n + 1) % SECTORS]) / 3.0
+    })
+}
+
+/// Fits the mixture: non-negative weights of the rows, and their covariance for a dispersion of 1.
+///
+/// The energy of impacts scatters as their number does: the variance of a sector is proportional to
+/// the expected energy `by`. The search begins at `from`.
+fn unmix(
+    heard: &Row,
+    rows: &Rows,
+    by: &Row,
+    from: &[f32; PARTS],
+) -> ([f32; PARTS], [[f32; PARTS]; PARTS]) {
+    let least = least(heard);
+    let mut matrix = [[0.0; LANES]; PARTS];
+    let mut sums = [0.0; LANES];
+    for ((row, by), heard) in rows.iter().zip(by).zip(heard) {
+        let weight = 1.0 / (by + least);
+        let weighed = row.map(|part| part * weight);
+        for (sum, weighed) in sums.iter_mut().zip(weighed) {
+            *sum += weighed * heard;
+        }
+        for (a, (line, weighed)) in matrix.iter_mut().zip(weighed).enumerate() {
+            // Lower triangle, up to the end of the vector of four that holds the diagonal.
+            for (product, part) in line.iter_mut().zip(row).take((a | 3) + 1) {
+                *product += weighed * part;
+            }
+        }
+    }
+    solve(&matrix, &sums, from)
+}
+
+/// Lower limit of a sector's expected energy, which keeps its weight finite.
+fn least(heard: &Row) -> f32 {
+    0.01 / SECTORS as f32 * heard.iter().sum::<f32>() + f32::MIN_POSITIVE
+}
+
+/// Energy by sector that the weights predict.
+fn mixed(rows: &Rows, weights: &[f32; PARTS]) -> Row {
+    rows.map(|row| {
+        row.iter()
+            .zip(weights)
+            .map(|(part, weight)| part * weight)
+            .sum()
+    })
+}
+
+/// Weighted residual sum of squares (chi-square for unit dispersion).
+fn off(heard: &Row, found: &Row, by: &Row) -> f32 {
+    let least = least(heard);
+    let sectors = heard.iter().zip(found).zip(by);
+    sectors
+        .map(|((heard, found), by)| (heard - found) * (heard - found) / (by + least))
+        .sum()
+}
+
+/// Non-negative least squares by the active set of Lawson and Hanson (1974), started at `from`.
+///
+/// Returns the weights and their covariance; rows and columns of weights at 0 are 0. Only the lower
+/// triangle of the matrix is read.
+fn solve(
+    matrix: &[[f32; LANES]; PARTS],
+    sums: &[f32; LANES],
+    from: &[f32; PARTS],
+) -> ([f32; PARTS], [[f32; PARTS]; PARTS]) {
+    // Scaled to a diagonal of 1.
+    let scale: [f32; PARTS] = core::array::from_fn(|n| {
+        if matrix[n][n] > 0.0 {
+            1.0 / libm::sqrtf(matrix[n][n])
+        } else {
+            0.0
+        }
+    });
+    let mut scaled = [[0.0; PARTS]; PARTS];
+    for a in 0..PARTS {
+        for b in 0..PARTS {
+            scaled[a][b] = matrix[a.max(b)][a.min(b)] * scale[a] * scale[b];
+        }
+        // Tikhonov regularization keeps the matrix invertible.
+        scaled[a][a] += 1e-5;
+    }
+    let sums: [f32; PARTS] = core::array::from_fn(|n| sums[n] * scale[n]);
+    let tolerance = 1e-4 * sums.iter().fold(0.0_f32, |most, sum| most.max(*sum));
+    let mut weights: [f32; PARTS] = core::array::from_fn(|n| {
+        if scale[n] > 0.0 {
+            // `max` replaces NaN by 0.
+            (from[n] / scale[n]).max(0.0)
+        } else {
+            0.0
+        }
+    });
+    let mut within: [bool; PARTS] = core::array::from_fn(|n| weights[n] > 0.0);
+    let mut inverse = [[0.0; PARTS]; PARTS];
+    for _ in 0..3 * PARTS {
+        loop {
+            inverse = inverted(&scaled, &within);
+            let mut tried = [0.0; PARTS];
+            let (mut share, mut beyond) = (1.0_f32, None);
+            for a in 0..PARTS {
+                tried[a] = (0..PARTS).map(|b| inverse[a][b] * sums[b]).sum();
+                if within[a] && tried[a] <= 0.0 {
+                    let reached = weights[a] / (weights[a] - tried[a]).max(f32::MIN_POSITIVE);
+                    if beyond.is_none() || reached < share {
+                        (share, beyond) = (reached, Some(a));
+                    }
+                }
+            }
+            let Some(beyond) = beyond else {
+                weights = tried;
+                break;
+            };
+            for a in 0..PARTS {
+                if within[a] {
+                    weights[a] += share * (tried[a] - weights[a]);
+                }
+            }
+            for a in 0..PARTS {
+                if a == beyond {
+                    within[a] = false;
+                    weights[a] = 0.0;
+                }
+            }
+        }
+        let (mut steepest, mut which) = (tolerance, None);
+        for a in 0..PARTS {
+            if !within[a] && scale[a] > 0.0 {
+                let left = sums[a] - (0..PARTS).map(|b| scaled[a][b] * weights[b]).sum::<f32>();
+                if left > steepest {
+                    (steepest, which) = (left, Some(a));
+                }
+            }
+        }
+        let Some(which) = which else {
+            break;
+        };
+        for (a, within) in within.iter_mut().enumerate() {
+            *within |= a == which;
+        }
+    }
+    for a in 0..PARTS {
+        weights[a] *= scale[a];
+        for b in 0..PARTS {
+            inverse[a][b] *= scale[a] * scale[b];
+        }
+    }
+    (weights, inverse)
+}
+
+/// Inverse of the submatrix of the free weights by Gauss-Jordan elimination; 0 elsewhere.
+fn inverted(matrix: &[[f32; PARTS]; PARTS], within: &[bool; PARTS]) -> [[f32; PARTS]; PARTS] {
+    let mut inverse = [[0.0; PARTS]; PARTS];
+    for a in 0..PARTS {
+        for b in 0..PARTS {
+            if within[a] && within[b] {
+                inverse[a][b] = matrix[a][b];
+            }
+        }
+    }
+    // In place: each eliminated column holds a column of the inverse.
+    for a in 0..PARTS {
+        if !within[a] {
+            continue;
+        }
+        let pivot = 1.0 / inverse[a][a];
+        inverse[a][a] = 1.0;
+        let row = inverse[a].map(|part| part * pivot);
+        inverse[a] = row;
+        for other in 0..PARTS {
+            if other != a && within[other] {
+                let factor = core::mem::take(&mut inverse[other][a]);
+                for (part, row) in inverse[other].iter_mut().zip(row) {
+                    *part -= factor * row;
+                }
+            }
+        }
+    }
+    inverse
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Agreement, GearEvidence, MIN_PREDICTED_SHARE, PARTS, inverted};
+    use kband::arithmetic::Noise;
+
+    #[test]
+    fn a_matrix_times_its_inverse_is_one_where_it_is_within() {
+        let mut noise = Noise::new(7);
+        for chosen in 0..1_u32 << PARTS {
+            let within: [bool; PARTS] = core::array::from_fn(|n| chosen >> n & 1 == 1);
+            let drawn: [[f32; PARTS]; PARTS] =
+                core::array::from_fn(|_| core::array::from_fn(|_| 0.3 * (noise.uniform() - 0.5)));
+            let matrix: [[f32; PARTS]; PARTS] = core::array::from_fn(|a| {
+                core::array::from_fn(|b| {
+                    if a == b {
+                        1.0
+                    } else {
+                        drawn[a.max(b)][a.min(b)]
+                    }
+                })
+            });
+            let inverse = inverted(&matrix, &within);
+            for a in 0..PARTS {
+                for b in 0..PARTS {
+                    let product: f32 = (0..PARTS)
+                        .filter(|n| within[*n])
+                        .map(|n| matrix[a][n] * inverse[n][b])
+                        .sum();
+                    let both = within[a] && within[b];
+                    // Off-diagonal sums of six stay below 0.9: condition below 20, seven roundings
+                    // in each of seven steps.
+                    let expected = if both && a == b { 1.0 } else { 0.0 };
+                    if within[a] {
+                        assert!(
+                            (product - expected).abs() < 49.0 * 20.0 * f32::EPSILON,
+                            "{a} {b}: {product}"
+                        );
+                    } else {
+                        assert_eq!(inverse[a][b], 0.0);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn evidence_for_ready_needs_both_histograms() {
+        let agreement = |in_gear| Agreement {
+            in_gear,
+            fits: true,
+        };
+        let supports = |predicted, long, short| {
+            let evidence = GearEvidence {
+                predicted,
+                long: agreement(long),
+                short: agreement(short),
+            };
+            evidence.supports(0.5)
+        };
+        assert!(supports(0.9, 0.6, 0.6));
+        assert!(!supports(0.9, 0.4, 0.6));
+        assert!(!supports(0.9, 0.6, 0.4));
+        assert!(!supports(MIN_PREDICTED_SHARE, 0.6, 0.6));
+    }
+}

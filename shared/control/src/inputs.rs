@@ -1,0 +1,53 @@
+//! Inputs of a controller: the cause of its start, and the board's inputs in each cycle.
+
+use serde::{Deserialize, Serialize};
+
+/// Cause of the controller's start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum StartCause {
+    /// A user requested it: an enable input that is on counts.
+    #[default]
+    Ordinary,
+    /// The watchdog or a brown-out reset the board: off until enabled anew.
+    Reset,
+    /// The stored settings were refused: off, with the default settings.
+    Refused,
+    /// Power came on: off until the enable input, which may be on, was off once.
+    PowerOn,
+    /// The board was reset three times in a row: off until acknowledged.
+    Repeated,
+    /// The program in the flash differs from the written one: off for good.
+    ImageDamaged,
+}
+
+/// Inputs of the board in a cycle. Those that the firmware itself makes are not sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Inputs {
+    /// The enable input.
+    pub enable: bool,
+    /// Whether the sample interrupt holds the drive off, by the enable input. The drive stops
+    /// without a ramp, or does not start.
+    #[serde(skip)]
+    pub held_off: bool,
+    /// Whether the enable input began to chatter since the last cycle.
+    #[serde(skip)]
+    pub chatters: bool,
+    /// Whether the link withholds the drive: it stops, or does not start, although the enable input
+    /// is on.
+    #[serde(skip)]
+    pub withheld: bool,
+    /// The over-temperature input.
+    pub over_temperature: bool,
+    /// Whether the link received a valid frame since the last cycle.
+    pub link_heard: bool,
+    /// Whether the stack came close to its end.
+    pub stack_low: bool,
+    /// Whether the over-current input opened the bridge.
+    pub over_current: bool,
+    /// Whether the drive was switched off because the control of several cycles was too late.
+    pub control_late: bool,
+    /// Whether the supply is below what the chip needs.
+    pub supply_low: bool,
+    /// Whether the clock is another than the crystal's.
+    pub clock_failed: bool,
+}

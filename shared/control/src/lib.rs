@@ -1,0 +1,70 @@
+//! The controller of a feeder drive: measurement, estimation, decision, control.
+//!
+//! Two calls make a drive. [`Signal::sample`] runs in the sample interrupt at [`SAMPLE_RATE`], and
+//! [`Controller::cycle`] once per drive cycle. The signal path latches its command at the next wrap
+//! of the phase. [`Controller::plan_step`] plans in idle time. All of it is single precision,
+//! integers and the impact map. Desk, emulator and board compute the same bits.
+//!
+//! | folder | holds |
+//! |---|---|
+//! | `hear` | estimation from the accelerometer: the signal path, impacts, lock and regime |
+//! | `drive` | control of the track's amplitude and frequency |
+//! | `identify` | estimation of the parts' restitution from their chatter |
+//! | `aim` | the setpoint of a target, and the searches for it |
+//! | `supervise` | the state machine, captures, faults and limits |
+//! | `controller` | [`Controller`]: these folders in the order of one drive cycle |
+//!
+//! Below them are `settings`, `angle`, `saturate`, `target`, `inputs` (per cycle), `state` (the
+//! numbered lists and the state table) and `report` (the result of a cycle).
+//!
+//! The words are those of docs/glossary.md#the-controller.
+#![no_std]
+#![deny(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+mod aim;
+mod angle;
+#[cfg(test)]
+mod bounds;
+mod controller;
+mod drive;
+mod hear;
+mod identify;
+mod inputs;
+mod report;
+mod saturate;
+mod settings;
+mod state;
+mod supervise;
+mod target;
+
+pub use aim::NoSetpoint;
+#[cfg(feature = "memo")]
+pub use aim::{ChaosResult, GearPlanned, KickResult};
+pub use angle::phase_of;
+pub use angle::{SAMPLE_RATE, phase_step};
+pub use controller::{Controller, PLAN_SLICES};
+pub use drive::LoopMargins;
+pub use drive::{Shape, UPPER, UpperTone, affordable_tones};
+pub use hear::{
+    AdcCode, Command, Cycle, GEAR_WINDOW, GearMargin, GearShare, Load, Overtone, Sampled, Signal,
+};
+pub use identify::{Identification, Identified, Unidentified};
+pub use inputs::{Inputs, StartCause};
+pub use report::Report;
+pub use settings::{Key, Settings};
+pub use state::{Event, Events, Fault, Limits, State, TRANSITIONS, Transition};
+pub use supervise::Interlock;
+pub use target::Target;
+
+/// Stages of the signal path, for a simulated feeder that computes them cycle by cycle.
+pub mod signal_path {
+    pub use crate::hear::{
+        DetectedImpact, EnergyHistogram, Fold, HighPass, MAX_BLANKED_SHARE, MAX_IMPACTS_PER_CYCLE,
+        OnsetConstants, OnsetDetector, QUARTILE, SECTORS, SECTORS_HANDED, Sectors, StandardOnset,
+        last_cycle_gain, push_weight,
+    };
+}
+pub mod wire;

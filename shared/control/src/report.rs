@@ -1,0 +1,76 @@
+//! Result of a controller's cycle.
+
+use crate::drive::Shape;
+use crate::hear::{Command, GearMargin, Load};
+use crate::identify::Identification;
+use crate::state::{Events, Fault, Limits, State};
+use kband::regime::classify::Verdict;
+use serde::{Deserialize, Serialize};
+
+/// Measurements, estimates and decisions of one cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Cycles since the controller was built.
+    pub cycle: u32,
+    /// Measured k; infinite at rest.
+    pub k: f32,
+    /// Measured normal amplitude of the track (symbol b) in m.
+    pub amplitude: f32,
+    /// Measured phase lead of the track before the output, in rad, -pi..pi.
+    pub lead: f32,
+    /// Measured shape of the track's motion: amplitudes of its tones over the first one's, phases
+    /// relative to the track's, -pi..pi. A sine where the settings allow no upper tone.
+    pub shape: Shape,
+    /// Reference amplitude at the end of the cycle after next, in m.
+    pub reference: f32,
+    /// Amplitude of the target's setpoint, in m; 0 where there is none.
+    pub setpoint: f32,
+    /// Detected impacts per cycle, averaged over the last 16 cycles.
+    pub rate: f32,
+    /// Mean phase of the track (symbol t) at the detected impacts, in rad, -pi..pi.
+    pub phase: f32,
+    /// Concentration of these phases (length of their mean phasor), 0..1.
+    pub concentration: f32,
+    /// Detected regime of the parts, with its confidence.
+    pub regime: Option<Verdict>,
+    /// Drive frequency in Hz.
+    pub frequency: f32,
+    /// Confidence that the parts are in the wanted lock, 0..1.
+    pub confidence: f32,
+    /// Estimated share of the parts' time in gear, 0..=1, over some 256 cycles, for any number of
+    /// parts.
+    pub in_gear: f32,
+    /// Standard error of that share. It is infinite where the share is only a lower bound: before
+    /// enough impacts, or where the impacts fit no parts of the lot.
+    pub in_gear_error: f32,
+    /// Order (symbol r) of that gear: of the wanted lock or gear, else 1.
+    pub gear: u8,
+    /// Mean drive cycles in gear until its loss: estimated for one part since the setpoint was
+    /// reached, else predicted for the lot. Infinite without either.
+    pub to_loss: f32,
+    /// Margin of the parts to losing gear; `None` without an estimate.
+    pub margin: Option<GearMargin>,
+    /// Predicted share of the lot's time in gear at the setpoint, 0..1; 0 for a target other than
+    /// gear.
+    pub expected_in_gear: f32,
+    /// Gear band: lowest and highest k at which the lot's predicted share is within
+    /// [`kband::regime::gear::GEAR_BAND_LOSS`] of the setpoint's; `None` without such a target.
+    pub gear_band: Option<[f32; 2]>,
+    /// Load of the parts, estimated from the power that they absorb. `None` while they are not in
+    /// gear, or without a configured track mass.
+    pub load: Option<Load>,
+    /// Kicks begun for the present target.
+    pub attempts: u8,
+    /// Progress of the identification of the parts' restitution.
+    pub identification: Identification,
+    /// State of the controller.
+    pub state: State,
+    /// The fault that stopped the drive.
+    pub fault: Option<Fault>,
+    /// The limits that hold it back.
+    pub limits: Limits,
+    /// Events of this cycle.
+    pub events: Events,
+    /// The next command.
+    pub command: Command,
+}

@@ -1,0 +1,673 @@
+//! Fault detector: signs of a fault in the sensor's readings, each debounced.
+//!
+//! Method: limit checks on measured signals and on residuals against a model of the drive
+//! (Isermann, Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is
+//! detected by counting reversals with hysteresis.
+
+use core::f32::consts::PI;
+
+use crate::hear::Cycle;
+use crate::state::Fault;
+
+/// Peak-to-peak range of a dead reading, in converter steps: a constant voltage between two steps
+/// toggles the last one.
+const DEAD_RANGE_STEPS: u16 = 1;
+/// Cycles of a dead reading that are a fault: from [`Expected::least`] on, the default sensor's
+/// noise alone spans more steps in each.
+const DEAD_CYCLES: u8 = 3;
+/// Peak-to-peak range of a cut wire, in converter steps: noise of 1.5 steps RMS spans 9 in 400
+/// samples, a cycle at 50 Hz.
+const CUT_WIRE_RANGE_STEPS: u16 = 10;
+/// Cycles of a cut wire without a response that are a fault: half of [`NO_RESPONSE_CYCLES`].
+const CUT_WIRE_CYCLES: u8 = 8;
+/// Readings per cycle at the ends of the converter's range; one ringing of 2.4 kHz has two on each
+/// side, at 20 kHz.
+const CLIPPED_READINGS: u16 = 4;
+/// Cycles of saturation that are a fault: the time constant of a kick
+/// ([`Settings`](crate::Settings)), whose crest alone is none.
+const SATURATED_CYCLES: u8 = 5;
+/// Smallest amplitude over the expected one that is a response: a third of the smallest plausible
+/// one.
+const MIN_RESPONSE_SHARE: f32 = 0.15;
+/// Cycles without a response that are a fault: two time constants at Q = 25, after which a drive
+/// reaches 86 % of the expected amplitude.
+const NO_RESPONSE_CYCLES: u8 = 15;
+/// Largest factor between the amplitude's ratio to the expected one and its usual value in this
+/// run; it detects halved sensitivity or supply.
+const MAX_RATIO_CHANGE: f32 = 1.9;
+/// Cycles after which the usual ratio counts as estimated.
+const MIN_RATIO_CYCLES: f32 = 16.0;
+/// Memory of the usual ratio in cycles (exponential forgetting): drives change by a third as they
+/// warm up, in minutes.
+const RATIO_MEMORY_CYCLES: f32 = 500.0;
+/// Cycles of an implausible amplitude that are a fault: a second at 50 Hz, twice what the gain
+/// estimate needs.
+const IMPLAUSIBLE_CYCLES: u8 = 50;
+/// Distance of a wrong lead from both ends of its half turn, in rad, for noise and detuning up to
+/// 4.7 % at Q = 25.
+const WRONG_LEAD_MARGIN: f32 = 0.4;
+/// Cycles of a wrong lead that are a fault: as many as of saturation, for a kick moves the phase
+/// too.
+const INVERTED_CYCLES: u8 = 5;
+/// Amplitude over the hard limit that is a fault: five times the overshoot (3 %) of the
+/// [`AmplitudeLoop`](crate::AmplitudeLoop) over a reference within it.
+const MAX_AMPLITUDE_RATIO: f32 = 1.15;
+/// Cycles of excessive amplitude that are a fault: two, because an impact can raise a single one.
+const EXCESS_CYCLES: u8 = 2;
+
+/// Peak-to-peak swing of the amplitude, over its reference, that counts as a reversal; parts of a
+/// fifth of the track's mass cause 0.075.
+const REVERSAL_SWING: f32 = 0.1;
+/// Smallest swing in standard errors of the amplitude: four to either side.
+const REVERSAL_STANDARD_ERRORS: f32 = 8.0;
+/// Reversals that are a fault: three periods; a step of the drive's gain by 1.8 causes five at
+/// most.
+const OSCILLATION_REVERSALS: u8 = 6;
+/// Reversals from which the amplitude is unsteady, and from which one beyond [`PEAK`] is a fault:
+/// one period.
+const UNSTEADY_REVERSALS: u8 = 2;
+/// Largest amplitude of an oscillation, over the hard limit.
+const PEAK: f32 = 1.04;
+/// Cycles without a reversal after which the amplitude is steady again.
+const STEADY_CYCLES: u8 = 64;
+/// Relative change of the reference that restarts the count of reversals.
+const REFERENCE_CHANGE: f32 = 0.05;
+
+/// Reversals of the amplitude about a constant reference, counted with hysteresis (a zigzag
+/// filter).
+#[derive(Clone, Copy, Debug, Default)]
+struct ReversalCounter {
+    reference: f32,
+    /// Highest or lowest amplitude since the last reversal, in m.
+    extreme: f32,
+    rising: bool,
+    count: u8,
+    /// Cycles since the last reversal.
+    since: u8,
+}
+
+impl ReversalCounter {
+    /// Adds a cycle's amplitude and its standard error, in m. Whether the amplitude oscillates.
+    fn cycle(&mut self, measured: f32, reference: f32, ceiling: f32, error: f32) -> bool {
+        // A reference that is not a number restarts the count.
+        let stands = (reference - self.reference).abs() <= REFERENCE_CHANGE * self.reference;
+        if !stands || reference <= 0.0 {
+            *self = Self {
+                reference,
+                extreme: measured,
+                ..Self::default()
+            };
+            return false;
+        }
+        let back = if self.rising {
+            self.extreme - measured
+        } else {
+            measured - self.extreme
+        };
+        self.since = self.since.saturating_add(1);
+        if back > REVERSAL_SWING * reference + REVERSAL_STANDARD_ERRORS * error {
+            self.rising = !self.rising;
+            self.count = self.count.saturating_add(1);
+            (self.extreme, self.since) = (measured, 0);
+        } else if back < 0.0 {
+            self.extreme = measured;
+        }
+        if self.since > STEADY_CYCLES {
+            self.count = 0;
+        }
+        self.count >= OSCILLATION_REVERSALS
+            || self.count >= UNSTEADY_REVERSALS && measured > PEAK * ceiling
+    }
+}
+
+/// Whether a measured amplitude is below and whether it is above a predicted one by a factor.
+fn differs(measured: f32, predicted: f32, factor: f32) -> (bool, bool) {
+    (factor * measured < predicted, measured > factor * predicted)
+}
+
+/// Leaky counter of a fault's sign: each cycle with it adds 2, each without subtracts 1. It also
+/// detects a contact that bounces.
+#[derive(Clone, Copy, Debug, Default)]
+struct LeakyCounter(u8);
+
+impl LeakyCounter {
+    /// Adds a cycle. Whether the sign has persisted for `cycles` cycles.
+    fn count(&mut self, present: bool, cycles: u8) -> bool {
+        self.0 = if present {
+            self.0.saturating_add(2)
+        } else {
+            self.0.saturating_sub(1)
+        };
+        self.0 >= 2 * cycles
+    }
+}
+
+/// Ratio of measured to expected amplitude, averaged over the run.
+#[derive(Clone, Copy, Debug, Default)]
+struct RatioEstimate {
+    ratio: f32,
+    cycles: f32,
+}
+
+impl RatioEstimate {
+    /// Whether an amplitude is too weak and whether it is too strong, by a factor, against the
+    /// expected one and its usual ratio. A plausible one updates that ratio.
+    fn check(&mut self, measured: f32, expected: f32, tolerance: f32) -> (bool, bool) {
+        let apart = |factor: f32, usual: f32| {
+            (
+                factor * measured < usual * expected,
+                measured > factor * usual * expected,
+            )
+        };
+        let (mut weak, mut strong) = apart(tolerance, 1.0);
+        if self.cycles >= MIN_RATIO_CYCLES {
+            let (weaker, stronger) = apart(MAX_RATIO_CHANGE.min(tolerance), self.ratio);
+            weak |= weaker;
+            strong |= stronger;
+        }
+        if !weak && !strong {
+            self.cycles = (self.cycles + 1.0).min(RATIO_MEMORY_CYCLES);
+            self.ratio += (measured / expected - self.ratio) / self.cycles;
+        }
+        (weak, strong)
+    }
+}
+
+/// Predictions and limits against which a cycle's reading is checked.
+#[derive(Clone, Copy, Debug)]
+pub struct Prediction {
+    /// Whether the drive runs.
+    pub running: bool,
+    /// Whether the drive's response at its frequency is predictable: not during a resonance search.
+    pub known: bool,
+    /// Predicted amplitude of this cycle under the outputs so far, in m.
+    pub amplitude: f32,
+    /// Amplitude of this cycle predicted from the measured current of the drive, in m; `None`
+    /// where it is not commissioned.
+    pub by_current: Option<f32>,
+    /// Whether the track's lead is more than a quarter turn from the predicted one.
+    pub opposed: bool,
+    /// Smallest amplitude that the converter detects, in m.
+    pub least: f32,
+    /// Largest amplitude within the hard limits, in m.
+    pub ceiling: f32,
+    /// Reference of the amplitude loop, in m.
+    pub reference: f32,
+    /// Standard error of the measured amplitude, in m.
+    pub error: f32,
+    /// Largest factor between measured and expected amplitude.
+    pub tolerance: f32,
+    /// Whether the mean reading deviates from the one at rest at commissioning.
+    pub shifted: bool,
+}
+
+/// Counters of every sign of a fault.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FaultDetector {
+    still: LeakyCounter,
+    noise: LeakyCounter,
+    saturated: LeakyCounter,
+    inverted: LeakyCounter,
+    unanswered: LeakyCounter,
+    implausible: LeakyCounter,
+    shifted: LeakyCounter,
+    excessive: LeakyCounter,
+    beyond: LeakyCounter,
+    usual: RatioEstimate,
+    turns: ReversalCounter,
+}
+
+impl FaultDetector {
+    /// Resets the usual ratio of measured to expected amplitude.
+    pub fn forget_usual(&mut self) {
+        self.usual = RatioEstimate::default();
+    }
+
+    /// Processes a cycle with its measured amplitude (m) and lead (rad). The results are a detected
+    /// fault, and whether the reading is untrusted.
+    pub fn cycle(
+        &mut self,
+        cycle: &Cycle,
+        measured: f32,
+        lead: f32,
+        expected: &Prediction,
+    ) -> (Option<Fault>, bool) {
+        let running = expected.running;
+        let moving = running && expected.known && expected.amplitude > expected.least;
+        let span = cycle.high.saturating_sub(cycle.low);
+        let still = moving && span <= DEAD_RANGE_STEPS;
+        let saturated = running && !still && cycle.saturated >= CLIPPED_READINGS;
+        let unanswered = moving && !still && measured < MIN_RESPONSE_SHARE * expected.amplitude;
+        // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Near the ends are
+        // the held output (0.008 rad at 50 Hz), noise, transients, and drives further off their
+        // resonance than 1/(2 Q tan 0.4). Beside its resonance a track turns against its output
+        // while its amplitude changes; the prediction includes that.
+        let wrong = expected.opposed && lead > WRONG_LEAD_MARGIN && lead < PI - WRONG_LEAD_MARGIN;
+        let inverted = moving && !unanswered && wrong;
+        if !running {
+            self.usual = RatioEstimate::default();
+        }
+        let (mut weak, mut strong) = if moving && !still {
+            self.usual
+                .check(measured, expected.amplitude, expected.tolerance)
+        } else {
+            (false, false)
+        };
+        let mut beyond = false;
+        if let Some(by_current) = expected.by_current
+            && moving
+        {
+            let (weaker, stronger) = differs(measured, by_current, expected.tolerance);
+            weak |= weaker;
+            strong |= stronger;
+            beyond = by_current > MAX_AMPLITUDE_RATIO * expected.tolerance * expected.ceiling;
+        }
+        let shifted = running && expected.shifted;
+        let excessive = running && measured > MAX_AMPLITUDE_RATIO * expected.ceiling;
+        // An untrusted reading is no reversal of the amplitude.
+        let trusted = !(still || saturated || unanswered);
+        let oscillates = if !running || !expected.known {
+            self.turns = ReversalCounter::default();
+            false
+        } else {
+            trusted
+                && self.turns.cycle(
+                    measured,
+                    expected.reference,
+                    expected.ceiling,
+                    expected.error,
+                )
+        };
+        let faults = [
+            (self.still.count(still, DEAD_CYCLES), Fault::SensorLost),
+            (
+                self.saturated.count(saturated, SATURATED_CYCLES),
+                Fault::SensorSaturated,
+            ),
+            (
+                self.inverted.count(inverted, INVERTED_CYCLES),
+                Fault::SensorInverted,
+            ),
+            (
+                self.noise
+                    .count(unanswered && span <= CUT_WIRE_RANGE_STEPS, CUT_WIRE_CYCLES),
+                Fault::SensorLost,
+            ),
+            (
+                self.unanswered.count(unanswered, NO_RESPONSE_CYCLES),
+                Fault::NoResponse,
+            ),
+            (
+                self.excessive.count(excessive, EXCESS_CYCLES),
+                Fault::OverAmplitude,
+            ),
+            (
+                self.implausible.count(weak || strong, IMPLAUSIBLE_CYCLES),
+                Fault::SensorImplausible,
+            ),
+            (
+                self.shifted.count(shifted, IMPLAUSIBLE_CYCLES),
+                Fault::SensorImplausible,
+            ),
+            (
+                self.beyond.count(beyond, EXCESS_CYCLES),
+                Fault::SensorImplausible,
+            ),
+            (oscillates, Fault::AmplitudeOscillates),
+        ];
+        let fault = faults.iter().find(|(lasts, _)| *lasts);
+        (
+            fault.map(|&(_, fault)| fault),
+            still || saturated || unanswered || weak,
+        )
+    }
+
+    /// Whether the amplitude has not reversed back and forth about its reference.
+    pub fn is_steady(&self) -> bool {
+        self.turns.count < UNSTEADY_REVERSALS
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EXPECTED: Prediction = Prediction {
+        running: true,
+        known: true,
+        amplitude: 1e-4,
+        by_current: None,
+        opposed: true,
+        least: 1e-6,
+        ceiling: 1e-3,
+        reference: 1e-4,
+        error: 0.0,
+        tolerance: 2.5,
+        shifted: false,
+    };
+
+    /// A cycle of a sensor that moves.
+    fn moving() -> Cycle {
+        Cycle {
+            low: 2000,
+            high: 2100,
+            ..Cycle::default()
+        }
+    }
+
+    /// Fault that the detector finds in a number of equal cycles.
+    fn after(cycles: usize, cycle: &Cycle, measured: f32, lead: f32) -> Option<Fault> {
+        let mut detector = FaultDetector::default();
+        (0..cycles).fold(None, |found, _| {
+            found.or(detector.cycle(cycle, measured, lead, &EXPECTED).0)
+        })
+    }
+
+    #[test]
+    fn untrusted_reading_is_flagged_in_its_cycle() {
+        let moving = moving();
+        let still = Cycle {
+            high: 2000,
+            ..moving.clone()
+        };
+        let clipped = Cycle {
+            saturated: CLIPPED_READINGS,
+            ..moving.clone()
+        };
+        for (cycle, measured, blind) in [
+            (&moving, 1e-4, false),
+            (&still, 1e-4, true),
+            (&clipped, 1e-4, true),
+            (&moving, 1e-5, true),
+            (&moving, 0.3e-4, true),
+            (&moving, 3e-4, false),
+        ] {
+            let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &EXPECTED);
+            assert_eq!(seen, (None, blind), "{measured}");
+            // Without a predictable response only the converter's own ends raise suspicion.
+            let searching = Prediction {
+                known: false,
+                ..EXPECTED
+            };
+            let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &searching);
+            assert_eq!(seen, (None, cycle.saturated > 0), "{measured}");
+        }
+    }
+
+    #[test]
+    fn missing_response_is_never_called_inverted() {
+        let moving = moving();
+        assert_eq!(after(14, &moving, 1e-5, 1.0), None);
+        assert_eq!(after(15, &moving, 1e-5, 1.0), Some(Fault::NoResponse));
+    }
+
+    #[test]
+    fn each_sign_is_a_fault_at_its_threshold_and_duration() {
+        let moving = moving();
+        let spread = |steps: u16| Cycle {
+            high: 2000 + steps,
+            ..moving.clone()
+        };
+        let clipped = |saturated: u16| Cycle {
+            saturated,
+            ..moving.clone()
+        };
+        let well = (1e-4, -PI / 2.0);
+        let cases = [
+            (spread(1), spread(2), well, well, 3, Fault::SensorLost),
+            (
+                clipped(4),
+                clipped(3),
+                well,
+                well,
+                5,
+                Fault::SensorSaturated,
+            ),
+            (
+                moving.clone(),
+                moving.clone(),
+                (1e-4, 0.41),
+                (1e-4, 0.39),
+                5,
+                Fault::SensorInverted,
+            ),
+            (
+                moving.clone(),
+                moving.clone(),
+                (1e-4, PI - 0.41),
+                (1e-4, PI - 0.39),
+                5,
+                Fault::SensorInverted,
+            ),
+            (
+                moving.clone(),
+                moving.clone(),
+                (1.4e-5, well.1),
+                (1.6e-5, well.1),
+                15,
+                Fault::NoResponse,
+            ),
+            (
+                spread(10),
+                spread(11),
+                (1.4e-5, well.1),
+                (1.6e-5, well.1),
+                8,
+                Fault::SensorLost,
+            ),
+            (
+                moving.clone(),
+                moving,
+                (1.16e-3, well.1),
+                (1.14e-3, well.1),
+                2,
+                Fault::OverAmplitude,
+            ),
+        ];
+        for (ill, sound, (b, lead), (sound_b, sound_lead), cycles, fault) in cases {
+            assert_eq!(after(cycles, &ill, b, lead), Some(fault));
+            assert_eq!(after(cycles - 1, &ill, b, lead), None, "{fault:?}");
+            // Short enough to be no implausible amplitude.
+            assert_eq!(after(49, &sound, sound_b, sound_lead), None, "{fault:?}");
+        }
+    }
+
+    #[test]
+    fn only_distant_amplitudes_are_implausible() {
+        let moving = moving();
+        for (measured, found) in [
+            (0.39e-4, Some(Fault::SensorImplausible)),
+            (0.41e-4, None),
+            (2.49e-4, None),
+            (2.51e-4, Some(Fault::SensorImplausible)),
+        ] {
+            assert_eq!(after(50, &moving, measured, -1.5), found);
+            assert_eq!(after(49, &moving, measured, -1.5), None);
+        }
+    }
+
+    #[test]
+    fn halved_ratio_is_implausible_at_any_gain() {
+        for (told, changed, found) in [
+            (1.0, 0.5, true),
+            (1.0, 2.0, true),
+            (1.0, 0.6, false),
+            (1.0, 1.7, false),
+            (2.0, 1.0, true),
+            (0.5, 1.0, true),
+            (2.0, 2.4, false),
+        ] {
+            let mut usual = RatioEstimate::default();
+            for _ in 0..200 {
+                assert_eq!(usual.check(told * 1e-4, 1e-4, 2.5), (false, false));
+            }
+            // As long as a fault takes to be detected, and longer.
+            let suspected =
+                (0..100).all(|_| usual.check(changed * 1e-4, 1e-4, 2.5) != (false, false));
+            assert_eq!(suspected, found, "{told} {changed}");
+        }
+        // A change as slow as warming up is no fault.
+        let mut usual = RatioEstimate::default();
+        for n in 0..6000 {
+            let ratio = 1.0 - 0.5 * n as f32 / 6000.0;
+            assert_eq!(usual.check(ratio * 1e-4, 1e-4, 2.5), (false, false), "{n}");
+        }
+    }
+
+    #[test]
+    fn a_narrower_tolerance_bounds_ratio_and_change() {
+        // Against the configured gain.
+        for (ratio, found) in [(0.76, true), (0.78, false), (1.29, false), (1.31, true)] {
+            let suspected = RatioEstimate::default().check(ratio, 1.0, 1.3) != (false, false);
+            assert_eq!(suspected, found, "{ratio}");
+        }
+        // Against the usual ratio.
+        let mut usual = RatioEstimate {
+            ratio: 1.2,
+            cycles: MIN_RATIO_CYCLES,
+        };
+        assert_eq!(usual.check(0.91, 1.0, 1.3), (true, false));
+        assert_eq!(usual.check(0.94, 1.0, 1.3), (false, false));
+    }
+
+    #[test]
+    fn a_current_of_another_amplitude_is_implausible_in_a_second() {
+        let cycle = moving();
+        // Cycles to the fault, and whether the reading is untrusted at once.
+        let after = |expected: &Prediction, measured| {
+            let mut detector = FaultDetector::default();
+            let blind = detector.cycle(&cycle, measured, -1.5, expected).1;
+            let found = (2..200).find(|_| {
+                let fault = detector.cycle(&cycle, measured, -1.5, expected).0;
+                fault.inspect(|fault| assert_eq!(*fault, Fault::SensorImplausible));
+                fault.is_some()
+            });
+            (found, blind)
+        };
+        let by_current = |amplitude| Prediction {
+            by_current: Some(amplitude),
+            tolerance: 1.3,
+            ..EXPECTED
+        };
+        for (amplitude, result) in [
+            (0.0, (Some(50), false)),
+            (0.76e-4, (Some(50), false)),
+            (0.78e-4, (None, false)),
+            (1.29e-4, (None, false)),
+            (1.31e-4, (Some(50), true)),
+        ] {
+            assert_eq!(after(&by_current(amplitude), 1e-4), result, "{amplitude}");
+        }
+        let unknown = Prediction {
+            known: false,
+            ..by_current(1e-2)
+        };
+        let rests = Prediction {
+            running: false,
+            ..by_current(1e-2)
+        };
+        assert_eq!(after(&unknown, 1e-4), (None, false));
+        assert_eq!(after(&rests, 1e-4), (None, false));
+    }
+
+    #[test]
+    fn a_current_beyond_the_limits_is_implausible_in_two_cycles() {
+        let cycle = moving();
+        // 1.15 times the tolerance times the ceiling of 1 mm.
+        for (amplitude, found) in [(1.49e-3, None), (1.50e-3, Some(Fault::SensorImplausible))] {
+            let expected = Prediction {
+                by_current: Some(amplitude),
+                tolerance: 1.3,
+                ..EXPECTED
+            };
+            let mut detector = FaultDetector::default();
+            assert_eq!(detector.cycle(&cycle, 1e-4, -1.5, &expected).0, None);
+            assert_eq!(detector.cycle(&cycle, 1e-4, -1.5, &expected).0, found);
+        }
+    }
+
+    #[test]
+    fn a_shifted_mean_is_implausible_while_the_drive_runs() {
+        let cycle = moving();
+        let after = |running, cycles| {
+            let expected = Prediction {
+                running,
+                shifted: true,
+                ..EXPECTED
+            };
+            let mut detector = FaultDetector::default();
+            (0..cycles).find_map(|_| detector.cycle(&cycle, 1e-4, -1.5, &expected).0)
+        };
+        assert_eq!(after(true, 49), None);
+        assert_eq!(after(true, 50), Some(Fault::SensorImplausible));
+        assert_eq!(after(false, 200), None);
+    }
+
+    #[test]
+    fn a_contact_that_bounces_evades_no_count() {
+        let mut detector = FaultDetector::default();
+        let found = (0..200).find_map(|n| {
+            // Every other cycle is sound.
+            let (measured, high) = if n % 2 == 0 {
+                (1e-4, 2100)
+            } else {
+                (0.0, 2000)
+            };
+            let cycle = Cycle {
+                low: 2000,
+                high,
+                ..Cycle::default()
+            };
+            detector.cycle(&cycle, measured, -1.5, &EXPECTED).0
+        });
+        assert_eq!(found, Some(Fault::SensorLost));
+    }
+
+    /// Cycle at which an amplitude oscillating about 0.1 mm is a fault; its swing is relative, its
+    /// period in cycles.
+    fn oscillating(swing: f32, period: f32, ceiling: f32, error: f32) -> Option<usize> {
+        let mut turns = ReversalCounter::default();
+        (0..400).find(|n| {
+            let phase = core::f32::consts::TAU * *n as f32 / period;
+            let measured = 1e-4 * (1.0 + swing * libm::sinf(phase));
+            turns.cycle(measured, 1e-4, ceiling, error)
+        })
+    }
+
+    #[test]
+    fn oscillation_is_a_fault_within_four_periods() {
+        for period in [2.9_f32, 7.0, 20.0, 100.0] {
+            let found = oscillating(0.07, period, 1e-3, 0.0).unwrap();
+            assert!(found as f32 <= 4.0 * period, "{period}: {found}");
+            // At the hard limit.
+            let found = oscillating(0.07, period, 1e-4, 0.0).unwrap();
+            assert!(found as f32 <= 2.2 * period + 4.0, "{period}: {found}");
+            assert_eq!(oscillating(0.045, period, 1e-4, 0.0), None, "{period}");
+            // Within the reading's own error.
+            assert_eq!(oscillating(0.07, period, 1e-4, 1e-6), None, "{period}");
+        }
+        // Too slow to be an oscillation of the loop.
+        assert_eq!(oscillating(0.07, 300.0, 1e-3, 0.0), None);
+    }
+
+    #[test]
+    fn moving_reference_is_no_oscillation() {
+        let mut turns = ReversalCounter::default();
+        for n in 0..400 {
+            let moved = if n % 8 < 4 { 1e-4 } else { 1.3e-4 };
+            assert!(!turns.cycle(moved, moved, 1e-4, 0.0));
+        }
+        // A few reversals, then a pause, then a few more.
+        for _ in 0..2 {
+            for n in 0..4 {
+                let swing = if n % 2 == 0 { 1.08e-4 } else { 0.92e-4 };
+                assert!(!turns.cycle(swing, 1e-4, 1e-3, 0.0));
+            }
+            assert!(turns.count >= UNSTEADY_REVERSALS);
+            for _ in 0..STEADY_CYCLES + 2 {
+                turns.cycle(1.08e-4, 1e-4, 1e-3, 0.0);
+            }
+            assert_eq!(turns.count, 0);
+        }
+    }
+}

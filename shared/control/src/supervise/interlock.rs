@@ -1,0 +1,269 @@
+//! The interlock: it keeps the drive off until somebody acts at the machine.
+//!
+//! It holds the fault, the latch and the lock-out. No request over the link changes them. They end
+//! by the enable input alone (IEC 60204-1, 9.2.5.4.2), and outlast every new controller.
+
+use crate::inputs::{Inputs, StartCause};
+use crate::state::{Event, Events, Fault};
+
+/// Time in s for which the enable input must be off to acknowledge a fault, longer than any contact
+/// bounces.
+const ACKNOWLEDGE_SECONDS: f32 = 0.5;
+/// Window in s in which the third fault locks the drive out, and time off that then acknowledges
+/// it.
+const LOCKOUT_SECONDS: f32 = 60.0;
+
+/// The causes that keep the drive off.
+#[derive(Clone, Debug)]
+pub struct Interlock {
+    fault: Option<Fault>,
+    /// Whether the enable input must be off once before the drive may start.
+    latched: bool,
+    /// Whether the third fault in the window locked the drive out.
+    locked_out: bool,
+    /// Drive cycles since the beginning, and those of the last two faults, newest first.
+    now: u32,
+    faults: [Option<u32>; 2],
+    /// Drive cycles for which the enable input has been off.
+    withdrawn: u32,
+    /// Drive cycles per second.
+    pace: f32,
+    /// Whether settings were saved since they were found invalid.
+    settings_saved: bool,
+    /// Whether the link stopped a running drive: then the link may start it again.
+    stopped_by_link: bool,
+}
+
+impl Interlock {
+    /// The interlock of a drive that starts for this cause; `pace` in cycles per second.
+    pub fn begin(start: StartCause, pace: f32) -> Self {
+        Self {
+            fault: match start {
+                StartCause::Ordinary | StartCause::PowerOn => None,
+                StartCause::Reset => Some(Fault::WatchdogReset),
+                StartCause::Repeated => Some(Fault::RepeatedResets),
+                StartCause::ImageDamaged => Some(Fault::ImageDamaged),
+                StartCause::Refused => Some(Fault::SettingsInvalid),
+            },
+            latched: start != StartCause::Ordinary,
+            locked_out: false,
+            now: 0,
+            faults: [None; 2],
+            withdrawn: 0,
+            pace,
+            settings_saved: false,
+            stopped_by_link: false,
+        }
+    }
+
+    /// The same interlock at another number of cycles per second; times keep their seconds.
+    pub(crate) fn at_pace(&self, pace: f32) -> Self {
+        let scale = pace / self.pace;
+        let rescaled = |cycles: u32| (cycles as f32 * scale) as u32;
+        let age = |then: u32| self.now.wrapping_sub(rescaled(self.now.wrapping_sub(then)));
+        Self {
+            faults: self.faults.map(|fault| fault.map(age)),
+            withdrawn: rescaled(self.withdrawn),
+            pace,
+            ..self.clone()
+        }
+    }
+
+    /// The same interlock after a simulation replaced the controller: the enable input must be off
+    /// once.
+    pub fn latched(&self) -> Self {
+        Self {
+            latched: true,
+            stopped_by_link: false,
+            ..self.clone()
+        }
+    }
+
+    /// The same interlock with invalid settings: the drive stays off until settings are saved.
+    pub fn without_settings(&self) -> Self {
+        Self {
+            fault: Some(Fault::SettingsInvalid),
+            settings_saved: false,
+            ..self.latched()
+        }
+    }
+
+    /// The fault that keeps the drive off.
+    pub(crate) fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
+    /// Counts a drive cycle.
+    pub(crate) fn count(&mut self) {
+        self.now = self.now.wrapping_add(1);
+    }
+
+    /// Stores a fault, unless there is one. Whether it was stored.
+    pub(crate) fn fail(&mut self, fault: Fault, events: &mut Events) -> bool {
+        if self.fault.is_some() {
+            return false;
+        }
+        self.fault = Some(fault);
+        self.withdrawn = 0;
+        events.push(Event::Faulted);
+        let [newest, oldest] = self.faults;
+        let since = |then: u32| self.now.wrapping_sub(then) as f32;
+        if oldest.is_some_and(|then| since(then) < LOCKOUT_SECONDS * self.pace) {
+            self.locked_out = true;
+            events.push(Event::LockedOut);
+        }
+        self.faults = [Some(self.now), newest];
+        true
+    }
+
+    /// Records that the settings in use were saved. A fault for invalid settings can then be
+    /// acknowledged.
+    pub(crate) fn settings_saved(&mut self) {
+        self.settings_saved = true;
+    }
+
+    /// Processes the inputs of a drive cycle, before any other function uses them.
+    pub(crate) fn watch(&mut self, inputs: &Inputs) {
+        if inputs.enable {
+            self.withdrawn = 0;
+        } else {
+            self.withdrawn = self.withdrawn.saturating_add(1);
+        }
+        if !inputs.enable || inputs.held_off {
+            self.stopped_by_link = false;
+        }
+    }
+
+    /// Processes the inputs of a cycle at rest. Whether the drive may start.
+    ///
+    /// An enable input that comes on while the link withholds the drive is latched: the link may
+    /// only return a drive that it stopped itself.
+    pub(crate) fn may_start(&mut self, inputs: &Inputs) -> bool {
+        if !inputs.enable {
+            self.latched = false;
+        } else if inputs.withheld && !self.stopped_by_link {
+            self.latched = true;
+        }
+        inputs.enable && !inputs.held_off && !inputs.withheld && !self.latched
+    }
+
+    /// Records that the running drive begins to stop.
+    pub(crate) fn stopping(&mut self, inputs: &Inputs) {
+        self.stopped_by_link = inputs.enable && inputs.withheld;
+    }
+
+    /// Whether the enable input acknowledges the fault, which this call then clears.
+    pub(crate) fn acknowledges(&mut self, inputs: &Inputs, events: &mut Events) -> bool {
+        let lasting = match self.fault {
+            Some(Fault::SettingsInvalid) => !self.settings_saved,
+            // Only the next start clears it.
+            Some(Fault::ImageDamaged) => true,
+            Some(Fault::OverTemperature) => inputs.over_temperature,
+            Some(Fault::StackLow) => inputs.stack_low,
+            Some(Fault::OverCurrent) => inputs.over_current,
+            Some(Fault::SupplyLow) => inputs.supply_low,
+            Some(Fault::ClockFailed) => inputs.clock_failed,
+            _ => false,
+        };
+        let seconds = if self.locked_out {
+            LOCKOUT_SECONDS
+        } else {
+            ACKNOWLEDGE_SECONDS
+        };
+        if lasting || (self.withdrawn as f32) < seconds * self.pace {
+            return false;
+        }
+        self.fault = None;
+        self.locked_out = false;
+        self.latched = false;
+        events.push(Event::Acknowledged);
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PACE: f32 = 50.0;
+
+    fn inputs(enable: bool, withheld: bool) -> Inputs {
+        Inputs {
+            enable,
+            withheld,
+            ..Inputs::default()
+        }
+    }
+
+    #[test]
+    fn times_keep_their_seconds_at_another_frequency() {
+        let mut events = Events::default();
+        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
+        let off = inputs(false, false);
+        let wait = |interlock: &mut Interlock, cycles: u32| {
+            for _ in 0..cycles {
+                interlock.count();
+                interlock.watch(&off);
+            }
+        };
+        // Two faults, and 20 s later at 100 Hz the third: within a minute of the first.
+        for _ in 0..2 {
+            assert!(interlock.fail(Fault::SensorLost, &mut events));
+            wait(&mut interlock, 25);
+            assert!(interlock.acknowledges(&off, &mut events));
+        }
+        wait(&mut interlock, 1000);
+        let mut faster = interlock.at_pace(100.0);
+        assert!(faster.fail(Fault::SensorLost, &mut events) && faster.locked_out);
+        // 59 s more at 100 Hz: the first fault is more than a minute old.
+        let mut later = interlock.at_pace(100.0);
+        wait(&mut later, 4000);
+        assert!(later.fail(Fault::SensorLost, &mut events) && !later.locked_out);
+        // Half a second off is 25 cycles at 50 Hz and 50 at 100 Hz.
+        let mut half = Interlock::begin(StartCause::Reset, PACE);
+        wait(&mut half, 20);
+        let mut half = half.at_pace(100.0);
+        wait(&mut half, 9);
+        assert!(!half.acknowledges(&off, &mut events));
+        wait(&mut half, 1);
+        assert!(half.acknowledges(&off, &mut events));
+    }
+
+    #[test]
+    fn the_link_gives_back_only_what_it_stopped() {
+        // Stopped by the link, which may therefore start it again.
+        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
+        interlock.stopping(&inputs(true, true));
+        assert!(!interlock.may_start(&inputs(true, true)));
+        assert!(interlock.may_start(&inputs(true, false)));
+        // The input came on while the link withheld the drive.
+        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
+        assert!(!interlock.may_start(&inputs(false, true)));
+        assert!(!interlock.may_start(&inputs(true, true)));
+        assert!(!interlock.may_start(&inputs(true, false)));
+        assert!(!interlock.may_start(&inputs(false, false)));
+        assert!(interlock.may_start(&inputs(true, false)));
+        // Meanwhile the sample interrupt held the drive off: the input was off.
+        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
+        interlock.stopping(&inputs(true, true));
+        interlock.watch(&Inputs {
+            held_off: true,
+            ..inputs(true, true)
+        });
+        assert!(!interlock.may_start(&inputs(true, true)));
+        assert!(!interlock.may_start(&inputs(true, false)));
+        // The input was off for a moment after the link had stopped the drive.
+        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
+        interlock.stopping(&inputs(true, true));
+        interlock.watch(&inputs(false, true));
+        assert!(!interlock.may_start(&inputs(true, true)));
+        assert!(!interlock.may_start(&inputs(true, false)));
+        // The input was off as the drive stopped, and the link withholds the drive since then.
+        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
+        interlock.watch(&inputs(false, false));
+        interlock.stopping(&inputs(false, false));
+        interlock.watch(&inputs(true, true));
+        assert!(!interlock.may_start(&inputs(true, true)));
+        assert!(!interlock.may_start(&inputs(true, false)));
+    }
+}

@@ -1,0 +1,189 @@
+//! Limit monitor: the limits that hold the drive back; some count only after a delay.
+
+use crate::state::Limits;
+
+/// Cycles of a saturated output that are a limit: five default time constants of a kick, since
+/// starts and kicks saturate briefly.
+const SATURATION_CYCLES: u32 = 25;
+
+/// Inputs of the limit monitor in a cycle.
+#[derive(Clone, Copy, Debug)]
+pub struct LimitInputs {
+    /// Whether the drive runs.
+    pub running: bool,
+    /// Whether the link received a valid frame.
+    pub frame_received: bool,
+    /// Timeout of the link in cycles; `None` where its silence is permitted.
+    pub link_timeout: Option<f32>,
+    /// Whether there is no setpoint.
+    pub no_setpoint: bool,
+    /// Whether the setpoint is beyond a hard limit.
+    pub above_ceiling: bool,
+    /// The hard limit that sets the ceiling.
+    pub ceiling_limit: Limits,
+    /// Whether the output is at its limit.
+    pub saturated: bool,
+    /// Whether no impact is detected where impacts are required.
+    pub no_impacts: bool,
+    /// Whether an upper tone is smaller than wanted.
+    pub tones: bool,
+}
+
+/// The limits that hold the drive back, and how long their causes have lasted.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LimitMonitor {
+    limits: Limits,
+    /// Cycles in a row with the output at its limit.
+    saturated_for: u32,
+    link_silence: u32,
+    link_known: bool,
+}
+
+impl LimitMonitor {
+    /// The limits that hold the drive back.
+    pub fn limits(&self) -> Limits {
+        self.limits
+    }
+
+    /// Processes a cycle.
+    pub fn cycle(&mut self, inputs: &LimitInputs) {
+        if inputs.frame_received {
+            self.link_known = true;
+            self.link_silence = 0;
+        } else {
+            self.link_silence = self.link_silence.saturating_add(1);
+        }
+        let lost = self.link_known
+            && (inputs.link_timeout).is_some_and(|timeout| self.link_silence as f32 > timeout);
+        self.saturated_for = if inputs.saturated {
+            self.saturated_for.saturating_add(1)
+        } else {
+            0
+        };
+        let running = inputs.running;
+        self.limits.set(Limits::LINK_LOST, running && lost);
+        self.limits
+            .set(Limits::NO_SETPOINT, running && inputs.no_setpoint);
+        for limit in [Limits::AMPLITUDE, Limits::ACCELERATION] {
+            let cut = inputs.above_ceiling && inputs.ceiling_limit == limit;
+            self.limits.set(limit, running && cut);
+        }
+        self.limits.set(Limits::DEAF, running && inputs.no_impacts);
+        self.limits
+            .set(Limits::SECOND_TONE, running && inputs.tones);
+        self.limits.set(
+            Limits::OUTPUT,
+            running && self.saturated_for > SATURATION_CYCLES,
+        );
+    }
+
+    /// The drive is off, so no limit holds it back.
+    pub fn rest(&mut self) {
+        self.saturated_for = 0;
+        self.limits = Limits::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FREE: LimitInputs = LimitInputs {
+        running: true,
+        frame_received: false,
+        link_timeout: Some(100.0),
+        no_setpoint: false,
+        above_ceiling: false,
+        ceiling_limit: Limits::AMPLITUDE,
+        no_impacts: false,
+        saturated: false,
+        tones: false,
+    };
+
+    /// Number of equal cycles after which a limit holds, of 1000.
+    fn after(monitor: &mut LimitMonitor, inputs: &LimitInputs, limit: Limits) -> Option<u32> {
+        (1..=1000).find(|_| {
+            monitor.cycle(inputs);
+            monitor.limits().contains(limit)
+        })
+    }
+
+    #[test]
+    fn link_timeout_counts_from_the_last_frame() {
+        let mut monitor = LimitMonitor::default();
+        let silent = |monitor: &mut LimitMonitor| after(monitor, &FREE, Limits::LINK_LOST);
+        assert_eq!(silent(&mut monitor), None);
+        let heard = LimitInputs {
+            frame_received: true,
+            ..FREE
+        };
+        for _ in 0..2 {
+            monitor.cycle(&heard);
+            assert!(monitor.limits().is_empty());
+            assert_eq!(silent(&mut monitor), Some(101));
+        }
+        monitor.cycle(&heard);
+        let stopped = LimitInputs {
+            running: false,
+            ..FREE
+        };
+        assert_eq!(after(&mut monitor, &stopped, Limits::LINK_LOST), None);
+        let unwatched = LimitInputs {
+            link_timeout: None,
+            ..FREE
+        };
+        assert_eq!(after(&mut monitor, &unwatched, Limits::LINK_LOST), None);
+    }
+
+    #[test]
+    fn an_output_at_its_limit_holds_back_after_its_cycles_in_a_row() {
+        let saturated = LimitInputs {
+            saturated: true,
+            ..FREE
+        };
+        let mut monitor = LimitMonitor::default();
+        for _ in 0..SATURATION_CYCLES {
+            monitor.cycle(&saturated);
+        }
+        assert!(monitor.limits().is_empty());
+        monitor.cycle(&FREE);
+        let limit = Limits::OUTPUT;
+        assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
+        monitor.cycle(&FREE);
+        assert!(monitor.limits().is_empty());
+        assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
+        monitor.rest();
+        assert!(monitor.limits().is_empty());
+        assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
+    }
+
+    #[test]
+    fn each_cause_is_its_limit_while_the_drive_runs() {
+        type Cause = fn(&mut LimitInputs);
+        let causes: [(Cause, Limits); 5] = [
+            (|inputs| inputs.no_setpoint = true, Limits::NO_SETPOINT),
+            (|inputs| inputs.above_ceiling = true, Limits::AMPLITUDE),
+            (
+                |inputs| {
+                    inputs.above_ceiling = true;
+                    inputs.ceiling_limit = Limits::ACCELERATION;
+                },
+                Limits::ACCELERATION,
+            ),
+            (|inputs| inputs.no_impacts = true, Limits::DEAF),
+            (|inputs| inputs.tones = true, Limits::SECOND_TONE),
+        ];
+        for (set, limit) in causes {
+            let mut inputs = FREE;
+            set(&mut inputs);
+            let mut monitor = LimitMonitor::default();
+            monitor.cycle(&inputs);
+            assert_eq!(monitor.limits(), limit);
+            monitor.cycle(&FREE);
+            assert!(monitor.limits().is_empty());
+            inputs.running = false;
+            monitor.cycle(&inputs);
+            assert!(monitor.limits().is_empty());
+        }
+    }
+}

@@ -1,0 +1,561 @@
+//! The state machine of a drive: one cycle's observations in, next state and decision out.
+//!
+//! The method is a finite-state machine (Mealy 1955) with hysteresis and debouncing. One threshold
+//! of the confidence enters the lock; a lower one leaves it, if it lasts for some cycles in a row.
+//! The permitted transitions are the table of `control/state/transition.rs`.
+
+use super::capture::{Capture, CaptureEvent};
+use super::interlock::Interlock;
+use crate::aim::ChaosResult;
+use crate::inputs::Inputs;
+use crate::state::{Event, Events, Fault, Limits, State};
+use kband::regime::capture::Plan;
+use kband::regime::classify::{Regime, Verdict};
+
+/// Cycles at the setpoint before a missing lock starts a capture: five rise times of the confidence
+/// (8 cycles), for parts that lock by themselves.
+const CAPTURE_DELAY_CYCLES: u32 = 40;
+/// Confidence, 0..1, at which a lock is detected: of the 16 cycles in memory one may lack its
+/// impact.
+const LOCK_CONFIDENCE: f32 = 0.9;
+/// Confidence, 0..1, below which a lock is doubted: of period-doubled parts half the impacts are
+/// outside the lock's window.
+const LOST_CONFIDENCE: f32 = 0.6;
+/// Cycles of doubt in a row that lose the lock: most of the memory, so that no single gap counts
+/// twice.
+const LOST_CYCLES: u8 = 10;
+/// Cycles in a row near the setpoint that reach it: the dead time is two, so the third shows the
+/// effect of the first.
+const SETPOINT_CYCLES: u8 = 3;
+/// Confidence, 0..1, at which a regime is detected: more likely than not.
+const REGIME_CONFIDENCE: f32 = 0.5;
+/// Cycles in lock before the glide to chaos: three times the memory of the phase statistics.
+const LOCK_CYCLES_BEFORE_GLIDE: u32 = 50;
+/// Progress on the way to chaos.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Glide {
+    /// Chaos is not wanted.
+    None,
+    /// The lock comes first.
+    Lock,
+    /// The amplitude glides.
+    Gliding,
+    /// The amplitude is reached.
+    Arrived {
+        /// Whether chaos was detected.
+        heard: bool,
+    },
+}
+
+/// Response of the drive to the enable input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EnableResponse {
+    /// The fault is acknowledged.
+    Acknowledged,
+    /// The soft stop begins.
+    Stopping,
+    /// The drive starts.
+    Started,
+}
+
+/// Whether a drive at rest may start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clearance {
+    /// Not yet.
+    Pending,
+    /// It may.
+    Granted,
+    /// It must not, because of this fault.
+    Refused(Fault),
+}
+
+/// Observations of a drive that stops.
+#[derive(Clone, Copy, Debug)]
+pub struct Standstill {
+    /// Whether the track is at rest.
+    pub at_rest: bool,
+    /// Cycles after which the track counts as at rest.
+    pub patience: f32,
+}
+
+/// Observations of a running drive in one cycle.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation<'a> {
+    /// Whether the amplitude is at the setpoint.
+    pub near: bool,
+    /// Limits that hold the drive back.
+    pub limits: Limits,
+    /// Confidence that the parts are in the wanted lock, 0..1; `None` where no lock is wanted.
+    pub lock: Option<f32>,
+    /// The last verdict on the parts' regime.
+    pub regime: Option<&'a Verdict>,
+    /// The planned kicks that bring the parts onto the lock.
+    pub plan: Option<&'a Plan>,
+    /// Result of the search for chaos, once it is over.
+    pub chaos: Option<&'a ChaosResult>,
+}
+
+/// Decision that the state machine leaves to the controller.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Decision {
+    /// Nothing.
+    Stay,
+    /// Forget the impacts so far: they are of an earlier setpoint.
+    ForgetImpacts,
+    /// Set the setpoint to this k, in the lot's chaos.
+    GoToChaos(f64),
+    /// Set the setpoint back to the lock, from which chaos is reached.
+    GoToLock,
+    /// The lot has no chaos, so there is no setpoint.
+    NoChaos,
+}
+
+/// The state, and the counters on which the next one depends.
+#[derive(Clone, Debug)]
+pub struct StateMachine {
+    state: State,
+    interlock: Interlock,
+    in_state: u32,
+    arrived: u8,
+    doubts: u8,
+    /// Whether every permitted kick has failed for the present target.
+    given_up: bool,
+    glide: Glide,
+    /// Falls out of chaos since the target was set, and the largest permitted number.
+    falls: u8,
+    max_falls: f32,
+    capture: Capture,
+}
+
+impl StateMachine {
+    /// The state machine of a drive at rest: `pace` in cycles per second, `attempts` permitted
+    /// kicks. The interlock holds an earlier fault.
+    pub fn begin(interlock: Interlock, pace: f32, attempts: f32) -> Self {
+        Self {
+            state: if interlock.fault().is_some() {
+                State::Fault
+            } else {
+                State::Off
+            },
+            interlock,
+            in_state: 0,
+            arrived: 0,
+            doubts: 0,
+            given_up: false,
+            glide: Glide::None,
+            falls: 0,
+            max_falls: attempts,
+            capture: Capture::new(attempts as u8, pace),
+        }
+    }
+
+    /// The interlock, which holds the causes that keep the drive off.
+    pub fn interlock(&self) -> &Interlock {
+        &self.interlock
+    }
+
+    /// Records that the settings in use were saved.
+    pub fn settings_saved(&mut self) {
+        self.interlock.settings_saved();
+    }
+
+    /// The present state.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The fault that stopped the drive.
+    pub fn fault(&self) -> Option<Fault> {
+        self.interlock.fault()
+    }
+
+    /// Whether the drive is on.
+    pub fn running(&self) -> bool {
+        !matches!(self.state, State::Off | State::Fault)
+    }
+
+    /// Whether the detected regime decides the next step.
+    pub fn listens_for_chaos(&self) -> bool {
+        matches!(self.glide, Glide::Gliding | Glide::Arrived { .. })
+    }
+
+    /// Whether the wanted chaos is detected.
+    pub fn in_chaos(&self) -> bool {
+        self.state == State::Holding && self.glide == Glide::Arrived { heard: true }
+    }
+
+    /// Whether the amplitude glides from a lock to chaos.
+    pub fn glides(&self) -> bool {
+        self.state == State::Holding && self.glide == Glide::Gliding
+    }
+
+    /// Kicks begun for the present target.
+    pub fn attempts(&self) -> u8 {
+        self.capture.attempts()
+    }
+
+    /// Amplitude of a kick over the setpoint, during a capture.
+    pub fn kick(&self) -> Option<f32> {
+        (self.state == State::Capturing).then(|| self.capture.command())
+    }
+
+    /// Begins the way to a new target. `chaotic`: the way leads through a lock to chaos.
+    pub fn pursue(&mut self, chaotic: bool) {
+        self.glide = if chaotic { Glide::Lock } else { Glide::None };
+        self.falls = 0;
+        self.arrived = 0;
+        self.given_up = false;
+        self.capture.stop();
+        if self.settled() {
+            self.enter(State::Starting);
+        }
+    }
+
+    /// Counts a cycle.
+    pub fn count(&mut self) {
+        self.in_state = self.in_state.saturating_add(1);
+        self.interlock.count();
+        self.capture.count();
+    }
+
+    /// Whether the setpoint was reached since the start.
+    pub fn settled(&self) -> bool {
+        matches!(
+            self.state,
+            State::Holding | State::Capturing | State::Locked | State::Lost | State::Limiting
+        )
+    }
+
+    fn enter(&mut self, state: State) {
+        self.state = state;
+        self.in_state = 0;
+    }
+
+    /// Stops the drive with a fault; an earlier fault stays.
+    pub fn fail(&mut self, fault: Fault, events: &mut Events) {
+        if self.interlock.fail(fault, events) {
+            self.enter(State::Fault);
+        }
+    }
+
+    /// The drive is off and everything at rest; the way to chaos begins anew.
+    pub fn rest(&mut self) -> Decision {
+        self.capture.stop();
+        self.back_to_lock()
+    }
+
+    /// Follows the enable input: starts, stops, or acknowledges a fault.
+    pub fn follow_enable_input(
+        &mut self,
+        inputs: &Inputs,
+        clearance: Clearance,
+        rest: &Standstill,
+        events: &mut Events,
+    ) -> Option<EnableResponse> {
+        self.interlock.watch(inputs);
+        match self.state {
+            State::Fault => {
+                if inputs.enable || !self.interlock.acknowledges(inputs, events) {
+                    return None;
+                }
+                self.enter(State::Off);
+                Some(EnableResponse::Acknowledged)
+            }
+            State::Off => {
+                if !self.interlock.may_start(inputs) {
+                    return None;
+                }
+                match clearance {
+                    Clearance::Granted => {}
+                    Clearance::Pending => return None,
+                    Clearance::Refused(fault) => {
+                        self.fail(fault, events);
+                        return None;
+                    }
+                }
+                self.enter(State::Starting);
+                self.arrived = 0;
+                events.push(Event::Started);
+                Some(EnableResponse::Started)
+            }
+            State::Stopping => {
+                if self.in_state > 0 && (rest.at_rest || self.in_state as f32 > rest.patience) {
+                    self.enter(State::Off);
+                    events.push(Event::Stopped);
+                }
+                None
+            }
+            _ if !inputs.enable || inputs.held_off || inputs.withheld => {
+                self.interlock.stopping(inputs);
+                self.enter(State::Stopping);
+                events.push(Event::Stopping);
+                Some(EnableResponse::Stopping)
+            }
+            _ => None,
+        }
+    }
+
+    /// Moves between the states of a running drive.
+    #[inline(always)]
+    pub fn advance(&mut self, seen: &Observation<'_>, events: &mut Events) -> Decision {
+        let Observation { near, limits, .. } = *seen;
+        let confidence = seen.lock.unwrap_or(0.0);
+        let locked = confidence >= LOCK_CONFIDENCE;
+        if self.settled() && self.state != State::Limiting && !limits.is_empty() {
+            self.capture.stop();
+            self.enter(State::Limiting);
+            return Decision::Stay;
+        }
+        match self.state {
+            // The setpoint on the way is not permitted.
+            State::Starting
+                if limits.contains(Limits::LINK_LOST) || limits.contains(Limits::NO_SETPOINT) =>
+            {
+                self.enter(State::Limiting);
+                return Decision::ForgetImpacts;
+            }
+            State::Starting => {
+                self.arrived = if near {
+                    self.arrived.saturating_add(1)
+                } else {
+                    0
+                };
+                if self.arrived >= SETPOINT_CYCLES || limits.contains(Limits::OUTPUT) {
+                    if limits.is_empty() {
+                        self.enter(State::Holding);
+                        events.push(Event::SetpointReached);
+                    } else {
+                        self.enter(State::Limiting);
+                    }
+                    return Decision::ForgetImpacts;
+                }
+            }
+            State::Limiting if limits.is_empty() => {
+                self.arrived = 0;
+                self.enter(State::Starting);
+            }
+            State::Holding if self.listens_for_chaos() => return self.glide_on(seen, events),
+            State::Holding if seen.lock.is_some() => {
+                if locked {
+                    self.enter(State::Locked);
+                    events.push(Event::Locked);
+                } else if self.in_state >= CAPTURE_DELAY_CYCLES && !self.given_up {
+                    self.capture.begin();
+                    self.enter(State::Capturing);
+                }
+            }
+            State::Capturing => match self.capture.cycle(seen.plan, locked, near) {
+                None => {}
+                Some(CaptureEvent::Planned { sure: true }) => events.push(Event::KickPlanned),
+                Some(CaptureEvent::Planned { sure: false }) => events.push(Event::KickUncertain),
+                Some(CaptureEvent::Begun) => {
+                    events.push(Event::KickBegun);
+                    return Decision::ForgetImpacts;
+                }
+                Some(CaptureEvent::Ended) => events.push(Event::KickEnded),
+                Some(CaptureEvent::Captured) => {
+                    self.enter(State::Locked);
+                    events.push(Event::Locked);
+                }
+                Some(CaptureEvent::Failed) => {
+                    self.given_up = true;
+                    self.enter(State::Holding);
+                    events.push(Event::NotCaptured);
+                }
+            },
+            State::Locked => {
+                self.doubts = if confidence < LOST_CONFIDENCE {
+                    self.doubts.saturating_add(1)
+                } else {
+                    0
+                };
+                if self.doubts >= LOST_CYCLES {
+                    self.doubts = 0;
+                    self.enter(State::Lost);
+                    events.push(Event::LockLost);
+                } else if self.glide == Glide::Lock && self.in_state >= LOCK_CYCLES_BEFORE_GLIDE {
+                    return self.leave_lock(seen.chaos, events);
+                }
+            }
+            State::Lost => {
+                if locked {
+                    self.enter(State::Locked);
+                    events.push(Event::Locked);
+                } else if self.in_state >= CAPTURE_DELAY_CYCLES {
+                    self.capture.begin();
+                    self.enter(State::Capturing);
+                }
+            }
+            _ => {}
+        }
+        Decision::Stay
+    }
+
+    /// Leaves the lock for chaos once the search for chaos is over.
+    fn leave_lock(&mut self, chaos: Option<&ChaosResult>, events: &mut Events) -> Decision {
+        match chaos.map(|chaos| chaos.k) {
+            None => Decision::Stay,
+            Some(Some(k)) => {
+                self.glide = Glide::Gliding;
+                self.enter(State::Holding);
+                Decision::GoToChaos(k)
+            }
+            Some(None) => {
+                self.glide = Glide::None;
+                events.push(Event::NoSetpoint);
+                Decision::NoChaos
+            }
+        }
+    }
+
+    /// Returns to the amplitude of the lock, from which chaos is reached.
+    fn back_to_lock(&mut self) -> Decision {
+        if !self.listens_for_chaos() {
+            return Decision::Stay;
+        }
+        self.glide = Glide::Lock;
+        Decision::GoToLock
+    }
+
+    /// On the way to chaos and there: tests whether the parts are chaotic.
+    fn glide_on(&mut self, seen: &Observation<'_>, events: &mut Events) -> Decision {
+        match self.glide {
+            Glide::Gliding if seen.near => {
+                self.glide = Glide::Arrived { heard: false };
+                return Decision::ForgetImpacts;
+            }
+            Glide::Arrived { heard } => {
+                let sure = seen
+                    .regime
+                    .filter(|verdict| verdict.confidence >= REGIME_CONFIDENCE);
+                match sure.map(|verdict| verdict.regime) {
+                    Some(Regime::Chaotic) if !heard => {
+                        self.glide = Glide::Arrived { heard: true };
+                        events.push(Event::Chaotic);
+                    }
+                    Some(Regime::Rest | Regime::HopAndRest { .. }) => {
+                        return self.restart_chaos(events);
+                    }
+                    _ => {}
+                }
+            }
+            _ => {}
+        }
+        Decision::Stay
+    }
+
+    /// The parts fell out of chaos to rest. The way begins anew, as often as kicks are permitted.
+    fn restart_chaos(&mut self, events: &mut Events) -> Decision {
+        self.falls = self.falls.saturating_add(1);
+        let decision = self.back_to_lock();
+        if f32::from(self.falls) > self.max_falls {
+            self.given_up = true;
+            self.glide = Glide::None;
+            self.enter(State::Holding);
+            events.push(Event::NotCaptured);
+        } else {
+            self.arrived = 0;
+            self.enter(State::Starting);
+            events.push(Event::LockLost);
+        }
+        decision
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inputs::StartCause;
+
+    const PACE: f32 = 50.0;
+    const AT_REST: Standstill = Standstill {
+        at_rest: true,
+        patience: 0.0,
+    };
+
+    fn begin(start: StartCause) -> StateMachine {
+        StateMachine::begin(Interlock::begin(start, PACE), PACE, 8.0)
+    }
+
+    /// The state after a number of cycles with these inputs.
+    fn after(machine: &mut StateMachine, cycles: u32, inputs: &Inputs) -> State {
+        for _ in 0..cycles {
+            machine.count();
+            machine.follow_enable_input(
+                inputs,
+                Clearance::Granted,
+                &AT_REST,
+                &mut Events::default(),
+            );
+        }
+        machine.state()
+    }
+
+    #[test]
+    fn a_fault_is_not_acknowledged_while_its_cause_is_there() {
+        type Cause = fn(&mut Inputs);
+        let causes: [(Fault, Cause); 5] = [
+            (Fault::OverTemperature, |inputs| {
+                inputs.over_temperature = true;
+            }),
+            (Fault::StackLow, |inputs| inputs.stack_low = true),
+            (Fault::OverCurrent, |inputs| inputs.over_current = true),
+            (Fault::SupplyLow, |inputs| inputs.supply_low = true),
+            (Fault::ClockFailed, |inputs| inputs.clock_failed = true),
+        ];
+        for (fault, cause) in causes {
+            let mut machine = begin(StartCause::Ordinary);
+            machine.fail(fault, &mut Events::default());
+            let mut there = Inputs::default();
+            cause(&mut there);
+            assert_eq!(after(&mut machine, 1000, &there), State::Fault, "{fault:?}");
+            assert_eq!(machine.fault(), Some(fault));
+            let gone = Inputs::default();
+            assert_eq!(after(&mut machine, 1, &gone), State::Off, "{fault:?}");
+        }
+    }
+
+    #[test]
+    fn enable_withdrawn_before_a_fault_does_not_count() {
+        let mut machine = begin(StartCause::Ordinary);
+        let withdrawn = Inputs::default();
+        after(&mut machine, 100, &withdrawn);
+        machine.fail(Fault::StackLow, &mut Events::default());
+        assert_eq!(after(&mut machine, 24, &withdrawn), State::Fault);
+        assert_eq!(after(&mut machine, 1, &withdrawn), State::Off);
+    }
+
+    #[test]
+    fn an_enable_that_was_there_before_the_start_starts_nothing() {
+        let given = Inputs {
+            enable: true,
+            ..Inputs::default()
+        };
+        let mut machine = begin(StartCause::PowerOn);
+        assert_eq!(after(&mut machine, 100, &given), State::Off);
+        assert_eq!(after(&mut machine, 1, &Inputs::default()), State::Off);
+        assert_eq!(after(&mut machine, 1, &given), State::Starting);
+        let mut machine = begin(StartCause::Ordinary);
+        assert_eq!(after(&mut machine, 1, &given), State::Starting);
+    }
+
+    #[test]
+    fn a_drive_that_is_held_off_stops_and_does_not_start() {
+        let given = Inputs {
+            enable: true,
+            ..Inputs::default()
+        };
+        let held = Inputs {
+            held_off: true,
+            ..given
+        };
+        let mut machine = begin(StartCause::Ordinary);
+        assert_eq!(after(&mut machine, 100, &held), State::Off);
+        assert_eq!(after(&mut machine, 1, &given), State::Starting);
+        assert_eq!(after(&mut machine, 1, &held), State::Stopping);
+        assert_eq!(after(&mut machine, 100, &held), State::Off);
+        // A chattering input acknowledges no fault.
+        machine.fail(Fault::SensorLost, &mut Events::default());
+        assert_eq!(after(&mut machine, 1000, &held), State::Fault);
+    }
+}

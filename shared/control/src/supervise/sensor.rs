@@ -1,0 +1,291 @@
+//! Tests of the accelerometer: its mean against the commissioned one, and a small swing at each
+//! start.
+//!
+//! The methods are limit checks: on a block average, and on the ratio of measured to predicted
+//! amplitude (Isermann, Fault-Diagnosis Systems, 2006).
+
+use crate::hear::Cycle;
+use crate::settings::Settings;
+use kband::feeder::STANDARD_GRAVITY;
+
+/// Averaging time of the mean reading, in s: at 50 Hz the converter's noise leaves 0.03 mV.
+const REST_SECONDS: f32 = 0.1;
+/// Permitted drift of the voltage at zero acceleration, in V: temperature, supply, age.
+const OFFSET_DRIFT: f32 = 0.02;
+/// Permitted relative drift of the sensitivity.
+const SENSITIVITY_DRIFT: f32 = 0.05;
+
+/// Amplitude of the test swing over the hard limit.
+const SWING_SHARE: f32 = 0.05;
+/// Smallest amplitude of the test swing over the smallest detectable one: 24 steps of the
+/// converter.
+const SWING_RESOLUTION: f32 = 3.0;
+/// Settling time of the test swing in time constants of the drive's envelope.
+const SETTLING_TIME_CONSTANTS: f32 = 2.0;
+/// Additional settling cycles of the test swing, for the dead time.
+const SETTLING_CYCLES: f32 = 3.0;
+/// Cycles over which the test swing is averaged.
+const SWING_CYCLES: f32 = 8.0;
+/// Value of the setting `gain_tolerance` from which no test swing runs: it was not commissioned.
+pub const UNCOMMISSIONED_TOLERANCE: f32 = 2.5;
+
+/// Compares the mean reading with the one at rest at commissioning, at rest and in operation. The
+/// track's own acceleration has no mean.
+#[derive(Clone, Copy, Debug)]
+pub struct RestTest {
+    /// Commissioned mean acceleration and largest deviation from it, in m/s^2; `None` without a
+    /// commissioned one.
+    commissioned: Option<[f32; 2]>,
+    /// Drive cycles per average.
+    length: f32,
+    cycles: f32,
+    sum: f32,
+    /// Whether the last complete average deviates.
+    deviates: Option<bool>,
+}
+
+impl RestTest {
+    /// The test for these settings.
+    pub fn build(settings: &Settings) -> Self {
+        let Settings {
+            sensitivity,
+            sensor_zero,
+            sensor_rest,
+            converter_reference,
+            converter_bits,
+            ..
+        } = *settings;
+        let per_volt = STANDARD_GRAVITY as f32 / sensitivity;
+        let step = converter_reference / libm::exp2f(converter_bits);
+        let rest = (sensor_rest - sensor_zero) * per_volt;
+        // The sensitivity drifts by a share of full gravity, whatever share the axis measures. A
+        // wrong `sensor_zero` does not narrow the bound.
+        let bound = (OFFSET_DRIFT + step) * per_volt + SENSITIVITY_DRIFT * STANDARD_GRAVITY as f32;
+        Self {
+            commissioned: (sensor_rest > 0.0).then_some([rest, bound]),
+            length: libm::ceilf(REST_SECONDS * settings.frequency),
+            cycles: 0.0,
+            sum: 0.0,
+            deviates: None,
+        }
+    }
+
+    /// Restarts the average.
+    pub fn restart(&mut self) {
+        (self.sum, self.cycles, self.deviates) = (0.0, 0.0, None);
+    }
+
+    /// Adds the mean of a cycle.
+    pub fn cycle(&mut self, cycle: &Cycle) {
+        let Some([rest, bound]) = self.commissioned else {
+            return;
+        };
+        self.sum += cycle.mean;
+        self.cycles += 1.0;
+        if self.cycles >= self.length {
+            let mean = self.sum / self.cycles;
+            self.deviates = Some((mean - rest).abs() > bound);
+            (self.sum, self.cycles) = (0.0, 0.0);
+        }
+    }
+
+    /// Whether the mean deviates; `None` before the first average.
+    pub fn deviates(&self) -> Option<bool> {
+        if self.commissioned.is_some() {
+            self.deviates
+        } else {
+            Some(false)
+        }
+    }
+}
+
+/// Result of the test swing after a cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SwingResult {
+    /// There is no swing, or it still runs.
+    Pending,
+    /// Measured amplitude over predicted amplitude is within the tolerance.
+    Passed,
+    /// It is outside.
+    Failed,
+}
+
+/// A small swing at each start. It compares the measured amplitude with the predictions from output
+/// and from current, by their commissioned gains.
+#[derive(Clone, Copy, Debug)]
+pub struct TestSwing {
+    /// Largest factor between the two; `None` without commissioning.
+    tolerance: Option<f32>,
+    /// Settling cycles before the average begins.
+    settling: f32,
+    passed: bool,
+    /// Whether the reference is held at the swing, and for how many cycles.
+    held: bool,
+    cycles: f32,
+    /// Sums of the measured and predicted amplitudes, in m.
+    measured: f32,
+    expected: [f32; 2],
+}
+
+impl TestSwing {
+    /// The swing for these settings. `envelope` is the time constant of the drive's envelope, in
+    /// cycles.
+    pub fn build(settings: &Settings, envelope: f32) -> Self {
+        let tolerance = settings.gain_tolerance;
+        Self {
+            tolerance: (tolerance < UNCOMMISSIONED_TOLERANCE).then_some(tolerance),
+            settling: SETTLING_TIME_CONSTANTS * envelope + SETTLING_CYCLES,
+            passed: false,
+            held: false,
+            cycles: 0.0,
+            measured: 0.0,
+            expected: [0.0; 2],
+        }
+    }
+
+    /// Begins the test of a start.
+    pub fn begin(&mut self) {
+        *self = Self {
+            passed: false,
+            held: false,
+            ..*self
+        };
+        self.restart();
+    }
+
+    fn restart(&mut self) {
+        (self.cycles, self.measured, self.expected) = (0.0, 0.0, [0.0; 2]);
+    }
+
+    /// Limits until the swing has passed: for the reference, now at `now`, and for the amplitude
+    /// that the outputs may drive without the accelerometer. All are in m. `ceiling` is the hard
+    /// limit, `least` the smallest detectable amplitude.
+    pub fn limits(&self, now: f32, ceiling: f32, least: f32) -> Option<[f32; 2]> {
+        let tolerance = self.tolerance.filter(|_| !self.passed)?;
+        let swing = (SWING_SHARE * ceiling).max(SWING_RESOLUTION * least);
+        let swing = swing.max(now);
+        Some([swing, tolerance * swing])
+    }
+
+    /// Sets whether the reference is held at the swing.
+    pub fn hold(&mut self, held: bool) {
+        self.held = held;
+    }
+
+    /// Adds the measured amplitude of a cycle and those predicted from output and current, in m.
+    pub fn cycle(&mut self, measured: f32, expected: [f32; 2]) -> SwingResult {
+        let Some(tolerance) = self.tolerance.filter(|_| self.held && !self.passed) else {
+            self.restart();
+            return SwingResult::Pending;
+        };
+        self.cycles += 1.0;
+        if self.cycles <= self.settling {
+            return SwingResult::Pending;
+        }
+        self.measured += measured;
+        for (sum, expected) in self.expected.iter_mut().zip(expected) {
+            *sum += expected;
+        }
+        if self.cycles < self.settling + SWING_CYCLES {
+            return SwingResult::Pending;
+        }
+        let [by_output, by_current] = self.expected.map(|expected| self.measured / expected);
+        self.restart();
+        // A ratio that is not a number fails too.
+        let within = |ratio: f32| (1.0..=tolerance * tolerance).contains(&(ratio * tolerance));
+        self.passed = within(by_output) && within(by_current);
+        if self.passed {
+            SwingResult::Passed
+        } else {
+            SwingResult::Failed
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Settings of a commissioned machine whose sensor measures the share `seen` of 1 g at rest.
+    fn commissioned(seen: f32) -> Settings {
+        Settings {
+            sensor_rest: 1.65 + 0.1 * seen,
+            gain_tolerance: 1.3,
+            load_tolerance: 1.3,
+            ..Settings::default()
+        }
+    }
+
+    /// Result of the test at rest after a time in s, for a reading that deviates by a voltage.
+    fn after(settings: &Settings, seconds: f32, volts: f32) -> Option<bool> {
+        let mut test = RestTest::build(settings);
+        let rest = settings.sensor_rest + volts - settings.sensor_zero;
+        let cycle = Cycle {
+            mean: rest / settings.sensitivity * STANDARD_GRAVITY as f32,
+            ..Cycle::default()
+        };
+        for _ in 0..(seconds * settings.frequency) as usize {
+            test.cycle(&cycle);
+        }
+        test.deviates()
+    }
+
+    #[test]
+    fn a_mean_beyond_drift_and_a_step_deviates() {
+        // 20 mV of offset, 5 % of 0.1 V and a step of 0.8 mV.
+        for seen in [-1.0, 0.0, 1.0] {
+            let settings = commissioned(seen);
+            for (volts, deviates) in [(0.0255, false), (0.0262, true)] {
+                for sign in [-1.0, 1.0] {
+                    assert_eq!(after(&settings, 0.11, sign * volts), Some(deviates));
+                }
+                assert_eq!(after(&settings, 0.09, volts), None);
+            }
+        }
+        let uncommissioned = Settings::default();
+        assert_eq!(after(&uncommissioned, 0.0, 1.0), Some(false));
+        assert_eq!(after(&uncommissioned, 1.0, 1.0), Some(false));
+    }
+
+    #[test]
+    fn a_swing_that_is_too_strong_for_its_output_ends() {
+        let mut swing = TestSwing::build(&commissioned(0.0), 8.0);
+        swing.begin();
+        swing.hold(true);
+        let found = (0..40).find_map(|_| match swing.cycle(1e-4, [0.0; 2]) {
+            SwingResult::Pending => None,
+            other => Some(other),
+        });
+        assert_eq!(found, Some(SwingResult::Failed));
+    }
+
+    #[test]
+    fn the_swing_is_averaged_after_it_has_settled() {
+        let mut swing = TestSwing::build(&commissioned(0.0), 8.0);
+        swing.begin();
+        swing.hold(true);
+        // 19 cycles to settle, in which the sensor measures nothing yet.
+        let results: std::vec::Vec<_> = (1..=27)
+            .map(|n| swing.cycle(if n > 19 { 1e-4 } else { 0.0 }, [1e-4; 2]))
+            .collect();
+        assert!(
+            results[..26]
+                .iter()
+                .all(|result| *result == SwingResult::Pending)
+        );
+        assert_eq!(results[26], SwingResult::Passed);
+    }
+
+    #[test]
+    fn an_uncommissioned_gain_has_no_test_swing() {
+        let limits = |gain_tolerance| {
+            let settings = Settings {
+                gain_tolerance,
+                ..commissioned(0.0)
+            };
+            TestSwing::build(&settings, 8.0).limits(0.0, 1e-3, 1e-6)
+        };
+        assert!(limits(2.4).is_some());
+        assert_eq!(limits(UNCOMMISSIONED_TOLERANCE), None);
+    }
+}

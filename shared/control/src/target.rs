@@ -1,0 +1,59 @@
+//! Targets: the wanted behaviour of the parts.
+
+use serde::{Deserialize, Serialize};
+
+use super::drive::Shape;
+
+/// The user's target for the parts. On the line a variant is its index here.
+///
+/// ```
+/// use kband_control::{Controller, NoSetpoint, Settings, StartCause, Target};
+/// // A lot so wide that no k is in the band of every part.
+/// let settings = Settings {
+///     restitution_low: 0.1,
+///     restitution_high: 0.3,
+///     ..Settings::default()
+/// };
+/// let target = Target::Locked { order: 1 };
+/// let controller = Controller::build(&settings, target, StartCause::Ordinary)?;
+/// let Some(NoSetpoint::Band(none)) = controller.no_setpoint() else {
+///     panic!("it has one");
+/// };
+/// assert!(none.to_string().contains("restitution"));
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Target {
+    /// Parts locked to the drive, one impact every `order` cycles.
+    Locked {
+        /// Drive cycles per impact (symbol r), 1..=8.
+        order: u8,
+    },
+    /// Parts in chaotic motion.
+    Chaotic,
+    /// A value of k, 0.02..10.
+    K(f32),
+    /// A normal amplitude b in mm.
+    Amplitude(f32),
+    /// A conveying speed in mm/s, positive upwards: the lock that conveys at it.
+    Speed(f32),
+    /// Identification of the parts' restitution from hops and rests
+    /// ([`Identification`](crate::Identification)): a step of commissioning.
+    Identify,
+    /// Parts in gear, one flight every `order` cycles, for as large a share of time as the lot's
+    /// scatter allows.
+    Gear {
+        /// Drive cycles per flight (symbol r), 1..=8.
+        order: u8,
+    },
+    /// A value of k, 0.02..10, with upper tones of the track.
+    Tones {
+        /// k of the first tone.
+        k: f32,
+        /// The upper tones; their ratios at most the settings `second_tone` and `third_tone`.
+        shape: Shape,
+    },
+    /// A mass flow in g/s, above 0: parts in gear, of the order that gives this flow with the parts
+    /// on the track.
+    Flow(f32),
+}

@@ -1,0 +1,276 @@
+//! Encoding and decoding of frames (docs/link.md).
+
+use serde::{Deserialize, Serialize};
+
+use super::message::{Request, Response};
+use super::receiver::{MAX_FRAME_BYTES, Unreadable};
+use super::{SCHEMA, VERSION};
+
+/// Largest number of bytes inside a frame; COBS adds one in 254.
+const MAX_INSIDE_BYTES: usize = MAX_FRAME_BYTES - 3;
+const HEAD_BYTES: usize = 4;
+const CHECK_BYTES: usize = 4;
+/// Version of the identity request and its response.
+const IDENTIFY: u8 = 0;
+
+/// Error: a message too long for a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unsendable;
+
+/// Frame received by a board.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Incoming<'a> {
+    /// The identity request.
+    Question {
+        /// Sequence of the response.
+        sequence: u8,
+    },
+    /// A request.
+    Request {
+        /// Sequence of the response.
+        sequence: u8,
+        /// The request.
+        request: Request<'a>,
+    },
+}
+
+/// Identity of a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity<'a> {
+    /// [`VERSION`] of the board.
+    pub version: u8,
+    /// [`SCHEMA`] of the board.
+    pub schema: u32,
+    /// Name, version and build of the image.
+    pub image: &'a str,
+}
+
+/// Frame received by a desk.
+// A value lives during the decoding of one frame only, and there is no heap for a box.
+#[allow(clippy::large_enum_variant)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Outgoing<'a> {
+    /// The response to the identity request.
+    Identity {
+        /// Sequence of the request.
+        sequence: u8,
+        /// The identity.
+        identity: Identity<'a>,
+    },
+    /// A response.
+    Response {
+        /// Sequence of the request; 0 for telemetry.
+        sequence: u8,
+        /// The response.
+        response: Response<'a>,
+    },
+}
+
+/// Encodes a request.
+pub fn write_request<'b>(
+    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    sequence: u8,
+    request: &Request<'_>,
+) -> Result<&'b [u8], Unsendable> {
+    write_message(buffer, sequence, request)
+}
+
+/// Encodes a response.
+pub fn write_response<'b>(
+    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    sequence: u8,
+    response: &Response<'_>,
+) -> Result<&'b [u8], Unsendable> {
+    write_message(buffer, sequence, response)
+}
+
+/// Encodes the identity request; its format never changes.
+pub fn write_question(
+    buffer: &mut [u8; MAX_FRAME_BYTES],
+    sequence: u8,
+) -> Result<&[u8], Unsendable> {
+    let mut inside = [0; MAX_INSIDE_BYTES];
+    inside[0] = IDENTIFY;
+    inside[1] = sequence;
+    finish(buffer, &mut inside, 2)
+}
+
+/// Encodes the response to the identity request; its format never changes.
+pub fn write_identity<'b>(
+    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    sequence: u8,
+    identity: &Identity<'_>,
+) -> Result<&'b [u8], Unsendable> {
+    let mut inside = [0; MAX_INSIDE_BYTES];
+    let image = identity.image.as_bytes();
+    let length = 7 + image.len();
+    inside[0] = IDENTIFY;
+    inside[1] = sequence;
+    inside[2] = identity.version;
+    inside[3..7].copy_from_slice(&identity.schema.to_le_bytes());
+    inside
+        .get_mut(7..length)
+        .ok_or(Unsendable)?
+        .copy_from_slice(image);
+    finish(buffer, &mut inside, length)
+}
+
+/// Decodes the content of a frame received by a board.
+pub fn read_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
+    match check_frame(inside)? {
+        (IDENTIFY, [sequence]) => Ok(Incoming::Question {
+            sequence: *sequence,
+        }),
+        (IDENTIFY, _) => Err(Unreadable::Unknown),
+        (version, rest) => {
+            let (sequence, request) = read_message(version, rest)?;
+            Ok(Incoming::Request { sequence, request })
+        }
+    }
+}
+
+/// Decodes the content of a frame received by a desk.
+pub fn read_answer(inside: &[u8]) -> Result<Outgoing<'_>, Unreadable> {
+    match check_frame(inside)? {
+        (IDENTIFY, [sequence, version, a, b, c, d, image @ ..]) => Ok(Outgoing::Identity {
+            sequence: *sequence,
+            identity: Identity {
+                version: *version,
+                schema: u32::from_le_bytes([*a, *b, *c, *d]),
+                image: core::str::from_utf8(image).map_err(|_| Unreadable::Unknown)?,
+            },
+        }),
+        (IDENTIFY, _) => Err(Unreadable::Unknown),
+        (version, rest) => {
+            let (sequence, response) = read_message(version, rest)?;
+            Ok(Outgoing::Response { sequence, response })
+        }
+    }
+}
+
+fn write_message<'b>(
+    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    sequence: u8,
+    message: &impl Serialize,
+) -> Result<&'b [u8], Unsendable> {
+    let mut inside = [0; MAX_INSIDE_BYTES];
+    let [low, high, ..] = SCHEMA.to_le_bytes();
+    inside[..HEAD_BYTES].copy_from_slice(&[VERSION, low, high, sequence]);
+    let room = inside
+        .get_mut(HEAD_BYTES..MAX_INSIDE_BYTES - CHECK_BYTES)
+        .ok_or(Unsendable)?;
+    let length = postcard::to_slice(message, room)
+        .map_err(|_| Unsendable)?
+        .len();
+    finish(buffer, &mut inside, HEAD_BYTES + length)
+}
+
+fn read_message<'a, M: Deserialize<'a>>(
+    version: u8,
+    rest: &'a [u8],
+) -> Result<(u8, M), Unreadable> {
+    let [low, high, ..] = SCHEMA.to_le_bytes();
+    match rest {
+        [a, b, sequence, message @ ..] if version == VERSION && [*a, *b] == [low, high] => {
+            match postcard::take_from_bytes(message) {
+                Ok((message, [])) => Ok((*sequence, message)),
+                _ => Err(Unreadable::Unknown),
+            }
+        }
+        _ => Err(Unreadable::Foreign),
+    }
+}
+
+/// Appends the CRC to the first `length` bytes and encodes them by COBS.
+fn finish<'b>(
+    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    inside: &mut [u8; MAX_INSIDE_BYTES],
+    length: usize,
+) -> Result<&'b [u8], Unsendable> {
+    let check = crc32(inside.get(..length).ok_or(Unsendable)?).to_le_bytes();
+    inside
+        .get_mut(length..length + CHECK_BYTES)
+        .ok_or(Unsendable)?
+        .copy_from_slice(&check);
+    let whole = inside.get(..length + CHECK_BYTES).ok_or(Unsendable)?;
+    let mut put = |at: usize, byte: u8| {
+        let slot = buffer.get_mut(at).ok_or(Unsendable)?;
+        *slot = byte;
+        Ok(())
+    };
+    let mut code_at = 0;
+    let mut end = 1;
+    let mut code = 1_u8;
+    for &byte in whole {
+        if byte != 0 {
+            put(end, byte)?;
+            end += 1;
+            code += 1;
+        }
+        if byte == 0 || code == u8::MAX {
+            put(code_at, code)?;
+            code_at = end;
+            end += 1;
+            code = 1;
+        }
+    }
+    put(code_at, code)?;
+    put(end, 0)?;
+    buffer.get(..=end).ok_or(Unsendable)
+}
+
+/// A frame with arbitrary content and a valid CRC.
+#[cfg(test)]
+pub(super) fn write_inside<'b>(buffer: &'b mut [u8; MAX_FRAME_BYTES], plain: &[u8]) -> &'b [u8] {
+    let mut inside = [0; MAX_INSIDE_BYTES];
+    inside[..plain.len()].copy_from_slice(plain);
+    finish(buffer, &mut inside, plain.len()).unwrap()
+}
+
+/// Checks the CRC; returns the version and the bytes after it.
+fn check_frame(inside: &[u8]) -> Result<(u8, &[u8]), Unreadable> {
+    let (sound, check) = inside
+        .split_last_chunk::<CHECK_BYTES>()
+        .ok_or(Unreadable::Corrupt)?;
+    if crc32(sound) != u32::from_le_bytes(*check) {
+        return Err(Unreadable::Corrupt);
+    }
+    let (version, rest) = sound.split_first().ok_or(Unreadable::Corrupt)?;
+    Ok((*version, rest))
+}
+
+/// CRC-32 (IEEE 802.3) by half-byte table lookup: 64 bytes of table, some twelve instructions a
+/// byte.
+pub fn crc32(bytes: &[u8]) -> u32 {
+    const TABLE: [u32; 16] = {
+        let mut table = [0; 16];
+        let mut nibble = 0;
+        while nibble < 16 {
+            let mut value = nibble as u32;
+            let mut bit = 0;
+            while bit < 4 {
+                value = (value >> 1) ^ (0xedb8_8320 & (value & 1).wrapping_neg());
+                bit += 1;
+            }
+            table[nibble] = value;
+            nibble += 1;
+        }
+        table
+    };
+    !bytes.iter().fold(!0, |sum, byte| {
+        let sum = sum ^ u32::from(*byte);
+        let sum = (sum >> 4) ^ TABLE[(sum & 15) as usize];
+        (sum >> 4) ^ TABLE[(sum & 15) as usize]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_check_is_the_one_of_ieee_802_3() {
+        // Check value in the catalogue of CRC algorithms.
+        assert_eq!(crc32(b"123456789"), 0xcbf4_3926);
+    }
+}

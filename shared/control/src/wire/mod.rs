@@ -1,0 +1,42 @@
+//! Link protocol between board and desk: messages in frames with a checksum (docs/link.md).
+//!
+//! A frame is encoded by COBS (Cheshire and Baker 1997) and ends with a zero, so a receiver
+//! resynchronizes after any garbage. It contains in this order:
+//! |---|---|
+//! | 1 | version: [`VERSION`], or 0 for the identity request and its response |
+//! | 2 | schema: the low half of [`SCHEMA`]; absent with version 0 |
+//! | 1 | sequence: a response repeats that of its request; telemetry has 0 |
+//! | | the message: postcard of [`Request`] or [`Response`] |
+//! | 4 | CRC-32 (IEEE 802.3) of all bytes before it |
+//!
+//! The identity request is a frame of version 0 without a message. Its response is [`Identity`]:
+//! version, schema (4 bytes) and name of the image. These two never change, so any desk can
+//! identify any board. Everything else may change with [`VERSION`] and [`SCHEMA`], and is rejected
+//! where they differ.
+//!
+//! Unreadable frames are rejected and counted ([`Counters`]). Values are never guessed, clipped or
+//! applied in part.
+//! half done.
+
+mod frame;
+mod message;
+mod receiver;
+
+pub use frame::{
+    Identity, Incoming, Outgoing, Unsendable, crc32, read_answer, read_request, write_identity,
+    write_question, write_request, write_response,
+};
+pub use message::{
+    Access, Counters, Kept, KeptFault, Pin, Record, Refusal, Request, Response, SelfTest, SetUp,
+    Setting, Status, TELEMETRY_FRAME, Telemetry, fold_output, read_reading, write_reading,
+};
+pub use receiver::{MAX_FRAME_BYTES, Receiver, Unreadable};
+
+/// Protocol version of all frames except the identity request and its response.
+pub const VERSION: u8 = 1;
+
+/// Hash of the golden frames; it changes with every message.
+pub const SCHEMA: u32 = 0xda9f_6037;
+
+#[cfg(test)]
+mod tests;

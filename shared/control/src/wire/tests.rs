@@ -1,0 +1,623 @@
+//! Golden frames, and rejection of invalid frames.
+
+use std::format;
+use std::string::{String, ToString};
+use std::vec::Vec;
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::{
+    Command, Event, Events, Fault, GearMargin, Identification, Identified, Inputs, Limits, Load,
+    Overtone, Report, Shape, StartCause, State, Target, Unidentified, UpperTone,
+};
+use kband::arithmetic::Phase;
+use kband::regime::classify::{Regime, Verdict};
+
+fn requests() -> Vec<Request<'static>> {
+    std::vec![
+        Request::Setting(3),
+        Request::Get("frequency"),
+        Request::set("restitution_low", 0.18),
+        Request::Save,
+        Request::Defaults,
+        Request::Target(Target::Locked { order: 1 }),
+        Request::Target(Target::Chaotic),
+        Request::Target(Target::K(0.41)),
+        Request::Target(Target::Amplitude(0.25)),
+        Request::Target(Target::Speed(12.5)),
+        Request::Target(Target::Flow(46.75)),
+        Request::Target(Target::Identify),
+        Request::Target(Target::Gear { order: 1 }),
+        Request::Target(Target::Tones {
+            k: 0.35,
+            shape: Shape::new(UpperTone::new(0.15, 2.356), UpperTone::new(0.05, 5.3)),
+        }),
+        Request::Enable(true),
+        Request::Telemetry(5),
+        Request::Event(300),
+        Request::SelfTest,
+        Request::Counters,
+        Request::LastWords,
+        Request::Alive,
+        Request::Simulate {
+            target: Target::Locked { order: 1 },
+            start: StartCause::Ordinary,
+        },
+        Request::Samples {
+            codes: &[1, 2, 3],
+            end: None,
+        },
+        Request::Samples {
+            codes: &[],
+            end: Some(Inputs {
+                enable: true,
+                link_heard: true,
+                ..Inputs::default()
+            }),
+        },
+        Request::Identification,
+        Request::Held,
+        Request::Fault(3),
+        Request::Status,
+        Request::Lock(Pin::parse("0420")),
+        Request::Lock(None),
+        Request::Unlock(Pin::parse("12345678").unwrap()),
+    ]
+}
+
+fn responses() -> Vec<Response<'static>> {
+    std::vec![
+        Response::Done,
+        Response::Refused(Refusal::Unknown),
+        Response::Refused(Refusal::OutOfRange {
+            parameter: "frequency",
+            accepted: "5..500 Hz",
+        }),
+        Response::Refused(Refusal::Running),
+        Response::Refused(Refusal::Store),
+        Response::Refused(Refusal::OutOfStep),
+        Response::Refused(Refusal::TooOften),
+        Response::Refused(Refusal::ReadOnly(Access::Strapped)),
+        Response::Refused(Refusal::WrongPin),
+        Response::Refused(Refusal::Wait(59)),
+        Response::Refused(Refusal::Faster(2)),
+        Response::Refused(Refusal::SupplyLow),
+        Response::Setting(Setting {
+            number: 0,
+            key: "frequency",
+            unit: "Hz",
+            value: 50.0,
+            low: 5.0,
+            high: 500.0,
+            default: 50.0,
+        }),
+        Response::Event(Some(Record {
+            number: 300,
+            cycle: 70_000,
+            event: 26,
+            fault: 0,
+            mass: 250.0,
+            flow: 46.75,
+        })),
+        Response::Event(None),
+        Response::SelfTest(SelfTest {
+            sensor: true,
+            settings: Kept::Others,
+            stack_free: 20_000,
+            missed: 0,
+            set_up: SetUp {
+                brown_out: 2700,
+                watchdog: true,
+                sample: 1000,
+                control: 20_000,
+            },
+        }),
+        Response::Counters(Counters {
+            requests: 1,
+            oversized: 2,
+            corrupt: 3,
+            foreign: 4,
+            unknown: 5,
+            flooded: 600,
+            rows_dropped: 7,
+            answers_dropped: 8,
+        }),
+        Response::LastWords(Some("panic at lib.rs:7")),
+        Response::LastWords(None),
+        Response::Telemetry(Telemetry {
+            cycle: 500,
+            k: 0.41,
+            amplitude: 0.000_25,
+            setpoint: 0.000_25,
+            lead: -1.5,
+            output: 0.3,
+            shape: Shape::new(UpperTone::new(0.15, 2.356), UpperTone::new(0.05, 5.3)),
+            overtones: [[0.1, -0.2], [0.3, 0.05]],
+            rate: 1.0,
+            phase: 0.7,
+            confidence: 0.95,
+            in_gear: 0.75,
+            in_gear_error: 0.03125,
+            expected_in_gear: 0.85,
+            gear_band: Some([0.375, 0.4375]),
+            margin: Some(GearMargin {
+                trace: -0.5,
+                restitution: 0.25,
+                error: 0.125,
+                scatter: 0.0625,
+                flip: 0.5,
+                to_loss: 1000.0,
+            }),
+            load: Some(Load {
+                mass: 250.0,
+                speed: 93.5,
+                flow: 46.75,
+            }),
+            state: 4,
+            fault: 0,
+            limits: 2,
+        }),
+        Response::Cycle {
+            outputs: 0x0102_0304,
+            report: Report::default(),
+        },
+        Response::Identification(Identification::Idle),
+        Response::Identification(Identification::Listening { hops: 16 }),
+        Response::Identification(Identification::Found(Identified {
+            restitution: 0.3,
+            deviation: 0.01,
+            k: 0.55,
+            scatter: 0.05,
+            hops: 64,
+        })),
+        Response::Identification(Identification::NotFound(Unidentified::Quiet)),
+        Response::Identification(Identification::NotFound(Unidentified::Unsteady)),
+        Response::Held(Target::Locked { order: 3 }),
+        Response::Held(Target::K(0.41)),
+        Response::Fault(None),
+        Response::Status(Status {
+            inputs: Inputs {
+                enable: true,
+                supply_low: true,
+                ..Inputs::default()
+            },
+            permitted: true,
+            access: Access::Locked,
+            ready: false,
+            mean: -0.25,
+            current: 1.5,
+            seconds: 4711,
+        }),
+        Response::Fault(Some(KeptFault {
+            number: 300,
+            seconds: 70_000,
+            fault: 4,
+            state: 2,
+            amplitude: 0.000_25,
+            expected: 0.000_5,
+            output: 0.5,
+            low: 2040,
+            high: 2056,
+        })),
+    ]
+}
+
+/// A report of each regime; the index of a regime is its code on the line.
+fn regimes() -> impl Iterator<Item = Response<'static>> {
+    // The compiler requires an entry for each new variant.
+    let after = |regime: &Regime| match regime {
+        Regime::Rest => Some(Regime::HopAndRest { cycles: 2 }),
+        Regime::HopAndRest { .. } => Some(Regime::Locked { order: 2 }),
+        Regime::Locked { .. } => Some(Regime::Doubled {
+            order: 2,
+            doublings: 1,
+        }),
+        Regime::Doubled { .. } => Some(Regime::Periodic {
+            impacts: 3,
+            cycles: 4,
+        }),
+        Regime::Periodic { .. } => Some(Regime::Chaotic),
+        Regime::Chaotic => Some(Regime::Undecided),
+        Regime::Undecided => None,
+    };
+    core::iter::successors(Some(Regime::Rest), after).map(|regime| Response::Cycle {
+        outputs: 0,
+        report: Report {
+            regime: Some(Verdict {
+                regime,
+                confidence: 0.75,
+            }),
+            ..Report::default()
+        },
+    })
+}
+
+/// A report whose fields all differ from their defaults.
+fn report() -> Report {
+    let mut events = Events::default();
+    for event in [
+        Event::Started,
+        Event::NotIdentified,
+        Event::Faulted,
+        Event::Locked,
+    ] {
+        events.push(event);
+    }
+    Report {
+        cycle: 70_000,
+        k: 0.41,
+        amplitude: 1.5e-3,
+        lead: -1.5,
+        shape: Shape::new(UpperTone::new(0.125, 2.25), UpperTone::new(0.0625, -1.25)),
+        reference: 1.4e-3,
+        setpoint: 1.6e-3,
+        rate: 1.25,
+        phase: 0.7,
+        concentration: 0.9,
+        regime: Some(Verdict {
+            regime: Regime::Doubled {
+                order: 2,
+                doublings: 1,
+            },
+            confidence: 0.75,
+        }),
+        frequency: 50.0,
+        confidence: 0.95,
+        in_gear: 0.75,
+        in_gear_error: 0.03125,
+        gear: 1,
+        to_loss: 500.0,
+        margin: Some(GearMargin {
+            trace: -0.5,
+            restitution: 0.25,
+            error: 0.125,
+            scatter: 0.0625,
+            flip: 0.5,
+            to_loss: 1000.0,
+        }),
+        expected_in_gear: 0.85,
+        gear_band: Some([0.375, 0.4375]),
+        load: Some(Load {
+            mass: 250.0,
+            speed: 93.5,
+            flow: 46.75,
+        }),
+        attempts: 2,
+        identification: Identification::NotFound(Unidentified::Dead),
+        state: State::Fault,
+        fault: Some(Fault::StackLow),
+        limits: Limits::from_bits(Limits::OUTPUT.bits() | Limits::LINK_LOST.bits()).unwrap(),
+        events,
+        command: Command {
+            amplitude: 0.3,
+            lead: Phase::from_bits(1 << 27),
+            overtones: [
+                Overtone {
+                    sine: 0.25,
+                    cosine: -0.5,
+                },
+                Overtone {
+                    sine: 0.125,
+                    cosine: 0.0625,
+                },
+            ],
+            step: 10_737_418,
+            immediate: true,
+            fold: Some(Phase::from_bits(1 << 30)),
+            whole: false,
+        },
+    }
+}
+
+/// Postcard encoding of [`report`] by an independent program.
+const SENT: &[u8] = &[
+    0xf0, 0xa2, 0x04, 0x85, 0xeb, 0xd1, 0x3e, 0xa6, 0x9b, 0xc4, 0x3a, 0x00, 0x00, 0xc0, 0xbf, 0x00,
+    0x00, 0x00, 0x3e, 0x00, 0x00, 0x10, 0x40, 0x00, 0x00, 0x80, 0x3d, 0x00, 0x00, 0xa0, 0xbf, 0x34,
+    0x80, 0xb7, 0x3a, 0x17, 0xb7, 0xd1, 0x3a, 0x00, 0x00, 0xa0, 0x3f, 0x33, 0x33, 0x33, 0x3f, 0x66,
+    0x66, 0x66, 0x3f, 0x01, 0x03, 0x02, 0x01, 0x00, 0x00, 0x40, 0x3f, 0x00, 0x00, 0x48, 0x42, 0x33,
+    0x33, 0x73, 0x3f, 0x00, 0x00, 0x40, 0x3f, 0x00, 0x00, 0x00, 0x3d, 0x01, 0x00, 0x00, 0xfa, 0x43,
+    0x01, 0x00, 0x00, 0x00, 0xbf, 0x00, 0x00, 0x80, 0x3e, 0x00, 0x00, 0x00, 0x3e, 0x00, 0x00, 0x80,
+    0x3d, 0x00, 0x00, 0x00, 0x3f, 0x00, 0x00, 0x7a, 0x44, 0x9a, 0x99, 0x59, 0x3f, 0x01, 0x00, 0x00,
+    0xc0, 0x3e, 0x00, 0x00, 0xe0, 0x3e, 0x01, 0x00, 0x00, 0x7a, 0x43, 0x00, 0x00, 0xbb, 0x42, 0x00,
+    0x00, 0x3b, 0x42, 0x02, 0x03, 0x02, 0x07, 0x01, 0x08, 0x82, 0x01, 0x01, 0x00, 0x01, 0x14, 0x01,
+    0x0e, 0x01, 0x08, 0x00, 0x00, 0x9a, 0x99, 0x99, 0x3e, 0x80, 0x80, 0x80, 0x40, 0x00, 0x00, 0x80,
+    0x3e, 0x00, 0x00, 0x00, 0xbf, 0x00, 0x00, 0x00, 0x3e, 0x00, 0x00, 0x80, 0x3d, 0x8a, 0xae, 0x8f,
+    0x05, 0x01, 0x01, 0x80, 0x80, 0x80, 0x80, 0x04,
+];
+
+#[test]
+fn a_report_has_the_bytes_that_it_always_had() {
+    let mut buffer = [0; 256];
+    assert_eq!(postcard::to_slice(&report(), &mut buffer).unwrap(), SENT);
+}
+
+#[test]
+fn every_report_comes_back_as_it_was() {
+    let comes_back = |report: Report| {
+        let mut buffer = [0; 256];
+        let bytes = postcard::to_slice(&report, &mut buffer).unwrap();
+        assert_eq!(postcard::from_bytes(bytes), Ok(report));
+    };
+    for &state in State::ALL {
+        for fault in core::iter::once(None).chain(Fault::ALL.iter().copied().map(Some)) {
+            comes_back(Report {
+                state,
+                fault,
+                ..report()
+            });
+        }
+    }
+    for &event in Event::ALL {
+        let mut events = Events::default();
+        events.push(event);
+        comes_back(Report { events, ..report() });
+    }
+}
+
+#[test]
+fn unknown_indices_are_refused() {
+    // State, fault, limits of two bytes, the first event.
+    let numbers = [7, 1, 8, 0x82, 1, 1, 0];
+    let mut places = SENT.windows(numbers.len());
+    let place = places.position(|bytes| *bytes == numbers).unwrap();
+    for (index, unknown) in [
+        (0, State::ALL.len() as u8),
+        (2, Fault::ALL.len() as u8),
+        (3, 0x83),
+        (6, Event::ALL.len() as u8),
+    ] {
+        let mut wrong = SENT.to_vec();
+        wrong[place + index] = unknown;
+        let read = postcard::from_bytes::<Report>(&wrong);
+        assert!(read.is_err(), "{index}: {read:?}");
+    }
+}
+
+/// Bytes of the golden frames without version, schema and CRC, which follow from them.
+fn golden() -> Vec<(String, String)> {
+    let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    let mut buffer = [0; 256];
+    let mut lines = Vec::new();
+    for request in requests() {
+        let bytes = postcard::to_slice(&request, &mut buffer).unwrap();
+        lines.push((format!("{request:?}"), hex(bytes)));
+    }
+    for response in responses().into_iter().chain(regimes()) {
+        let bytes = postcard::to_slice(&response, &mut buffer).unwrap();
+        lines.push((format!("{response:?}"), hex(bytes)));
+    }
+    lines
+}
+
+fn hash(lines: &[(String, String)]) -> u32 {
+    lines
+        .iter()
+        .flat_map(|(_, hex)| hex.bytes().chain([b'\n']))
+        .fold(0x811c_9dc5, |sum, byte| {
+            (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+        })
+}
+
+#[test]
+fn the_schema_is_the_hash_of_the_golden_messages() {
+    let lines = golden();
+    assert_eq!(
+        SCHEMA,
+        hash(&lines),
+        "a message changed: set wire::SCHEMA to {:#010x}, and add a request or response here for a new \
+         message; raise wire::VERSION if the meaning of a message changed too. They are now:\n{lines:#?}",
+        hash(&lines)
+    );
+}
+
+#[test]
+fn the_frozen_frames_never_change() {
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    assert_eq!(
+        write_question(&mut buffer, 0x2a).unwrap(),
+        QUESTION,
+        "the question who is there is frozen"
+    );
+    let identity = Identity {
+        version: 1,
+        schema: 0x0102_0304,
+        image: "kband",
+    };
+    assert_eq!(
+        write_identity(&mut buffer, 0x2a, &identity).unwrap(),
+        ANSWER,
+        "the answer who is there is frozen"
+    );
+}
+
+// Computed by an independent program, with another library's CRC-32.
+const QUESTION: &[u8] = &[0x01, 0x06, 0x2a, 0x29, 0xdb, 0x62, 0x9a, 0x00];
+const ANSWER: &[u8] = &[
+    0x01, 0x10, 0x2a, 0x01, 0x04, 0x03, 0x02, 0x01, 0x6b, 0x62, 0x61, 0x6e, 0x64, 0xca, 0xd5, 0xfd,
+    0xf8, 0x00,
+];
+
+fn receive(bytes: &[u8]) -> Vec<Result<Vec<u8>, Unreadable>> {
+    let mut receiver = Receiver::new();
+    bytes
+        .iter()
+        .filter_map(|byte| receiver.push(*byte).map(|frame| frame.map(<[u8]>::to_vec)))
+        .collect()
+}
+
+#[test]
+fn every_message_arrives_as_it_was_sent() {
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    for (sequence, request) in (0..).zip(requests()) {
+        let frame = write_request(&mut buffer, sequence, &request).unwrap();
+        let inside = receive(frame).remove(0).unwrap();
+        let expected = Incoming::Request { sequence, request };
+        assert_eq!(read_request(&inside), Ok(expected));
+    }
+    for (sequence, response) in (0..).zip(responses()) {
+        let frame = write_response(&mut buffer, sequence, &response).unwrap();
+        let inside = receive(frame).remove(0).unwrap();
+        let expected = Outgoing::Response { sequence, response };
+        assert_eq!(read_answer(&inside), Ok(expected));
+    }
+    let inside = receive(write_question(&mut buffer, 9).unwrap()).remove(0);
+    assert_eq!(
+        read_request(&inside.unwrap()),
+        Ok(Incoming::Question { sequence: 9 })
+    );
+    let identity = Identity {
+        version: VERSION,
+        schema: SCHEMA,
+        image: "kband 0.1.0",
+    };
+    let inside = receive(write_identity(&mut buffer, 9, &identity).unwrap()).remove(0);
+    let expected = Outgoing::Identity {
+        sequence: 9,
+        identity,
+    };
+    assert_eq!(read_answer(&inside.unwrap()), Ok(expected));
+}
+
+#[test]
+fn no_frame_of_telemetry_is_longer_than_the_line_plans_for() {
+    let report = Report {
+        margin: Some(GearMargin::default()),
+        load: Some(Load::default()),
+        gear_band: Some([0.0; 2]),
+        ..Report::default()
+    };
+    // Numbers of variable length at their largest size.
+    let telemetry = Telemetry {
+        cycle: u32::MAX,
+        k: f32::MAX,
+        state: u8::MAX,
+        fault: u8::MAX,
+        limits: u16::MAX,
+        ..Telemetry::from(&report)
+    };
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    let frame = write_response(&mut buffer, 0, &Response::Telemetry(telemetry)).unwrap();
+    assert_eq!(frame.len(), TELEMETRY_FRAME);
+}
+
+#[test]
+fn a_pin_is_4_to_8_digits() {
+    for digits in ["0000", "0420", "12345678", "00000001"] {
+        let pin = Pin::parse(digits).unwrap();
+        assert_eq!(Pin::from_number(pin.number()), Some(pin), "{digits}");
+        assert_eq!(pin.number().to_string(), format!("1{digits}"));
+    }
+    for text in ["", "123", "123456789", "12a4", "+123", "１２３４"] {
+        assert_eq!(Pin::parse(text), None, "{text}");
+    }
+    for number in [0, 1, 999, 1_999, 20_000, 99_999, 1_000_000_000, u32::MAX] {
+        assert_eq!(Pin::from_number(number), None, "{number}");
+    }
+}
+
+#[test]
+fn zeros_between_frames_are_nothing() {
+    assert_eq!(receive(&[0; 5]), []);
+}
+
+#[test]
+fn a_frame_is_refused_for_what_is_wrong_with_it() {
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    let frame = write_request(&mut buffer, 7, &Request::Get("frequency"))
+        .unwrap()
+        .to_vec();
+    let refusal = |bytes: &[u8]| -> Option<Unreadable> {
+        let inside = match receive(bytes).pop()? {
+            Ok(inside) => inside,
+            Err(why) => return Some(why),
+        };
+        read_request(&inside).err()
+    };
+    for cut in 1..frame.len() - 1 {
+        let mut short = frame[..cut].to_vec();
+        short.push(0);
+        assert_eq!(refusal(&short), Some(Unreadable::Corrupt), "cut at {cut}");
+    }
+    let long = [&[1; MAX_FRAME_BYTES + 1][..], &[0]].concat();
+    assert_eq!(refusal(&long), Some(Unreadable::Oversized));
+    // Another version, another schema, a trailing byte, an unknown message.
+    let inside = receive(&frame).remove(0).unwrap();
+    let plain = &inside[..inside.len() - 4];
+    let foreign = |at: usize| {
+        let mut plain = plain.to_vec();
+        plain[at] ^= 0x40;
+        plain
+    };
+    let unknown = [&plain[..4], &[0x7f]].concat();
+    let trailing = [plain, &[1]].concat();
+    let question = std::vec![0, 1, 2];
+    for (plain, why) in [
+        (foreign(0), Unreadable::Foreign),
+        (foreign(1), Unreadable::Foreign),
+        (foreign(2), Unreadable::Foreign),
+        (unknown, Unreadable::Unknown),
+        (trailing, Unreadable::Unknown),
+        (question, Unreadable::Unknown),
+    ] {
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        let bytes = frame::write_inside(&mut buffer, &plain).to_vec();
+        assert_eq!(refusal(&bytes), Some(why), "{plain:x?}");
+    }
+    // The receiver resynchronizes after any garbage.
+    let resynchronised = [&long[..], &[3, 1, 0][..], &frame[..]].concat();
+    assert_eq!(refusal(&resynchronised), None);
+}
+
+proptest! {
+    #[test]
+    fn readings_are_read_as_written(codes: Vec<u16>) {
+        let mut bytes = [0; 1024];
+        let (mut used, mut before) = (0, 0);
+        for &code in &codes {
+            let more = write_reading(&mut bytes[used..], before, code);
+            prop_assert!(more > 0);
+            used += more;
+            before = code;
+        }
+        let (mut rest, mut before) = (&bytes[..used], 0);
+        for &code in &codes {
+            before = read_reading(&mut rest, before).unwrap();
+            prop_assert_eq!(before, code);
+        }
+        prop_assert_eq!(read_reading(&mut rest, before), None);
+    }
+
+    #[test]
+    fn readings_of_garbage_end(bytes: Vec<u8>, before: u16) {
+        let mut rest = &bytes[..];
+        let mut count = 0;
+        while read_reading(&mut rest, before).is_some() {
+            count += 1;
+        }
+        prop_assert!(count <= bytes.len());
+    }
+
+    #[test]
+    fn one_wrong_bit_is_never_taken(at in 0_usize..4096, bit in 0_u8..8) {
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        let request = Request::Set { key: "restitution_low", value: 0.18 };
+        let mut frame = write_request(&mut buffer, 7, &request).unwrap().to_vec();
+        let at = at % (frame.len() - 1);
+        frame[at] ^= 1 << bit;
+        for inside in receive(&frame).into_iter().flatten() {
+            prop_assert!(read_request(&inside).is_err());
+        }
+    }
+
+    #[test]
+    fn any_text_of_a_key_survives(key in "\\PC{0,60}", value: f32) {
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        let request = Request::Set { key: &key, value };
+        let frame = write_request(&mut buffer, 1, &request).unwrap().to_vec();
+        let inside = receive(&frame).remove(0).unwrap();
+        let Ok(Incoming::Request { request: Request::Set { key: k, value: v }, .. }) =
+            read_request(&inside) else { panic!() };
+        prop_assert_eq!((k, v.to_bits()), (&key[..], value.to_bits()));
+    }
+}

@@ -1,0 +1,91 @@
+//! A board without an operating system: the controller in a sample interrupt and a main loop.
+//!
+//! The controller needs a converter reading every 50 us, an output with memory, and the inputs once
+//! a drive cycle. The simulated feeder replaces these three here; the rest runs on a
+//! microcontroller unchanged. There `static` replaces `let`, and the mailbox is behind a critical
+//! section.
+//!
+//! `cargo run --release -p kband-plant --example board`
+
+use std::error::Error;
+
+use kband_control::{
+    Command, Controller, Cycle, PLAN_SLICES, Settings, Signal, StartCause, State, Target,
+};
+use kband_plant::{Bench, Scene};
+
+/// Data exchanged between the interrupt and the main loop.
+#[derive(Default)]
+struct Mailbox {
+    /// A drive cycle that the main loop has not taken yet.
+    cycle: Option<Cycle>,
+    /// A command that the interrupt has not taken yet.
+    command: Option<Command>,
+}
+
+/// The converter and the power stage: on a microcontroller, its registers.
+struct Hardware {
+    feeder: Bench,
+}
+
+/// Runs every 50 us, at the end of a conversion.
+fn sample_interrupt(signal: &mut Signal, hardware: &mut Hardware, mailbox: &mut Mailbox) {
+    if let Some(command) = mailbox.command.take() {
+        signal.command(command);
+    }
+    let before = signal.phase();
+    let sampled = signal.sample(hardware.feeder.sample());
+    hardware
+        .feeder
+        .hold(sampled.output, (signal.phase() - before).bits());
+    if sampled.wrapped {
+        mailbox.cycle = Some(signal.cycle().clone());
+    }
+}
+
+/// Runs for ever on a board; here until the parts are locked, at most `seconds`.
+fn run(settings: &Settings, seconds: u32) -> Result<State, Box<dyn Error>> {
+    let mut hardware = Hardware {
+        feeder: Bench::build(&Scene::default())?,
+    };
+    let mut mailbox = Mailbox::default();
+    let mut signal = Signal::build(settings)?;
+    let target = Target::Locked { order: 1 };
+    let mut controller = Controller::build(settings, target, StartCause::Ordinary)?;
+    let mut state = State::Off;
+    for _ in 0..seconds * 20_000 {
+        sample_interrupt(&mut signal, &mut hardware, &mut mailbox);
+        let Some(cycle) = mailbox.cycle.take() else {
+            continue;
+        };
+        let report = controller.cycle(&cycle, &hardware.feeder.inputs());
+        mailbox.command = Some(report.command);
+        // In the remaining time of the drive cycle.
+        for _ in 0..PLAN_SLICES {
+            if !controller.plan_step() {
+                break;
+            }
+        }
+        state = report.state;
+        if state == State::Locked {
+            println!(
+                "locked after {} drive cycles and {} kicks",
+                report.cycle, report.attempts
+            );
+            break;
+        }
+    }
+    Ok(state)
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let state = run(&Settings::default(), 10)?;
+    println!("{}", state.name());
+    Ok(())
+}
+
+#[test]
+fn it_locks() {
+    let state = run(&Settings::default(), 10).unwrap();
+    assert_eq!(state, State::Locked);
+}

@@ -1,0 +1,194 @@
+//! Closed loop in steps of a drive cycle: the controller with the envelope plant.
+
+use super::plant::EnvelopePlant;
+use crate::model::Moment;
+use crate::model::part::Strike;
+use crate::model::scene::{Change, Scene};
+use crate::model::timeline::Timeline;
+use kband::feeder::OutOfRange;
+use kband_control::{Command, Controller, Cycle, PLAN_SLICES, StartCause, Target, phase_step};
+
+/// Controller and envelope plant, joined as in [`ClosedLoop`](crate::ClosedLoop). A command at the
+/// end of a cycle takes effect in the cycle after next.
+///
+/// ```
+/// use kband_plant::{ClosedLoop, EnvelopeLoop, Scene};
+/// let scene = Scene::default();
+/// let mut closed = ClosedLoop::build(&scene)?;
+/// let mut envelope = EnvelopeLoop::build(&scene)?;
+/// let mut apart = 0.0_f32;
+/// for _ in 0..300 {
+///     let (slow, fast) = (closed.cycle().report, envelope.cycle().report);
+///     apart = apart.max((slow.amplitude - fast.amplitude).abs() / 1e-3);
+/// }
+/// // Two noises, one feeder: 1 % of the full amplitude, 1 mm, at every moment.
+/// assert!(apart < 0.01, "{apart}");
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct EnvelopeLoop {
+    controller: Controller,
+    plant: EnvelopePlant,
+    timeline: Timeline,
+    /// Command of the next cycle, and the latched command of the cycle after it.
+    running: Command,
+    pending: Command,
+    /// Target at the start of the board.
+    target: Target,
+    /// Whether outputs without effect on the loop are computed.
+    watched: bool,
+}
+
+impl EnvelopeLoop {
+    /// The loop of a scene at time 0: parts at rest, drive off, enable input on.
+    pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
+        let still = still(scene.settings.frequency);
+        Ok(Self {
+            controller: Controller::build(&scene.settings, scene.target, scene.start)?,
+            plant: EnvelopePlant::build(scene)?,
+            timeline: Timeline::new(scene),
+            running: still,
+            pending: still,
+            target: scene.target,
+            watched: true,
+        })
+    }
+
+    /// Simulates the next drive cycle.
+    pub fn cycle(&mut self) -> Moment {
+        self.advance();
+        self.moment()
+    }
+
+    /// The last cycle.
+    pub fn moment(&self) -> Moment {
+        Moment {
+            time: self.plant.seconds(),
+            report: self.controller.report(),
+            strikes: self.plant.strikes().len() as u32,
+            displacement: self.plant.displacement(),
+            load: self.plant.load(),
+        }
+    }
+
+    /// As [`EnvelopeLoop::cycle`], without a [moment](EnvelopeLoop::moment).
+    pub fn advance(&mut self) {
+        self.pass(|_| {});
+    }
+
+    /// As [`EnvelopeLoop::advance`]; `share` can give the controller stored results of the searches
+    /// it begins in this cycle.
+    pub fn advance_spared(&mut self, share: impl FnOnce(&mut Controller)) {
+        self.pass(share);
+    }
+
+    fn pass(&mut self, share: impl FnOnce(&mut Controller)) {
+        let mut cycle = self.run();
+        if self.timeline.sagged() {
+            self.restart();
+            cycle = self.run();
+        }
+        if let Some(target) = self.timeline.new_target() {
+            // A target out of range is rejected as over the link, and the old one remains.
+            let _ = self.controller.set_target(target);
+        }
+        self.controller.advance(&cycle, &self.timeline.inputs());
+        self.running = self.pending;
+        self.pending = self.controller.command();
+        if self.pending.immediate {
+            self.running.amplitude = self.pending.amplitude;
+            self.running.lead = self.pending.lead;
+            self.running.overtones = self.pending.overtones;
+        }
+        share(&mut self.controller);
+        for _ in 0..PLAN_SLICES {
+            if !self.controller.plan_step() {
+                break;
+            }
+        }
+    }
+
+    /// Simulates the plant's next cycle.
+    fn run(&mut self) -> Cycle {
+        let [before, samples] = self.plant.samples();
+        // A change in the first half of a cycle applies to the whole cycle.
+        self.happen(before + samples / 2);
+        let cycle = self.plant.cycle(&self.running, &self.pending);
+        self.happen(self.plant.samples()[0] - 1);
+        cycle
+    }
+
+    /// Restarts the board after a brown-out.
+    fn restart(&mut self) {
+        let settings = *self.controller.settings();
+        // Settings accepted once are accepted again.
+        if let Ok(controller) = Controller::build(&settings, self.target, StartCause::Reset) {
+            self.controller = controller;
+            self.controller.watch_regime(self.watched);
+        }
+        self.running = still(settings.frequency);
+        self.pending = self.running;
+    }
+
+    fn happen(&mut self, sample: u64) {
+        while let Some(change) = self.timeline.due(sample) {
+            self.apply(change);
+        }
+    }
+
+    /// Applies a change beside those of the scene; a target takes effect at the end of the cycle.
+    pub fn apply(&mut self, change: Change) {
+        if let Some(change) = self.timeline.take(change) {
+            self.plant.apply(change);
+        }
+    }
+
+    /// Sets whether outputs without effect on the loop are computed: the displacement along the
+    /// track, and the regime where the controller does not use it. If not, both stay constant and
+    /// cost nothing.
+    pub fn watch(&mut self, watched: bool) {
+        self.watched = watched;
+        self.plant.watch_displacement(watched);
+        self.controller.watch_regime(watched);
+    }
+
+    /// Sets whether the displacement along the track is computed, as [`EnvelopeLoop::watch`] does
+    /// for all outputs.
+    pub fn watch_displacement(&mut self, watched: bool) {
+        self.plant.watch_displacement(watched);
+    }
+
+    /// Sets the total mass of the parts over that of the track.
+    #[cfg(test)]
+    pub(crate) fn heap(&mut self, total: f64) {
+        self.plant.heap(total);
+    }
+
+    /// The controller.
+    pub fn controller(&self) -> &Controller {
+        &self.controller
+    }
+
+    /// Impacts of the last cycle.
+    pub fn strikes(&self) -> &[Strike] {
+        self.plant.strikes()
+    }
+
+    /// True normal amplitude of the track (symbol b) at the end of the last cycle, in m.
+    pub fn amplitude(&self) -> f64 {
+        self.plant.amplitude()
+    }
+
+    /// Time since the start in s.
+    pub fn seconds(&self) -> f64 {
+        self.plant.seconds()
+    }
+}
+
+/// Command of a drive without output.
+fn still(frequency: f32) -> Command {
+    Command {
+        step: phase_step(frequency),
+        ..Command::default()
+    }
+}

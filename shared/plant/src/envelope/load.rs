@@ -1,0 +1,156 @@
+//! Force of parts with mass on the track, as its fundamental at the drive's frequency
+//! (docs/theory-real-parts.md#t10.5).
+//!
+//! An impact that changes a part's velocity by `(1 + R) s` gives the track the momentum
+//! `m (1 + R) s`. With one impact a cycle at phase t0 the fundamental is
+//! `-2 m g cos(alpha) cos(tau - t0)`. A part at rest presses with `m (g cos(alpha) + x'')`.
+
+use core::f64::consts::FRAC_1_PI;
+
+use num_complex::Complex64 as Complex;
+
+use super::recurrence::turn;
+use crate::model::scene::{PARTS, Scene};
+
+/// A rest of a part on the track.
+#[derive(Clone, Copy, Debug)]
+pub struct Rest {
+    /// Output phases at its start and end, in rad.
+    pub phases: [f64; 2],
+    /// The track's amplitude in m.
+    pub amplitude: f64,
+    /// Phase lead of the track over the output in rad.
+    pub lead: f64,
+}
+
+/// Force of a cycle, as the complex `G` of a track acceleration `Im(G e^(i phase))` in m/s^2. Parts
+/// move on the track as moved by the last cycle's force; the track then moves under this cycle's.
+#[derive(Clone, Debug)]
+pub struct TrackLoad {
+    shares: [f64; PARTS],
+    angular: f64,
+    /// Sums of the current cycle for impacts and rests, and the applied force.
+    gathered: [Complex; 2],
+    pushing: [Complex; 2],
+}
+
+impl TrackLoad {
+    /// Load of a scene at rest.
+    pub fn new(scene: &Scene) -> Self {
+        Self {
+            shares: core::array::from_fn(|part| scene.mass_share(part)),
+            angular: 1.0,
+            gathered: [Complex::new(0.0, 0.0); 2],
+            pushing: [Complex::new(0.0, 0.0); 2],
+        }
+    }
+
+    /// Mass of a part over that of the track.
+    pub fn share(&self, part: usize) -> f64 {
+        self.shares.get(part).copied().unwrap_or(0.0)
+    }
+
+    /// Sets the total mass of the parts over that of the track.
+    #[cfg(test)]
+    pub(crate) fn heap(&mut self, total: f64) {
+        let sum: f64 = self.shares.iter().sum();
+        for share in &mut self.shares {
+            *share *= total / sum;
+        }
+    }
+
+    /// Begins a cycle at an angular frequency in rad/s and returns the last cycle's force.
+    pub fn begin(&mut self, angular: f64) -> Complex {
+        self.angular = angular;
+        let [struck, lain] = self.pushing;
+        struck + lain
+    }
+
+    /// Ends the parts' motion in the cycle and returns their force.
+    pub fn settle(&mut self) -> Complex {
+        self.pushing = core::mem::take(&mut self.gathered);
+        let [struck, lain] = self.pushing;
+        struck + lain
+    }
+
+    /// Force of the impacts in this cycle.
+    pub fn struck(&self) -> Complex {
+        self.pushing[0]
+    }
+
+    /// Adds an impact at an output phase. `change` is the part's velocity change in m/s on a track
+    /// of infinite mass.
+    pub fn strike(&mut self, part: usize, change: f64, phase: f64) {
+        let share = self.share(part);
+        let jump = share / (1.0 + share) * change;
+        let size = -jump * self.angular * FRAC_1_PI;
+        self.gathered[0] += Complex::new(0.0, size) * turn(-phase);
+    }
+
+    /// Adds a rest of a part.
+    pub fn lie(&mut self, part: usize, rest: Rest, normal_gravity: f64) {
+        let Rest {
+            phases: [from, until],
+            amplitude,
+            lead,
+        } = rest;
+        let inertia = amplitude * self.angular * self.angular;
+        // Integrals of e^(-i x) and of sin(x + lead) e^(-i x) between the phases.
+        let straight = (turn(-until) - turn(-from)) * Complex::new(0.0, 1.0);
+        let doubled = (turn(-2.0 * until) - turn(-2.0 * from)) * Complex::new(0.0, 0.5);
+        let swung = (turn(lead) * (until - from) - turn(-lead) * doubled) * Complex::new(0.0, -0.5);
+        let force = straight * -normal_gravity + swung * inertia;
+        self.gathered[1] += force * Complex::new(0.0, FRAC_1_PI * self.share(part));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f64::consts::TAU;
+
+    use super::*;
+
+    fn load() -> TrackLoad {
+        let scene = Scene {
+            masses: core::iter::once(500.0).collect(),
+            ..Scene::default()
+        };
+        let mut load = TrackLoad::new(&scene);
+        load.begin(314.0);
+        load
+    }
+
+    /// A part of 5 % of the track's mass with one impact a cycle at phase t0 has a fundamental of
+    /// twice its weight.
+    #[test]
+    fn the_fundamental_of_a_locked_part_is_twice_its_weight() {
+        let mut load = load();
+        let (gravity, phase) = (9.8, 0.7);
+        // Momentum of one cycle's weight; the recoil of the track reduces the part's velocity
+        // change.
+        let change = gravity * TAU / 314.0 * 1.05;
+        load.strike(0, change, phase);
+        let found = load.settle();
+        for n in 0..8 {
+            let at = TAU * f64::from(n) / 8.0;
+            let expected = -2.0 * 0.05 * gravity * libm::cos(at - phase);
+            assert!(((found * turn(at)).im - expected).abs() < 1e-12);
+        }
+    }
+
+    /// A part that never leaves the track acts as added mass: its force opposes the acceleration.
+    #[test]
+    fn a_part_that_lies_is_mass_of_the_track() {
+        let mut load = load();
+        let (amplitude, lead) = (1e-4, -1.5);
+        let rest = Rest {
+            phases: [1.0, 1.0 + TAU],
+            amplitude,
+            lead,
+        };
+        load.lie(0, rest, 9.8);
+        let found = load.settle();
+        let expected = turn(lead) * (0.05 * amplitude * 314.0 * 314.0);
+        assert!((found - expected).norm_sqr() < 1e-24, "{found} {expected}");
+    }
+}

@@ -1,0 +1,16 @@
+//! Envelope plant: steps of a drive cycle in closed form.
+
+mod blanking;
+mod closed_loop;
+mod energy;
+mod load;
+mod onset;
+mod plant;
+mod powers;
+mod readings;
+mod recurrence;
+mod sense;
+mod track_motion;
+mod upper;
+
+pub use closed_loop::EnvelopeLoop;

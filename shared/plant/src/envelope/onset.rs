@@ -1,0 +1,770 @@
+//! Closed-form model of the board's onset detector for the envelope plant.
+//!
+//! The detector's filters are linear, so the residual of a ringing is a geometric series. Its
+//! running median is modelled as the quantile of noise, the drive's leakage and ringing.
+
+use core::f64::consts::TAU;
+use core::marker::PhantomData;
+
+use num_complex::Complex64 as Complex;
+
+use super::blanking::Blanking;
+use super::energy::{Ground, RingingEnergy};
+use super::powers::Powers;
+use super::recurrence::{exp, exp_small, turn};
+use crate::model::scene::SensorModel;
+use kband::arithmetic::Noise;
+use kband::arithmetic::Phase;
+use kband_control::SAMPLE_RATE;
+use kband_control::signal_path::{HighPass, OnsetConstants, QUARTILE, Sectors, StandardOnset};
+
+/// Samples after an impact in which its residual is evaluated. They cover a quarter period at 500
+/// Hz, the lowest ringing frequency of a scene, and a period at the default.
+const RESIDUAL_SAMPLES: usize = 10;
+/// Sample index for "not within [`RESIDUAL_SAMPLES`] samples".
+const NO_SAMPLE: usize = usize::MAX;
+/// Number of tabulated starts of a ringing within a sample.
+const START_SHARES: usize = 8;
+/// Relative level at which the detector's peak memory of a ringing counts as 0. It is below the
+/// noise of any measurable ringing.
+const NEGLIGIBLE_PEAK: f64 = 1.354e-4;
+/// Forgetting weight per sample of the hidden share of time; 2000 samples, twice the memory of the
+/// detector's median.
+const HIDDEN_SHARE_FORGETTING: f64 = 5e-4;
+
+/// The onset detector's response to impacts, in closed form.
+///
+/// Both high-pass filters are linear. So the residual of a ringing, n samples after its first, is
+/// its complex start times a constant of n.
+#[derive(Clone, Copy, Debug)]
+pub struct OnsetModel<O = StandardOnset> {
+    ringing: Complex,
+    /// Residual of a ringing of unit height n samples after its start. It is the imaginary part of
+    /// a complex number; real parts come first, then imaginary parts.
+    response: [[f64; RESIDUAL_SAMPLES]; 2],
+    /// The same after the transient of the filters.
+    steady: [[f64; RESIDUAL_SAMPLES]; 2],
+    /// Height of a ringing in the residual over its height in the acceleration.
+    share: f64,
+    /// RMS of the residual over the RMS of white noise in the reading.
+    noise_gain: f64,
+    /// Increase of the hidden share of time per decay time of a hiding ringing.
+    filling: f64,
+    /// Constants that depend on the drive frequency.
+    tuning: Tuning,
+    /// Share of time in which ringing hides the noise, with exponential forgetting over some
+    /// cycles.
+    hidden: f64,
+    /// Start of a ringing within a sample: `e^(ringing n/8)`.
+    onset: [Complex; START_SHARES + 1],
+    /// Powers of the decay of a ringing, and of the detector's memory, over whole samples.
+    decay: Powers,
+    oblivion: Powers,
+    /// Samples blanked by the demodulator.
+    blanking: Blanking,
+    /// Energy of all ringing by sector of the turn.
+    energy: RingingEnergy,
+    /// Logarithm of the decay per sample of the detector's memory of a loud ringing.
+    forgetting: f64,
+    /// Samples after which this memory counts as 0.
+    forgotten: u64,
+    /// The last ringing.
+    last: Ring,
+    /// First sample at which the next impact can be detected.
+    open: u64,
+    constants: PhantomData<O>,
+}
+
+/// Constants of the detector for a drive phase of `theta` rad a sample.
+#[derive(Clone, Copy, Debug)]
+struct Tuning {
+    theta: f64,
+    /// Sums of geometric series `(i/2)/(1 - e^(i theta) r)` for the ringing r of a sample and for
+    /// its conjugate.
+    sums: [Complex; 2],
+    /// Powers of `e^(i theta) r` for both.
+    turns: [Powers; 2],
+    /// `e^(i theta)`.
+    turn: Complex,
+    /// Gain of both high-pass filters at the drive's frequency, as a magnitude and as a complex
+    /// number.
+    leak: f64,
+    passed: Complex,
+}
+
+/// A ringing and the detector's peak memory of it.
+#[derive(Clone, Copy, Debug)]
+struct Ring {
+    /// Complex height `e^(i angle)` times height at its first sample, and the index of that sample.
+    began: Complex,
+    sample: u64,
+    /// Complex height of all earlier ringings at that sample.
+    under: Complex,
+    /// Number of its samples that the memory contains.
+    known: usize,
+    memory: f64,
+    /// Threshold of a loud residual, and of a blanked one, in m/s^2.
+    loud: f64,
+    least: f64,
+    /// First of its samples at which the memory exceeds the blanking threshold, or [`NO_SAMPLE`].
+    out: usize,
+}
+
+impl Ring {
+    const NONE: Self = Self {
+        began: Complex::new(0.0, 0.0),
+        sample: 0,
+        under: Complex::new(0.0, 0.0),
+        known: RESIDUAL_SAMPLES,
+        memory: 0.0,
+        loud: 0.0,
+        least: f64::INFINITY,
+        out: NO_SAMPLE,
+    };
+
+    /// Whether the earlier ringings have decayed.
+    fn is_alone(&self) -> bool {
+        self.under == Complex::new(0.0, 0.0)
+    }
+
+    /// Updates the detector's decaying peak memory with the residual of the next sample.
+    ///
+    /// It is branch-free, because loud samples are unpredictable for the processor.
+    #[inline(always)]
+    fn remember<O: OnsetConstants>(&mut self, residual: f64) {
+        let memory = self.memory * O::ENVELOPE_DECAY;
+        let high = if residual > self.loud { residual } else { 0.0 };
+        self.memory = if high > memory { high } else { memory };
+        let out = if self.memory > self.least {
+            self.known
+        } else {
+            NO_SAMPLE
+        };
+        self.out = self.out.min(out);
+        self.known += 1;
+    }
+
+    /// Updates the memory with the remaining samples of the last ringing. The noise is omitted,
+    /// because the result only affects whether a close impact counts as the same ringing.
+    fn complete<O: OnsetConstants>(&mut self, residuals: &[f64; RESIDUAL_SAMPLES]) {
+        for residual in residuals.iter().skip(self.known) {
+            self.remember::<O>(residual.abs());
+        }
+    }
+
+    /// Residuals of all ringings in the samples from its first on, without noise.
+    #[inline(always)]
+    fn residuals<O>(&self, model: &OnsetModel<O>) -> [f64; RESIDUAL_SAMPLES] {
+        let mut residuals = sines(self.began, &model.response);
+        if !self.is_alone() {
+            let before = sines(self.under, &model.steady);
+            for (residual, before) in residuals.iter_mut().zip(before) {
+                *residual += before;
+            }
+        }
+        residuals
+    }
+
+    /// Remaining complex height and remaining memory of the ringing at a sample.
+    fn left<O: OnsetConstants>(&self, model: &OnsetModel<O>, sample: u64) -> (Complex, f64) {
+        let since = sample.saturating_sub(self.sample);
+        if since >= model.forgotten {
+            return (Complex::new(0.0, 0.0), 0.0);
+        }
+        let memory = if self.known < RESIDUAL_SAMPLES {
+            let mut whole = *self;
+            whole.complete::<O>(&self.residuals(model));
+            whole.memory
+        } else {
+            self.memory
+        };
+        let rings = self.began + self.under;
+        let forgotten = since.saturating_sub(RESIDUAL_SAMPLES as u64);
+        (
+            rings * model.decay.at(since),
+            memory * model.oblivion.at(forgotten).re,
+        )
+    }
+}
+
+/// Imaginary parts of the products of one number with others, given by their real and imaginary
+/// parts.
+#[inline(always)]
+fn sines(
+    number: Complex,
+    [real, imaginary]: &[[f64; RESIDUAL_SAMPLES]; 2],
+) -> [f64; RESIDUAL_SAMPLES] {
+    core::array::from_fn(|n| number.re * imaginary[n] + number.im * real[n])
+}
+
+/// An impact before detection.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Struck {
+    /// Index of the first sample after it, counted from the start of the scene.
+    pub sample: u64,
+    /// Time from the impact to that sample in samples, 0..1.
+    pub share: f64,
+    /// Height of its ringing in the board's reading, in m/s^2.
+    pub height: f64,
+}
+
+/// Residual without impacts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Background {
+    /// Running median of the residual in m/s^2.
+    pub median: f64,
+    /// RMS of the noise in the residual in m/s^2.
+    pub rms: f64,
+    /// Residual of the drive's own acceleration in m/s^2: the real part, at the impact's sample.
+    pub leak: Complex,
+}
+
+/// A detected impact.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HeardAt {
+    /// Index of the sample of detection, counted from the start of the scene.
+    pub sample: u64,
+    /// Residual at that sample in m/s^2.
+    pub strength: f64,
+}
+
+impl OnsetModel {
+    /// The detector's response to the ringing of a sensor.
+    pub fn new(sensor: &SensorModel) -> Self {
+        Self::with(sensor)
+    }
+}
+
+impl<O: OnsetConstants> OnsetModel<O> {
+    /// Detection threshold over the running median.
+    const THRESHOLD: f64 = O::THRESHOLD / QUARTILE;
+
+    /// As [`OnsetModel::new`], for a detector with other constants.
+    pub fn with(sensor: &SensorModel) -> Self {
+        let h = 1.0 / f64::from(SAMPLE_RATE);
+        let ringing = Complex::new(
+            -h / (f64::from(sensor.ringing_decay) * 1e-3),
+            TAU * f64::from(sensor.ringing_frequency) * h,
+        );
+        let high_passed = |passes: &mut [HighPass<Complex>; 2], sample| {
+            let once = passes[0].filter(O::CORNER, sample);
+            passes[1].filter(O::CORNER, once)
+        };
+        let mut passes = [HighPass::default(); 2];
+        let response: [Complex; RESIDUAL_SAMPLES] =
+            core::array::from_fn(|n| high_passed(&mut passes, exp(ringing * n as f64)));
+        // Power gain of white noise: the sum of the squared impulse response.
+        let (mut passes, mut power, mut sample) = ([HighPass::default(); 2], 0.0, 1.0.into());
+        for _ in 0..O::SETTLING_SAMPLES {
+            let left = high_passed(&mut passes, sample).re;
+            power += left * left;
+            sample = 0.0.into();
+        }
+        let forgetting = libm::log(O::ENVELOPE_DECAY);
+        let steady: [Complex; RESIDUAL_SAMPLES] = core::array::from_fn(|n| {
+            let since = n as f64 - (RESIDUAL_SAMPLES - 1) as f64;
+            response[RESIDUAL_SAMPLES - 1] * exp(ringing * since)
+        });
+        let apart =
+            |numbers: &[Complex; RESIDUAL_SAMPLES]| [numbers.map(|n| n.re), numbers.map(|n| n.im)];
+        Self {
+            ringing,
+            response: apart(&response),
+            steady: apart(&steady),
+            energy: RingingEnergy::new(ringing, &response, &steady),
+            share: libm::sqrt(steady[0].norm_sqr()),
+            noise_gain: libm::sqrt(power),
+            filling: -HIDDEN_SHARE_FORGETTING / ringing.re,
+            tuning: Tuning::new(ringing, 0.0, O::CORNER),
+            hidden: 0.0,
+            onset: core::array::from_fn(|n| exp(ringing * (n as f64 / START_SHARES as f64))),
+            decay: Powers::new(ringing),
+            oblivion: Powers::new(forgetting.into()),
+            blanking: Blanking::default(),
+            forgetting: forgetting.max(ringing.re),
+            forgotten: (libm::log(NEGLIGIBLE_PEAK) / forgetting) as u64,
+            last: Ring::NONE,
+            open: u64::from(O::SETTLING_SAMPLES),
+            constants: PhantomData,
+        }
+    }
+
+    /// Sets the drive's phase advance, `theta` rad a sample.
+    pub fn tune(&mut self, theta: f64) {
+        if theta != self.tuning.theta {
+            self.tuning = Tuning::new(self.ringing, theta, O::CORNER);
+        }
+    }
+
+    /// Gain of both high-pass filters at the drive's frequency.
+    pub fn leak(&self) -> f64 {
+        self.tuning.leak
+    }
+
+    /// RMS of the residual for an RMS of white noise in the reading.
+    pub fn residual(&self, noise: f64) -> f64 {
+        self.noise_gain * noise
+    }
+
+    /// Median of the absolute residual in m/s^2, for an RMS and for the drive's share of its power.
+    /// Ringing raises it by the share of time that it fills.
+    pub fn median(&self, rms: f64, swing: f64) -> f64 {
+        // Noise has 0.6745 of the RMS, a sine its RMS; the interpolation is within 0.013 of
+        // numerical integration.
+        let square = swing * swing;
+        let alone = QUARTILE + square * (0.14 + (0.86 - QUARTILE) * square);
+        // Solves P(|n| > m) = (1/2 - q)/(1 - q) for m within 1/50. A sine gives less, because it
+        // does not exceed its peak.
+        let hidden = self.hidden.min(0.4);
+        let of_noise = 0.787 + hidden * (0.287 + 5.44 * hidden);
+        let of_sine = 0.80 + 0.33 * hidden;
+        // The interpolation is within 1/20 of numerical integration.
+        let sine = (2.5 * swing - 1.5).max(0.0);
+        rms * (alone + hidden * (of_noise + (of_sine - of_noise) * sine))
+    }
+
+    /// Residual of the drive's acceleration; argument and result are complex amplitudes of the
+    /// cosine.
+    pub fn leaked(&self, swing: Complex) -> Complex {
+        swing * self.tuning.passed
+    }
+
+    /// Begins a cycle of `samples` samples at a sample and an output phase that advances by `step`.
+    pub fn begin(&mut self, sample: u64, samples: u32, phase: Phase, step: u32) {
+        self.blanking.begin(sample, samples);
+        self.energy.begin(sample, phase, step);
+    }
+
+    /// Ends a cycle and returns the energy of the residual in some sectors of the turn. Inputs:
+    /// number of samples, RMS of the noise and complex amplitude of the drive, both in m/s^2.
+    pub fn sectors(&mut self, samples: u32, rms: f64, swing: Complex) -> Sectors {
+        let leak = self.leaked(swing);
+        self.energy.finish(samples, &Ground { rms, leak })
+    }
+
+    /// Sets whether blanking is off in the next cycle.
+    pub fn keep_whole(&mut self, whole: bool) {
+        self.blanking.keep_whole(whole);
+    }
+
+    /// Share of the current cycle that the demodulator blanks.
+    pub fn blanked(&self, samples: u32) -> f64 {
+        self.blanking.share(samples)
+    }
+
+    /// Adds an impact's ringing only, `share` of a sample before a sample.
+    #[cfg(test)]
+    pub fn ring(&mut self, sample: u64, share: f64, height: f64) {
+        self.energy.strike(sample, self.start_of(share) * height);
+    }
+
+    /// Adds an impact. Returns its detection, and the sum of its unblanked ringing times the
+    /// drive's phase factor.
+    pub fn impact(
+        &mut self,
+        struck: Struck,
+        background: Background,
+        noise: &mut Noise,
+    ) -> (Option<HeardAt>, Complex) {
+        let Struck {
+            sample,
+            share,
+            height,
+        } = struck;
+        let Background {
+            median,
+            rms,
+            mut leak,
+        } = background;
+        let began = self.start_of(share) * height;
+        self.energy.strike(sample, began);
+        let (under, memory) = self.last.left(self, sample);
+        let loud = Self::THRESHOLD * median;
+        let mut ring = Ring {
+            began,
+            sample,
+            under,
+            known: 0,
+            memory,
+            loud,
+            least: O::LOUD * loud,
+            out: NO_SAMPLE,
+        };
+        let residuals = ring.residuals(self);
+        // The residual of a ringing never exceeds the ringing itself.
+        let quiet = height + under.l1_norm() + leak.l1_norm() + 3.5 * rms < loud;
+        let mut heard = None;
+        while ring.known < RESIDUAL_SAMPLES && !quiet {
+            let left = residuals[ring.known] + leak.re + rms * f64::from(noise.gauss());
+            leak *= self.tuning.turn;
+            let residual = left.abs();
+            let at = sample + ring.known as u64;
+            let above = residual > O::MIN_OVER_ENVELOPE * ring.memory;
+            ring.remember::<O>(residual);
+            if residual > loud && above && at >= self.open {
+                heard = Some(HeardAt {
+                    sample: at,
+                    strength: residual,
+                });
+                // Dead time while the ringing may still rise.
+                self.open = at + u64::from(O::RISE_SAMPLES) + 1;
+                ring.out = ring.out.min(ring.known - 1);
+                break;
+            }
+        }
+        let sum = self.is_detected(&mut ring, &residuals, heard.is_some());
+        self.last = ring;
+        if !quiet {
+            let rings = height * self.share / median;
+            self.hidden += hiding(logarithm(rings.max(1.0) as f32)) * self.filling;
+        }
+        (heard, sum)
+    }
+
+    /// Sum of the unblanked part of a ringing. All ringing is blanked from the first loud sample
+    /// until the detector's memory has decayed.
+    #[inline(always)]
+    fn is_detected(
+        &mut self,
+        ring: &mut Ring,
+        residuals: &[f64; RESIDUAL_SAMPLES],
+        heard: bool,
+    ) -> Complex {
+        let sample = ring.sample;
+        let since = |at: u64| at.saturating_sub(sample);
+        let held = self.blanking.until().max(sample);
+        let began = self.sums(ring.began);
+        let own = self.tail(began, since(held));
+        let rings = ring.began + ring.under;
+        // Early return for quiet impacts, which need no memory.
+        if !heard && rings.l1_norm() < ring.least && ring.memory < ring.least {
+            return own;
+        }
+        ring.complete::<O>(residuals);
+        if ring.out == NO_SAMPLE {
+            return own;
+        }
+        let from = (sample + ring.out as u64).max(held);
+        // Accurate to 1/5 of a sample.
+        let lasts = logarithm((ring.memory / ring.least) as f32) / -self.forgetting;
+        let mut forgotten = sample + (RESIDUAL_SAMPLES as f64 + lasts).max(0.0) as u64;
+        if heard {
+            forgotten = forgotten.max(self.open);
+        }
+        let until = self.blanking.blank(from, forgotten).max(from);
+        let sums = if ring.is_alone() {
+            began
+        } else {
+            self.sums(rings)
+        };
+        own - self.tail(sums, since(from)) + self.tail(sums, since(until))
+    }
+
+    /// Both terms of a ringing's sum at its first sample.
+    fn sums(&self, began: Complex) -> [Complex; 2] {
+        let [ahead, back] = self.tuning.sums;
+        [began * ahead, began.conj() * back]
+    }
+
+    /// Sum of a ringing times the drive's phase factor, from `samples` after its first sample on.
+    #[inline(always)]
+    fn tail(&self, [mut left, mut conjugate]: [Complex; 2], samples: u64) -> Complex {
+        if samples > 0 {
+            left *= self.tuning.turns[0].at(samples);
+            conjugate *= self.tuning.turns[1].at(samples);
+        }
+        conjugate - left
+    }
+
+    /// `e^(ringing share)` for `share` in 0..1.
+    fn start_of(&self, share: f64) -> Complex {
+        let nearest = (share * START_SHARES as f64 + 0.5) as usize;
+        let Some(node) = self.onset.get(nearest) else {
+            return exp(self.ringing * share);
+        };
+        let apart = share - nearest as f64 * (1.0 / START_SHARES as f64);
+        *node * exp_small(self.ringing * apart)
+    }
+
+    /// Ends a cycle of this many samples.
+    pub fn pass(&mut self, samples: u32) {
+        self.hidden *= (1.0 - f64::from(samples) * HIDDEN_SHARE_FORGETTING).max(0.0);
+    }
+}
+
+/// Number of decay times for which a ringing hides the noise; `folds` is the logarithm of its start
+/// over the median. It is twice the integral of the excess over 1/2, within a tenth of numerical
+/// integration.
+fn hiding(folds: f64) -> f64 {
+    if folds < 2.0 {
+        0.24 * folds * folds
+    } else {
+        folds - 1.06
+    }
+}
+
+/// `ln x` within 0.007 for normal x: the exponent, and a parabola in the mantissa.
+fn logarithm(x: f32) -> f64 {
+    let bits = x.to_bits();
+    let mantissa = f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000);
+    let exponent = (bits >> 23) as i32 - 127;
+    let binary = exponent as f32 + (mantissa * (2.0 - mantissa * (1.0 / 3.0)) - 5.0 / 3.0);
+    f64::from(binary * core::f32::consts::LN_2)
+}
+
+impl Tuning {
+    fn new(ringing: Complex, theta: f64, corner: f64) -> Self {
+        let one = Complex::new(1.0, 0.0);
+        let turning = Complex::new(0.0, theta);
+        // Response of (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice.
+        let back = turn(-theta);
+        let once = (one - back) * (1.0 - corner) / (one - back * (1.0 - corner));
+        let logs = [ringing + turning, ringing.conj() + turning];
+        Self {
+            theta,
+            sums: logs.map(|log| (one - exp(log)).inv() * Complex::new(0.0, 0.5)),
+            turns: logs.map(Powers::new),
+            turn: back.conj(),
+            leak: once.norm_sqr(),
+            passed: once * once,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::model::drive::Ringing;
+    use kband_control::signal_path::OnsetDetector;
+
+    /// Detection samples of the detector itself, and of the closed form.
+    fn both<O: OnsetConstants>(height: f32, spacing: f64, sigma: f32) -> [Vec<u64>; 2] {
+        let sensor = SensorModel::default();
+        let mut detector = OnsetDetector::<O>::with_constants(0.01);
+        let mut ringing = Ringing::new(2400.0, 1e-3);
+        let mut fast = OnsetModel::<O>::with(&sensor);
+        let mut noise = [Noise::new(3), Noise::new(4)];
+        let mut heard = [Vec::new(), Vec::new()];
+        let mut next = 9000.25;
+        for sample in 0..60_000_u64 {
+            if next <= sample as f64 {
+                let share = sample as f64 - next;
+                ringing.strike(height, share as f32);
+                let rms = fast.residual(f64::from(sigma));
+                let median = fast.median(rms, 0.0).max(0.01);
+                let struck = Struck {
+                    sample,
+                    share,
+                    height: f64::from(height),
+                };
+                let background = Background {
+                    median,
+                    rms,
+                    leak: Complex::default(),
+                };
+                let (found, _) = fast.impact(struck, background, &mut noise[1]);
+                heard[1].extend(found.map(|found| found.sample));
+                next += spacing;
+            }
+            let reading = ringing.acceleration() + sigma * noise[0].gauss();
+            // The detector first adapts to the noise.
+            if detector.sample(reading).is_some() && sample > 8000 {
+                heard[0].push(sample);
+            }
+            ringing.step();
+            if sample % 400 == 0 {
+                fast.pass(400);
+            }
+        }
+        heard
+    }
+
+    #[test]
+    fn it_finds_what_the_detector_finds_when_the_detector_finds_it() {
+        for (height, spacing, sigma) in [(6.0, 400.3, 0.15), (6.0, 133.7, 0.15), (2.0, 811.1, 0.1)]
+        {
+            let [slow, fast] = both::<StandardOnset>(height, spacing, sigma);
+            assert!(slow.len() > 50);
+            assert_eq!(slow.len(), fast.len(), "{height} {spacing}");
+            for (slow, fast) in slow.iter().zip(&fast) {
+                // Independent noise can shift a detection on a slow rise by a sample.
+                assert!(slow.abs_diff(*fast) <= 2, "{slow} {fast}");
+            }
+        }
+        let [slow, fast] = both::<StandardOnset>(0.4, 400.3, 0.15);
+        assert!(slow.is_empty() && fast.is_empty());
+    }
+
+    /// Number of detections of 500 impacts at a phase of a drive of 100 Hz: by the detector and by
+    /// the closed form. `swing` is the drive's acceleration in m/s^2.
+    fn on_a_swing(height: f32, phase: f64, swing: f64) -> [u32; 2] {
+        let theta = TAU / 200.0;
+        let mut detector = OnsetDetector::new(0.01);
+        let mut ringing = Ringing::new(2400.0, 1e-3);
+        let mut fast = OnsetModel::new(&SensorModel::default());
+        fast.tune(theta);
+        let mut noise = [Noise::new(3), Noise::new(4)];
+        let swing = Complex::new(swing, 0.0);
+        let rms = fast.residual(0.15);
+        let leaked = fast.leaked(swing);
+        let square = rms * rms + 0.5 * leaked.norm_sqr();
+        let swinging = 0.5 * leaked.norm_sqr() / square;
+        let at = (phase / theta) as u64;
+        let mut heard = [0, 0];
+        for sample in 0..120_000_u64 {
+            let turned = turn(theta * sample as f64);
+            if sample % 200 == at {
+                ringing.strike(height, 0.25);
+                let background = Background {
+                    median: fast.median(libm::sqrt(square), swinging),
+                    rms,
+                    leak: leaked * turned,
+                };
+                let struck = Struck {
+                    sample,
+                    share: 0.25,
+                    height: f64::from(height),
+                };
+                let (found, _) = fast.impact(struck, background, &mut noise[1]);
+                heard[1] += u32::from(found.is_some() && sample >= 20_000);
+            }
+            let drive = (swing * turned).re as f32;
+            let reading = drive + ringing.acceleration() + 0.15 * noise[0].gauss();
+            heard[0] += u32::from(detector.sample(reading).is_some() && sample >= 20_000);
+            ringing.step();
+            if sample % 200 == 199 {
+                fast.pass(200);
+            }
+        }
+        heard
+    }
+
+    #[test]
+    fn residual_swing_acts_alike_in_both() {
+        for (swing, lowest, step) in [(0.0, 0.5, 0.25), (25.0, 1.25, 0.25), (60.0, 2.5, 0.5)] {
+            for phase in [0.4, 3.5] {
+                // Height of an impact with half of the detections.
+                let mut thresholds = [lowest; 2];
+                for n in 0..9 {
+                    let heard = on_a_swing((lowest + step * f64::from(n)) as f32, phase, swing);
+                    for (threshold, heard) in thresholds.iter_mut().zip(heard) {
+                        *threshold += step * (1.0 - f64::from(heard) / 500.0);
+                    }
+                }
+                let [slow, fast] = thresholds;
+                assert!(lowest + step < slow && slow < lowest + 8.0 * step, "{slow}");
+                assert!(
+                    (fast / slow - 1.0).abs() < 0.05,
+                    "{swing} {phase}: {slow} {fast}"
+                );
+            }
+        }
+    }
+
+    /// The standard constants with one of them changed.
+    macro_rules! but {
+        ($($name:ident: $constant:ident: $kind:ty = $value:expr;)+) => { $(
+            #[derive(Clone, Copy)]
+            struct $name;
+            impl OnsetConstants for $name {
+                const $constant: $kind = $value;
+            }
+        )+ };
+    }
+
+    but! {
+        Corner: CORNER: f64 = 0.8;
+        Memory: ENVELOPE_DECAY: f64 = 0.998;
+        Rise: RISE_SAMPLES: u32 = 200;
+        Threshold: THRESHOLD: f64 = 20.0;
+        OverMemory: MIN_OVER_ENVELOPE: f64 = 150.0;
+        Loud: LOUD: f64 = 0.5;
+        Settling: SETTLING_SAMPLES: u32 = 30_000;
+    }
+
+    #[test]
+    fn closed_form_follows_the_detector_constants() {
+        fn changed<O: OnsetConstants>(height: f32, spacing: f64, sigma: f32) {
+            let [standard, _] = both::<StandardOnset>(height, spacing, sigma);
+            let [slow, fast] = both::<O>(height, spacing, sigma);
+            assert!(slow.len() < 3 * standard.len() / 4, "{}", slow.len());
+            assert!(slow.len().abs_diff(fast.len()) <= 1, "{slow:?} {fast:?}");
+        }
+        changed::<Corner>(1.5, 811.1, 0.1);
+        changed::<Memory>(6.0, 133.7, 0.15);
+        changed::<Rise>(6.0, 133.7, 0.15);
+        changed::<Threshold>(1.5, 811.1, 0.1);
+        changed::<OverMemory>(6.0, 133.7, 0.15);
+        changed::<Settling>(6.0, 133.7, 0.15);
+    }
+
+    /// Number of blanked samples after an impact: by the detector and by the closed form.
+    fn blanked<O: OnsetConstants>() -> [f64; 2] {
+        let mut detector = OnsetDetector::<O>::with_constants(0.1);
+        let mut ringing = Ringing::new(2400.0, 1e-3);
+        let rings = (0..4000).filter(|&sample| {
+            if sample == 400 {
+                ringing.strike(6.0, 0.25);
+            }
+            detector.sample(ringing.acceleration());
+            ringing.step();
+            detector.rings()
+        });
+        let rings = rings.count() as f64;
+        let mut fast = OnsetModel::<O>::with(&SensorModel::default());
+        fast.begin(400, 4000, Phase::ZERO, 1 << 20);
+        let struck = Struck {
+            sample: 400,
+            share: 0.25,
+            height: 6.0,
+        };
+        // The detector starts with its floor as median.
+        let background = Background {
+            median: 0.1,
+            rms: 0.0,
+            leak: Complex::default(),
+        };
+        fast.impact(struck, background, &mut Noise::new(1));
+        [rings, fast.blanked(4000) * 4000.0]
+    }
+
+    #[test]
+    fn a_changed_loudness_changes_what_is_blanked_in_both() {
+        let ([slow, fast], [standard, _]) = (blanked::<Loud>(), blanked::<StandardOnset>());
+        // Blanking to a quarter of the height lasts ln 4 / 0.0356 = 39 samples longer; the
+        // detector's median falls meanwhile.
+        assert!(
+            (30.0..50.0).contains(&(slow - standard)),
+            "{slow} {standard}"
+        );
+        assert!((slow - fast).abs() < 6.0, "{slow} {fast}");
+    }
+
+    #[test]
+    fn the_demodulator_s_share_of_a_ringing_is_its_sum() {
+        let mut fast = OnsetModel::new(&SensorModel::default());
+        fast.tune(0.0157);
+        let mut ringing = Ringing::new(2400.0, 1e-3);
+        ringing.strike(1.0, 0.3);
+        let mut sum = Complex::new(0.0, 0.0);
+        for n in 0..2000 {
+            sum += turn(0.0157 * f64::from(n)) * f64::from(ringing.acceleration());
+            ringing.step();
+        }
+        // Rounding of 2000 terms in f32.
+        let struck = Struck {
+            sample: 1000,
+            share: 0.3,
+            height: 1.0,
+        };
+        let background = Background {
+            median: 0.1,
+            rms: 0.1,
+            leak: Complex::default(),
+        };
+        let (_, found) = fast.impact(struck, background, &mut Noise::new(1));
+        assert!((sum - found).norm_sqr() < 1e-9);
+    }
+}

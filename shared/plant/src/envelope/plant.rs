@@ -1,0 +1,648 @@
+//! Envelope plant: the simulated feeder in steps of a drive cycle.
+//!
+//! The track's complex amplitude follows its exact recurrence, parts follow the impact map, and
+//! demodulator and onset detector are evaluated in closed form.
+
+use core::f64::consts::TAU;
+
+use heapless::Vec;
+use num_complex::{Complex32, Complex64 as Complex};
+
+use super::load::TrackLoad;
+use super::onset::{Background, HeardAt, OnsetModel, Struck};
+use super::readings::{Read, Readings};
+use super::recurrence::{Demodulated, Recurrence, turn};
+use super::sense::Sense;
+use super::track_motion::TrackMotion;
+use super::upper::UpperEnvelope;
+use crate::model::crowd::{
+    MAX_STRIKES, all_at_rest, mean_displacement, set_restitution, set_scatter,
+};
+use crate::model::hopper::Hopper;
+use crate::model::law::Law;
+use crate::model::part::{Part, Strike, Track, WaveCache};
+use crate::model::scene::{Change, PARTS, Scene, SensorModel};
+use kband::arithmetic::Noise;
+use kband::arithmetic::Phase;
+use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
+use kband_control::signal_path::{
+    DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetConstants, QUARTILE, SECTORS_HANDED, StandardOnset,
+    last_cycle_gain, push_weight,
+};
+use kband_control::{Command, Cycle, SAMPLE_RATE, phase_step};
+
+/// Largest number of events of one part in one cycle; later events move to the next cycle. A
+/// chatter is summed long before.
+const EVENTS_PER_CYCLE: usize = 200;
+/// Largest number of detected impacts that wait for the cycle of their sample.
+const MAX_PENDING_IMPACTS: usize = 2 * MAX_IMPACTS_PER_CYCLE;
+
+/// The simulated feeder in steps of a drive cycle.
+///
+/// [`EnvelopePlant::cycle`] returns the signal path's result for a cycle. Drive and demodulator are
+/// exact ([`Recurrence`]). Noise is drawn once for each quantity. A cycle whose reading saturates
+/// the converter is computed sample by sample, because clipping is nonlinear.
+#[derive(Clone, Debug)]
+pub struct EnvelopePlant {
+    drive: Recurrence,
+    /// Upper tones and modes above the resonance, if the drive has any, and the resulting wave.
+    upper: Option<UpperEnvelope>,
+    waves: WaveCache,
+    /// Number of upper tones that the settings enable.
+    tones: usize,
+    gain: f32,
+    /// Amplitude of the measured current in A at full output; 0 without a current sensor.
+    full_current: f32,
+    sensor: SensorModel,
+    sense: Sense,
+    readings: Readings,
+    onset: OnsetModel,
+    parts: Vec<Part, PARTS>,
+    /// Force of the parts on the track, if they have mass.
+    load: Option<TrackLoad>,
+    hopper: Hopper,
+    /// Gravity normal to the track in m/s^2.
+    normal_gravity: f64,
+    noise: Noise,
+    /// Time up to which the parts are simulated, in steps of 2^-32 turns of the drive; that of the
+    /// output sample before this cycle.
+    time: i64,
+    /// Samples before this cycle.
+    sample: u64,
+    /// Turns of the mains per sample.
+    mains: f64,
+    ripple: f32,
+    lost: bool,
+    inverted: bool,
+    law: Law,
+    watched: bool,
+    strikes: Vec<Strike, MAX_STRIKES>,
+    /// Detected impacts of cycles that have not ended, in order of time.
+    waiting: Vec<HeardAt, MAX_PENDING_IMPACTS>,
+    /// Demodulated acceleration of the last cycle under a load, along sine and cosine of the phase.
+    shown: Complex,
+    /// The detector's running median, which follows the noise over some cycles.
+    median: f64,
+}
+
+impl EnvelopePlant {
+    /// The plant of a scene at rest; an error names the parameter out of range.
+    pub(crate) fn build(scene: &Scene) -> Result<Self, OutOfRange> {
+        scene.check()?;
+        let settings = &scene.settings;
+        settings.check()?;
+        let track = settings.track()?;
+        let full = f64::from((1_u32 << settings.converter_bits as u32) - 1);
+        let volts = f64::from(settings.converter_reference) / (full + 1.0);
+        let codes = f64::from(settings.sensitivity) / STANDARD_GRAVITY / volts;
+        let sense = Sense {
+            floor: 1.0 / codes,
+            rest: scene.rest().into(),
+            zero: f64::from(settings.sensor_zero) / volts,
+            full,
+            ..Sense::default()
+        };
+        let mut plant = Self {
+            drive: Recurrence::new(&scene.drive, phase_step(settings.frequency)),
+            upper: UpperEnvelope::build(
+                &scene.drive,
+                f64::from(settings.frequency),
+                settings.upper_tones(),
+            ),
+            waves: WaveCache::default(),
+            tones: settings.upper_tones(),
+            gain: 1.0,
+            full_current: if settings.current_sensitivity > 0.0 {
+                scene.drive.gain / scene.drive.current_gain
+            } else {
+                0.0
+            },
+            sensor: scene.sensor,
+            readings: Readings::new(&scene.sensor, &sense),
+            sense,
+            onset: OnsetModel::new(&scene.sensor),
+            parts: all_at_rest(scene)?,
+            load: scene.has_mass().then(|| TrackLoad::new(scene)),
+            hopper: Hopper::new(scene),
+            normal_gravity: track.normal_gravity(),
+            noise: Noise::new(scene.seed),
+            time: -i64::from(phase_step(settings.frequency)),
+            sample: 0,
+            mains: f64::from(scene.drive.mains) / f64::from(SAMPLE_RATE),
+            ripple: scene.drive.ripple,
+            lost: false,
+            inverted: false,
+            law: scene.law(&track),
+            watched: true,
+            strikes: Vec::new(),
+            waiting: Vec::new(),
+            shown: Complex::new(0.0, 0.0),
+            median: 1.0 / codes,
+        };
+        plant.sense();
+        Ok(plant)
+    }
+
+    /// Updates the constants that depend on the accelerometer's noise and sensitivity.
+    fn sense(&mut self) {
+        let factor = f64::from(self.sensor.sensitivity);
+        let noise = f64::from(self.sensor.noise);
+        let Sense {
+            floor: step,
+            rest,
+            zero,
+            full,
+            ..
+        } = self.sense;
+        let middle = zero + rest * factor / step;
+        let white = libm::sqrt(noise * noise + step * step / 12.0);
+        self.sense = Sense {
+            factor,
+            noise,
+            white,
+            residual: self.onset.residual(white) * factor,
+            headroom: middle.min(full - middle) * step / factor.max(1e-9),
+            ..self.sense
+        };
+    }
+
+    /// Simulates one drive cycle under a command. `next` is the signal path's command for the next
+    /// cycle, which selects folding and blanking.
+    pub(crate) fn cycle(&mut self, told: &Command, next: &Command) -> Cycle {
+        let (output, step) = (f64::from(told.amplitude), told.step);
+        self.strikes.clear();
+        let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
+        let driven = self.output(output, told.lead.radians(), step, middle);
+        let pushed = (self.load.as_mut()).map_or(Complex::new(0.0, 0.0), |load| {
+            load.begin(f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN))
+        });
+        let pushed = pushed * self.drive.per_acceleration();
+        self.drive.begin(driven + pushed, step);
+        if let Some(upper) = &mut self.upper {
+            let gain = f64::from(self.gain);
+            let overtones = told
+                .overtones
+                .map(|tone| Complex::new(f64::from(tone.sine), f64::from(tone.cosine)) * gain);
+            upper.begin(driven, overtones, step.max(1));
+        }
+        let samples = self.drive.samples();
+        self.move_parts();
+        if let Some(load) = &mut self.load {
+            let pushed = load.settle() * self.drive.per_acceleration();
+            self.drive.begin(driven + pushed, step);
+        }
+        let added = self.upper.as_ref().map_or(0.0, UpperEnvelope::loudest);
+        let loudest = self.drive.loudest();
+        let clipped =
+            loudest + added + self.ringing() + 4.0 * self.sense.noise > self.sense.headroom;
+        let mut cycle = Cycle {
+            samples: samples as u16,
+            current: self.full_current * libm::sqrt(driven.norm_sqr()) as f32,
+            ..Cycle::default()
+        };
+        // An impact detected only in the next cycle has a phase of this one.
+        let read = (clipped || self.readings.folds()).then(|| self.read_each(&mut cycle));
+        // Parts with mass seldom ring all at once. Without saturation the closed form applies, with
+        // blanking.
+        let cut = clipped && (self.load.is_none() || cycle.saturated > 0);
+        let readings = read.filter(|_| cut);
+        let struck = self.detect_impacts(loudest);
+        let swing = self.drive.steady_swing() * self.sense.factor;
+        cycle.sectors = self.onset.sectors(samples, self.sense.residual, swing);
+        let mut found = self.drive.end();
+        if let Some(upper) = &mut self.upper {
+            let ([cosine, sine], above) = upper.end(samples);
+            found.in_phase += cosine;
+            found.quadrature += sine;
+            if !self.lost {
+                for (parts, found) in cycle.upper.iter_mut().zip(above).take(self.tones) {
+                    *parts = found.map(|part| part as f32);
+                }
+            }
+        }
+        let heeded = 1.0 - self.onset.blanked(samples);
+        let mut found = readings.unwrap_or(Demodulated {
+            in_phase: found.in_phase + struck.re / heeded,
+            quadrature: found.quadrature + struck.im / heeded,
+        });
+        self.blank(&mut found, samples);
+        self.read(&mut cycle, found, loudest + added, middle);
+        self.tell(&mut cycle, samples);
+        self.readings.finish(next.fold, step, &mut cycle);
+        self.onset.keep_whole(next.whole);
+        self.sample += u64::from(samples);
+        self.onset.pass(samples);
+        cycle
+    }
+
+    /// Complex output with the bus ripple at the drive's frequency. `sin(wt) r sin(Wt)` contains
+    /// `r/2 cos((W - w)t)`; the drive does not respond to the other sideband.
+    fn output(&self, output: f64, lead: f64, step: u32, middle: f64) -> Complex {
+        let output = output * f64::from(self.gain);
+        let ahead = if lead == 0.0 {
+            Complex::new(1.0, 0.0)
+        } else {
+            turn(lead)
+        };
+        if self.ripple <= 0.0 {
+            return ahead * output;
+        }
+        let turns = f64::from(step) / Phase::TURN;
+        let apart = (2.0 * self.mains - 2.0 * turns) * TAU;
+        let samples = f64::from(self.drive.samples());
+        let phase = f64::from(self.drive.phase()) / Phase::TURN + 0.5 * samples * turns;
+        let beat = TAU * (2.0 * self.mains * middle - 2.0 * phase);
+        // cos(x + wt) = Im(i e^(i x) e^(i wt)).
+        let ripple = turn(beat) * (0.5 * f64::from(self.ripple) * sinc(0.5 * apart * samples));
+        (ahead + ahead.conj() * Complex::new(0.0, 1.0) * ripple) * output
+    }
+
+    /// Effect of blanking on the demodulated acceleration. Impacts that push the track are blanked
+    /// with the motion at that phase, which is replaced by the last cycle's.
+    fn blank(&mut self, found: &mut Demodulated, samples: u32) {
+        let Some(load) = &self.load else {
+            return;
+        };
+        let struck = load.struck();
+        let share = self.onset.blanked(samples) as f32;
+        let between = struck * f64::from(push_weight(share));
+        let now = Complex::new(found.quadrature, found.in_phase) - between;
+        // A push leads its velocity jump by a quarter turn.
+        let ahead = struck * Complex::new(0.0, 1.0 / libm::sqrt(struck.norm_sqr()).max(1e-30));
+        let at = Complex32::new(ahead.re as f32, ahead.im as f32);
+        let repeated = last_cycle_gain(at, share);
+        let repeated = Complex::new(f64::from(repeated.re), f64::from(repeated.im));
+        let shown = now + repeated * (self.shown - now).conj();
+        (found.quadrature, found.in_phase) = (shown.re, shown.im);
+        self.shown = shown;
+    }
+
+    /// Upper bound of the summed ringing of this cycle's impacts in m/s^2.
+    fn ringing(&self) -> f64 {
+        let speeds = self.strikes().iter().map(|strike| strike.speed);
+        f64::from(self.sensor.ringing) * speeds.sum::<f64>()
+    }
+
+    /// Samples from the start of the cycle to a time of the parts. The state at a sample results
+    /// from the output of the sample before.
+    fn samples_to(&self, time: u64) -> f64 {
+        (time as i64 - self.time) as f64 * self.drive.per_step()
+    }
+
+    /// Time up to which this cycle simulates the parts.
+    fn end(&self) -> u64 {
+        (self.time + i64::from(self.drive.samples()) * i64::from(self.drive.step())).max(0) as u64
+    }
+
+    /// Simulates the parts to the end of the cycle.
+    fn move_parts(&mut self) {
+        let end = self.end();
+        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
+        let (waves, normal_gravity) = (&mut self.waves, self.normal_gravity);
+        let track = Track {
+            normal_gravity,
+            angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN),
+            law: self.watched.then_some(self.law),
+            wave: None,
+        };
+        let mut load = self.load.as_mut();
+        for (index, part) in self.parts.iter_mut().enumerate() {
+            let arrives = self.hopper.arrives(index);
+            if arrives > end {
+                continue;
+            }
+            let begun = self.time.max(0) as u64;
+            let mut from = begun.max(arrives);
+            let mut lying = part.lies().then_some(from);
+            let share = load.as_ref().map_or(0.0, |load| load.share(index));
+            for _ in 0..EVENTS_PER_CYCLE {
+                let Some(next) = part.next() else {
+                    match motion.thrown(&track, waves, from, end) {
+                        Some((swing, time)) => {
+                            let wave = motion.wave(&swing, waves);
+                            part.throw(swing, &Track { wave, ..track }, time);
+                            if let Some(load) = &mut load
+                                && !part.rests()
+                                && let Some(since) = lying.take()
+                            {
+                                load.lie(index, motion.rest(since, time), normal_gravity);
+                            }
+                        }
+                        None => break,
+                    }
+                    if part.rests() {
+                        break;
+                    }
+                    continue;
+                };
+                if next > end {
+                    break;
+                }
+                from = next;
+                let swing = motion.swing(next);
+                let wave = motion.wave(&swing, waves);
+                // The track recoils from a part with mass, which acts on the flight as more
+                // gravity.
+                let jumping = Track {
+                    wave,
+                    normal_gravity: normal_gravity * (1.0 + share),
+                    ..track
+                };
+                if let Some(strike) = part.event(swing, &jumping) {
+                    if let Some(load) = &mut load {
+                        load.strike(index, part.pushed(), motion.output_phase(next));
+                    }
+                    if part.lies() {
+                        lying = Some(next);
+                    }
+                    // When the list is full, the loudest impacts are kept.
+                    let part = index as u8;
+                    if let Err(more) = self.strikes.push(Strike { part, ..strike }) {
+                        let kept = self.strikes.iter_mut();
+                        let quietest = kept.min_by(|one, other| one.speed.total_cmp(&other.speed));
+                        if let Some(quietest) = quietest.filter(|one| one.speed < more.speed) {
+                            *quietest = more;
+                        }
+                    }
+                }
+            }
+            if let (Some(load), Some(since)) = (&mut load, lying) {
+                load.lie(index, motion.rest(since, end), normal_gravity);
+            }
+            // A flying part does not slide. With upper tones the wave is updated in any case.
+            if let Some(Law::Friction(_)) = track.law
+                && (part.rubs() || self.upper.is_some())
+            {
+                let swing = motion.swing(end);
+                let wave = motion.wave(&swing, waves);
+                part.slide(swing, &Track { wave, ..track }, end);
+            }
+        }
+        if self.parts.len() > 1 {
+            self.strikes.sort_unstable_by_key(|strike| strike.time);
+        }
+    }
+
+    /// Detects this cycle's impacts and returns the demodulated part of their ringing.
+    fn detect_impacts(&mut self, loudest: f64) -> Complex {
+        self.onset
+            .tune(f64::from(self.drive.step()) * (TAU / Phase::TURN));
+        let Sense {
+            factor,
+            residual: rms,
+            floor,
+            ..
+        } = self.sense;
+        let leak = self.onset.leak() * loudest * factor;
+        let square = rms * rms + 0.5 * leak * leak;
+        let level = libm::sqrt(square);
+        let swinging = 0.5 * leak * leak / square.max(1e-30);
+        // Largest relative change of a running median in a cycle.
+        let most = 1.0 + f64::from(self.drive.samples()) * StandardOnset::MEDIAN_STEP;
+        self.median = self
+            .onset
+            .median(level, swinging)
+            .clamp(self.median / most, self.median * most)
+            .max(floor);
+        let leaked = self.onset.leaked(self.drive.steady_swing() * factor);
+        let (samples, step) = (self.drive.samples(), self.drive.step());
+        self.onset
+            .begin(self.sample, samples, self.drive.phase_at(0), step);
+        let mut sum = Complex::new(0.0, 0.0);
+        let mut index = 0;
+        while let Some(&strike) = self.strikes.get(index) {
+            // Simultaneous impacts ring as one.
+            let together = self.strikes[index..].iter();
+            let together = together.take_while(|other| other.time == strike.time);
+            let (count, speed) = together.fold((0, 0.0), |(count, speed), other| {
+                (count + 1, speed + other.speed)
+            });
+            index += count;
+            let samples = self.samples_to(strike.time);
+            let down = samples as u32;
+            let whole = down + u32::from(f64::from(down) < samples);
+            let struck = Struck {
+                sample: self.sample + u64::from(whole),
+                share: f64::from(whole) - samples,
+                height: f64::from(self.sensor.ringing) * speed * factor,
+            };
+            let at = self.drive.at(whole);
+            let background = Background {
+                median: self.median,
+                rms,
+                leak: leaked * at,
+            };
+            let (heard, ringing) = self.onset.impact(struck, background, &mut self.noise);
+            sum += ringing * at;
+            if let Some(heard) = heard {
+                self.wait(heard);
+            }
+        }
+        if !self.strikes.is_empty() {
+            sum *= 2.0 * f64::from(self.drive.step()) / Phase::TURN / factor.max(1e-9);
+        }
+        sum
+    }
+
+    /// Writes the demodulated values into the board's readings, with noise, hum and sensor faults.
+    fn read(&mut self, cycle: &mut Cycle, found: Demodulated, loudest: f64, middle: f64) {
+        cycle.noise = (self.median / QUARTILE) as f32;
+        cycle.blanked = self.onset.blanked(u32::from(cycle.samples)) as f32;
+        let factor = self.sense.factor;
+        let turned = if self.inverted { -factor } else { factor };
+        cycle.mean = (self.sense.rest * turned) as f32;
+        if self.lost {
+            cycle.sectors.energy = [0.0; SECTORS_HANDED];
+            let code = (self.sense.zero + 0.5) as u16;
+            (cycle.low, cycle.high) = (code, code);
+            return;
+        }
+        let Sense {
+            noise,
+            white,
+            floor,
+            rest,
+            zero,
+            full,
+            ..
+        } = self.sense;
+        let samples = f64::from(cycle.samples);
+        // Standard deviation of the mean of 2 n(t) e^(i phase) over the N unblanked samples.
+        let heeded = 1.0 - self.onset.blanked(u32::from(cycle.samples));
+        let scatter = white * libm::sqrt(2.0 / (samples * heeded).max(1.0));
+        let hum = self.hum(samples, middle);
+        let in_phase = found.in_phase + hum.re + scatter * f64::from(self.noise.gauss());
+        let quadrature = found.quadrature + hum.im + scatter * f64::from(self.noise.gauss());
+        cycle.in_phase = (in_phase * turned) as f32;
+        cycle.quadrature = (quadrature * turned) as f32;
+        for part in cycle.upper.iter_mut().take(self.tones).flatten() {
+            let found = f64::from(*part) + scatter * f64::from(self.noise.gauss());
+            *part = (found * turned) as f32;
+        }
+        if cycle.saturated == 0 {
+            let code = |acceleration: f64| {
+                let code = zero + (acceleration + rest * turned) / floor + 0.5;
+                code.clamp(0.0, full) as u16
+            };
+            let reach = (loudest + 3.0 * noise) * factor;
+            (cycle.low, cycle.high) = (code(-reach), code(reach));
+        }
+    }
+
+    /// Demodulated part of the mains hum.
+    fn hum(&self, samples: f64, middle: f64) -> Complex {
+        if self.sensor.hum <= 0.0 {
+            return Complex::new(0.0, 0.0);
+        }
+        let drive = f64::from(self.drive.step()) / Phase::TURN;
+        // Phase at the middle of the cycle that ended, half a cycle back.
+        let phase = f64::from(self.drive.phase()) / Phase::TURN - 0.5 * samples * drive;
+        let (mains, drive_at) = (TAU * self.mains * middle, TAU * phase);
+        let half = 0.5 * TAU * samples;
+        let near = sinc(half * (self.mains - drive));
+        let far = sinc(half * (self.mains + drive));
+        // Average of 2 sin(Wt) e^(i wt) = -i e^(i(W + w)t) + i e^(-i(W - w)t) over the cycle.
+        let sum = turn(mains + drive_at) * Complex::new(0.0, -far)
+            + turn(drive_at - mains) * Complex::new(0.0, near);
+        sum * f64::from(self.sensor.hum)
+    }
+
+    /// Simulates the readings of the cycle sample by sample and demodulates them.
+    fn read_each(&mut self, cycle: &mut Cycle) -> Demodulated {
+        let of = Read {
+            drive: &self.drive,
+            upper: self.upper.as_ref(),
+            sensor: &self.sensor,
+            sense: &self.sense,
+            strikes: &self.strikes,
+            time: self.time,
+            sample: self.sample,
+            inverted: self.inverted,
+        };
+        self.readings.read(&of, cycle, &mut self.noise)
+    }
+
+    /// Stores a detected impact for the cycle of its sample; dropped when the list is full.
+    fn wait(&mut self, heard: HeardAt) {
+        let waiting = &self.waiting;
+        let at = waiting.partition_point(|other| other.sample <= heard.sample);
+        let _ = if at == waiting.len() {
+            self.waiting.push(heard)
+        } else {
+            self.waiting.insert(at, heard)
+        };
+    }
+
+    /// Moves the impacts detected within the ended cycle of `samples` samples into its readings.
+    fn tell(&mut self, cycle: &mut Cycle, samples: u32) {
+        let step = self.drive.step();
+        // The drive's phase is already that of the next cycle.
+        let began = self.drive.phase().wrapping_sub(step.wrapping_mul(samples));
+        let end = self.sample + u64::from(samples);
+        let mut last = self.sample;
+        let due = self.waiting.partition_point(|heard| heard.sample < end);
+        for heard in &self.waiting[..due] {
+            if self.lost {
+                break;
+            }
+            let n = (heard.sample.max(last) - self.sample) as u32;
+            last = heard.sample.max(last);
+            // The signal path stamps an impact with the phase of the sample before its detection.
+            let phase = began.wrapping_add(n.wrapping_sub(1).wrapping_mul(step));
+            let _ = cycle.heard.push(DetectedImpact {
+                phase: Phase::from_bits(phase),
+                strength: heard.strength as f32,
+            });
+        }
+        if due == self.waiting.len() {
+            self.waiting.clear();
+        } else {
+            self.waiting.drain(..due);
+        }
+        self.time += i64::from(samples) * i64::from(step);
+    }
+
+    /// Sets whether the displacement along the track is computed; if not, it stays constant and
+    /// costs nothing.
+    pub(crate) fn watch_displacement(&mut self, watched: bool) {
+        self.watched = watched;
+    }
+
+    /// Sets the total mass of the parts over that of the track.
+    #[cfg(test)]
+    pub(crate) fn heap(&mut self, total: f64) {
+        if let Some(load) = &mut self.load {
+            load.heap(total);
+        }
+    }
+
+    /// Normal amplitude of the track in m.
+    pub fn amplitude(&self) -> f64 {
+        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
+        f64::from(motion.swing(self.time.max(0) as u64).amplitude)
+    }
+
+    /// Mass of the parts on the track over that of the track.
+    pub fn load(&self) -> f64 {
+        let now = self.time.max(0) as u64;
+        let on = |index: &usize| self.hopper.arrives(*index) <= now;
+        let shares = (0..self.parts.len()).filter(on);
+        (self.load.as_ref()).map_or(0.0, |load| shares.map(|part| load.share(part)).sum())
+    }
+
+    /// Impacts of the last cycle in order of time, at most 96.
+    pub fn strikes(&self) -> &[Strike] {
+        &self.strikes
+    }
+
+    /// Time since the start in s.
+    pub fn seconds(&self) -> f64 {
+        self.sample as f64 / f64::from(SAMPLE_RATE)
+    }
+
+    /// Number of samples before the next cycle, and within it at the present step.
+    pub fn samples(&self) -> [u64; 2] {
+        [self.sample, u64::from(self.drive.samples())]
+    }
+
+    /// Mean displacement of the parts along the track in m, positive upwards; 0 without parts.
+    pub fn displacement(&self) -> f64 {
+        mean_displacement(&self.parts)
+    }
+
+    /// Applies a change to the plant.
+    pub(crate) fn apply(&mut self, change: Change) {
+        match change {
+            Change::Gain(gain) => self.gain = gain,
+            Change::Restitution(mean) => set_restitution(&mut self.parts, mean),
+            Change::Scatter(deviation) => set_scatter(&mut self.parts, deviation),
+            Change::Noise(noise) => self.sensor.noise = noise,
+            Change::SensorLost(lost) => self.lost = lost,
+            Change::SensorInverted(inverted) => self.inverted = inverted,
+            Change::Sensitivity(sensitivity) => self.sensor.sensitivity = sensitivity,
+            Change::Ripple(ripple) => self.ripple = ripple,
+            Change::Hum(hum) => self.sensor.hum = hum,
+            Change::Dump(seconds) => {
+                let step = f64::from(self.drive.step());
+                let turns = f64::from(seconds) * f64::from(SAMPLE_RATE) * step / Phase::TURN;
+                self.hopper.dump(self.time.max(0) as u64, turns);
+            }
+            Change::Parts(count) => {
+                let (now, parts) = (self.time.max(0) as u64, &mut self.parts);
+                let arrive = |part: usize| parts[part].lay(now);
+                self.hopper.place(now, count, arrive);
+            }
+            _ => {}
+        }
+        self.sense();
+    }
+}
+
+/// `sin(x)/x`.
+fn sinc(x: f64) -> f64 {
+    if x.abs() < 1e-6 {
+        1.0
+    } else {
+        libm::sin(x) / x
+    }
+}

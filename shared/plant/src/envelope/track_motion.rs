@@ -1,0 +1,137 @@
+//! Motion of the track within a cycle, for the simulation of the parts.
+
+use core::f64::consts::{FRAC_PI_2, TAU};
+
+use super::load::Rest;
+use super::recurrence::{Recurrence, Swinging};
+use super::upper::UpperEnvelope;
+use crate::model::drive::Swing;
+use crate::model::part::{Track, WaveCache, turned};
+use kband::arithmetic::Phase;
+use kband::impact::{Contact, Wave, WaveMap};
+
+/// Motion of the track in the current cycle.
+#[derive(Clone, Copy)]
+pub(crate) struct TrackMotion<'a> {
+    swinging: Swinging<'a>,
+    upper: Option<&'a UpperEnvelope>,
+    time: i64,
+    tones: usize,
+}
+
+impl<'a> TrackMotion<'a> {
+    /// Motion from a drive with this number of upper tones; `time` is that of the output sample
+    /// before the cycle.
+    pub fn new(
+        drive: &'a Recurrence,
+        upper: Option<&'a UpperEnvelope>,
+        time: i64,
+        tones: usize,
+    ) -> Self {
+        Self {
+            swinging: drive.swinging(),
+            upper,
+            time,
+            tones,
+        }
+    }
+
+    /// Swing of the track at a time.
+    #[inline]
+    pub fn swing(&self, time: u64) -> Swing {
+        let ticks = time as i64 - self.time;
+        let swing = self.swinging.at(ticks);
+        let Some(upper) = self.upper else {
+            return swing;
+        };
+        let drive = self.swinging.drive();
+        let phase = Phase::from_bits(drive.phase().wrapping_add(ticks as u32));
+        upper.complete(swing, ticks as f64 * drive.per_step(), phase)
+    }
+
+    /// Wave of a swing; `None` for a sine.
+    #[inline]
+    pub fn wave<'w>(&self, swing: &Swing, waves: &'w mut WaveCache) -> Option<&'w Wave> {
+        self.upper.and_then(|_| waves.shape(swing.shape))
+    }
+
+    /// Output phase at a time, in rad.
+    pub fn output_phase(&self, time: u64) -> f64 {
+        let ticks = (time as i64 - self.time) as u32;
+        Phase::from_bits(self.swinging.drive().phase().wrapping_add(ticks)).radians()
+    }
+
+    /// A rest between two times, on the moving track.
+    pub fn rest(&self, from: u64, until: u64) -> Rest {
+        let swing = self.swing(from + until.saturating_sub(from) / 2);
+        let middle = self.output_phase(from + until.saturating_sub(from) / 2);
+        let half = 0.5 * until.saturating_sub(from) as f64 / Phase::TURN * TAU;
+        Rest {
+            phases: [middle - half, middle + half],
+            amplitude: f64::from(swing.amplitude),
+            lead: swing.phase.radians() - middle,
+        }
+    }
+
+    /// First lift-off of a part at rest in `from..=end`.
+    pub fn thrown(
+        &self,
+        track: &Track<'_>,
+        waves: &mut WaveCache,
+        from: u64,
+        end: u64,
+    ) -> Option<(Swing, u64)> {
+        let k = |swing: &Swing| {
+            track.normal_gravity / (f64::from(swing.amplitude) * track.angular * track.angular)
+        };
+        let began = self.swing(from);
+        if self.tones > 0 {
+            let after = |swing: Swing, waves: &mut WaveCache| {
+                let phase = began.phase.radians();
+                let wait = throw(waves.shape(swing.shape), k(&swing), phase)?;
+                let time = from + (wait / TAU * Phase::TURN) as u64;
+                (time <= end).then_some(time)
+            };
+            // If the present amplitude throws no part, the amplitude at the end of the cycle may.
+            let time = after(began, waves).or_else(|| after(self.swing(end), waves))?;
+            let time = after(self.swing(time), waves)?;
+            return Some((self.swing(time), time));
+        }
+        let phase = began.phase.radians();
+        if libm::sin(phase) > k(&began) {
+            return Some((began, from));
+        }
+        // A growing amplitude throws first at the crest; from there search back to arcsin k.
+        let ahead = |angle: f64| (turned(angle) / TAU * Phase::TURN) as u64;
+        let crest = from + ahead(FRAC_PI_2 - phase);
+        if crest > end + (1 << 30) {
+            return None;
+        }
+        let at_crest = k(&self.swing(crest));
+        if at_crest >= 1.0 {
+            return None;
+        }
+        let mut time = crest - ahead(FRAC_PI_2 - libm::asin(at_crest)).min(crest - from);
+        for _ in 0..8 {
+            let swing = self.swing(time);
+            let late = libm::sin(swing.phase.radians()) - k(&swing);
+            if late > 0.0 {
+                return (time <= end).then_some((swing, time));
+            }
+            // Move past the crossing of a slowly changing amplitude.
+            time += (1 << 20) + (-late / TAU * Phase::TURN).min(Phase::TURN / 16.0) as u64;
+        }
+        None
+    }
+}
+
+/// Delay in rad until lift-off of a part at rest at a phase; `None` without lift-off.
+fn throw(wave: Option<&Wave>, k: f64, phase: f64) -> Option<f64> {
+    match wave {
+        Some(wave) => {
+            let map = WaveMap::on(*wave, k, 1.0).ok()?;
+            map.throw(phase).map(|(wait, _)| wait)
+        }
+        None => Contact::build(k, 1.0).ok()?.wait(phase),
+    }
+}

@@ -1,0 +1,224 @@
+//! Upper tones of the track in steps of a drive cycle: one slowly varying complex envelope per tone
+//! and mode.
+
+use core::f64::consts::TAU;
+
+use heapless::Vec;
+use num_complex::Complex64 as Complex;
+
+use super::recurrence::{exp, turn};
+use crate::model::drive::{Swing, UpperMode};
+use crate::model::scene::DriveModel;
+use kband::arithmetic::Phase;
+use kband_control::{SAMPLE_RATE, Shape, UPPER, UpperTone, phase_of};
+
+/// A mode under one upper tone. Under the output `Im(U e^(i n phi))` its displacement is
+/// `Im(X e^(i n phi))`.
+///
+/// X converges to the response times U at the mode's decay rate, relative to the rotating phase.
+/// The counter-rotating term is neglected.
+#[derive(Clone, Copy, Debug, Default)]
+struct Driven {
+    /// Displacement in m per unit output.
+    answer: Complex,
+    /// Logarithm of decay and rotation per sample, relative to the multiple of the phase.
+    drift: Complex,
+    /// X at the first sample of the cycle, its limit, and its remaining difference.
+    state: Complex,
+    steady: Complex,
+    transient: Complex,
+}
+
+impl Driven {
+    /// X, `samples` after the first sample of the cycle.
+    fn at(&self, samples: f64) -> Complex {
+        self.steady + self.transient * exp(self.drift * samples)
+    }
+}
+
+/// A mode of the drive.
+#[derive(Clone, Copy, Debug)]
+struct Mode {
+    model: UpperMode,
+    /// Displacement in m per unit output of the first tone.
+    answer: Complex,
+    /// Acceleration per unit transient in 1/s^2.
+    surge: Complex,
+    tones: [Driven; UPPER],
+}
+
+/// A tone's frequency over the drive's frequency.
+fn harmonic(tone: usize) -> f64 {
+    tone as f64 + 2.0
+}
+
+impl Mode {
+    fn tune(&mut self, angular: f64) {
+        let natural = TAU * self.model.frequency;
+        let per_sample = 1.0 / f64::from(SAMPLE_RATE);
+        let answer = |n: f64| {
+            let x = n * angular / natural;
+            let half = 0.5 * n * angular * per_sample;
+            // The zero-order hold adds half a sample of delay.
+            Complex::new(1.0 - x * x, x / self.model.quality).inv()
+                * turn(-half)
+                * (self.model.force * libm::sin(half) / half)
+        };
+        let zeta = 0.5 / self.model.quality;
+        let damped = libm::sqrt((1.0 - zeta * zeta).max(0.0));
+        let own = Complex::new(-zeta, damped) * natural;
+        self.answer = answer(1.0);
+        self.surge = own * own;
+        for (n, tone) in self.tones.iter_mut().enumerate() {
+            let n = harmonic(n);
+            tone.answer = answer(n);
+            tone.drift = (own - Complex::new(0.0, n * angular)) * per_sample;
+        }
+    }
+}
+
+/// The upper tones of a drive, and the contribution of its upper modes to the first tone.
+#[derive(Clone, Debug)]
+pub struct UpperEnvelope {
+    modes: Vec<Mode, { 1 + UPPER }>,
+    /// Number of upper tones.
+    tones: usize,
+    step: u32,
+    angular: f64,
+    /// Contribution of the upper modes to the first tone in this cycle, in m.
+    added: Complex,
+}
+
+impl UpperEnvelope {
+    /// For a drive at rest with this number of upper tones, at a frequency in Hz; `None` without
+    /// upper tones and modes.
+    pub fn build(model: &DriveModel, frequency: f64, tones: usize) -> Option<Self> {
+        let modes = UpperMode::of(model, frequency);
+        if tones == 0 && modes.is_empty() {
+            return None;
+        }
+        let quality = f64::from(model.quality);
+        let resonance = UpperMode {
+            frequency: f64::from(model.resonance),
+            quality,
+            force: f64::from(model.gain) * 1e-3 / quality,
+        };
+        let zero = Complex::new(0.0, 0.0);
+        let modes = core::iter::once(resonance).chain(modes).map(|model| Mode {
+            model,
+            answer: zero,
+            surge: zero,
+            tones: [Driven::default(); UPPER],
+        });
+        Some(Self {
+            modes: modes.collect(),
+            tones,
+            step: 0,
+            angular: 0.0,
+            added: zero,
+        })
+    }
+
+    /// Begins a cycle with the complex outputs of the first and the upper tones and a phase step.
+    /// Imaginary parts lead by a quarter turn.
+    pub fn begin(&mut self, first: Complex, upper: [Complex; UPPER], step: u32) {
+        if step != self.step {
+            self.step = step;
+            self.angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
+            for mode in &mut self.modes {
+                mode.tune(self.angular);
+            }
+        }
+        for mode in &mut self.modes {
+            for (tone, output) in mode.tones.iter_mut().zip(upper).take(self.tones) {
+                tone.steady = tone.answer * output;
+                tone.transient = tone.state - tone.steady;
+            }
+        }
+        let above = self.modes.iter().skip(1);
+        self.added = above.map(|mode| mode.answer * first).sum();
+    }
+
+    /// Ends a cycle and returns the demodulated acceleration beside that of the resonance's first
+    /// tone. Values are cosine and sine parts in m/s^2, at the drive's frequency and its multiples.
+    pub fn end(&mut self, samples: u32) -> ([f64; 2], [[f64; 2]; UPPER]) {
+        let count = f64::from(samples);
+        let mut found = [Complex::new(0.0, 0.0); UPPER];
+        for mode in &mut self.modes {
+            let tones = mode.tones.iter_mut().zip(&mut found).take(self.tones);
+            for (n, (tone, found)) in tones.enumerate() {
+                let angular = harmonic(n) * self.angular;
+                let whole = tone.drift * count;
+                let left = exp(whole);
+                let mean = (left - 1.0) / whole;
+                *found += tone.steady * (-angular * angular) + tone.transient * mode.surge * mean;
+                tone.state = tone.steady + tone.transient * left;
+            }
+        }
+        let first = self.added * (-self.angular * self.angular);
+        ([first.im, first.re], found.map(|tone| [tone.im, tone.re]))
+    }
+
+    /// Each mode under each tone, with the tone's index.
+    fn driven(&self) -> impl Iterator<Item = (&Mode, usize, &Driven)> {
+        self.modes.iter().flat_map(|mode| {
+            let tones = mode.tones.iter().take(self.tones).enumerate();
+            tones.map(move |(n, tone)| (mode, n, tone))
+        })
+    }
+
+    /// Upper bound of the added acceleration in m/s^2.
+    pub fn loudest(&self) -> f64 {
+        let size = |z: Complex| libm::sqrt(z.norm_sqr());
+        let above = self.driven().map(|(mode, n, tone)| {
+            let angular = harmonic(n) * self.angular;
+            size(tone.steady) * angular * angular + size(tone.transient) * size(mode.surge)
+        });
+        size(self.added) * self.angular * self.angular + above.sum::<f64>()
+    }
+
+    /// Added acceleration in m/s^2, `samples` after the first sample of the cycle, at the output
+    /// phase `phase`.
+    pub fn acceleration(&self, samples: f64, phase: f64) -> f64 {
+        let mut sum = self.added * turn(phase) * (-self.angular * self.angular);
+        for (mode, n, tone) in self.driven() {
+            let angular = harmonic(n) * self.angular;
+            let transient = tone.transient * exp(tone.drift * samples) * mode.surge;
+            sum += (tone.steady * (-angular * angular) + transient) * turn(harmonic(n) * phase);
+        }
+        sum.im
+    }
+
+    /// Swing of the resonance with all contributions, `samples` after the first sample of the
+    /// cycle, at the output phase `phase`.
+    pub fn complete(&self, swing: Swing, samples: f64, phase: Phase) -> Swing {
+        let alone = turn((swing.phase - phase).radians()) * f64::from(swing.amplitude);
+        let first = alone + self.added;
+        let size = libm::sqrt(first.norm_sqr());
+        if size <= 0.0 {
+            return swing;
+        }
+        let mut upper = [Complex::new(0.0, 0.0); UPPER];
+        for (_, n, tone) in self.driven() {
+            if let Some(sum) = upper.get_mut(n) {
+                *sum += tone.at(samples);
+            }
+        }
+        // The phase of the nth tone is relative to n times that of the first.
+        let (mut power, mut long) = (first, size * size);
+        let [second, third] = upper.map(|tone| {
+            power *= first;
+            long *= size;
+            let shape = tone * power.conj() / long;
+            UpperTone::new(
+                libm::sqrt(shape.norm_sqr()) as f32,
+                libm::atan2(shape.im, shape.re) as f32,
+            )
+        });
+        Swing {
+            amplitude: size as f32,
+            phase: phase + phase_of(libm::atan2f(first.im as f32, first.re as f32)),
+            shape: Shape { second, third },
+        }
+    }
+}

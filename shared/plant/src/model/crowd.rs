@@ -1,0 +1,60 @@
+//! The parts of a scene, and what they have in common.
+
+use heapless::Vec;
+
+use super::part::Part;
+use super::scene::{PARTS, Scene};
+use kband::arithmetic::Noise;
+use kband::feeder::OutOfRange;
+use kband::impact::Scatter;
+
+/// Largest number of impacts stored per cycle.
+pub(crate) const MAX_STRIKES: usize = 96;
+
+/// Seed offset of the restitutions, which separates their streams from the noise.
+const RESTITUTION_SEED: u64 = 0x7363_6174;
+
+/// Parts of a scene, each with its own stream of restitutions.
+pub(crate) fn all_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange> {
+    restitutions(scene)
+        .map(|drawn| Ok(Part::at_rest(drawn?)))
+        .collect()
+}
+
+/// Restitution of each part of a scene.
+pub(crate) fn restitutions(
+    scene: &Scene,
+) -> impl Iterator<Item = Result<Scatter, OutOfRange>> + '_ {
+    let mut seeds = Noise::new(scene.seed ^ RESTITUTION_SEED);
+    scene
+        .parts
+        .iter()
+        .enumerate()
+        .map(move |(n, &restitution)| {
+            let deviation = scene.scatter.get(n).copied().unwrap_or(0.0);
+            let seed = u64::from(seeds.bits()) << 32 | u64::from(seeds.bits());
+            Scatter::build(restitution.into(), deviation.into(), seed)
+        })
+}
+
+/// Sets the mean restitution of all parts; a value out of range is rejected, and the old one
+/// remains.
+pub(crate) fn set_restitution(parts: &mut [Part], mean: f32) {
+    for part in parts {
+        let _ = part.set_restitution(f64::from(mean));
+    }
+}
+
+/// Sets the standard deviation of the restitution of all parts; a value out of range is rejected,
+/// and the old one remains.
+pub(crate) fn set_scatter(parts: &mut [Part], deviation: f32) {
+    for part in parts {
+        let _ = part.set_scatter(f64::from(deviation));
+    }
+}
+
+/// Mean displacement of parts along the track so far in m, positive upwards; 0 without parts.
+pub(crate) fn mean_displacement(parts: &[Part]) -> f64 {
+    let sum: f64 = parts.iter().map(Part::displacement).sum();
+    sum / parts.len().max(1) as f64
+}

@@ -1,0 +1,109 @@
+//! Times at which the parts in the hopper fall onto the track.
+
+use super::scene::{PARTS, Scene};
+use kband::arithmetic::Phase;
+
+/// Arrival time of each part on the track, in steps of 2^-32 turns of the drive; `u64::MAX` in the
+/// hopper.
+#[derive(Clone, Debug)]
+pub struct Hopper {
+    arrives: [u64; PARTS],
+    /// Index range of the waiting parts.
+    first: usize,
+    end: usize,
+}
+
+impl Hopper {
+    /// Hopper of a scene.
+    pub fn new(scene: &Scene) -> Self {
+        let end = scene.parts.len();
+        let first = end.saturating_sub(usize::from(scene.waiting));
+        let mut arrives = [0; PARTS];
+        for arrival in arrives.iter_mut().take(end).skip(first) {
+            *arrival = u64::MAX;
+        }
+        Self {
+            arrives,
+            first,
+            end,
+        }
+    }
+
+    /// Sets which parts are on the track from `now` on: the first `count`. `arrive` gets the index of
+    /// each that comes onto it. Other parts in the hopper keep waiting.
+    pub fn place(&mut self, now: u64, count: u8, mut arrive: impl FnMut(usize)) {
+        let count = usize::from(count).min(self.end);
+        for (part, arrival) in self.arrives.iter_mut().enumerate().take(self.end) {
+            if part >= count {
+                *arrival = u64::MAX;
+            } else if *arrival > now {
+                *arrival = now;
+                arrive(part);
+            }
+        }
+        self.first = self.first.max(count);
+    }
+
+    /// Drops the waiting parts evenly within this number of turns of the drive, from `now` on.
+    pub fn dump(&mut self, now: u64, turns: f64) {
+        let count = self.end.saturating_sub(self.first).max(1) as f64;
+        let waiting = self.arrives.iter_mut().take(self.end).skip(self.first);
+        for (n, arrival) in waiting.enumerate() {
+            *arrival = now + ((n as f64 + 1.0) / count * turns * Phase::TURN) as u64;
+        }
+        self.first = self.end;
+    }
+
+    /// When a part comes onto the track.
+    #[inline]
+    pub fn arrives(&self, part: usize) -> u64 {
+        self.arrives.get(part).copied().unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_parts_wait_and_then_fall_evenly() {
+        let scene = Scene {
+            parts: [0.2; 5].into_iter().collect(),
+            waiting: 4,
+            ..Scene::default()
+        };
+        let mut hopper = Hopper::new(&scene);
+        assert_eq!((hopper.arrives(0), hopper.arrives(1)), (0, u64::MAX));
+        hopper.dump(1 << 32, 8.0);
+        let arrivals = [1, 2, 3, 4].map(|part| hopper.arrives(part) >> 32);
+        assert_eq!(arrivals, [3, 5, 7, 9]);
+        // A part falls once only.
+        hopper.dump(100 << 32, 8.0);
+        assert_eq!(hopper.arrives(4) >> 32, 9);
+    }
+
+    #[test]
+    fn the_first_parts_stay_and_missing_ones_arrive() {
+        let scene = Scene {
+            parts: [0.2; 5].into_iter().collect(),
+            waiting: 2,
+            ..Scene::default()
+        };
+        let mut hopper = Hopper::new(&scene);
+        let mut place = |now, count| {
+            let mut arrived = std::vec::Vec::new();
+            hopper.place(now, count, |part| arrived.push(part));
+            let there = (0..5).filter(|part| hopper.arrives(*part) <= now).count();
+            (there, arrived)
+        };
+        assert_eq!(place(10, 1), (1, std::vec![]));
+        assert_eq!(place(20, 2), (2, std::vec![1]));
+        assert_eq!(place(30, 4), (4, std::vec![2, 3]));
+        assert_eq!(place(40, 0), (0, std::vec![]));
+        // One part still waits.
+        hopper.dump(50, 1.0);
+        let arrivals = [0, 1, 2, 3, 4].map(|part| hopper.arrives(part));
+        assert_eq!(arrivals[..4], [u64::MAX; 4]);
+        assert_eq!(arrivals[4], 50 + (1 << 32));
+    }
+}

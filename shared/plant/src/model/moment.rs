@@ -1,0 +1,18 @@
+//! What a closed loop shows of one drive cycle.
+
+use kband_control::Report;
+
+/// One cycle of the closed loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment {
+    /// Time at the end of the cycle in s.
+    pub time: f64,
+    /// The controller's report.
+    pub report: Report,
+    /// Impacts of all parts in this cycle.
+    pub strikes: u32,
+    /// Mean displacement of the parts along the track so far in m, positive upwards.
+    pub displacement: f64,
+    /// Mass of the parts on the track over that of the track (symbol m/M).
+    pub load: f64,
+}

@@ -1,0 +1,418 @@
+//! Scene: the true plant, its differences from the controller's settings, and its disturbances over
+//! time.
+
+use heapless::Vec;
+
+use super::law::Law;
+use kband::feeder::{OutOfRange, STANDARD_GRAVITY, Track, accept};
+use kband::impact::{FrictionSettings, TangentialSettings};
+use kband_control::{Settings, StartCause, Target};
+
+/// Largest number of parts of a plant.
+pub const PARTS: usize = 24;
+/// Largest number of disturbances of a scene.
+pub const DISTURBANCES: usize = 32;
+
+/// One number for each part of a scene.
+pub type Parts = Vec<f32, PARTS>;
+/// Disturbances of a scene in order of time.
+pub type Disturbances = Vec<Disturbance, DISTURBANCES>;
+
+/// The true drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriveModel {
+    /// Resonance frequency in Hz.
+    pub resonance: f32,
+    /// Quality factor (symbol Q).
+    pub quality: f32,
+    /// Track amplitude at resonance for full output, in mm.
+    pub gain: f32,
+    /// Track amplitude in mm at full output at twice the drive's frequency; 0: the response of the
+    /// resonance alone.
+    pub second_gain: f32,
+    /// Lag of the track behind the output there, in degrees.
+    pub second_lag: f32,
+    /// Track amplitude in mm at full output at three times the drive's frequency; 0: the response
+    /// of the resonance alone.
+    pub third_gain: f32,
+    /// Lag of the track behind the output there, in degrees.
+    pub third_lag: f32,
+    /// Quality factor of the modes above the resonance.
+    pub second_quality: f32,
+    /// Mains frequency in Hz; its second harmonic is the ripple on the drive's bus.
+    pub mains: f32,
+    /// Ripple of the drive's bus at twice the mains frequency, amplitude over mean.
+    pub ripple: f32,
+    /// Mass in kg that swings with the track (symbol M).
+    pub mass: f32,
+    /// Track amplitude at resonance per ampere of the current's amplitude, in mm/A: the coil's
+    /// force is proportional to its current.
+    pub current_gain: f32,
+}
+
+impl Default for DriveModel {
+    fn default() -> Self {
+        Self {
+            resonance: 50.0,
+            quality: 25.0,
+            gain: 1.0,
+            second_gain: 0.0,
+            second_lag: 90.0,
+            third_gain: 0.0,
+            third_lag: 90.0,
+            second_quality: 25.0,
+            mains: 50.0,
+            ripple: 0.0,
+            mass: 10.0,
+            current_gain: 0.5,
+        }
+    }
+}
+
+/// The true accelerometer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorModel {
+    /// RMS of its noise in m/s^2.
+    pub noise: f32,
+    /// Sensitivity over the configured one.
+    pub sensitivity: f32,
+    /// Height of the ringing over the speed of the impact, in 1/s.
+    pub ringing: f32,
+    /// Frequency of the ringing in Hz.
+    pub ringing_frequency: f32,
+    /// Decay time of the ringing in ms.
+    pub ringing_decay: f32,
+    /// Amplitude of the mains hum in the reading, in m/s^2.
+    pub hum: f32,
+}
+
+impl Default for SensorModel {
+    fn default() -> Self {
+        Self {
+            noise: 0.15,
+            sensitivity: 1.0,
+            ringing: 30.0,
+            ringing_frequency: 2400.0,
+            ringing_decay: 1.0,
+            hum: 0.0,
+        }
+    }
+}
+
+/// A disturbance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Change {
+    /// The enable input.
+    Enable(bool),
+    /// The target.
+    Target(Target),
+    /// Gain of the drive over its initial gain.
+    Gain(f32),
+    /// Mean restitution of all parts.
+    Restitution(f32),
+    /// Standard deviation of the restitution of all parts from impact to impact.
+    Scatter(f32),
+    /// RMS of the accelerometer's noise in m/s^2.
+    Noise(f32),
+    /// Ripple of the drive's bus over its mean.
+    Ripple(f32),
+    /// Amplitude of the mains' hum in the accelerometer's reading, in m/s^2.
+    Hum(f32),
+    /// The accelerometer's reading is stuck (`true`) or valid.
+    SensorLost(bool),
+    /// The accelerometer's sign is inverted (`true`) or right.
+    SensorInverted(bool),
+    /// Sensitivity of the accelerometer over the configured one.
+    Sensitivity(f32),
+    /// The over-temperature input.
+    OverTemperature(bool),
+    /// The link delivers frames (`true`) or is silent.
+    Link(bool),
+    /// The stack warning.
+    StackLow(bool),
+    /// The over-current input.
+    OverCurrent(bool),
+    /// The supply monitor of the board.
+    SupplyLow(bool),
+    /// The crystal fails (`true`), and the board runs on its internal oscillator.
+    ClockFailed(bool),
+    /// The board switches the drive off after a missed control deadline.
+    ControlLate(bool),
+    /// The supply of the board sags (`true`), and its controller restarts as after a brown-out.
+    BrownOut(bool),
+    /// The hopper drops its waiting parts ([`Scene::waiting`]) onto the track, evenly within this
+    /// number of seconds.
+    Dump(f32),
+    /// The first so many parts are on the track from now on: others leave it, missing ones come onto
+    /// it.
+    Parts(u8),
+}
+
+/// A change at a time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Disturbance {
+    /// Time in s from the start of the scene.
+    pub at: f64,
+    /// The change.
+    pub change: Change,
+}
+
+/// A whole scene.
+///
+/// ```
+/// use kband_plant::{Change, Disturbance, Scene};
+/// let mut scene = Scene::default();
+/// scene.parts = [0.19, 0.2, 0.21].into_iter().collect();
+/// let weaker = Disturbance {
+///     at: 5.0,
+///     change: Change::Gain(0.8),
+/// };
+/// scene.disturbances = std::iter::once(weaker).collect();
+/// assert!(scene.check().is_ok());
+/// scene.sensor.ringing_frequency = 50.0;
+/// assert_eq!(scene.check().unwrap_err().accepted, "500..9000 Hz");
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// Settings of the controller.
+    pub settings: Settings,
+    /// Requested target.
+    pub target: Target,
+    /// Cause of the controller's start.
+    pub start: StartCause,
+    /// The true drive.
+    pub drive: DriveModel,
+    /// The true accelerometer.
+    pub sensor: SensorModel,
+    /// Mean restitution of each part.
+    pub parts: Parts,
+    /// Standard deviation of each part's restitution from impact to impact (symbol s), 0..=0.3.
+    /// Parts without an entry do not scatter.
+    pub scatter: Parts,
+    /// Coefficients of sliding and sticking friction on the track (symbols mu, mu_s), 0..=10.
+    /// `None`: the configured tangential restitution.
+    pub friction: Option<[f32; 2]>,
+    /// Mass of each part in g (symbol m), 0..=1e6. Parts without an entry have none.
+    pub masses: Parts,
+    /// Number of parts, the last ones, that wait in the hopper until a [`Change::Dump`].
+    pub waiting: u8,
+    /// Seed of noise and scatter.
+    pub seed: u64,
+    /// Disturbances in order of time.
+    pub disturbances: Disturbances,
+}
+
+impl Default for Scene {
+    /// The paper's application: 50 Hz, R in 0.18..0.22, incline 3 degrees, eta 1.5, one part of R =
+    /// 0.2.
+    fn default() -> Self {
+        Self {
+            settings: Settings::default(),
+            target: Target::Locked { order: 1 },
+            start: StartCause::Ordinary,
+            drive: DriveModel::default(),
+            sensor: SensorModel::default(),
+            parts: core::iter::once(0.2).collect(),
+            scatter: Parts::new(),
+            friction: None,
+            masses: Parts::new(),
+            waiting: 0,
+            seed: 1,
+            disturbances: Vec::new(),
+        }
+    }
+}
+
+impl Scene {
+    /// Mass of a part over that of the track (symbol m/M).
+    pub(crate) fn mass_share(&self, part: usize) -> f64 {
+        let mass = self.masses.get(part).copied().unwrap_or(0.0);
+        f64::from(mass) * 1e-3 / f64::from(self.drive.mass)
+    }
+
+    /// Acceleration in m/s^2 that the accelerometer's axis sees at rest, as the settings have it from commissioning.
+    pub(crate) fn rest(&self) -> f32 {
+        let Settings {
+            sensitivity,
+            sensor_zero,
+            sensor_rest,
+            ..
+        } = self.settings;
+        if sensor_rest > 0.0 {
+            (sensor_rest - sensor_zero) / sensitivity * STANDARD_GRAVITY as f32
+        } else {
+            0.0
+        }
+    }
+
+    /// Whether any part has a mass.
+    pub(crate) fn has_mass(&self) -> bool {
+        self.masses.iter().any(|mass| *mass > 0.0)
+    }
+
+    /// Law of the parts' motion along `track`.
+    pub(crate) fn law(&self, track: &Track) -> Law {
+        match self.friction {
+            Some([sliding, sticking]) => {
+                Law::Friction(FrictionSettings::on(track, sticking.into(), sliding.into()))
+            }
+            None => {
+                let kept = f64::from(self.settings.tangential_restitution);
+                Law::Restitution(TangentialSettings::on(track, kept))
+            }
+        }
+    }
+
+    /// Checks the scene without its settings; an error names the first parameter out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let within = |parameter, value: f32, low: f32, high: f32, accepted| {
+            accept(
+                parameter,
+                f64::from(value),
+                (low..=high).contains(&value),
+                accepted,
+            )
+            .map(|_| ())
+        };
+        let drive = &self.drive;
+        within("drive resonance", drive.resonance, 5.0, 500.0, "5..500 Hz")?;
+        within("drive quality", drive.quality, 1.0, 200.0, "1..200")?;
+        within("drive gain", drive.gain, 1e-3, 100.0, "0.001..100 mm")?;
+        within(
+            "drive second_gain",
+            drive.second_gain,
+            0.0,
+            100.0,
+            "0..100 mm",
+        )?;
+        within(
+            "drive second_lag",
+            drive.second_lag,
+            -180.0,
+            180.0,
+            "-180..180 degrees",
+        )?;
+        within(
+            "drive third_gain",
+            drive.third_gain,
+            0.0,
+            100.0,
+            "0..100 mm",
+        )?;
+        within(
+            "drive third_lag",
+            drive.third_lag,
+            -180.0,
+            180.0,
+            "-180..180 degrees",
+        )?;
+        within(
+            "drive second_quality",
+            drive.second_quality,
+            0.5,
+            200.0,
+            "0.5..200",
+        )?;
+        within("drive mains", drive.mains, 10.0, 400.0, "10..400 Hz")?;
+        within("drive ripple", drive.ripple, 0.0, 0.5, "0..0.5")?;
+        within("drive mass", drive.mass, 0.001, 1e5, "0.001..100000 kg")?;
+        within(
+            "drive current_gain",
+            drive.current_gain,
+            1e-3,
+            100.0,
+            "0.001..100 mm/A",
+        )?;
+        let sensor = &self.sensor;
+        within("sensor hum", sensor.hum, 0.0, 100.0, "0..100 m/s^2")?;
+        within("sensor noise", sensor.noise, 0.0, 100.0, "0..100 m/s^2")?;
+        within(
+            "sensor sensitivity",
+            sensor.sensitivity,
+            0.1,
+            10.0,
+            "0.1..10",
+        )?;
+        within("sensor ringing", sensor.ringing, 0.0, 1e5, "0..100000 1/s")?;
+        within(
+            "sensor ringing_frequency",
+            sensor.ringing_frequency,
+            500.0,
+            9000.0,
+            "500..9000 Hz",
+        )?;
+        within(
+            "sensor ringing_decay",
+            sensor.ringing_decay,
+            0.05,
+            50.0,
+            "0.05..50 ms",
+        )?;
+        for &restitution in &self.parts {
+            within("part restitution", restitution, 0.0, 1.0, "0..1")?;
+        }
+        for &scatter in &self.scatter {
+            within("part scatter", scatter, 0.0, 0.3, "0..0.3")?;
+        }
+        for &mass in &self.masses {
+            within("part mass", mass, 0.0, 1e6, "0..1000000 g")?;
+        }
+        let together: f32 = self.masses.iter().take(self.parts.len()).sum();
+        within(
+            "part mass, of all parts",
+            together,
+            0.0,
+            1e3 * drive.mass,
+            "0..the mass that swings with the track",
+        )?;
+        within(
+            "parts in the hopper",
+            f32::from(self.waiting),
+            0.0,
+            self.parts.len() as f32,
+            "0..the number of parts",
+        )?;
+        if let Some([sliding, sticking]) = self.friction {
+            within("part friction", sliding, 0.0, 10.0, "0..10")?;
+            let accepted = "the friction of sliding..10";
+            within("part sticking friction", sticking, sliding, 10.0, accepted)?;
+        }
+        for disturbance in &self.disturbances {
+            accept(
+                "disturbance at",
+                disturbance.at,
+                (0.0..=1e8).contains(&disturbance.at),
+                "0..100000000 s",
+            )?;
+            match disturbance.change {
+                Change::Gain(gain) => within("disturbance gain", gain, 0.0, 10.0, "0..10")?,
+                Change::Restitution(r) => {
+                    within("disturbance restitution", r, 0.0, 1.0, "0..1")?;
+                }
+                Change::Scatter(s) => within("disturbance scatter", s, 0.0, 0.3, "0..0.3")?,
+                Change::Noise(noise) => {
+                    within("disturbance noise", noise, 0.0, 100.0, "0..100 m/s^2")?;
+                }
+                Change::Sensitivity(s) => {
+                    within("disturbance sensitivity", s, 0.0, 10.0, "0..10")?;
+                }
+                Change::Ripple(ripple) => {
+                    within("disturbance ripple", ripple, 0.0, 0.5, "0..0.5")?;
+                }
+                Change::Dump(within_seconds) => {
+                    within("disturbance dump", within_seconds, 0.0, 1e4, "0..10000 s")?;
+                }
+                Change::Parts(count) => within(
+                    "disturbance parts",
+                    f32::from(count),
+                    0.0,
+                    self.parts.len() as f32,
+                    "0..the number of parts",
+                )?,
+                Change::Hum(hum) => within("disturbance hum", hum, 0.0, 100.0, "0..100 m/s^2")?,
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,88 @@
+//! Disturbances of a scene over time, and the resulting inputs of the board.
+
+use super::scene::{Change, Disturbances, Scene};
+use kband_control::{Inputs, SAMPLE_RATE, Target};
+
+/// Disturbances of a scene; each is returned once when it is due.
+#[derive(Clone, Debug)]
+pub struct Timeline {
+    inputs: Inputs,
+    target: Option<Target>,
+    sagged: bool,
+    disturbances: Disturbances,
+    next: usize,
+    /// Sample before which the next disturbance happens.
+    due: u64,
+}
+
+impl Timeline {
+    /// Timeline of a scene at time 0: enable input on, link active.
+    pub fn new(scene: &Scene) -> Self {
+        let mut timeline = Self {
+            inputs: Inputs {
+                enable: true,
+                link_heard: true,
+                ..Inputs::default()
+            },
+            target: None,
+            sagged: false,
+            disturbances: scene.disturbances.clone(),
+            next: 0,
+            due: 0,
+        };
+        timeline.look_ahead();
+        timeline
+    }
+
+    fn look_ahead(&mut self) {
+        self.due = match self.disturbances.get(self.next) {
+            Some(disturbance) => (disturbance.at * f64::from(SAMPLE_RATE)) as u64,
+            None => u64::MAX,
+        };
+    }
+
+    /// Next change due before sample `sample`, counted from 0; call until `None`.
+    #[inline]
+    pub fn due(&mut self, sample: u64) -> Option<Change> {
+        if self.due > sample {
+            return None;
+        }
+        let change = self.disturbances.get(self.next)?.change;
+        self.next += 1;
+        self.look_ahead();
+        Some(change)
+    }
+
+    /// Applies a change of an input or target; returns a change of the plant.
+    pub fn take(&mut self, change: Change) -> Option<Change> {
+        match change {
+            Change::Enable(enable) => self.inputs.enable = enable,
+            Change::Target(target) => self.target = Some(target),
+            Change::OverTemperature(hot) => self.inputs.over_temperature = hot,
+            Change::Link(linked) => self.inputs.link_heard = linked,
+            Change::StackLow(low) => self.inputs.stack_low = low,
+            Change::OverCurrent(open) => self.inputs.over_current = open,
+            Change::SupplyLow(low) => self.inputs.supply_low = low,
+            Change::ClockFailed(failed) => self.inputs.clock_failed = failed,
+            Change::ControlLate(late) => self.inputs.control_late = late,
+            Change::BrownOut(sagged) => self.sagged |= sagged,
+            change => return Some(change),
+        }
+        None
+    }
+
+    /// Present inputs of the board.
+    pub fn inputs(&self) -> Inputs {
+        self.inputs
+    }
+
+    /// New target of the scene, returned once.
+    pub fn new_target(&mut self) -> Option<Target> {
+        self.target.take()
+    }
+
+    /// Whether the board's supply sagged, returned once.
+    pub fn sagged(&mut self) -> bool {
+        core::mem::take(&mut self.sagged)
+    }
+}

@@ -1,0 +1,352 @@
+//! A part with mass on a track that recoils, simulated sample by sample.
+//!
+//! The impact map assumes an undisturbed track. Under parts of some per cent of its mass the track
+//! jumps at each impact. So the part is a falling body, and the track moves under drive, spring and
+//! all parts. An impact time is found by bisection.
+
+use crate::model::law::Law;
+use kband::feeder::OutOfRange;
+use kband::impact::Scatter;
+
+/// Number of bisections of a sample for an impact; they resolve 1e-9 of it.
+const BISECTIONS: usize = 30;
+
+/// Velocities of track and part after an impact with a part of `share` of the track's mass.
+/// Momentum is conserved, and the relative velocity is reversed times `restitution`. All velocities
+/// have the same unit.
+pub fn struck(track: f64, part: f64, share: f64, restitution: f64) -> [f64; 2] {
+    let change = (1.0 + restitution) * (track - part) / (1.0 + share);
+    [track - share * change, part + change]
+}
+
+/// Motion and gravity of the track for parts with mass.
+#[derive(Clone, Copy, Debug)]
+pub struct Ground {
+    /// Duration of a sample in s.
+    pub sample: f64,
+    /// Gravity normal to the track and down along it, in m/s^2.
+    pub gravity: [f64; 2],
+    /// Angular frequency of the drive in rad/s.
+    pub angular: f64,
+    /// Motion along the track over that normal to it, as cosine and sine parts of its lead (symbols
+    /// eta cos gamma, eta sin gamma).
+    pub along: [f64; 2],
+    /// Mean displacement of the swinging track in m.
+    pub level: f64,
+    /// Law of the parts' motion along the track.
+    pub law: Law,
+}
+
+impl Ground {
+    /// Displacement and velocity along the track from those normal to it.
+    fn along(&self, [x, v]: [f64; 2]) -> [f64; 2] {
+        let ([cosine, sine], x) = (self.along, x - self.level);
+        [
+            cosine * x + sine * v / self.angular,
+            cosine * v - sine * self.angular * x,
+        ]
+    }
+}
+
+/// Displacement (m) and velocity (m/s) of the track at both ends of a sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stroke {
+    /// At the start.
+    pub from: [f64; 2],
+    /// At the end.
+    pub to: [f64; 2],
+}
+
+impl Stroke {
+    /// State of the track within the sample, by cubic Hermite interpolation.
+    fn at(&self, share: f64, sample: f64) -> [f64; 2] {
+        let ([x, v], [y, w]) = (self.from, self.to);
+        let (v, w) = (v * sample, w * sample);
+        let (bend, twist) = (3.0 * (y - x) - 2.0 * v - w, 2.0 * (x - y) + v + w);
+        [
+            x + share * (v + share * (bend + share * twist)),
+            (v + share * (2.0 * bend + 3.0 * share * twist)) / sample,
+        ]
+    }
+
+    /// Mean acceleration in m/s^2.
+    pub fn acceleration(&self, sample: f64) -> f64 {
+        (self.to[1] - self.from[1]) / sample
+    }
+}
+
+/// An impact of a part with mass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Blow {
+    /// Time of the impact within the sample, 0..1.
+    pub at: f64,
+    /// Arrival speed relative to the track in m/s.
+    pub speed: f64,
+    /// Track at the impact: displacement in m, mean of the velocities before and after in m/s.
+    pub track: [f64; 2],
+    /// Start of the flight, in steps of 2^-32 turns of the drive.
+    pub began: u64,
+    /// Whether the flight began from rest.
+    pub rested: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Motion {
+    /// At rest normal to the track, with a velocity along it in m/s relative to it.
+    Lying(f64),
+    /// In free fall: height in m, velocities normal to the track and along it in m/s. `left` is the
+    /// track's position along itself at launch and `way` the distance since, both in m.
+    Flying {
+        height: f64,
+        velocity: f64,
+        along: f64,
+        left: f64,
+        way: f64,
+    },
+}
+
+/// A part with mass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MassivePart {
+    restitution: Scatter,
+    /// Mass over that of the track (symbol m/M).
+    share: f64,
+    motion: Motion,
+    began: u64,
+    rested: bool,
+    displacement: f64,
+}
+
+impl MassivePart {
+    /// A part at rest with a share of the track's mass.
+    pub fn at_rest(restitution: Scatter, share: f64) -> Self {
+        Self {
+            restitution,
+            share,
+            motion: Motion::Lying(0.0),
+            began: 0,
+            rested: true,
+            displacement: 0.0,
+        }
+    }
+
+    /// Mass over that of the track (symbol m/M).
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
+    /// Sets its mass over that of the track.
+    #[cfg(test)]
+    pub(crate) fn heap(&mut self, share: f64) {
+        self.share = share;
+    }
+
+    /// Whether it lies on the track.
+    pub fn lies(&self) -> bool {
+        matches!(self.motion, Motion::Lying(_))
+    }
+
+    /// Displacement along the track so far in m, positive upwards; a flight counts at its end.
+    pub fn displacement(&self) -> f64 {
+        self.displacement
+    }
+
+    /// Sets its mean restitution; an error for a value out of range.
+    pub fn set_restitution(&mut self, mean: f64) -> Result<(), OutOfRange> {
+        self.restitution = self.restitution.with_mean(mean)?;
+        Ok(())
+    }
+
+    /// Sets the standard deviation of its restitution; an error for a value out of range.
+    pub fn set_scatter(&mut self, deviation: f64) -> Result<(), OutOfRange> {
+        self.restitution = self.restitution.with_deviation(deviation)?;
+        Ok(())
+    }
+
+    /// Drops it from a height in m, without initial speed.
+    pub fn drop_from(&mut self, height: f64, now: u64) {
+        self.motion = Motion::Flying {
+            height,
+            velocity: 0.0,
+            along: 0.0,
+            left: 0.0,
+            way: 0.0,
+        };
+        (self.began, self.rested) = (now, true);
+    }
+
+    /// Simulates a sample at rest. The part presses with `normal` m/s^2, and the track accelerates
+    /// along itself by `along`.
+    pub fn lie(&mut self, ground: &Ground, normal: f64, along: f64) {
+        let (Motion::Lying(velocity), Law::Friction(friction)) = (&mut self.motion, ground.law)
+        else {
+            return;
+        };
+        let pull = -along - ground.gravity[1];
+        let before = *velocity;
+        if before == 0.0 {
+            if pull.abs() <= friction.sticking * normal {
+                return;
+            }
+            *velocity = (pull - libm::copysign(friction.sliding * normal, pull)) * ground.sample;
+        } else {
+            *velocity += (pull - libm::copysign(friction.sliding * normal, before)) * ground.sample;
+            if before * *velocity < 0.0 {
+                *velocity = 0.0;
+            }
+        }
+        self.displacement += 0.5 * (before + *velocity) * ground.sample;
+    }
+
+    /// Begins a flight at the end of a sample, as the track falls away.
+    pub fn leave(&mut self, ground: &Ground, track: [f64; 2], now: u64) {
+        if let Motion::Lying(velocity) = self.motion {
+            self.rested = true;
+            self.fly(ground, track, track, velocity, now);
+        }
+    }
+
+    /// Begins a flight with a height, a velocity normal to the track and a velocity along it
+    /// relative to the track.
+    fn fly(&mut self, ground: &Ground, track: [f64; 2], own: [f64; 2], along: f64, now: u64) {
+        let [left, carried] = ground.along(track);
+        self.began = now;
+        self.motion = Motion::Flying {
+            height: own[0],
+            velocity: own[1],
+            along: carried + along,
+            left,
+            way: 0.0,
+        };
+    }
+
+    /// Simulates a sample of flight over a track's stroke, with its impact, whose recoil is added
+    /// to the stroke. `times` are those of the sample's ends in steps of 2^-32 turns.
+    pub fn fall(&mut self, ground: &Ground, stroke: &mut Stroke, times: [u64; 2]) -> Option<Blow> {
+        let Motion::Flying {
+            height,
+            velocity,
+            along,
+            left,
+            way,
+        } = self.motion
+        else {
+            return None;
+        };
+        let (sample, [gravity, down]) = (ground.sample, ground.gravity);
+        let fallen = |time: f64| {
+            [
+                height + time * (velocity - 0.5 * gravity * time),
+                velocity - gravity * time,
+            ]
+        };
+        let gone = |time: f64| {
+            [
+                way + time * (along - 0.5 * down * time),
+                along - down * time,
+            ]
+        };
+        let own = fallen(sample);
+        if own[0] >= stroke.to[0] {
+            let [way, along] = gone(sample);
+            self.motion = Motion::Flying {
+                height: own[0],
+                velocity: own[1],
+                along,
+                left,
+                way,
+            };
+            return None;
+        }
+        let (mut above, mut below) = (0.0, 1.0);
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (above + below);
+            if fallen(middle * sample)[0] < stroke.at(middle, sample)[0] {
+                below = middle;
+            } else {
+                above = middle;
+            }
+        }
+        let [x, v] = stroke.at(below, sample);
+        let own = fallen(below * sample)[1];
+        let speed = (v - own).max(0.0);
+        let kept = self.restitution.draw();
+        let [after, thrown] = struck(v, own, self.share, kept);
+        let before = [x, v];
+        let [place, carried] = ground.along(before);
+        let [way, along] = gone(below * sample);
+        self.displacement += way - (place - left);
+        let relative = along - carried;
+        let relative = match ground.law {
+            Law::Restitution(tangential) => tangential.restitution * relative,
+            Law::Friction(friction) => {
+                friction.velocity_after_impact(relative, (1.0 + kept) * speed)
+            }
+        };
+        let blow = Blow {
+            at: below,
+            speed,
+            track: [x, 0.5 * (v + after)],
+            began: self.began,
+            rested: self.rested,
+        };
+        self.rested = false;
+        let rest = (1.0 - below) * sample;
+        stroke.to[0] += (after - v) * rest;
+        stroke.to[1] += after - v;
+        let time = times[0] + ((times[1] - times[0]) as f64 * below) as u64;
+        self.fly(ground, [x, after], [x, thrown], relative, time);
+        let end = [
+            x + rest * (thrown - 0.5 * gravity * rest),
+            thrown - gravity * rest,
+        ];
+        if end[0] <= stroke.to[0] {
+            // The hop ends within the sample: the part stays, and its momentum goes to the track.
+            let [track, _] = struck(stroke.to[1], end[1], self.share, 0.0);
+            stroke.to[1] = track;
+            let kept = match ground.law {
+                Law::Restitution(_) => 0.0,
+                Law::Friction(_) => relative,
+            };
+            self.motion = Motion::Lying(kept);
+        } else if let Motion::Flying {
+            height,
+            velocity,
+            along,
+            way,
+            ..
+        } = &mut self.motion
+        {
+            [*height, *velocity] = end;
+            *way = rest * (*along - 0.5 * down * rest);
+            *along -= down * rest;
+        }
+        Some(blow)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn impact_keeps_momentum_and_loses_its_energy() {
+        for n in 0..200 {
+            let draw = |m: u32| f64::from((n * 7919 + m * 104_729) % 1000) * 1e-3;
+            let (track, part) = (draw(1) - 0.5, -draw(2) - 0.5);
+            let (share, restitution) = (draw(3), draw(4));
+            let [after, thrown] = struck(track, part, share, restitution);
+            let momentum = |track: f64, part: f64| track + share * part;
+            let change = momentum(after, thrown) - momentum(track, part);
+            assert!(change.abs() < 1e-15, "{change}");
+            assert!((thrown - after - restitution * (track - part)).abs() < 1e-15);
+            // Energy loss over M: m M / (m + M) (1 - R^2) s^2 / 2.
+            let energy = |track: f64, part: f64| 0.5 * (track * track + share * part * part);
+            let lost = energy(track, part) - energy(after, thrown);
+            let speed = track - part;
+            let due =
+                0.5 * share / (1.0 + share) * (1.0 - restitution * restitution) * speed * speed;
+            assert!((lost - due).abs() < 1e-15, "{lost} {due}");
+        }
+    }
+}

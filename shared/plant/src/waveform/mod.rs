@@ -1,0 +1,10 @@
+//! Waveform plant: every sample passes through the firmware's signal path.
+
+mod bench;
+mod closed_loop;
+mod massive;
+mod plant;
+
+pub use bench::Bench;
+pub use closed_loop::{ClosedLoop, Sample};
+pub use plant::Plant;

@@ -1,0 +1,118 @@
+//! The measured amplitude of drawn machines keeps every limit. The method is a random walk through
+//! the accepted settings.
+
+#[path = "../../../control/src/bounds/walk.rs"]
+mod walk;
+
+use core::f32::consts::{PI, TAU};
+
+use kband_control::{Settings, Target};
+use kband_plant::{Change, Disturbance, EnvelopeLoop, Scene};
+use walk::Walk;
+
+/// Largest steady amplitude over the smallest of setpoint, hard limits and safe amplitude.
+const MAX_EXCESS: f32 = 1.05;
+
+/// Amplitude in m at full output: a resonance of the configured quality.
+fn strength(settings: &Settings) -> f32 {
+    let x = settings.frequency / settings.resonance;
+    let (detuned, width) = (1.0 - x * x, x / settings.quality);
+    let response = 1.0 / (settings.quality * (detuned * detuned + width * width).sqrt());
+    let tracks = settings.tracking > 0.0;
+    1e-3 * settings.gain * if tracks { 1.0 } else { response }
+}
+
+/// Complete machines with a sensor as sensitive as configured, or less. The bound is on the
+/// measured amplitude, which is all that a board has.
+#[test]
+fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
+    const CYCLES: usize = 1000;
+    const MEAN: usize = 100;
+    let mut walk = Walk::new(32);
+    let (mut played, mut moving) = (0, 0);
+    while played < 2000 {
+        let mut scene = Scene::default();
+        scene.parts.clear();
+        let mut settings = walk.step(200);
+        let cycles = settings.quality / PI * settings.frequency / settings.resonance;
+        settings.tracking = 0.0;
+        // The upper modes (Q 25) move the track at the drive's own frequency, too. The configured
+        // gain describes the drive only while each moves it by less than 1 %.
+        let strength = strength(&settings);
+        let most = 1e3 * 0.01 * 0.75 * 25.0 * strength;
+        settings.second_gain = settings.second_gain.min(most);
+        settings.third_gain = settings.third_gain.min(most);
+        settings.soft_start = 40.0 / settings.frequency;
+        settings.soft_stop = 40.0 / settings.frequency;
+        settings.link_timeout = 40.0 / settings.frequency;
+        let link_lost = played % 2 == 0;
+        let angular = TAU * settings.frequency;
+        let ceiling = (1e-3 * settings.amplitude_limit)
+            .min(settings.acceleration_limit / (angular * angular));
+        let setpoint = walk.ratio(1e-3) * settings.output_maximum * strength;
+        let safe = 1e-3 * settings.safe_amplitude;
+        let wanted = setpoint
+            .min(ceiling)
+            .min(if link_lost { safe } else { f32::INFINITY });
+        // The largest amplitude spans a third of the converter's range.
+        let sensor = Settings::default();
+        settings.sensor_zero = sensor.sensor_zero;
+        // Not commissioned: the tests of the sensor would keep a weak one from driving.
+        settings.sensor_rest = sensor.sensor_rest;
+        settings.gain_tolerance = sensor.gain_tolerance;
+        settings.load_tolerance = sensor.load_tolerance;
+        settings.current_gain = sensor.current_gain;
+        settings.converter_reference = sensor.converter_reference;
+        settings.converter_bits = sensor.converter_bits;
+        let largest = setpoint.min(ceiling) * angular * angular / 9.8;
+        settings.sensitivity = 0.3 * sensor.sensor_zero / largest;
+        // The smallest detectable swing is 8 steps of the converter.
+        let steps = libm::exp2f(settings.converter_bits);
+        let least = 8.0 * 9.80665 * settings.converter_reference
+            / (steps * settings.sensitivity * angular * angular);
+        // A beat or a decay longer than the run is no steady amplitude.
+        if cycles > 80.0 || setpoint > 1e-3 * 100.0 || settings.check().is_err() {
+            continue;
+        }
+        scene.settings = settings;
+        scene.drive.resonance = settings.resonance;
+        scene.drive.quality = settings.quality;
+        scene.drive.gain = settings.gain;
+        scene.drive.second_gain = settings.second_gain;
+        scene.drive.second_lag = settings.second_lag;
+        scene.drive.third_gain = settings.third_gain;
+        scene.drive.third_lag = settings.third_lag;
+        scene.sensor.noise = 0.0;
+        scene.sensor.sensitivity = [1.0, 0.8, 0.6][walk.noise.bits() as usize % 3];
+        scene.target = Target::Amplitude(1e3 * setpoint);
+        if link_lost {
+            let at = 10.0 / f64::from(settings.frequency);
+            let lost = Disturbance {
+                at,
+                change: Change::Link(false),
+            };
+            scene.disturbances.push(lost).unwrap();
+        }
+        let Ok(mut looped) = EnvelopeLoop::build(&scene) else {
+            continue;
+        };
+        played += 1;
+        let mut mean = 0.0;
+        for n in 0..CYCLES {
+            let report = looped.cycle().report;
+            if n >= CYCLES - MEAN {
+                mean += report.amplitude / MEAN as f32;
+            }
+        }
+        assert!(
+            mean <= MAX_EXCESS * wanted + least,
+            "{played}: {mean} m of {wanted} m: {:?}: {:?}",
+            looped.moment().report,
+            scene
+        );
+        if mean > 0.5 * wanted && wanted > least {
+            moving += 1;
+        }
+    }
+    assert!(moving > 600, "{moving} of {played}");
+}

@@ -1,0 +1,267 @@
+//! Tests of a commissioned sensor: at rest, by a small swing at each start, and in the run.
+
+use kband_control::{Fault, State, Target};
+use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Scene};
+
+/// A commissioned machine whose sensor measures the share `seen` of 1 g at rest.
+fn commissioned(seen: f32) -> Scene {
+    let mut scene = Scene {
+        target: Target::Amplitude(0.5),
+        ..Scene::default()
+    };
+    scene.parts.clear();
+    scene.settings.sensor_rest = 1.65 + 0.1 * seen;
+    scene.settings.gain_tolerance = 1.3;
+    scene.settings.load_tolerance = 1.3;
+    scene
+}
+
+/// The fault of a scene within a time in s, the largest amplitude so far over the hard limit,
+/// and the time of the fault.
+fn run(scene: &Scene, seconds: f64) -> (Option<Fault>, f64, f64) {
+    let mut closed = EnvelopeLoop::build(scene).unwrap();
+    let limit = f64::from(scene.settings.amplitude_limit) * 1e-3;
+    let mut largest = 0.0_f64;
+    loop {
+        let moment = closed.cycle();
+        largest = largest.max(closed.amplitude() / limit);
+        if moment.report.fault.is_some() || moment.time > seconds {
+            return (moment.report.fault, largest, moment.time);
+        }
+    }
+}
+
+#[test]
+fn a_deviating_mean_at_rest_starts_nothing() {
+    for (seen, sensitivity, refused) in [
+        (1.0, 0.7, true),
+        (1.0, 0.8, false),
+        (-1.0, 1.3, true),
+        (0.5, 0.45, true),
+    ] {
+        let mut scene = commissioned(seen);
+        (scene.settings.gain_tolerance, scene.settings.load_tolerance) = (2.5, 2.5);
+        scene.sensor.sensitivity = sensitivity;
+        let (fault, largest, _) = run(&scene, 0.5);
+        let expected = refused.then_some(Fault::SensorImplausible);
+        assert_eq!(fault, expected, "{seen} {sensitivity}");
+        assert_eq!(largest == 0.0, refused);
+    }
+    // An inverted sensor measures gravity with the other sign.
+    let mut scene = commissioned(1.0);
+    let inverted = Disturbance {
+        at: 0.0,
+        change: Change::SensorInverted(true),
+    };
+    scene.disturbances = core::iter::once(inverted).collect();
+    let (fault, largest, _) = run(&scene, 0.5);
+    assert_eq!((fault, largest), (Some(Fault::SensorImplausible), 0.0));
+}
+
+#[test]
+fn a_loss_just_before_the_enable_input_starts_nothing() {
+    for at in [1.0, 1.93, 1.99] {
+        let mut scene = commissioned(1.0);
+        let changes = [
+            (0.0, Change::Enable(false)),
+            (at, Change::Sensitivity(0.55)),
+            (2.0, Change::Enable(true)),
+        ];
+        let changes = changes.map(|(at, change)| Disturbance { at, change });
+        scene.disturbances = changes.into_iter().collect();
+        let (fault, largest, time) = run(&scene, 3.0);
+        assert_eq!((fault, largest), (Some(Fault::SensorImplausible), 0.0));
+        assert!((2.08..2.15).contains(&time), "{at}: {time}");
+    }
+}
+
+#[test]
+fn a_fading_mean_is_a_fault_at_any_gain() {
+    for gain in [1.0, 2.0] {
+        let mut scene = commissioned(1.0);
+        (scene.settings.gain_tolerance, scene.settings.load_tolerance) = (2.5, 2.5);
+        scene.drive.gain = gain;
+        let fades = (0..30).map(|n| Disturbance {
+            at: 2.0 + 0.5 * f64::from(n),
+            change: Change::Sensitivity(1.0 - 0.02 * n as f32),
+        });
+        scene.disturbances = fades.collect();
+        let (fault, largest, time) = run(&scene, 17.0);
+        assert_eq!(fault, Some(Fault::SensorImplausible));
+        assert!(largest < 0.5 / 0.68, "{gain}: {largest}");
+        // A quarter is lost after 8.5 s.
+        assert!((8.4..10.1).contains(&time), "{gain}: {time}");
+    }
+}
+
+#[test]
+fn a_test_swing_finds_what_the_tolerance_excludes() {
+    // The sensor measures nothing of gravity: only the swing can detect it.
+    for (sensitivity, gain, excluded) in [
+        (1.0, 1.0, false),
+        (0.8, 1.0, false),
+        (1.0, 1.25, false),
+        (0.75, 1.0, true),
+        (0.55, 1.0, true),
+        (1.0, 1.35, true),
+        (1.0, 0.7, true),
+        (0.55, 2.0, false),
+    ] {
+        let mut scene = commissioned(0.0);
+        scene.sensor.sensitivity = sensitivity;
+        scene.drive.gain = gain;
+        let (fault, largest, time) = run(&scene, 2.0);
+        let expected = excluded.then_some(Fault::SensorImplausible);
+        assert_eq!(fault, expected, "{sensitivity} {gain}");
+        if excluded {
+            // 5 % of the limit, times tolerance and gain.
+            let most = 0.05 * 1.3 * f64::from(gain) * 1.01;
+            assert!(largest < most, "{sensitivity} {gain}: {largest}");
+            assert!(time < 0.8, "{sensitivity} {gain}: {time}");
+        }
+    }
+}
+
+/// As [`commissioned`], without gravity on the sensor's axis, with a current sensor.
+fn with_current_sensor() -> Scene {
+    let mut scene = commissioned(0.0);
+    scene.settings.current_sensitivity = 0.3;
+    scene.settings.current_gain = 0.5;
+    scene
+}
+
+/// The fault of a scene within a time in s, and the largest amplitude over the hard limit, in
+/// the waveform and in the envelope.
+fn run_both(scene: &Scene, seconds: f64) -> [(Option<Fault>, f64); 2] {
+    let mut closed = ClosedLoop::build(scene).unwrap();
+    let limit = f64::from(scene.settings.amplitude_limit) * 1e-3;
+    let mut largest = 0.0_f32;
+    let fault = (0..(seconds * 50.0) as usize).find_map(|_| {
+        let moment = closed.cycle_shown(|sample| largest = largest.max(sample.displacement.abs()));
+        moment.report.fault
+    });
+    let (envelope, most, _) = run(scene, seconds);
+    [(fault, f64::from(largest) / limit), (envelope, most)]
+}
+
+#[test]
+fn the_current_shows_a_lost_sensitivity_at_any_gain() {
+    for gain in [1.0, 1.4, 2.0] {
+        let mut scene = with_current_sensor();
+        scene.sensor.sensitivity = 0.55;
+        scene.drive.gain = gain;
+        for (fault, largest) in run_both(&scene, 1.0) {
+            assert_eq!(fault, Some(Fault::SensorImplausible), "{gain}");
+            let most = 0.05 * 1.3 * f64::from(gain) * 1.02;
+            assert!(largest < most, "{gain}: {largest}");
+        }
+        // In the run, the gain and the sensitivity at once.
+        let mut scene = with_current_sensor();
+        let changes = [Change::Gain(gain), Change::Sensitivity(0.55)];
+        let changes = changes.map(|change| Disturbance { at: 2.0, change });
+        scene.disturbances = changes.into_iter().collect();
+        for (fault, largest) in run_both(&scene, 4.0) {
+            assert_eq!(fault, Some(Fault::SensorImplausible), "{gain}");
+            // The output is held meanwhile.
+            let most = 0.5 * f64::from(gain) * 1.02;
+            assert!(largest < most, "{gain}: {largest}");
+        }
+    }
+}
+
+#[test]
+fn the_current_bounds_the_amplitude_at_the_hard_limit() {
+    let mut scene = with_current_sensor();
+    scene.target = Target::Amplitude(1.0);
+    (scene.settings.gain, scene.settings.current_gain) = (5.0, 2.5);
+    (scene.drive.gain, scene.drive.current_gain) = (5.0, 2.5);
+    let changes = [Change::Gain(2.0), Change::Sensitivity(0.55)];
+    let changes = changes.map(|change| Disturbance { at: 2.0, change });
+    scene.disturbances = changes.into_iter().collect();
+    for (fault, largest) in run_both(&scene, 4.0) {
+        assert_eq!(fault, Some(Fault::SensorImplausible));
+        // 1.15 times the tolerance of 1.3, and what two cycles of dead time add.
+        assert!(largest < 1.7, "{largest}");
+    }
+}
+
+#[test]
+fn a_supply_or_coil_that_changes_is_no_fault_of_the_current() {
+    for (resonance, gain) in [(50.0, 0.6), (50.0, 1.7), (48.5, 1.7), (51.5, 0.6)] {
+        let mut scene = with_current_sensor();
+        scene.target = Target::Amplitude(0.2);
+        (scene.settings.gain_tolerance, scene.settings.load_tolerance) = (2.5, 2.5);
+        (scene.settings.resonance, scene.drive.resonance) = (resonance, resonance);
+        let change = Disturbance {
+            at: 2.0,
+            change: Change::Gain(gain),
+        };
+        scene.disturbances = core::iter::once(change).collect();
+        for (fault, _) in run_both(&scene, 5.0) {
+            assert_eq!(fault, None, "{resonance} {gain}");
+        }
+        // The swing's tolerance leaves the current 1.3.
+        scene.disturbances.clear();
+        (scene.settings.gain_tolerance, scene.settings.load_tolerance) = (1.3, 1.3);
+        for (fault, _) in run_both(&scene, 3.0) {
+            assert_eq!(fault, None, "{resonance}");
+        }
+    }
+}
+
+#[test]
+fn a_current_sensor_that_fails_is_a_fault() {
+    for factor in [0.5, 2.0] {
+        let mut scene = with_current_sensor();
+        scene.drive.current_gain *= factor;
+        for (fault, largest) in run_both(&scene, 1.0) {
+            assert_eq!(fault, Some(Fault::SensorImplausible), "{factor}");
+            assert!(largest < 0.07, "{factor}: {largest}");
+        }
+    }
+}
+
+#[test]
+fn each_start_makes_a_test_swing() {
+    let mut scene = commissioned(0.0);
+    let changes = [
+        (2.0, Change::Enable(false)),
+        (3.5, Change::Sensitivity(0.55)),
+        (4.0, Change::Enable(true)),
+    ];
+    let changes = changes.map(|(at, change)| Disturbance { at, change });
+    scene.disturbances = changes.into_iter().collect();
+    let mut closed = EnvelopeLoop::build(&scene).unwrap();
+    let mut largest = [0.0_f64; 2];
+    for _ in 0..250 {
+        let moment = closed.cycle();
+        let second = usize::from(moment.time > 4.0);
+        largest[second] = largest[second].max(closed.amplitude());
+    }
+    let fault = closed.controller().report().fault;
+    assert_eq!(fault, Some(Fault::SensorImplausible));
+    assert!(largest[0] > 0.49e-3 && largest[1] < 0.07e-3, "{largest:?}");
+}
+
+#[test]
+fn the_reference_waits_at_the_swing_and_ready_stays_off() {
+    let scene = commissioned(1.0);
+    let mut closed = ClosedLoop::build(&scene).unwrap();
+    let mut waited = 0;
+    let mut held = None;
+    for n in 0..200 {
+        let report = closed.cycle().report;
+        assert_eq!(report.fault, None);
+        let ready = closed.controller().is_ready();
+        // The default limit is 1 mm.
+        if report.reference > 0.0 && report.reference <= 0.051e-3 {
+            waited += 1;
+            assert_eq!(report.state, State::Starting);
+            assert!(!ready);
+        }
+        held = held.or(ready.then_some(n));
+    }
+    // 2 x 8 cycles of the envelope, 3 of dead time, 8 of averaging.
+    assert!((27..=30).contains(&waited), "{waited}");
+    assert!(held.is_some_and(|n| n < 70), "{held:?}");
+}

@@ -1,0 +1,181 @@
+//! Tests: the amplitude loop settles at its setpoint for drives over the whole range of the
+//! settings.
+//!
+//! The machines have no parts and run in the envelope. `kband margins` prints the stability margins
+//! of the same loop.
+
+use kband_control::{Settings, State, Target};
+use kband_plant::{EnvelopeLoop, Scene};
+
+/// Result of a start.
+#[derive(Clone, Copy, Debug)]
+struct Start {
+    /// Largest amplitude over the setpoint.
+    peak: f32,
+    /// Settling time to 5 %, in time constants of the drive. It begins when the reference reaches
+    /// the setpoint, less eight cycles of dead time and noise.
+    settles: f32,
+    /// Final swing of the amplitude over the setpoint.
+    swing: f32,
+    /// Final state.
+    state: State,
+}
+
+/// A machine at a frequency, detuned by a share of its resonance. Its gain is `wrong` times the
+/// configured one; its hard limit is `limit` times its setpoint.
+fn machine(
+    frequency: f32,
+    quality: f32,
+    detuned: f32,
+    wrong: f32,
+    limit: f32,
+    share: f32,
+) -> (Scene, f32) {
+    let mut scene = Scene::default();
+    scene.parts.clear();
+    let settings = &mut scene.settings;
+    settings.frequency = frequency;
+    settings.quality = quality;
+    settings.resonance = frequency / (1.0 + detuned);
+    let x = 1.0 + detuned;
+    let response = 1.0 / (quality * ((1.0 - x * x).powi(2) + (x / quality).powi(2)).sqrt());
+    let square = (std::f32::consts::TAU * frequency).powi(2);
+    // 40 m/s^2 if the drive can, limited to a share of the output at the configured gain.
+    let wanted = (1e3 * 40.0 / square).min(40.0 * share * response);
+    settings.gain = (wanted / share / response).clamp(0.001, 100.0);
+    let wanted = share * settings.gain * response;
+    settings.amplitude_limit = (limit * wanted).clamp(0.001, 100.0);
+    settings.acceleration_limit = 1000.0;
+    settings.safe_amplitude = 0.1 * wanted.min(settings.amplitude_limit);
+    scene.drive.resonance = settings.resonance;
+    scene.drive.quality = quality;
+    scene.drive.gain = wrong * settings.gain;
+    // Half of the converter's range.
+    settings.sensitivity = (0.8 * 9.8 / (1e-3 * wanted * wrong * square)).clamp(0.001, 10.0);
+    scene.sensor.noise = 1e-3 / settings.sensitivity;
+    scene.target = Target::Amplitude(wanted);
+    (scene, wanted * 1e-3)
+}
+
+fn start(scene: &Scene, wanted: f32) -> Start {
+    let Settings {
+        frequency,
+        resonance,
+        quality,
+        ..
+    } = scene.settings;
+    let cycles = quality / std::f32::consts::PI * frequency / resonance;
+    let mut looped = EnvelopeLoop::build(scene).unwrap();
+    let mut arrived = None;
+    let (mut peak, mut outside) = (0.0_f32, 0);
+    let mut last = 0;
+    let mut n = 0;
+    loop {
+        let report = looped.cycle().report;
+        n += 1;
+        if arrived.is_none() && report.reference >= 0.999 * wanted {
+            arrived = Some(n);
+            last = n + (12.0 * cycles) as i32 + 60;
+        }
+        peak = peak.max(report.amplitude / wanted);
+        if (report.amplitude / wanted - 1.0).abs() > 0.05 {
+            outside = n;
+        }
+        if arrived.is_some() && n >= last || n > 4000 {
+            break;
+        }
+    }
+    let (mut low, mut high) = (f32::INFINITY, 0.0_f32);
+    let mut state = State::Off;
+    for _ in 0..60 {
+        let report = looped.cycle().report;
+        low = low.min(report.amplitude);
+        high = high.max(report.amplitude);
+        state = report.state;
+    }
+    let arrived = arrived.unwrap_or(4000);
+    Start {
+        peak,
+        settles: (outside - arrived - 8) as f32 / cycles,
+        swing: (high - low) / wanted,
+        state,
+    }
+}
+
+const QUALITIES: [f32; 7] = [3.0, 5.0, 10.0, 25.0, 50.0, 100.0, 200.0];
+const DETUNINGS: [f32; 17] = [
+    0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.06, 0.1, 0.2, -0.002, -0.006, -0.015, -0.03,
+    -0.06, -0.1, -0.2,
+];
+/// True gain over the configured one.
+const WRONG: [f32; 3] = [1.0, 0.5, 2.0];
+
+/// All combinations of quality, detuning and gain error.
+fn drives() -> impl Iterator<Item = (f32, f32, f32)> {
+    QUALITIES.into_iter().flat_map(|quality| {
+        DETUNINGS
+            .into_iter()
+            .flat_map(move |off| WRONG.into_iter().map(move |wrong| (quality, off, wrong)))
+    })
+}
+
+#[test]
+fn every_drive_comes_to_its_amplitude_and_stays() {
+    for (frequency, soft, share) in [
+        (6.2, 0.4, 0.4),
+        (50.0, 0.02, 0.4),
+        (50.0, 0.4, 0.1),
+        (400.0, 0.05, 0.4),
+        (400.0, 0.2, 0.05),
+    ] {
+        for (quality, detuned, wrong) in drives() {
+            let (mut scene, wanted) = machine(frequency, quality, detuned, wrong, 2.0, share);
+            scene.settings.soft_start = soft;
+            let came = start(&scene, wanted);
+            let told = format!(
+                "{frequency} Hz, Q {quality}, {detuned}, gain {wrong}, {soft} s, {share}: {came:?}"
+            );
+            assert_eq!(came.state, State::Holding, "{told}");
+            assert!(came.peak < 1.05 && came.settles < 3.0, "{told}");
+            assert!(came.swing < 0.005, "{told}");
+        }
+    }
+}
+
+/// The setpoint at the hard limit, and beyond it.
+#[test]
+fn no_start_goes_over_the_hard_limit_by_more_than_a_fiftieth() {
+    for soft in [0.4, 0.02] {
+        for (quality, detuned, wrong) in drives() {
+            let (mut scene, wanted) = machine(50.0, quality, detuned, wrong, 1.0, 0.4);
+            scene.settings.soft_start = soft;
+            let came = start(&scene, wanted);
+            assert!(
+                came.peak < 1.02,
+                "Q {quality}, {detuned}, gain {wrong}, {soft} s: {came:?}"
+            );
+        }
+    }
+}
+
+/// Drive at the configured resonance while the true one differs. The amplitude is held where the
+/// response is at least half of the configured one; else the output saturates or a fault occurs.
+#[test]
+fn a_resonance_told_wrong_is_held_or_told() {
+    for quality in QUALITIES {
+        for widths in [0.5, 1.0, 1.5, 1.7, 2.2, 4.0] {
+            for side in [-1.0, 1.0] {
+                let (mut scene, wanted) = machine(50.0, quality, 0.0, 1.0, 2.0, 0.2);
+                scene.drive.resonance = 50.0 / (1.0 + side * widths / (2.0 * quality));
+                let came = start(&scene, wanted);
+                let told = format!("Q {quality}, {widths} half widths, {side}: {came:?}");
+                assert!(came.peak < 1.05 && came.swing < 0.005, "{told}");
+                match came.state {
+                    State::Holding => assert!(came.settles < 3.0, "{told}"),
+                    State::Limiting | State::Fault => assert!(widths > 1.7, "{told}"),
+                    _ => panic!("{told}"),
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! The controller in a closed loop with the simulated feeder.
+
+mod answers;
+mod bounds;
+mod commissioned;
+mod drives;
+mod held;
+mod identification;
+mod lots;
+mod margin;
+mod part;
+mod share;
+mod tones;

@@ -1,0 +1,192 @@
+//! The estimated share in gear of many parts against the plant's own.
+
+use core::f64::consts::TAU;
+
+use kband::regime::gear::GearWatch;
+use kband_control::Target;
+use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Scene};
+
+/// Parts of a lot, evenly over it, at a fixed k.
+fn scene(lot: [f32; 2], scatter: f32, k: f32, parts: usize, seed: u64) -> Scene {
+    let [low, high] = lot;
+    let part = |n: usize| low + (high - low) * (n as f32 + 0.5) / parts as f32;
+    let mut scene = Scene {
+        target: Target::K(k),
+        seed,
+        parts: (0..parts).map(part).collect(),
+        scatter: core::iter::repeat_n(scatter, parts).collect(),
+        ..Scene::default()
+    };
+    scene.settings.scatter = scatter;
+    (
+        scene.settings.restitution_low,
+        scene.settings.restitution_high,
+    ) = (low, high);
+    scene
+}
+
+/// Mean true and estimated share in gear from 5 s to 60 s, mean standard error, and cycles
+/// without an estimate.
+struct Told {
+    truth: f64,
+    heard: f64,
+    error: f64,
+    deaf: usize,
+}
+
+fn listen(scene: &Scene, waveform: bool) -> Told {
+    const CYCLES: usize = 3000;
+    const SETTLED: usize = 250;
+    let mut envelope = EnvelopeLoop::build(scene).unwrap();
+    let mut whole = ClosedLoop::build(scene).unwrap();
+    let parts = scene.parts.len();
+    let mut watches = std::vec![GearWatch::build(1).unwrap(); parts];
+    let mut told = Told {
+        truth: 0.0,
+        heard: 0.0,
+        error: 0.0,
+        deaf: 0,
+    };
+    for cycle in 0..CYCLES {
+        if cycle == SETTLED {
+            watches
+                .iter_mut()
+                .for_each(|watch| watch.begin(cycle as f64 * TAU));
+        }
+        let (report, strikes) = if waveform {
+            (whole.cycle().report, whole.plant().strikes())
+        } else {
+            (envelope.cycle().report, envelope.strikes())
+        };
+        for strike in strikes {
+            let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
+            let flight = f64::from(strike.flight) * TAU;
+            let watch = &mut watches[usize::from(strike.part)];
+            if strike.rested {
+                watch.add_rest(landed - flight);
+            }
+            watch.add_landing(landed, flight);
+        }
+        if cycle >= SETTLED {
+            if report.in_gear_error.is_finite() {
+                told.heard += f64::from(report.in_gear);
+                told.error += f64::from(report.in_gear_error);
+            } else {
+                told.deaf += 1;
+            }
+        }
+    }
+    let count = (CYCLES - SETTLED - told.deaf).max(1) as f64;
+    told.heard /= count;
+    told.error /= count;
+    for watch in &watches {
+        told.truth += watch.share(CYCLES as f64 * TAU).share() / parts as f64;
+    }
+    told
+}
+
+/// Crowds of 1, 6 and 24 parts, of one restitution or of a range.
+#[test]
+fn share_of_a_crowd_is_within_three_errors() {
+    for (lot, scatter, k) in [
+        ([0.1, 0.3], 0.03, 0.383),
+        ([0.2, 0.2], 0.05, 0.403),
+        ([0.3, 0.3], 0.05, 0.4438),
+        ([0.4, 0.4], 0.05, 0.5015),
+        ([0.5, 0.5], 0.05, 0.5516),
+        ([0.3, 0.3], 0.10, 0.4438),
+        ([0.5, 0.5], 0.10, 0.5516),
+        ([0.3, 0.3], 0.05, 0.48),
+    ] {
+        let mut all = std::vec![];
+        for parts in [1, 6, 24] {
+            for seed in 0..2 {
+                let told = listen(&scene(lot, scatter, k, parts, 5 + seed), false);
+                let apart = told.heard - told.truth;
+                assert!(told.deaf < 150, "{lot:?} {scatter} {parts}: {}", told.deaf);
+                assert!(
+                    apart.abs() < 3.0 * told.error,
+                    "{lot:?} {scatter} {parts}: {} {apart} +- {}",
+                    told.truth,
+                    told.error
+                );
+                all.push(apart);
+            }
+        }
+        // Single runs scatter by 0.02 to 0.035; the mean of six errs by 0.01, and twice that is
+        // allowed.
+        let mean = all.iter().sum::<f64>() / all.len() as f64;
+        assert!(mean.abs() < 0.03 + 0.02, "{lot:?} {scatter}: {mean}");
+    }
+}
+
+#[test]
+fn crowd_that_hops_and_rests_is_not_in_gear() {
+    for (restitution, scatter, k) in [(0.3, 0.05, 0.523), (0.4, 0.05, 0.635), (0.4, 0.0, 0.635)] {
+        for parts in [3, 24] {
+            let lot = [restitution, restitution];
+            let told = listen(&scene(lot, scatter, k, parts, 7), false);
+            assert!(told.truth < 0.01, "{restitution} {parts}: {}", told.truth);
+            assert!(told.heard < 0.03, "{restitution} {parts}: {}", told.heard);
+        }
+    }
+}
+
+#[test]
+fn both_plants_give_the_same_share() {
+    for (lot, scatter, k) in [([0.1, 0.3], 0.03, 0.383), ([0.4, 0.4], 0.05, 0.5015)] {
+        let scene = scene(lot, scatter, k, 12, 9);
+        let [slow, fast] = [true, false].map(|waveform| {
+            let told = listen(&scene, waveform);
+            told.heard - told.truth
+        });
+        // The noise differs, so each plant is compared with its own truth; a run scatters by up
+        // to 0.03.
+        assert!(slow.abs() < 0.05 && fast.abs() < 0.05, "{slow} {fast}");
+    }
+}
+
+/// Parts that leave gear for good strike all over the turn; the fit must not assign them to
+/// noise.
+#[test]
+fn changed_parts_are_not_fitted_as_noise() {
+    for (restitution, scatter) in [(0.6, 0.1), (0.7, 0.05)] {
+        for seed in 100..104 {
+            let mut scene = scene([0.18, 0.22], 0.0, 0.393, 1, seed);
+            let changes = [Change::Restitution(restitution), Change::Scatter(scatter)];
+            let at = |change| Disturbance { at: 4.0, change };
+            scene.disturbances = changes.into_iter().map(at).collect();
+            let mut whole = ClosedLoop::build(&scene).unwrap();
+            let mut geared = std::vec![];
+            for _ in 0..600 {
+                let report = whole.cycle().report;
+                geared.push(report.in_gear - report.in_gear_error > 0.5);
+            }
+            assert!(geared[150..200].iter().all(|geared| *geared), "{seed}");
+            // The energy before the change is forgotten over 256 cycles.
+            let still = geared[400..].iter().filter(|geared| **geared).count();
+            assert_eq!(still, 0, "{restitution} {seed}");
+        }
+    }
+}
+
+/// A lot configured too wide must not pass for one out of gear.
+#[test]
+fn share_of_an_unknown_lot_has_a_large_error() {
+    for restitution in [0.12, 0.2, 0.28] {
+        let mut scene = scene([restitution; 2], 0.03, 0.383, 4, 11);
+        (
+            scene.settings.restitution_low,
+            scene.settings.restitution_high,
+        ) = (0.1, 0.3);
+        let told = listen(&scene, false);
+        let apart = told.heard - told.truth;
+        assert!(
+            apart.abs() < 2.5 * told.error || told.deaf > 2000,
+            "{restitution}: {} {apart} +- {} {}",
+            told.truth,
+            told.error,
+            told.deaf
+        );
+    }
+}

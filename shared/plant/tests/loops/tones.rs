@@ -1,0 +1,339 @@
+//! Tests: the closed loop on drives with two and three tones, in both plants.
+
+use kband_control::{Event, Limits, Report, Settings, Shape, State, Target, UpperTone};
+use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Scene};
+
+const TOLD: Shape = Shape::of_two(UpperTone::new(0.15, 2.356));
+
+/// As [`TOLD`], with a third tone.
+const THREE: Shape = Shape::new(TOLD.second, UpperTone::new(0.06, -1.0));
+
+/// The default feeder with a second tone, whose settings match the true drive.
+fn scene(change: impl Fn(&mut Settings)) -> Scene {
+    scene_of(TOLD, change)
+}
+
+/// As [`scene`], with a given shape.
+fn scene_of(shape: Shape, change: impl Fn(&mut Settings)) -> Scene {
+    let mut scene = Scene {
+        target: Target::Tones { k: 0.35, shape },
+        ..Scene::default()
+    };
+    scene.settings.second_tone = 0.25;
+    scene.settings.third_tone = shape.third.ratio;
+    change(&mut scene.settings);
+    scene.drive.resonance = scene.settings.resonance;
+    scene.drive.quality = scene.settings.quality;
+    scene.drive.gain = scene.settings.gain;
+    scene.drive.second_gain = scene.settings.second_gain;
+    scene.drive.second_lag = scene.settings.second_lag;
+    scene.drive.third_gain = scene.settings.third_gain;
+    scene.drive.third_lag = scene.settings.third_lag;
+    scene.drive.second_quality = scene.settings.quality;
+    scene
+}
+
+/// Largest difference of an upper tone of two shapes, over the first tone's amplitude.
+fn apart(a: Shape, b: Shape) -> f32 {
+    let part = |tone: UpperTone| {
+        [
+            tone.ratio * libm::cosf(tone.phase),
+            tone.ratio * libm::sinf(tone.phase),
+        ]
+    };
+    let distance = |(a, b)| {
+        let ([x, y], [u, v]) = (part(a), part(b));
+        libm::hypotf(x - u, y - v)
+    };
+    let pairs = a.tones().into_iter().zip(b.tones());
+    pairs.map(distance).fold(0.0, f32::max)
+}
+
+/// Scenes with drives of all kinds.
+fn drives(shape: Shape) -> [(&'static str, Scene); 6] {
+    let scene = |change: &dyn Fn(&mut Settings)| scene_of(shape, change);
+    [
+        ("modes at the multiples of the frequency", scene(&|_| ())),
+        (
+            "modes below them",
+            scene(&|s| (s.second_lag, s.third_lag) = (30.0, 60.0)),
+        ),
+        (
+            "modes that move against it",
+            scene(&|s| (s.second_lag, s.third_lag) = (-150.0, -100.0)),
+        ),
+        (
+            "springs far above",
+            scene(&|s| {
+                (s.quality, s.resonance, s.gain) = (3.0, 150.0, 2.0);
+                (s.second_gain, s.third_gain) = (0.0, 0.0);
+            }),
+        ),
+        (
+            "a voice coil",
+            scene(&|s| {
+                (s.quality, s.resonance, s.gain) = (1.0, 10.0, 30.0);
+                (s.second_gain, s.third_gain) = (0.0, 0.0);
+            }),
+        ),
+        (
+            "300 Hz",
+            scene(&|s| {
+                (s.frequency, s.resonance) = (300.0, 300.0);
+                (s.gain, s.second_gain, s.safe_amplitude) = (0.03, 0.015, 0.005);
+                s.third_gain = 0.0075;
+                s.acceleration_limit = 300.0;
+            }),
+        ),
+    ]
+}
+
+#[test]
+fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
+    let every = [TOLD, THREE]
+        .into_iter()
+        .flat_map(|told| drives(told).map(|(name, scene)| (name, told, scene)));
+    for (name, told, scene) in every {
+        let mut closed = ClosedLoop::build(&scene).unwrap();
+        let mut envelope = EnvelopeLoop::build(&scene).unwrap();
+        let mut most = 0.0_f32;
+        for n in 0..400 {
+            let (slow, fast) = (closed.cycle().report, envelope.cycle().report);
+            let (amplitude, made) = closed.plant().tones();
+            if n > 20 {
+                most = most.max(made.second.ratio);
+            }
+            if n < 300 {
+                continue;
+            }
+            // Tolerance in e: 0.3 % of the first tone's amplitude, four times the effect of the
+            // reading's noise.
+            assert!(
+                apart(slow.shape, told) < 3e-3,
+                "{name} {n}: {:?}",
+                slow.shape
+            );
+            assert!(
+                apart(fast.shape, told) < 3e-3,
+                "{name} {n}: {:?}",
+                fast.shape
+            );
+            // One resonance far above the drive's frequency (docs/theory-real-parts.md#t10.3, stiff
+            // drives).
+            let Settings {
+                frequency,
+                resonance,
+                ..
+            } = scene.settings;
+            let stiff = (resonance / frequency) * (resonance / frequency);
+            let sample = core::f32::consts::TAU * frequency / 20e3;
+            let mut off = told;
+            if stiff > 1.0 {
+                off.second.phase += 0.75 * stiff * sample;
+                off.third.phase += 4.0 / 3.0 * stiff * sample;
+            }
+            assert!(apart(made, off) < 3e-3, "{name} {n}: {made:?} {off:?}");
+            assert!((amplitude / slow.amplitude - 1.0).abs() < 0.06, "{name}");
+            assert_eq!(
+                (slow.state, slow.limits),
+                (State::Holding, Limits::default())
+            );
+        }
+        assert!(most < 1.06 * TOLD.second.ratio, "{name}: {most}");
+    }
+}
+
+/// A drive whose response at two or three times its frequency differs from the settings by a factor
+/// and an angle in degrees.
+///
+/// Returns the cycle of the event for it, the largest ratio of that tone over the requested one,
+/// and the last report.
+fn told_wrong(third: bool, factor: f32, degrees: f32) -> (Option<usize>, f32, Report) {
+    let told = if third { THREE } else { TOLD };
+    let mut scene = scene_of(told, |_| ());
+    let (event, gain, lag) = if third {
+        let drive = &mut scene.drive;
+        (
+            Event::ThirdToneUnlike,
+            &mut drive.third_gain,
+            &mut drive.third_lag,
+        )
+    } else {
+        let drive = &mut scene.drive;
+        (
+            Event::SecondToneUnlike,
+            &mut drive.second_gain,
+            &mut drive.second_lag,
+        )
+    };
+    *gain *= factor;
+    *lag += degrees;
+    let tone = usize::from(third);
+    let mut closed = ClosedLoop::build(&scene).unwrap();
+    let (mut noted, mut most) = (None, 0.0_f32);
+    for n in 0..400 {
+        let report = closed.cycle().report;
+        if noted.is_none() && report.events.iter().any(|e| e == event) {
+            noted = Some(n);
+        }
+        if n > 20 {
+            let made = closed.plant().tones().1.tones()[tone];
+            most = most.max(made.ratio / told.tones()[tone].ratio);
+        }
+    }
+    (noted, most, closed.controller().report())
+}
+
+#[test]
+fn large_drive_errors_are_reported_small_ones_corrected() {
+    for third in [false, true] {
+        told_wrong_is_noticed(third);
+    }
+}
+
+fn told_wrong_is_noticed(third: bool) {
+    let told = if third { THREE } else { TOLD };
+    for (factor, degrees, noticed) in [
+        (1.0, 0.0, false),
+        (1.2, 8.0, false),
+        (0.8, -8.0, false),
+        (2.0, 0.0, true),
+        (0.5, 0.0, true),
+        (1.0, 30.0, true),
+        (1.0, -30.0, true),
+        (2.0, 30.0, true),
+        (0.5, -30.0, true),
+    ] {
+        let (noted, most, report) = told_wrong(third, factor, degrees);
+        assert_eq!(noted.is_some(), noticed, "{factor} {degrees}: {noted:?}");
+        assert!(
+            noted.is_none_or(|n| n < 150),
+            "{factor} {degrees}: {noted:?}"
+        );
+        assert!(
+            apart(report.shape, told) < 5e-3,
+            "{factor} {degrees}: {:?}",
+            report.shape
+        );
+        assert!(report.limits == Limits::default());
+        // During adaptation e may be larger; the peak acceleration stays limited.
+        assert!(most < 1.5, "{third} {factor} {degrees}: {most}");
+    }
+    // Beyond the loop's stability margins the tone is switched off, which limits the drive.
+    let (noted, _, report) = told_wrong(third, 1.0, -150.0);
+    assert!(noted.is_some() && report.limits.contains(Limits::SECOND_TONE));
+    let tone = report.shape.tones()[usize::from(third)];
+    assert!(tone.ratio < 0.01, "{:?}", report.shape);
+}
+
+#[test]
+fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
+    let last = |scene: &Scene, cycles: usize| {
+        let mut closed = ClosedLoop::build(scene).unwrap();
+        let (mut outputs, mut pushes) = (0.0_f32, 0.0_f32);
+        for n in 0..cycles {
+            let shown = closed.cycle_shown(|sample| outputs = outputs.max(sample.output.abs()));
+            let (amplitude, tone) = closed.plant().tones();
+            if n > 20 {
+                let [_, push] = tone.peaks();
+                pushes = pushes.max(push * amplitude * 98_696.0);
+            }
+            let _ = shown;
+        }
+        (closed.controller().report(), outputs, pushes)
+    };
+    // Output limit: the first tone has priority, the second gets the rest.
+    let mut weak = scene(|s| (s.output_maximum, s.second_gain) = (0.35, 0.5));
+    let (report, most, _) = last(&weak, 300);
+    assert!(report.limits.contains(Limits::SECOND_TONE), "{report:?}");
+    assert!(!report.limits.contains(Limits::OUTPUT));
+    assert!(
+        most <= 0.35 && (report.k - 0.35).abs() < 0.005,
+        "{most} {report:?}"
+    );
+    assert!(
+        (0.05..0.14).contains(&report.shape.second.ratio),
+        "{:?}",
+        report.shape
+    );
+    // Acceleration limit: 28 m/s^2 with one tone, 43 with both.
+    weak = scene(|s| s.acceleration_limit = 36.0);
+    let (report, _, push) = last(&weak, 300);
+    assert!(report.limits.contains(Limits::SECOND_TONE) && (report.k - 0.35).abs() < 0.005);
+    assert!(
+        (0.03..0.14).contains(&report.shape.second.ratio),
+        "{:?}",
+        report.shape
+    );
+    assert!(push < 36.0 * 1.03, "{push}");
+    // Link lost: the upper tone is switched off at once, before the amplitude falls.
+    let mut lost = scene(|s| s.link_timeout = 0.5);
+    lost.disturbances = core::iter::once(Disturbance {
+        at: 4.0,
+        change: Change::Link(false),
+    })
+    .collect();
+    let (report, _, _) = last(&lost, 275);
+    assert!(
+        report.limits.contains(Limits::LINK_LOST) && report.shape.second.ratio < 0.02,
+        "{report:?}"
+    );
+    // Fault: no output of any tone.
+    let mut hot = scene(|_| ());
+    hot.disturbances = core::iter::once(Disturbance {
+        at: 4.0,
+        change: Change::OverTemperature(true),
+    })
+    .collect();
+    let (report, _, _) = last(&hot, 210);
+    assert_eq!(report.state, State::Fault);
+    assert_eq!(
+        (report.command.amplitude, report.command.overtones),
+        (0.0, Default::default())
+    );
+}
+
+#[test]
+fn two_tones_bring_parts_into_gear_in_both_plants() {
+    let mut scene = scene(|_| ());
+    scene.target = Target::Tones {
+        k: 0.35,
+        shape: TOLD,
+    };
+    // One amplitude suits the whole lot (docs/theory-real-parts.md#t10.3).
+    scene.parts = [0.15, 0.2, 0.25, 0.3].into_iter().collect();
+    let mut closed = ClosedLoop::build(&scene).unwrap();
+    let mut envelope = EnvelopeLoop::build(&scene).unwrap();
+    for n in 0..600 {
+        closed.cycle();
+        envelope.advance();
+        if n < 500 {
+            continue;
+        }
+        let mut strikes = [Vec::new(), Vec::new()];
+        for (list, from) in strikes
+            .iter_mut()
+            .zip([closed.plant().strikes(), envelope.strikes()])
+        {
+            list.extend(
+                from.iter()
+                    .map(|strike| (strike.part, strike.phase, strike.speed)),
+            );
+            list.sort_by_key(|(part, ..)| *part);
+        }
+        // Each part has one impact per cycle.
+        assert_eq!(strikes[0].len(), 4, "{n}: {strikes:?}");
+        for (a, b) in strikes[0].iter().zip(&strikes[1]) {
+            assert!(
+                (a.1 - b.1).abs() < 0.05 && (a.2 / b.2 - 1.0).abs() < 0.02,
+                "{n}: {a:?} {b:?}"
+            );
+        }
+    }
+    // All parts have the same speed.
+    let (a, b) = (
+        closed.plant().displacement(),
+        envelope.moment().displacement,
+    );
+    assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
+}

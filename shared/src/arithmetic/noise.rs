@@ -1,0 +1,64 @@
+//! Seeded integer noise with the same bits on every machine: xorshift64* (Vigna 2016).
+
+/// A seeded stream of xorshift64* numbers (Vigna 2016).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Noise(u64);
+
+impl Noise {
+    /// Stream of a seed; splitmix64 separates the streams of neighbouring seeds.
+    pub fn new(seed: u64) -> Self {
+        let mut z = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        Self((z ^ (z >> 31)) | 1)
+    }
+
+    /// Next 32 bits.
+    #[inline]
+    pub fn bits(&mut self) -> u32 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 32) as u32
+    }
+
+    /// A uniform number in 0..1, in steps of 2^-24.
+    pub fn uniform(&mut self) -> f32 {
+        (self.bits() >> 8) as f32 * (1.0 / 16_777_216.0)
+    }
+
+    /// A nearly Gaussian number with mean 0, RMS 1 and bound 3.4: the sum of four uniform bytes.
+    #[inline]
+    pub fn gauss(&mut self) -> f32 {
+        let bits = self.bits();
+        let pairs = (bits & 0x00ff_00ff) + ((bits >> 8) & 0x00ff_00ff);
+        let sum = (pairs & 0xffff) + (pairs >> 16);
+        // The sum of four uniform bytes has mean 510 and variance 4 (256^2 - 1) / 12 = 147.8^2.
+        (sum as f32 - 510.0) * (1.0 / 147.801)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_has_the_mean_and_rms_of_a_gaussian() {
+        let mut noise = Noise::new(1);
+        let (mut sum, mut squares) = (0.0_f64, 0.0_f64);
+        for _ in 0..100_000 {
+            let value = f64::from(noise.gauss());
+            sum += value;
+            squares += value * value;
+        }
+        // Standard errors: 0.003 of the mean, 0.004 of the mean square.
+        assert!((sum / 1e5).abs() < 0.015);
+        assert!((squares / 1e5 - 1.0).abs() < 0.02);
+    }
+
+    #[test]
+    fn seeds_give_different_streams() {
+        assert_ne!(Noise::new(1).bits(), Noise::new(2).bits());
+        assert_eq!(Noise::new(7), Noise::new(7));
+    }
+}

@@ -1,0 +1,188 @@
+//! Shape: the constants of a track for the search in f32, and closed tests of a flight.
+
+use super::flight::{
+    Flight, Motion, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger, sine_cosine_at,
+};
+use crate::arithmetic::Phase;
+use crate::arithmetic::positive::Positive;
+use crate::impact::set_up::SetUp;
+
+/// Constants of the track for the search, in f32.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SineTrack {
+    pub k: f32,
+    pub(super) half_k: f32,
+    pub(super) inverse: f32,
+    /// Excess of k over 1, at least 0.
+    pub(super) excess: f32,
+    pub(super) lift_off_cosine: f32,
+    pub(super) hump_length: f32,
+    /// Squared speed at height 0: least of a tall flight.
+    pub(super) min_tall_speed_squared: f32,
+    /// Slope down to a hump's begin: steepest for the cubic bound of [`SineTrack::clears`].
+    pub(super) skim: f32,
+    pub lift_off: u32,
+    pub hump: u32,
+}
+
+impl SineTrack {
+    #[inline(always)]
+    pub fn new(set_up: &SetUp) -> Self {
+        // Time in rad into a hump up to which the cubic bound holds: `k x / (4 c)` is 0.12 and
+        // `x^2 / 20` 0.08 there.
+        const MAX_CUBIC_TIME: f32 = 1.26;
+        let SetUp { single, hump, .. } = *set_up;
+        let inverse = set_up.inverse();
+        let lift_off_cosine = set_up.lift_off_cosine.single();
+        let reach = 0.48 * lift_off_cosine * inverse;
+        let reach = if reach < MAX_CUBIC_TIME {
+            reach
+        } else {
+            MAX_CUBIC_TIME
+        };
+        Self {
+            k: single,
+            half_k: 0.5 * single,
+            inverse,
+            excess: set_up.excess(),
+            lift_off_cosine,
+            hump_length: radians(hump),
+            min_tall_speed_squared: set_up.min_tall_speed_squared().single(),
+            skim: 0.4 * lift_off_cosine * reach * reach,
+            lift_off: set_up.lift_off.bits(),
+            hump,
+        }
+    }
+
+    /// Whether the track throws a part at `phase`: `sin > k`.
+    #[inline(always)]
+    pub fn throws(&self, phase: u32) -> bool {
+        phase.wrapping_sub(self.lift_off) < self.hump
+    }
+
+    /// Whether a down-crossing `steps` after launch lies between the short hops and the end of the
+    /// next hump.
+    ///
+    /// The lower bound excludes launch itself and impacts that the short form settles with more
+    /// digits. It is a fifth below the longest short hop, because a candidate only approximates the
+    /// impact.
+    #[inline(always)]
+    pub fn ends<F: Flight>(&self, phase: u32, steps: i64) -> bool {
+        let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
+        steps >= (0.8 * F::MAX_SHORT_FLIGHT * STEPS_PER_RADIAN) as i64
+            && steps <= i64::from(to_lift_off) + i64::from(self.hump)
+    }
+
+    /// Whether the flight clears the next hump and a down-crossing `steps` after launch comes
+    /// before the hump after it.
+    ///
+    /// At the hump's begin `u` has the height `h` and falls at `p`. From there on `u` is above
+    /// `h - p x + f x^3 / 6` with `f = 0.8 lift_off_cosine`. This holds as far as
+    /// `k x / (4 lift_off_cosine) + x^2 / 20 <= 0.2`. The minimum of that bound, at
+    /// `x^2 = 2 p / f`, is above 0 where `h^2 f > 8 p^3 / 9`; beyond it `u` rises.
+    #[inline(never)]
+    pub fn clears(&self, phase: u32, v: f32, pull: f32, steps: i64) -> bool {
+        let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
+        let x = to_lift_off as f32 * RADIANS_PER_STEP;
+        // Lower and upper bounds that include rounding. Without the first, 41 of 420 000 touches in
+        // f32 are not flagged.
+        let height = x * (v - self.half_k * x) - pull - 1e-4;
+        let fall = larger(self.lift_off_cosine + self.k * x - v, 0.0) + 1e-5;
+        height > 0.0
+            && fall < self.skim
+            && 0.8 * self.lift_off_cosine * height * height > (8.0 / 9.0) * fall * fall * fall
+            && steps > 0
+            && steps <= i64::from(to_lift_off) + Phase::STEPS
+    }
+
+    /// `k - sin` near an end of a hump, where the difference of the rounded values loses digits.
+    ///
+    /// It is computed from the distance to the nearer end, whose rounding is half a step of the
+    /// phase.
+    #[inline(never)]
+    pub fn pull_near_ends(&self, phase: u32) -> f32 {
+        let after_begin = phase.wrapping_sub(self.lift_off) as i32 as f32 * RADIANS_PER_STEP;
+        let before_end = self.lift_off.wrapping_add(self.hump).wrapping_sub(phase) as i32 as f32
+            * RADIANS_PER_STEP;
+        let d = if abs(after_begin) < abs(before_end) {
+            after_begin
+        } else {
+            before_end
+        };
+        let z = d * d;
+        let rise = self.lift_off_cosine * d * (1.0 - z * (1.0 / 6.0))
+            - self.k * z * (0.5 - z * (1.0 / 24.0));
+        self.excess - rise
+    }
+}
+
+/// `steps` of a phase in rad, rounded to nearest.
+#[inline(always)]
+fn radians(steps: u32) -> f32 {
+    Positive::RADIANS_PER_STEP.times_integer_single(steps)
+}
+
+impl Track for SineTrack {
+    #[inline(always)]
+    fn k(&self) -> f32 {
+        self.k
+    }
+
+    #[inline(always)]
+    fn half_k(&self) -> f32 {
+        self.half_k
+    }
+
+    #[inline(always)]
+    fn inverse(&self) -> f32 {
+        self.inverse
+    }
+
+    #[inline(always)]
+    fn min_tall_speed_squared(&self) -> f32 {
+        self.min_tall_speed_squared
+    }
+
+    #[inline(always)]
+    fn at(&self, node: i32) -> Motion {
+        let (sine, cosine) = sine_cosine_at(node);
+        Motion {
+            height: sine,
+            speed: cosine,
+            push: sine,
+            surge: cosine,
+            bend: sine,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn derived_constants_match_f64() {
+        for n in 0..100_000 {
+            let k = 0.005 + 3.995 * (f64::from(n) * 0.618_033_988_749_895).rem_euclid(1.0);
+            let k = if n % 2 == 0 {
+                1.0 / (0.25 + k)
+            } else {
+                f64::from(k as f32)
+            };
+            let set_up = SetUp::build(k, 0.5).unwrap();
+            let track = SineTrack::new(&set_up);
+            let cosine = libm::sqrt(((1.0 - k) * (1.0 + k)).max(0.0));
+            let reach = (0.48 * cosine / k).min(1.26);
+            let skim = 0.4 * cosine * reach * reach;
+            // Fifteen roundings to f32: five of the reach, which enters twice, and five more.
+            let off = (f64::from(track.skim) - skim).abs();
+            assert!(off <= 15.0 * 6e-8 * skim, "{k:e}");
+            let length = (f64::from(set_up.hump) * Phase::RADIANS_PER_STEP) as f32;
+            assert_eq!(track.hump_length, length, "{k:e}");
+            assert_eq!(
+                (track.half_k, track.excess),
+                ((0.5 * k) as f32, (k - 1.0).max(0.0) as f32)
+            );
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! The second and third harmonic of a track in f32.
+
+use crate::arithmetic::fixed::Fixed;
+use crate::arithmetic::node::SINE_COSINE_SINGLE;
+use crate::arithmetic::trigonometry::sine_cosine_fine;
+use crate::arithmetic::{Phase, sine_cosine_single};
+use crate::feeder::{OutOfRange, accept};
+use crate::impact::anchor::flight::Motion;
+use crate::impact::wave::Tone;
+
+/// One harmonic, `e sin(n t + th)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Harmonic {
+    /// e.
+    amplitude: Fixed<32, u32>,
+    /// th.
+    angle: Phase,
+    /// `e`, `e cos th` and `e sin th`.
+    pub size: f32,
+    mixed: [f32; 2],
+}
+
+impl Harmonic {
+    /// A tone, its angle to the next step of a phase.
+    fn build(tone: Tone, amplitude: &'static str, angle: &'static str) -> Result<Self, OutOfRange> {
+        let is_accepted = (0.0..=0.5).contains(&tone.amplitude);
+        accept(
+            amplitude,
+            tone.amplitude,
+            is_accepted,
+            "0..0.5 of the first",
+        )?;
+        let turn = core::f64::consts::TAU;
+        let is_accepted = (-turn..=turn).contains(&tone.angle);
+        accept(angle, tone.angle, is_accepted, "-6.2832..6.2832 rad")?;
+        if tone.amplitude == 0.0 {
+            return Ok(Self {
+                amplitude: Fixed(0),
+                angle: Phase::ZERO,
+                size: 0.0,
+                mixed: [0.0; 2],
+            });
+        }
+        let phase = Phase::from_radians(tone.angle);
+        let size = tone.amplitude as f32;
+        let (sine, cosine) = sine_cosine_single(phase);
+        Ok(Self {
+            amplitude: Fixed::<32, u32>::nearest(tone.amplitude),
+            angle: phase,
+            size,
+            mixed: [size * cosine, size * sine],
+        })
+    }
+
+    /// `e sin` and `e cos` of the tone's angle, at a node of n times the phase.
+    #[inline(always)]
+    fn at_node(&self, [sine, cosine]: [f32; 2]) -> [f32; 2] {
+        let [a, b] = self.mixed;
+        [a * sine + b * cosine, a * cosine - b * sine]
+    }
+
+    /// The same at a phase `n t`.
+    #[inline(always)]
+    fn at(&self, phase: u32) -> [f32; 2] {
+        let (sine, cosine) = sine_cosine_single(self.with_angle(phase));
+        [self.size * sine, self.size * cosine]
+    }
+
+    #[inline(always)]
+    fn with_angle(&self, phase: u32) -> Phase {
+        Phase::from_bits(phase.wrapping_add(self.angle.bits()))
+    }
+}
+
+/// The harmonics of a track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Harmonics {
+    pub second: Harmonic,
+    pub third: Harmonic,
+    /// Whether the third harmonic is present.
+    pub is_of_three: bool,
+}
+
+/// Displacement and velocity of each tone over its frequency.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Parts(pub [[f32; 2]; 3]);
+
+impl Harmonics {
+    /// The harmonics of a wave.
+    ///
+    /// Errors: `OutOfRange` with the tone out of range.
+    pub fn build(second: Tone, third: Tone) -> Result<Self, OutOfRange> {
+        Ok(Self {
+            second: Harmonic::build(second, "second tone, amplitude", "second tone, angle")?,
+            third: Harmonic::build(third, "third tone, amplitude", "third tone, angle")?,
+            is_of_three: third.amplitude != 0.0,
+        })
+    }
+
+    /// Bound of the n-th derivative of S.
+    pub fn bound(&self, n: u32) -> f32 {
+        let power = |base: u32| base.pow(n) as f32;
+        1.0 + self.second.size * power(2) + self.third.size * power(3)
+    }
+
+    /// Motion of the track at a node.
+    #[inline(always)]
+    pub fn at_node(&self, node: i32) -> Motion {
+        let at = |node: i32| SINE_COSINE_SINGLE[(node & 255) as usize];
+        let [s, c] = at(node);
+        let [s2, c2] = self.second.at_node(at(node.wrapping_mul(2)));
+        let two = Motion {
+            height: s + s2,
+            speed: c + (c2 + c2),
+            push: s + 4.0 * s2,
+            surge: c + 8.0 * c2,
+            bend: s + 16.0 * s2,
+        };
+        if !self.is_of_three {
+            return two;
+        }
+        let [s3, c3] = self.third.at_node(at(node.wrapping_mul(3)));
+        Motion {
+            height: two.height + s3,
+            speed: two.speed + 3.0 * c3,
+            push: two.push + 9.0 * s3,
+            surge: two.surge + 27.0 * c3,
+            bend: two.bend + 81.0 * s3,
+        }
+    }
+
+    /// The tones at a phase, each within e times 6e-8.
+    #[inline(always)]
+    pub fn at(&self, phase: u32) -> Parts {
+        let (sine, cosine) = sine_cosine_single(Phase::from_bits(phase));
+        let third = if self.is_of_three {
+            self.third.at(phase.wrapping_mul(3))
+        } else {
+            [0.0; 2]
+        };
+        Parts([[sine, cosine], self.second.at(phase.wrapping_mul(2)), third])
+    }
+
+    /// The sum of the tones' sines, each times a weight, within 3e-9.
+    #[inline(never)]
+    pub fn sines(&self, phase: Phase, [second, third]: [i64; 2]) -> Fixed<35, i64> {
+        // The finer value of the pair is the cosine.
+        let sine = |phase: Phase| {
+            let quarter = Phase::from_bits(1 << 30);
+            sine_cosine_fine(phase - quarter).1
+        };
+        let times = |harmonic: &Harmonic, n: u32| {
+            let sine = sine(harmonic.with_angle(phase.bits().wrapping_mul(n)));
+            let product = sine.to::<31>().0 * i64::from(harmonic.amplitude.0);
+            Fixed::<63, i64>(product).to::<35>().0
+        };
+        let mut sum = sine(phase).to::<35>().0 + second * times(&self.second, 2);
+        if self.is_of_three {
+            sum += third * times(&self.third, 3);
+        }
+        Fixed(sum)
+    }
+}
+
+impl Parts {
+    /// The sum of the sines, each times a weight.
+    #[inline(always)]
+    pub fn sines(&self, second: f32, third: f32) -> f32 {
+        let [[s, _], [s2, _], [s3, _]] = self.0;
+        s + second * s2 + third * s3
+    }
+
+    /// The sum of the cosines.
+    #[inline(always)]
+    pub fn cosines(&self, second: f32, third: f32) -> f32 {
+        let [[_, c], [_, c2], [_, c3]] = self.0;
+        c + second * c2 + third * c3
+    }
+}

@@ -1,0 +1,679 @@
+//! The first impact on a track of several tones: the stretch between edges that holds it, and the
+//! root in it.
+
+use core::f32::consts::TAU;
+
+use super::flight::Ballistic;
+use super::launch::{Launch, Short};
+use super::track::{Edge, Hump, Limit, Track};
+use crate::impact::anchor::approach::{Approach, approach, householder};
+use crate::impact::anchor::candidate::{MAX_NEGATIVE_DISCRIMINANT, MIN_FALL_SPEED_SQUARED};
+use crate::impact::anchor::flight::{
+    self, Flight, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root, smaller,
+};
+use crate::impact::anchor::settle::{down_crossing, expand};
+use crate::impact::anchor::short::{MAX_LAST_STEP_RATIO, MAX_QUOTIENT_CURVATURE_RATIO};
+use crate::impact::anchor::solve::{Bracket, Found, LaunchPoint, solve};
+
+/// Flight time in rad up to which the divided form is used: its omitted terms are below the
+/// rounding of f32.
+#[inline(always)]
+fn max_short_flight(track: &Track) -> f32 {
+    if track.tones.is_of_three {
+        Ballistic::MAX_SHORT_FLIGHT * (2.0 / 3.0)
+    } else {
+        Ballistic::MAX_SHORT_FLIGHT
+    }
+}
+
+/// Rounding of a height in f32, in b: constant part, and part per rad of flight.
+const HEIGHT_ROUNDING: f32 = 3e-5;
+const HEIGHT_ROUNDING_PER_RADIAN: f32 = 4e-6;
+
+/// Half the pull in `b w^2` below which a step of the phase decides whether the track throws the
+/// part.
+const MAX_LEVEL_HALF_PULL: f32 = 1e-7;
+
+/// Flight time in rad: longest start from the quadratic near launch. Beyond it the track's later
+/// turns dominate.
+const MAX_START_FROM_LAUNCH: f32 = 2.0;
+
+/// First guess in rad for a part that the track throws and whose parabola soon falls through
+/// height 0. The track has sunk by then, so the part meets it later.
+const FIRST_GUESS_AFTER_THROW: f32 = 2.0;
+
+/// Time in rad from launch to a hump's begin: least for passing the hump without a search. Earlier
+/// heights lose digits.
+const MIN_TIME_TO_HUMP: f32 = 0.2;
+
+/// Flight time in rad up to which the quadratic near launch gives the start.
+const MAX_FLIGHT_FROM_LAUNCH: f32 = 0.6;
+
+/// Candidate: a place where the first impact of a low flight may be, without a search.
+pub(super) enum Candidate {
+    /// A short hop: flight in rad and arrival speed.
+    Hop { flight: f32, arrival: f32 },
+    /// The end of an approach.
+    Near(Approach),
+}
+
+/// A candidate from the flight near launch or from the fall of the parabola, with its validity
+/// limits.
+///
+/// The lower limit excludes launch itself and impacts that the short form settles with more digits.
+/// The upper limit is [`Track::limit`] or the reach of [`Limits::contain`].
+#[inline(always)]
+pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Limits)> {
+    let Launch {
+        phase,
+        velocity,
+        height,
+        rise,
+        ..
+    } = *launch;
+    let limit = track.limit(phase, rise)?;
+    let mut limits = Limits {
+        first: (Ballistic::MAX_SHORT_FLIGHT * STEPS_PER_RADIAN) as i64,
+        limit,
+    };
+    let a1 = 0.5 * launch.pull;
+    let a2 = launch.surge * (1.0 / 6.0);
+    let square = a1 * a1;
+    let discriminant = square - 4.0 * a2 * velocity;
+    let mut near = MAX_START_FROM_LAUNCH;
+    if a1 > 0.0 && discriminant > -MAX_NEGATIVE_DISCRIMINANT * square {
+        near = 2.0 * velocity / (a1 + root(discriminant));
+    } else if a1 <= 0.0 && a2 < 0.0 {
+        near = (a1 - root(discriminant)) / (a2 + a2);
+    }
+    if near < MAX_START_FROM_LAUNCH {
+        let short = max_short_flight(track);
+        if near < short {
+            if a1 < MAX_LEVEL_HALF_PULL {
+                return None;
+            }
+            limits.first = 0;
+            let (flight, arrival) = simple_hop(launch, near, short)?;
+            return Some((Candidate::Hop { flight, arrival }, limits));
+        }
+        let (node, offset) = Ballistic::node_of(phase, near);
+        let late = near - offset;
+        if let Some(approach) = approach::<Ballistic<'_>>(track, node, late, -rise, height)
+            && approach.preserves_distance(node, late)
+        {
+            return Some((Candidate::Near(approach), limits));
+        }
+    }
+    let square = rise * rise + 2.0 * track.k * height;
+    if square <= MIN_FALL_SPEED_SQUARED {
+        return None;
+    }
+    let speed = root(square);
+    let origin = rise + speed;
+    if origin <= 0.0 {
+        return None;
+    }
+    let (near, start, speed, base) = if a1 <= 0.0 && origin < FIRST_GUESS_AFTER_THROW * track.k {
+        (FIRST_GUESS_AFTER_THROW, 0.0, -rise, height)
+    } else {
+        let fall = origin * flight::Track::inverse(track);
+        (fall, fall, speed, 0.0)
+    };
+    let (node, offset) = Ballistic::node_of(phase, near);
+    let late = (near - start) - offset;
+    let approach = approach::<Ballistic<'_>>(track, node, late, speed, base)?;
+    approach
+        .preserves_distance(node, late)
+        .then_some((Candidate::Near(approach), limits))
+}
+
+/// Times in steps after launch between which a down-crossing is the first impact.
+#[derive(Clone, Copy)]
+pub(super) struct Limits {
+    first: i64,
+    limit: Limit,
+}
+
+impl Limits {
+    /// Whether a down-crossing `steps` after launch is the first impact.
+    #[inline(always)]
+    pub fn contain(&self, track: &Track, launch: &Launch, steps: i64) -> bool {
+        self.first <= steps
+            && (steps <= self.limit.last || self.contain_beyond(track, launch, steps))
+    }
+
+    /// The same beyond the hump of [`Track::limit`]: the flight is above the track's reach or
+    /// clears the humps.
+    #[inline(never)]
+    fn contain_beyond(&self, track: &Track, launch: &Launch, steps: i64) -> bool {
+        let Launch {
+            phase,
+            height,
+            rise,
+            ..
+        } = *launch;
+        track
+            .limit_from_above(phase, height, rise, self.limit)
+            .is_some_and(|last| steps <= last)
+            || clears(track, launch, steps)
+    }
+}
+
+/// Number of humps passed before the search takes over.
+const MAX_PASSED_HUMPS: usize = 6;
+
+/// Whether a flight clears every hump but the last before `steps`, by more than the rounding of
+/// f32.
+///
+/// Over a hump the gap is convex, above its tangents at both ends.
+fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
+    let Launch {
+        phase,
+        height,
+        rise,
+        ..
+    } = *launch;
+    let humps = track.humps();
+    let wait = |hump: &Hump| hump.phase.wrapping_sub(phase).wrapping_sub(1);
+    let Some((mut place, _)) = humps.iter().enumerate().min_by_key(|(_, hump)| wait(hump)) else {
+        return false;
+    };
+    let mut left = humps.len();
+    let (mut turns, mut turn) = (0.0, 0_i64);
+    for _ in 0..MAX_PASSED_HUMPS {
+        let Some(hump) = humps.get(place) else {
+            return false;
+        };
+        let begin = wait(hump) as f32 * RADIANS_PER_STEP + turns;
+        let end = begin + hump.width;
+        let over = |x: f32, edge: &Edge| {
+            let fall = track.k * x;
+            let height = x * (rise - 0.5 * fall) + (height - edge.height);
+            (height, rise - fall - edge.speed)
+        };
+        let noise = HEIGHT_ROUNDING + HEIGHT_ROUNDING_PER_RADIAN * end;
+        let ((over_begin, falls), (over_end, rises)) =
+            (over(begin, &hump.begin), over(end, &hump.end));
+        if !(begin > MIN_TIME_TO_HUMP && over_begin > noise && over_end > noise) {
+            return false;
+        }
+        if falls < 0.0 && rises > 0.0 {
+            let meet = over_begin * rises + falls * (rises * hump.width - over_end);
+            if meet <= noise * (rises - falls) {
+                return false;
+            }
+        }
+        place = if place + 1 < humps.len() {
+            place + 1
+        } else {
+            0
+        };
+        left -= 1;
+        if left == 0 {
+            left = humps.len();
+            turns += TAU;
+            turn += 1 << 32;
+        }
+        let Some(hump) = humps.get(place) else {
+            return false;
+        };
+        if steps <= turn + i64::from(wait(hump)) + i64::from(hump.length) {
+            return true;
+        }
+    }
+    false
+}
+
+/// The first impact of a flight that is not at rest, and whether it grazes a hump.
+#[inline(always)]
+pub(super) fn search(
+    track: &Track,
+    launch: &Launch,
+    flight: &Ballistic<'_>,
+) -> (Found, bool, Bracket) {
+    let (mut bracket, grazes) = stretch(track, launch, flight);
+    let short = max_short_flight(track);
+    if bracket.low < short {
+        let high = smaller(bracket.high, short);
+        if launch.short(high).value <= 0.0 {
+            let (flight, arrival) = hop(launch, bracket.low, high, bracket.start);
+            return (Found::Short { flight, arrival }, grazes, bracket);
+        }
+        bracket.low = high;
+        bracket.start = larger(bracket.start, high);
+    }
+    let start = LaunchPoint {
+        phase: launch.phase,
+        height: launch.height,
+        rise: launch.rise,
+    };
+    let found = solve(track, &start, flight, &bracket);
+    (found, grazes, bracket)
+}
+
+/// Whether an arrival at `speed` may lie outside its bracket.
+///
+/// Where the gap is nearly flat a step can lead anywhere, even back to launch.
+#[inline(always)]
+pub(super) fn has_left(bracket: &Bracket, steps: i64, speed: f32) -> bool {
+    const BRACKET_ROUNDING: f32 = 1e-3;
+    if speed > 0.02 {
+        return false;
+    }
+    let time = steps as f32 * RADIANS_PER_STEP;
+    time < bracket.low - BRACKET_ROUNDING
+        || time > bracket.high + BRACKET_ROUNDING
+        || time < 0.5 * bracket.low
+}
+
+/// The root in a bracket by bisection alone: time in rad and arrival speed, in f32.
+#[inline(never)]
+pub(super) fn bisect(
+    track: &Track,
+    launch: &Launch,
+    flight: &Ballistic<'_>,
+    bracket: &Bracket,
+) -> (f32, f32) {
+    let edges = Edges {
+        track,
+        launch,
+        flight,
+        short: max_short_flight(track),
+    };
+    let (mut low, mut high) = (bracket.low, bracket.high);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        let (height, slope, half) = edges.at(middle);
+        // On a concave rise even a height rounded below 0 is before the root.
+        if height > 0.0 || (half < 0.0 && slope > 0.0) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    (high, larger(-edges.at(high).1, 0.0))
+}
+
+/// The stretch between edges that holds the first impact, and whether the flight grazes on the way.
+///
+/// The stretch holds one root of the gap. Between humps the gap is concave and starts positive, or
+/// at launch at 0 without falling. It has one root if it is below 0 at the end. Over a hump the gap
+/// is convex. If it is below 0 at the end it has one root, else none or two around its minimum.
+#[inline(always)]
+fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_>) -> (Bracket, bool) {
+    let Launch {
+        phase,
+        height,
+        rise,
+        ..
+    } = *launch;
+    let fallen = || track.fall_time(height, rise) + 1e-3;
+    let humps = track.humps();
+    let (mut next, mut soonest, mut low) = (0, u32::MAX, 0.0);
+    for (n, hump) in humps.iter().enumerate() {
+        // From the very begin of a hump the next one is a whole turn away.
+        let wait = hump.phase.wrapping_sub(phase).wrapping_sub(1);
+        if wait <= soonest {
+            (next, soonest) = (n, wait);
+        }
+        let past = phase.wrapping_sub(hump.phase);
+        if past < hump.length {
+            low = (hump.length - past) as f32 * RADIANS_PER_STEP;
+        }
+    }
+    let edges = Edges {
+        track,
+        launch,
+        flight,
+        short: max_short_flight(track),
+    };
+    // While the ball is above the track's reach no hump meets it.
+    let (from, to) = track.time_above_reach(height, rise);
+    let mut grazes = false;
+    let mut turn = 0_u32;
+    while !humps.is_empty() && turn < 1 << 20 {
+        for n in 0..humps.len() {
+            let place = next + n;
+            let place = if place < humps.len() {
+                place
+            } else {
+                place - humps.len()
+            };
+            let Some(hump) = humps.get(place) else {
+                break;
+            };
+            let wait = hump.phase.wrapping_sub(phase).wrapping_sub(1);
+            let begin = wait as f32 * RADIANS_PER_STEP + turn as f32 * TAU;
+            let end = begin + hump.width;
+            if from <= begin && end <= to {
+                low = end;
+                continue;
+            }
+            let over_begin = edges.gap(begin, &hump.begin);
+            let over_end = || edges.gap(end, &hump.end);
+            // A launch one step before the hump counts as at its begin: above the track from there
+            // on.
+            if over_begin.height <= 0.0 && begin > 0.0 {
+                // The begin may lie there by rounding alone.
+                grazes |= over_begin.height > -edges.rounding(begin)
+                    && edges.is_level(begin, end, over_begin, over_end());
+                return (concave(launch, low, begin, over_begin, hump), grazes);
+            }
+            let over_end = over_end();
+            if over_end.height <= 0.0 {
+                grazes |= over_end.slope > 0.0
+                    && over_end.height > -edges.rounding(end)
+                    && edges.is_level(begin, end, over_begin, over_end);
+                let bracket = Bracket {
+                    low: begin,
+                    high: end,
+                    start: smaller(from_edge(begin, over_begin, &hump.begin), end),
+                };
+                return (bracket, grazes);
+            }
+            if over_begin.slope < 0.0 && over_end.slope > 0.0 {
+                // Height at which the tangents at both ends meet, times the difference of their
+                // slopes.
+                let turning = over_end.slope - over_begin.slope;
+                let meet = over_begin.height * over_end.slope
+                    + over_begin.slope * (over_end.slope * hump.width - over_end.height);
+                let noise = if end < edges.short {
+                    0.0
+                } else {
+                    HEIGHT_ROUNDING + HEIGHT_ROUNDING_PER_RADIAN * end
+                };
+                if meet <= noise * turning {
+                    let (poke, touches) =
+                        edges.find_minimum(begin, end, over_begin.slope / turning);
+                    grazes |= touches;
+                    if let Some(bracket) = poke {
+                        return (bracket, grazes);
+                    }
+                }
+            }
+            low = end;
+        }
+        turn += 1;
+        if turn == 1 && from <= TAU {
+            // Every hump that begins before this turn ends within a turn after it.
+            let last = (to * (1.0 / TAU)) as i32 - 1;
+            if last > 1 {
+                turn = last as u32;
+                low = larger(low, last as f32 * TAU);
+            }
+        }
+    }
+    // Concave throughout: one root, before the ball has fallen below the track.
+    let high = fallen();
+    let start = near_launch(launch).unwrap_or(high);
+    (
+        Bracket {
+            low,
+            high,
+            start: smaller(start, high),
+        },
+        grazes,
+    )
+}
+
+/// A root of the quadratic near launch, where that is accurate.
+#[inline(always)]
+fn near_launch(launch: &Launch) -> Option<f32> {
+    let a1 = 0.5 * launch.pull;
+    let a2 = launch.surge * (1.0 / 6.0);
+    let square = a1 * a1 - 4.0 * a2 * launch.velocity;
+    if !(a1 > 0.0 && square >= 0.0) {
+        return None;
+    }
+    let near = 2.0 * launch.velocity / (a1 + root(square));
+    (near < MAX_FLIGHT_FROM_LAUNCH).then_some(near)
+}
+
+/// The concave stretch before `hump`; the gap is below 0 at the hump's begin.
+#[inline(always)]
+fn concave(launch: &Launch, low: f32, begin: f32, gap: Gap, hump: &Hump) -> Bracket {
+    let near = if low == 0.0 {
+        near_launch(launch)
+    } else {
+        None
+    };
+    let start = near.unwrap_or_else(|| from_edge(begin, gap, &hump.begin));
+    Bracket {
+        low,
+        high: begin,
+        start: smaller(larger(start, low), begin),
+    }
+}
+
+/// A step of Householder's method of order 3 from an edge, where u'' is 0.
+#[inline(always)]
+fn from_edge(time: f32, gap: Gap, edge: &Edge) -> f32 {
+    let Gap { height, slope } = gap;
+    if slope < 0.0 {
+        time + householder(height, slope, slope * slope, 0.0, edge.surge)
+    } else {
+        time
+    }
+}
+
+/// The gap and its slope.
+#[derive(Clone, Copy)]
+struct Gap {
+    height: f32,
+    slope: f32,
+}
+
+/// The flight at the edges and over the humps.
+struct Edges<'a> {
+    track: &'a Track,
+    launch: &'a Launch,
+    flight: &'a Ballistic<'a>,
+    short: f32,
+}
+
+impl Edges<'_> {
+    /// The gap at an edge `x` rad after launch.
+    #[inline(always)]
+    fn gap(&self, x: f32, edge: &Edge) -> Gap {
+        let (track, launch) = (self.track, self.launch);
+        if x < self.short {
+            let Short { value, slope, .. } = launch.short(x);
+            return Gap {
+                height: x * value,
+                slope: value + x * slope,
+            };
+        }
+        let fall = track.k * x;
+        Gap {
+            height: x * (launch.rise - 0.5 * fall) + (launch.height - edge.height),
+            slope: launch.rise - fall - edge.speed,
+        }
+    }
+
+    /// Minimum of the gap over the hump from `begin` to `end`, with a start at a share of it.
+    ///
+    /// Returns a bracket that ends there if the minimum is below the track, and whether it is
+    /// within rounding.
+    #[inline(never)]
+    fn find_minimum(&self, begin: f32, end: f32, share: f32) -> (Option<Bracket>, bool) {
+        let (mut low, mut high) = (begin, end);
+        let mut x = begin - share * (end - begin);
+        for _ in 0..40 {
+            let (slope, half) = self.slope(x);
+            if slope > 0.0 {
+                high = x;
+            } else {
+                low = x;
+            }
+            let newton = x - slope / (half + half);
+            let next = if newton > low && newton < high {
+                newton
+            } else {
+                0.5 * (low + high)
+            };
+            let moved = abs(next - x);
+            x = next;
+            // The slope gives the gap there, to the cube of the remaining distance.
+            if moved <= smaller(1e-3, 1e-2 * x) {
+                break;
+            }
+        }
+        let (height, slope, half) = self.at(x);
+        let back = if half > 0.0 {
+            slope / (half + half)
+        } else {
+            0.0
+        };
+        let lowest = height - 0.5 * slope * back;
+        let bracket = (lowest <= 0.0).then(|| Bracket {
+            low: begin,
+            high: x,
+            start: larger(
+                x - if half > 0.0 {
+                    root(-lowest / half)
+                } else {
+                    0.0
+                },
+                begin,
+            ),
+        });
+        (bracket, abs(lowest) < self.rounding(x))
+    }
+
+    /// Whether the gap over the hump, below 0 at one end, is nowhere below 0 by more than its
+    /// rounding.
+    #[inline(never)]
+    fn is_level(&self, begin: f32, end: f32, over_begin: Gap, over_end: Gap) -> bool {
+        if over_begin.slope >= 0.0 {
+            over_begin.height > -self.rounding(begin)
+        } else if over_end.slope <= 0.0 {
+            over_end.height > -self.rounding(end)
+        } else {
+            let share = over_begin.slope / (over_end.slope - over_begin.slope);
+            self.find_minimum(begin, end, share).1
+        }
+    }
+
+    /// Rounding of the gap after `x`.
+    fn rounding(&self, x: f32) -> f32 {
+        if x >= self.short {
+            return Ballistic::GAP_ROUNDING + Ballistic::GAP_ROUNDING_PER_RADIAN * x;
+        }
+        // Some roundings of f32 and of the pull: per tone where the pull is a sum in f32.
+        let pull = if self.launch.is_near_level() {
+            Ballistic::PULL_ROUNDING
+        } else {
+            larger(Ballistic::PULL_ROUNDING, 6e-8 * self.track.tones.bound(2))
+        };
+        x * (4e-7 * self.launch.velocity + pull * x)
+    }
+
+    /// The slope of the gap and half its curvature after `x`, in f32.
+    #[inline(always)]
+    fn slope(&self, x: f32) -> (f32, f32) {
+        if x < self.short {
+            let (_, slope, half) = self.at(x);
+            return (slope, half);
+        }
+        let (track, launch) = (self.track, self.launch);
+        let (node, offset) = node_of(launch.phase, x);
+        let at = flight::Track::at(track, node);
+        let local = Local {
+            height: 0.0,
+            slope: launch.rise - track.k * (x - offset) - at.speed,
+            push: at.push,
+            surge: at.surge,
+            bend: at.bend,
+        };
+        let (_, gain, half) = expand(track.k, &local, offset);
+        (local.slope + gain, half)
+    }
+
+    /// The gap, its slope and half its curvature after `x`.
+    fn at(&self, x: f32) -> (f32, f32, f32) {
+        if x < self.short {
+            let Short {
+                value,
+                slope,
+                half_bend,
+            } = self.launch.short(x);
+            return (x * value, value + x * slope, slope + x * half_bend);
+        }
+        let (node, offset) = node_of(self.launch.phase, x);
+        let local = self.flight.local(node);
+        let (height, gain, half) = expand(self.track.k, &local, offset);
+        (height, local.slope + gain, half)
+    }
+}
+
+/// The short hop near `x` and below `short`, by third-order steps on `u/d`; `None` unless the root
+/// is simple.
+#[inline(always)]
+fn simple_hop(launch: &Launch, mut x: f32, short: f32) -> Option<(f32, f32)> {
+    for _ in 0..4 {
+        let Short {
+            value,
+            slope,
+            half_bend,
+        } = launch.short(x);
+        if !(slope < 0.0 && abs(value * half_bend) < MAX_QUOTIENT_CURVATURE_RATIO * slope * slope) {
+            return None;
+        }
+        let inverse = 1.0 / slope;
+        let newton = value * inverse;
+        let e = -newton * (1.0 + half_bend * newton * inverse);
+        let last = abs(e) <= MAX_LAST_STEP_RATIO * x;
+        x += e;
+        if !(x > 0.0 && x < short) {
+            return None;
+        }
+        if last {
+            let arrival = -x * (slope + 2.0 * half_bend * e);
+            return (arrival > 0.0).then_some((x, arrival));
+        }
+    }
+    None
+}
+
+/// The short hop that ends between `low` and `high`: third-order steps on `u/d`.
+#[inline(never)]
+fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
+    let mut x = if start > low && start <= high {
+        start
+    } else {
+        0.5 * (low + high)
+    };
+    let mut round = 0;
+    loop {
+        let Short {
+            value,
+            slope,
+            half_bend,
+        } = launch.short(x);
+        if value > 0.0 {
+            low = x;
+        } else {
+            high = x;
+        }
+        let mut e = if slope < 0.0
+            && abs(value * half_bend) < MAX_QUOTIENT_CURVATURE_RATIO * slope * slope
+        {
+            let inverse = 1.0 / slope;
+            let newton = value * inverse;
+            -newton * (1.0 + half_bend * newton * inverse)
+        } else {
+            down_crossing(value, slope, half_bend).0
+        };
+        round += 1;
+        // Rounding may move the root to an end.
+        let inside = x + e >= low && x + e <= high || abs(e) <= 1e-6 * x;
+        if !inside {
+            e = 0.5 * (low + high) - x;
+        }
+        if inside && abs(e) <= MAX_LAST_STEP_RATIO * x || round >= 60 {
+            let flight = x + e;
+            return (flight, larger(-flight * (slope + 2.0 * half_bend * e), 0.0));
+        }
+        x += e;
+    }
+}

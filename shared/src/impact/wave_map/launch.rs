@@ -1,0 +1,146 @@
+//! A launch on a track of several tones.
+
+use core::f64::consts::TAU;
+
+use super::track::Track;
+use crate::arithmetic::lane::{Lane, sine_cosine};
+use crate::impact::double::low::ROUNDING_MARGIN;
+use crate::impact::wave::{Motion, Parts, motion};
+
+/// The state just after an impact, with the quantities that every kind of flight uses.
+#[derive(Clone, Copy)]
+pub(super) struct Launch<L> {
+    /// Phase t in rad, 0..2 pi.
+    pub phase: L,
+    /// Velocity psi relative to the track.
+    pub velocity: L,
+    /// The tones at the phase.
+    pub parts: Parts<L>,
+    /// Motion of the track at the phase.
+    pub at: Motion<L>,
+}
+
+impl<L: Lane> Launch<L> {
+    /// The launch of a state.
+    #[inline(always)]
+    pub fn new<const N: usize>(track: &Track, phase: L, velocity: L) -> Self {
+        let (sine, cosine) = sine_cosine(phase);
+        Self::with_sine_cosine::<N>(track, phase, velocity, sine, cosine)
+    }
+
+    /// The launch of a state, given its sine and cosine.
+    #[inline(always)]
+    pub fn with_sine_cosine<const N: usize>(
+        track: &Track,
+        phase: L,
+        velocity: L,
+        sine: L,
+        cosine: L,
+    ) -> Self {
+        let parts = track.wave.parts::<L, N>(sine, cosine);
+        Self {
+            phase,
+            velocity,
+            parts,
+            at: motion::<L, N>(&parts),
+        }
+    }
+
+    /// The ball's velocity at launch, `psi + S'`.
+    #[inline(always)]
+    pub fn rise(&self) -> L {
+        self.velocity + self.at.speed
+    }
+
+    /// Pull to the track, `k - A`, in `b w^2`.
+    #[inline(always)]
+    pub fn pull(&self, track: &Track) -> L {
+        L::splat(track.k) - self.at.push
+    }
+
+    /// Height of the ball over the middle of the stroke, `d` after launch.
+    #[inline(always)]
+    pub fn height(&self, track: &Track, d: L) -> L {
+        self.at.height + d * (self.rise() - L::splat(0.5 * track.k) * d)
+    }
+
+    /// Square of the ball's speed at a height; negative where it does not reach it.
+    #[inline(always)]
+    pub fn speed_at(&self, track: &Track, height: f64) -> L {
+        let v = self.rise();
+        v * v + L::splat(2.0 * track.k) * (self.at.height - L::splat(height))
+    }
+
+    /// Time in rad at which the ball falls through a height.
+    #[inline(always)]
+    pub fn falls_to(&self, track: &Track, height: f64) -> L {
+        let speed = self.speed_at(track, height).max(L::splat(0.0)).sqrt();
+        (self.rise() + speed) * L::splat(track.per_k)
+    }
+
+    /// Bound of the rounding error of a height: 30 times that at the apex.
+    #[inline(always)]
+    pub fn margin(&self, track: &Track) -> L {
+        let v = self.rise();
+        L::splat(6e-14) * (L::splat(2.0) + v * v * L::splat(track.per_k))
+    }
+
+    /// Whether the ball leaves the track's reach faster than the track's top speed.
+    ///
+    /// It returns equally fast, so it meets the track once, in one monotone stretch.
+    #[inline(always)]
+    pub fn is_tall(&self, track: &Track) -> L::Mask {
+        let leaving = self.speed_at(track, track.wave.top());
+        L::splat(1.2 * track.fastest + ROUNDING_MARGIN).below(leaving)
+            & L::splat(0.0).below(self.rise())
+    }
+
+    /// Time in rad until a phase is reached, in 0..=2 pi, without 0.
+    #[inline(always)]
+    pub fn ahead(&self, phase: f64) -> L {
+        let ahead = L::splat(phase) - self.phase;
+        ahead + L::splat(TAU).keep_where(!L::splat(0.0).below(ahead))
+    }
+
+    /// Whether a flight that is not tall ends within about `longest` rad, by the quadratic of
+    /// `u/d`.
+    ///
+    /// Either the quadratic crosses zero before half of `longest` and its roots are well apart, or
+    /// it bends down and is below zero at `longest`.
+    #[inline(always)]
+    pub fn is_over_within(&self, track: &Track, longest: f64) -> L::Mask {
+        let (psi, c) = (self.velocity, self.at.surge);
+        let pull = self.pull(track);
+        let caught = (psi * L::splat(2.75 / longest)).below(pull)
+            & (c * psi).below(L::splat(0.3) * (pull * pull));
+        let falling = c.below(L::splat(0.0))
+            & (psi + c * L::splat(longest * longest / 6.0)).below(pull * L::splat(longest / 2.0));
+        caught | falling
+    }
+
+    /// The root of the quadratic of `u/d`, for a flight that [ends soon](Self::is_over_within).
+    #[inline(always)]
+    pub fn over_after(&self, track: &Track) -> L {
+        let (zero, psi) = (L::splat(0.0), self.velocity);
+        let a1 = self.pull(track) * L::splat(0.5);
+        let a2 = self.at.surge * L::splat(1.0 / 6.0);
+        let root = (a1 * a1 - L::splat(4.0) * (a2 * psi)).max(zero).sqrt();
+        let pulled = zero.below(a1);
+        L::select(pulled, psi + psi, a1 - root) / L::select(pulled, a1 + root, a2 + a2)
+    }
+
+    /// Whether the part rests: its velocity is 0 and the track does not throw it.
+    ///
+    /// Within rounding of lift-off (A rising through k) the part is thrown.
+    #[inline(always)]
+    pub fn rests(&self, track: &Track) -> L::Mask {
+        let zero = L::splat(0.0);
+        let pull = self.pull(track);
+        let rounded_pull = L::select(
+            zero.below(self.at.surge),
+            pull - L::splat(16.0 * f64::EPSILON),
+            pull,
+        );
+        !zero.below(self.velocity) & !rounded_pull.below(zero)
+    }
+}

@@ -1,0 +1,152 @@
+//! The impact map in f64 on a track of several tones.
+
+use super::first::first_impact;
+use super::launch::Launch;
+use super::search;
+use super::track::Track;
+use crate::arithmetic::lane::Lane;
+use crate::feeder::OutOfRange;
+use crate::impact::double::Map;
+use crate::impact::double::step::build_impact;
+use crate::impact::kernel::{Impact, Kernel, PartState, WaveKernel};
+use crate::impact::wave::{Tone, Wave};
+
+/// The impact map in f64 for one [`Wave`], one k and one restitution.
+///
+/// With the sine alone it is the map of [`Map`], to rounding.
+///
+/// Nodes of a sine table give the fundamental, addition theorems its harmonics: no impact needs a
+/// trigonometric call. The edges where the push passes k decide which stretch of the track a flight
+/// meets; no step does. The certificate covers |S| <= 1 + e + e3 and up to three humps in a turn.
+/// It misses an impact only where an earlier touch is within rounding, and then flags it.
+///
+/// ```
+/// use kband::impact::{Kernel, Tone, Wave, WaveMap};
+/// let wave = Wave::build(Tone { amplitude: 0.15, angle: 2.356 }, Tone::default())?;
+/// let map = WaveMap::on(wave, 0.35, 0.2)?;
+/// let mut state = WaveMap::state(0.5, 0.45)?;
+/// for _ in 0..100 {
+///     state = map.impact(state).next;
+/// }
+/// // Locked: once in every period, at psi = 2 pi k R/(1 + R).
+/// assert!((state.velocity - 0.366_519_142_918_809).abs() < 1e-12);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WaveMap {
+    track: Track,
+    restitution: f64,
+}
+
+impl WaveMap {
+    /// The map for a wave, k within 0.001..=1000 and a restitution within 0..=1.
+    ///
+    /// Errors: `OutOfRange` with the parameter.
+    pub fn on(wave: Wave, k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        Map::build(k, restitution)?;
+        Ok(Self {
+            track: Track::new(wave, k),
+            restitution,
+        })
+    }
+
+    /// Its wave.
+    pub fn wave(&self) -> &Wave {
+        &self.track.wave
+    }
+
+    /// k of this map.
+    pub fn k(&self) -> f64 {
+        self.track.k
+    }
+
+    /// Restitution of this map.
+    pub fn restitution(&self) -> f64 {
+        self.restitution
+    }
+
+    /// The first impact by the certified search alone: slower, the same root to rounding.
+    pub fn search(&self, state: PartState) -> Impact<PartState> {
+        if self.track.wave.is_of_two() {
+            self.search_with::<2>(state)
+        } else {
+            self.search_with::<3>(state)
+        }
+    }
+
+    fn search_with<const N: usize>(&self, state: PartState) -> Impact<PartState> {
+        let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
+        let rests = f64::any(launch.rests(&self.track));
+        build_impact(
+            self.restitution,
+            state,
+            (!rests).then(|| search::landing::<N>(&self.track, &launch)),
+        )
+    }
+
+    #[inline(always)]
+    fn impact_after<const N: usize>(
+        &self,
+        restitution: f64,
+        state: PartState,
+    ) -> Impact<PartState> {
+        let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
+        build_impact(restitution, state, first_impact::<N>(&self.track, &launch))
+    }
+
+    /// The impact of an elastic part: its velocity is the arrival speed.
+    pub(crate) fn elastic_impact(&self, state: PartState) -> Impact<PartState> {
+        self.impact_with_restitution(1.0, state)
+    }
+
+    #[inline(always)]
+    fn impact_with_restitution(&self, restitution: f64, state: PartState) -> Impact<PartState> {
+        if self.track.wave.is_of_two() {
+            self.impact_after::<2>(restitution, state)
+        } else {
+            self.impact_after::<3>(restitution, state)
+        }
+    }
+
+    /// Time in rad from rest at `phase` to lift-off, and its phase; 0 and `phase` where the track
+    /// throws at once.
+    ///
+    /// `None` where the part rests for ever.
+    pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {
+        self.track.throw(phase)
+    }
+
+    pub(in crate::impact) fn track(&self) -> &Track {
+        &self.track
+    }
+}
+
+impl Kernel for WaveMap {
+    type State = PartState;
+
+    const NAME: &'static str = "f64-tones";
+
+    /// The map of the sine alone; [`WaveMap::on`] takes a wave.
+    fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        Self::on(Wave::sine(), k, restitution)
+    }
+
+    fn state(phase: f64, velocity: f64) -> Result<PartState, OutOfRange> {
+        Map::state(phase, velocity)
+    }
+
+    fn observe(state: PartState) -> PartState {
+        state
+    }
+
+    #[inline]
+    fn impact(&self, state: PartState) -> Impact<PartState> {
+        self.impact_with_restitution(self.restitution, state)
+    }
+}
+
+impl WaveKernel for WaveMap {
+    fn on_tones([second, third]: [Tone; 2], k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+        Self::on(Wave::build(second, third)?, k, restitution)
+    }
+}

@@ -1,0 +1,448 @@
+//! Gear: one flight every r drive periods, also when doubled or chaotic, and the share of time in
+//! it (docs/theory-real-parts.md#t10.1).
+//!
+//! The detector is a run rule: 8 successive flights within a tolerance begin gear, one other flight
+//! or a rest ends it. The share is a Monte Carlo estimate over parts with scattered restitution.
+
+mod draw;
+mod fit;
+mod limits;
+mod part;
+mod plan;
+mod strikes;
+
+use core::f64::consts::TAU;
+use core::ops::AddAssign;
+
+use super::lock::accept_order;
+use crate::arithmetic::Phase;
+use crate::feeder::{OutOfRange, accept};
+use crate::impact::{OrbitEvent, PartStep, Scatter, WaveMap, WavePart};
+
+pub use limits::{GearLimits, peaks};
+pub use part::Tones;
+pub use plan::{GEAR_BAND_LOSS, GearPlan, GearPlanSettings, GearPlanner};
+pub use strikes::StrikeCount;
+pub use strikes::{
+    GROUPS, PHASE_BINS, RESTITUTION_MARGIN, StrikeProfile, StrikeProfiler, StrikeSettings,
+};
+
+/// Shortest and longest flight in gear, over r drive periods.
+pub const FLIGHT_RANGE: [f64; 2] = [0.6, 1.4];
+
+/// Successive flights within [`FLIGHT_RANGE`] that begin gear.
+const MIN_FLIGHTS_IN_GEAR: u32 = 8;
+
+/// Whether a flight lies within 0.6 to 1.4 times `period`, the r drive periods of its order, both
+/// in the same unit.
+#[inline]
+pub fn is_in_gear(flight: f64, period: f64) -> bool {
+    FLIGHT_RANGE[0] * period < flight && flight < FLIGHT_RANGE[1] * period
+}
+
+/// Gear detector of one order, fed with flights and rests.
+///
+/// Gear lasts from the first of at least 8 successive flights within 0.6 to 1.4 times r drive
+/// periods. It ends at the first other flight or rest. The mean flight is then r periods, so the
+/// mean arrival speed is that of the lock.
+///
+/// Times are in rad of the drive, in `GearDetector<i64>` in steps of 2^-32 turns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct GearDetector<T = f64> {
+    shortest: T,
+    longest: T,
+    flights: u32,
+    /// Duration of the current run of flights.
+    duration: T,
+    losses: u64,
+}
+
+impl GearDetector {
+    /// Detector of an order, 1..=100 drive periods a flight.
+    pub(crate) fn build(order: u32) -> Result<Self, OutOfRange> {
+        let period = TAU * accept_order(order)?;
+        Ok(Self::from_range(FLIGHT_RANGE.map(|share| share * period)))
+    }
+}
+
+impl GearDetector<i64> {
+    /// Detector of an order, 1..=100 drive periods a flight, with times in steps of 2^-32 turns.
+    pub(crate) fn build_in_steps(order: u32) -> Result<Self, OutOfRange> {
+        let period = Phase::TURN * accept_order(order)?;
+        Ok(Self::from_range(
+            FLIGHT_RANGE.map(|share| (share * period) as i64),
+        ))
+    }
+}
+
+impl<T: Copy + Default + PartialOrd + AddAssign> GearDetector<T> {
+    fn from_range([shortest, longest]: [T; 2]) -> Self {
+        Self {
+            shortest,
+            longest,
+            flights: 0,
+            duration: T::default(),
+            losses: 0,
+        }
+    }
+
+    /// Whether the part is in gear.
+    pub(crate) fn is_in_gear(&self) -> bool {
+        self.flights >= MIN_FLIGHTS_IN_GEAR
+    }
+
+    /// Number of losses of gear.
+    pub(crate) fn losses(&self) -> u64 {
+        self.losses
+    }
+
+    /// Adds a flight and returns the time in gear that it adds; the eighth adds the duration of all
+    /// eight.
+    pub(crate) fn add_flight(&mut self, flight: T) -> T {
+        if !(self.shortest < flight && flight < self.longest) {
+            self.end_gear();
+            return T::default();
+        }
+        self.flights = self.flights.saturating_add(1);
+        self.duration += flight;
+        match self.flights {
+            flights if flights < MIN_FLIGHTS_IN_GEAR => T::default(),
+            MIN_FLIGHTS_IN_GEAR => self.duration,
+            _ => flight,
+        }
+    }
+
+    /// Adds a rest, which ends gear.
+    pub(crate) fn add_rest(&mut self) {
+        self.end_gear();
+    }
+
+    fn end_gear(&mut self) {
+        self.losses += u64::from(self.is_in_gear());
+        self.flights = 0;
+        self.duration = T::default();
+    }
+}
+
+/// Time in gear and losses of gear over an observation time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Share {
+    /// Time in gear in drive periods.
+    pub in_gear: f64,
+    /// Observation time in drive periods.
+    pub observed: f64,
+    /// Losses of gear in that time.
+    pub losses: u64,
+    /// Part of the observation time before the first gear, in drive periods.
+    pub before: f64,
+    /// Time from the start of the simulation to the first gear, or to its end, in drive periods.
+    pub waited: f64,
+    /// Number of parts that came into gear.
+    pub captured: u64,
+}
+
+impl Share {
+    /// Share of time in gear, 0..=1; 0 without observation time.
+    pub fn share(&self) -> f64 {
+        if self.observed > 0.0 {
+            (self.in_gear / self.observed).clamp(0.0, 1.0)
+        } else {
+            0.0
+        }
+    }
+
+    /// Share of time in gear after the first gear, 0..=1; `None` if that never came.
+    pub fn share_after_capture(&self) -> Option<f64> {
+        let after = self.observed - self.before;
+        (after > 0.0 && self.captured > 0).then(|| (self.in_gear / after).clamp(0.0, 1.0))
+    }
+
+    /// Mean time from the start to the first gear, in drive periods; `None` if that never came.
+    ///
+    /// It is the waiting time of all parts over the number of captures, which counts the parts that
+    /// were not captured.
+    pub fn time_to_capture(&self) -> Option<f64> {
+        (self.captured > 0).then(|| self.waited / self.captured as f64)
+    }
+
+    /// Mean time in gear before a loss, in drive periods; `None` without a loss.
+    ///
+    /// Its relative standard error is 1 over the root of the losses, which are a Poisson process.
+    pub fn time_to_loss(&self) -> Option<f64> {
+        (self.losses > 0).then(|| self.in_gear / self.losses as f64)
+    }
+
+    /// Sum of two observations.
+    pub fn plus(&self, other: &Self) -> Self {
+        Self {
+            in_gear: self.in_gear + other.in_gear,
+            observed: self.observed + other.observed,
+            losses: self.losses + other.losses,
+            before: self.before + other.before,
+            waited: self.waited + other.waited,
+            captured: self.captured + other.captured,
+        }
+    }
+}
+
+/// Measures one part's time in gear from its flights and rests. It counts from [`GearWatch::begin`]
+/// on.
+///
+/// ```
+/// use core::f64::consts::TAU;
+/// use kband::regime::gear::GearWatch;
+/// let mut watch = GearWatch::build(1)?;
+/// watch.begin(5.0 * TAU);
+/// // Twenty flights of one period each, of which the last fifteen count.
+/// for landed in 1..=20 {
+///     watch.add_landing(f64::from(landed) * TAU, TAU);
+/// }
+/// watch.add_rest(20.0 * TAU);
+/// let share = watch.share(25.0 * TAU);
+/// assert!((share.share() - 0.75).abs() < 1e-12 && share.losses == 1);
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GearWatch {
+    gear: GearDetector,
+    begin: f64,
+    end: f64,
+    in_gear: f64,
+    losses_before: u64,
+    /// Time at which the first gear began; infinite before.
+    captured: f64,
+}
+
+impl GearWatch {
+    /// A timer of an order, 1..=100 drive periods a flight.
+    pub fn build(order: u32) -> Result<Self, OutOfRange> {
+        Ok(Self {
+            gear: GearDetector::build(order)?,
+            begin: f64::INFINITY,
+            end: f64::INFINITY,
+            in_gear: 0.0,
+            losses_before: 0,
+            captured: f64::INFINITY,
+        })
+    }
+
+    /// Begins to count at time `now` in rad of drive phase.
+    pub fn begin(&mut self, now: f64) {
+        self.begin = now;
+        self.in_gear = 0.0;
+        self.losses_before = self.gear.losses();
+    }
+
+    /// Ends the count at time `now` in rad of drive phase.
+    pub(crate) fn end(&mut self, now: f64) {
+        self.end = now;
+    }
+
+    /// Adds a landing at `time` after a `flight`, both in rad of drive phase.
+    pub fn add_landing(&mut self, time: f64, flight: f64) {
+        let added = self.gear.add_flight(flight);
+        if added > 0.0 {
+            self.captured = self.captured.min(time - added);
+        }
+        let from = (time - added).max(self.begin);
+        self.in_gear += (time.min(self.end) - from).max(0.0);
+        self.update_losses_before(time);
+    }
+
+    /// Adds a rest that began at `time` in rad of drive phase.
+    pub fn add_rest(&mut self, time: f64) {
+        self.gear.add_rest();
+        self.update_losses_before(time);
+    }
+
+    fn update_losses_before(&mut self, time: f64) {
+        if time <= self.begin {
+            self.losses_before = self.gear.losses();
+        }
+    }
+
+    /// Time in gear and losses up to `now` in rad of drive phase.
+    pub fn share(&self, now: f64) -> Share {
+        let end = now.min(self.end);
+        let waited = self.captured.min(end);
+        Share {
+            in_gear: self.in_gear / TAU,
+            observed: (end - self.begin).max(0.0) / TAU,
+            losses: self.gear.losses() - self.losses_before,
+            before: (waited - self.begin).max(0.0) / TAU,
+            waited: waited / TAU,
+            captured: u64::from(self.captured < end),
+        }
+    }
+}
+
+/// Simulates parts from rest for `periods` drive periods (16..=1e7), one per entry of `scatters`.
+///
+/// `each` receives the index of a part and its time in gear of this order over the last three
+/// quarters of the time. `map` gives wave and k; its restitution is unused. A chatter is summed at
+/// the mean restitution. A part at rest for ever is out of gear.
+pub fn shares_from_rest(
+    map: &WaveMap,
+    scatters: &[Scatter],
+    order: u32,
+    periods: f64,
+    mut each: impl FnMut(usize, Share),
+) -> Result<(), OutOfRange> {
+    accept(
+        "periods",
+        periods,
+        (16.0..=1e7).contains(&periods),
+        "16..1e7 drive periods",
+    )?;
+    let mut gear = GearWatch::build(order)?;
+    gear.begin(0.25 * periods * TAU);
+    gear.end(periods * TAU);
+    let watch = PartTimer {
+        gear,
+        time: 0.0,
+        end: periods * TAU,
+    };
+    for (n, scatter) in scatters.iter().enumerate() {
+        let (mut scatter, mut watch) = (*scatter, watch);
+        let mut part = WavePart::at_rest(scatter.mean(), 0.0);
+        while watch.time < watch.end {
+            let event = match part.next(map) {
+                None => break,
+                Some(PartStep::Contact(event)) => event,
+                Some(PartStep::Flight(launch)) => {
+                    part.land(map.elastic_impact(launch), scatter.draw())
+                }
+            };
+            watch.record(&event);
+        }
+        each(n, watch.gear.share(watch.end));
+    }
+    Ok(())
+}
+
+/// One part's time in gear up to an end.
+#[derive(Clone, Copy)]
+struct PartTimer {
+    gear: GearWatch,
+    time: f64,
+    end: f64,
+}
+
+impl PartTimer {
+    fn record(&mut self, event: &OrbitEvent) {
+        match event {
+            OrbitEvent::Impact(impact) => {
+                self.time += impact.flight;
+                self.gear.add_landing(self.time, impact.flight);
+            }
+            OrbitEvent::Rest { chatter, .. } => {
+                self.time += chatter;
+                self.gear.add_rest(self.time);
+            }
+            OrbitEvent::LiftOff { wait, .. } => self.time += wait,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::{Tone, Wave};
+
+    #[test]
+    fn gear_begins_after_eight_flights_and_ends_at_a_rest() {
+        let mut gear = GearDetector::build(2).unwrap();
+        let period = 2.0 * TAU;
+        for n in 0..8 {
+            assert!(!gear.is_in_gear());
+            let added = gear.add_flight(period * if n % 2 == 0 { 0.65 } else { 1.35 });
+            assert_eq!(added > 0.0, n == 7);
+            if n == 7 {
+                assert!((added - 8.0 * period).abs() < 1e-12);
+            }
+        }
+        assert!(gear.is_in_gear() && gear.add_flight(period) == period);
+        assert!(gear.add_flight(1.41 * period) == 0.0 && !gear.is_in_gear() && gear.losses() == 1);
+        for _ in 0..20 {
+            gear.add_flight(period);
+        }
+        gear.add_rest();
+        assert!(!gear.is_in_gear() && gear.losses() == 2);
+        gear.add_rest();
+        assert_eq!(gear.losses(), 2);
+    }
+
+    fn share(wave: &Wave, k: f64, restitution: f64, deviation: f64) -> Share {
+        let map = WaveMap::on(*wave, k, restitution).unwrap();
+        let scatters: [Scatter; 20] = core::array::from_fn(|seed| {
+            Scatter::build(restitution, deviation, seed as u64).unwrap()
+        });
+        let mut sum = Share::default();
+        shares_from_rest(&map, &scatters, 1, 1000.0, |_, share| {
+            sum = sum.plus(&share)
+        })
+        .unwrap();
+        sum
+    }
+
+    /// Shares from a separate C program with its own map and generator, over 20 runs of 1000
+    /// periods each. Both vary by 0.01 where gear is lost every 30 periods.
+    #[test]
+    fn shares_match_an_independent_program() {
+        for (restitution, deviation, k, [e, th, e3, th3], expected) in [
+            (0.3, 0.05, 0.45, [0.0; 4], 0.811),
+            (0.3, 0.05, 0.523, [0.0; 4], 0.0),
+            (0.3, 0.10, 0.44, [0.0; 4], 0.459),
+            (0.2, 0.05, 0.41, [0.0; 4], 0.935),
+            (0.5, 0.06, 0.54, [0.0; 4], 0.290),
+            (0.3, 0.10, 0.42, [0.15, 2.487, 0.0, 0.0], 0.938),
+            (0.5, 0.10, 0.46, [0.15, 2.356, 0.0, 0.0], 0.704),
+            (0.5, 0.10, 0.573, [0.23, 2.60, 0.0, 0.0], 0.945),
+            (0.5, 0.10, 0.55, [0.274, 2.73, 0.07, 5.74], 0.982),
+        ] {
+            let tone = |amplitude, angle| Tone { amplitude, angle };
+            let wave = Wave::build(tone(e, th), tone(e3, th3)).unwrap();
+            let found = share(&wave, k, restitution, deviation);
+            assert!((found.share() - expected).abs() < 0.03, "{k} {found:?}");
+        }
+    }
+
+    #[test]
+    fn locked_part_is_in_gear_and_resting_part_is_not() {
+        let sine = Wave::sine();
+        // The launch from rest locks.
+        let locked = share(&sine, 0.405, 0.2, 0.0);
+        assert_eq!((locked.share(), locked.time_to_loss()), (1.0, None));
+        assert_eq!(share(&sine, 0.43, 0.2, 0.0).share(), 0.0);
+        // It rests for ever.
+        assert_eq!(share(&sine, 1.2, 0.2, 0.05).share(), 0.0);
+    }
+
+    /// R 0.55 on two tones is slow to capture, and then never lost.
+    #[test]
+    fn time_to_capture_is_apart_from_the_share_after_it() {
+        let second = Tone::new(0.15, 2.356);
+        let wave = Wave::build(second, Tone::default()).unwrap();
+        let found = share(&wave, 0.585, 0.55, 0.03);
+        let after = found.share_after_capture().unwrap();
+        let waited = found.time_to_capture().unwrap();
+        assert!(found.share() < 0.99 && after > 0.999, "{found:?}");
+        assert!(waited > 100.0 && found.captured == 20, "{found:?}");
+        let never = share(&Wave::sine(), 1.2, 0.2, 0.05);
+        assert_eq!(never.share_after_capture(), None);
+        assert_eq!(never.time_to_capture(), None);
+        assert!((never.waited - 20_000.0).abs() < 1e-6, "{never:?}");
+    }
+
+    #[test]
+    fn order_and_periods_out_of_range_are_refused() {
+        let map = WaveMap::on(Wave::sine(), 0.4, 0.2).unwrap();
+        let refused = |order, periods| {
+            let each = |_, _| panic!("no part is simulated");
+            let scatters = [Scatter::build(0.2, 0.0, 0).unwrap()];
+            shares_from_rest(&map, &scatters, order, periods, each).unwrap_err()
+        };
+        assert_eq!(refused(0, 100.0).parameter, "order");
+        assert_eq!(refused(1, 10.0).parameter, "periods");
+    }
+}

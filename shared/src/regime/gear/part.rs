@@ -1,0 +1,257 @@
+//! Event-driven simulation of one part on one track, in single precision: flights by the impact
+//! map, rests in closed form.
+//!
+//! Equations: docs/theory-impacts.md#t2 (impact map), #t4.1 (chatter), #t4.2 (lift-off).
+
+use super::GearDetector;
+use super::draw::Draw;
+use crate::arithmetic::{Phase, sine_cosine_single};
+use crate::feeder::OutOfRange;
+use crate::impact::{LIFT_OFF_DELAY, Landing, SingleState, Tone, WaveKernel, WaveSingle};
+use crate::regime::MAX_SERIES_CHATTER_VELOCITY;
+
+/// Second and third tone: amplitude over the first (symbol e) and angle in rad (symbol th) of each.
+pub type Tones = [[f32; 2]; 2];
+
+/// Motion of the track and its impact map, in single precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackMap {
+    single: WaveSingle,
+    k: f32,
+    /// Amplitudes over the first and angles of the upper tones.
+    ratios: [f32; 2],
+    angles: [Phase; 2],
+}
+
+impl TrackMap {
+    /// Builds the track from k and tones; an error names the parameter out of range.
+    pub fn build(k: f32, tones: Tones) -> Result<Self, OutOfRange> {
+        let built = tones.map(|[ratio, angle]| Tone::new(f64::from(ratio), f64::from(angle)));
+        Ok(Self {
+            single: WaveSingle::on_tones(built, f64::from(k), 1.0)?,
+            k,
+            ratios: tones.map(|[ratio, _]| ratio),
+            angles: tones.map(|[_, angle]| Phase::from_radians(f64::from(angle))),
+        })
+    }
+
+    /// Pull `k - A` towards the track at a phase, and the slope of the acceleration A.
+    #[inline]
+    fn pull(&self, phase: Phase) -> (f32, f32) {
+        let (sine, cosine) = sine_cosine_single(phase);
+        let ([second, third], [of_second, of_third]) = (self.ratios, self.angles);
+        if second == 0.0 {
+            return (self.k - sine, cosine);
+        }
+        let tone = |times: u32, angle: Phase| {
+            sine_cosine_single(Phase::from_bits(phase.bits().wrapping_mul(times)) + angle)
+        };
+        let (push, slope) = tone(2, of_second);
+        let mut pushed = sine + 4.0 * second * push;
+        let mut surge = cosine + 8.0 * second * slope;
+        if third > 0.0 {
+            let (push, slope) = tone(3, of_third);
+            pushed += 9.0 * third * push;
+            surge += 27.0 * third * slope;
+        }
+        (self.k - pushed, surge)
+    }
+
+    /// Delay in steps of 2^-32 turns until lift-off of a part at rest; `None` without lift-off.
+    #[inline]
+    fn wait_to_lift_off(&self, phase: Phase) -> Option<u32> {
+        if self.single.throws(phase) {
+            return Some(0);
+        }
+        let lift_off = self.single.lift_off(phase)?;
+        Some((lift_off - phase).bits().wrapping_add(LAUNCH_DELAY_STEPS))
+    }
+}
+
+/// Delay of a launch after lift-off, in steps of 2^-32 turns, as in each arithmetic coarser than
+/// f64.
+const LAUNCH_DELAY_STEPS: u32 = (LIFT_OFF_DELAY * Phase::STEPS_PER_RADIAN) as u32;
+
+/// Delay after a launch without a flight, in steps of 2^-32 turns; 1.5e-3 rad.
+const NO_FLIGHT_DELAY_STEPS: i64 = 1 << 20;
+
+/// Simulated time, in steps of 2^-32 turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    /// Start of the counted time.
+    pub begin: i64,
+    /// End of the simulation.
+    pub end: i64,
+}
+
+impl Span {
+    /// A span of `all` drive periods, the first `before` of which are not counted.
+    pub fn from_periods(all: u16, before: u16) -> Self {
+        Self {
+            begin: i64::from(before) << 32,
+            end: i64::from(all) << 32,
+        }
+    }
+}
+
+/// An impact of the simulated part.
+#[derive(Clone, Copy, Debug)]
+pub struct SimulatedImpact {
+    launch: SingleState,
+    /// Phase of the drive at the impact.
+    pub phase: Phase,
+    restitution: f32,
+    velocity: f32,
+    /// Flight before the impact, in steps of 2^-32 turns.
+    pub steps: i64,
+    /// Whether the flight began from rest.
+    pub from_rest: bool,
+    /// Whether the part is in gear after the impact.
+    pub in_gear: bool,
+}
+
+impl SimulatedImpact {
+    /// Arrival speed in `b w`.
+    pub fn arrival_speed(&self, map: &TrackMap) -> f32 {
+        if self.restitution > MIN_RESTITUTION_FOR_DIVISION {
+            return self.velocity / self.restitution;
+        }
+        map.single.land_at(self.launch, 1.0).next.velocity
+    }
+
+    /// Downward acceleration of the track (symbol A) at the launch of the flight.
+    pub fn launch_acceleration(&self, map: &TrackMap) -> f32 {
+        map.k - map.pull(self.launch.phase).0
+    }
+}
+
+/// Restitution from which the arrival speed is the launch speed over the restitution. Below it
+/// rounding dominates.
+const MIN_RESTITUTION_FOR_DIVISION: f32 = 0.01;
+
+/// Simulation state of one part with scattered restitution; it starts at rest at phase 0.
+#[derive(Clone, Copy, Debug)]
+pub struct SimulatedPart {
+    draw: Draw,
+    gear: GearDetector<i64>,
+    span: Span,
+    phase: Phase,
+    velocity: f32,
+    is_at_rest: bool,
+    time: i64,
+    in_gear: i64,
+}
+
+impl SimulatedPart {
+    /// A part at rest, for a time span, with a gear detector in its initial state.
+    pub fn new(draw: Draw, gear: GearDetector<i64>, span: Span) -> Self {
+        Self {
+            draw,
+            gear,
+            span,
+            phase: Phase::ZERO,
+            velocity: 0.0,
+            is_at_rest: true,
+            time: 0,
+            in_gear: 0,
+        }
+    }
+
+    /// Starts in flight instead, at a phase with a launch velocity in `b w` over the track's.
+    pub fn with_launch(self, phase: Phase, velocity: f32) -> Self {
+        Self {
+            phase,
+            velocity,
+            is_at_rest: false,
+            ..self
+        }
+    }
+
+    /// Simulated time so far, in steps of 2^-32 turns.
+    pub fn time(&self) -> i64 {
+        self.time
+    }
+
+    /// Share of the counted time in gear, 0..=1.
+    pub fn share(&self) -> f32 {
+        let watched = self.span.end - self.span.begin;
+        self.in_gear as f32 / watched as f32
+    }
+
+    /// Simulates one flight, with a rest before it, and returns whether the end is reached.
+    #[inline]
+    pub fn simulate_flight(&mut self, map: &TrackMap) -> bool {
+        self.simulate_flight_with(map, |_| {})
+    }
+
+    /// As [`SimulatedPart::simulate_flight`]; passes the impact that ended the flight to `record`.
+    #[inline]
+    pub fn simulate_flight_with(
+        &mut self,
+        map: &TrackMap,
+        record: impl FnOnce(SimulatedImpact),
+    ) -> bool {
+        let rested = self.is_at_rest;
+        if rested {
+            let Some(wait) = map.wait_to_lift_off(self.phase) else {
+                return true;
+            };
+            self.advance_time(i64::from(wait));
+            self.velocity = 0.0;
+            self.is_at_rest = false;
+        }
+        let launch = SingleState {
+            phase: self.phase,
+            velocity: self.velocity,
+        };
+        let restitution = self.draw.draw();
+        let Landing { steps, next, .. } = map.single.land_at(launch, restitution);
+        if steps <= 0 {
+            // The hop is shorter than one step of time: the part rests, and time advances.
+            self.begin_rest();
+            self.advance_time(NO_FLIGHT_DELAY_STEPS);
+            return self.time >= self.span.end;
+        }
+        self.advance_time(steps);
+        let added = self.gear.add_flight(steps);
+        let from = (self.time - added).max(self.span.begin);
+        self.in_gear += (self.time.min(self.span.end) - from).max(0);
+        self.velocity = next.velocity;
+        record(SimulatedImpact {
+            launch,
+            phase: self.phase,
+            restitution,
+            velocity: next.velocity,
+            steps,
+            from_rest: rested,
+            in_gear: self.gear.is_in_gear(),
+        });
+        if self.velocity < MAX_SERIES_CHATTER_VELOCITY {
+            self.sum_chatter(map);
+        }
+        self.time >= self.span.end
+    }
+
+    fn advance_time(&mut self, steps: i64) {
+        self.time += steps;
+        self.phase = Phase::from_bits(self.phase.bits().wrapping_add(steps as u32));
+    }
+
+    fn begin_rest(&mut self) {
+        self.is_at_rest = true;
+        self.gear.add_rest();
+    }
+
+    /// Sums a decaying chatter as a series if the pull outlasts it (docs/theory-impacts.md#t4.1),
+    /// as [`TrialRun`](crate::regime::capture::TrialRun) does. The part is at rest afterwards.
+    fn sum_chatter(&mut self, map: &TrackMap) {
+        let (pull, slope) = map.pull(self.phase);
+        let x = 2.0 * self.velocity / (pull * (1.0 - self.draw.mean()));
+        if pull <= 0.0 || x * slope.abs() > 0.1 * pull {
+            return;
+        }
+        let duration = x * (1.0 + x * slope / (3.0 * pull));
+        self.advance_time((duration * Phase::STEPS_PER_RADIAN as f32) as i64);
+        self.begin_rest();
+    }
+}

@@ -1,0 +1,311 @@
+//! Measurement of the conveying speed on a track with several tones and friction.
+
+use super::conveyed::Conveyed;
+use super::survey::{CONVERGENCE_PERIODS, Effort, Measured, Origin, classify_run};
+use crate::impact::{AlongLaw, Friction, OrbitEvent, StopReason, WaveMap, WaveOrbit};
+
+/// Largest number of lift-off phases in a turn; after as many lift-offs the phases repeat.
+const MAX_LIFT_OFF_PHASES: usize = 3;
+
+/// [`measure`](super::measure) on the track of `map` with friction; `along` must be built for the
+/// same track and k.
+///
+/// A part may have several lift-off phases in a cycle. If it comes to rest, it is measured between
+/// two lift-offs at the same phase, once its velocity there has converged.
+///
+/// ```
+/// use kband::impact::{Friction, FrictionSettings, Tone, Wave, WaveMap};
+/// use kband::transport::{Effort, Motion, Origin, measure_on_tones};
+///
+/// let second = Tone { amplitude: 0.15, angle: 2.356 };
+/// let wave = Wave::build(second, Tone::default())?;
+/// let settings = FrictionSettings {
+///     sticking: 0.3,
+///     sliding: 0.3,
+///     amplitude_ratio: 1.5,
+///     phase_lead: 0.0,
+///     incline_tangent: 3.0_f64.to_radians().tan(),
+/// };
+/// let k = 1.0 / 1.2;
+/// let effort = Effort { settle: 1000, impacts: 3000 };
+/// let run = measure_on_tones(
+///     &WaveMap::on(wave, k, 0.2)?,
+///     Friction::on(&wave, k, settings)?,
+///     Origin::Rest,
+///     effort,
+/// );
+/// assert_eq!(run.motion, Motion::HopAndRest);
+/// assert!(run.conveyed.time_mean().is_some_and(|speed| speed > 0.0));
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+pub fn measure_on_tones(map: &WaveMap, along: Friction, start: Origin, effort: Effort) -> Measured {
+    let mut run = Run {
+        orbit: match start {
+            Origin::Rest => WaveOrbit::from_rest(map),
+            Origin::Hop(state) => WaveOrbit::new(map, state),
+        },
+        along,
+        velocity: 0.0,
+        rested: 0.0,
+        conveyed: Conveyed::default(),
+    };
+    let (ended, steady) = run.measure_until_steady(effort);
+    classify_run(ended, run.conveyed, steady, along)
+}
+
+struct Run {
+    orbit: WaveOrbit,
+    along: Friction,
+    /// Velocity along the track after the last event (symbol phi) in `b w`.
+    velocity: f64,
+    /// Phase of the last rest.
+    rested: f64,
+    conveyed: Conveyed,
+}
+
+impl Run {
+    /// Runs the transient, then the measurement; returns whether the velocity along the track has
+    /// converged.
+    fn measure_until_steady(&mut self, effort: Effort) -> (StopReason, bool) {
+        self.simulate(effort.settle, |_| false);
+        self.conveyed = Conveyed::default();
+        let mut phase = None;
+        for _ in 0..MAX_LIFT_OFF_PHASES {
+            match self.simulate(effort.impacts, |_| true) {
+                StopReason::Repeats => phase = Some(self.orbit.state().phase),
+                other => return (other, true),
+            }
+        }
+        let mut ended = StopReason::Repeats;
+        for _ in 0..CONVERGENCE_PERIODS {
+            let before = self.velocity;
+            self.conveyed = Conveyed::default();
+            ended = self.simulate(effort.impacts, |lift_off| Some(lift_off) == phase);
+            if ended != StopReason::Repeats || (self.velocity - before).abs() <= 1e-12 {
+                return (ended, true);
+            }
+        }
+        (ended, false)
+    }
+
+    /// Simulates this number of impacts, or until a lift-off at a selected phase.
+    fn simulate(&mut self, impacts: u64, until: impl Fn(f64) -> bool) -> StopReason {
+        let last = self.conveyed.impacts + impacts;
+        while self.conveyed.impacts < last {
+            let before = self.orbit.state();
+            match self.orbit.next() {
+                None => return StopReason::RestsForEver,
+                Some(OrbitEvent::Impact(impact)) => {
+                    let (distance, velocity) =
+                        self.along.move_in_flight(before, &impact, self.velocity);
+                    self.conveyed.add_flight(distance, impact.flight);
+                    self.velocity = velocity;
+                }
+                Some(OrbitEvent::Rest { chatter, phase }) => {
+                    let lain = self.along.integrate_chatter(before, chatter, self.velocity);
+                    self.conveyed.add_chatter(&lain, chatter);
+                    (self.velocity, self.rested) = (lain.velocity, phase);
+                }
+                Some(OrbitEvent::LiftOff { wait, phase }) => {
+                    let lain = self.along.move_in_contact(self.rested, wait, self.velocity);
+                    self.conveyed.add_rest(&lain, wait);
+                    self.velocity = lain.velocity;
+                    if until(phase) {
+                        return StopReason::Repeats;
+                    }
+                }
+            }
+        }
+        StopReason::Counted
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f64::consts::TAU;
+
+    use super::*;
+    use crate::impact::{FrictionSettings, Kernel, Map, PartState, Tone, Wave};
+    use crate::transport::{Motion, measure};
+
+    fn settings(mu: f64) -> FrictionSettings {
+        FrictionSettings {
+            sticking: mu,
+            sliding: mu,
+            amplitude_ratio: 1.5,
+            phase_lead: 0.3,
+            incline_tangent: 0.05,
+        }
+    }
+
+    fn two_tones(amplitude: f64, angle: f64) -> Wave {
+        Wave::build(Tone { amplitude, angle }, Tone::default()).unwrap()
+    }
+
+    const EFFORT: Effort = Effort {
+        settle: 300,
+        impacts: 1000,
+    };
+
+    #[test]
+    fn one_tone_measurement_matches_the_sine() {
+        let mut motions = [0; 3];
+        let mut exact = 0;
+        for n in 0..60 {
+            let k = 0.36 + 0.013 * f64::from(n);
+            let along = Friction::build(k, settings(0.3)).unwrap();
+            let map = Map::build(k, 0.2).unwrap();
+            let one = measure(&map, along, Origin::Rest, EFFORT, &mut ());
+            let map = WaveMap::build(k, 0.2).unwrap();
+            let same = measure_on_tones(&map, along, Origin::Rest, EFFORT);
+            assert_eq!(one.motion, same.motion, "{k}");
+            motions[one.motion as usize] += 1;
+            let (one, same) = (one.conveyed, same.conveyed);
+            // For long orbits rounding decides which flights are counted.
+            let long = one.impacts > 50 * one.rests && one.impacts > 0;
+            let within = if long { 2e-3 } else { 1e-9 };
+            let means = |of: &Conveyed| {
+                let time = of.flying + of.resting;
+                [of.distance, of.forward, of.backward].map(|sum| sum / time)
+            };
+            let differences = means(&one).into_iter().zip(means(&same));
+            let differences = differences.map(|(one, same)| (one - same).abs());
+            assert!(
+                differences.fold(0.0, f64::max) < within,
+                "{k}: {one:?} {same:?}"
+            );
+            exact += usize::from(!long);
+        }
+        assert!(exact > 20, "{exact}");
+        assert!(motions.iter().all(|count| *count > 4), "{motions:?}");
+    }
+
+    /// A part with two lift-offs a cycle is measured over whole cycles. More impacts or another
+    /// start give the same result.
+    #[test]
+    fn period_mean_is_independent_of_the_effort() {
+        let mut twice = 0;
+        for n in 0..40 {
+            let part = |m: i32| f64::from(n * m % 41) / 41.0;
+            let wave = two_tones(0.15 + 0.35 * part(5), 6.0 * part(7));
+            let k = (0.45 + 0.5 * part(11)) * wave.highest_throw();
+            let along = Friction::on(&wave, k, settings(0.2 + 0.2 * part(13))).unwrap();
+            let map = WaveMap::on(wave, k, 0.1).unwrap();
+            let found = measure_on_tones(&map, along, Origin::Rest, EFFORT);
+            if found.motion != Motion::HopAndRest {
+                continue;
+            }
+            let longer = Effort {
+                settle: 317,
+                impacts: 5000,
+            };
+            let again = measure_on_tones(&map, along, Origin::Rest, longer);
+            let time = found.conveyed.flying + found.conveyed.resting;
+            let cycles = time / TAU;
+            assert!((cycles - cycles.round()).abs() < 1e-9, "{n}: {cycles}");
+            let mean = |found: &Measured| found.conveyed.time_mean().unwrap();
+            let differences = (mean(&found) - mean(&again)).abs();
+            assert!(differences < 1e-9, "{n}: {found:?} {again:?}");
+            twice += usize::from(found.conveyed.rests > cycles.round() as u64);
+        }
+        assert!(twice > 3, "{twice}");
+    }
+
+    /// While a part slides in one direction, v' + c mu u' is independent of the contact force,
+    /// through slides and impacts, on any wave.
+    #[test]
+    fn contact_force_invariant_is_conserved_on_every_wave() {
+        let mut runs = 0;
+        for n in 0..300 {
+            let part = |m: i32| f64::from(n * m % 101) / 101.0;
+            let tone = |size: f64, angle: f64| Tone::new(0.4 * size, 6.0 * angle);
+            let wave = Wave::build(tone(part(31), part(37)), tone(part(41), part(43))).unwrap();
+            let rub = FrictionSettings {
+                sticking: 0.1 + 0.2 * part(5),
+                sliding: 0.1 + 0.2 * part(5),
+                amplitude_ratio: 0.5 + 2.0 * part(7),
+                phase_lead: 2.0 * part(11) - 1.0,
+                incline_tangent: 0.2 * part(13) - 0.1,
+            };
+            let (k, mu) = ((0.3 + 0.6 * part(17)) * wave.highest_throw(), rub.sliding);
+            // Fast enough to keep its direction for a while.
+            let c = if n % 2 == 0 { 1.0 } else { -1.0 };
+            let start = PartState::new(6.0 * part(23), 0.3 + part(29));
+            let map = WaveMap::on(wave, k, 0.1 + 0.7 * part(19)).unwrap();
+            let mut run = Run {
+                orbit: WaveOrbit::new(&map, start),
+                along: Friction::on(&wave, k, rub).unwrap(),
+                velocity: 60.0 * c,
+                rested: 0.0,
+                conveyed: Conveyed::default(),
+            };
+            // Velocity of the track at a phase, and its part of the invariant.
+            let carried = |phase: f64| {
+                let along = wave.motion(phase + rub.phase_lead)[1];
+                rub.amplitude_ratio * along + c * mu * wave.motion(phase)[1]
+            };
+            let held = k * (rub.incline_tangent + c * mu);
+            let shared = |run: &Run| {
+                let (state, conveyed) = (run.orbit.state(), &run.conveyed);
+                let time = conveyed.flying + conveyed.resting;
+                let left = run.velocity + c * mu * state.velocity;
+                left + carried(state.phase) + held * time
+            };
+            let begun = shared(&run);
+            for _ in 0..30 {
+                // One event at a time: an impact, or a lift-off after a rest.
+                let ended = run.simulate(1, |_| true);
+                if ended == StopReason::RestsForEver || run.velocity * c <= 0.0 {
+                    break;
+                }
+                let conveyed = &run.conveyed;
+                let clock = conveyed.flying + conveyed.resting;
+                let now = shared(&run);
+                assert!(
+                    (now - begun).abs() < 1e-8 * (1.0 + clock),
+                    "{n}: {now} {begun}"
+                );
+                runs += 1;
+            }
+        }
+        assert!(runs > 4000, "{runs}");
+    }
+
+    #[test]
+    fn sliding_and_hopping_begin_at_their_thresholds() {
+        for (e, th) in [(0.15, 2.356), (0.3, 0.5), (0.1, 5.0)] {
+            let wave = two_tones(e, th);
+            let rub = settings(0.6);
+            let moves = |throw: f64| {
+                let (k, along) = (1.0 / throw, Friction::on(&wave, 1.0 / throw, rub).unwrap());
+                let map = WaveMap::on(wave, k, 0.2).unwrap();
+                measure_on_tones(&map, along, Origin::Rest, EFFORT).conveyed
+            };
+            let hops = 1.0 / wave.highest_throw();
+            let first =
+                [true, false].map(|upwards| rub.sliding_throw_number_on(&wave, upwards).unwrap());
+            let [up, down] = first;
+            assert!(up.min(down) < hops, "{e} {th}");
+            let least = up.min(down);
+            let still = moves(least * (1.0 - 1e-6));
+            assert_eq!((still.forward, still.backward), (0.0, 0.0));
+            let slides = moves(least * (1.0 + 1e-3));
+            assert!(
+                if up < down {
+                    slides.forward
+                } else {
+                    slides.backward
+                } > 0.0
+            );
+            assert_eq!(moves(hops * (1.0 - 1e-6)).flying, 0.0);
+            assert!(moves(hops * (1.0 + 1e-3)).flying > 0.0);
+        }
+        // On one tone it agrees with the closed form.
+        for upwards in [true, false] {
+            let rub = settings(0.3);
+            let closed = rub.sliding_throw_number(upwards).unwrap();
+            let found = rub.sliding_throw_number_on(&Wave::sine(), upwards).unwrap();
+            assert!((found - closed).abs() < 1e-12, "{found} {closed}");
+        }
+    }
+}
