@@ -12,6 +12,7 @@ use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader as _, ProgramHeader as _};
 use object::{Object, ObjectSymbol};
 
+use crate::chip::kind::Kind;
 use crate::emulator::Machine;
 use crate::root;
 
@@ -37,6 +38,15 @@ pub fn build(package: &str, bin: &str, machine: Machine) -> PathBuf {
 /// As [`build`].
 pub fn feeder() -> PathBuf {
     build("kband-firmware", "feeder", Machine::CortexM4F)
+}
+
+/// Builds the image of the board with this chip.
+///
+/// # Panics
+/// As [`build`].
+pub fn feeder_on(kind: Kind) -> PathBuf {
+    let features = kind.facts().feature;
+    built("kband-firmware", "feeder", Machine::CortexM4F, features)
 }
 
 /// Builds the binary `bin` of `package` with these features instead of the default ones.

@@ -22,6 +22,7 @@ use kband_plant::{Change, Scene};
 use crate::chip::clocks::{Cause, TICKS};
 use crate::chip::core::{Bus, STACK};
 use crate::chip::gpio::Wire;
+use crate::chip::kind::Kind;
 use crate::chip::world::{Seen, World};
 use crate::chip::{Chip, Hang, flash};
 use crate::images;
@@ -117,7 +118,16 @@ impl Rig {
     /// # Panics
     /// The file is no image.
     pub fn boot(image: &Path) -> Self {
-        let mut rig = Self::with(chip_with_image(image), &Scene::default());
+        Self::boot_chip(chip_with_image(image))
+    }
+
+    /// As [`Rig::boot`], with the image of the board with this chip.
+    pub fn boot_on(kind: Kind) -> Self {
+        Self::boot_chip(chip_of(kind, &images::feeder_on(kind)))
+    }
+
+    fn boot_chip(chip: Chip) -> Self {
+        let mut rig = Self::with(chip, &Scene::default());
         rig.chip.power_on();
         rig
     }
@@ -360,7 +370,15 @@ impl Rig {
 /// # Panics
 /// The file is no image for this chip.
 pub fn chip_with_image(image: &Path) -> Chip {
-    let mut chip = Chip::default();
+    chip_of(Kind::default(), image)
+}
+
+/// As [`chip_with_image`], with this chip.
+///
+/// # Panics
+/// The file is no image for this chip.
+pub fn chip_of(kind: Kind, image: &Path) -> Chip {
+    let mut chip = Chip::new(kind);
     let segments = images::segments(image);
     for (address, data) in &segments {
         let at = (address - flash::START) as usize;

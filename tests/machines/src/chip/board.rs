@@ -1,30 +1,28 @@
 //! Model of the chip without its core: memory, peripherals and external connections (RM0090,
-//! chapter 2).
+//! chapter 2). Registers have their addresses on the STM32F405; `Kind::place` converts others.
 
 use super::bridge::{Bridge, Effects};
 use super::check::Check;
-use super::clocks::{Cause, Clocks, FASTEST, TICKS};
+use super::clocks::{Cause, Clocks, START_CYCLE, TICKS};
 use super::converter::Converter;
 use super::core::Bus;
 use super::flash::{self, Flash};
 use super::gpio::{Mode, Port, Wire};
-use super::power::{LOWEST, Power, Supply};
+use super::kind::Kind;
+use super::power::{Power, Supply};
 use super::serial::Serial;
 use super::system::{NMI, System, WriteEffect};
 use super::voltage::Voltage;
 use super::watchdog::{Independent, WINDOW_CONTROL, Window};
-use super::world::{STEP, Seen, World};
+use super::world::{CURRENT, STEP, Seen, World};
 
 /// First address of the RAM.
 pub const MEMORY: u32 = 0x2000_0000;
 const MEMORY_SIZE: usize = 128 * 1024;
 const COUPLED: u32 = 0x1000_0000;
-const COUPLED_SIZE: usize = 64 * 1024;
-/// Addresses: identity of the chip, debug freeze registers (38.16), flash size (39.2).
+/// Addresses: identity of the chip, debug freeze register (38.16).
 const IDENTITY: u32 = 0xe004_2000;
 const STOPS_LOWER: u32 = 0xe004_2008;
-const STOPS_UPPER: u32 = 0xe004_200c;
-const FLASH_SIZE: u32 = 0x1fff_7a20;
 /// Interrupt numbers (12.2, table 62).
 const WINDOW: u16 = 0;
 const MONITOR: u16 = 1;
@@ -36,10 +34,18 @@ const TIMER_UPDATE: u16 = 25;
 const SERIAL: u16 = 37;
 /// EXTI line of the supply monitor (12.2.5).
 const MONITOR_LINE: u32 = 1 << 16;
+/// Breaks of TIM1 by the chip itself in SYSCFG_CFGR2 of the STM32G474 (RM0440, 10.2.8): core
+/// lock-up, supply monitor, two wrong bits in the flash.
+const BREAKS: usize = 0x1c / 4;
+const BREAK_BY_LOCKUP: u32 = 1;
+const BREAK_BY_MONITOR: u32 = 1 << 2;
+const BREAK_BY_FLASH: u32 = 1 << 3;
 
 /// The chip without its core.
 #[derive(Clone, Debug)]
 pub struct Board {
+    /// Which chip it is.
+    pub kind: Kind,
     /// Time since the start, ticks.
     pub now: u64,
     /// Number of core cycles since the start.
@@ -109,35 +115,43 @@ pub struct Board {
 
 impl Default for Board {
     fn default() -> Self {
+        Self::new(Kind::default())
+    }
+}
+
+impl Board {
+    /// Builds a chip with an erased flash.
+    pub fn new(kind: Kind) -> Self {
         Self {
+            kind,
             now: 0,
             cycles: 0,
             next: 0,
-            cycle: 63,
+            cycle: START_CYCLE,
             stall: 0,
             attention: false,
             flash_status_reads: 0,
             float: false,
             reset: None,
             supplied: true,
-            identity: (0x1007_6413, 1024),
+            identity: kind.facts().identity,
             halted: false,
             converts: true,
             cut_at: None,
-            clocks: Clocks::default(),
-            power: Power::default(),
-            flash: Flash::default(),
+            clocks: Clocks::new(kind),
+            power: Power::new(kind),
+            flash: Flash::new(kind),
             ram: vec![0; MEMORY_SIZE],
-            coupled: vec![0; COUPLED_SIZE],
-            ports: (0..9).map(Port::new).collect(),
-            bridge: Bridge::default(),
-            converter: Converter::default(),
+            coupled: vec![0; kind.facts().coupled],
+            ports: (0..9).map(|number| Port::new(kind, number)).collect(),
+            bridge: Bridge::new(kind),
+            converter: Converter::new(kind),
             voltage: Voltage::default(),
             check: Check::default(),
             memory_below_ram: Vec::new(),
-            serials: Default::default(),
+            serials: std::array::from_fn(|_| Serial::new(kind)),
             watchdog: Independent::default(),
-            window: Window::default(),
+            window: Window::new(kind),
             system: System::default(),
             lines: [0; 6],
             monitor: false,
@@ -146,9 +160,7 @@ impl Default for Board {
             world: World::default(),
         }
     }
-}
 
-impl Board {
     /// Resets the registers; the RAM and the debugger's settings stay.
     pub fn reset(&mut self, cause: Cause) {
         self.world.record(self.now, Seen::Reset(cause));
@@ -212,12 +224,12 @@ impl Board {
         if cycle != self.cycle {
             self.system.rescale(self.now, self.cycle, cycle);
             self.cycle = cycle;
-            if core > FASTEST {
-                let what = format!("the core at {} MHz", core / 1_000_000);
-                self.world.violate(self.now, what);
-            }
         }
-        let stopped = self.halted && self.stops[2] & 1 != 0;
+        if core > self.power.fastest() {
+            let what = format!("the core at {} MHz", core / 1_000_000);
+            self.world.violate(self.now, what);
+        }
+        let stopped = self.halted && self.stops[2] & self.kind.facts().timer_stop.1 != 0;
         let timer = cycle * u64::from(self.clocks.timer_divider(true));
         self.bridge
             .set_cycle(if stopped { 0 } else { timer }, self.now);
@@ -255,7 +267,8 @@ impl Board {
 
     /// Drives the track with the bridge's output from tick `at`; returns whether it is driven.
     fn drive(&mut self, at: u64) -> bool {
-        let gates = [8, 7].map(|pin| self.ports[0].mode(pin) == Mode::Function(1));
+        let ours = Mode::Function(self.kind.facts().timer_function);
+        let gates = [8, 7].map(|pin| self.ports[0].mode(pin) == ours);
         let driven = self.supplied && self.bridge.driven() && gates.contains(&true);
         let output = if driven { self.bridge.output(at) } else { 0.0 };
         self.world.drive(output, at);
@@ -337,10 +350,12 @@ impl Board {
     fn convert(&mut self, at: u64) {
         let (reading, others) = (self.world.reading, self.world.analogue);
         let reference = (1.21 / self.power.volts * 4096.0) as u16;
+        let [accelerometer, current, referenced] = self.kind.facts().channels;
         self.converter.end(at, |channel| match channel {
-            1 => reading,
+            channel if channel == accelerometer => reading,
+            channel if channel == current => others[CURRENT],
             16 => (0.76 / 3.3 * 4096.0) as u16,
-            17 => reference.min(4095),
+            channel if channel == referenced => reference.min(4095),
             channel => others.get(channel as usize).copied().unwrap_or(0),
         });
     }
@@ -383,14 +398,26 @@ impl Board {
         }
     }
 
-    /// Updates the break input.
-    pub fn break_input(&mut self, clock_failed: bool) {
+    /// Updates the break input and the break by the chip itself, as by a failed clock.
+    pub fn break_input(&mut self, by_chip: bool) {
         // A pin without the timer's function does not reach the timer.
-        let ours = self.ports[1].mode(12) == Mode::Function(1);
+        let ours = self.ports[1].mode(12) == Mode::Function(self.kind.facts().timer_function);
         let high = ours && self.ports[1].level(12);
-        if self.bridge.break_input(high, clock_failed) {
+        let by_chip = by_chip || self.breaks(BREAK_BY_MONITOR) && self.power.is_below();
+        if self.bridge.break_input(high, by_chip) {
             self.update_trace();
         }
+    }
+
+    /// Whether this cause is connected to the break of TIM1.
+    fn breaks(&self, cause: u32) -> bool {
+        self.kind == Kind::Stm32g474 && self.configuration[BREAKS] & cause != 0
+    }
+
+    /// Records a lock-up of the core, which may be connected to the break of TIM1.
+    pub fn locks_up(&mut self) {
+        self.world.record(self.now, Seen::LockedUp);
+        self.break_input(self.breaks(BREAK_BY_LOCKUP));
     }
 
     /// Stops the crystal.
@@ -415,6 +442,7 @@ impl Board {
             let edges = self.lines[if below { 2 } else { 3 }];
             self.lines[5] |= edges & MONITOR_LINE;
         }
+        self.break_input(false);
         match self.power.supply(self.flash.brown_out(), !self.supplied) {
             Supply::Enough => {}
             Supply::BrownOut => self.reset = Some(Cause::BrownOut),
@@ -458,7 +486,8 @@ impl Board {
 
     /// Adds ticks with the bridge driven and the core outside its specification.
     fn check_supply(&mut self, ticks: u64) {
-        if self.power.volts < LOWEST && self.clock() > 60_000_000 && self.bridge.driven() {
+        let lowest = self.kind.facts().lowest;
+        if self.power.volts < lowest && self.clock() > 60_000_000 && self.bridge.driven() {
             self.world.outside += ticks;
         }
     }
@@ -471,15 +500,17 @@ impl Board {
     }
 
     /// Makes a read of the busy flash wait.
-    fn wait_for_flash(&mut self) {
-        if self.flash.busy() > self.now && self.cycle > 0 {
+    fn wait_for_flash(&mut self, address: u32) {
+        let offset = (address & 0x000f_ffff) as usize;
+        if self.flash.is_busy(offset, self.now) && self.cycle > 0 {
             let until = self.flash.busy();
             self.pass(until);
         }
     }
 
-    fn unclocked(&mut self, address: u32, what: &str) -> bool {
-        if self.clocks.enabled(address) {
+    /// Whether the peripheral of a register has no clock; `same` is its address on the STM32F405.
+    fn unclocked(&mut self, same: u32, address: u32, what: &str) -> bool {
+        if self.clocks.enabled(same) {
             return false;
         }
         let what = format!("{what} {address:#010x}, whose clock is off");
@@ -487,17 +518,18 @@ impl Board {
         true
     }
 
-    fn register(&mut self, address: u32) -> u32 {
+    fn register(&mut self, at: u32) -> u32 {
         if self.now >= self.next {
             self.run_events();
         }
-        if self.unclocked(address, "reads") {
+        let address = self.kind.place(at);
+        if self.unclocked(address, at, "reads") {
             return 0;
         }
         let (now, lower) = (self.now, self.lower());
         let offset = address & 0x3ff;
         match address {
-            flash::STATUS if self.flash.busy() > now => {
+            address if address == self.flash.status_address() && self.flash.busy() > now => {
                 self.flash_status_reads = self.flash_status_reads.saturating_add(1);
                 self.attention = true;
             }
@@ -524,7 +556,7 @@ impl Board {
             0x4002_3800..0x4002_3c00 => self.clocks.read(offset, now),
             0x4002_3c00..0x4002_4000 => self.flash.register(offset, now),
             _ => {
-                let what = format!("reads {address:#010x}, of which there is no model");
+                let what = format!("reads {at:#010x}, of which there is no model");
                 self.world.violate(now, what);
                 0
             }
@@ -539,11 +571,12 @@ impl Board {
         words(self).get(offset as usize / 4).copied().unwrap_or(0)
     }
 
-    fn set_register(&mut self, address: u32, value: u32) {
+    fn set_register(&mut self, at: u32, value: u32) {
         if self.now >= self.next {
             self.run_events();
         }
-        if self.unclocked(address, "writes") {
+        let address = self.kind.place(at);
+        if self.unclocked(address, at, "writes") {
             return;
         }
         let (now, lower, upper) = (self.now, self.lower(), self.upper());
@@ -556,7 +589,10 @@ impl Board {
                 self.serials[1 + (address - 0x4000_4400) as usize / 0x400]
                     .write(offset, value, now);
             }
-            0x4000_7000..0x4000_7400 => self.power.write(offset, value),
+            0x4000_7000..0x4000_7400 => {
+                self.power.write(offset, value);
+                self.break_input(false);
+            }
             0x4000_7400..0x4000_7800 => self.voltage.write(offset, value),
             0x4001_0000..0x4001_0400 => {
                 let came = self.bridge.write(offset, value, now);
@@ -569,6 +605,7 @@ impl Board {
                 if let Some(word) = self.configuration.get_mut(offset as usize / 4) {
                     *word = value;
                 }
+                self.break_input(false);
             }
             0x4001_3c00..0x4001_4000 => match offset {
                 0x14 => self.lines[5] &= !value,
@@ -592,7 +629,7 @@ impl Board {
             0x4002_3800..0x4002_3c00 => self.clocks.write(offset, value, now),
             0x4002_3c00..0x4002_4000 => self.flash.set_register(offset, value, now),
             _ => {
-                let what = format!("writes {address:#010x}, of which there is no model");
+                let what = format!("writes {at:#010x}, of which there is no model");
                 self.world.violate(now, what);
             }
         }
@@ -629,7 +666,7 @@ impl Board {
             IDENTITY => self.identity.0,
             0xe004_2004 => self.stops[0],
             STOPS_LOWER => self.stops[1],
-            STOPS_UPPER => self.stops[2],
+            address if address == self.kind.facts().timer_stop.0 => self.stops[2],
             address => self.system.read(address, self.now, self.cycle, self.cycles),
         }
     }
@@ -638,7 +675,7 @@ impl Board {
         match address {
             0xe004_2004 => self.stops[0] = value,
             STOPS_LOWER => self.stops[1] = value,
-            STOPS_UPPER => self.stops[2] = value,
+            address if address == self.kind.facts().timer_stop.0 => self.stops[2] = value,
             address => {
                 let (now, cycle, cycles) = (self.now, self.cycle, self.cycles);
                 let asks = self.system.write(address, size, value, now, cycle, cycles);
@@ -660,7 +697,7 @@ impl Board {
                 size,
             ),
             0 if address < 0x0010_0000 || flash::RANGE.contains(&address) => {
-                self.wait_for_flash();
+                self.wait_for_flash(address);
                 let at = (address & 0x000f_ffff) as usize;
                 let (stall, old) = self.flash.read(flash::START + at as u32);
                 self.stall += stall;
@@ -668,13 +705,21 @@ impl Board {
                     let what = "reads data that its cache kept over an erasure".to_owned();
                     self.world.violate(self.now, what);
                 }
+                if self.flash.reads_torn(at) {
+                    self.system.pend(NMI);
+                    self.attention = true;
+                    self.break_input(self.breaks(BREAK_BY_FLASH));
+                }
                 number(&self.flash.bytes, at, size)
             }
-            1 if address < COUPLED + COUPLED_SIZE as u32 => {
+            1 if address < COUPLED + self.coupled.len() as u32 => {
                 number(&self.coupled, (address - COUPLED) as usize, size)
             }
             1 => match address & !3 {
-                FLASH_SIZE => Some(self.identity.1 << 16 >> (8 * (address & 3))),
+                place if place == self.kind.facts().flash_size => {
+                    let half = if self.kind == Kind::Stm32f405 { 16 } else { 0 };
+                    Some(self.identity.1 << half >> (8 * (address & 3)))
+                }
                 0x1fff_7a10..=0x1fff_7a1c => Some(0x0039_0020),
                 0x1fff_c000..=0x1fff_c00c => Some(self.flash.options() >> 8 & 0xffff),
                 _ => None,
@@ -697,7 +742,7 @@ impl Board {
                 value,
             ),
             0 if flash::RANGE.contains(&address) => {
-                self.wait_for_flash();
+                self.wait_for_flash(address);
                 let (now, before) = (self.now, self.flash.operations);
                 let at = (address - flash::START) as usize;
                 self.flash.program(at, size, value, now);
@@ -745,7 +790,7 @@ impl Board {
     #[inline(never)]
     fn fetch_elsewhere(&mut self, address: u32) -> Option<u32> {
         if address < 0x0010_0000 || flash::RANGE.contains(&address) {
-            self.wait_for_flash();
+            self.wait_for_flash(address);
             return number(&self.flash.bytes, (address & 0x000f_ffff) as usize, 2);
         }
         self.load_elsewhere(address, 2)
@@ -802,7 +847,7 @@ impl Bus for Board {
     #[inline]
     fn line(&mut self, address: u32) {
         if flash::RANGE.contains(&address) {
-            self.wait_for_flash();
+            self.wait_for_flash(address);
             self.stall += self.flash.fetch(address);
         }
     }

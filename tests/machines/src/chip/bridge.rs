@@ -1,4 +1,7 @@
-//! Model of TIM1 as the timer of a half bridge (RM0090, chapter 17).
+//! Model of TIM1 as the timer of a half bridge (RM0090, chapter 17; RM0440, chapter 28).
+
+use super::clocks::START_CYCLE;
+use super::kind::Kind;
 
 /// Bits of CR1, SR, EGR, BDTR.
 const ENABLE: u32 = 1;
@@ -6,6 +9,8 @@ const UPDATE_OFF: u32 = 1 << 1;
 const PRELOAD: u32 = 1 << 7;
 const UPDATE: u32 = 1;
 const BREAK: u32 = 1 << 7;
+/// Flag of a break by the chip itself, on the STM32G474. While it is set, the outputs stay off.
+const SYSTEM_BREAK: u32 = 1 << 13;
 const IDLE_DRIVEN: u32 = 1 << 10;
 const BREAK_ON: u32 = 1 << 12;
 const BREAK_HIGH: u32 = 1 << 13;
@@ -33,6 +38,8 @@ pub struct Bridge {
     since: u64,
     /// Duration of a timer clock cycle, ticks; 0 without a clock.
     cycle: u64,
+    /// Flag of a break by the chip itself.
+    system_flag: u32,
 }
 
 impl Default for Bridge {
@@ -48,15 +55,28 @@ impl Default for Bridge {
             count: 0,
             down: false,
             since: 0,
-            cycle: 63,
+            cycle: START_CYCLE,
+            system_flag: BREAK,
         }
     }
 }
 
 impl Bridge {
+    pub fn new(kind: Kind) -> Self {
+        let system_flag = match kind {
+            Kind::Stm32f405 => BREAK,
+            Kind::Stm32g474 => SYSTEM_BREAK,
+        };
+        Self {
+            system_flag,
+            ..Self::default()
+        }
+    }
+
     pub fn reset(&mut self) {
         *self = Self {
             cycle: self.cycle,
+            system_flag: self.system_flag,
             ..Self::default()
         };
     }
@@ -180,7 +200,7 @@ impl Bridge {
                     came.trigger = matches!(self.word(4) >> 4 & 7, 0 | 2);
                 }
                 if value & 0x80 != 0 {
-                    self.fail();
+                    self.fail(BREAK);
                 }
                 return came;
             }
@@ -195,7 +215,8 @@ impl Bridge {
                     1 => 0x73ff,
                     _ => 0x7fff,
                 };
-                old & kept | value & !kept
+                let off = self.word(0x10) & SYSTEM_BREAK != 0;
+                (old & kept | value & !kept) & !(u32::from(off) * MAIN_OUTPUT)
             }
             // Polarity at level 2.
             0x20 if lock >= 2 => old & 0xaaaa | value & !0xaaaa,
@@ -214,23 +235,26 @@ impl Bridge {
     }
 
     /// A break: disables the outputs without any clock (17.3.12).
-    fn fail(&mut self) {
+    fn fail(&mut self, flag: u32) {
         self.words[0x44 / 4] &= !MAIN_OUTPUT;
-        self.words[0x10 / 4] |= BREAK;
+        self.words[0x10 / 4] |= flag;
     }
 
-    /// Applies the level of the break input and the clock security's break; returns whether they
-    /// opened the bridge.
-    pub fn break_input(&mut self, high: bool, clock_failed: bool) -> bool {
+    /// Applies the level of the break input and the break by the chip itself, such as the clock
+    /// security's; returns whether they opened the bridge.
+    pub fn break_input(&mut self, high: bool, by_chip: bool) -> bool {
         let word = self.word(0x44);
         let active = word & BREAK_ON != 0 && high == (word & BREAK_HIGH != 0);
         let driven = word & MAIN_OUTPUT != 0;
-        // The clock security breaks where the break is enabled (17.3.12).
-        if active || clock_failed && word & BREAK_ON != 0 {
-            self.fail();
-            return driven;
+        // The chip breaks where the break is enabled (17.3.12).
+        let by_chip = by_chip && word & BREAK_ON != 0;
+        if active {
+            self.fail(BREAK);
         }
-        false
+        if by_chip {
+            self.fail(self.system_flag);
+        }
+        (active || by_chip) && driven
     }
 
     pub fn enabled(&self) -> bool {
@@ -374,6 +398,21 @@ mod tests {
         let mut bridge = board();
         bridge.write(0x44, MAIN_OUTPUT | BREAK_ON | BREAK_HIGH, 0);
         assert!(bridge.break_input(false, true), "the clock fails");
+    }
+
+    #[test]
+    fn its_own_flag_keeps_the_stm32g474_off() {
+        for (kind, stays_off) in [(Kind::Stm32f405, false), (Kind::Stm32g474, true)] {
+            let mut bridge = Bridge::new(kind);
+            bridge.write(0x44, MAIN_OUTPUT | BREAK_ON | BREAK_HIGH, 0);
+            assert!(bridge.break_input(false, true));
+            bridge.write(0x10, !BREAK, 0);
+            bridge.write(0x44, MAIN_OUTPUT | BREAK_ON | BREAK_HIGH, 0);
+            assert_eq!(bridge.enabled(), !stays_off, "{kind:?}");
+            bridge.write(0x10, !SYSTEM_BREAK, 0);
+            bridge.write(0x44, MAIN_OUTPUT | BREAK_ON | BREAK_HIGH, 0);
+            assert!(bridge.enabled(), "{kind:?}");
+        }
     }
 
     #[test]

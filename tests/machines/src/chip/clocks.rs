@@ -1,33 +1,77 @@
-//! Model of clocks and resets (RM0090, chapter 7, RCC of the STM32F405).
+//! Model of clocks and resets (RM0090, chapter 7, RCC of the STM32F405; RM0440, chapter 7).
+
+use super::kind::Kind;
 
 /// Ticks of emulated time per second: every clock of the board has a whole number of them.
-pub const TICKS: u64 = 1_008_000_000;
+pub const TICKS: u64 = 85_680_000_000;
 /// Frequency of the internal oscillator, Hz.
 const INTERNAL: u32 = 16_000_000;
+/// Duration of a core cycle after a reset, ticks.
+pub const START_CYCLE: u64 = TICKS / INTERNAL as u64;
 /// Start-up time of the crystal, ticks: 2 ms (DS8626, table 37).
 const CRYSTAL_START: u64 = TICKS / 500;
 /// Start-up time of the PLL, ticks: 0.2 ms (DS8626, table 41).
 const PLL_START: u64 = TICKS / 5000;
-/// Highest frequency of the core, Hz (DS8626, table 14).
-pub const FASTEST: u32 = 168_000_000;
 
 /// Bits of CR (7.3.1).
-const HSION: u32 = 1;
-const HSIRDY: u32 = 1 << 1;
 const HSEON: u32 = 1 << 16;
 const HSERDY: u32 = 1 << 17;
 const CSSON: u32 = 1 << 19;
 const PLLON: u32 = 1 << 24;
 const PLLRDY: u32 = 1 << 25;
-/// The source of the PLL (7.3.2).
-const FROM_CRYSTAL: u32 = 1 << 22;
 /// Flag of the clock security system and its acknowledgement (7.3.4).
 const CSSF: u32 = 1 << 7;
 const CSSC: u32 = 1 << 23;
 /// Bits of CSR (7.3.21).
 const LSION: u32 = 1;
 const LSIRDY: u32 = 1 << 1;
-const REMOVE: u32 = 1 << 24;
+
+/// What differs between the registers of the chips.
+#[derive(Debug)]
+struct Layout {
+    /// Offsets of PLLCFGR and CSR.
+    pll: u32,
+    status: u32,
+    /// Bits of CR: the internal oscillator is on, and ready.
+    internal: [u32; 2],
+    /// CR, PLLCFGR, CFGR, and a register of clock enables with its offset, after a reset.
+    first: [u32; 3],
+    first_enables: (usize, u32),
+    /// Code of the internal oscillator in CFGR; crystal and PLL follow it.
+    internal_code: u32,
+    /// Positions of the dividers of APB1 and APB2 in CFGR.
+    dividers: [u32; 2],
+    /// Mask and value of the PLL's source in PLLCFGR: the crystal.
+    from_crystal: (u32, u32),
+    /// Bit of CSR that removes the flags of the causes.
+    remove: u32,
+}
+
+/// RM0090, 7.3.
+const STM32F405: Layout = Layout {
+    pll: 0x04,
+    status: 0x74,
+    internal: [1, 1 << 1],
+    first: [0x83, 0x2400_3010, 0],
+    first_enables: (0x30, 0x0010_0000),
+    internal_code: 0,
+    dividers: [10, 13],
+    from_crystal: (1 << 22, 1 << 22),
+    remove: 1 << 24,
+};
+
+/// RM0440, 7.4.
+const STM32G474: Layout = Layout {
+    pll: 0x0c,
+    status: 0x94,
+    internal: [1 << 8, 1 << 10],
+    first: [0x500, 0x1000, 0x5],
+    first_enables: (0x48, 0x100),
+    internal_code: 1,
+    dividers: [8, 11],
+    from_crystal: (3, 3),
+    remove: 1 << 23,
+};
 
 /// Cause of a reset (7.3.21).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,15 +91,17 @@ pub enum Cause {
 }
 
 impl Cause {
-    fn flags(self) -> u32 {
+    fn flags(self, kind: Kind) -> u32 {
         const PIN: u32 = 1 << 26;
-        match self {
-            Self::Power => 1 << 27 | 1 << 25 | PIN,
-            Self::BrownOut => 1 << 25 | PIN,
-            Self::Pin => PIN,
-            Self::Software => 1 << 28 | PIN,
-            Self::Watchdog => 1 << 29 | PIN,
-            Self::Window => 1 << 30 | PIN,
+        match (self, kind) {
+            (Self::Power, Kind::Stm32f405) => 1 << 27 | 1 << 25 | PIN,
+            (Self::BrownOut, Kind::Stm32f405) => 1 << 25 | PIN,
+            // The STM32G474 has one flag for both.
+            (Self::Power | Self::BrownOut, Kind::Stm32g474) => 1 << 27 | PIN,
+            (Self::Pin, _) => PIN,
+            (Self::Software, _) => 1 << 28 | PIN,
+            (Self::Watchdog, _) => 1 << 29 | PIN,
+            (Self::Window, _) => 1 << 30 | PIN,
         }
     }
 }
@@ -65,44 +111,55 @@ impl Cause {
 pub struct Clocks {
     /// Frequency of the crystal, Hz; 0: it does not oscillate.
     pub crystal: u32,
+    kind: Kind,
+    layout: &'static Layout,
     control: u32,
     pll: u32,
     configuration: u32,
     interrupts: u32,
     status: u32,
     /// Other registers by word: resets, enables, backup domain.
-    others: [u32; 36],
+    others: [u32; 40],
     crystal_ready: u64,
     pll_ready: u64,
 }
 
 impl Default for Clocks {
     fn default() -> Self {
+        Self::new(Kind::default())
+    }
+}
+
+impl Clocks {
+    /// Builds the clocks of a chip after a reset, with a crystal of 8 MHz.
+    pub fn new(kind: Kind) -> Self {
         let mut clocks = Self {
             crystal: 8_000_000,
+            kind,
+            layout: match kind {
+                Kind::Stm32f405 => &STM32F405,
+                Kind::Stm32g474 => &STM32G474,
+            },
             control: 0,
             pll: 0,
             configuration: 0,
             interrupts: 0,
             status: 0,
-            others: [0; 36],
+            others: [0; 40],
             crystal_ready: u64::MAX,
             pll_ready: u64::MAX,
         };
         clocks.reset();
         clocks
     }
-}
 
-impl Clocks {
     /// Resets the registers; the flags of the causes stay.
     pub fn reset(&mut self) {
-        self.control = 0x83;
-        self.pll = 0x2400_3010;
-        self.configuration = 0;
+        [self.control, self.pll, self.configuration] = self.layout.first;
         self.interrupts = 0;
-        self.others = [0; 36];
-        self.others[0x30 / 4] = 0x0010_0000;
+        self.others = [0; 40];
+        let (register, enables) = self.layout.first_enables;
+        self.others[register / 4] = enables;
         self.status &= !(LSION | LSIRDY);
         self.crystal_ready = u64::MAX;
         self.pll_ready = u64::MAX;
@@ -110,26 +167,29 @@ impl Clocks {
 
     /// Sets the flags of a reset's cause.
     pub fn note(&mut self, cause: Cause) {
-        self.status |= cause.flags();
+        self.status |= cause.flags(self.kind);
     }
 
     /// Reads a register at tick `now`.
     pub fn read(&self, offset: u32, now: u64) -> u32 {
         match offset {
             0x00 => self.control(now),
-            0x04 => self.pll,
+            offset if offset == self.layout.pll => self.pll,
+            offset if offset == self.layout.status => self.status,
             // A requested clock switch takes effect at once.
             0x08 => self.configuration & !0xc | (self.configuration & 3) << 2,
             0x0c => self.interrupts,
-            0x74 => self.status,
+            // CRRCR of the STM32G474: its oscillator of 48 MHz is ready at once.
+            0x98 => self.others[0x98 / 4] | (self.others[0x98 / 4] & 1) << 1,
             offset => self.others.get(offset as usize / 4).copied().unwrap_or(0),
         }
     }
 
     fn control(&self, now: u64) -> u32 {
-        let mut value = self.control & !(HSIRDY | HSERDY | PLLRDY);
-        if value & HSION != 0 {
-            value |= HSIRDY;
+        let [on, ready] = self.layout.internal;
+        let mut value = self.control & !(ready | HSERDY | PLLRDY);
+        if value & on != 0 {
+            value |= ready;
         }
         if now >= self.crystal_ready {
             value |= HSERDY;
@@ -145,21 +205,24 @@ impl Clocks {
         match offset {
             0x00 => self.set_control(value, now),
             // It is writable only with the PLL off (7.3.2).
-            0x04 if self.control & PLLON == 0 => self.pll = value,
+            offset if offset == self.layout.pll => {
+                if self.control & PLLON == 0 {
+                    self.pll = value;
+                }
+            }
+            offset if offset == self.layout.status => {
+                if value & self.layout.remove != 0 {
+                    self.status &= 3;
+                }
+                let on = value & LSION;
+                self.status = self.status & !3 | on | on << 1;
+            }
             0x08 => self.configuration = value,
             0x0c => {
                 if value & CSSC != 0 {
                     self.interrupts &= !CSSF;
                 }
             }
-            0x74 => {
-                if value & REMOVE != 0 {
-                    self.status &= 3;
-                }
-                let on = value & LSION;
-                self.status = self.status & !3 | on | on << 1;
-            }
-            0x04 => {}
             offset => {
                 if let Some(place) = self.others.get_mut(offset as usize / 4) {
                     *place = value;
@@ -179,7 +242,7 @@ impl Clocks {
         if value & PLLON == 0 {
             self.pll_ready = u64::MAX;
         } else if risen & PLLON != 0 {
-            let fed = self.pll & FROM_CRYSTAL == 0 || now >= self.crystal_ready;
+            let fed = !self.from_crystal() || now >= self.crystal_ready;
             self.pll_ready = if fed { now + PLL_START } else { u64::MAX };
         }
     }
@@ -191,18 +254,18 @@ impl Clocks {
         let ran = now >= self.crystal_ready;
         self.crystal = 0;
         self.crystal_ready = u64::MAX;
-        if self.pll & FROM_CRYSTAL != 0 {
+        if self.from_crystal() {
             self.pll_ready = u64::MAX;
         }
         let seen = ran && self.control & CSSON != 0;
         if seen {
             self.interrupts |= CSSF;
             self.control &= !(HSEON | CSSON);
-            if self.pll & FROM_CRYSTAL != 0 {
+            if self.from_crystal() {
                 self.control &= !PLLON;
             }
-            self.configuration &= !3;
-            self.control |= HSION;
+            self.configuration = self.configuration & !3 | self.layout.internal_code;
+            self.control |= self.layout.internal[0];
         }
         seen
     }
@@ -214,7 +277,8 @@ impl Clocks {
 
     /// Frequency of the core at tick `now`, Hz; 0: none.
     pub fn core(&self, now: u64) -> u32 {
-        let system = match self.configuration & 3 {
+        let code = self.configuration & 3;
+        let system = match code.wrapping_sub(self.layout.internal_code) {
             0 => INTERNAL,
             1 if now >= self.crystal_ready => self.crystal,
             2 if now >= self.pll_ready => self.pll_out(),
@@ -228,20 +292,31 @@ impl Clocks {
         system >> divided
     }
 
+    /// Whether the PLL's source is the crystal.
+    fn from_crystal(&self) -> bool {
+        let (mask, value) = self.layout.from_crystal;
+        self.pll & mask == value
+    }
+
     fn pll_out(&self) -> u32 {
-        let source = if self.pll & FROM_CRYSTAL != 0 {
+        let source = if self.from_crystal() {
             self.crystal
         } else {
             INTERNAL
         };
-        let (m, n) = (self.pll & 0x3f, self.pll >> 6 & 0x1ff);
-        let p = 2 * ((self.pll >> 16 & 3) + 1);
-        (u64::from(source) * u64::from(n) / u64::from(m.max(2) * p)) as u32
+        let pll = self.pll;
+        let (m, n, p) = match self.kind {
+            Kind::Stm32f405 => ((pll & 0x3f).max(2), pll >> 6 & 0x1ff, pll >> 16 & 3),
+            // Its output R has an enable (RM0440, 7.4.4).
+            Kind::Stm32g474 if pll >> 24 & 1 == 0 => return 0,
+            Kind::Stm32g474 => ((pll >> 4 & 0xf) + 1, pll >> 8 & 0x7f, pll >> 25 & 3),
+        };
+        (u64::from(source) * u64::from(n) / u64::from(m * 2 * (p + 1))) as u32
     }
 
     /// Divider of a bus clock; `upper` is APB2.
     pub fn divider(&self, upper: bool) -> u32 {
-        let code = self.configuration >> if upper { 13 } else { 10 } & 7;
+        let code = self.configuration >> self.layout.dividers[usize::from(upper)] & 7;
         if code < 4 { 1 } else { 2 << (code - 4) }
     }
 
@@ -253,10 +328,25 @@ impl Clocks {
         }
     }
 
-    /// Whether the peripheral at `address` has its clock (7.3.10 to 7.3.14); true for those without
-    /// a clock enable.
+    /// Whether the peripheral at `address`, that of the STM32F405, has its clock (7.3.10 to 7.3.14;
+    /// RM0440, 7.4.13 to 7.4.19); true for those without a clock enable.
     pub fn enabled(&self, address: u32) -> bool {
         let enabled = |register: usize, bit: u32| self.others[register / 4] >> bit & 1 == 1;
+        if self.kind == Kind::Stm32g474 {
+            return match address {
+                0x4000_2c00..0x4000_3000 => enabled(0x58, 11),
+                0x4000_4400..0x4000_5400 => enabled(0x58, 17 + (address - 0x4000_4400) / 0x400),
+                0x4000_7000..0x4000_7400 => enabled(0x58, 28),
+                0x4000_7400..0x4000_7800 => enabled(0x4c, 16),
+                0x4001_0000..0x4001_0400 => enabled(0x60, 11),
+                0x4001_1000..0x4001_1400 => enabled(0x60, 14),
+                0x4001_2000..0x4001_2400 => enabled(0x4c, 13),
+                0x4001_3800..0x4001_3c00 => enabled(0x60, 0),
+                0x4002_0000..0x4002_2400 => enabled(0x4c, (address - 0x4002_0000) / 0x400),
+                0x4002_3000..0x4002_3400 => enabled(0x48, 12),
+                _ => true,
+            };
+        }
         match address {
             0x4002_0000..0x4002_2400 => enabled(0x30, (address - 0x4002_0000) / 0x400),
             0x4002_3000..0x4002_3400 => enabled(0x30, 12),
@@ -287,7 +377,7 @@ mod tests {
         assert_eq!(clocks.read(0, CRYSTAL_START - 1) & HSERDY, 0);
         let now = CRYSTAL_START;
         assert_ne!(clocks.read(0, now) & HSERDY, 0);
-        clocks.write(0x04, 4 | 168 << 6 | FROM_CRYSTAL | 7 << 24, now);
+        clocks.write(0x04, 4 | 168 << 6 | 1 << 22 | 7 << 24, now);
         clocks.write(0x00, 0x83 | HSEON | PLLON, now);
         assert_eq!(clocks.read(0, now) & PLLRDY, 0);
         clocks.write(0x08, 2 | 0b101 << 10 | 0b100 << 13, now + PLL_START);
@@ -341,8 +431,36 @@ mod tests {
         assert_eq!(clocks.read(0x74, 0), 0x0e00_0000);
         clocks.note(Cause::Watchdog);
         assert_eq!(clocks.read(0x74, 0), 0x2e00_0000);
-        clocks.write(0x74, REMOVE, 0);
+        clocks.write(0x74, 1 << 24, 0);
         assert_eq!(clocks.read(0x74, 0), 0);
+    }
+
+    #[test]
+    fn the_stm32g474_has_one_flag_for_power_and_brown_out() {
+        for cause in [Cause::Power, Cause::BrownOut] {
+            let mut clocks = Clocks::new(Kind::Stm32g474);
+            clocks.note(cause);
+            assert_eq!(clocks.read(0x94, 0), 0x0c00_0000);
+            clocks.write(0x94, 1 << 23, 0);
+            assert_eq!(clocks.read(0x94, 0), 0);
+        }
+    }
+
+    /// 16 MHz / 4 * 85 / 2 on the internal oscillator, the buses undivided.
+    #[test]
+    fn the_stm32g474_runs_at_170_mhz_without_a_crystal() {
+        let mut clocks = Clocks::new(Kind::Stm32g474);
+        assert_eq!((clocks.core(0), clocks.read(0, 0)), (16_000_000, 0x500));
+        clocks.write(0x0c, 2 | 3 << 4 | 85 << 8, 0);
+        clocks.write(0x00, 0x500 | PLLON, 0);
+        clocks.write(0x08, 3, PLL_START);
+        assert_eq!(clocks.core(PLL_START), 0, "its output is not enabled");
+        clocks.write(0x00, 0x500, PLL_START);
+        clocks.write(0x0c, 2 | 3 << 4 | 85 << 8 | 1 << 24, PLL_START);
+        clocks.write(0x00, 0x500 | PLLON, PLL_START);
+        assert_eq!(clocks.core(2 * PLL_START), 170_000_000);
+        assert_eq!((clocks.divider(false), clocks.divider(true)), (1, 1));
+        assert_eq!(TICKS % 170_000_000, 0);
     }
 
     #[test]

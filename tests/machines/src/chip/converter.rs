@@ -1,5 +1,7 @@
 //! Model of a converter: one triggered group of injected conversions, regular ones by software
-//! (RM0090, chapter 13).
+//! (RM0090, chapter 13; RM0440, chapter 21).
+
+use super::kind::Kind;
 
 /// Bits of SR and CR2.
 const REGULAR_END: u32 = 1 << 1;
@@ -10,13 +12,34 @@ const ON: u32 = 1;
 const RIGHT_TO_LEFT: u32 = 1 << 11;
 const START_INJECTED: u32 = 1 << 22;
 const START: u32 = 1 << 30;
-/// Sampling times by code (13.13.5) and conversion time, cycles.
-const SAMPLING: [u32; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
+/// Sampling times by code, half cycles (13.13.5; RM0440, 21.7.6).
+const SAMPLING: [u32; 8] = [6, 30, 56, 112, 168, 224, 288, 960];
+const SAMPLING_G474: [u32; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
+/// Delay from a trigger to the sampling, half cycles (DS8626, table 67; DS12288, ADC
+/// characteristics).
+const TRIGGER_DELAY: u32 = 6;
+const TRIGGER_DELAY_G474: u32 = 7;
 
-/// Registers of ADC1 and those that the three converters share.
+/// Bits of the STM32G474 (RM0440, 21.7). ISR: ready, end of regular conversions, end of injected
+/// ones. CR: on, starts, and stops, which clear them. CFGR: none are modelled but the resolution.
+const READY_G474: u32 = 1;
+const REGULAR_END_G474: u32 = 3 << 2;
+const INJECTED_END_G474: u32 = 3 << 5;
+const ON_G474: u32 = 1;
+const START_G474: u32 = 1 << 2;
+const START_INJECTED_G474: u32 = 1 << 3;
+const STOPS_G474: u32 = 3 << 4;
+/// Offsets of JSQR and of the first injected result.
+const GROUP_G474: usize = 0x4c;
+const RESULTS_G474: usize = 0x80;
+/// Dividers of the converter's clock by code (RM0440, 21.8.2).
+const DIVIDERS_G474: [u32; 12] = [1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256];
+
+/// Registers of ADC1 and those that the converters share.
 #[derive(Clone, Debug)]
 pub struct Converter {
-    words: [u32; 20],
+    kind: Kind,
+    words: [u32; 64],
     prescaler: u32,
     /// End ticks of the running injected group and of the regular conversion.
     injected: u64,
@@ -26,7 +49,8 @@ pub struct Converter {
 impl Default for Converter {
     fn default() -> Self {
         Self {
-            words: [0; 20],
+            kind: Kind::default(),
+            words: [0; 64],
             prescaler: 0,
             injected: u64::MAX,
             regular: u64::MAX,
@@ -35,13 +59,28 @@ impl Default for Converter {
 }
 
 impl Converter {
-    pub fn reset(&mut self) {
-        *self = Self::default();
+    pub fn new(kind: Kind) -> Self {
+        Self {
+            kind,
+            ..Self::default()
+        }
     }
 
-    /// Reads a register; from `offset` 0x300 on those that the three converters share.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.kind);
+    }
+
+    /// Reads a register; from `offset` 0x300 on those that the converters share.
     pub fn read(&mut self, offset: u32) -> u32 {
         match offset {
+            0x308 => self.prescaler,
+            0x40 if self.kind == Kind::Stm32g474 => {
+                self.words[0] &= !(1 << 2);
+                self.words[0x40 / 4]
+            }
+            offset if self.kind == Kind::Stm32g474 => {
+                self.words.get(offset as usize / 4).copied().unwrap_or(0)
+            }
             0x304 => self.prescaler,
             0x4c => {
                 self.words[0] &= !REGULAR_END;
@@ -53,6 +92,9 @@ impl Converter {
 
     /// Writes a register at tick `now`; an APB2 cycle takes `cycle` ticks.
     pub fn write(&mut self, offset: u32, value: u32, now: u64, cycle: u64) {
+        if self.kind == Kind::Stm32g474 {
+            return self.write_g474(offset, value, now, cycle);
+        }
         match offset {
             0x00 => self.words[0] &= value,
             0x304 => self.prescaler = value,
@@ -76,31 +118,94 @@ impl Converter {
         }
     }
 
+    /// Writes a register of the STM32G474. Its regulator and its calibration take no time here.
+    fn write_g474(&mut self, offset: u32, value: u32, now: u64, cycle: u64) {
+        match offset {
+            0x00 => self.words[0] &= !value,
+            0x308 => self.prescaler = value,
+            0x08 => {
+                // A start stays set until it is stopped; a calibration ends at once.
+                let stopped = (value & STOPS_G474) >> 2;
+                let started = value & !self.words[2] & !stopped;
+                let kept = self.words[2] & (START_G474 | START_INJECTED_G474);
+                self.words[2] = (value | kept) & !(stopped | STOPS_G474 | 1 << 31);
+                if value & ON_G474 != 0 {
+                    self.words[0] |= READY_G474;
+                }
+                if started & START_G474 != 0 {
+                    let channel = self.words[0x30 / 4] >> 6 & 0x1f;
+                    self.regular = now + self.time(channel, cycle);
+                }
+                if started & START_INJECTED_G474 != 0 && self.words[GROUP_G474 / 4] >> 7 & 3 == 0 {
+                    self.begin(now, cycle);
+                }
+            }
+            0x40 | 0x80..=0x8c => {}
+            offset => {
+                if let Some(word) = self.words.get_mut(offset as usize / 4) {
+                    *word = value;
+                }
+            }
+        }
+    }
+
     /// Duration of one conversion, ticks.
     fn time(&self, channel: u32, cycle: u64) -> u64 {
-        let (word, shift) = if channel >= 10 {
-            (self.words[3], 3 * (channel - 10))
-        } else {
-            (self.words[4], 3 * channel)
-        };
-        let sampling = SAMPLING[(word >> shift & 7) as usize];
-        let bits = 12 - 2 * (self.words[1] >> 24 & 3);
-        let divider = 2 * ((self.prescaler >> 16 & 3) + 1);
-        u64::from((sampling + bits) * divider) * cycle
+        let (sampling, conversion) = self.half_cycles(channel);
+        u64::from((sampling + conversion) * self.divider()) * cycle / 2
     }
 
-    /// Ticks from a trigger to the end of the group's first sample. Three converter cycles for the
-    /// trigger (DS8626, table 67), then the sampling time.
+    /// Durations of a channel's sampling and of its conversion, half converter cycles.
+    fn half_cycles(&self, channel: u32) -> (u32, u32) {
+        let (number, shift) = if channel >= 10 {
+            (1, 3 * (channel - 10))
+        } else {
+            (0, 3 * channel)
+        };
+        let code = |registers: [u32; 2]| (registers[number] >> shift & 7) as usize;
+        match self.kind {
+            Kind::Stm32f405 => {
+                let bits = 12 - 2 * (self.words[1] >> 24 & 3);
+                (SAMPLING[code([self.words[4], self.words[3]])], 2 * bits)
+            }
+            Kind::Stm32g474 => {
+                let bits = 12 - 2 * (self.words[3] >> 3 & 3);
+                let sampling = SAMPLING_G474[code([self.words[5], self.words[6]])];
+                (sampling, 2 * bits + 1)
+            }
+        }
+    }
+
+    /// Divider from the bus clock to the converter's.
+    fn divider(&self) -> u32 {
+        match self.kind {
+            Kind::Stm32f405 => 2 * ((self.prescaler >> 16 & 3) + 1),
+            Kind::Stm32g474 => {
+                let code = (self.prescaler >> 18 & 0xf) as usize;
+                DIVIDERS_G474.get(code).copied().unwrap_or(256)
+            }
+        }
+    }
+
+    /// Ticks from a trigger to the end of the group's first sample.
     pub fn samples(&self, cycle: u64) -> u64 {
         let channel = self.group().first().copied().unwrap_or(0);
-        let bits = 12 - 2 * (self.words[1] >> 24 & 3);
-        let divider = 2 * ((self.prescaler >> 16 & 3) + 1);
-        self.time(channel, cycle) + 3 * u64::from(divider) * cycle
-            - u64::from(bits * divider) * cycle
+        let delay = match self.kind {
+            Kind::Stm32f405 => TRIGGER_DELAY,
+            Kind::Stm32g474 => TRIGGER_DELAY_G474,
+        };
+        let (sampling, _) = self.half_cycles(channel);
+        u64::from((delay + sampling) * self.divider()) * cycle / 2
     }
 
-    /// Channels of the injected group in order (13.13.12).
+    /// Channels of the injected group in order (13.13.12; RM0440, 21.7.16).
     fn group(&self) -> Vec<u32> {
+        if self.kind == Kind::Stm32g474 {
+            let word = self.words[GROUP_G474 / 4];
+            return (0..=word & 3)
+                .map(|rank| word >> (9 + 6 * rank) & 0x1f)
+                .collect();
+        }
         let word = self.words[0x38 / 4];
         let last = word >> 20 & 3;
         (0..=last)
@@ -109,7 +214,9 @@ impl Converter {
     }
 
     fn begin(&mut self, now: u64, cycle: u64) {
-        self.words[0] |= INJECTED_START;
+        if self.kind == Kind::Stm32f405 {
+            self.words[0] |= INJECTED_START;
+        }
         let times = self
             .group()
             .into_iter()
@@ -120,7 +227,14 @@ impl Converter {
     /// Handles TIM1's trigger: starts the group where it is enabled and none is running.
     pub fn trigger(&mut self, now: u64, cycle: u64) {
         let control = self.words[2];
-        let asked = control >> 16 & 0xf == 1 && control >> 20 & 1 == 1;
+        let group = self.words[GROUP_G474 / 4];
+        let asked = match self.kind {
+            Kind::Stm32f405 => control >> 16 & 0xf == 1 && control >> 20 & 1 == 1,
+            // A rising edge of its trigger 0.
+            Kind::Stm32g474 => {
+                control & START_INJECTED_G474 != 0 && group >> 7 & 1 == 1 && group >> 2 & 0x1f == 0
+            }
+        };
         if control & ON != 0 && asked && self.injected == u64::MAX {
             self.begin(now, cycle);
         }
@@ -134,6 +248,9 @@ impl Converter {
     /// Ends the conversions due by `now` with the readings `level` of each channel, 0 to 4095.
     /// Returns whether the injected group ended.
     pub fn end(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) -> bool {
+        if self.kind == Kind::Stm32g474 {
+            return self.end_g474(now, level);
+        }
         let cut = 2 * (self.words[1] >> 24 & 3);
         let mut convert = |control: u32, channel: u32| {
             let value = u32::from(level(channel)) >> cut;
@@ -171,8 +288,31 @@ impl Converter {
         true
     }
 
+    fn end_g474(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) -> bool {
+        let cut = 2 * (self.words[3] >> 3 & 3);
+        let mut convert = |channel: u32| u32::from(level(channel)) >> cut;
+        if now >= self.regular {
+            self.words[0x40 / 4] = convert(self.words[0x30 / 4] >> 6 & 0x1f);
+            self.words[0] |= REGULAR_END_G474;
+            self.words[2] &= !START_G474;
+            self.regular = u64::MAX;
+        }
+        if now < self.injected {
+            return false;
+        }
+        for (rank, channel) in self.group().into_iter().enumerate() {
+            self.words[RESULTS_G474 / 4 + rank] = convert(channel);
+        }
+        self.words[0] |= INJECTED_END_G474;
+        self.injected = u64::MAX;
+        true
+    }
+
     /// Whether it requests its interrupt: end of a regular conversion, or of the injected group.
     pub fn interrupts(&self) -> bool {
+        if self.kind == Kind::Stm32g474 {
+            return self.words[0] & self.words[1] & (REGULAR_END_G474 | INJECTED_END_G474) != 0;
+        }
         let (status, control) = (self.words[0], self.words[1]);
         status & REGULAR_END != 0 && control >> 5 & 1 == 1
             || status & INJECTED_END != 0 && control >> 7 & 1 == 1
@@ -204,6 +344,33 @@ mod tests {
         assert!(converter.interrupts());
         converter.write(0x00, !INJECTED_END, 0, cycle);
         assert!(!converter.interrupts());
+    }
+
+    #[test]
+    fn the_stm32g474_converts_its_group_at_its_first_trigger() {
+        let mut converter = Converter::new(Kind::Stm32g474);
+        let cycle = 4;
+        // 42.5 MHz; 47.5 cycles of channels 2 and 6; interrupt at the end of the group.
+        converter.write(0x308, 2 << 18, 0, cycle);
+        converter.write(0x14, 4 << 6 | 4 << 18, 0, cycle);
+        converter.write(0x4c, 1 | 1 << 7 | 2 << 9 | 6 << 15, 0, cycle);
+        converter.write(0x04, 1 << 6, 0, cycle);
+        converter.write(0x08, ON_G474, 0, cycle);
+        assert_eq!(converter.read(0) & READY_G474, READY_G474);
+        converter.trigger(0, cycle);
+        assert_eq!(converter.due(), u64::MAX, "it is not started");
+        converter.write(0x08, ON_G474 | START_INJECTED_G474, 0, cycle);
+        assert_eq!(converter.due(), u64::MAX, "it waits for its trigger");
+        converter.trigger(0, cycle);
+        assert_eq!(converter.due(), 2 * 60 * 4 * cycle);
+        assert_eq!(converter.samples(cycle), 51 * 4 * cycle);
+        assert!(converter.end(converter.due(), |channel| 100 * channel as u16));
+        assert_eq!((converter.read(0x80), converter.read(0x84)), (200, 600));
+        assert!(converter.interrupts());
+        converter.write(0, 1 << 6, 0, cycle);
+        assert!(!converter.interrupts());
+        converter.trigger(1, cycle);
+        assert_ne!(converter.due(), u64::MAX, "it stays started");
     }
 
     #[test]

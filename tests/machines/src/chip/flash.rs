@@ -1,9 +1,13 @@
 //! Model of the flash, its controller and its accelerator (RM0090, chapter 3; DS8626, tables 39 and
-//! 40).
+//! 40). The controller of the STM32G474 is in `flash/pages.rs`.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 use super::clocks::TICKS;
+use super::kind::Kind;
+
+mod pages;
 
 /// First address of the flash.
 pub const START: u32 = 0x0800_0000;
@@ -12,8 +16,8 @@ const SIZE: usize = 1024 * 1024;
 pub const RANGE: Range<u32> = START..START + SIZE as u32;
 /// Addresses of the controller's registers.
 pub const REGISTERS: Range<u32> = 0x4002_3c00..0x4002_3c18;
-/// Address of the status register.
-pub const STATUS: u32 = REGISTERS.start + 0x0c;
+/// Largest number of erasable sectors of a chip.
+const SECTORS: usize = 256;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
@@ -53,7 +57,17 @@ const ERASE_TIMES: [[u64; 4]; 3] = [
     [250, 550, 1000, 8_000],
 ];
 
-/// Offsets of a sector.
+/// Size of the longest word that a chip programs at once, bytes; a sector is larger.
+const LONGEST_WORD: usize = 8;
+
+/// Takes the next key; returns whether it was the last of the right ones.
+fn turn(count: &mut usize, keys: [u32; 2], key: u32) -> bool {
+    let right = keys.get(*count) == Some(&key);
+    *count = if right { *count + 1 } else { keys.len() + 1 };
+    *count == keys.len()
+}
+
+/// Offsets of a sector of the STM32F405.
 pub fn sector(number: usize) -> Option<Range<usize>> {
     match number {
         0..=3 => Some(number * 0x4000..(number + 1) * 0x4000),
@@ -61,10 +75,6 @@ pub fn sector(number: usize) -> Option<Range<usize>> {
         5..=11 => Some((number - 4) * 0x2_0000..(number - 3) * 0x2_0000),
         _ => None,
     }
-}
-
-fn sector_at(offset: usize) -> Option<usize> {
-    (0..12).find(|number| sector(*number).is_some_and(|range| range.contains(&offset)))
 }
 
 /// Cached lines; a new one replaces the oldest (on silicon the least recently used).
@@ -118,12 +128,13 @@ impl Lines {
 pub struct Flash {
     /// Content.
     pub bytes: Vec<u8>,
+    kind: Kind,
     /// Address and mask of worn bits, which stay 1 when programmed.
     pub worn: Option<(u32, u32)>,
     /// Number of words programmed and sectors erased.
     pub operations: u64,
     /// Number of erasures of each sector.
-    pub erasures: [u32; 12],
+    pub erasures: [u32; SECTORS],
     /// Whether operations take the longest time of the data sheet instead of the typical one.
     pub slow: bool,
     /// Duration of an erasure in ticks that overrides the data sheet.
@@ -131,7 +142,7 @@ pub struct Flash {
     /// Addresses programmed or erased since the core's cache last took this.
     pub changed: Option<Range<u32>>,
     /// Sectors whose last erasure was not completed. They may read as erased and not stay so.
-    pub weak: [bool; 12],
+    pub weak: [bool; SECTORS],
     /// Whether a weak sector was programmed.
     pub programmed_weak: bool,
     /// A sector that was erased while the data cache held parts of it: reads may return old data.
@@ -148,6 +159,11 @@ pub struct Flash {
     option_control: u32,
     options: u32,
     busy: u64,
+    /// First half of a word of the STM32G474, with its offset.
+    half: Option<(usize, u32)>,
+    /// Offsets of words with two wrong bits, and the register that reports their reads.
+    torn: BTreeSet<usize>,
+    code: u32,
     instructions: Lines,
     data: Lines,
     /// Lines of the last instruction fetch and of the last data read.
@@ -158,13 +174,14 @@ impl Default for Flash {
     fn default() -> Self {
         Self {
             bytes: vec![0xff; SIZE],
+            kind: Kind::default(),
             worn: None,
             operations: 0,
-            erasures: [0; 12],
+            erasures: [0; SECTORS],
             slow: false,
             erases_in: None,
             changed: None,
-            weak: [false; 12],
+            weak: [false; SECTORS],
             programmed_weak: false,
             stale: None,
             under_way: None,
@@ -177,6 +194,9 @@ impl Default for Flash {
             option_control: OPTIONS,
             options: OPTIONS & OPTION_BYTES,
             busy: 0,
+            half: None,
+            torn: BTreeSet::new(),
+            code: 0,
             instructions: Lines::new(LINES[0]),
             data: Lines::new(LINES[1]),
             current: [u32::MAX; 2],
@@ -185,29 +205,81 @@ impl Default for Flash {
 }
 
 impl Flash {
+    /// Builds the erased flash of a chip.
+    pub fn new(kind: Kind) -> Self {
+        let mut flash = Self {
+            kind,
+            bytes: vec![0xff; kind.facts().identity.1 as usize * 1024],
+            ..Self::default()
+        };
+        if kind == Kind::Stm32g474 {
+            flash.options = pages::OPTIONS;
+        }
+        flash.reset();
+        flash
+    }
+
     /// Resets the controller.
     pub fn reset(&mut self) {
         (self.keys, self.control, self.status) = (0, LOCKED, 0);
         (self.option_keys, self.option_control) = (0, self.options | OPTIONS_LOCKED);
         (self.access, self.busy, self.stale) = (0, 0, None);
+        (self.half, self.code) = (None, 0);
+        if self.kind == Kind::Stm32g474 {
+            self.access = INSTRUCTION_CACHE | DATA_CACHE;
+        }
         self.instructions.forget();
         self.data.forget();
         self.current = [u32::MAX; 2];
     }
 
-    /// Level of the brown-out reset; 3 is off.
+    /// Brown-out reset in the coding of the option bytes.
     pub fn brown_out(&self) -> u32 {
-        self.options >> 2 & 3
+        match self.kind {
+            Kind::Stm32f405 => self.options >> 2 & 3,
+            Kind::Stm32g474 => self.options >> 8 & 7,
+        }
     }
 
     /// Whether the independent watchdog runs from reset on.
     pub fn hardware_watchdog(&self) -> bool {
-        self.options & SOFTWARE_WATCHDOG == 0
+        let by_software = match self.kind {
+            Kind::Stm32f405 => SOFTWARE_WATCHDOG,
+            Kind::Stm32g474 => pages::SOFTWARE_WATCHDOG,
+        };
+        self.options & by_software == 0
+    }
+
+    /// Address on the STM32F405 of the status register.
+    pub fn status_address(&self) -> u32 {
+        let offset = match self.kind {
+            Kind::Stm32f405 => 0x0c,
+            Kind::Stm32g474 => 0x10,
+        };
+        REGISTERS.start + offset
+    }
+
+    /// Whether an access of the memory at `offset` waits at tick `now`. A bank of the STM32G474
+    /// can be read while the other one is programmed or erased.
+    pub fn is_busy(&self, offset: usize, now: u64) -> bool {
+        now < self.busy && (self.kind == Kind::Stm32f405 || self.shares_bank(offset))
+    }
+
+    /// The sector of an offset.
+    fn sector_at(&self, offset: usize) -> Option<usize> {
+        if self.kind == Kind::Stm32g474 {
+            return Some(offset / pages::SIZE);
+        }
+        (0..12).find(|number| sector(*number).is_some_and(|range| range.contains(&offset)))
     }
 
     /// Sets the option bytes as if programmed and loaded.
     pub fn set_options(&mut self, options: u32) {
-        self.options = options & OPTION_BYTES;
+        let bytes = match self.kind {
+            Kind::Stm32f405 => OPTION_BYTES,
+            Kind::Stm32g474 => !0,
+        };
+        self.options = options & bytes;
         self.option_control = options | OPTIONS_LOCKED;
     }
 
@@ -242,7 +314,12 @@ impl Flash {
         if cached && self.instructions.has(line) {
             return 0;
         }
-        let latency = self.latency();
+        // A line of 16 bytes takes two reads of 8 bytes with the flash in two banks.
+        let reads = match self.kind {
+            Kind::Stm32f405 => 1,
+            Kind::Stm32g474 => 2,
+        };
+        let latency = reads * self.latency();
         // The prefetch loads the next line while the core executes this one, in 4 to 8 cycles.
         if prefetch && line == last.wrapping_add(1) {
             latency.saturating_sub(4)
@@ -269,6 +346,9 @@ impl Flash {
 
     /// Reads a register by its offset at tick `now`.
     pub fn register(&self, offset: u32, now: u64) -> u32 {
+        if self.kind == Kind::Stm32g474 {
+            return self.page_register(offset, now);
+        }
         match offset {
             0x00 => self.access,
             0x0c => self.status | (u32::from(now < self.busy) * BUSY),
@@ -283,11 +363,6 @@ impl Flash {
 
     /// Writes a register.
     pub fn set_register(&mut self, offset: u32, value: u32, now: u64) {
-        let turn = |count: &mut usize, keys: &[u32; 2]| {
-            let right = keys.get(*count) == Some(&value);
-            *count = if right { *count + 1 } else { keys.len() + 1 };
-            *count == keys.len()
-        };
         match offset {
             0x00 => {
                 self.access = value & 0x707;
@@ -299,12 +374,10 @@ impl Flash {
                     self.stale = None;
                 }
             }
-            0x04 => {
-                let opens = turn(&mut self.keys, &KEYS);
-                self.control &= !(u32::from(opens) * LOCKED);
-            }
+            offset if self.kind == Kind::Stm32g474 => self.set_page_register(offset, value, now),
+            0x04 => self.unlock(value),
             0x08 => {
-                let opens = turn(&mut self.option_keys, &OPTION_KEYS);
+                let opens = turn(&mut self.option_keys, OPTION_KEYS, value);
                 self.option_control &= !(u32::from(opens) * OPTIONS_LOCKED);
             }
             0x0c => self.status &= !(value & ERRORS),
@@ -334,6 +407,12 @@ impl Flash {
         }
     }
 
+    /// Takes a key; the second of two right ones unlocks the controller.
+    fn unlock(&mut self, key: u32) {
+        let opens = turn(&mut self.keys, KEYS, key);
+        self.control &= !(u32::from(opens) * LOCKED);
+    }
+
     /// Marks bytes at these offsets as changed.
     pub fn change(&mut self, places: Range<usize>) {
         let [start, end] = [places.start, places.end].map(|at| START + at as u32);
@@ -355,7 +434,7 @@ impl Flash {
     fn erase(&mut self, now: u64) {
         let what = if self.control & ERASE_ALL != 0 {
             self.bytes.fill(0xff);
-            self.weak = [false; 12];
+            self.weak = [false; SECTORS];
             self.stale = Some(0..SIZE);
             self.change(0..SIZE);
             3
@@ -394,8 +473,8 @@ impl Flash {
         let Some((at, before)) = &self.under_way else {
             return;
         };
-        if before.len() > 4
-            && let Some(number) = sector_at(*at)
+        if before.len() > LONGEST_WORD
+            && let Some(number) = self.sector_at(*at)
         {
             self.weak[number] = true;
         }
@@ -411,8 +490,11 @@ impl Flash {
         self.change(at..at + before.len());
         let left = self.busy - now;
         self.busy = 0;
-        if before.len() > 4 && 4 * left < self.takes {
+        if before.len() > LONGEST_WORD && 4 * left < self.takes {
             return;
+        }
+        if self.kind == Kind::Stm32g474 {
+            self.tear(at, before.len());
         }
         let mut state = now | 1;
         for (place, before) in self.bytes[at..].iter_mut().zip(before) {
@@ -426,6 +508,9 @@ impl Flash {
 
     /// Programs a word: bits change from 1 to 0 only.
     pub fn program(&mut self, offset: usize, size: u32, value: u32, now: u64) {
+        if self.kind == Kind::Stm32g474 {
+            return self.program_word(offset, size, value, now);
+        }
         if self.control & (LOCKED | PROGRAM) != PROGRAM {
             self.status |= WRONG_SEQUENCE;
             return;
@@ -439,7 +524,9 @@ impl Flash {
             _ => 0,
         };
         let value = (value | worn).to_le_bytes();
-        self.programmed_weak |= sector_at(offset).is_some_and(|number| self.weak[number]);
+        self.programmed_weak |= self
+            .sector_at(offset)
+            .is_some_and(|number| self.weak[number]);
         let before = &self.bytes[offset..offset + size as usize];
         self.under_way = Some((offset, before.to_vec()));
         for (place, byte) in self.bytes[offset..]

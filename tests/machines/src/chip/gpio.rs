@@ -1,4 +1,6 @@
-//! Model of a port of sixteen pins (RM0090, chapter 8).
+//! Model of a port of sixteen pins (RM0090, chapter 8; RM0440, chapter 9).
+
+use super::kind::Kind;
 
 /// External level at a pin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,13 +38,9 @@ pub struct Port {
 }
 
 impl Port {
-    /// Builds port `number`; A is 0.
-    pub fn new(number: usize) -> Self {
-        let first = match number {
-            0 => [0xa800_0000, 0x6400_0000],
-            1 => [0x0000_0280, 0x0000_0100],
-            _ => [0, 0],
-        };
+    /// Builds port `number` of a chip; A is 0.
+    pub fn new(kind: Kind, number: usize) -> Self {
+        let first = kind.facts().ports[number.min(2)];
         let mut port = Self {
             wires: [Wire::Open; 16],
             words: [0; 10],
@@ -115,7 +113,7 @@ mod tests {
 
     #[test]
     fn a_pin_reads_its_wire_or_its_resistor() {
-        let mut port = Port::new(1);
+        let mut port = Port::new(Kind::default(), 1);
         assert!(!port.level(0));
         port.write(0x0c, 0b01);
         assert!(port.level(0), "pulled up");
@@ -129,7 +127,7 @@ mod tests {
 
     #[test]
     fn an_output_is_set_and_reset_by_one_register() {
-        let mut port = Port::new(1);
+        let mut port = Port::new(Kind::default(), 1);
         port.write(0x00, 1 << 20);
         assert_eq!(port.output(10), Some(false));
         port.write(0x18, 1 << 10);

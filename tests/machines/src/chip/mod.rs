@@ -1,7 +1,8 @@
-//! Emulator of an STM32F405RG with its bridge, for a debug probe and for the machine around it.
+//! Emulator of an STM32F405RG or STM32G474RE with its bridge, for a debug probe and for the machine
+//! around it.
 //!
 //! The core executes the flash's content, or a probe's code in RAM. The peripherals, one per file,
-//! follow the reference manual (RM0090). Electrical properties, and behaviour that the manual
+//! follow the reference manuals (RM0090, RM0440). Electrical properties, and behaviour that the manual
 //! leaves open, need tests on silicon.
 
 mod board;
@@ -12,6 +13,7 @@ mod converter;
 pub mod core;
 pub mod flash;
 pub mod gpio;
+pub mod kind;
 mod power;
 mod serial;
 mod system;
@@ -23,8 +25,8 @@ use self::core::{COUNTER, Code, Core, Fault, STACK, WaitState};
 pub use board::Board;
 pub use board::MEMORY;
 use clocks::{Cause, TICKS};
+use kind::Kind;
 use system::HARD_FAULT;
-use world::Seen;
 
 use self::core::Bus;
 
@@ -149,7 +151,14 @@ pub enum Hang {
 
 impl Default for Chip {
     fn default() -> Self {
-        let mut board = Board::default();
+        Self::new(Kind::default())
+    }
+}
+
+impl Chip {
+    /// Builds a chip that runs an unspecified older firmware.
+    pub fn new(kind: Kind) -> Self {
+        let mut board = Board::new(kind);
         board.bridge.switch_on();
         Self {
             fails_after: None,
@@ -171,9 +180,7 @@ impl Default for Chip {
             hangs: None,
         }
     }
-}
 
-impl Chip {
     /// Run times of an exception's handler since they were last cleared.
     ///
     /// # Panics
@@ -676,7 +683,7 @@ impl Chip {
         if running <= -1 {
             self.runs = Runs::Stopped;
             self.core.attention = true;
-            self.board.world.record(self.board.now, Seen::LockedUp);
+            self.board.locks_up();
             return;
         }
         system.hard_status |= FORCED;
@@ -713,6 +720,7 @@ fn width(address: u32, length: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use super::world::Seen;
     use super::*;
 
     /// Runs of a few cycles execute each round of the wait; one long run skips most of them.

@@ -1,20 +1,19 @@
-//! Model of the supply, its monitor and the brown-out reset (RM0090, chapter 5; DS8626, table 19).
+//! Model of the supply, its monitor and the brown-out reset (RM0090, chapter 5; RM0440, chapter 6).
+
+use super::kind::Kind;
 
 /// Bits of CR (5.4.1) and CSR (5.4.2).
 const MONITOR: u32 = 1 << 4;
 const BELOW: u32 = 1 << 2;
 const SCALED: u32 = 1 << 14;
 
-/// Monitor thresholds of a falling supply by level, V.
-const LEVELS: [f64; 8] = [1.98, 2.13, 2.25, 2.39, 2.54, 2.65, 2.78, 2.88];
+/// Bits of the STM32G474 (RM0440, 6.4): PVDE of CR2, PVDO of SR2, R1MODE of CR5.
+const MONITOR_G474: u32 = 1;
+const BELOW_G474: u32 = 1 << 11;
+const NORMAL_RANGE_1: u32 = 1 << 8;
+
 /// Hysteresis of the monitor and the brown-out reset, V.
 const HYSTERESIS: f64 = 0.1;
-/// Brown-out thresholds in the coding of the option bytes, V: 0b00 is level 3, 0b11 is off.
-const BROWN_OUT: [f64; 4] = [2.83, 2.44, 2.19, 0.0];
-/// Power-down threshold, V: below it the chip is off with any option bytes.
-const OFF: f64 = 1.68;
-/// Lowest supply for 168 MHz with 5 wait states, V (DS8626, table 15).
-pub const LOWEST: f64 = 2.7;
 
 /// State of the chip at a supply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,31 +30,59 @@ pub enum Supply {
 pub struct Power {
     /// The supply, V.
     pub volts: f64,
+    kind: Kind,
+    /// CR of the STM32F405; CR2 of the STM32G474.
     control: u32,
     status: u32,
     below: bool,
+    /// CR1, CR3 and CR5 of the STM32G474.
+    others: [u32; 3],
 }
 
 impl Default for Power {
     fn default() -> Self {
         Self {
             volts: 3.3,
+            kind: Kind::Stm32f405,
             control: SCALED,
             status: 0,
             below: false,
+            others: [0; 3],
         }
     }
 }
 
 impl Power {
+    pub fn new(kind: Kind) -> Self {
+        match kind {
+            Kind::Stm32f405 => Self::default(),
+            Kind::Stm32g474 => Self {
+                kind,
+                control: 0,
+                others: [0x200, 0x8000, NORMAL_RANGE_1],
+                ..Self::default()
+            },
+        }
+    }
+
     pub fn reset(&mut self) {
         *self = Self {
             volts: self.volts,
-            ..Self::default()
+            ..Self::new(self.kind)
         };
     }
 
     pub fn read(&self, offset: u32) -> u32 {
+        if self.kind == Kind::Stm32g474 {
+            return match offset {
+                0x00 => self.others[0],
+                0x04 => self.control,
+                0x08 => self.others[1],
+                0x14 => u32::from(self.below) * BELOW_G474,
+                0x80 => self.others[2],
+                _ => 0,
+            };
+        }
         match offset {
             0x00 => self.control,
             0x04 => self.status | SCALED | (u32::from(self.below) * BELOW),
@@ -64,34 +91,54 @@ impl Power {
     }
 
     pub fn write(&mut self, offset: u32, value: u32) {
-        match offset {
-            0x00 => self.control = value & 0xc3f3,
-            0x04 => self.status = value & 0x300,
+        match (self.kind, offset) {
+            (Kind::Stm32f405, 0x00) => self.control = value & 0xc3f3,
+            (Kind::Stm32f405, 0x04) => self.status = value & 0x300,
+            (Kind::Stm32g474, 0x00) => self.others[0] = value,
+            (Kind::Stm32g474, 0x04) => self.control = value & 0xff,
+            (Kind::Stm32g474, 0x08) => self.others[1] = value,
+            (Kind::Stm32g474, 0x80) => self.others[2] = value & NORMAL_RANGE_1,
             _ => {}
         }
         self.look();
     }
 
+    /// Highest frequency of the core, Hz. The STM32G474 needs range 1 boost for it.
+    pub fn fastest(&self) -> u32 {
+        self.kind.facts().fastest[usize::from(self.others[2] & NORMAL_RANGE_1 != 0)]
+    }
+
+    /// Whether the supply is below the monitor's level.
+    pub fn is_below(&self) -> bool {
+        self.below
+    }
+
     /// Updates the monitor; returns its output: the supply is below its level.
     pub fn look(&mut self) -> bool {
-        let level = LEVELS[(self.control >> 5 & 7) as usize];
+        let (on, level) = match self.kind {
+            Kind::Stm32f405 => (self.control & MONITOR, self.control >> 5 & 7),
+            Kind::Stm32g474 => (self.control & MONITOR_G474, self.control >> 1 & 7),
+        };
+        let level = self.kind.facts().levels.get(level as usize).unwrap_or(&0.0);
         let level = level + if self.below { HYSTERESIS } else { 0.0 };
-        self.below = self.control & MONITOR != 0 && self.volts < level;
+        self.below = on != 0 && self.volts < level;
         self.below
     }
 
     /// Whether the supply is too low to program or erase the flash by words (DS8626, flash memory
     /// programming), or the monitor's output is high.
     pub fn too_low_for_flash(&self) -> bool {
-        self.volts < LOWEST || self.below
+        self.volts < self.kind.facts().lowest || self.below
     }
 
     /// State of the chip with this brown-out level of the option bytes (3.9.1), in reset or not.
     pub fn supply(&self, level: u32, in_reset: bool) -> Supply {
         let more = if in_reset { HYSTERESIS } else { 0.0 };
-        if self.volts < OFF + more / 2.0 {
+        let facts = self.kind.facts();
+        let brown_out = facts.brown_out.get(level as usize).unwrap_or(&0.0);
+        if self.volts < facts.off + more / 2.0 {
             Supply::Gone
-        } else if self.volts < BROWN_OUT[(level & 3) as usize] + more {
+        } else if self.volts < brown_out + more {
             Supply::BrownOut
         } else {
             Supply::Enough

@@ -1,8 +1,11 @@
-//! Model of a serial port (RM0090, chapter 30).
+//! Model of a serial port (RM0090, chapter 30). That of the STM32G474 is in `serial/fifo.rs`.
 
 use std::collections::VecDeque;
 
-use super::clocks::TICKS;
+use super::clocks::{START_CYCLE, TICKS};
+use super::kind::Kind;
+
+mod fifo;
 
 /// Bits of SR (30.6.1).
 const OVERRUN: u32 = 1 << 3;
@@ -27,7 +30,10 @@ pub struct Serial {
     /// Bytes that the chip has sent, each with the tick at which it was complete.
     pub sent: Vec<(u64, u8)>,
     shifting: Option<(u64, u8)>,
-    waiting: Option<u8>,
+    waiting: VecDeque<u8>,
+    /// Received bytes behind `data`.
+    received: VecDeque<u8>,
+    kind: Kind,
     idle_at: u64,
     /// Flags that a read of the status has returned; a read of the data clears them.
     seen: u32,
@@ -52,10 +58,12 @@ impl Default for Serial {
             coming: VecDeque::new(),
             sent: Vec::new(),
             shifting: None,
-            waiting: None,
+            waiting: VecDeque::new(),
+            received: VecDeque::new(),
+            kind: Kind::default(),
             idle_at: u64::MAX,
             seen: 0,
-            cycle: 63,
+            cycle: START_CYCLE,
             garbled: 0,
             stuck: false,
             lost: 0,
@@ -67,6 +75,14 @@ impl Default for Serial {
 pub const RATE: u64 = 115_200;
 
 impl Serial {
+    /// Builds a port of a chip.
+    pub fn new(kind: Kind) -> Self {
+        Self {
+            kind,
+            ..Self::default()
+        }
+    }
+
     /// Resets the registers; bytes on the line still arrive.
     pub fn reset(&mut self) {
         *self = Self {
@@ -75,6 +91,7 @@ impl Serial {
             garbled: self.garbled,
             lost: self.lost,
             cycle: self.cycle,
+            kind: self.kind,
             ..Self::default()
         };
     }
@@ -106,6 +123,9 @@ impl Serial {
     }
 
     pub fn read(&mut self, offset: u32) -> u32 {
+        if self.kind == Kind::Stm32g474 {
+            return self.read_fifo(offset);
+        }
         match offset {
             0x00 => {
                 self.seen = self.status;
@@ -126,21 +146,50 @@ impl Serial {
     }
 
     pub fn write(&mut self, offset: u32, value: u32, now: u64) {
+        if self.kind == Kind::Stm32g474 {
+            return self.write_fifo(offset, value, now);
+        }
         match offset {
             0x00 => self.status &= value | !(RECEIVED | SENT),
-            0x04 if self.control[0] & (ON | TRANSMITTER) == ON | TRANSMITTER => {
-                self.status &= !SENT;
-                let byte = value as u8;
-                if self.shifting.is_none() {
-                    self.shifting = Some((now + self.byte(), byte));
-                } else {
-                    self.waiting = Some(byte);
-                    self.status &= !EMPTY;
-                }
-            }
+            0x04 => self.send(value as u8, now),
             0x08 => self.rate = value & 0xffff,
             0x0c..=0x18 => self.control[(offset as usize - 0x0c) / 4] = value,
             _ => {}
+        }
+    }
+
+    /// Sends a byte, where the transmitter is on.
+    fn send(&mut self, byte: u8, now: u64) {
+        if !self.is_on(TRANSMITTER) {
+            return;
+        }
+        self.status &= !SENT;
+        if self.shifting.is_none() {
+            self.shifting = Some((now + self.byte(), byte));
+            return;
+        }
+        self.waiting.truncate(self.depth() - 1);
+        self.waiting.push_back(byte);
+        if self.waiting.len() == self.depth() {
+            self.status &= !EMPTY;
+        }
+    }
+
+    /// Whether the port and its receiver or transmitter are on.
+    fn is_on(&self, part: u32) -> bool {
+        let on = match self.kind {
+            Kind::Stm32f405 => ON,
+            Kind::Stm32g474 => fifo::ON,
+        };
+        self.control[0] & (on | part) == on | part
+    }
+
+    /// Number of bytes that wait in each direction.
+    fn depth(&self) -> usize {
+        if self.kind == Kind::Stm32g474 {
+            self.fifo_depth()
+        } else {
+            1
         }
     }
 
@@ -161,14 +210,16 @@ impl Serial {
             && time <= now
         {
             self.coming.pop_front();
-            if self.control[0] & (ON | RECEIVER) != ON | RECEIVER {
+            if !self.is_on(RECEIVER) {
                 continue;
             }
             if !self.hears() {
                 self.garbled += 1;
                 continue;
             }
-            if self.status & RECEIVED != 0 {
+            if self.status & RECEIVED != 0 && self.received.len() + 1 < self.depth() {
+                self.received.push_back(byte);
+            } else if self.status & RECEIVED != 0 {
                 self.status |= OVERRUN;
                 self.lost += 1;
             } else {
@@ -182,7 +233,8 @@ impl Serial {
             && !self.stuck
         {
             self.sent.push((time, byte));
-            self.shifting = self.waiting.take().map(|next| (time + self.byte(), next));
+            let next = self.waiting.pop_front();
+            self.shifting = next.map(|next| (time + self.byte(), next));
             self.status |= EMPTY;
             if self.shifting.is_none() {
                 self.status |= SENT;
@@ -194,7 +246,7 @@ impl Serial {
         let (status, control) = (self.status, self.control[0]);
         let asked = control & (IDLE | RECEIVED | SENT | EMPTY);
         let flags = status | (u32::from(status & OVERRUN != 0) * RECEIVED);
-        control & ON != 0 && flags & asked != 0
+        self.is_on(0) && flags & asked != 0
     }
 }
 
@@ -205,7 +257,7 @@ mod tests {
     fn port() -> Serial {
         let mut serial = Serial::default();
         // 42 MHz / 115 200.
-        serial.set_cycle(24);
+        serial.set_cycle(TICKS / 42_000_000);
         serial.write(0x08, 365, 0);
         serial.write(0x0c, ON | RECEIVER | TRANSMITTER | RECEIVED | IDLE, 0);
         serial
@@ -262,7 +314,7 @@ mod tests {
         assert_eq!(serial.read(0) & EMPTY, 0);
         serial.happen(TICKS);
         serial.happen(TICKS);
-        let byte = 365 * 24 * 10;
+        let byte = 365 * 10 * (TICKS / 42_000_000);
         assert_eq!(serial.sent, [(byte, 1), (2 * byte, 2)]);
         assert_eq!(serial.read(0) & (EMPTY | SENT), EMPTY | SENT);
     }
@@ -270,7 +322,7 @@ mod tests {
     #[test]
     fn another_clock_garbles_what_comes() {
         let mut serial = port();
-        serial.set_cycle(16);
+        serial.set_cycle(TICKS / 63_000_000);
         serial.receive(0, b"kband");
         serial.happen(TICKS);
         assert_eq!(serial.garbled, 5);

@@ -1,6 +1,7 @@
-//! Models of the two watchdogs (RM0090, chapters 21 and 22).
+//! Models of the two watchdogs (RM0090, chapters 21 and 22; RM0440, chapters 42 and 43).
 
 use super::clocks::TICKS;
+use super::kind::Kind;
 
 /// Address of the window watchdog's control register, which has its count.
 pub const WINDOW_CONTROL: u32 = 0x4000_2c00;
@@ -131,6 +132,8 @@ impl Independent {
 /// The window watchdog, on the clock of APB1.
 #[derive(Clone, Debug)]
 pub struct Window {
+    /// Position of the prescaler in the configuration.
+    prescaler: u32,
     control: u32,
     configuration: u32,
     early: bool,
@@ -142,6 +145,7 @@ pub struct Window {
 impl Default for Window {
     fn default() -> Self {
         Self {
+            prescaler: Kind::default().facts().window_prescaler,
             control: 0x7f,
             configuration: 0x7f,
             early: false,
@@ -152,8 +156,18 @@ impl Default for Window {
 }
 
 impl Window {
+    pub fn new(kind: Kind) -> Self {
+        Self {
+            prescaler: kind.facts().window_prescaler,
+            ..Self::default()
+        }
+    }
+
     pub fn reset(&mut self) {
-        *self = Self::default();
+        *self = Self {
+            prescaler: self.prescaler,
+            ..Self::default()
+        };
     }
 
     /// Whether it runs; only a reset stops it.
@@ -161,9 +175,15 @@ impl Window {
         self.control & 0x80 != 0
     }
 
+    /// Bits of the prescaler: two on the STM32F405, three on the STM32G474.
+    fn prescaler_mask(&self) -> u32 {
+        let most = if self.prescaler == 7 { 3 } else { 7 };
+        most << self.prescaler
+    }
+
     /// Duration of a count in ticks; `cycle` is that of an APB1 cycle.
     fn step(&self, cycle: u64) -> u64 {
-        (cycle * 4096) << (self.configuration >> 7 & 3)
+        (cycle * 4096) << ((self.configuration & self.prescaler_mask()) >> self.prescaler)
     }
 
     fn count(&self, now: u64, cycle: u64) -> u32 {
@@ -207,7 +227,7 @@ impl Window {
             0x04 => {
                 self.control = self.control & 0x80 | self.count(now, cycle);
                 self.since = now;
-                self.configuration = value & 0x3ff;
+                self.configuration = value & (0x27f | self.prescaler_mask());
             }
             0x08 => self.early &= value & 1 == 1,
             _ => {}
@@ -310,5 +330,14 @@ mod tests {
         assert_eq!(dog.warns(cycle), 0x3f * count);
         dog.warn();
         assert!(dog.interrupts());
+    }
+
+    #[test]
+    fn the_stm32g474_divides_by_another_field() {
+        // 170 MHz by 4096 and 4.
+        let mut dog = Window::new(Kind::Stm32g474);
+        dog.write(0x04, 0x60 | 2 << 11, 0, 6);
+        dog.write(0x00, 0xff, 0, 6);
+        assert_eq!(dog.due(6), 0x40 * 6 * 4096 * 4);
     }
 }

@@ -13,8 +13,8 @@ pub const STEP: u64 = TICKS / kband_control::SAMPLE_RATE as u64;
 /// a duty of 93 %.
 const FULL: f32 = 0.86;
 
-/// Channel of the converter on which the current sensor is (PC0).
-const CURRENT: usize = 10;
+/// Place of the current sensor's reading (PC0): its channel on the STM32F405.
+pub const CURRENT: usize = 10;
 
 /// Events seen from outside the chip.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,0 +1,174 @@
+//! The chips that the firmware is built for, and the differences between them.
+//!
+//! Both have the same core, timers, ports, CRC unit and watchdogs. Each peripheral's own registers
+//! are in its file; this table has the rest.
+
+/// A chip.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kind {
+    /// STM32F405RG (RM0090, DS8626).
+    #[default]
+    Stm32f405,
+    /// STM32G474RE with its flash in two banks (RM0440, DS12288).
+    Stm32g474,
+}
+
+/// Numbers that differ between the chips.
+#[derive(Debug)]
+pub struct Facts {
+    /// Feature of the firmware's package that replaces the default ones.
+    pub feature: Option<&'static str>,
+    /// Identity (DBGMCU_IDCODE), and flash size in KiB.
+    pub identity: (u32, u32),
+    /// Address of the word with the flash size.
+    pub flash_size: u32,
+    /// Size of the core-coupled memory at its own address, bytes.
+    pub coupled: usize,
+    /// Debug freeze register of APB2, and its bit for TIM1.
+    pub timer_stop: (u32, u32),
+    /// Highest frequency of the core in Hz, and the one without range 1 boost.
+    pub fastest: [u32; 2],
+    /// Lowest supply for the highest frequency and for the flash, V.
+    pub lowest: f64,
+    /// Power-down threshold, V: below it the chip is off with any option bytes.
+    pub off: f64,
+    /// Monitor thresholds of a falling supply by level, V.
+    pub levels: &'static [f64],
+    /// Brown-out thresholds in the coding of the option bytes, V; 0 is off.
+    pub brown_out: &'static [f64],
+    /// Alternate function of the pins of TIM1.
+    pub timer_function: u8,
+    /// Converter channels: accelerometer (PA1), current sensor (PC0), reference.
+    pub channels: [u32; 3],
+    /// Mode and pull registers after a reset: ports A and B with the debugger's pins, the others.
+    pub ports: [[u32; 2]; 3],
+    /// Position of the prescaler in the window watchdog's configuration.
+    pub window_prescaler: u32,
+    /// Spread of the independent watchdog's oscillator, Hz.
+    pub watchdog_clock: [f64; 2],
+    /// Size of the memory for settings and for faults, bytes, at the flash's end: two erasable
+    /// sectors each.
+    pub settings_sector: usize,
+    /// Size of a word that is programmed at once, bytes.
+    pub flash_word: usize,
+}
+
+const STM32F405: Facts = Facts {
+    feature: None,
+    identity: (0x1007_6413, 1024),
+    flash_size: 0x1fff_7a20,
+    coupled: 64 * 1024,
+    timer_stop: (0xe004_200c, 1),
+    // DS8626, table 14.
+    fastest: [168_000_000; 2],
+    // With 5 wait states, and for the flash by words (DS8626, table 15).
+    lowest: 2.7,
+    off: 1.68,
+    // DS8626, table 19. Option bytes (3.9.1): 0b00 is level 3, 0b11 is off.
+    levels: &[1.98, 2.13, 2.25, 2.39, 2.54, 2.65, 2.78, 2.88],
+    brown_out: &[2.83, 2.44, 2.19, 0.0],
+    timer_function: 1,
+    channels: [1, 10, 17],
+    ports: [[0xa800_0000, 0x6400_0000], [0x280, 0x100], [0, 0]],
+    window_prescaler: 7,
+    // DS8626, table 40.
+    watchdog_clock: [17e3, 47e3],
+    settings_sector: 128 * 1024,
+    flash_word: 4,
+};
+
+const STM32G474: Facts = Facts {
+    feature: Some("stm32g474re"),
+    identity: (0x2003_6469, 512),
+    flash_size: 0x1fff_75e0,
+    // It is seen at the end of the RAM too, where the program uses it.
+    coupled: 0,
+    timer_stop: (0xe004_2010, 1 << 11),
+    // RM0440, 6.1.5.
+    fastest: [170_000_000, 150_000_000],
+    lowest: 1.71,
+    off: 1.62,
+    // DS12288, embedded reset and power control block; level 7 is an external input. Option bytes
+    // (3.7.8): 0 is off.
+    levels: &[2.05, 2.2, 2.36, 2.52, 2.64, 2.81, 2.9],
+    brown_out: &[0.0, 2.0, 2.2, 2.49, 2.76],
+    timer_function: 6,
+    channels: [2, 6, 18],
+    ports: [
+        [0xabff_ffff, 0x6400_0000],
+        [0xffff_febf, 0x100],
+        [0xffff_ffff, 0],
+    ],
+    window_prescaler: 11,
+    // DS12288, LSI oscillator characteristics.
+    watchdog_clock: [29.5e3, 34e3],
+    settings_sector: 2 * 1024,
+    flash_word: 8,
+};
+
+/// Blocks of registers of the STM32G474: first address, size, and first address of the same block
+/// on the STM32F405.
+const BLOCKS: [(u32, u32, u32); 13] = [
+    // WWDG and IWDG.
+    (0x4000_2c00, 0x800, 0x4000_2c00),
+    // USART2 and USART3, UART4 and UART5.
+    (0x4000_4400, 0x1000, 0x4000_4400),
+    // PWR.
+    (0x4000_7000, 0x400, 0x4000_7000),
+    // SYSCFG.
+    (0x4001_0000, 0x30, 0x4001_3800),
+    // EXTI.
+    (0x4001_0400, 0x400, 0x4001_3c00),
+    // TIM1.
+    (0x4001_2c00, 0x400, 0x4001_0000),
+    // USART1.
+    (0x4001_3800, 0x400, 0x4001_1000),
+    // RCC.
+    (0x4002_1000, 0x400, 0x4002_3800),
+    // Controller of the flash.
+    (0x4002_2000, 0x400, 0x4002_3c00),
+    // CRC.
+    (0x4002_3000, 0x400, 0x4002_3000),
+    // Ports A to G.
+    (0x4800_0000, 0x1c00, 0x4002_0000),
+    // ADC1, and the registers common to ADC1 and ADC2.
+    (0x5000_0000, 0x400, 0x4001_2000),
+    // DAC1.
+    (0x5000_0800, 0x400, 0x4000_7400),
+];
+
+impl Kind {
+    /// The numbers of this chip.
+    pub fn facts(self) -> &'static Facts {
+        match self {
+            Self::Stm32f405 => &STM32F405,
+            Self::Stm32g474 => &STM32G474,
+        }
+    }
+
+    /// Address on the STM32F405 of a peripheral's register; 0 where there is no model.
+    pub fn place(self, address: u32) -> u32 {
+        if self == Self::Stm32f405 {
+            return address;
+        }
+        let block = BLOCKS
+            .iter()
+            .find(|(start, size, _)| address.wrapping_sub(*start) < *size);
+        block.map_or(0, |(start, _, same)| address - start + same)
+    }
+
+    /// Address of a register of this chip by that on the STM32F405.
+    ///
+    /// # Panics
+    /// This chip has no such block.
+    pub fn address(self, same: u32) -> u32 {
+        if self == Self::Stm32f405 {
+            return same;
+        }
+        let block = BLOCKS
+            .iter()
+            .find(|(_, size, first)| same.wrapping_sub(*first) < *size);
+        let (start, _, first) = block.expect("a block of both chips");
+        same - first + start
+    }
+}
