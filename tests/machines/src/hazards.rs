@@ -1,13 +1,14 @@
 //! Fault scenarios of `docs/safety.md` for an image on the emulated chip.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use crate::chip::Hang;
+use crate::chip::kind::Kind;
 use crate::chip::world::Seen;
 use crate::draw::{Draw, failure};
-use crate::rig::{Act, Rig, chip_with_image};
+use crate::images::feeder_on;
+use crate::rig::{Act, Rig, chip_of};
 use kband_control::wire::Request;
 use kband_control::{Settings, Target};
 use kband_plant::{Change, Scene};
@@ -113,9 +114,9 @@ impl Hazard {
         f64::from(amplitude_limit.min(1e3 * acceleration_limit / square))
     }
 
-    /// A board with an image, its machine's settings set and saved.
-    fn commission(&self, image: &Path) -> Rig {
-        let mut rig = Rig::with(chip_with_image(image), &self.scene);
+    /// A board with this chip, its machine's settings set and saved.
+    fn commission(&self, kind: Kind) -> Rig {
+        let mut rig = Rig::with(chip_of(kind, &feeder_on(kind)), &self.scene);
         rig.chip.power_on();
         rig.run(0.3);
         let told = self.scene.settings.values();
@@ -134,25 +135,25 @@ impl Hazard {
         rig
     }
 
-    /// A board with this desk's image at the first failure. The common part of scenarios runs once.
-    pub fn before(&self, image: &Path) -> Rig {
+    /// A board with this chip at the first failure. The common part of scenarios runs once.
+    pub fn before(&self, kind: Kind) -> Rig {
         let Self { scene, target, .. } = self;
         let heard = self.link_ends.min(self.from);
         cached_rig(
-            format!("{image:?} {scene:?} {target:?} {heard} {}", self.from),
+            format!("{kind:?} {scene:?} {target:?} {heard} {}", self.from),
             || {
-                let mut rig = self.commissioned(image);
+                let mut rig = self.commissioned(kind);
                 self.run_to_failure(&mut rig);
                 rig
             },
         )
     }
 
-    /// A commissioned board with this desk's image; made once for each machine and target.
-    pub fn commissioned(&self, image: &Path) -> Rig {
+    /// A commissioned board with this chip; made once for each machine and target.
+    pub fn commissioned(&self, kind: Kind) -> Rig {
         let Self { scene, target, .. } = self;
-        cached_rig(format!("{image:?} {scene:?} {target:?}"), || {
-            self.commission(image)
+        cached_rig(format!("{kind:?} {scene:?} {target:?}"), || {
+            self.commission(kind)
         })
     }
 
@@ -447,27 +448,34 @@ pub fn of_gear() -> [Hazard; 2] {
     ]
 }
 
-/// Program errors at [`FAILURE_TIME`]. `panics` is the address of a function that panics, `stack`
+/// Program errors at [`FAILURE_TIME`] on a chip. `panics` is the address of a function that panics, `stack`
 /// that of the stack's far end.
-pub fn of_the_program(panics: u32, stack: u32) -> Vec<Hazard> {
-    // The converter's interrupt in the clear-enable register of the NVIC, the converter, the timer.
+pub fn of_the_program(kind: Kind, panics: u32, stack: u32) -> Vec<Hazard> {
+    // The converter's interrupt in the clear-enable register of the NVIC.
     const MASKED: Act = Act::Store(0xe000_e180, 1 << 18);
-    const CONVERTER_OFF: Act = Act::Store(0x4001_2008, 0);
-    const TIMER_OFF: Act = Act::Store(0x4001_0000, 0);
+    // Converter and timer, by their addresses on the STM32F405. The control register of the
+    // STM32G474's converter stops injected conversions by bit 5.
+    let store = |same: u32, value: u32| Act::Store(kind.address(same), value);
+    let converter_off = match kind {
+        Kind::Stm32f405 => store(0x4001_2008, 0),
+        Kind::Stm32g474 => store(0x4001_2008, 1 << 5),
+    };
+    let timer_off = store(0x4001_0000, 0);
     // Repetition counter and period of the timer: an update every 25 us, and every 33 us.
-    const TWICE: Act = Act::Store(0x4001_0030, 0);
-    const HALF_AS_OFTEN_AGAIN: Act = Act::Store(0x4001_002c, 2_800);
-    const ERASED: u32 = 0x080f_0000;
+    let twice = store(0x4001_0030, 0);
+    let half_as_often_again = store(0x4001_002c, 2_800);
+    // Between the program and its settings.
+    let erased = 0x0800_0000 + 1024 * kind.facts().identity.1 * 15 / 16;
     let astray = [
         ("a panic", Act::Jump(panics)),
-        ("a jump into erased flash", Act::Jump(ERASED)),
+        ("a jump into erased flash", Act::Jump(erased)),
         ("the stack overflows", Act::Stack(stack + 4)),
         ("the samples' handler hangs", Act::Hang(Hang::Samples)),
         ("the samples' interrupt is masked", MASKED),
-        ("the converter is switched off", CONVERTER_OFF),
-        ("the timer stands", TIMER_OFF),
-        ("samples come twice as often", TWICE),
-        ("samples come half as often again", HALF_AS_OFTEN_AGAIN),
+        ("the converter is switched off", converter_off),
+        ("the timer stands", timer_off),
+        ("samples come twice as often", twice),
+        ("samples come half as often again", half_as_often_again),
     ];
     // Enable and pend the interrupt of an unused timer (TIM2, 28).
     let stray = [

@@ -6,20 +6,25 @@ use kband_control::wire::{
 };
 use kband_control::{Event, Fault, Limits, StartCause, State, Target};
 use kband_machines::chip::gpio::Wire;
+use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Seen;
 use kband_machines::hazards::Hazard;
-use kband_machines::images::feeder;
 use kband_machines::rig::{Act, Rig};
 
 /// A machine of this frequency in Hz with saved settings, at rest; no link timeout.
 fn machine(frequency: f32, target: Target) -> Rig {
+    machine_on(Kind::default(), frequency, target)
+}
+
+/// The same on this chip.
+fn machine_on(kind: Kind, frequency: f32, target: Target) -> Rig {
     let mut hazard = Hazard::of("line", frequency, target);
     let settings = &mut hazard.scene.settings;
     settings.link_timeout = 0.0;
     // Within the acceleration limit at each of these frequencies.
     settings.safe_amplitude = 0.005;
     hazard.scene.sensor.noise = 0.04;
-    hazard.commissioned(&feeder())
+    hazard.commissioned(kind)
 }
 
 // A frame fits the ring buffer of the port.
@@ -36,7 +41,10 @@ fn target(frequency: f32) -> Target {
 
 /// The machine after some seconds in the run.
 fn running(frequency: f32, target: Target, seconds: f64) -> Rig {
-    let mut rig = machine(frequency, target);
+    start(machine(frequency, target), frequency, seconds)
+}
+
+fn start(mut rig: Rig, frequency: f32, seconds: f64) -> Rig {
     rig.at(1.1, Act::Enable(true)).run(1.1 + seconds);
     assert_eq!(rig.opens_after(1.2), None, "{frequency} Hz: it runs");
     rig
@@ -143,8 +151,10 @@ fn report(rig: &mut Rig) -> (State, Option<Fault>, Limits) {
 /// A flood of requests must neither hang the link nor delay the control.
 #[test]
 fn a_thousand_pipelined_requests_are_answered() {
-    for frequency in [5.0, 50.0, 130.0, 500.0] {
-        let ready = running(frequency, target(frequency), 2.5);
+    let chips = [5.0, 50.0, 130.0, 500.0].map(|frequency| (Kind::Stm32f405, frequency));
+    for (kind, frequency) in chips.into_iter().chain([(Kind::Stm32g474, 130.0)]) {
+        let machine = machine_on(kind, frequency, target(frequency));
+        let ready = start(machine, frequency, 2.5);
         let silent = amplitudes(&mut ready.clone(), 45);
         let mut rig = ready;
         let before = rig.sent().len();
@@ -229,7 +239,7 @@ fn telemetry_beyond_the_line_rate_is_dropped() {
     hazard.scene.parts = kband_plant::Scene::default().parts;
     hazard.scene.settings.link_timeout = 0.0;
     hazard.scene.settings.track_mass = 10.0;
-    let mut rig = hazard.commissioned(&feeder());
+    let mut rig = hazard.commissioned(Kind::default());
     rig.at(1.1, Act::Enable(true)).run(4.0);
     let silent = amplitudes(&mut rig.clone(), 40);
     rig.request_done(&Request::Telemetry(1));
@@ -266,7 +276,7 @@ fn telemetry_beyond_the_line_rate_is_dropped() {
 fn a_hung_link_is_a_limit_and_never_a_reset() {
     let mut hazard = Hazard::of("hung", 50.0, Target::Amplitude(0.2));
     hazard.scene.settings.link_timeout = 0.8;
-    let mut rig = hazard.commissioned(&feeder());
+    let mut rig = hazard.commissioned(Kind::default());
     rig.at(1.1, Act::Enable(true));
     let alive = |rig: &mut Rig, from: f64, to: f64| {
         let mut time = from;

@@ -430,19 +430,25 @@ impl Board {
         self.refresh();
     }
 
-    /// Sets the supply, V.
-    pub fn set_volts(&mut self, volts: f64) {
-        self.power.volts = volts;
-        let below = self.power.look();
-        if self.power.too_low_for_flash() {
-            self.flash.weaken(self.now);
-        }
+    /// Follows the supply monitor's output with its EXTI line and the break.
+    fn follow_monitor(&mut self) {
+        let below = self.power.is_below();
         if below != self.monitor {
             self.monitor = below;
             let edges = self.lines[if below { 2 } else { 3 }];
             self.lines[5] |= edges & MONITOR_LINE;
         }
         self.break_input(false);
+    }
+
+    /// Sets the supply, V.
+    pub fn set_volts(&mut self, volts: f64) {
+        self.power.volts = volts;
+        self.power.look();
+        if self.power.too_low_for_flash() {
+            self.flash.weaken(self.now);
+        }
+        self.follow_monitor();
         match self.power.supply(self.flash.brown_out(), !self.supplied) {
             Supply::Enough => {}
             Supply::BrownOut => self.reset = Some(Cause::BrownOut),
@@ -497,6 +503,15 @@ impl Board {
     pub fn is_still_until(&self) -> u64 {
         let counts = self.window.counts_at(self.now, self.lower());
         self.next.min(self.flash.busy()).min(counts)
+    }
+
+    /// Reports a read of a flash word with two wrong bits (RM0440, 3.3.7).
+    fn check_word(&mut self, offset: usize) {
+        if self.flash.reads_torn(offset) {
+            self.system.pend(NMI);
+            self.attention = true;
+            self.break_input(self.breaks(BREAK_BY_FLASH));
+        }
     }
 
     /// Makes a read of the busy flash wait.
@@ -591,7 +606,7 @@ impl Board {
             }
             0x4000_7000..0x4000_7400 => {
                 self.power.write(offset, value);
-                self.break_input(false);
+                self.follow_monitor();
             }
             0x4000_7400..0x4000_7800 => self.voltage.write(offset, value),
             0x4001_0000..0x4001_0400 => {
@@ -705,11 +720,7 @@ impl Board {
                     let what = "reads data that its cache kept over an erasure".to_owned();
                     self.world.violate(self.now, what);
                 }
-                if self.flash.reads_torn(at) {
-                    self.system.pend(NMI);
-                    self.attention = true;
-                    self.break_input(self.breaks(BREAK_BY_FLASH));
-                }
+                self.check_word(at);
                 number(&self.flash.bytes, at, size)
             }
             1 if address < COUPLED + self.coupled.len() as u32 => {
@@ -849,6 +860,9 @@ impl Bus for Board {
         if flash::RANGE.contains(&address) {
             self.wait_for_flash(address);
             self.stall += self.flash.fetch(address);
+            let offset = (address - flash::START) as usize & !0xf;
+            self.check_word(offset);
+            self.check_word(offset + 8);
         }
     }
 }
