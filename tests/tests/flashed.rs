@@ -1,16 +1,16 @@
-//! The board's image, bytes unchanged, on the emulated chip with the simulated track on its bridge.
+//! The boards' images, bytes unchanged, on the emulated chip with the simulated track on its bridge.
 
 use kband_control::State;
 use kband_control::wire::{Request, Response};
 use kband_plant::{ClosedLoop, Scene};
 use kband_tests::chip::clocks::Cause;
+use kband_tests::chip::kind::Kind;
 use kband_tests::chip::world::Seen;
-use kband_tests::images::feeder;
 use kband_tests::rig::{Act, Rig};
 
 /// A board with the machine's settings, saved at its first start, and the target lock.
-fn commissioned() -> Rig {
-    let mut rig = Rig::boot(&feeder());
+fn commissioned(kind: Kind) -> Rig {
+    let mut rig = Rig::boot_on(kind);
     rig.run(0.3);
     rig.request_done(&Request::Target(kband_control::Target::Locked { order: 1 }));
     // The desk sends one request and is then silent.
@@ -29,7 +29,17 @@ fn desk() -> f64 {
 
 #[test]
 fn from_power_on_to_lock_it_does_what_the_desk_does() {
-    let mut rig = commissioned();
+    locks_as_the_desk(Kind::Stm32f405, 5);
+}
+
+#[test]
+fn from_power_on_to_lock_the_stm32g474_does_so_too() {
+    locks_as_the_desk(Kind::Stm32g474, 4);
+}
+
+/// A start from power-on to the lock, with this number of flash wait states.
+fn locks_as_the_desk(kind: Kind, wait_states: u32) {
+    let mut rig = commissioned(kind);
     // The enable input acknowledges the start without settings; then the board starts.
     rig.at(1.5, Act::Enable(true)).run(1.5);
     assert_eq!(rig.resets(), [(0.0, Cause::Power)]);
@@ -41,11 +51,11 @@ fn from_power_on_to_lock_it_does_what_the_desk_does() {
     let (board, desk) = (rig.amplitude(), desk());
     assert!((board / desk - 1.0).abs() < 0.02, "{board} {desk}");
     assert!(rig.peak() < 0.3);
-    // One reset, no fault, and the core's clock with five flash wait states.
+    // One reset, no fault, and the core's highest clock with its wait states.
     assert_eq!(rig.resets().len(), 1);
     assert_eq!(rig.seen_after(1.4, &Seen::Fault(true)), None);
-    assert_eq!(rig.chip.board.clock(), 168_000_000);
-    assert_eq!(rig.chip.board.flash.latency(), 5);
+    assert_eq!(rig.chip.board.clock(), kind.facts().fastest[0]);
+    assert_eq!(rig.chip.board.flash.latency(), wait_states);
     // It answers the desk.
     let state = rig.request(&Request::SelfTest, |response| match response {
         Response::Refused(_) => "runs",

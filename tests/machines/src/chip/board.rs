@@ -226,7 +226,8 @@ impl Board {
             self.cycle = cycle;
         }
         if core > self.power.fastest() {
-            let what = format!("the core at {} MHz", core / 1_000_000);
+            let [core, most] = [core, self.power.fastest()].map(|clock| clock / 1_000_000);
+            let what = format!("the core at {core} MHz, above its limit of {most} MHz");
             self.world.violate(self.now, what);
         }
         let stopped = self.halted && self.stops[2] & self.kind.facts().timer_stop.1 != 0;
