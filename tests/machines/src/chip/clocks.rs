@@ -242,7 +242,7 @@ impl Clocks {
         if value & PLLON == 0 {
             self.pll_ready = u64::MAX;
         } else if risen & PLLON != 0 {
-            let fed = !self.from_crystal() || now >= self.crystal_ready;
+            let fed = !self.uses_crystal() || now >= self.crystal_ready;
             self.pll_ready = if fed { now + PLL_START } else { u64::MAX };
         }
     }
@@ -254,14 +254,14 @@ impl Clocks {
         let ran = now >= self.crystal_ready;
         self.crystal = 0;
         self.crystal_ready = u64::MAX;
-        if self.from_crystal() {
+        if self.uses_crystal() {
             self.pll_ready = u64::MAX;
         }
         let seen = ran && self.control & CSSON != 0;
         if seen {
             self.interrupts |= CSSF;
             self.control &= !(HSEON | CSSON);
-            if self.from_crystal() {
+            if self.uses_crystal() {
                 self.control &= !PLLON;
             }
             self.configuration = self.configuration & !3 | self.layout.internal_code;
@@ -293,13 +293,13 @@ impl Clocks {
     }
 
     /// Whether the PLL's source is the crystal.
-    fn from_crystal(&self) -> bool {
+    fn uses_crystal(&self) -> bool {
         let (mask, value) = self.layout.from_crystal;
         self.pll & mask == value
     }
 
     fn pll_out(&self) -> u32 {
-        let source = if self.from_crystal() {
+        let source = if self.uses_crystal() {
             self.crystal
         } else {
             INTERNAL

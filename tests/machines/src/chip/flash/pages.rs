@@ -33,7 +33,7 @@ impl Flash {
     pub(super) fn page_register(&self, offset: u32, now: u64) -> u32 {
         match offset {
             0x00 => self.access,
-            0x10 => self.status | u32::from(now < self.busy) * BUSY,
+            0x10 => self.status | (u32::from(now < self.busy) * BUSY),
             0x14 => self.control | OPTION_LOCK,
             0x18 => self.code,
             0x20 => self.options,
