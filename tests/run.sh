@@ -150,6 +150,7 @@ if [ "${1:-}" = --drawn ]; then
         step "scenes of seed $seed" 7200 cargo test --locked --package kband-tests --test random_scenes
         step "feeders of seed $seed" 7200 cargo test --locked --package kband-plant --lib drawn
         step "lots of seed $seed" 7200 cargo test --locked --package kband-plant --test loops lots
+        step "machines of seed $seed" 7200 cargo test --locked --package kband-plant --test loops bounds
         step "settings of seed $seed" 7200 cargo test --locked --package kband-control --lib bounds
         step "requests and power cuts of seed $seed" 7200 cargo test --locked --package kband-firmware --lib
         step "inputs of seed $seed" 7200 cargo test --locked --package kband-fuzz --test inputs
