@@ -42,12 +42,12 @@ pub struct Facts {
     pub channels: [u32; 3],
     /// Mode and pull registers after a reset: ports A and B with the debugger's pins, the others.
     pub ports: [[u32; 2]; 3],
-    /// Position of the prescaler in the window watchdog's configuration.
+    /// Bits of the prescaler in the window watchdog's configuration.
     pub window_prescaler: u32,
     /// Spread of the independent watchdog's oscillator, Hz.
     pub watchdog_clock: [f64; 2],
-    /// Size of the memory for settings and for faults, bytes, at the flash's end: two erasable
-    /// sectors each.
+    /// Size of an erasable sector at the flash's end, bytes. The last two are for the settings, the
+    /// two before them for the faults.
     pub settings_sector: usize,
     /// Size of a word that is programmed at once, bytes.
     pub flash_word: usize,
@@ -70,7 +70,7 @@ const STM32F405: Facts = Facts {
     timer_function: 1,
     channels: [1, 10, 17],
     ports: [[0xa800_0000, 0x6400_0000], [0x280, 0x100], [0, 0]],
-    window_prescaler: 7,
+    window_prescaler: 3 << 7,
     // DS8626, table 40.
     watchdog_clock: [17e3, 47e3],
     settings_sector: 128 * 1024,
@@ -99,7 +99,7 @@ const STM32G474: Facts = Facts {
         [0xffff_febf, 0x100],
         [0xffff_ffff, 0],
     ],
-    window_prescaler: 11,
+    window_prescaler: 7 << 11,
     // DS12288, LSI oscillator characteristics.
     watchdog_clock: [29.5e3, 34e3],
     settings_sector: 2 * 1024,
@@ -170,5 +170,23 @@ impl Kind {
             .find(|(_, size, first)| same.wrapping_sub(*first) < *size);
         let (start, _, first) = block.expect("a block of both chips");
         same - first + start
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_block_of_the_stm32g474_has_one_place() {
+        let kind = Kind::Stm32g474;
+        for (start, size, same) in BLOCKS {
+            for offset in [0, size - 4] {
+                assert_eq!(kind.place(start + offset), same + offset);
+                assert_eq!(kind.address(same + offset), start + offset);
+            }
+        }
+        assert_eq!(kind.place(0x4000_2000), 0, "CRS has no model");
+        assert_eq!(Kind::Stm32f405.place(0x4001_0000), 0x4001_0000);
     }
 }

@@ -170,6 +170,20 @@ mod tests {
     }
 
     #[test]
+    fn the_stm32g474_is_slower_without_boost_and_has_its_own_monitor() {
+        let mut power = Power::new(Kind::Stm32g474);
+        assert_eq!(power.fastest(), 150_000_000);
+        power.write(0x80, 0);
+        assert_eq!((power.read(0x80), power.fastest()), (0, 170_000_000));
+        power.volts = 2.8;
+        power.write(0x04, MONITOR_G474 | 5 << 1);
+        assert!(power.is_below() && power.read(0x14) & BELOW_G474 != 0);
+        power.reset();
+        assert_eq!((power.is_below(), power.fastest()), (false, 150_000_000));
+        assert!(!power.too_low_for_flash(), "it works down to 1.71 V");
+    }
+
+    #[test]
     fn brown_out_follows_the_option_bytes() {
         let mut power = Power::default();
         for (volts, level, expected) in [

@@ -132,7 +132,7 @@ impl Independent {
 /// The window watchdog, on the clock of APB1.
 #[derive(Clone, Debug)]
 pub struct Window {
-    /// Position of the prescaler in the configuration.
+    /// Bits of the prescaler in the configuration.
     prescaler: u32,
     control: u32,
     configuration: u32,
@@ -175,15 +175,10 @@ impl Window {
         self.control & 0x80 != 0
     }
 
-    /// Bits of the prescaler: two on the STM32F405, three on the STM32G474.
-    fn prescaler_mask(&self) -> u32 {
-        let most = if self.prescaler == 7 { 3 } else { 7 };
-        most << self.prescaler
-    }
-
     /// Duration of a count in ticks; `cycle` is that of an APB1 cycle.
     fn step(&self, cycle: u64) -> u64 {
-        (cycle * 4096) << ((self.configuration & self.prescaler_mask()) >> self.prescaler)
+        let code = self.configuration & self.prescaler;
+        (cycle * 4096) << (code >> self.prescaler.trailing_zeros())
     }
 
     fn count(&self, now: u64, cycle: u64) -> u32 {
@@ -227,7 +222,7 @@ impl Window {
             0x04 => {
                 self.control = self.control & 0x80 | self.count(now, cycle);
                 self.since = now;
-                self.configuration = value & (0x27f | self.prescaler_mask());
+                self.configuration = value & (0x27f | self.prescaler);
             }
             0x08 => self.early &= value & 1 == 1,
             _ => {}
