@@ -667,6 +667,10 @@ impl Board {
             let what = "programs a sector whose erasure did not end".to_owned();
             self.world.violate(self.now, what);
         }
+        if std::mem::take(&mut self.flash.programmed_cached) {
+            let what = "programs the flash with its data cache on".to_owned();
+            self.world.violate(self.now, what);
+        }
         if self
             .cut_at
             .is_some_and(|count| self.flash.operations >= count)

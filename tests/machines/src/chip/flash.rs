@@ -145,6 +145,9 @@ pub struct Flash {
     pub weak: [bool; SECTORS],
     /// Whether a weak sector was programmed.
     pub programmed_weak: bool,
+    /// Whether a word of the STM32G474 was programmed with the data cache on. A read of the other
+    /// bank may then spoil the cache; `embassy-stm32` 0.6.0 switches it off (flash/g.rs).
+    pub programmed_cached: bool,
     /// A sector that was erased while the data cache held parts of it: reads may return old data.
     stale: Option<Range<usize>>,
     /// Offset and previous content of the last operation.
@@ -183,6 +186,7 @@ impl Default for Flash {
             changed: None,
             weak: [false; SECTORS],
             programmed_weak: false,
+            programmed_cached: false,
             stale: None,
             under_way: None,
             takes: 0,

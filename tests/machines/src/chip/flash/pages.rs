@@ -116,6 +116,7 @@ impl Flash {
             _ => 0,
         };
         self.programmed_weak |= self.weak[at / SIZE];
+        self.programmed_cached |= self.access & DATA_CACHE != 0;
         self.under_way = Some((at, before));
         self.bytes[at..at + WORD].copy_from_slice(&(word | worn).to_le_bytes());
         self.torn.remove(&at);
@@ -186,6 +187,10 @@ mod tests {
         program(&mut flash, PLACE, 0, TICKS);
         assert_eq!(flash.bytes[PLACE..][..8], [0; 8]);
         assert_eq!(flash.operations, 2);
+        assert!(std::mem::take(&mut flash.programmed_cached));
+        flash.set_register(0x00, 0, TICKS);
+        program(&mut flash, PLACE + 16, 1, 2 * TICKS);
+        assert!(!flash.programmed_cached);
     }
 
     #[test]
