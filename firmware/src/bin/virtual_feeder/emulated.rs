@@ -14,12 +14,14 @@ use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_time::Timer;
+use embassy_time::{Instant, Timer};
 use kband::feeder::OutOfRange;
 use kband_control::wire::{KeptFault, Pin, SetUp};
 use kband_control::{AdcCode, Inputs, Report, Settings, Signal, Target};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
+use kband_firmware::bus::bus;
+use kband_firmware::bus::uart::{self, Uart};
 use kband_firmware::cortex::{
     IDENTITY, Owned, remembers_running, stack_free, stack_low, stack_use, take_last_words,
 };
@@ -45,6 +47,8 @@ use crate::serial::{self, Serial};
 
 /// SysTick's clock in QEMU's machine, Hz.
 const CORE_CLOCK: u64 = 168_000_000;
+/// Clock of UART4, Hz. The emulated line has no rate.
+const BUS_CLOCK: u32 = 42_000_000;
 /// Reload of the sample timer: 25 us at QEMU's 1 GHz. The emulated time does not affect the
 /// samples.
 const SAMPLE_TICKS: u16 = 25_000 - 1;
@@ -272,11 +276,29 @@ fn SysTick() {
         return;
     }
     TIME.systick_interrupt();
+    EXCHANGE.bus.poll(cycle_count());
     if BY_MILLISECOND.load(Ordering::Relaxed) {
         for _ in 0..SAMPLES_A_MILLISECOND {
             sample();
         }
     }
+}
+
+/// Core cycles by the millisecond clock: QEMU has no cycle counter.
+fn cycle_count() -> u32 {
+    (Instant::now().as_millis() as u32).wrapping_mul(CORE_CLOCK as u32 / 1_000)
+}
+
+/// A byte of the fieldbus.
+#[interrupt]
+fn UART4() {
+    uart::interrupt(&EXCHANGE.bus, cycle_count());
+}
+
+#[embassy_executor::task]
+async fn fieldbus(station: &'static Station) {
+    let port = Uart::with_clocks(&EXCHANGE.bus, BUS_CLOCK, CORE_CLOCK as u32);
+    bus(&EXCHANGE.bus, port, station, IDENTITY).await;
 }
 
 #[embassy_executor::task]
@@ -505,7 +527,10 @@ fn begin(spawner: Spawner) {
     }
     if linked {
         serial::start();
+        // SAFETY: no critical section relies on this interrupt's mask.
+        unsafe { NVIC::unmask(pac::Interrupt::UART4) };
         spawner.spawn(desk_link(station, memory, found.pin).expect("spawned once"));
+        spawner.spawn(fieldbus(station).expect("spawned once"));
     }
     if word != "hang" {
         let trace = Trace {
