@@ -182,8 +182,13 @@ fn a_set_run_bit_starts_nothing_after_power_on() {
     rig.act(&Act::Volts(3.3));
     rig.run(rig.time() + 0.5);
     let since = rig.time();
-    for _ in 0..5 {
-        assert_eq!(control(&mut rig, 1), state(State::Off));
+    for enable in [true, false, true] {
+        // As without a bus, the enable input must be off once.
+        rig.act(&Act::Enable(enable));
+        rig.run(rig.time() + 0.2);
+        for _ in 0..3 {
+            assert_eq!(control(&mut rig, 1), state(State::Off));
+        }
     }
     assert_eq!(rig.seen_after(since, &Seen::Bridge(true)), None);
     control(&mut rig, 0);

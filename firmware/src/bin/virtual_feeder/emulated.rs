@@ -14,7 +14,7 @@ use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_time::{Instant, Timer};
+use embassy_time::Timer;
 use kband::feeder::OutOfRange;
 use kband_control::wire::{KeptFault, Pin, SetUp};
 use kband_control::{AdcCode, Inputs, Report, Settings, Signal, Target};
@@ -23,7 +23,8 @@ use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
 use kband_firmware::bus::bus;
 use kband_firmware::bus::uart::{self, Uart};
 use kband_firmware::cortex::{
-    IDENTITY, Owned, remembers_running, stack_free, stack_low, stack_use, take_last_words,
+    IDENTITY, Owned, count_millisecond, microseconds, remembers_running, stack_free, stack_low,
+    stack_use, take_last_words,
 };
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
@@ -276,7 +277,7 @@ fn SysTick() {
         return;
     }
     TIME.systick_interrupt();
-    EXCHANGE.bus.poll(cycle_count());
+    EXCHANGE.bus.poll(count_millisecond());
     if BY_MILLISECOND.load(Ordering::Relaxed) {
         for _ in 0..SAMPLES_A_MILLISECOND {
             sample();
@@ -284,20 +285,15 @@ fn SysTick() {
     }
 }
 
-/// Core cycles by the millisecond clock: QEMU has no cycle counter.
-fn cycle_count() -> u32 {
-    (Instant::now().as_millis() as u32).wrapping_mul(CORE_CLOCK as u32 / 1_000)
-}
-
 /// A byte of the fieldbus.
 #[interrupt]
 fn UART4() {
-    uart::interrupt(&EXCHANGE.bus, cycle_count());
+    uart::interrupt(&EXCHANGE.bus, microseconds(CORE_CLOCK as u32));
 }
 
 #[embassy_executor::task]
 async fn fieldbus(station: &'static Station) {
-    let port = Uart::with_clocks(&EXCHANGE.bus, BUS_CLOCK, CORE_CLOCK as u32);
+    let port = Uart::with_clock(&EXCHANGE.bus, BUS_CLOCK);
     bus(&EXCHANGE.bus, port, station, IDENTITY).await;
 }
 
