@@ -1,6 +1,6 @@
 //! `kband registers`: the registers of a board on Modbus.
 
-use kband_bus::registers::{self, Access, Form, Register};
+use kband_bus::registers::{self, Access, Form, Register, Words};
 
 use crate::arguments::Printed;
 use crate::desk::Desk;
@@ -32,14 +32,14 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         columns::MEANING.words(),
     ])
     .folded();
-    for register in registers::all() {
+    for (register, words) in registers::all() {
         table.push([
             u64::from(register.address).into(),
-            register.name.into(),
-            register.unit.into(),
+            words.name.into(),
+            words.unit.into(),
             form(&register).into(),
             written(&register).into(),
-            meaning(&register).into(),
+            meaning(&words).into(),
         ]);
     }
     Printout::new(table).print(arguments.printed.format)?;
@@ -64,9 +64,9 @@ fn written(register: &Register) -> &'static str {
     }
 }
 
-fn meaning(register: &Register) -> String {
-    let meaning = register.meaning.trim();
-    match register.accepted.trim() {
+fn meaning(words: &Words) -> String {
+    let meaning = words.meaning.trim();
+    match words.accepted.trim() {
         "" => meaning.to_owned(),
         accepted => format!("{meaning} {accepted}"),
     }
@@ -88,10 +88,10 @@ mod tests {
         let mut made = format!(
             "{before}| register | quantity | unit | form | written | meaning |\n|---|---|---|---|---|---|\n"
         );
-        for register in registers::all() {
-            let (address, name, unit) = (register.address, register.name, register.unit);
+        for (register, words) in registers::all() {
+            let (address, name, unit) = (register.address, words.name, words.unit);
             let (form, written) = (form(&register), written(&register));
-            let meaning = meaning(&register);
+            let meaning = meaning(&words);
             writeln!(
                 made,
                 "| {address} | {name} | {unit} | {form} | {written} | {meaning} |"
