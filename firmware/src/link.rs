@@ -287,7 +287,7 @@ async fn answer<'a>(
                     Condition::Whole if in_use => Kept::InUse,
                     Condition::Whole => Kept::Others,
                     Condition::Never => Kept::Never,
-                    Condition::Lost => Kept::Damaged,
+                    Condition::Lost | Condition::Newer => Kept::Damaged,
                 },
                 stack_free: (image.stack_free)(),
                 missed: station.missed(),

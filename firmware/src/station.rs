@@ -38,7 +38,7 @@ fn fault_of(start: StartCause) -> Option<KeptFault> {
 fn start_cause_for(found: &Found, start: StartCause) -> StartCause {
     match (found.condition, start) {
         (Condition::Whole, _) | (_, StartCause::ImageDamaged) => start,
-        (Condition::Never | Condition::Lost, _) => StartCause::Refused,
+        (Condition::Never | Condition::Lost | Condition::Newer, _) => StartCause::Refused,
     }
 }
 

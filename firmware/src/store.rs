@@ -3,6 +3,19 @@
 //! Settings and target are one record of a [`Journal`], so that a loss of power cannot tear them
 //! apart. A damaged record is never replaced by an older one or by the defaults: neither fits the
 //! machine. The drive stays off until settings are saved.
+//!
+//! A record names each setting by a hash of its key. A key that the record lacks gets its default:
+//! the default of a key that is added must not change what the drive does. A key that this firmware
+//! does not know is of a newer one: the record stays as it is, and the drive stays off.
+//!
+//! | bytes | content of a settings record |
+//! |---|---|
+//! | 4 | its version |
+//! | 8 | kind and number of the target |
+//! | 16 | ratio and phase of the target's upper tones |
+//! | 4 | the PIN, 0 for none |
+//! | 4 | number of settings |
+//! | 6 each | hash of a key, and its value |
 
 use core::borrow::BorrowMut;
 use core::future::Future;
@@ -15,15 +28,24 @@ pub use crate::journal::StoreFailed;
 use crate::journal::{Journal, Newest, OVERHEAD};
 use crate::waiting::{RECORD_SIZE, Waiting};
 
-/// Version of a record's meaning; raised when a setting keeps its name and changes its meaning.
-const VERSION: u32 = 3;
-/// Size of a slot for settings and target, bytes. Two pages of 2 KiB hold 140 000 saves in 10 000
+/// Version of a record's format and meaning; raised when a setting keeps its name and changes its
+/// meaning.
+const VERSION: u32 = 4;
+/// Largest version that a newer firmware may write.
+const LAST_VERSION: u32 = 0xffff;
+/// Size of a slot for settings and target, bytes. Two pages of 2 KiB hold 60 000 saves in 10 000
 /// erasures.
-const SLOT: usize = 256;
+const SLOT: usize = 512;
 /// Size of the content of a settings record, bytes.
 const CONTENT: usize = SLOT - OVERHEAD;
+/// Size of a record's content before the settings, bytes.
+const HEAD: usize = 36;
+/// Size of a setting in a record, bytes.
+const PAIR: usize = 6;
 /// Number of settings.
 const COUNT: usize = Settings::KEYS.len();
+/// Number of further settings for which a record has room.
+const SPARE: usize = 16;
 /// Size of a slot for a fault, bytes. The smallest page holds 50 of them and its mark.
 const FAULT_SLOT: usize = 40;
 /// Number of faults that are kept.
@@ -32,7 +54,7 @@ pub const KEPT_FAULTS: u32 = 32;
 const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
 const _: () = assert!(FAULT_CONTENT == RECORD_SIZE);
 
-const _: () = assert!(4 + 4 * COUNT + 24 + 4 <= CONTENT);
+const _: () = assert!(HEAD + PAIR * (COUNT + SPARE) <= CONTENT && COUNT <= u64::BITS as usize);
 
 /// State of the stored settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,8 +64,10 @@ pub enum Condition {
     /// No settings were ever saved.
     #[default]
     Never,
-    /// The settings saved last are damaged, out of range, or from a firmware with other settings.
+    /// The settings saved last are damaged, out of range, or from a firmware that is too old.
     Lost,
+    /// The settings saved last are from a newer firmware; they stay until others are saved.
+    Newer,
 }
 
 /// Content of the memory at the start.
@@ -57,6 +81,8 @@ pub struct Found {
     pub pin: Option<Pin>,
     /// State of these settings.
     pub condition: Condition,
+    /// Settings that the record lacks, with their defaults: bit n for `Settings::KEYS[n]`.
+    pub added: u64,
 }
 
 impl Found {
@@ -67,6 +93,7 @@ impl Found {
             target: Target::Amplitude(0.0),
             pin: None,
             condition,
+            added: 0,
         }
     }
 }
@@ -129,7 +156,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         supply_settled: fn() -> bool,
     ) -> Result<Self, StoreFailed> {
         Ok(Self {
-            settings: Journal::new(&flash, settings, 1)?,
+            settings: Journal::new(&flash, settings, 1)?.converting::<{ version_3::SLOT }>(),
             faults: Journal::new(&flash, faults, KEPT_FAULTS)?,
             flash,
             waiting,
@@ -153,7 +180,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
         match self.settings.newest(&mut self.flash, &mut content).await {
             Newest::Nothing => Found::none(Condition::Never),
             Newest::Spoilt => Found::none(Condition::Lost),
-            Newest::Whole => decode_settings(&content).unwrap_or(Found::none(Condition::Lost)),
+            Newest::Whole => decode_settings(&content).unwrap_or_else(Found::none),
         }
     }
 
@@ -208,21 +235,27 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
     }
 }
 
-/// Hash of the settings' names and order (FNV-1a).
-const SETTINGS_SCHEMA: u32 = {
-    let mut sum = 0x811c_9dc5 ^ VERSION;
+/// Hash of a setting's key: FNV-1a of 32 bits, folded to 16.
+const fn hash(key: &str) -> u16 {
+    let name = key.as_bytes();
+    let mut sum = 0x811c_9dc5_u32;
+    let mut at = 0;
+    while at < name.len() {
+        sum = (sum ^ name[at] as u32).wrapping_mul(0x0100_0193);
+        at += 1;
+    }
+    (sum >> 16 ^ sum) as u16
+}
+
+/// Hashes of the keys, in the order of [`Settings::KEYS`].
+const HASHES: [u16; COUNT] = {
+    let mut hashes = [0; COUNT];
     let mut key = 0;
     while key < COUNT {
-        let name = Settings::KEYS[key].name.as_bytes();
-        let mut at = 0;
-        while at < name.len() {
-            sum = (sum ^ name[at] as u32).wrapping_mul(0x0100_0193);
-            at += 1;
-        }
-        sum = (sum ^ 0xff).wrapping_mul(0x0100_0193);
+        hashes[key] = hash(Settings::KEYS[key].name);
         key += 1;
     }
-    sum
+    hashes
 };
 
 /// Reads a record in words of four bytes, little endian.
@@ -248,7 +281,23 @@ fn put(content: &mut [u8], words: impl IntoIterator<Item = u32>) {
 
 fn encode_settings(settings: &Settings, target: Target, pin: Option<Pin>) -> [u8; CONTENT] {
     let mut content = [0; CONTENT];
-    let values = settings.values().map(f32::to_bits);
+    let (head, pairs) = content.split_at_mut(HEAD);
+    let words = [VERSION]
+        .into_iter()
+        .chain(target_words(target))
+        .chain([pin.map_or(0, Pin::number), COUNT as u32]);
+    put(head, words);
+    let (pairs, _) = pairs.as_chunks_mut::<PAIR>();
+    for ((pair, hash), value) in pairs.iter_mut().zip(HASHES).zip(settings.values()) {
+        let [low, high] = hash.to_le_bytes();
+        let [a, b, c, d] = value.to_le_bytes();
+        *pair = [low, high, a, b, c, d];
+    }
+    content
+}
+
+/// Kind, number and upper tones of a target.
+fn target_words(target: Target) -> impl Iterator<Item = u32> {
     let mut tones = Shape::SINE;
     let (kind, number) = match target {
         Target::Locked { order } => (0, u32::from(order)),
@@ -264,64 +313,88 @@ fn encode_settings(settings: &Settings, target: Target, pin: Option<Pin>) -> [u8
             (7, k.to_bits())
         }
     };
-    let tones = tones
-        .tones()
-        .map(|tone| [tone.ratio.to_bits(), tone.phase.to_bits()]);
-    let target = [kind, number]
+    let tones = tones.tones();
+    let tones = tones.map(|tone| [tone.ratio.to_bits(), tone.phase.to_bits()]);
+    [kind, number]
         .into_iter()
-        .chain(tones.into_iter().flatten());
-    let pin = [pin.map_or(0, Pin::number)];
-    let words = [SETTINGS_SCHEMA]
-        .into_iter()
-        .chain(values)
-        .chain(target)
-        .chain(pin);
-    put(&mut content, words);
-    content
+        .chain(tones.into_iter().flatten())
 }
 
-/// Decodes a record; `None` if its settings are not those of this firmware or not accepted.
-fn decode_settings(content: &[u8]) -> Option<Found> {
+impl Words<'_> {
+    /// The target; `None` where this firmware has none of its kind.
+    fn target(&mut self) -> Option<Target> {
+        let (kind, number) = (self.next()?, self.next()?);
+        let mut tone = || Some(UpperTone::new(self.number()?, self.number()?));
+        let shape = Shape::new(tone()?, tone()?);
+        Some(match kind {
+            0 => Target::Locked {
+                order: u8::try_from(number).ok()?,
+            },
+            1 => Target::Chaotic,
+            2 => Target::K(f32::from_bits(number)),
+            3 => Target::Amplitude(f32::from_bits(number)),
+            4 => Target::Speed(f32::from_bits(number)),
+            5 => Target::Identify,
+            8 => Target::Flow(f32::from_bits(number)),
+            6 => Target::Gear {
+                order: u8::try_from(number).ok()?,
+            },
+            7 => Target::Tones {
+                k: f32::from_bits(number),
+                shape,
+            },
+            _ => return None,
+        })
+    }
+
+    /// The PIN, where one is set; the outer `None` for a number that is no PIN.
+    fn pin(&mut self) -> Option<Option<Pin>> {
+        match self.next()? {
+            0 => Some(None),
+            number => Pin::from_number(number).map(Some),
+        }
+    }
+}
+
+/// Decodes a record.
+///
+/// # Errors
+/// The record is of a newer firmware, or its settings are not accepted.
+fn decode_settings(content: &[u8]) -> Result<Found, Condition> {
     let mut words = Words(content);
-    if words.next()? != SETTINGS_SCHEMA {
-        return None;
-    }
+    let found = match words.next() {
+        Some(VERSION) => decode_pairs(words)?,
+        Some(version_3::SCHEMA) => version_3::decode(words).ok_or(Condition::Lost)?,
+        Some(newer) if (VERSION..=LAST_VERSION).contains(&newer) => return Err(Condition::Newer),
+        _ => return Err(Condition::Lost),
+    };
+    found.settings.check().map_err(|_| Condition::Lost)?;
+    Ok(found)
+}
+
+/// Decodes a record behind its version.
+fn decode_pairs(mut words: Words<'_>) -> Result<Found, Condition> {
+    let target = words.target().ok_or(Condition::Newer)?;
+    let pin = words.pin().ok_or(Condition::Lost)?;
+    let count = words.next().ok_or(Condition::Lost)? as usize;
+    let (pairs, _) = words.0.as_chunks::<PAIR>();
     let mut settings = Settings::default();
-    for key in Settings::KEYS {
-        settings.set(key.name, words.number()?).ok()?;
+    let mut added = u64::MAX >> (u64::BITS as usize - COUNT);
+    for [low, high, value @ ..] in pairs.get(..count).ok_or(Condition::Lost)? {
+        let hash = u16::from_le_bytes([*low, *high]);
+        let known = HASHES.iter().zip(Settings::KEYS).enumerate();
+        let mut known = known.filter(|(_, (known, _))| **known == hash);
+        let (number, (_, key)) = known.next().ok_or(Condition::Newer)?;
+        let set = settings.set(key.name, f32::from_le_bytes(*value));
+        set.map_err(|_| Condition::Lost)?;
+        added &= !(1 << number);
     }
-    settings.check().ok()?;
-    let (kind, number) = (words.next()?, words.next()?);
-    let mut tone = || Some(UpperTone::new(words.number()?, words.number()?));
-    let shape = Shape::new(tone()?, tone()?);
-    let target = match kind {
-        0 => Target::Locked {
-            order: u8::try_from(number).ok()?,
-        },
-        1 => Target::Chaotic,
-        2 => Target::K(f32::from_bits(number)),
-        3 => Target::Amplitude(f32::from_bits(number)),
-        4 => Target::Speed(f32::from_bits(number)),
-        5 => Target::Identify,
-        8 => Target::Flow(f32::from_bits(number)),
-        6 => Target::Gear {
-            order: u8::try_from(number).ok()?,
-        },
-        7 => Target::Tones {
-            k: f32::from_bits(number),
-            shape,
-        },
-        _ => return None,
-    };
-    let pin = match words.next()? {
-        0 => None,
-        number => Some(Pin::from_number(number)?),
-    };
-    Some(Found {
+    Ok(Found {
         settings,
         target,
         pin,
         condition: Condition::Whole,
+        added,
     })
 }
 
@@ -357,6 +430,8 @@ fn fault_of(number: u32, content: &[u8]) -> Option<KeptFault> {
         high: (readings >> 16) as u16,
     })
 }
+
+mod version_3;
 
 #[cfg(test)]
 pub(crate) mod tests;

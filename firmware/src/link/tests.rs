@@ -50,6 +50,7 @@ impl Store for Memory {
             target,
             pin,
             condition: Condition::Whole,
+            added: 0,
         };
         Ok(())
     }
@@ -74,6 +75,7 @@ const FOUND: fn(Condition) -> Found = |condition| Found {
     target: Target::Locked { order: 1 },
     pin: None,
     condition,
+    added: 0,
 };
 
 const IMAGE: Image = Image {
@@ -711,6 +713,7 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
     for (condition, kept) in [
         (Condition::Never, Kept::Never),
         (Condition::Lost, Kept::Damaged),
+        (Condition::Newer, Kept::Damaged),
     ] {
         let mut board = Board::with(FOUND(condition));
         let fault = |board: &mut Board| {
@@ -767,7 +770,7 @@ fn defaults_drive_nothing_until_settings_are_saved() {
 /// track.
 #[test]
 fn defaults_in_the_place_of_lost_settings_move_nothing() {
-    for condition in [Condition::Never, Condition::Lost] {
+    for condition in [Condition::Never, Condition::Lost, Condition::Newer] {
         let found = Found::none(condition);
         assert_eq!(found.target, Target::Amplitude(0.0));
         let mut board = Board::with(found);

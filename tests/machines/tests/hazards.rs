@@ -876,9 +876,9 @@ fn an_erasure_that_was_cut_short_is_repeated() {
 /// Offset of the settings in the flash, bytes.
 const SETTINGS: usize = 0x080c_0000 - flash::START as usize;
 /// Size of a settings record, bytes.
-const RECORD: usize = 256;
+const RECORD: usize = 512;
 /// Number of slots in a bank.
-const BANK: usize = 512;
+const BANK: usize = 256;
 /// Number of records in a bank, whose first slot holds its mark.
 const ROOM: usize = BANK - 1;
 
@@ -920,6 +920,45 @@ fn set_pair(rig: &mut Rig, values: [f32; 2]) {
     }
 }
 
+/// Number of flash operations of a save of new settings in this board.
+fn operations_of_a_save(rig: &mut Rig) -> u64 {
+    set_pair(rig, [0.7, 0.9]);
+    let mut whole = rig.clone();
+    let before = whole.chip.operations();
+    whole.request_done(&Request::Save);
+    whole.chip.operations() - before
+}
+
+/// Cuts the save of these settings at some of its operations; counts the boards that keep the old
+/// settings, and those that have the new ones.
+fn cut_saves(rig: &Rig, old: [u32; 2], operations: u64) -> [u32; 2] {
+    let mut old_or_new = [0; 2];
+    for cut in (1..=operations).filter(|n| n % 8 == 1 || n + 11 > operations) {
+        let mut rig = rig.clone();
+        rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
+        rig.chip.board.flash.erases_in = Some(ticks(0.02));
+        rig.send(&Request::Save);
+        rig.run(rig.time() + 0.1);
+        assert!(!rig.chip.board.supplied, "{cut}: it was cut");
+        rig.act(&Act::Volts(0.0));
+        rig.run(rig.time() + 0.01);
+        rig.act(&Act::Volts(3.3));
+        rig.run(rig.time() + 0.25);
+        assert_eq!(rig.kept(), Kept::InUse, "{cut}");
+        let now = pair(&mut rig);
+        let new = now == [700, 900];
+        assert!(new || now == old, "{cut}: {now:?}");
+        old_or_new[usize::from(new)] += 1;
+        // The remains of the cut must not hinder the next save.
+        if cut == 1 || cut == operations {
+            set_pair(&mut rig, [1.1, 1.3]);
+            rig.request_done(&Request::Save);
+            assert_eq!((rig.kept(), pair(&mut rig)), (Kept::InUse, [1100, 1300]));
+        }
+    }
+    old_or_new
+}
+
 /// A cut must not leave a mix of old and new settings.
 #[test]
 fn a_cut_save_keeps_the_old_or_the_new_settings() {
@@ -929,39 +968,62 @@ fn a_cut_save_keeps_the_old_or_the_new_settings() {
         let mut rig = worn(records);
         assert_eq!(rig.kept(), Kept::InUse, "{records}");
         let old = pair(&mut rig);
-        set_pair(&mut rig, [0.7, 0.9]);
-        let mut whole = rig.clone();
-        let before = whole.chip.operations();
-        whole.request_done(&Request::Save);
-        let operations = whole.chip.operations() - before;
-        // The erasure, and two words each for clearing the mark before it and setting it after it.
-        let wanted = RECORD as u64 / 4 + 5 * u64::from(records == ROOM);
+        let operations = operations_of_a_save(&mut rig);
+        // The erasure, and two words each for clearing the mark before it, and for setting mark and
+        // tag after it.
+        let wanted = RECORD as u64 / 4 + 7 * u64::from(records == ROOM);
         assert_eq!(operations, wanted);
-        let cuts = (1..=operations).filter(|n| n % 8 == 1 || n + 7 > operations);
-        for cut in cuts {
-            let mut rig = rig.clone();
-            rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
-            rig.chip.board.flash.erases_in = Some(ticks(0.02));
-            rig.send(&Request::Save);
-            rig.run(rig.time() + 0.1);
-            assert!(!rig.chip.board.supplied, "{records}, {cut}: it was cut");
-            rig.act(&Act::Volts(0.0));
-            rig.run(rig.time() + 0.01);
-            rig.act(&Act::Volts(3.3));
-            rig.run(rig.time() + 0.25);
-            assert_eq!(rig.kept(), Kept::InUse, "{records}, {cut}");
-            let now = pair(&mut rig);
-            let new = now == [700, 900];
-            assert!(new || now == old, "{records}, {cut}: {now:?}");
-            old_or_new[usize::from(new)] += 1;
-            // The remains of the cut must not hinder the next save.
-            if cut == 1 || cut == operations {
-                set_pair(&mut rig, [1.1, 1.3]);
-                rig.request_done(&Request::Save);
-                assert_eq!((rig.kept(), pair(&mut rig)), (Kept::InUse, [1100, 1300]));
-            }
+        let [olds, news] = cut_saves(&rig, old, operations);
+        old_or_new = [old_or_new[0] + olds, old_or_new[1] + news];
+    }
+    println!("cut saves, old and new settings: {old_or_new:?}");
+    assert!(old_or_new.iter().all(|count| *count > 2), "{old_or_new:?}");
+}
+
+/// A board whose settings an image with records of version 3 saved: 0.2 mm, soft start 0.7 s, soft
+/// stop 0.3 s.
+fn of_version_3() -> Rig {
+    let mut rig = machine().commissioned(&feeder());
+    rig.act(&Act::Volts(0.0));
+    let flash = rig.chip.flash_mut();
+    flash[SETTINGS..SETTINGS + 2 * BANK * RECORD].fill(0xff);
+    for line in include_str!("version_3.hex").lines() {
+        let mut words = line.split(' ');
+        let at = SETTINGS + usize::from_str_radix(words.next().unwrap(), 16).unwrap();
+        for (byte, word) in flash[at..].iter_mut().zip(words) {
+            *byte = u8::from_str_radix(word, 16).unwrap();
         }
     }
+    rig.run(1.1);
+    rig.act(&Act::Volts(3.3));
+    rig.run(1.4);
+    rig
+}
+
+#[test]
+fn settings_of_version_3_drive_and_are_converted_by_a_save() {
+    let mut rig = of_version_3();
+    assert_eq!(rig.kept(), Kept::InUse);
+    assert_eq!(pair(&mut rig), [700, 300]);
+    let mut driven = rig.clone();
+    let begun = driven.time();
+    for n in 0..10 {
+        let frame = driven.frame(&Request::Alive);
+        driven.at(begun + 0.3 * f64::from(n), Act::Link(frame));
+    }
+    driven.act(&Act::Enable(true));
+    driven.run(begun + 3.0);
+    assert!(
+        (driven.amplitude() - 0.2).abs() < 0.01,
+        "{}",
+        driven.amplitude()
+    );
+    assert_eq!(driven.seen_after(begun, &Seen::Fault(true)), None);
+    // The other bank gets its tag, the old one is erased, and gets mark and tag.
+    let operations = operations_of_a_save(&mut rig);
+    assert_eq!(operations, RECORD as u64 / 4 + 2 + 7);
+    let old_or_new = cut_saves(&rig, [700, 300], operations);
+    println!("cut conversions, old and new settings: {old_or_new:?}");
     assert!(old_or_new.iter().all(|count| *count > 2), "{old_or_new:?}");
 }
 

@@ -470,6 +470,7 @@ fn begin(spawner: Spawner) {
             target: scene.target,
             pin: None,
             condition: Condition::Whole,
+            added: 0,
         },
     };
     let built = place(&found, cause).and_then(|placed| {
