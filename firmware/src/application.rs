@@ -196,6 +196,10 @@ pub async fn control(
         monitor.report(&report, station.ready());
         exchange.controlled();
         for _ in 0..PLAN_SLICES {
+            // A slice takes up to 14 ms: a request on the bus goes first.
+            while exchange.bus.is_waiting() && !exchange.has_waiting_cycle() {
+                yield_now().await;
+            }
             if exchange.has_waiting_cycle() || !station.plan_step() {
                 break;
             }

@@ -11,6 +11,7 @@ use embassy_sync::signal::Signal as Mailbox;
 use kband::arithmetic::Phase;
 use kband_control::{Command, Cycle, Overtone, Signal, UPPER};
 
+use crate::bus::BusLine;
 use crate::enable::EnableCycle;
 
 /// Mailboxes: cycles to the control, commands and signal paths to the interrupt.
@@ -25,6 +26,8 @@ pub struct Exchange {
     owed: AtomicBool,
     late: AtomicBool,
     missed: AtomicU32,
+    /// The fieldbus's line.
+    pub bus: BusLine,
 }
 
 impl Default for Exchange {
@@ -53,6 +56,7 @@ impl Exchange {
             owed: AtomicBool::new(false),
             late: AtomicBool::new(false),
             missed: AtomicU32::new(0),
+            bus: BusLine::new(),
         }
     }
 

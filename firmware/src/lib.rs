@@ -17,6 +17,7 @@ extern crate std;
 pub mod access;
 pub mod application;
 pub mod board;
+pub mod bus;
 #[cfg(target_os = "none")]
 pub mod chip;
 #[cfg(target_os = "none")]

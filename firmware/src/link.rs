@@ -9,6 +9,7 @@ use core::future::Future;
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use kband::feeder::OutOfRange;
+use kband_bus::SaveProgress;
 use kband_control::wire::{
     Access, Counters, Identity, Incoming, Kept, MAX_FRAME_BYTES, Pin, Receiver, Refusal, Request,
     Response, SCHEMA, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, VERSION, fold_output,
@@ -153,6 +154,9 @@ impl<S: Store> Service<S> {
                     _ if changes(&request) && access != Access::Full => {
                         Response::Refused(Refusal::ReadOnly(access))
                     }
+                    _ if station.bus_controls() && commands(&request) => {
+                        Response::Refused(Refusal::NotInControl)
+                    }
                     Request::Telemetry(cycles) => {
                         telemetry(cycles, every, &station.settings(), image.line_rate)
                     }
@@ -203,6 +207,17 @@ impl<S: Store> Service<S> {
         }
         if station.at_rest() {
             self.store.keep_faults().await;
+        }
+    }
+
+    /// Serves the fieldbus: saves what it asked to save, and tells it whether settings may change.
+    pub async fn serve_bus(&mut self, station: &Station) {
+        let access = self.lock.access((self.image.strapped)());
+        station.set_writable(access == Access::Full);
+        if station.save_progress() == SaveProgress::Pending {
+            let pin = self.lock.pin();
+            let response = save(station, &mut self.store, &mut self.saves, pin).await;
+            station.end_save(response == Response::Done);
         }
     }
 
@@ -322,6 +337,19 @@ fn changes(request: &Request<'_>) -> bool {
             | Request::Simulate { .. }
             | Request::Samples { .. }
     )
+}
+
+/// Whether a request commands the drive, so that only the one in control may send it. The settings
+/// of the bus are no command: they say who is in control.
+fn commands(request: &Request<'_>) -> bool {
+    match request {
+        Request::Set { key, .. } => !key.starts_with("bus"),
+        Request::Defaults
+        | Request::Target(_)
+        | Request::Simulate { .. }
+        | Request::Samples { .. } => true,
+        _ => false,
+    }
 }
 
 /// Sets the number of drive cycles between telemetry frames; refused where the line is too slow.
@@ -495,6 +523,7 @@ pub async fn link(mut service: Service<impl Store>, mut line: impl Line, station
                 let sent = service.tick(station).is_none_or(|frame| line.send(frame));
                 service.rows_dropped(!sent);
                 service.keep_fault(station).await;
+                service.serve_bus(station).await;
             }
             Either::Second(count) => {
                 for &byte in bytes.iter().take(count) {
@@ -512,4 +541,4 @@ pub async fn link(mut service: Service<impl Store>, mut line: impl Line, station
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -5,10 +5,11 @@ use core::cell::{Cell, RefCell};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::feeder::OutOfRange;
+use kband_bus::SaveProgress;
 use kband_control::wire::{Access, KeptFault, Record, Status};
 use kband_control::{
-    Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Report, SAMPLE_RATE,
-    Settings, Signal, StartCause, State, Target,
+    BusCommand, Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Report,
+    SAMPLE_RATE, Settings, Signal, StartCause, State, Target,
 };
 
 use crate::exchange::Exchange;
@@ -100,6 +101,34 @@ impl Uptime {
     }
 }
 
+/// Commands and requests of the fieldbus.
+#[derive(Default)]
+struct BusState {
+    /// The run bit as written last; `None` before the first.
+    run: Cell<Option<bool>>,
+    /// Whether the run bit was 0 since the last cycle.
+    run_was_off: Cell<bool>,
+    /// Whether the acknowledge bit has risen since the last cycle.
+    acknowledge: Cell<bool>,
+    /// Whether a request came since the last cycle.
+    heard: Cell<bool>,
+    save: Cell<SaveProgress>,
+    /// Whether neither strap nor PIN keeps the settings.
+    writable: Cell<bool>,
+    settings_changed: Mailbox<NoopRawMutex, ()>,
+}
+
+impl BusState {
+    /// The commands of a drive cycle. A run bit that was 0 for a moment is 0 for a whole cycle.
+    fn take_command(&self) -> BusCommand {
+        let was_off = self.run_was_off.take();
+        BusCommand {
+            run: if was_off { Some(false) } else { self.run.get() },
+            acknowledge: self.acknowledge.take(),
+        }
+    }
+}
+
 /// The controller with its settings and last report, for tasks of one executor.
 pub struct Station {
     controller: RefCell<Controller>,
@@ -111,6 +140,8 @@ pub struct Station {
     frame_received: Cell<bool>,
     /// Whether the desk withholds the drive's enable.
     withheld: Cell<bool>,
+    /// What the fieldbus commands and requests.
+    bus: BusState,
     /// Time in s since the start of the last request for the simulated plant; `None` without a
     /// simulation.
     simulated: Cell<Option<u32>>,
@@ -165,6 +196,7 @@ impl Station {
             }),
             frame_received: Cell::new(false),
             withheld: Cell::new(false),
+            bus: BusState::default(),
             simulated: Cell::new(None),
             board_interlock_and_target: RefCell::new(None),
             inputs: Cell::new(Inputs::default()),
@@ -189,11 +221,16 @@ impl Station {
             }
             self.end_simulation();
         }
+        let desk_heard = self.frame_received.take() || inputs.link_heard;
+        let bus = self.bus.take_command();
+        let bus_heard = self.bus.heard.take();
+        let controls = self.bus_controls();
         Some(self.control(
             cycle,
             Inputs {
                 withheld: self.withheld.get(),
-                link_heard: self.frame_received.take() || inputs.link_heard,
+                bus: controls.then_some(bus),
+                link_heard: if controls { bus_heard } else { desk_heard },
                 ..inputs
             },
         ))
@@ -372,6 +409,66 @@ impl Station {
         self.withheld.set(withheld);
     }
 
+    /// Whether the fieldbus is in control, and the link reads only.
+    pub fn bus_controls(&self) -> bool {
+        self.settings.get().bus_controls()
+    }
+
+    /// Records that a request came over the fieldbus.
+    pub fn record_bus_request(&self) {
+        self.bus.heard.set(true);
+    }
+
+    /// Takes the run bit of the fieldbus, and whether its acknowledge bit has risen.
+    pub fn take_bus_command(&self, run: bool, acknowledge: bool) {
+        self.bus.run.set(Some(run));
+        if !run {
+            self.bus.run_was_off.set(true);
+        }
+        if acknowledge {
+            self.bus.acknowledge.set(true);
+        }
+    }
+
+    /// Requests a save for the fieldbus; returns false while an earlier one is not done.
+    pub fn request_save(&self) -> bool {
+        self.bus.save.replace(SaveProgress::Pending) != SaveProgress::Pending
+    }
+
+    /// Progress of the last save that the fieldbus requested.
+    pub fn save_progress(&self) -> SaveProgress {
+        self.bus.save.get()
+    }
+
+    /// Records whether the requested save succeeded.
+    pub fn end_save(&self, saved: bool) {
+        self.bus.save.set(if saved {
+            SaveProgress::Done
+        } else {
+            SaveProgress::Failed
+        });
+    }
+
+    /// Whether the fieldbus may change settings: neither strap nor PIN keeps them.
+    pub fn is_writable(&self) -> bool {
+        self.bus.writable.get()
+    }
+
+    /// Records whether neither strap nor PIN keeps the settings.
+    pub fn set_writable(&self, writable: bool) {
+        self.bus.writable.set(writable);
+    }
+
+    /// Waits for a change of settings.
+    pub async fn settings_changed(&self) {
+        self.bus.settings_changed.wait().await;
+    }
+
+    /// Number of events since the start.
+    pub fn events(&self) -> u32 {
+        self.log.borrow().next
+    }
+
     /// Sets a new target.
     ///
     /// # Errors
@@ -428,6 +525,7 @@ impl Station {
         Self::check_signal(settings)?;
         self.renew_controller(settings, self.target(), &keep(&self.interlock()))?;
         self.settings.set(*settings);
+        self.bus.settings_changed.signal(());
         self.renew_signal(settings)
     }
 

@@ -345,6 +345,7 @@ impl Panel for Terminals {
             withheld: false,
             held_off: false,
             chatters: false,
+            bus: None,
             over_temperature: self.cool.is_high(),
             link_heard: false,
             stack_low: stack_low(),

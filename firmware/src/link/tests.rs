@@ -18,7 +18,7 @@ use crate::last_words::LastWords;
 use crate::store::{Found, StoreFailed};
 
 /// A store in RAM.
-struct Memory {
+pub(crate) struct Memory {
     found: Found,
     faults: Vec<KeptFault>,
     supply_good: bool,
@@ -91,12 +91,20 @@ const SIMULATE: Request<'static> = Request::Simulate {
     start: StartCause::Ordinary,
 };
 
-struct Board {
-    service: Service<Memory>,
-    station: Station,
+pub(crate) struct Board {
+    pub service: Service<Memory>,
+    pub station: Station,
     enable: bool,
     /// Mean acceleration, m/s^2.
     mean: f32,
+}
+
+/// A board with these settings saved.
+pub(crate) fn board_with(settings: Settings) -> Board {
+    Board::with(Found {
+        settings,
+        ..FOUND(Condition::Whole)
+    })
 }
 
 impl Board {
@@ -146,7 +154,7 @@ impl Board {
             .collect()
     }
 
-    fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
+    pub fn ask<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
         self.cycle();
         let mut buffer = [0; MAX_FRAME_BYTES];
         let frame = write_request(&mut buffer, 7, request).unwrap().to_vec();
@@ -158,11 +166,11 @@ impl Board {
         })
     }
 
-    fn done(&mut self, request: &Request<'_>) {
+    pub fn done(&mut self, request: &Request<'_>) {
         self.ask(request, |response| assert_eq!(response, Response::Done));
     }
 
-    fn refused(&mut self, request: &Request<'_>, refusal: Refusal<'_>) {
+    pub fn refused(&mut self, request: &Request<'_>, refusal: Refusal<'_>) {
         self.ask(request, |response| {
             assert_eq!(response, Response::Refused(refusal), "{request:?}");
         });

@@ -151,8 +151,11 @@ fn changed(factor: f32) -> Settings {
     let mut settings = Settings::default();
     for known in Settings::KEYS {
         let value = settings.get(known.name).unwrap();
-        // Some are at the end of their range, and the two bounds must keep their order.
-        let _ = settings.set(known.name, value * factor);
+        // Some are at the end of their range or whole numbers, and the two bounds must keep their
+        // order.
+        if !known.name.starts_with("bus") || known.name == "bus_timeout" {
+            let _ = settings.set(known.name, value * factor);
+        }
     }
     settings.check().unwrap();
     settings

@@ -420,6 +420,10 @@ fn refusal(name: &str, refused: Refused<'_>) -> Refusal {
             ),
             "check the supply, then save again",
         ),
+        Refused::NotInControl => Refusal::new(
+            format!("{name} is controlled by its fieldbus: the desk only reads, and stops it"),
+            "with the drive at rest: kband settings set bus 0",
+        ),
         Refused::OutOfStep => Refusal::new(
             format!("{name} and the desk fell out of step"),
             "reset the board and start again",

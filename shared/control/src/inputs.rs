@@ -20,6 +20,22 @@ pub enum StartCause {
     ImageDamaged,
 }
 
+/// Commands of the fieldbus that is in control.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BusCommand {
+    /// The run bit as it was written last; `None` before the first.
+    pub run: Option<bool>,
+    /// Whether the acknowledge bit has risen since the last cycle.
+    pub acknowledge: bool,
+}
+
+impl BusCommand {
+    /// Whether the drive may run: an unwritten run bit is none.
+    pub(crate) fn runs(self) -> bool {
+        self.run == Some(true)
+    }
+}
+
 /// Inputs of the board in a cycle. Those that the firmware itself makes are not sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Inputs {
@@ -36,9 +52,13 @@ pub struct Inputs {
     /// is on.
     #[serde(skip)]
     pub withheld: bool,
+    /// Commands of the fieldbus, where it is in control; without it the enable input alone starts
+    /// the drive.
+    #[serde(skip)]
+    pub bus: Option<BusCommand>,
     /// The over-temperature input.
     pub over_temperature: bool,
-    /// Whether the link received a valid frame since the last cycle.
+    /// Whether the link, or the bus in control, received a valid frame since the last cycle.
     pub link_heard: bool,
     /// Whether the stack came close to its end.
     pub stack_low: bool,

@@ -52,7 +52,7 @@ pub use hear::{
     AdcCode, Command, Cycle, GEAR_WINDOW, GearMargin, GearShare, Load, Overtone, Sampled, Signal,
 };
 pub use identify::{Identification, Identified, Unidentified};
-pub use inputs::{Inputs, StartCause};
+pub use inputs::{BusCommand, Inputs, StartCause};
 pub use report::Report;
 pub use settings::{Key, Settings};
 pub use state::{Event, Events, Fault, Limits, State, TRANSITIONS, Transition};

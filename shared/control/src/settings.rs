@@ -159,6 +159,16 @@ settings! {
     current_sensitivity = 0.0, 0.0..10.0 "V/A";
     /// Track amplitude at resonance per ampere of current; 0: not measured, and not tested.
     current_gain = 0.0, 0.0..100.0 "mm/A";
+    /// Authority of the fieldbus: 0 reads only; 1 also runs the drive and sets target and settings; 2 also acknowledges faults. Above 0 the bus is in control, and the link reads only.
+    bus = 0.0, 0.0..2.0 "";
+    /// Address of the board on the fieldbus (Modbus RTU); 0: off.
+    bus_address = 0.0, 0.0..247.0 "";
+    /// Rate of the fieldbus.
+    bus_baud = 19200.0, 9600.0..115200.0 "baud";
+    /// Parity of the fieldbus: 0 none, with two stop bits; 1 odd; 2 even.
+    bus_parity = 2.0, 0.0..2.0 "";
+    /// Silence of the fieldbus in control after which the drive goes to its safe amplitude; 0: never.
+    bus_timeout = 2.0, 0.0..3600.0 "s";
 }
 
 impl Settings {
@@ -192,6 +202,11 @@ impl Settings {
     pub fn upper_tones(&self) -> usize {
         let tones = [self.second_tone, self.third_tone];
         tones.iter().take_while(|tone| **tone > 0.0).count()
+    }
+
+    /// Whether the fieldbus is in control, and not the link: `bus` and `bus_address` are above 0.
+    pub fn bus_controls(&self) -> bool {
+        self.bus >= 1.0 && self.bus_address >= 1.0
     }
 
     /// The value of a key; `None` for an unknown one.
@@ -270,6 +285,16 @@ impl Settings {
                 "0 without a current sensor: set current_sensitivity first",
             );
         }
+        for (parameter, value) in [
+            ("bus", self.bus),
+            ("bus_address", self.bus_address),
+            ("bus_baud", self.bus_baud),
+            ("bus_parity", self.bus_parity),
+        ] {
+            if value != libm::truncf(value) {
+                return refuse(parameter, value, "a whole number");
+            }
+        }
         Ok(())
     }
 }
@@ -324,7 +349,7 @@ mod tests {
             settings.check().err().map(|refused| refused.parameter)
         };
         type Change = fn(&mut Settings);
-        let cases: [(Change, Change, &str); 7] = [
+        let cases: [(Change, Change, &str); 11] = [
             (
                 |s| (s.safe_amplitude, s.amplitude_limit) = (0.21, 0.2),
                 |s| (s.safe_amplitude, s.amplitude_limit) = (0.2, 0.2),
@@ -361,6 +386,18 @@ mod tests {
                 |s| (s.current_gain, s.current_sensitivity) = (0.5, 0.1),
                 "current_gain",
             ),
+            (|s| s.bus = 0.5, |s| s.bus = 1.0, "bus"),
+            (
+                |s| s.bus_address = 1.5,
+                |s| s.bus_address = 17.0,
+                "bus_address",
+            ),
+            (
+                |s| s.bus_baud = 19200.5,
+                |s| s.bus_baud = 38400.0,
+                "bus_baud",
+            ),
+            (|s| s.bus_parity = 1.5, |s| s.bus_parity = 1.0, "bus_parity"),
         ];
         for (bad, good, parameter) in cases {
             assert_eq!(with(bad), Some(parameter));

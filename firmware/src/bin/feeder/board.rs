@@ -9,12 +9,14 @@ use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_stm32::peripherals::USART2;
 use embassy_stm32::usart::BufferedInterruptHandler;
-use embassy_stm32::{bind_interrupts, pac};
+use embassy_stm32::{bind_interrupts, interrupt, pac};
 use embassy_time::{Instant, Timer};
 use kband_control::wire::SetUp;
 use kband_control::{Controller, Cycle, SAMPLE_RATE, Settings, Signal, StartCause};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Monitor, Panel, Watchdog};
+use kband_firmware::bus::bus;
+use kband_firmware::bus::uart::{self, Uart};
 use kband_firmware::chip::Chip;
 use kband_firmware::cortex::{
     IDENTITY, Owned, guard_stack, stack_free, stack_use, take_last_words,
@@ -96,6 +98,13 @@ pub unsafe fn sample() {
 #[exception]
 fn SysTick() {
     TIME.systick_interrupt();
+    EXCHANGE.bus.poll(DWT::cycle_count());
+}
+
+/// A byte of the fieldbus.
+#[interrupt]
+fn UART4() {
+    uart::interrupt(&EXCHANGE.bus, DWT::cycle_count());
 }
 
 #[embassy_executor::task]
@@ -110,6 +119,11 @@ async fn desk_link(
     station: &'static Station,
 ) {
     link(service, serial, station).await;
+}
+
+#[embassy_executor::task]
+async fn fieldbus(port: Uart, station: &'static Station) {
+    bus(&EXCHANGE.bus, port, station, IDENTITY).await;
 }
 
 #[embassy_executor::task]
@@ -257,12 +271,22 @@ async fn main(spawner: Spawner) {
     let Ok(serial) = Serial::new(p.USART2, p.PA3, p.PA2, Interrupts, BUFFERS.take()) else {
         defmt::panic!("the serial port does not take its rate");
     };
+    let fieldbus_port = Uart::new(
+        &EXCHANGE.bus,
+        p.UART4,
+        p.PC10,
+        p.PC11,
+        p.PC12,
+        Board::CORE_CLOCK,
+    );
     TIME.start(&mut core.SYST);
     // The sample goes before everything else.
     // SAFETY: no critical section relies on the priority or the mask of these interrupts.
     unsafe {
         core.SCB.set_priority(SystemHandler::SysTick, LATER);
         core.NVIC.set_priority(pac::Interrupt::USART2, LATER);
+        core.NVIC.set_priority(pac::Interrupt::UART4, LATER);
+        NVIC::unmask(pac::Interrupt::UART4);
         core.NVIC.set_priority(Board::CONVERTED, 0);
     }
     let rests = matches!(start, StartCause::Repeated | StartCause::ImageDamaged);
@@ -286,6 +310,7 @@ async fn main(spawner: Spawner) {
     let lamps = Lamps::new(p.PC2, p.PB11);
     let service = Service::new(image, memory, found.pin);
     spawner.spawn(desk_link(service, serial, station).expect("spawned once"));
+    spawner.spawn(fieldbus(fieldbus_port, station).expect("spawned once"));
     if rests {
         spawner.spawn(stay_at_rest(station, terminals, lamps, guard).expect("spawned once"));
     } else {

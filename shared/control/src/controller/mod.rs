@@ -504,14 +504,15 @@ impl Controller {
         blind
     }
 
-    /// Follows the enable input.
+    /// Follows the enable input, and the run bit of a bus in control.
     fn follow_enable_input(&mut self, inputs: &Inputs, measured: f32, events: &mut Events) {
         let rest = Standstill {
             at_rest: self.reference.now <= 0.0
                 && measured < REST_AMPLITUDE_SHARE * self.scale.ceiling,
             patience: 4.0 * self.settings.soft_stop * self.settings.frequency,
         };
-        if !inputs.enable && !self.machine.running() {
+        let waits = !inputs.enable || inputs.bus.is_some_and(|bus| !bus.runs());
+        if waits && !self.machine.running() {
             self.rest_test.restart();
         }
         let clearance = match self.rest_test.deviates() {
@@ -580,7 +581,10 @@ impl Controller {
 
     /// Determines the limits that hold the drive back in this cycle.
     fn update_limits(&mut self, inputs: &Inputs) {
-        let timeout = self.settings.link_timeout;
+        let timeout = match inputs.bus {
+            None => self.settings.link_timeout,
+            Some(_) => self.settings.bus_timeout,
+        };
         self.limits.cycle(&LimitInputs {
             running: self.machine.running(),
             frame_received: inputs.link_heard,

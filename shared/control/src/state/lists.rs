@@ -87,7 +87,8 @@ impl Limits {
     /// 5: the second or third tone is smaller than wanted: the output is too small, or the response
     /// deviates from the configured one.
     pub const SECOND_TONE: Self = Self(1 << 5);
-    /// 7: the link was silent for `link_timeout`; the amplitude is the safe one.
+    /// 7: the link was silent for `link_timeout`, or the bus in control for `bus_timeout`; the
+    /// amplitude is the safe one.
     pub const LINK_LOST: Self = Self(1 << 7);
 
     /// 8: no impact is detected where impacts are required; the setpoint is held and no kick

@@ -1,7 +1,8 @@
 //! The interlock: it keeps the drive off until somebody acts at the machine.
 //!
 //! It holds the fault, the latch and the lock-out. No request over the link changes them. They end
-//! by the enable input alone (IEC 60204-1, 9.2.5.4.2), and outlast every new controller.
+//! by the enable input alone (IEC 60204-1, 9.2.5.4.2), and outlast every new controller. One
+//! exception: a fieldbus with the authority to do so acknowledges a fault, but no lock-out.
 
 use crate::inputs::{Inputs, StartCause};
 use crate::state::{Event, Events, Fault};
@@ -32,6 +33,11 @@ pub struct Interlock {
     settings_saved: bool,
     /// Whether the link stopped a running drive: then the link may start it again.
     stopped_by_link: bool,
+    /// Whether the fieldbus was in control in the last cycle.
+    bus_controls: bool,
+    /// Whether the run bit was 0 since the last cause that ends its effect: power-on, a fault, an
+    /// enable input or a link that withdrew the drive.
+    run_was_off: bool,
 }
 
 impl Interlock {
@@ -53,6 +59,8 @@ impl Interlock {
             pace,
             settings_saved: false,
             stopped_by_link: false,
+            bus_controls: false,
+            run_was_off: false,
         }
     }
 
@@ -132,19 +140,30 @@ impl Interlock {
         if !inputs.enable || inputs.held_off {
             self.stopped_by_link = false;
         }
+        // Control that passes from the bus to the enable input starts nothing.
+        self.latched |= self.bus_controls && inputs.bus.is_none();
+        self.bus_controls = inputs.bus.is_some();
+        let effective = inputs.enable && !inputs.withheld && self.fault.is_none();
+        self.run_was_off =
+            (inputs.bus).is_some_and(|bus| bus.run == Some(false) || self.run_was_off && effective);
     }
 
     /// Processes the inputs of a cycle at rest. Whether the drive may start.
     ///
     /// An enable input that comes on while the link withholds the drive is latched: the link may
-    /// only return a drive that it stopped itself.
+    /// only return a drive that it stopped itself. With the bus in control its run bit starts the
+    /// drive, by an edge.
     pub(crate) fn may_start(&mut self, inputs: &Inputs) -> bool {
         if !inputs.enable {
             self.latched = false;
         } else if inputs.withheld && !self.stopped_by_link {
             self.latched = true;
         }
-        inputs.enable && !inputs.held_off && !inputs.withheld && !self.latched
+        let released = match inputs.bus {
+            None => !self.latched,
+            Some(bus) => bus.runs() && self.run_was_off,
+        };
+        inputs.enable && !inputs.held_off && !inputs.withheld && released
     }
 
     /// Records that the running drive begins to stop.
@@ -152,7 +171,9 @@ impl Interlock {
         self.stopped_by_link = inputs.enable && inputs.withheld;
     }
 
-    /// Whether the enable input acknowledges the fault, which this call then clears.
+    /// Whether the enable input or the bus acknowledges the fault, which this call then clears.
+    ///
+    /// The bus ends no lock-out and no series of resets: somebody must look at the machine.
     pub(crate) fn acknowledges(&mut self, inputs: &Inputs, events: &mut Events) -> bool {
         let lasting = match self.fault {
             Some(Fault::SettingsInvalid) => !self.settings_saved,
@@ -170,7 +191,11 @@ impl Interlock {
         } else {
             ACKNOWLEDGE_SECONDS
         };
-        if lasting || (self.withdrawn as f32) < seconds * self.pace {
+        let by_input = !inputs.enable && self.withdrawn as f32 >= seconds * self.pace;
+        let by_bus = inputs.bus.is_some_and(|bus| bus.acknowledge)
+            && !self.locked_out
+            && self.fault != Some(Fault::RepeatedResets);
+        if lasting || !(by_input || by_bus) {
             return false;
         }
         self.fault = None;
@@ -184,6 +209,7 @@ impl Interlock {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::inputs::BusCommand;
 
     const PACE: f32 = 50.0;
 
@@ -227,6 +253,87 @@ mod tests {
         assert!(!half.acknowledges(&off, &mut events));
         wait(&mut half, 1);
         assert!(half.acknowledges(&off, &mut events));
+    }
+
+    /// Inputs with the enable input on and the bus in control.
+    fn commanded(run: Option<bool>, acknowledge: bool) -> Inputs {
+        Inputs {
+            bus: Some(BusCommand { run, acknowledge }),
+            ..inputs(true, false)
+        }
+    }
+
+    /// Whether the drive may start after these cycles.
+    fn may_start_after(interlock: &mut Interlock, cycles: &[Inputs]) -> bool {
+        cycles.iter().fold(false, |_, inputs| {
+            interlock.watch(inputs);
+            interlock.may_start(inputs)
+        })
+    }
+
+    #[test]
+    fn the_run_bit_starts_by_an_edge_only() {
+        let [none, off, on] = [None, Some(false), Some(true)].map(|run| commanded(run, false));
+        let begin = || Interlock::begin(StartCause::PowerOn, PACE);
+        // After power-on the run bit must be 0 once; the enable input may be on all the time.
+        assert!(!may_start_after(&mut begin(), &[none, on, on]));
+        assert!(!may_start_after(&mut begin(), &[off]));
+        assert!(may_start_after(&mut begin(), &[none, off, on]));
+        // Without the enable input, or withheld by the link, an edge counts for nothing.
+        let disabled = Inputs {
+            enable: false,
+            ..on
+        };
+        let withheld = Inputs {
+            withheld: true,
+            ..on
+        };
+        for stopped in [disabled, withheld] {
+            assert!(!may_start_after(&mut begin(), &[off, stopped]));
+            assert!(!may_start_after(&mut begin(), &[off, stopped, on]));
+            assert!(may_start_after(&mut begin(), &[off, stopped, off, on]));
+        }
+        let held_off = Inputs {
+            held_off: true,
+            ..on
+        };
+        assert!(!may_start_after(&mut begin(), &[off, held_off]));
+        assert!(may_start_after(&mut begin(), &[off, held_off, on]));
+        // Control that passes to the enable input starts nothing before an edge of it.
+        let mut interlock = begin();
+        assert!(may_start_after(&mut interlock, &[off, on]));
+        let [local, low] = [true, false].map(|enable| inputs(enable, false));
+        assert!(!may_start_after(&mut interlock, &[local, local]));
+        assert!(may_start_after(&mut interlock, &[low, local]));
+        assert!(!may_start_after(&mut interlock, &[on]));
+    }
+
+    #[test]
+    fn the_bus_acknowledges_a_fault_but_no_lockout() {
+        let mut events = Events::default();
+        let [off, on] = [Some(false), Some(true)].map(|run| commanded(run, false));
+        let acknowledge = commanded(Some(true), true);
+        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
+        for _ in 0..2 {
+            assert!(may_start_after(&mut interlock, &[off, on]));
+            assert!(interlock.fail(Fault::OverCurrent, &mut events));
+            interlock.watch(&on);
+            assert!(!interlock.acknowledges(&on, &mut events));
+            let lasting = Inputs {
+                over_current: true,
+                ..acknowledge
+            };
+            assert!(!interlock.acknowledges(&lasting, &mut events));
+            // An edge while the fault lasts does not count.
+            interlock.watch(&off);
+            interlock.watch(&acknowledge);
+            assert!(interlock.acknowledges(&acknowledge, &mut events));
+            assert!(!may_start_after(&mut interlock, &[on, on]));
+        }
+        assert!(interlock.fail(Fault::OverCurrent, &mut events) && interlock.locked_out);
+        assert!(!interlock.acknowledges(&acknowledge, &mut events));
+        let mut resets = Interlock::begin(StartCause::Repeated, PACE);
+        assert!(!resets.acknowledges(&acknowledge, &mut events));
     }
 
     #[test]

@@ -255,7 +255,7 @@ impl StateMachine {
         self.interlock.watch(inputs);
         match self.state {
             State::Fault => {
-                if inputs.enable || !self.interlock.acknowledges(inputs, events) {
+                if !self.interlock.acknowledges(inputs, events) {
                     return None;
                 }
                 self.enter(State::Off);
@@ -285,7 +285,11 @@ impl StateMachine {
                 }
                 None
             }
-            _ if !inputs.enable || inputs.held_off || inputs.withheld => {
+            _ if !inputs.enable
+                || inputs.held_off
+                || inputs.withheld
+                || inputs.bus.is_some_and(|bus| !bus.runs()) =>
+            {
                 self.interlock.stopping(inputs);
                 self.enter(State::Stopping);
                 events.push(Event::Stopping);

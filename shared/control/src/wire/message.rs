@@ -248,6 +248,8 @@ pub enum Refusal<'a> {
     Faster(u16),
     /// The supply is low, or was within the last 100 ms; nothing was saved.
     SupplyLow,
+    /// The fieldbus is in control; the setting `bus` ends that.
+    NotInControl,
 }
 
 /// A setting with its range and unit.

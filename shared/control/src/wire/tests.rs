@@ -83,6 +83,7 @@ fn responses() -> Vec<Response<'static>> {
         Response::Refused(Refusal::Wait(59)),
         Response::Refused(Refusal::Faster(2)),
         Response::Refused(Refusal::SupplyLow),
+        Response::Refused(Refusal::NotInControl),
         Response::Setting(Setting {
             number: 0,
             key: "frequency",

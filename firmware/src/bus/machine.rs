@@ -1,0 +1,65 @@
+//! The board behind the registers.
+
+use kband_bus::{Authority, Machine, Refused, Seen};
+use kband_control::wire::{Access, Record, Telemetry};
+use kband_control::{Settings, Target};
+
+use crate::station::{SettingsRefused, Station};
+
+/// A station as the server of the bus sees it.
+pub struct Registers<'a> {
+    pub station: &'a Station,
+    pub image: &'static str,
+}
+
+impl Machine for Registers<'_> {
+    fn seen(&self) -> Seen<'_> {
+        let station = self.station;
+        Seen {
+            telemetry: Telemetry::from(&station.report()),
+            status: station.status(Access::Full),
+            authority: Authority::of(&station.settings()),
+            target: station.target(),
+            recipe: 0,
+            save: station.save_progress(),
+            events: station.events(),
+            missed: station.missed(),
+            writable: station.is_writable(),
+            image: self.image,
+        }
+    }
+
+    fn settings(&self) -> Settings {
+        self.station.settings()
+    }
+
+    fn event(&self, number: u32) -> Option<Record> {
+        let record = self.station.event(number)?;
+        (record.number == number).then_some(record)
+    }
+
+    fn command(&mut self, run: bool, acknowledge: bool) {
+        self.station.take_bus_command(run, acknowledge);
+    }
+
+    fn set_target(&mut self, target: Target) -> Result<(), Refused> {
+        self.station.set_target(target).map_err(|_| Refused::Value)
+    }
+
+    fn set_settings(&mut self, settings: &Settings) -> Result<(), Refused> {
+        self.station
+            .set_settings(settings)
+            .map_err(|refused| match refused {
+                SettingsRefused::Running => Refused::Busy,
+                SettingsRefused::OutOfRange(_) => Refused::Value,
+            })
+    }
+
+    fn save(&mut self) -> Result<(), Refused> {
+        if self.station.request_save() {
+            Ok(())
+        } else {
+            Err(Refused::Busy)
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! The registers of a feeder drive on Modbus, and the server that answers for them.
+//!
+//! [`Server::answer`] takes a request without checksum and header: unit, function and data. The
+//! transports wrap it: [`rtu`] for a serial line, [`tcp`] for a network. What the registers mean is
+//! one table ([`registers`]), which also writes the manual's page.
+//!
+//! The server holds no drive. It reads and commands one through [`Machine`].
+//!
+//! ```
+//! use kband_bus::{Answer, Server, rtu};
+//! # use kband_bus::{Machine, Refused, Seen};
+//! # use kband_control::{Settings, Target, wire::Record};
+//! # struct Desk;
+//! # impl Machine for Desk {
+//! #     fn seen(&self) -> Seen<'_> { Seen::default() }
+//! #     fn settings(&self) -> Settings { Settings::default() }
+//! #     fn event(&self, _: u32) -> Option<Record> { None }
+//! #     fn command(&mut self, _: bool, _: bool) {}
+//! #     fn set_target(&mut self, _: Target) -> Result<(), Refused> { Ok(()) }
+//! #     fn set_settings(&mut self, _: &Settings) -> Result<(), Refused> { Ok(()) }
+//! #     fn save(&mut self) -> Result<(), Refused> { Ok(()) }
+//! # }
+//! // Unit 17 reads the state, register 5.
+//! let request = [17, 3, 0, 5, 0, 1, 0x96, 0x9b];
+//! let mut server = Server::default();
+//! let mut answer = Answer::new();
+//! assert!(rtu::answer(&mut server, 17, &request, &mut Desk, &mut answer));
+//! assert_eq!(answer[..5], [17, 3, 2, 0, 0]);
+//! ```
+#![no_std]
+#![deny(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+mod identification;
+mod machine;
+pub mod registers;
+pub mod rtu;
+mod server;
+mod target;
+pub mod tcp;
+mod write;
+
+pub use machine::{Authority, Machine, Refused, SaveProgress, Seen};
+pub use server::{Answer, Counters, Exception, MAX_ADU_BYTES, Server};

@@ -1,0 +1,174 @@
+//! What the server needs of a drive.
+
+use kband_control::wire::{Record, Status, Telemetry};
+use kband_control::{Settings, State, Target};
+
+/// What the bus may do: the setting `bus`, where the bus is in control.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Authority {
+    /// Read only: something else is in control.
+    #[default]
+    Read = 0,
+    /// Run the drive, and set target and settings.
+    Command = 1,
+    /// Acknowledge faults too.
+    Acknowledge = 2,
+}
+
+impl Authority {
+    /// The authority that these settings give the bus of a board.
+    pub fn of(settings: &Settings) -> Self {
+        match settings.bus {
+            _ if !settings.bus_controls() => Self::Read,
+            bus if bus >= 2.0 => Self::Acknowledge,
+            _ => Self::Command,
+        }
+    }
+}
+
+/// Progress of the last save that was requested over the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum SaveProgress {
+    /// None was requested since the start.
+    #[default]
+    None = 0,
+    /// It is not done yet.
+    Pending = 1,
+    /// Settings and target are saved.
+    Done = 2,
+    /// It failed: the supply was low, the memory failed, or there were too many saves.
+    Failed = 3,
+}
+
+/// What a drive shows at the time of a request.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// The last drive cycle.
+    pub telemetry: Telemetry,
+    /// Inputs and outputs.
+    pub status: Status,
+    /// What the bus may do.
+    pub authority: Authority,
+    /// The configured target.
+    pub target: Target,
+    /// Number of the recipe in use; 0 without one.
+    pub recipe: u16,
+    /// Progress of the last save.
+    pub save: SaveProgress,
+    /// Number of events since the start: the newest has this number less one.
+    pub events: u32,
+    /// Drive cycles since the start with a missed control deadline.
+    pub missed: u32,
+    /// Whether settings may be changed: neither a strap nor a PIN keeps them.
+    pub writable: bool,
+    /// Name, version and build of the image.
+    pub image: &'a str,
+}
+
+impl Default for Seen<'_> {
+    fn default() -> Self {
+        Self {
+            telemetry: Telemetry::default(),
+            status: Status::default(),
+            authority: Authority::Read,
+            target: Target::Amplitude(0.0),
+            recipe: 0,
+            save: SaveProgress::None,
+            events: 0,
+            missed: 0,
+            writable: true,
+            image: "",
+        }
+    }
+}
+
+impl Seen<'_> {
+    /// Whether the drive is off or in fault, so that settings may be changed and saved.
+    pub fn at_rest(&self) -> bool {
+        let state = self.telemetry.state;
+        state == State::Off.number() || state == State::Fault.number()
+    }
+
+    /// The status word.
+    pub(crate) fn status_word(&self) -> u16 {
+        let Self {
+            telemetry, status, ..
+        } = self;
+        let off = telemetry.state == State::Off.number();
+        let fault = telemetry.fault != 0;
+        let ready = off && !fault && status.inputs.enable && status.permitted;
+        [
+            (0, ready),
+            (1, !self.at_rest()),
+            (2, status.inputs.enable),
+            (3, fault),
+            (7, telemetry.limits != 0),
+            (8, status.ready),
+            (9, self.authority > Authority::Read),
+        ]
+        .into_iter()
+        .fold(0, |word, (bit, set)| word | u16::from(set) << bit)
+    }
+}
+
+/// Reason for which a drive refused a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refused {
+    /// A number is out of range, or there is no such thing.
+    Value,
+    /// The authority does not suffice, or something else is in control.
+    NotInControl,
+    /// The drive runs, or the memory is busy.
+    Busy,
+}
+
+/// A drive on the bus.
+///
+/// The server has checked authority and addresses before it calls a command.
+pub trait Machine {
+    /// What the drive shows now.
+    fn seen(&self) -> Seen<'_>;
+
+    /// The settings in use.
+    fn settings(&self) -> Settings;
+
+    /// The event of this number; `None` if it is overwritten or did not happen yet.
+    fn event(&self, number: u32) -> Option<Record>;
+
+    /// Takes the run bit, and whether the acknowledge bit has risen.
+    ///
+    /// The machine decides what follows: after power-on and after a fault the run bit must be 0
+    /// once, and nothing starts without the enable input.
+    fn command(&mut self, run: bool, acknowledge: bool);
+
+    /// Sets another target.
+    ///
+    /// # Errors
+    /// The drive refuses it and keeps the previous one.
+    fn set_target(&mut self, target: Target) -> Result<(), Refused>;
+
+    /// Sets other settings.
+    ///
+    /// # Errors
+    /// The drive refuses them and keeps the previous ones.
+    fn set_settings(&mut self, settings: &Settings) -> Result<(), Refused>;
+
+    /// Requests that settings and target are saved; [`Seen::save`] shows the progress.
+    ///
+    /// # Errors
+    /// The drive runs, or the previous save is not done.
+    fn save(&mut self) -> Result<(), Refused>;
+
+    /// Selects a recipe.
+    ///
+    /// # Errors
+    /// There is no such recipe. Without recipes only 0 is accepted.
+    fn select_recipe(&mut self, recipe: u16) -> Result<(), Refused> {
+        match recipe {
+            0 => Ok(()),
+            _ => Err(Refused::Value),
+        }
+    }
+}

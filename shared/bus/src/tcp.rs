@@ -1,0 +1,60 @@
+//! Modbus TCP: the header of a frame (MBAP).
+
+use crate::machine::Machine;
+use crate::server::{Answer, MAX_ADU_BYTES, Server};
+
+/// Size of the header before the unit, bytes: transaction, protocol, length.
+pub const HEADER_BYTES: usize = 6;
+
+/// Length of the frame that begins with these bytes, bytes; `None` with fewer than a header. A
+/// stream whose header is refused cannot be resumed: close it.
+///
+/// # Errors
+/// The header is not of Modbus TCP.
+pub fn frame_length(bytes: &[u8]) -> Result<Option<usize>, NotModbus> {
+    let Some(header) = bytes.first_chunk::<HEADER_BYTES>() else {
+        return Ok(None);
+    };
+    let protocol = u16::from_be_bytes([header[2], header[3]]);
+    let length = usize::from(u16::from_be_bytes([header[4], header[5]]));
+    match (protocol, length) {
+        (0, 2..=MAX_ADU_BYTES) => Ok(Some(HEADER_BYTES + length)),
+        _ => Err(NotModbus),
+    }
+}
+
+/// A header that is not of Modbus TCP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NotModbus;
+
+/// Answers a whole frame, header included; returns whether there is an answer. It is of any unit.
+pub fn answer(
+    server: &mut Server,
+    frame: &[u8],
+    machine: &mut impl Machine,
+    answer: &mut Answer,
+) -> bool {
+    answer.clear();
+    let (Ok(Some(length)), Some((header, adu))) = (
+        frame_length(frame),
+        frame.split_first_chunk::<HEADER_BYTES>(),
+    ) else {
+        server.count_damaged();
+        return false;
+    };
+    if frame.len() != length {
+        server.count_damaged();
+        return false;
+    }
+    if !server.answer(adu, machine, answer) {
+        return false;
+    }
+    let used = answer.len();
+    if answer.resize(HEADER_BYTES + used, 0).is_err() {
+        return false;
+    }
+    answer.copy_within(..used, HEADER_BYTES);
+    answer[..4].copy_from_slice(&header[..4]);
+    answer[4..HEADER_BYTES].copy_from_slice(&(used as u16).to_be_bytes());
+    true
+}

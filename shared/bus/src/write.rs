@@ -1,0 +1,158 @@
+//! Writing registers: the whole request is checked before any of it is carried out.
+
+use kband_control::{Settings, Target};
+
+use crate::machine::{Authority, Machine};
+use crate::registers::{self, Access, CONTROL, KIND, NUMBER, RECIPE, Register, SAVE};
+use crate::server::{Exception, Server};
+use crate::target;
+
+/// Bit of the control word: run.
+const RUN: u16 = 1 << 0;
+/// Bit of the control word: acknowledge, on a rising edge.
+const ACKNOWLEDGE: u16 = 1 << 7;
+
+/// Values that a request writes.
+#[derive(Default)]
+struct Written {
+    control: Option<u16>,
+    kind: Option<u16>,
+    number: Option<f32>,
+    recipe: Option<u16>,
+    save: Option<u16>,
+    settings: Option<Settings>,
+}
+
+/// Writes the registers from `address` on with these words, the high byte first.
+pub fn write(
+    server: &mut Server,
+    address: u16,
+    words: &[u8],
+    machine: &mut impl Machine,
+) -> Result<(), Exception> {
+    let seen = machine.seen();
+    let (authority, at_rest, target) = (seen.authority, seen.at_rest(), seen.target);
+    let writable = seen.writable;
+    let written = read_request(address, words, &machine.settings())?;
+    if authority < Authority::Command {
+        return Err(Exception::NotInControl);
+    }
+    let acknowledge = written
+        .control
+        .map(|word| rises(server.control, word))
+        .transpose()?
+        .unwrap_or(false);
+    if acknowledge && authority < Authority::Acknowledge {
+        return Err(Exception::NotInControl);
+    }
+    let new_target = new_target(target, &written)?;
+    match written.save {
+        None => {}
+        Some(1) if !writable => return Err(Exception::NotInControl),
+        Some(1) if !at_rest => return Err(Exception::Busy),
+        Some(1) => {}
+        Some(_) => return Err(Exception::Value),
+    }
+    if let Some(settings) = &written.settings {
+        let own = [
+            "bus",
+            "bus_address",
+            "bus_baud",
+            "bus_parity",
+            "bus_timeout",
+        ];
+        let now = machine.settings();
+        if !writable || own.iter().any(|key| settings.get(key) != now.get(key)) {
+            return Err(Exception::NotInControl);
+        }
+        if !at_rest {
+            return Err(Exception::Busy);
+        }
+        machine.set_settings(settings)?;
+    }
+    if let Some(recipe) = written.recipe {
+        machine.select_recipe(recipe)?;
+    }
+    if let Some(target) = new_target {
+        machine.set_target(target)?;
+    }
+    if written.save.is_some() {
+        machine.save()?;
+    }
+    if let Some(word) = written.control {
+        server.control = Some(word);
+        machine.command(word & RUN != 0, acknowledge);
+    }
+    Ok(())
+}
+
+/// Reads the words of a request as the registers that they fill.
+fn read_request(address: u16, bytes: &[u8], settings: &Settings) -> Result<Written, Exception> {
+    let mut written = Written::default();
+    let (mut words, _) = bytes.as_chunks::<2>();
+    let mut address = address;
+    while let Some((first, _)) = words.split_first() {
+        let register = registers::at(address)
+            .filter(|register| register.address == address && register.access != Access::Read)
+            .ok_or(Exception::Address)?;
+        let length = usize::from(register.form.registers());
+        let (own, rest) = words.split_at_checked(length).ok_or(Exception::Address)?;
+        let high = u16::from_be_bytes(*first);
+        let low = own.last().map_or(0, |word| u16::from_be_bytes(*word));
+        let float = f32::from_bits(u32::from(high) << 16 | u32::from(low));
+        take(&mut written, &register, high, float, settings)?;
+        (address, words) = (register.end(), rest);
+    }
+    Ok(written)
+}
+
+/// Takes the content of one register.
+fn take(
+    written: &mut Written,
+    register: &Register,
+    word: u16,
+    float: f32,
+    settings: &Settings,
+) -> Result<(), Exception> {
+    match (register.address, register.setting()) {
+        (_, Some(number)) => {
+            let key = Settings::KEYS.get(number).ok_or(Exception::Address)?;
+            let changed = written.settings.get_or_insert(*settings);
+            changed.set(key.name, float).map_err(|_| Exception::Value)?;
+        }
+        (CONTROL, _) if word & !(RUN | ACKNOWLEDGE) != 0 => return Err(Exception::Value),
+        (CONTROL, _) => written.control = Some(word),
+        (KIND, _) => written.kind = Some(word),
+        (NUMBER, _) => written.number = Some(float),
+        (RECIPE, _) => written.recipe = Some(word),
+        (SAVE, _) => written.save = Some(word),
+        _ => return Err(Exception::Address),
+    }
+    Ok(())
+}
+
+/// Whether the acknowledge bit rises. Before the first control word there is no edge.
+fn rises(before: Option<u16>, word: u16) -> Result<bool, Exception> {
+    Ok(word & ACKNOWLEDGE != 0 && before.is_some_and(|before| before & ACKNOWLEDGE == 0))
+}
+
+/// The target that a request sets; `None` where it is the present one.
+///
+/// A kind with a number takes no number of another kind: 0.8 of k must not become 0.8 mm.
+fn new_target(present: Target, written: &Written) -> Result<Option<Target>, Exception> {
+    let (kind_now, number_now) = target::encode(present);
+    let kind = match (written.kind, written.number) {
+        (None, None) => return Ok(None),
+        (kind, _) => kind.unwrap_or(kind_now),
+    };
+    let number = match written.number {
+        Some(number) => number,
+        None if target::has_number(kind) && kind != kind_now => return Err(Exception::Value),
+        None => number_now,
+    };
+    if written.kind.is_none() && !target::has_number(kind) {
+        return Err(Exception::Value);
+    }
+    let target = target::decode(kind, number).ok_or(Exception::Value)?;
+    Ok((target != present).then_some(target))
+}
