@@ -16,7 +16,7 @@
 //! may belong to another machine. The maps of `sequential-storage` do fall back in that way, so
 //! they are not used here.
 //!
-//! The first slot of a bank holds a mark instead of a record. The mark is programmed after the
+//! A bank begins with a mark, in the place of its first record. The mark is programmed after the
 //! erasure of the bank and cleared before its next erasure. A bank without a mark is erased before
 //! its first record, even where it reads as erased. An erasure that was cut short leaves cells that
 //! may not stay erased.
@@ -25,9 +25,9 @@
 //! erasure. A cut erasure leaves no such journal, because the other bank is not blank then. Banks
 //! of an older image, with a record in their first slot, are read and appended to unchanged.
 //!
-//! A journal that [converts](Journal::converting) tags its banks behind the mark. A bank without
-//! the tag has slots of an older size. It is read, but gets no further record: the next one goes to
-//! the other bank, and this one is erased after it.
+//! A journal that [converts](Journal::converting) tags its banks behind the mark; the records
+//! follow from byte 32 on. A bank without the tag has slots of an older size. It is read, but gets
+//! no further record: the next one goes to the other bank, and this one is erased after it.
 
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
@@ -40,6 +40,8 @@ pub enum StoreFailed {
     Memory,
     /// The supply is low, or was within the settling time.
     SupplyLow,
+    /// There are no valid settings to store it with.
+    NoSettings,
 }
 
 /// Size of a record's number, bytes.
@@ -53,6 +55,8 @@ const SEAL: usize = 8;
 const MARK: [u8; 8] = [0x6b, 0x94, 0x62, 0x9d, 0x65, 0x9a, 0x72, 0x8d];
 /// Bytes behind the mark of a bank whose slots have the present size, where a journal converts.
 const TAG: [u8; 8] = [0x73, 0x8c, 0x6c, 0x93, 0x6f, 0x90, 0x74, 0x8b];
+/// Size of mark and tag with the blank bytes behind them, bytes.
+const TAGGED_MARK: usize = 32;
 /// Largest number of wrong bits in a tag: a quarter, so that no flipped bit changes the size of a
 /// bank's slots.
 const MAX_WRONG_TAG_BITS: u32 = 16;
@@ -236,33 +240,47 @@ impl<const SLOT: usize> Journal<SLOT> {
         range: core::ops::Range<u32>,
         keep: u32,
     ) -> Result<Self, StoreFailed> {
+        Self::open(flash, range, keep, SLOT)
+    }
+
+    /// As [`Journal::new`], for pages that may hold a journal with slots of `OLD` bytes.
+    ///
+    /// # Errors
+    /// As [`Journal::new`].
+    pub fn converting<const OLD: usize, F: NorFlash>(
+        flash: &F,
+        range: core::ops::Range<u32>,
+        keep: u32,
+    ) -> Result<Self, StoreFailed> {
+        const { assert!(OLD > OVERHEAD && OLD < SLOT) };
+        Self::open(flash, range, keep, OLD)
+    }
+
+    fn open<F: NorFlash>(
+        flash: &F,
+        range: core::ops::Range<u32>,
+        keep: u32,
+        old_slot: usize,
+    ) -> Result<Self, StoreFailed> {
         const { assert!(SLOT > OVERHEAD && SLOT.is_multiple_of(SEAL)) };
         let bank = F::ERASE_SIZE as u32;
         let fits = range.start.is_multiple_of(bank)
             && range.end.checked_sub(range.start) == Some(2 * bank)
             && range.end as usize <= flash.capacity()
             && SEAL.is_multiple_of(F::WRITE_SIZE)
-            && F::READ_SIZE == 1
-            && (1..(bank / SLOT as u32).saturating_sub(1)).contains(&keep);
-        if fits {
-            Ok(Self {
-                start: range.start,
-                bank,
-                keep,
-                old_slot: SLOT,
-                survey: None,
-            })
+            && F::READ_SIZE == 1;
+        let journal = Self {
+            start: range.start,
+            bank,
+            keep,
+            old_slot,
+            survey: None,
+        };
+        let kept = 1..journal.slots(false).saturating_sub(1);
+        if fits && kept.contains(&keep) {
+            Ok(journal)
         } else {
             Err(StoreFailed::Memory)
-        }
-    }
-
-    /// Reads the banks of a journal with slots of `OLD` bytes too.
-    pub fn converting<const OLD: usize>(self) -> Self {
-        const { assert!(OLD > OVERHEAD && OLD < SLOT) };
-        Self {
-            old_slot: OLD,
-            ..self
         }
     }
 
@@ -271,18 +289,27 @@ impl<const SLOT: usize> Journal<SLOT> {
         self.old_slot != SLOT
     }
 
-    /// Size of a slot, bytes; `old`: of a bank with the older size.
-    fn slot(&self, old: bool) -> usize {
-        if old { self.old_slot } else { SLOT }
+    /// Sizes of the mark and of a slot, bytes; `old`: of a bank with the older size.
+    fn sizes(&self, old: bool) -> [usize; 2] {
+        match (self.converts(), old) {
+            (true, false) => [TAGGED_MARK, SLOT],
+            _ => [self.old_slot; 2],
+        }
     }
 
-    /// Number of slots in a bank.
+    /// Number of slots in a bank, with the place of its mark.
     fn slots(&self, old: bool) -> u32 {
-        self.bank / self.slot(old) as u32
+        let [mark, slot] = self.sizes(old).map(|size| size as u32);
+        1 + self.bank.saturating_sub(mark) / slot
     }
 
     fn offset(&self, place: Place, old: bool) -> u32 {
-        self.start + place.bank as u32 * self.bank + place.index * self.slot(old) as u32
+        let [mark, slot] = self.sizes(old).map(|size| size as u32);
+        let records = match place.index.checked_sub(1) {
+            Some(before) => mark + before * slot,
+            None => 0,
+        };
+        self.start + place.bank as u32 * self.bank + records
     }
 
     /// Reads a slot into `room` and returns its bytes.
@@ -293,7 +320,9 @@ impl<const SLOT: usize> Journal<SLOT> {
         old: bool,
         room: &'a mut [u8; SLOT],
     ) -> Result<&'a [u8], StoreFailed> {
-        let bytes = room.get_mut(..self.slot(old)).ok_or(StoreFailed::Memory)?;
+        let [mark, slot] = self.sizes(old);
+        let size = if place.index == 0 { mark } else { slot };
+        let bytes = room.get_mut(..size).ok_or(StoreFailed::Memory)?;
         match flash.read(self.offset(place, old), bytes).await {
             Ok(()) => Ok(bytes),
             Err(_) => Err(StoreFailed::Memory),
@@ -328,10 +357,20 @@ impl<const SLOT: usize> Journal<SLOT> {
         Ok(survey)
     }
 
-    /// State of the newest record; its content is copied to `content`.
+    /// State of the newest record; its content is copied to `content`. Both banks are read anew.
     pub async fn newest<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
-        let Ok(survey) = self.survey_banks(flash).await else {
-            return Newest::Spoilt;
+        self.survey = None;
+        self.last(flash, content).await
+    }
+
+    /// As [`Journal::newest`], from what is known of the banks.
+    pub async fn last<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
+        let survey = match self.survey {
+            Some(survey) => survey,
+            None => match self.survey_banks(flash).await {
+                Ok(survey) => survey,
+                Err(_) => return Newest::Spoilt,
+            },
         };
         if survey.may_have_lost_newest() {
             return Newest::Spoilt;
@@ -339,13 +378,12 @@ impl<const SLOT: usize> Journal<SLOT> {
         let Some((place, _)) = survey.newest else {
             return Newest::Nothing;
         };
-        let mut room = [0; SLOT];
         let old = survey.old[place.bank];
-        match self.read(flash, place, old, &mut room).await {
-            Ok(bytes) => {
-                copy(content_of(bytes), content);
-                Newest::Whole
-            }
+        let [_, slot] = self.sizes(old);
+        let length = content.len().min(slot - OVERHEAD);
+        let offset = self.offset(place, old) + NUMBER as u32;
+        match flash.read(offset, &mut content[..length]).await {
+            Ok(()) => Newest::Whole,
             Err(_) => Newest::Spoilt,
         }
     }

@@ -9,17 +9,21 @@ use std::vec::Vec;
 
 use embassy_futures::block_on;
 use kband::arithmetic::Noise;
-use kband_control::wire::{KeptFault, Outgoing, read_answer, write_question, write_request};
-use kband_control::{Cycle, Inputs, StartCause, State, Target};
+use kband_control::wire::{
+    KeptFault, Outgoing, Stored, read_answer, write_question, write_request,
+};
+use kband_control::{Cycle, Event, Inputs, Recipe, RecipeName, StartCause, State, Target};
 
 use super::*;
 use crate::exchange::Exchange;
 use crate::last_words::LastWords;
+use crate::recipes::Recipes;
 use crate::store::{Found, StoreFailed};
 
 /// A store in RAM.
 pub(crate) struct Memory {
     found: Found,
+    recipes: Recipes,
     faults: Vec<KeptFault>,
     supply_good: bool,
 }
@@ -28,6 +32,7 @@ impl Memory {
     fn of(found: Found) -> Self {
         Self {
             found,
+            recipes: Recipes::default(),
             faults: Vec::new(),
             supply_good: true,
         }
@@ -52,6 +57,18 @@ impl Store for Memory {
             condition: Condition::Whole,
             added: 0,
         };
+        Ok(())
+    }
+
+    async fn recipes(&mut self) -> Recipes {
+        self.recipes.clone()
+    }
+
+    async fn save_recipes(&mut self, recipes: &Recipes) -> Result<(), StoreFailed> {
+        if self.found.condition != Condition::Whole {
+            return Err(StoreFailed::NoSettings);
+        }
+        self.recipes = recipes.clone();
         Ok(())
     }
 
@@ -190,6 +207,7 @@ fn open<T>(frame: &[u8], look: impl FnOnce(u8, Response<'_>) -> T) -> T {
 }
 
 mod interlock;
+mod recipes;
 
 #[test]
 fn settings_are_read_changed_and_saved_at_rest() {

@@ -2,7 +2,8 @@
 
 use kband_control::Settings;
 
-use super::{Condition, Found, HASHES, Words, hash};
+use super::record::{HASHES, Words, hash};
+use super::{Condition, Found};
 
 /// Size of a slot, bytes.
 pub const SLOT: usize = 256;

@@ -27,6 +27,7 @@ pub mod man;
 pub mod margins;
 pub mod monitor;
 pub mod paper;
+pub mod recipe;
 pub mod report;
 pub mod settings;
 pub mod simulate;
@@ -88,6 +89,7 @@ verbs! {
     Margins => margins,
     Monitor => monitor,
     Paper => paper,
+    Recipe => recipe,
     Report => report,
     Settings => settings,
     Simulate => simulate,

@@ -876,22 +876,27 @@ fn an_erasure_that_was_cut_short_is_repeated() {
 /// Offset of the settings in the flash, bytes.
 const SETTINGS: usize = 0x080c_0000 - flash::START as usize;
 /// Size of a settings record, bytes.
-const RECORD: usize = 512;
-/// Number of slots in a bank.
-const BANK: usize = 256;
-/// Number of records in a bank, whose first slot holds its mark.
-const ROOM: usize = BANK - 1;
+const RECORD: usize = 1008;
+/// Size of a bank, bytes.
+const BANK: usize = 128 * 1024;
+/// Offset of the first record in a bank, bytes: behind its mark.
+const FIRST: usize = 32;
+/// Number of records in a bank.
+const ROOM: usize = (BANK - FIRST) / RECORD;
 
 /// A board with saved settings, whose first bank holds `records` copies of their record.
 fn worn(records: usize) -> Rig {
     let mut rig = machine().commissioned(&feeder());
     rig.act(&Act::Volts(0.0));
     let flash = rig.chip.flash_mut();
-    let used = (0..BANK).filter(|n| flash[SETTINGS + n * RECORD] != 0xff);
-    assert!(used.eq(0..2), "the mark and the record that was saved");
-    let record = flash[SETTINGS + RECORD..SETTINGS + 2 * RECORD].to_vec();
+    let place = |number: usize| SETTINGS + FIRST + number * RECORD;
+    assert!(
+        flash[place(0)] == 0 && flash[place(1)] == 0xff,
+        "one record was saved"
+    );
+    let record = flash[place(0)..place(1)].to_vec();
     for number in 0..records {
-        let place = SETTINGS + (1 + number) * RECORD;
+        let place = place(number);
         let mut record = record.clone();
         record[..4].copy_from_slice(&(number as u32).to_le_bytes());
         let check = crc32(&record[..RECORD - 12]);
@@ -986,7 +991,7 @@ fn of_version_3() -> Rig {
     let mut rig = machine().commissioned(&feeder());
     rig.act(&Act::Volts(0.0));
     let flash = rig.chip.flash_mut();
-    flash[SETTINGS..SETTINGS + 2 * BANK * RECORD].fill(0xff);
+    flash[SETTINGS..SETTINGS + 2 * BANK].fill(0xff);
     for line in include_str!("version_3.hex").lines() {
         let mut words = line.split(' ');
         let at = SETTINGS + usize::from_str_radix(words.next().unwrap(), 16).unwrap();
@@ -1093,7 +1098,7 @@ fn garbage_in_flash_blocks_the_link_for_one_erasure() {
     rig.act(&Act::Volts(0.0));
     rig.chip.board.flash.slow = true;
     // Data of an earlier program in the pages of faults and settings.
-    rig.chip.flash_mut()[SETTINGS - 2 * BANK * RECORD..].fill(0);
+    rig.chip.flash_mut()[SETTINGS - 2 * BANK..].fill(0);
     rig.run(0.1);
     rig.act(&Act::Volts(3.3));
     // The erasure begins once the supply was good for 100 ms.
