@@ -17,7 +17,7 @@ use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Monitor, Panel, Watchdog};
 use kband_firmware::bus::bus;
 use kband_firmware::bus::uart::{self, Uart};
-use kband_firmware::chip::Chip;
+use kband_firmware::chip::{Chip, Started};
 use kband_firmware::cortex::{
     IDENTITY, Owned, guard_stack, stack_free, stack_use, take_last_words,
 };
@@ -215,13 +215,13 @@ async fn main(spawner: Spawner) {
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     guard_stack(&core.MPU);
-    let clocks = Board::clocks();
-    let sound = clocks.sound;
-    let peripherals = embassy_stm32::init(clocks.config);
+    let Started {
+        peripherals: p,
+        sound,
+    } = Board::start();
     guard.feed();
     let last_words = take_last_words();
     log::start(cause, &last_words);
-    let p = peripherals;
     let bridge = HalfBridge::new(
         p.TIM1,
         p.PA8,
