@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Brings what the tests need onto a Debian machine with rustup: the thumb targets, QEMU 9.2 or newer,
-# and Chromium with its driver. Safe to repeat; where all is there it only looks, in about a second.
+# Chromium with its driver, and the Modbus masters mbpoll and pymodbus. Safe to repeat; where all is there it only looks, in about a second.
 #
 #   tests/setup.sh            install what is missing
 #   tests/setup.sh --check    install nothing; exit status 1 and one line where something is missing
@@ -90,6 +90,17 @@ install_browser() {
     [ -n "${sources:-}" ] || debian_sources || return 1
     apt_get 900 install --no-install-recommends chromium chromium-driver
 }
+# pymodbus comes into the build's folder: Debian's Python takes no packages of others.
+clients=${CARGO_TARGET_DIR:-target}/clients
+install_masters() {
+    say "installing mbpoll with apt, pymodbus with pip"
+    [ -n "${sources:-}" ] || debian_sources || return 1
+    apt_get 300 install --no-install-recommends mbpoll python3-pip || return 1
+    timeout --kill-after=20 300 python3 -m pip install --quiet --break-system-packages --target "$clients" 'pymodbus[serial]==3.16.1'
+}
+masters_are_there() {
+    command -v mbpoll >/dev/null && PYTHONPATH=$clients timeout 20 python3 -c 'import pymodbus, serial' 2>/dev/null
+}
 browser_is_there() { command -v chromedriver >/dev/null && command -v chromium >/dev/null; }
 
 # Where rustup cannot download: Debian's compiler builds core and alloc for the targets from
@@ -126,6 +137,7 @@ if [ "${1:-}" = --check ]; then
     [ -z "$missing" ] || give_up "no Rust target ${missing% }; run tests/setup.sh"
     emulator_is_new_enough || give_up "no QEMU $wanted or newer (qemu-system-arm); run tests/setup.sh"
     browser_is_there || give_up "no chromium and chromedriver; run tests/setup.sh"
+    masters_are_there || give_up "no mbpoll or no pymodbus; run tests/setup.sh"
     exit 0
 fi
 
@@ -145,4 +157,5 @@ fi
 emulator_is_new_enough || install_emulator || give_up "QEMU could not be installed; it is the package qemu-system-arm, $wanted or newer"
 emulator_is_new_enough || give_up "QEMU is $(emulator_version), older than $wanted"
 browser_is_there || install_browser || give_up "Chromium could not be installed; it is the packages chromium and chromium-driver"
-say "ready: ${targets[*]}, QEMU $(emulator_version), Chromium"
+masters_are_there || install_masters || give_up "mbpoll and pymodbus could not be installed"
+say "ready: ${targets[*]}, QEMU $(emulator_version), Chromium, mbpoll, pymodbus"

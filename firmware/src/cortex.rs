@@ -9,6 +9,7 @@ use core::cell::UnsafeCell;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
+use cortex_m::peripheral::{SCB, SYST};
 use cortex_m_rt::exception;
 
 use crate::last_words::LastWords;
@@ -60,6 +61,32 @@ pub fn take_last_words() -> LastWords {
         kept.clear();
         words
     })
+}
+
+/// Number of periods of SysTick since the start.
+static MILLISECONDS: AtomicU32 = AtomicU32::new(0);
+
+/// Counts a period of SysTick, 1 ms, and returns the time in us, wrapping; for its handler.
+#[inline(always)]
+pub fn count_millisecond() -> u32 {
+    let milliseconds = MILLISECONDS.load(Ordering::Relaxed).wrapping_add(1);
+    MILLISECONDS.store(milliseconds, Ordering::Relaxed);
+    milliseconds.wrapping_mul(1_000)
+}
+
+/// Time since the start in us, wrapping; for handlers that SysTick does not preempt. It also runs
+/// while the core sleeps, unlike the cycle counter. `core_clock` in Hz.
+#[inline(always)]
+pub fn microseconds(core_clock: u32) -> u32 {
+    let mut milliseconds = MILLISECONDS.load(Ordering::Relaxed);
+    let mut left = SYST::get_current();
+    // A period that ended during this handler is not counted yet.
+    if SCB::is_pendst_pending() {
+        milliseconds = milliseconds.wrapping_add(1);
+        left = SYST::get_current();
+    }
+    let passed = 999_u32.saturating_sub(left / (core_clock / 1_000_000));
+    milliseconds.wrapping_mul(1_000).wrapping_add(passed)
 }
 
 /// Marks the RAM while the board has power; after power-on its content is arbitrary.

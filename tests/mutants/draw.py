@@ -11,7 +11,7 @@ import re
 import subprocess
 import sys
 
-FOLDERS = ("shared/src/", "shared/control/src/", "shared/plant/src/", "firmware/src/", "host/src/verbs/simulate")
+FOLDERS = ("shared/src/", "shared/control/src/", "shared/bus/src/", "shared/plant/src/", "firmware/src/", "host/src/verbs/simulate")
 CODE = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])'", re.DOTALL)
 NUMBER = re.compile(r"(?<![\w.])(?:\d[\d_]*\.\d+(?:e-?\d+)?|[1-9]\d*)(?:_?[fiu]\d+)?(?![\w.(])")
 CONSTANT = re.compile(r"(?<![\w:.])[A-Z][A-Z0-9_]{2,}(?![\w:!(<])")
@@ -56,7 +56,7 @@ def body_of(code, start, end):
 def listed(root):
     """What cargo-mutants would change, as its list says."""
     command = ["cargo", "mutants", "--list", "--json", "--no-config", "--colors=never",
-               *(f"--package={name}" for name in ("kband", "kband-control", "kband-plant", "kband-firmware", "kband-host"))]
+               *(f"--package={name}" for name in ("kband", "kband-control", "kband-bus", "kband-plant", "kband-firmware", "kband-host"))]
     ran = subprocess.run(command, cwd=root, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
     if ran.returncode:
         sys.exit("cargo mutants cannot list: cargo install --locked cargo-mutants")

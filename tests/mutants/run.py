@@ -44,6 +44,7 @@ BATCH = 4.0
 PROGRAMS = {
     "map": ("kband", "kband"),
     "control": ("kband-control", "kband_control"),
+    "bus": ("kband-bus", "kband_bus"),
     "plant": ("kband-plant", "kband_plant"),
     "loops": ("kband-plant", "loops"),
     "firmware": ("kband-firmware", "kband_firmware"),
@@ -53,9 +54,9 @@ PROGRAMS = {
     **{name: ("kband-tests", name) for name in ("scenes", "safety", "automatic", "ends", "flashed", "accuracy",
                                                 "first_impact", "gear", "golden", "tones")},
 }
-LIBRARIES = ("map", "control", "plant", "firmware", "host")
+LIBRARIES = ("map", "control", "bus", "plant", "firmware", "host")
 # What judges a drawn mutant. Those on the emulated chip, which take minutes, judge the firmware alone.
-DESK = ("map", "control", "plant", "loops", "firmware", "scenes", "safety", "automatic", "accuracy", "first_impact", "gear",
+DESK = ("map", "control", "bus", "plant", "loops", "firmware", "scenes", "safety", "automatic", "accuracy", "first_impact", "gear",
         "golden", "tones", "host", "command_line", "regimes")
 # They run an image: which mutants it reaches is not recorded, the list names the test.
 EMULATED = ("hazards", "ends", "flashed")

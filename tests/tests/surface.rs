@@ -11,9 +11,10 @@ use kband_tests::root;
 use public_api::PublicApi;
 
 /// Each crate with the file of its accepted public names.
-const CRATES: [(&str, &str); 3] = [
+const CRATES: [(&str, &str); 4] = [
     ("kband", "shared/public-api.txt"),
     ("kband-control", "shared/control/public-api.txt"),
+    ("kband-bus", "shared/bus/public-api.txt"),
     ("kband-plant", "shared/plant/public-api.txt"),
 ];
 /// Environment variable that makes this test rewrite the files.

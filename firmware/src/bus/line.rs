@@ -24,9 +24,9 @@ pub struct BusLine {
     length: AtomicU32,
     /// Number of bytes sent.
     sent: AtomicU32,
-    /// Core cycle counter at the last byte.
+    /// Time of the last byte, us.
     last: AtomicU32,
-    /// Silence that ends a frame, core cycles.
+    /// Silence that ends a frame, us.
     silence: AtomicU32,
     /// Whether a byte was damaged or too many, or came while the task answers.
     damaged: AtomicBool,
@@ -55,7 +55,7 @@ impl BusLine {
         }
     }
 
-    /// Drops the frame and listens, with this silence in core cycles.
+    /// Drops the frame and listens, with this silence in us.
     pub fn restart(&self, silence: u32) {
         self.silence.store(silence, Ordering::Relaxed);
         self.listen();
@@ -68,8 +68,8 @@ impl BusLine {
         self.owner.store(RECEIVING, Ordering::Release);
     }
 
-    /// Takes a received byte, `None` for a damaged one; for the port's interrupt. `now` is the core
-    /// cycle counter.
+    /// Takes a received byte, `None` for a damaged one; for the port's interrupt. `now` in us,
+    /// wrapping.
     pub fn receive(&self, byte: Option<u8>, now: u32) {
         match self.owner.load(Ordering::Acquire) {
             RECEIVING => {}
@@ -92,7 +92,8 @@ impl BusLine {
         self.length.store(length, Ordering::Relaxed);
     }
 
-    /// Hands a frame to the task once it is followed by silence; for the millisecond clock.
+    /// Hands a frame to the task once it is followed by silence; for the millisecond clock. `now` in
+    /// us, wrapping.
     pub fn poll(&self, now: u32) {
         let complete = self.owner.load(Ordering::Acquire) == RECEIVING
             && self.length.load(Ordering::Relaxed) > 0
@@ -184,7 +185,7 @@ mod tests {
 
     const SILENCE: u32 = 1000;
 
-    /// A line that has received these bytes, one every 100 cycles from `at` on.
+    /// A line that has received these bytes, one every 100 us from `at` on.
     fn received(line: &BusLine, at: u32, bytes: &[Option<u8>]) -> u32 {
         let mut now = at;
         for byte in bytes {

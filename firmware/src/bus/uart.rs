@@ -23,19 +23,16 @@ pub struct Uart {
     line: &'static BusLine,
     /// Frequency of the port's clock, Hz.
     clock: u32,
-    /// Core cycles per us.
-    cycles_per_us: u32,
 }
 
 impl Uart {
-    /// Sets up the pins, with the driver disabled, and the port's clock. `core_clock` in Hz.
+    /// Sets up the pins, with the driver disabled, and the port's clock.
     pub fn new(
         line: &'static BusLine,
         _port: Peri<'static, UART4>,
         send: Peri<'static, PC10>,
         receive: Peri<'static, PC11>,
         enable: Peri<'static, PC12>,
-        core_clock: u32,
     ) -> Self {
         // `forget` keeps the pins set up while the program runs.
         core::mem::forget(Output::new(enable, Level::Low, Speed::Low));
@@ -51,17 +48,12 @@ impl Uart {
         receive.set_as_af_unchecked(functions.1, AfType::input(Pull::Up));
         core::mem::forget((send, receive));
         rcc::enable_and_reset::<UART4>();
-        Self::with_clocks(line, rcc::frequency::<UART4>().0, core_clock)
+        Self::with_clock(line, rcc::frequency::<UART4>().0)
     }
 
-    /// The port without pins, for a machine that has none; `clock` of the port and `core_clock` in
-    /// Hz.
-    pub fn with_clocks(line: &'static BusLine, clock: u32, core_clock: u32) -> Self {
-        Self {
-            line,
-            clock,
-            cycles_per_us: core_clock / 1_000_000,
-        }
+    /// The port without pins, for a machine that has none; `clock` of the port in Hz.
+    pub fn with_clock(line: &'static BusLine, clock: u32) -> Self {
+        Self { line, clock }
     }
 }
 
@@ -73,7 +65,7 @@ impl BusPort for Uart {
         let Some(LineConfig { baud, parity, .. }) = config else {
             return;
         };
-        self.line.restart(silence_us(baud) * self.cycles_per_us);
+        self.line.restart(silence_us(baud));
         let divider = (self.clock + baud / 2) / baud.max(1);
         port.brr().write(|rate| rate.set_brr(divider as u16));
         port.cr2().write(|control| {
@@ -172,8 +164,8 @@ mod registers {
     }
 }
 
-/// The port's interrupt: a received byte, room for the next one, or the end of the answer. `now` is
-/// the core cycle counter.
+/// The port's interrupt: a received byte, room for the next one, or the end of the answer. `now` in
+/// us, wrapping.
 ///
 /// Deadline: one character, 95 us at 115200 baud.
 #[inline]

@@ -28,6 +28,7 @@ pub mod margins;
 pub mod monitor;
 pub mod paper;
 pub mod recipe;
+pub mod registers;
 pub mod report;
 pub mod settings;
 pub mod simulate;
@@ -90,6 +91,7 @@ verbs! {
     Monitor => monitor,
     Paper => paper,
     Recipe => recipe,
+    Registers => registers,
     Report => report,
     Settings => settings,
     Simulate => simulate,

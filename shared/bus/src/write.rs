@@ -37,11 +37,7 @@ pub fn write(
     if authority < Authority::Command {
         return Err(Exception::NotInControl);
     }
-    let acknowledge = written
-        .control
-        .map(|word| rises(server.control, word))
-        .transpose()?
-        .unwrap_or(false);
+    let acknowledge = (written.control).is_some_and(|word| rises(server.control, word));
     if acknowledge && authority < Authority::Acknowledge {
         return Err(Exception::NotInControl);
     }
@@ -132,8 +128,8 @@ fn take(
 }
 
 /// Whether the acknowledge bit rises. Before the first control word there is no edge.
-fn rises(before: Option<u16>, word: u16) -> Result<bool, Exception> {
-    Ok(word & ACKNOWLEDGE != 0 && before.is_some_and(|before| before & ACKNOWLEDGE == 0))
+fn rises(before: Option<u16>, word: u16) -> bool {
+    word & ACKNOWLEDGE != 0 && before.is_some_and(|before| before & ACKNOWLEDGE == 0)
 }
 
 /// The target that a request sets; `None` where it is the present one.

@@ -154,6 +154,7 @@ pub fn service(input: &[u8]) -> bool {
                     withheld: false,
                     held_off: bits & 0x41 == 0x41,
                     chatters: bits & 0x90 == 0x90,
+                    bus: None,
                 };
             }
             6 => {

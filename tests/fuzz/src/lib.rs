@@ -8,6 +8,7 @@
 use std::path::{Path, PathBuf};
 
 pub mod board;
+pub mod bus;
 pub mod desk;
 pub mod frames;
 #[cfg(feature = "log")]
@@ -67,6 +68,12 @@ pub const TARGETS: &[Target] = &[
         run: frames::frames,
         short: 200_000,
         words: &[b"amplitude_limit", b"frequency"],
+    },
+    Target {
+        name: "bus",
+        run: bus::bus,
+        short: 100_000,
+        words: &[&[3, 0, 0, 0, 10], &[16, 0, 0, 0, 4, 8], &[43, 14, 1, 0]],
     },
     Target {
         name: "service",

@@ -3,6 +3,7 @@
 //! depend on the desk.
 
 pub mod browser;
+pub mod bus;
 pub mod chip;
 pub mod count;
 pub mod draw;

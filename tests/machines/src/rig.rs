@@ -47,6 +47,8 @@ pub enum Act {
     Volts(f64),
     /// The desk sends these bytes.
     Link(Vec<u8>),
+    /// A master on the fieldbus sends these bytes.
+    Bus(Vec<u8>),
     /// Hangs the program.
     Hang(Hang),
     /// A debugger halts the core.
@@ -180,6 +182,11 @@ impl Rig {
             Act::Link(bytes) => {
                 let now = board.now;
                 board.serials[1].receive(now, bytes);
+                board.refresh();
+            }
+            Act::Bus(bytes) => {
+                let now = board.now;
+                board.serials[3].receive(now, bytes);
                 board.refresh();
             }
             Act::Hang(hang) => self.chip.hangs = Some(*hang),

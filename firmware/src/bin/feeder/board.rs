@@ -19,7 +19,8 @@ use kband_firmware::bus::bus;
 use kband_firmware::bus::uart::{self, Uart};
 use kband_firmware::chip::{Chip, Started};
 use kband_firmware::cortex::{
-    IDENTITY, Owned, guard_stack, stack_free, stack_use, take_last_words,
+    IDENTITY, Owned, count_millisecond, guard_stack, microseconds, stack_free, stack_use,
+    take_last_words,
 };
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
@@ -101,13 +102,13 @@ pub unsafe fn sample() {
 fn SysTick() {
     TIME.systick_interrupt();
     SELECTOR.sample(recipe_inputs());
-    EXCHANGE.bus.poll(DWT::cycle_count());
+    EXCHANGE.bus.poll(count_millisecond());
 }
 
 /// A byte of the fieldbus.
 #[interrupt]
 fn UART4() {
-    uart::interrupt(&EXCHANGE.bus, DWT::cycle_count());
+    uart::interrupt(&EXCHANGE.bus, microseconds(Board::CORE_CLOCK));
 }
 
 #[embassy_executor::task]
@@ -277,14 +278,7 @@ async fn main(spawner: Spawner) {
     let Ok(serial) = Serial::new(p.USART2, p.PA3, p.PA2, Interrupts, BUFFERS.take()) else {
         defmt::panic!("the serial port does not take its rate");
     };
-    let fieldbus_port = Uart::new(
-        &EXCHANGE.bus,
-        p.UART4,
-        p.PC10,
-        p.PC11,
-        p.PC12,
-        Board::CORE_CLOCK,
-    );
+    let fieldbus_port = Uart::new(&EXCHANGE.bus, p.UART4, p.PC10, p.PC11, p.PC12);
     TIME.start(&mut core.SYST);
     // The sample goes before everything else.
     // SAFETY: no critical section relies on the priority or the mask of these interrupts.

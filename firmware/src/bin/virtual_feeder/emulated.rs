@@ -20,8 +20,11 @@ use kband_control::wire::{KeptFault, Pin, SetUp};
 use kband_control::{AdcCode, Inputs, Report, Settings, Signal, Target};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
+use kband_firmware::bus::bus;
+use kband_firmware::bus::uart::{self, Uart};
 use kband_firmware::cortex::{
-    IDENTITY, Owned, remembers_running, stack_free, stack_low, stack_use, take_last_words,
+    IDENTITY, Owned, count_millisecond, microseconds, remembers_running, stack_free, stack_low,
+    stack_use, take_last_words,
 };
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
@@ -46,6 +49,8 @@ use crate::serial::{self, Serial};
 
 /// SysTick's clock in QEMU's machine, Hz.
 const CORE_CLOCK: u64 = 168_000_000;
+/// Clock of UART4, Hz. The emulated line has no rate.
+const BUS_CLOCK: u32 = 42_000_000;
 /// Reload of the sample timer: 25 us at QEMU's 1 GHz. The emulated time does not affect the
 /// samples.
 const SAMPLE_TICKS: u16 = 25_000 - 1;
@@ -287,11 +292,24 @@ fn SysTick() {
         return;
     }
     TIME.systick_interrupt();
+    EXCHANGE.bus.poll(count_millisecond());
     if BY_MILLISECOND.load(Ordering::Relaxed) {
         for _ in 0..SAMPLES_A_MILLISECOND {
             sample();
         }
     }
+}
+
+/// A byte of the fieldbus.
+#[interrupt]
+fn UART4() {
+    uart::interrupt(&EXCHANGE.bus, microseconds(CORE_CLOCK as u32));
+}
+
+#[embassy_executor::task]
+async fn fieldbus(station: &'static Station) {
+    let port = Uart::with_clock(&EXCHANGE.bus, BUS_CLOCK);
+    bus(&EXCHANGE.bus, port, station, IDENTITY).await;
 }
 
 #[embassy_executor::task]
@@ -521,7 +539,10 @@ fn begin(spawner: Spawner) {
     }
     if linked {
         serial::start();
+        // SAFETY: no critical section relies on this interrupt's mask.
+        unsafe { NVIC::unmask(pac::Interrupt::UART4) };
         spawner.spawn(desk_link(station, memory, found.pin).expect("spawned once"));
+        spawner.spawn(fieldbus(station).expect("spawned once"));
     }
     if word != "hang" {
         let trace = Trace {

@@ -6,8 +6,8 @@
 //! The first word on the semihosting command line selects the run:
 //!
 //! - The name of a trial: runs it and prints its trace.
-//! - `link`: runs the default scene with the enable input off. Answers on USART2 until it is ended
-//!   from outside.
+//! - `link`: runs the default scene with the enable input off. Answers on USART2, and as a Modbus
+//!   server on UART4 where the settings switch the bus on, until it is ended from outside.
 //! - `run`: the same with the enable input on, at the board's speed where the desk is fast enough.
 //! - `count`: counts the instructions of the sample interrupt, the control and the plan of the
 //!   capture. It needs a clock that counts them.

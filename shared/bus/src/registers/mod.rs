@@ -12,8 +12,11 @@ use crate::server::Counters;
 
 mod list;
 
+use list::{
+    BEFORE_READINGS, EVENT, EVENT_WORDS, FIRST_FLOAT, FIRST_INTEGER, FIXED, FIXED_WORDS, NAME,
+    NAME_REGISTERS, NAME_WORDS, READING_WORDS, READINGS,
+};
 pub(crate) use list::{CONTROL, KIND, NUMBER, RECIPE, SAVE};
-use list::{EVENT, FIRST_FLOAT, FIRST_INTEGER, FIXED, NAME, NAME_REGISTERS, READINGS, row};
 
 /// Version of the table, in a register: raised with each new register other than a setting.
 pub const TABLE_VERSION: u16 = 1;
@@ -90,17 +93,22 @@ pub struct Register {
     pub address: u16,
     /// Form of its content.
     pub form: Form,
+    /// What may be written.
+    pub access: Access,
+    source: Source,
+}
+
+/// What the manual says of a register.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Words {
     /// Its name.
     pub name: &'static str,
     /// Unit; empty for a pure number.
     pub unit: &'static str,
-    /// What may be written.
-    pub access: Access,
     /// Accepted range in words, of a setting; else empty.
     pub accepted: &'static str,
     /// Its meaning.
     pub meaning: &'static str,
-    source: Source,
 }
 
 impl Register {
@@ -159,63 +167,45 @@ fn letters(text: &str, offset: u16) -> u16 {
 }
 
 fn reading(index: usize, form: Form) -> Option<Register> {
-    let &(name, unit, of, meaning) = READINGS.get(index)?;
+    let &(unit, of) = READINGS.get(index)?;
     let n = index as u16;
     let (address, form) = match form {
         Form::Float => (FIRST_FLOAT + 2 * n, Form::Float),
         _ => (FIRST_INTEGER + n, Form::Scaled(unit)),
     };
-    Some(row(
+    Some(Register {
         address,
         form,
-        name,
-        Access::Read,
-        Source::Real(of),
-        meaning,
-    ))
+        access: Access::Read,
+        source: Source::Real(of),
+    })
 }
 
 fn setting(index: usize) -> Option<Register> {
-    let key = Settings::KEYS.get(index)?;
-    Some(Register {
-        accepted: key.accepted,
-        ..row(
-            FIRST_SETTING + 2 * index as u16,
-            Form::Float,
-            [key.name, key.unit],
-            Access::AtRest,
-            Source::Setting(index),
-            key.meaning,
-        )
+    (index < Settings::KEYS.len()).then(|| Register {
+        address: FIRST_SETTING + 2 * index as u16,
+        form: Form::Float,
+        access: Access::AtRest,
+        source: Source::Setting(index),
     })
 }
 
 fn event(age: u16, part: usize) -> Option<Register> {
-    let &(offset, form, name, part, meaning) = EVENT.get(part)?;
-    if age >= EVENTS {
-        return None;
-    }
-    let address = FIRST_EVENT + EVENT_REGISTERS * age + offset;
-    Some(row(
-        address,
+    let &(offset, form, part) = EVENT.get(part)?;
+    (age < EVENTS).then(|| Register {
+        address: FIRST_EVENT + EVENT_REGISTERS * age + offset,
         form,
-        name,
-        Access::Read,
-        Source::Event { age, part },
-        meaning,
-    ))
+        access: Access::Read,
+        source: Source::Event { age, part },
+    })
 }
 
-fn image() -> Register {
-    row(
-        NAME,
-        Form::Text(NAME_REGISTERS),
-        ["image", ""],
-        Access::Read,
-        Source::Image,
-        "name, version and commit",
-    )
-}
+const IMAGE: Register = Register {
+    address: NAME,
+    form: Form::Text(NAME_REGISTERS),
+    access: Access::Read,
+    source: Source::Image,
+};
 
 /// The register that contains this address; `None` where there is none.
 pub(crate) fn at(address: u16) -> Option<Register> {
@@ -231,25 +221,34 @@ pub(crate) fn at(address: u16) -> Option<Register> {
             let mut parts = (0..EVENT.len()).filter_map(|n| event(offset / EVENT_REGISTERS, n));
             parts.find(within)
         }
-        NAME.. => Some(image()),
+        NAME.. => Some(IMAGE),
         _ => FIXED.iter().copied().find(within),
     };
     found.filter(within)
 }
 
-/// Every register, in the order of addresses; of the events only the newest.
-pub fn all() -> impl Iterator<Item = Register> {
-    let (before, after) = FIXED.split_at(9);
-    let readings =
-        [Form::Scaled(1.0), Form::Float].map(|form| (0..).map_while(move |n| reading(n, form)));
-    before
-        .iter()
-        .copied()
+/// Every register with its words, in the order of addresses; of the events only the newest.
+pub fn all() -> impl Iterator<Item = (Register, Words)> {
+    let fixed = || FIXED.iter().copied().zip(FIXED_WORDS.iter().copied());
+    let readings = [Form::Scaled(1.0), Form::Float].map(|form| {
+        (0..)
+            .map_while(move |n| reading(n, form))
+            .zip(READING_WORDS.iter().copied())
+    });
+    let settings = Settings::KEYS.iter().map(|key| Words {
+        name: key.name,
+        unit: key.unit,
+        accepted: key.accepted,
+        meaning: key.meaning,
+    });
+    let events = (0..).map_while(|part| event(0, part));
+    fixed()
+        .take(BEFORE_READINGS)
         .chain(readings.into_iter().flatten())
-        .chain(after.iter().copied())
-        .chain((0..).map_while(setting))
-        .chain((0..).map_while(|part| event(0, part)))
-        .chain(core::iter::once(image()))
+        .chain(fixed().skip(BEFORE_READINGS))
+        .chain((0..).map_while(setting).zip(settings))
+        .chain(events.zip(EVENT_WORDS.iter().copied()))
+        .chain(core::iter::once((IMAGE, NAME_WORDS)))
 }
 
 #[cfg(test)]
@@ -262,13 +261,13 @@ mod tests {
     fn no_address_is_used_twice_and_each_is_found() {
         let mut taken = BTreeSet::new();
         let mut before = 0;
-        for register in all() {
-            assert!(register.address >= before, "{}", register.name);
+        for (register, words) in all() {
+            assert!(register.address >= before, "{}", words.name);
             before = register.end();
             for address in register.address..register.end() {
                 assert!(taken.insert(address), "{address}");
-                let found = at(address).map(|found| (found.address, found.name));
-                assert_eq!(found, Some((register.address, register.name)));
+                let found = at(address).map(|found| (found.address, found.form));
+                assert_eq!(found, Some((register.address, register.form)));
             }
         }
         for age in 1..EVENTS {

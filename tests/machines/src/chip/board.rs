@@ -34,6 +34,7 @@ const CONVERTED: u16 = 18;
 const TIMER_BREAK: u16 = 24;
 const TIMER_UPDATE: u16 = 25;
 const SERIAL: u16 = 37;
+const FIELDBUS: u16 = 52;
 /// EXTI line of the supply monitor (12.2.5).
 const MONITOR_LINE: u32 = 1 << 16;
 
@@ -90,8 +91,8 @@ pub struct Board {
     pub check: Check,
     /// Memory below the RAM; this chip has none.
     pub memory_below_ram: Vec<u8>,
-    /// USART1 to USART3.
-    pub serials: [Serial; 3],
+    /// USART1 to USART3, UART4.
+    pub serials: [Serial; 4],
     /// IWDG.
     pub watchdog: Independent,
     /// WWDG.
@@ -221,7 +222,7 @@ impl Board {
         let timer = cycle * u64::from(self.clocks.timer_divider(true));
         self.bridge
             .set_cycle(if stopped { 0 } else { timer }, self.now);
-        for (serial, upper) in self.serials.iter_mut().zip([true, false, false]) {
+        for (serial, upper) in self.serials.iter_mut().zip([true, false, false, false]) {
             serial.set_cycle(cycle * u64::from(self.clocks.divider(upper)));
         }
     }
@@ -244,7 +245,8 @@ impl Board {
         let [update, broke] = self.bridge.interrupts();
         system.line(TIMER_UPDATE, update);
         system.line(TIMER_BREAK, broke);
-        for (number, serial) in (SERIAL..).zip(&self.serials) {
+        let numbers = [SERIAL, SERIAL + 1, SERIAL + 2, FIELDBUS];
+        for (number, serial) in numbers.into_iter().zip(&self.serials) {
             system.line(number, serial.interrupts());
         }
         if self.clocks.security() {
@@ -264,10 +266,11 @@ impl Board {
 
     fn update_trace(&mut self) {
         let lamp = |port: usize, pin: usize| self.ports[port].output(pin) == Some(true);
-        let outputs = [lamp(2, 3), lamp(2, 2), lamp(1, 11)];
+        let outputs = [lamp(2, 3), lamp(2, 2), lamp(1, 11), lamp(2, 12)];
         let driven = self.drive(self.now);
-        let [drive_on, ready, fault] = outputs.map(|on| on && self.supplied);
-        self.world.look(self.now, [driven, drive_on, ready, fault]);
+        let [drive_on, ready, fault, bus_driver] = outputs.map(|on| on && self.supplied);
+        let levels = [driven, drive_on, ready, fault, bus_driver];
+        self.world.look(self.now, levels);
     }
 
     fn schedule(&mut self) {
@@ -507,7 +510,7 @@ impl Board {
         match address {
             0x4000_2c00..0x4000_3000 => self.window.read(offset, now, lower),
             0x4000_3000..0x4000_3400 => self.watchdog.read(offset, now),
-            0x4000_4400..0x4000_4c00 => {
+            0x4000_4400..0x4000_5000 => {
                 self.serials[1 + (address - 0x4000_4400) as usize / 0x400].read(offset)
             }
             0x4000_7000..0x4000_7400 => self.power.read(offset),
@@ -552,7 +555,7 @@ impl Board {
         match address {
             0x4000_2c00..0x4000_3000 => self.window.write(offset, value, now, lower),
             0x4000_3000..0x4000_3400 => self.watchdog.write(offset, value, now),
-            0x4000_4400..0x4000_4c00 => {
+            0x4000_4400..0x4000_5000 => {
                 self.serials[1 + (address - 0x4000_4400) as usize / 0x400]
                     .write(offset, value, now);
             }

@@ -11,9 +11,13 @@ const RECEIVED: u32 = 1 << 5;
 const SENT: u32 = 1 << 6;
 const EMPTY: u32 = 1 << 7;
 /// Bits of CR1 (30.6.4).
+const PARITY: u32 = 1 << 10;
+const NINE_BITS: u32 = 1 << 12;
 const RECEIVER: u32 = 1 << 2;
 const TRANSMITTER: u32 = 1 << 3;
 const ON: u32 = 1 << 13;
+/// Bit of CR2 for a second stop bit (30.6.5).
+const TWO_STOPS: u32 = 1 << 13;
 
 /// Registers of the port and both directions of the line.
 #[derive(Clone, Debug)]
@@ -33,6 +37,8 @@ pub struct Serial {
     seen: u32,
     /// Duration of a clock cycle of the port, ticks.
     cycle: u64,
+    /// Characters of the other end: bits a second, and bits of a character.
+    pub other_end: (u64, u64),
     /// Number of bytes lost because their rate differs from the port's.
     pub garbled: u64,
     /// Whether the transmitter has failed: the byte being sent never ends.
@@ -56,6 +62,7 @@ impl Default for Serial {
             idle_at: u64::MAX,
             seen: 0,
             cycle: 63,
+            other_end: (RATE, 10),
             garbled: 0,
             stuck: false,
             lost: 0,
@@ -75,6 +82,7 @@ impl Serial {
             garbled: self.garbled,
             lost: self.lost,
             cycle: self.cycle,
+            other_end: self.other_end,
             ..Self::default()
         };
     }
@@ -85,7 +93,7 @@ impl Serial {
 
     /// Sends bytes from the desk, one after the other from tick `at`.
     pub fn receive(&mut self, at: u64, bytes: &[u8]) {
-        let byte = 10 * TICKS / RATE;
+        let byte = self.other_byte();
         let free = self.coming.back().map_or(0, |last| last.0);
         let mut time = at.max(free);
         for value in bytes {
@@ -94,15 +102,33 @@ impl Serial {
         }
     }
 
-    /// Duration of a byte of ten bits at the port's rate (30.3.4, oversampling by 16), ticks.
-    fn byte(&self) -> u64 {
-        u64::from(self.rate.max(1)) * self.cycle * 10
+    /// Duration of a character of the other end, ticks.
+    pub fn other_byte(&self) -> u64 {
+        let (rate, bits) = self.other_end;
+        bits * TICKS / rate
     }
 
-    /// Whether the port can receive the desk's bytes: its rate is within 3 %.
+    /// Bits of a character: start, data and parity, stop.
+    fn bits(&self) -> u64 {
+        let data = 8 + u64::from(self.control[0] & NINE_BITS != 0);
+        1 + data + 1 + u64::from(self.control[1] & TWO_STOPS != 0)
+    }
+
+    /// Duration of a character at the port's rate (30.3.4, oversampling by 16), ticks.
+    pub fn byte(&self) -> u64 {
+        u64::from(self.rate.max(1)) * self.cycle * self.bits()
+    }
+
+    /// Whether the port can receive the other end's bytes: their form is equal and the rate within
+    /// 3 %.
     fn hears(&self) -> bool {
-        let desk = 10.0 * TICKS as f64 / RATE as f64;
-        self.cycle > 0 && (self.byte() as f64 / desk - 1.0).abs() < 0.03
+        let ratio = self.byte() as f64 / self.other_byte() as f64;
+        self.cycle > 0 && self.bits() == self.other_end.1 && (ratio - 1.0).abs() < 0.03
+    }
+
+    /// Whether a character has a parity bit.
+    pub fn has_parity(&self) -> bool {
+        self.control[0] & PARITY != 0
     }
 
     pub fn read(&mut self, offset: u32) -> u32 {

@@ -27,6 +27,8 @@ pub enum Seen {
     Ready(bool),
     /// Level of the lamp FAULT.
     Fault(bool),
+    /// Level of the fieldbus's driver enable.
+    BusDriver(bool),
     /// The chip was reset.
     Reset(Cause),
     /// The core has stopped: a fault within a fault (lock-up).
@@ -56,8 +58,8 @@ pub struct World {
     held: f32,
     since: u64,
     sum: f64,
-    /// Last levels of bridge, "drive on", READY and FAULT.
-    last: [bool; 4],
+    /// Last levels of bridge, "drive on", READY, FAULT and the fieldbus's driver enable.
+    last: [bool; 5],
     /// Trace of events with their ticks.
     pub trace: Vec<(u64, Seen)>,
     /// Largest displacement of the track since its last reset, m.
@@ -93,7 +95,7 @@ impl World {
             held: 0.0,
             since: 0,
             sum: 0.0,
-            last: [false; 4],
+            last: [false; 5],
             trace: Vec::new(),
             peak: 0.0,
             largest_mean_output: 0.0,
@@ -138,11 +140,17 @@ impl World {
 
     /// Compares bridge, "drive on" and both lamps with their last levels; adds an event for each
     /// change.
-    pub fn look(&mut self, now: u64, levels: [bool; 4]) {
+    pub fn look(&mut self, now: u64, levels: [bool; 5]) {
         if levels == self.last {
             return;
         }
-        let seen = [Seen::Bridge, Seen::DriveOn, Seen::Ready, Seen::Fault];
+        let seen = [
+            Seen::Bridge,
+            Seen::DriveOn,
+            Seen::Ready,
+            Seen::Fault,
+            Seen::BusDriver,
+        ];
         for ((seen, level), last) in seen.into_iter().zip(levels).zip(self.last) {
             if level != last {
                 self.record(now, seen(level));

@@ -1,0 +1,124 @@
+//! Requests on the fieldbus: raw frames, and requests behind a valid checksum, to a board at rest.
+
+use std::cell::RefCell;
+
+use kband_bus::rtu::{self, crc};
+use kband_bus::{Answer, Authority, Machine, Refused, Seen, Server, tcp};
+use kband_control::wire::Record;
+use kband_control::{Settings, Target};
+
+use crate::Taker;
+
+/// Unit of the board.
+const UNIT: u8 = 17;
+
+/// A drive that checks what the server commands.
+struct Drive {
+    authority: Authority,
+    running: bool,
+    settings: Settings,
+    target: Target,
+    commands: RefCell<u32>,
+}
+
+impl Machine for Drive {
+    fn seen(&self) -> Seen<'_> {
+        let mut seen = Seen {
+            authority: self.authority,
+            target: self.target,
+            events: 5,
+            image: "fuzz",
+            ..Seen::default()
+        };
+        seen.telemetry.state = u8::from(self.running) * 2;
+        seen
+    }
+
+    fn settings(&self) -> Settings {
+        self.settings
+    }
+
+    fn event(&self, number: u32) -> Option<Record> {
+        assert!(number < 5);
+        None
+    }
+
+    fn command(&mut self, _run: bool, acknowledge: bool) {
+        assert!(self.authority >= Authority::Command);
+        assert!(!acknowledge || self.authority == Authority::Acknowledge);
+        *self.commands.borrow_mut() += 1;
+    }
+
+    fn set_target(&mut self, target: Target) -> Result<(), Refused> {
+        assert!(self.authority >= Authority::Command);
+        self.target = target;
+        Ok(())
+    }
+
+    fn set_settings(&mut self, settings: &Settings) -> Result<(), Refused> {
+        assert!(self.authority >= Authority::Command && !self.running);
+        settings.check().map_err(|_| Refused::Value)?;
+        let bus = |settings: &Settings| {
+            let of = |key: &str| settings.get(key).map(f32::to_bits);
+            [
+                "bus",
+                "bus_address",
+                "bus_baud",
+                "bus_parity",
+                "bus_timeout",
+            ]
+            .map(of)
+        };
+        assert_eq!(bus(settings), bus(&self.settings));
+        self.settings = *settings;
+        Ok(())
+    }
+
+    fn save(&mut self) -> Result<(), Refused> {
+        assert!(self.authority >= Authority::Command && !self.running);
+        Ok(())
+    }
+}
+
+/// Asks a server; the answer has the unit and the function of the request.
+fn ask(server: &mut Server, drive: &mut Drive, adu: &[u8]) -> bool {
+    let mut answer = Answer::new();
+    let mut frame = adu.to_vec();
+    frame.extend(crc(adu).to_le_bytes());
+    if !rtu::answer(server, UNIT, &frame, drive, &mut answer) {
+        return false;
+    }
+    let answered = rtu::check(&answer).expect("a valid checksum").to_vec();
+    assert!(answered[0] == adu[0] && answered[1] & 0x7f == adu[1]);
+    answered[1] & 0x80 == 0
+}
+
+/// Requests to boards of each authority; each is a length and its bytes.
+pub fn bus(input: &[u8]) -> bool {
+    let mut input = Taker(input);
+    let mut known = false;
+    let mut server = Server::default();
+    let mut drive = Drive {
+        authority: Authority::Read,
+        running: false,
+        settings: Settings::default(),
+        target: Target::K(0.5),
+        commands: RefCell::new(0),
+    };
+    while let Some(what) = input.byte() {
+        let piece = input.piece().unwrap_or(&[]);
+        drive.running = what & 1 != 0;
+        drive.authority = match what >> 1 & 3 {
+            0 => Authority::Read,
+            1 => Authority::Command,
+            _ => Authority::Acknowledge,
+        };
+        let mut adu = vec![UNIT];
+        adu.extend(piece);
+        known |= ask(&mut server, &mut drive, &adu);
+        let mut answer = Answer::new();
+        let _ = rtu::answer(&mut server, UNIT, piece, &mut drive, &mut answer);
+        let _ = tcp::answer(&mut server, piece, &mut drive, &mut answer);
+    }
+    known
+}

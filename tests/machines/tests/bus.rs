@@ -1,0 +1,353 @@
+//! The fieldbus of the flashed image: pins and times, authority, and its effects on the drive.
+
+use kband_control::wire::{Request, Response};
+use kband_control::{Fault, Limits, State, Target};
+use kband_machines::bus::{UNIT, float, frame, read, write};
+use kband_machines::chip::SAMPLE;
+use kband_machines::chip::gpio::Mode;
+use kband_machines::chip::world::Seen;
+use kband_machines::hazards::Hazard;
+use kband_machines::images::feeder;
+use kband_machines::rig::{Act, Rig};
+use kband_plant::Change;
+
+/// Cycles of the core between two samples.
+const DEADLINE: u64 = 8400;
+
+/// A machine at rest whose board has this authority of the bus; rate in baud.
+fn machine(target: Target, bus: f32, baud: f32, parity: f32) -> Rig {
+    let mut hazard = Hazard::of("bus", 50.0, target);
+    hazard.scene.settings.link_timeout = 0.0;
+    board(&hazard, bus, baud, parity)
+}
+
+fn board(hazard: &Hazard, bus: f32, baud: f32, parity: f32) -> Rig {
+    let mut rig = hazard.commissioned(&feeder());
+    rig.chip.board.serials[3].other_end = (baud as u64, 11);
+    for (key, value) in [
+        ("bus_baud", baud),
+        ("bus_parity", parity),
+        ("bus_timeout", 0.6),
+        ("bus_address", f32::from(UNIT)),
+        ("bus", bus),
+    ] {
+        rig.request_done(&Request::set(key, value));
+    }
+    rig.request_done(&Request::Save);
+    rig
+}
+
+/// Writes the control word and lets two drive cycles pass.
+fn control(rig: &mut Rig, word: u16) -> u16 {
+    rig.bus_write(0, &[word]);
+    rig.run(rig.time() + 0.04);
+    rig.bus_word(5)
+}
+
+/// Polls the state for some time, s.
+fn poll(rig: &mut Rig, seconds: f64) -> u16 {
+    let end = rig.time() + seconds;
+    while rig.time() < end {
+        rig.run(rig.time() + 0.1);
+        rig.bus_word(5);
+    }
+    rig.bus_word(5)
+}
+
+fn state(state: State) -> u16 {
+    state.number().into()
+}
+
+/// Edges of the driver's enable, ticks.
+fn driver_edges(rig: &Rig) -> Vec<(u64, bool)> {
+    let trace = rig.chip.board.world.trace.iter();
+    trace
+        .filter_map(|(time, seen)| match seen {
+            Seen::BusDriver(on) => Some((*time, *on)),
+            _ => None,
+        })
+        .collect()
+}
+
+#[test]
+fn the_driver_is_on_only_while_an_answer_leaves() {
+    for (baud, parity) in [(9600.0, 2.0), (19_200.0, 1.0), (115_200.0, 0.0)] {
+        // The plan of a capture keeps the control task busy.
+        let mut rig = machine(Target::Locked { order: 1 }, 1.0, baud, parity);
+        let port = &rig.chip.board.ports[2];
+        assert_eq!([10, 11].map(|pin| port.mode(pin)), [Mode::Function(8); 2]);
+        assert_eq!(port.output(12), Some(false));
+        assert_eq!(rig.chip.board.serials[3].has_parity(), parity > 0.0);
+        assert_eq!(driver_edges(&rig), [], "{baud}");
+        control(&mut rig, 0);
+        rig.act(&Act::Enable(true));
+        rig.run(rig.time() + 0.2);
+        assert_eq!(control(&mut rig, 1), state(State::Starting));
+        let character = rig.chip.board.serials[3].other_byte();
+        let silence = if baud > 19_200.0 {
+            1.75e-3
+        } else {
+            38.5 / f64::from(baud)
+        };
+        for n in 0..80 {
+            let before = driver_edges(&rig).len();
+            let answered = rig.bus(&read(16, 32)).unwrap();
+            assert_eq!(answered.pdu.len(), 66);
+            assert!((silence..20e-3).contains(&answered.after), "{answered:?}");
+            let edges = driver_edges(&rig)[before..].to_vec();
+            let &[(on, true), (off, false)] = &edges[..] else {
+                panic!("{edges:?}");
+            };
+            assert!(on <= answered.end - 69 * character, "{n}");
+            let late = off.saturating_sub(answered.end);
+            assert!(
+                off >= answered.end && late <= character,
+                "{late} {character}"
+            );
+            rig.run(rig.time() + 1e-3 * f64::from(n % 7));
+        }
+        assert_eq!(rig.resets().len(), 1);
+    }
+}
+
+#[test]
+fn an_answer_waits_for_no_second_slice_of_planning() {
+    let mut hazard = Hazard::of("bus plans", 50.0, Target::Gear { order: 1 });
+    hazard.scene = kband_plant::Scene::default();
+    hazard.scene.settings.link_timeout = 0.0;
+    let mut rig = board(&hazard, 1.0, 115_200.0, 2.0);
+    control(&mut rig, 0);
+    rig.act(&Act::Enable(true));
+    rig.run(rig.time() + 0.2);
+    control(&mut rig, 1);
+    let mut longest = 0.0_f64;
+    for n in 0..150 {
+        let answered = rig.bus(&read(4, 4)).unwrap();
+        longest = longest.max(answered.after);
+        rig.run(rig.time() + 1e-3 * f64::from(n * 7 % 23));
+    }
+    println!("longest {:.1} ms", 1e3 * longest);
+    assert!(longest < 20e-3, "{longest}");
+    // In gear, the readings agree with the track.
+    assert_eq!(poll(&mut rig, 4.0), state(State::Holding));
+    let words = rig.bus_answer(&read(32, 32));
+    let float = |n: usize| f32::from_be_bytes(words[2 + 4 * n..6 + 4 * n].try_into().unwrap());
+    assert!((float(1) / rig.amplitude() as f32 - 1.0).abs() < 0.02);
+    assert!(float(7) > 50.0, "share in gear {}", float(7));
+    assert_eq!(rig.bus_word(4) & 1 << 8, 1 << 8, "the target is held");
+}
+
+#[test]
+fn the_run_bit_runs_and_stops_with_the_enable_input() {
+    let mut rig = machine(Target::K(0.8), 1.0, 19_200.0, 2.0);
+    control(&mut rig, 0);
+    assert_eq!(control(&mut rig, 1), state(State::Off), "without the input");
+    rig.act(&Act::Enable(true));
+    assert_eq!(poll(&mut rig, 0.3), state(State::Off), "without an edge");
+    assert_eq!(rig.bus_word(4) & 0b11, 0b01);
+    control(&mut rig, 0);
+    assert_eq!(control(&mut rig, 1), state(State::Starting));
+    assert_eq!(poll(&mut rig, 1.0), state(State::Holding));
+    assert!(rig.chip.is_driven());
+    // Another target, whole.
+    let [high, low] = float(0.1);
+    let before = rig.amplitude();
+    rig.bus_write(1, &[33, high, low]);
+    poll(&mut rig, 1.0);
+    assert!(
+        (rig.amplitude() - 0.1).abs() < 2e-3,
+        "{before} {}",
+        rig.amplitude()
+    );
+    assert_eq!(control(&mut rig, 0), state(State::Stopping));
+    assert_eq!(poll(&mut rig, 1.0), state(State::Off));
+    assert!(!rig.chip.is_driven());
+    // Off by the enable input as without a bus.
+    control(&mut rig, 1);
+    rig.act(&Act::Enable(false));
+    rig.run(rig.time() + 0.03);
+    assert!(!rig.chip.is_driven());
+    assert_eq!(rig.seen_after(1.0, &Seen::Fault(true)), None);
+}
+
+#[test]
+fn a_set_run_bit_starts_nothing_after_power_on() {
+    let mut rig = machine(Target::K(0.8), 1.0, 19_200.0, 2.0);
+    control(&mut rig, 0);
+    rig.act(&Act::Enable(true));
+    rig.run(rig.time() + 0.2);
+    assert_eq!(control(&mut rig, 1), state(State::Starting));
+    rig.act(&Act::Volts(0.0));
+    rig.run(rig.time() + 0.1);
+    rig.act(&Act::Volts(3.3));
+    rig.run(rig.time() + 0.5);
+    let since = rig.time();
+    for enable in [true, false, true] {
+        // As without a bus, the enable input must be off once.
+        rig.act(&Act::Enable(enable));
+        rig.run(rig.time() + 0.2);
+        for _ in 0..3 {
+            assert_eq!(control(&mut rig, 1), state(State::Off));
+        }
+    }
+    assert_eq!(rig.seen_after(since, &Seen::Bridge(true)), None);
+    control(&mut rig, 0);
+    assert_eq!(control(&mut rig, 1), state(State::Starting));
+}
+
+#[test]
+fn a_fault_is_acknowledged_with_authority_and_needs_an_edge() {
+    for bus in [1.0, 2.0] {
+        let mut rig = machine(Target::K(0.8), bus, 19_200.0, 2.0);
+        control(&mut rig, 0);
+        rig.act(&Act::Enable(true));
+        rig.run(rig.time() + 0.2);
+        control(&mut rig, 1);
+        poll(&mut rig, 1.0);
+        rig.act(&Act::Plant(Change::SensorLost(true)));
+        assert_eq!(poll(&mut rig, 0.5), state(State::Fault));
+        assert_eq!(rig.bus_word(6), u16::from(Fault::SensorLost.number()));
+        rig.act(&Act::Plant(Change::SensorLost(false)));
+        control(&mut rig, 0);
+        let answer = rig.bus_answer(&write(0, &[0x80]));
+        rig.run(rig.time() + 0.04);
+        if bus == 1.0 {
+            assert_eq!(answer, [0x90, 4]);
+            assert_eq!(rig.bus_word(5), state(State::Fault));
+            continue;
+        }
+        assert_eq!(rig.bus_word(5), state(State::Off));
+        assert_eq!(
+            control(&mut rig, 1),
+            state(State::Starting),
+            "an edge after it"
+        );
+        rig.act(&Act::Plant(Change::SensorLost(true)));
+        assert_eq!(poll(&mut rig, 0.5), state(State::Fault));
+        rig.act(&Act::Plant(Change::SensorLost(false)));
+        assert_eq!(
+            control(&mut rig, 0x81),
+            state(State::Off),
+            "acknowledged, and no edge"
+        );
+        let since = rig.time();
+        assert_eq!(poll(&mut rig, 0.5), state(State::Off));
+        assert_eq!(rig.seen_after(since, &Seen::Bridge(true)), None);
+    }
+}
+
+#[test]
+fn a_silent_bus_leads_to_the_safe_amplitude() {
+    let mut rig = machine(Target::Amplitude(0.3), 1.0, 19_200.0, 2.0);
+    control(&mut rig, 0);
+    rig.act(&Act::Enable(true));
+    rig.run(rig.time() + 0.2);
+    control(&mut rig, 1);
+    poll(&mut rig, 1.5);
+    assert!((rig.amplitude() - 0.3).abs() < 6e-3);
+    // Frames of the desk and of other units keep nothing alive.
+    for n in 0..30 {
+        let frame = match n % 2 {
+            0 => Act::Link(rig.frame(&Request::Alive)),
+            _ => Act::Bus(frame(UNIT + 1, &read(0, 1))),
+        };
+        rig.act(&frame);
+        rig.run(rig.time() + 0.05);
+    }
+    assert!((rig.amplitude() - 0.05).abs() < 2e-3, "{}", rig.amplitude());
+    assert_eq!(rig.bus_word(7), Limits::LINK_LOST.bits());
+    assert!(rig.chip.is_driven());
+    poll(&mut rig, 1.5);
+    assert!((rig.amplitude() - 0.3).abs() < 6e-3);
+    assert_eq!(rig.bus_word(7), 0);
+}
+
+#[test]
+fn without_authority_the_bus_reads_and_the_desk_commands() {
+    let mut rig = machine(Target::K(0.8), 0.0, 19_200.0, 2.0);
+    for request in [
+        write(0, &[0]),
+        write(1, &[2]),
+        write(9, &[1]),
+        write(100, &float(60.0)),
+    ] {
+        assert_eq!(rig.bus_answer(&request), [0x90, 4]);
+    }
+    rig.request_done(&Request::Target(Target::K(0.5)));
+    assert_eq!(rig.bus_word(1), 32);
+    rig.act(&Act::Enable(true));
+    rig.run(rig.time() + 0.3);
+    assert_eq!(rig.bus_word(5), state(State::Starting));
+    assert_eq!(rig.bus_word(4) & 1 << 9, 0);
+}
+
+#[test]
+fn a_save_over_the_bus_is_kept() {
+    let mut rig = machine(Target::K(0.8), 1.0, 19_200.0, 2.0);
+    rig.bus_write(1, &[2]);
+    rig.bus_write(9, &[1]);
+    rig.run(rig.time() + 0.1);
+    assert_eq!(rig.bus_word(9), 2);
+    rig.act(&Act::Volts(0.0));
+    rig.run(rig.time() + 0.1);
+    rig.act(&Act::Volts(3.3));
+    rig.run(rig.time() + 0.5);
+    assert_eq!(rig.bus_word(1), 2);
+    assert_eq!(rig.bus_word(9), 0);
+}
+
+#[test]
+fn a_flooded_link_and_a_polling_master_delay_no_sample() {
+    let mut rig = machine(Target::K(0.41), 1.0, 115_200.0, 2.0);
+    control(&mut rig, 0);
+    rig.act(&Act::Enable(true));
+    rig.run(rig.time() + 0.2);
+    control(&mut rig, 1);
+    poll(&mut rig, 1.5);
+    rig.request_done(&Request::Telemetry(2));
+    rig.chip.forget_handlers();
+    let began = rig.time();
+    let mut answers = 0;
+    for n in 0..100 {
+        let requests = [
+            Request::Status,
+            Request::Held,
+            Request::Alive,
+            Request::Get("gain"),
+        ];
+        let link: Vec<u8> = requests
+            .iter()
+            .flat_map(|request| rig.frame(request))
+            .collect();
+        rig.act(&Act::Link(link));
+        let pdu = match n % 3 {
+            0 => read(100, 90).to_vec(),
+            1 => write(1, &[32, 0x3ed1, 0xeb85]),
+            _ => vec![43, 14, 1, 0],
+        };
+        answers += u32::from(rig.bus(&pdu).is_some());
+    }
+    let samples = rig.chip.handler(SAMPLE);
+    println!(
+        "{answers} answers in {:.1} s, longest sample {}",
+        rig.time() - began,
+        samples.longest
+    );
+    assert_eq!(answers, 100);
+    assert!(samples.longest < DEADLINE);
+    let lasted = rig.time() - began;
+    assert!(
+        (samples.count as f64 - 20_000.0 * lasted).abs() <= 2.0,
+        "{}",
+        samples.count
+    );
+    assert_eq!(rig.resets().len(), 1);
+    assert_eq!(rig.opens_after(began), None);
+    rig.act(&Act::Enable(false));
+    rig.run(rig.time() + 1.5);
+    let missed = rig.request(&Request::SelfTest, |response| match response {
+        Response::SelfTest(test) => test.missed,
+        other => panic!("{other:?}"),
+    });
+    assert_eq!(missed, 0);
+}

@@ -1,0 +1,272 @@
+//! The emulated board on its fieldbus: a master of this file, and masters that others wrote, take
+//! it from power-on to gear, change its target, cause a fault and acknowledge it, and save.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use kband_bus::registers;
+use kband_bus::rtu;
+use kband_control::wire::{Request, Response};
+use kband_control::{Fault, Settings, State, Target};
+use kband_host::board::{Address, Emulated};
+use kband_tests::emulator::Machine;
+use kband_tests::images;
+
+/// Unit of the board.
+const UNIT: u8 = 17;
+/// Longest life of the emulator, s, and longest wait for a state.
+const LIMIT_S: u32 = 240;
+const WAIT: Duration = Duration::from_secs(100);
+
+/// Register of the control word.
+const CONTROL: u16 = 0;
+/// Register of the target's kind.
+const KIND: u16 = 1;
+/// Register of the status word.
+const STATUS: u16 = 4;
+/// Register of the state.
+const STATE: u16 = 5;
+/// Register of the fault.
+const FAULT: u16 = 6;
+/// Register of the request to save.
+const SAVE: u16 = 9;
+/// Bit of the status word: the target is held.
+const HELD: u16 = 1 << 8;
+
+/// The emulated board with its enable input on and a terminal as its bus.
+struct Board {
+    emulator: Child,
+    terminal: PathBuf,
+    line: File,
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.emulator.kill();
+        let _ = self.emulator.wait();
+    }
+}
+
+impl Board {
+    /// Starts the board with this flash.
+    fn start(image: &Path, flash: &Path) -> Self {
+        let name = flash.file_name().unwrap().to_str().unwrap();
+        let words = format!("enable=on,target=native,arg=image,arg=run,arg={name}");
+        let mut emulator = Command::new("timeout")
+            .args(["--foreground", "--kill-after=5", &LIMIT_S.to_string()])
+            .args([
+                "qemu-system-arm",
+                "-M",
+                "olimex-stm32-h405",
+                "-display",
+                "none",
+            ])
+            .args(["-monitor", "none", "-serial", "null", "-serial", "null"])
+            .args(["-serial", "null", "-serial", "pty"])
+            .args(["-semihosting-config", &words, "-kernel"])
+            .arg(image)
+            .current_dir(flash.parent().unwrap())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the emulator starts");
+        let mut said = BufReader::new(emulator.stdout.take().unwrap());
+        let terminal = loop {
+            let mut line = String::new();
+            assert!(
+                said.read_line(&mut line).unwrap() > 0,
+                "it names its terminal"
+            );
+            if let Some((_, rest)) = line.split_once("redirected to ") {
+                break PathBuf::from(rest.split_whitespace().next().unwrap());
+            }
+        };
+        let line = File::options()
+            .read(true)
+            .write(true)
+            .open(&terminal)
+            .unwrap();
+        Self {
+            emulator,
+            terminal,
+            line,
+        }
+    }
+
+    /// Function and data of the answer to a request.
+    fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
+        let mut frame = vec![UNIT];
+        frame.extend(pdu);
+        frame.extend(rtu::crc(&frame).to_le_bytes());
+        self.line.write_all(&frame).unwrap();
+        let mut answer = Vec::new();
+        loop {
+            let mut byte = [0];
+            assert_eq!(self.line.read(&mut byte).unwrap(), 1, "the emulator runs");
+            answer.push(byte[0]);
+            if let Some(adu) = rtu::check(&answer) {
+                assert_eq!(adu[0], UNIT);
+                return adu[1..].to_vec();
+            }
+        }
+    }
+
+    fn word(&mut self, address: u16) -> u16 {
+        let [a, b] = address.to_be_bytes();
+        match self.ask(&[3, a, b, 0, 1])[..] {
+            [3, 2, high, low] => u16::from_be_bytes([high, low]),
+            ref other => panic!("{address}: {other:?}"),
+        }
+    }
+
+    fn write(&mut self, address: u16, words: &[u16]) {
+        let mut pdu = vec![16];
+        pdu.extend(address.to_be_bytes());
+        pdu.extend((words.len() as u16).to_be_bytes());
+        pdu.push(2 * words.len() as u8);
+        pdu.extend(words.iter().flat_map(|word| word.to_be_bytes()));
+        assert_eq!(self.ask(&pdu), pdu[..5], "{address}");
+    }
+
+    fn set(&mut self, key: &str, value: f32) {
+        let index = Settings::KEYS.iter().position(|known| known.name == key);
+        let address = registers::FIRST_SETTING + 2 * index.unwrap() as u16;
+        self.write(address, &float(value));
+    }
+
+    /// Waits until a register, under a mask, has this value.
+    fn wait(&mut self, address: u16, mask: u16, value: u16) {
+        let end = Instant::now() + WAIT;
+        while self.word(address) & mask != value {
+            let (state, fault) = (self.word(STATE), self.word(FAULT));
+            let late = Instant::now() > end;
+            assert!(!late, "register {address}: state {state}, fault {fault}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    fn wait_for(&mut self, state: State) {
+        self.wait(STATE, u16::MAX, state.number().into());
+    }
+}
+
+fn float(number: f32) -> [u16; 2] {
+    let bits = number.to_bits();
+    [(bits >> 16) as u16, bits as u16]
+}
+
+/// A folder with a flash in which the bus has this authority, and the board's address.
+fn commissioned(image: &Path, bus: f32) -> (tempfile::TempDir, Address) {
+    let folder = tempfile::tempdir().unwrap();
+    let address = Address {
+        flash_image: Some(folder.path().join("board.flash")),
+        ..Address::of("qemu", Some(image))
+    };
+    let mut link = address.open(Emulated::AtRest).unwrap();
+    for request in [
+        Request::set("bus_address", UNIT.into()),
+        Request::set("bus", bus),
+        Request::Save,
+    ] {
+        link.ask(&request, |response| assert_eq!(response, Response::Done))
+            .unwrap();
+    }
+    (folder, address)
+}
+
+#[test]
+fn a_master_runs_the_board_from_power_on_to_gear_and_saves() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let (folder, address) = commissioned(&image, 2.0);
+    let mut board = Board::start(&image, &folder.path().join("board.flash"));
+    board.write(CONTROL, &[0, 1]);
+    board.write(CONTROL, &[1]);
+    board.wait(STATUS, HELD, HELD);
+    assert_eq!(board.word(STATE), State::Holding.number().into());
+    // Another target, while the drive runs.
+    let [high, low] = float(0.8);
+    board.write(KIND, &[32, high, low]);
+    board.wait(STATUS, HELD, 0);
+    board.wait(STATUS, HELD, HELD);
+    assert!(board.word(16).abs_diff(800) < 20, "k in thousandths");
+    board.write(CONTROL, &[0]);
+    board.wait_for(State::Off);
+    // A sensitivity that the sensor does not have.
+    board.set("sensitivity", 0.5);
+    board.write(CONTROL, &[1]);
+    board.wait_for(State::Fault);
+    assert_eq!(board.word(FAULT), Fault::SensorImplausible.number().into());
+    board.write(CONTROL, &[0]);
+    board.write(CONTROL, &[0x80]);
+    board.wait_for(State::Off);
+    board.set("sensitivity", Settings::default().sensitivity);
+    board.write(SAVE, &[1]);
+    board.wait(SAVE, u16::MAX, 2);
+    drop(board);
+    let mut link = address.open(Emulated::AtRest).unwrap();
+    link.ask(&Request::Held, |response| {
+        assert_eq!(response, Response::Held(Target::K(0.8)));
+    })
+    .unwrap();
+}
+
+/// Runs a program that must succeed; returns its output.
+fn run(command: &mut Command) -> String {
+    let ran = command.output().expect("tests/setup.sh installs it");
+    let said = String::from_utf8_lossy(&ran.stdout).into_owned();
+    let wrong = String::from_utf8_lossy(&ran.stderr);
+    assert!(ran.status.success(), "{command:?}: {said} {wrong}");
+    said
+}
+
+/// What `mbpoll` prints for these arguments, without the board's answers to be refused.
+fn mbpoll(board: &Board, arguments: &str, values: &[&str]) -> String {
+    let fixed = [
+        "-m", "rtu", "-a", "17", "-b", "19200", "-P", "even", "-0", "-1", "-q", "-o", "3",
+    ];
+    run(Command::new("mbpoll")
+        .args(fixed)
+        .args(arguments.split(' '))
+        .arg(&board.terminal)
+        .args(values))
+}
+
+/// The master of Debian, on libmodbus.
+#[test]
+fn mbpoll_reads_and_runs_the_board() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let (folder, _) = commissioned(&image, 1.0);
+    let mut board = Board::start(&image, &folder.path().join("board.flash"));
+    let version = mbpoll(&board, "-r 80 -c 1", &[]);
+    assert!(version.contains("[80]: \t1"), "{version}");
+    let frequency = mbpoll(&board, "-t 4:float -B -r 100 -c 1", &[]);
+    assert!(frequency.contains("[100]: \t50"), "{frequency}");
+    // mbpoll writes the low word first, as libmodbus 3.1.6 does with -B: registers one by one.
+    mbpoll(&board, "-r 0", &["0"]);
+    let [high, low] = float(0.8).map(|word| word.to_string());
+    mbpoll(&board, "-r 1", &["32", &high, &low]);
+    mbpoll(&board, "-r 0", &["1"]);
+    board.wait(STATUS, HELD, HELD);
+    mbpoll(&board, "-r 0", &["0"]);
+    board.wait_for(State::Off);
+}
+
+/// The master of PyPI.
+#[test]
+fn pymodbus_reads_and_runs_the_board() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let (folder, _) = commissioned(&image, 1.0);
+    let board = Board::start(&image, &folder.path().join("board.flash"));
+    let root = kband_tests::root();
+    let said = run(Command::new("python3")
+        .arg(root.join("tests/clients/board.py"))
+        .arg(&board.terminal)
+        .arg(UNIT.to_string())
+        .env("PYTHONPATH", root.join("target/clients")));
+    println!("{said}");
+    assert!(said.starts_with("pymodbus: held"), "{said}");
+}
