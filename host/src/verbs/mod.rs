@@ -30,6 +30,7 @@ pub mod paper;
 pub mod recipe;
 pub mod registers;
 pub mod report;
+pub mod serve;
 pub mod settings;
 pub mod simulate;
 pub mod status;
@@ -93,6 +94,7 @@ verbs! {
     Recipe => recipe,
     Registers => registers,
     Report => report,
+    Serve => serve,
     Settings => settings,
     Simulate => simulate,
     Status => status,
