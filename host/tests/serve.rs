@@ -144,8 +144,11 @@ fn a_plc_gets_parts_into_gear_changes_the_target_and_ends_a_fault() {
         .args(["simulate", "--print-scene"])
         .output()
         .unwrap();
-    let mut scene = String::from_utf8(scene.stdout).unwrap();
-    scene += "\n[[disturbance]]\nat = 12.0\nsensor_lost = true\n\n[[disturbance]]\nat = 13.0\nsensor_lost = false\n";
+    let scene = String::from_utf8(scene.stdout).unwrap();
+    assert!(scene.contains("duration = 10.0"), "{scene}");
+    let scene = scene.replace("duration = 10.0", "duration = 600.0")
+        + "\n[[disturbance]]\nat = 12.0\nsensor_lost = true\n"
+        + "\n[[disturbance]]\nat = 13.0\nsensor_lost = false\n";
     let path = folder.path().join("scene.toml");
     std::fs::write(&path, scene).unwrap();
     let served = Served::start(&[path.to_str().unwrap(), "--for", "600"]);
