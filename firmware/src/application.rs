@@ -180,6 +180,9 @@ pub async fn control(
             // The link answers a refused target; here the previous target stays.
             let _ = station.set_target(target);
         }
+        if let Some(recipe) = panel.recipe() {
+            station.follow_inputs(recipe);
+        }
         let began = panel.now();
         let mut inputs = panel.inputs();
         inputs.control_late |= exchange.late();
@@ -316,6 +319,7 @@ mod tests {
             target: scene.target,
             pin: None,
             condition: Condition::Whole,
+            added: 0,
         };
         let start = StartCause::Ordinary;
         let controller = Station::controller(&found, start).unwrap();

@@ -45,6 +45,11 @@ pub trait Panel {
     fn new_target(&mut self) -> Option<Target> {
         None
     }
+
+    /// Number of the recipe at the inputs, debounced; 0: none. `None` without such inputs.
+    fn recipe(&mut self) -> Option<u8> {
+        None
+    }
 }
 
 /// Observer of the controller's reports.

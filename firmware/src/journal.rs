@@ -16,7 +16,7 @@
 //! may belong to another machine. The maps of `sequential-storage` do fall back in that way, so
 //! they are not used here.
 //!
-//! The first slot of a bank holds a mark instead of a record. The mark is programmed after the
+//! A bank begins with a mark, in the place of its first record. The mark is programmed after the
 //! erasure of the bank and cleared before its next erasure. A bank without a mark is erased before
 //! its first record, even where it reads as erased. An erasure that was cut short leaves cells that
 //! may not stay erased.
@@ -24,6 +24,10 @@
 //! A journal without any mark or record counts as a new chip; its banks get marks without an
 //! erasure. A cut erasure leaves no such journal, because the other bank is not blank then. Banks
 //! of an older image, with a record in their first slot, are read and appended to unchanged.
+//!
+//! A journal that [converts](Journal::converting) tags its banks behind the mark; the records
+//! follow from byte 32 on. A bank without the tag has slots of an older size. It is read, but gets
+//! no further record: the next one goes to the other bank, and this one is erased after it.
 
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
@@ -36,6 +40,8 @@ pub enum StoreFailed {
     Memory,
     /// The supply is low, or was within the settling time.
     SupplyLow,
+    /// There are no valid settings to store it with.
+    NoSettings,
 }
 
 /// Size of a record's number, bytes.
@@ -47,6 +53,13 @@ const SEAL: usize = 8;
 /// First bytes of a bank whose erasure was completed. Ones and zeros are equal in number; the rest
 /// of the slot stays blank.
 const MARK: [u8; 8] = [0x6b, 0x94, 0x62, 0x9d, 0x65, 0x9a, 0x72, 0x8d];
+/// Bytes behind the mark of a bank whose slots have the present size, where a journal converts.
+const TAG: [u8; 8] = [0x73, 0x8c, 0x6c, 0x93, 0x6f, 0x90, 0x74, 0x8b];
+/// Size of mark and tag with the blank bytes behind them, bytes.
+const TAGGED_MARK: usize = 32;
+/// Largest number of wrong bits in a tag: a quarter, so that no flipped bit changes the size of a
+/// bank's slots.
+const MAX_WRONG_TAG_BITS: u32 = 16;
 /// Number of bytes in a slot beside its content.
 pub const OVERHEAD: usize = NUMBER + CHECK + SEAL;
 /// Number of slots that are read before other tasks run.
@@ -72,10 +85,11 @@ impl Slot {
         if bytes.iter().all(|byte| *byte == 0xff) {
             return Self::Blank;
         }
-        if let Some((MARK, rest)) = bytes.split_first_chunk().map(|(mark, rest)| (*mark, rest))
-            && rest.iter().all(|byte| *byte == 0xff)
-        {
-            return Self::Mark;
+        if let Some(rest) = bytes.strip_prefix(&MARK) {
+            let rest = rest.strip_prefix(&TAG).unwrap_or(rest);
+            if rest.iter().all(|byte| *byte == 0xff) {
+                return Self::Mark;
+            }
         }
         let Some((body, seal)) = bytes.split_last_chunk::<SEAL>() else {
             return Self::Spoilt;
@@ -114,15 +128,23 @@ struct Survey {
     spoilt: [u32; 2],
     /// Whether each bank begins with its mark.
     marked: [bool; 2],
+    /// Whether each bank has slots of the older size.
+    old: [bool; 2],
+    /// Number of slots in each bank.
+    slots: [u32; 2],
 }
 
 impl Survey {
-    const BLANK: Self = Self {
-        newest: None,
-        used: [0; 2],
-        spoilt: [0; 2],
-        marked: [false; 2],
-    };
+    fn blank(old: [bool; 2], slots: [u32; 2]) -> Self {
+        Self {
+            newest: None,
+            used: [0; 2],
+            spoilt: [0; 2],
+            marked: [false; 2],
+            old,
+            slots,
+        }
+    }
 
     fn take(&mut self, place: Place, slot: Slot) {
         let Place { bank, index } = place;
@@ -139,22 +161,28 @@ impl Survey {
         }
     }
 
-    /// Records that the bank was erased and marked.
-    fn clear(&mut self, bank: usize) {
+    /// Records that the bank was erased and marked; it has `slots` slots.
+    fn clear(&mut self, bank: usize, slots: u32) {
         self.used[bank] = 1;
         self.spoilt[bank] = 0;
         self.marked[bank] = true;
+        self.old[bank] = false;
+        self.slots[bank] = slots;
     }
 
     /// Whether the bank's erasure was completed and it holds no record.
-    fn is_ready(&self, bank: usize) -> bool {
+    fn is_erased(&self, bank: usize) -> bool {
         self.marked[bank] && self.used[bank] == 1
     }
 
-    /// The bank for the next record, and whether it must be erased first; `slots` is the size of a
-    /// bank.
-    fn next_bank(&self, slots: u32) -> (usize, bool) {
-        let has_room = |bank: usize| self.used[bank] < slots;
+    /// Whether the bank is erased and has slots of the present size.
+    fn is_ready(&self, bank: usize) -> bool {
+        self.is_erased(bank) && !self.old[bank]
+    }
+
+    /// The bank for the next record, and whether it must be prepared first.
+    fn next_bank(&self) -> (usize, bool) {
+        let has_room = |bank: usize| self.used[bank] < self.slots[bank] && !self.old[bank];
         match self.newest {
             Some((Place { bank, .. }, _)) if has_room(bank) => (bank, false),
             Some((Place { bank, .. }, _)) => (1 - bank, !self.is_ready(1 - bank)),
@@ -166,13 +194,17 @@ impl Survey {
         }
     }
 
-    /// Whether a spoilt record may be newer than the newest valid one; `slots` is the size of a
-    /// bank. The other bank is used once the first is full, and erased once it is not.
-    fn may_have_lost_newest(&self, slots: u32) -> bool {
+    /// Whether a spoilt record may be newer than the newest valid one. The other bank is used once
+    /// the first is full or to be converted, and erased once it is not. It holds no newer record
+    /// while it is erased: its mark is cleared first. Only an older image leaves both unmarked.
+    fn may_have_lost_newest(&self) -> bool {
         let Some((Place { bank, index }, _)) = self.newest else {
             return self.spoilt != [0; 2];
         };
-        self.spoilt[bank] > index + 1 || (index + 1 == slots && self.spoilt[1 - bank] > 0)
+        let other = 1 - bank;
+        let continues = index + 1 == self.slots[bank] || self.old[bank] && !self.old[other];
+        let begun = self.marked[other] || !self.marked[bank];
+        self.spoilt[bank] > index + 1 || continues && begun && self.spoilt[other] > 0
     }
 }
 
@@ -193,6 +225,8 @@ pub struct Journal<const SLOT: usize> {
     start: u32,
     bank: u32,
     keep: u32,
+    /// Size of a slot in banks without a tag, bytes.
+    old_slot: usize,
     survey: Option<Survey>,
 }
 
@@ -206,54 +240,114 @@ impl<const SLOT: usize> Journal<SLOT> {
         range: core::ops::Range<u32>,
         keep: u32,
     ) -> Result<Self, StoreFailed> {
+        Self::open(flash, range, keep, SLOT)
+    }
+
+    /// As [`Journal::new`], for pages that may hold a journal with slots of `OLD` bytes.
+    ///
+    /// # Errors
+    /// As [`Journal::new`].
+    pub fn converting<const OLD: usize, F: NorFlash>(
+        flash: &F,
+        range: core::ops::Range<u32>,
+        keep: u32,
+    ) -> Result<Self, StoreFailed> {
+        const { assert!(OLD > OVERHEAD && OLD < SLOT) };
+        Self::open(flash, range, keep, OLD)
+    }
+
+    fn open<F: NorFlash>(
+        flash: &F,
+        range: core::ops::Range<u32>,
+        keep: u32,
+        old_slot: usize,
+    ) -> Result<Self, StoreFailed> {
         const { assert!(SLOT > OVERHEAD && SLOT.is_multiple_of(SEAL)) };
         let bank = F::ERASE_SIZE as u32;
         let fits = range.start.is_multiple_of(bank)
             && range.end.checked_sub(range.start) == Some(2 * bank)
             && range.end as usize <= flash.capacity()
             && SEAL.is_multiple_of(F::WRITE_SIZE)
-            && F::READ_SIZE == 1
-            && (1..(bank / SLOT as u32).saturating_sub(1)).contains(&keep);
-        if fits {
-            Ok(Self {
-                start: range.start,
-                bank,
-                keep,
-                survey: None,
-            })
+            && F::READ_SIZE == 1;
+        let journal = Self {
+            start: range.start,
+            bank,
+            keep,
+            old_slot,
+            survey: None,
+        };
+        let kept = 1..journal.slots(false).saturating_sub(1);
+        if fits && kept.contains(&keep) {
+            Ok(journal)
         } else {
             Err(StoreFailed::Memory)
         }
     }
 
-    /// Number of slots in a bank.
-    fn slots(&self) -> u32 {
-        self.bank / SLOT as u32
+    /// Whether the banks of this journal have tags.
+    fn converts(&self) -> bool {
+        self.old_slot != SLOT
     }
 
-    fn offset(&self, place: Place) -> u32 {
-        self.start + place.bank as u32 * self.bank + place.index * SLOT as u32
+    /// Sizes of the mark and of a slot, bytes; `old`: of a bank with the older size.
+    fn sizes(&self, old: bool) -> [usize; 2] {
+        match (self.converts(), old) {
+            (true, false) => [TAGGED_MARK, SLOT],
+            _ => [self.old_slot; 2],
+        }
     }
 
-    async fn read<F: NorFlash>(
+    /// Number of slots in a bank, with the place of its mark.
+    fn slots(&self, old: bool) -> u32 {
+        let [mark, slot] = self.sizes(old).map(|size| size as u32);
+        1 + self.bank.saturating_sub(mark) / slot
+    }
+
+    fn offset(&self, place: Place, old: bool) -> u32 {
+        let [mark, slot] = self.sizes(old).map(|size| size as u32);
+        let records = match place.index.checked_sub(1) {
+            Some(before) => mark + before * slot,
+            None => 0,
+        };
+        self.start + place.bank as u32 * self.bank + records
+    }
+
+    /// Reads a slot into `room` and returns its bytes.
+    async fn read<'a, F: NorFlash>(
         &self,
         flash: &mut F,
         place: Place,
-    ) -> Result<[u8; SLOT], StoreFailed> {
-        let mut bytes = [0; SLOT];
-        let offset = self.offset(place);
-        match flash.read(offset, &mut bytes).await {
+        old: bool,
+        room: &'a mut [u8; SLOT],
+    ) -> Result<&'a [u8], StoreFailed> {
+        let [mark, slot] = self.sizes(old);
+        let size = if place.index == 0 { mark } else { slot };
+        let bytes = room.get_mut(..size).ok_or(StoreFailed::Memory)?;
+        match flash.read(self.offset(place, old), bytes).await {
             Ok(()) => Ok(bytes),
             Err(_) => Err(StoreFailed::Memory),
         }
     }
 
+    /// Whether the slots of a bank have the older size.
+    async fn is_old<F: NorFlash>(&self, flash: &mut F, bank: usize) -> Result<bool, StoreFailed> {
+        let mut tag = [0; TAG.len()];
+        let offset = self.offset(Place { bank, index: 0 }, false) + MARK.len() as u32;
+        let read = flash.read(offset, &mut tag).await;
+        read.map_err(|_| StoreFailed::Memory)?;
+        let wrong = u64::from_le_bytes(tag) ^ u64::from_le_bytes(TAG);
+        Ok(self.converts() && wrong.count_ones() > MAX_WRONG_TAG_BITS)
+    }
+
     async fn survey_banks<F: NorFlash>(&mut self, flash: &mut F) -> Result<Survey, StoreFailed> {
-        let mut survey = Survey::BLANK;
-        for bank in 0..2 {
-            for index in 0..self.slots() {
+        let old = [self.is_old(flash, 0).await?, self.is_old(flash, 1).await?];
+        let mut survey = Survey::blank(old, old.map(|old| self.slots(old)));
+        let mut room = [0; SLOT];
+        for (bank, old) in old.into_iter().enumerate() {
+            for index in 0..survey.slots[bank] {
                 let place = Place { bank, index };
-                survey.take(place, Slot::read(&self.read(flash, place).await?));
+                let bytes = self.read(flash, place, old, &mut room).await?;
+                survey.take(place, Slot::read(bytes));
                 if index % SLOTS_PER_SLICE == 0 {
                     yield_now().await;
                 }
@@ -263,22 +357,33 @@ impl<const SLOT: usize> Journal<SLOT> {
         Ok(survey)
     }
 
-    /// State of the newest record; its content is copied to `content`.
+    /// State of the newest record; its content is copied to `content`. Both banks are read anew.
     pub async fn newest<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
-        let Ok(survey) = self.survey_banks(flash).await else {
-            return Newest::Spoilt;
+        self.survey = None;
+        self.last(flash, content).await
+    }
+
+    /// As [`Journal::newest`], from what is known of the banks.
+    pub async fn last<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
+        let survey = match self.survey {
+            Some(survey) => survey,
+            None => match self.survey_banks(flash).await {
+                Ok(survey) => survey,
+                Err(_) => return Newest::Spoilt,
+            },
         };
-        if survey.may_have_lost_newest(self.slots()) {
+        if survey.may_have_lost_newest() {
             return Newest::Spoilt;
         }
         let Some((place, _)) = survey.newest else {
             return Newest::Nothing;
         };
-        match self.read(flash, place).await {
-            Ok(bytes) => {
-                copy(&bytes[NUMBER..], content);
-                Newest::Whole
-            }
+        let old = survey.old[place.bank];
+        let [_, slot] = self.sizes(old);
+        let length = content.len().min(slot - OVERHEAD);
+        let offset = self.offset(place, old) + NUMBER as u32;
+        match flash.read(offset, &mut content[..length]).await {
+            Ok(()) => Newest::Whole,
             Err(_) => Newest::Spoilt,
         }
     }
@@ -292,15 +397,16 @@ impl<const SLOT: usize> Journal<SLOT> {
                 Err(_) => return false,
             },
         };
-        let Some((place, _)) = survey
-            .newest
-            .filter(|_| !survey.may_have_lost_newest(self.slots()))
-        else {
+        let newest = survey.newest;
+        let Some((place, _)) = newest.filter(|_| !survey.may_have_lost_newest()) else {
             return false;
         };
-        match self.read(flash, place).await {
+        let mut room = [0; SLOT];
+        let old = survey.old[place.bank];
+        match self.read(flash, place, old, &mut room).await {
             Ok(bytes) => {
-                matches!(Slot::read(&bytes), Slot::Whole(_)) && bytes[NUMBER..].starts_with(content)
+                let whole = matches!(Slot::read(bytes), Slot::Whole(_));
+                whole && content_of(bytes).starts_with(content)
             }
             Err(_) => false,
         }
@@ -324,11 +430,13 @@ impl<const SLOT: usize> Journal<SLOT> {
         let there = (0..survey.used[other]).rev();
         let there = there.map(|index| Place { bank: other, index });
         let mut left = back;
+        let mut room = [0; SLOT];
         for place in here.chain(there) {
-            let bytes = self.read(flash, place).await.ok()?;
-            match Slot::read(&bytes) {
+            let old = survey.old[place.bank];
+            let bytes = self.read(flash, place, old, &mut room).await.ok()?;
+            match Slot::read(bytes) {
                 Slot::Whole(number) if left == 0 => {
-                    copy(&bytes[NUMBER..], content);
+                    copy(content_of(bytes), content);
                     return Some(number);
                 }
                 Slot::Whole(_) => left -= 1,
@@ -352,16 +460,15 @@ impl<const SLOT: usize> Journal<SLOT> {
         };
         if survey.used == [0; 2] {
             for bank in 0..2 {
-                self.mark(flash, bank).await?;
-                survey.clear(bank);
+                self.mark(flash, bank, &mut survey).await?;
             }
         }
         let number = survey
             .newest
             .map_or(0, |(_, number)| number.wrapping_add(1));
-        let (bank, erase) = survey.next_bank(self.slots());
-        if erase {
-            self.erase(flash, bank, &mut survey).await?;
+        let (bank, unready) = survey.next_bank();
+        if unready {
+            self.prepare(flash, bank, &mut survey).await?;
         }
         let index = survey.used[bank];
         let place = Place { bank, index };
@@ -372,11 +479,12 @@ impl<const SLOT: usize> Journal<SLOT> {
         copy(content, &mut said[NUMBER..]);
         copy(&crc32(said).to_le_bytes(), check);
         seal.fill(0);
-        let offset = self.offset(place);
+        let offset = self.offset(place, false);
         let (body, seal) = bytes.split_at(SLOT - SEAL);
         let written = flash.write(offset, body).await.is_ok()
             && (flash.write(offset + body.len() as u32, seal).await).is_ok();
-        if !written || self.read(flash, place).await? != bytes {
+        let mut room = [0; SLOT];
+        if !written || self.read(flash, place, false, &mut room).await? != bytes {
             return Err(StoreFailed::Memory);
         }
         survey.take(place, Slot::Whole(number));
@@ -385,40 +493,57 @@ impl<const SLOT: usize> Journal<SLOT> {
         // bank is used.
         let erased = records < self.keep
             || survey.is_ready(1 - bank)
-            || self.erase(flash, 1 - bank, &mut survey).await.is_ok();
+            || self.prepare(flash, 1 - bank, &mut survey).await.is_ok();
         self.survey = erased.then_some(survey);
         Ok(())
     }
 
-    /// Erases a bank and marks it.
-    async fn erase<F: NorFlash>(
+    /// Erases a bank and marks it. One that is erased already gets its tag.
+    async fn prepare<F: NorFlash>(
+        &self,
+        flash: &mut F,
+        bank: usize,
+        survey: &mut Survey,
+    ) -> Result<(), StoreFailed> {
+        let from = self.offset(Place { bank, index: 0 }, false);
+        if !survey.is_erased(bank) {
+            // The mark is cleared first: it could otherwise survive an erasure that is cut short.
+            let cleared = !survey.marked[bank] || flash.write(from, &[0; MARK.len()]).await.is_ok();
+            if !cleared || flash.erase(from, from + self.bank).await.is_err() {
+                return Err(StoreFailed::Memory);
+            }
+            survey.used[bank] = 0;
+        }
+        self.mark(flash, bank, survey).await
+    }
+
+    /// Marks a bank whose erasure was completed.
+    async fn mark<F: NorFlash>(
         &self,
         flash: &mut F,
         bank: usize,
         survey: &mut Survey,
     ) -> Result<(), StoreFailed> {
         let place = Place { bank, index: 0 };
-        let from = self.offset(place);
-        // The mark is cleared first: it could otherwise survive an erasure that is cut short.
-        let cleared = !survey.marked[bank] || flash.write(from, &[0; MARK.len()]).await.is_ok();
-        if !cleared || flash.erase(from, from + self.bank).await.is_err() {
-            return Err(StoreFailed::Memory);
-        }
-        self.mark(flash, bank).await?;
-        survey.clear(bank);
-        Ok(())
-    }
-
-    /// Marks a bank whose erasure was completed.
-    async fn mark<F: NorFlash>(&self, flash: &mut F, bank: usize) -> Result<(), StoreFailed> {
-        let place = Place { bank, index: 0 };
-        let written = flash.write(self.offset(place), &MARK).await.is_ok();
-        if written && Slot::read(&self.read(flash, place).await?) == Slot::Mark {
+        let from = self.offset(place, false);
+        // A bank of the older size has its mark already.
+        let marked = survey.used[bank] > 0 || flash.write(from, &MARK).await.is_ok();
+        let tag = from + MARK.len() as u32;
+        let written = marked && (!self.converts() || flash.write(tag, &TAG).await.is_ok());
+        let mut room = [0; SLOT];
+        if written && Slot::read(self.read(flash, place, false, &mut room).await?) == Slot::Mark {
+            survey.clear(bank, self.slots(false));
             Ok(())
         } else {
             Err(StoreFailed::Memory)
         }
     }
+}
+
+/// The content of a record's bytes.
+fn content_of(bytes: &[u8]) -> &[u8] {
+    let end = bytes.len().saturating_sub(CHECK + SEAL);
+    bytes.get(NUMBER..end).unwrap_or_default()
 }
 
 fn copy(from: &[u8], to: &mut [u8]) {
@@ -456,7 +581,7 @@ mod tests {
         let chunks: Vec<&[u8]> = nor.bytes[..2 * PAGE].chunks_exact(SLOT).collect();
         let kinds: Vec<Slot> = chunks.iter().map(|chunk| Slot::read(chunk)).collect();
         let survey = |changed: usize, kind: Slot| {
-            let mut survey = Survey::BLANK;
+            let mut survey = Survey::blank([false; 2], [slots as u32; 2]);
             for (at, &slot) in kinds.iter().enumerate() {
                 let place = Place {
                     bank: at / slots,
@@ -468,7 +593,7 @@ mod tests {
         };
         let sound = survey(usize::MAX, Slot::Blank);
         let newest = sound.newest.map(|(place, _)| place);
-        assert!(!sound.may_have_lost_newest(slots as u32));
+        assert!(!sound.may_have_lost_newest());
         let (mut kept, mut spoilt) = (0, 0);
         for (at, chunk) in chunks.iter().enumerate() {
             let mut seen: Vec<(Slot, bool)> = Vec::new();
@@ -480,7 +605,7 @@ mod tests {
                 let known = seen.iter().find(|(seen, _)| *seen == kind).copied();
                 let (_, doubtful) = known.unwrap_or_else(|| {
                     let flipped = survey(at, kind);
-                    let doubtful = flipped.may_have_lost_newest(slots as u32);
+                    let doubtful = flipped.may_have_lost_newest();
                     assert!(
                         doubtful || flipped.newest.map(|(place, _)| place) == newest,
                         "slot {at}, bit {bit}: {kind:?}"

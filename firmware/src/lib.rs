@@ -29,8 +29,10 @@ pub mod last_words;
 pub mod link;
 #[cfg(target_os = "none")]
 pub mod log;
+pub mod recipes;
 pub mod resets;
 pub mod saves;
+pub mod selector;
 pub mod start;
 pub mod station;
 #[cfg(target_os = "none")]

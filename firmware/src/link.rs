@@ -19,7 +19,7 @@ use kband_control::{AdcCode, Inputs, PLAN_SLICES, Settings, Signal, StartCause, 
 
 use crate::access::LinkLock;
 use crate::saves::Saves;
-use crate::station::{SettingsRefused, Station};
+use crate::station::{RecipeRefused, SettingsRefused, Station};
 use crate::store::{Condition, Store, StoreFailed};
 
 /// Number of requests answered in a drive cycle. The dearest request takes 81 196 instructions
@@ -177,6 +177,7 @@ impl<S: Store> Service<S> {
                         }
                         response
                     }
+                    Request::SaveRecipes => save_recipes(station, store, saves).await,
                     Request::Unlock(pin) => match lock.unlock(pin, station.seconds()) {
                         Ok(()) => Response::Done,
                         Err(refusal) => Response::Refused(refusal),
@@ -284,25 +285,31 @@ async fn answer<'a>(
         Request::Alive
         | Request::Telemetry(_)
         | Request::Save
+        | Request::SaveRecipes
         | Request::Lock(_)
         | Request::Unlock(_)
         | Request::Status
         | Request::Simulate { .. }
         | Request::Samples { .. } => Response::Done,
+        Request::Recipe(number) => Response::Recipe(station.stored_recipe(number)),
+        Request::SetRecipe { number, recipe } => {
+            response_of_recipe(station.set_recipe(number, recipe.as_ref()))
+        }
+        Request::UseRecipe(number) => response_of_recipe(station.use_recipe(number)),
         Request::Event(number) => Response::Event(station.event(number)),
         Request::SelfTest => {
             if !station.at_rest() {
                 return Response::Refused(Refusal::Running);
             }
             let found = store.load().await;
-            let in_use = (found.settings, found.target) == (station.settings(), station.target());
+            let in_use = station.uses(&found);
             Response::SelfTest(SelfTest {
                 sensor: station.mean().abs() <= MAX_MEAN_AT_REST,
                 settings: match found.condition {
                     Condition::Whole if in_use => Kept::InUse,
                     Condition::Whole => Kept::Others,
                     Condition::Never => Kept::Never,
-                    Condition::Lost => Kept::Damaged,
+                    Condition::Lost | Condition::Newer => Kept::Damaged,
                 },
                 stack_free: (image.stack_free)(),
                 missed: station.missed(),
@@ -333,6 +340,9 @@ fn changes(request: &Request<'_>) -> bool {
             | Request::Defaults
             | Request::Target(_)
             | Request::Save
+            | Request::SetRecipe { .. }
+            | Request::SaveRecipes
+            | Request::UseRecipe(_)
             | Request::Lock(_)
             | Request::Simulate { .. }
             | Request::Samples { .. }
@@ -346,6 +356,8 @@ fn commands(request: &Request<'_>) -> bool {
         Request::Set { key, .. } => !key.starts_with("bus"),
         Request::Defaults
         | Request::Target(_)
+        | Request::SetRecipe { .. }
+        | Request::UseRecipe(_)
         | Request::Simulate { .. }
         | Request::Samples { .. } => true,
         _ => false,
@@ -366,29 +378,68 @@ fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Re
     Response::Done
 }
 
-/// Saves settings, target and PIN, at a rate that the flash endures.
+/// Whether the memory may be written now: at rest, with a good supply, and at a rate that the flash
+/// endures.
+fn take_save(
+    station: &Station,
+    store: &impl Store,
+    saves: &mut Saves,
+) -> Result<(), Refusal<'static>> {
+    if !station.at_rest() {
+        Err(Refusal::Running)
+    } else if !store.supply_is_good() {
+        Err(Refusal::SupplyLow)
+    } else if !saves.take_save(station.seconds()) {
+        Err(Refusal::TooOften)
+    } else {
+        Ok(())
+    }
+}
+
+/// Saves settings, target and PIN.
 async fn save(
     station: &Station,
     store: &mut impl Store,
     saves: &mut Saves,
     pin: Option<Pin>,
 ) -> Response<'static> {
-    if !station.at_rest() {
-        return Response::Refused(Refusal::Running);
+    if let Err(refusal) = take_save(station, store, saves) {
+        return Response::Refused(refusal);
     }
-    if !store.supply_is_good() {
-        return Response::Refused(Refusal::SupplyLow);
+    let saved = store.save(&station.settings(), station.target(), pin).await;
+    if saved.is_ok() {
+        station.saved();
     }
-    if !saves.take_save(station.seconds()) {
-        return Response::Refused(Refusal::TooOften);
+    response_of_save(saved)
+}
+
+/// Saves the recipes.
+async fn save_recipes(
+    station: &Station,
+    store: &mut impl Store,
+    saves: &mut Saves,
+) -> Response<'static> {
+    if let Err(refusal) = take_save(station, store, saves) {
+        return Response::Refused(refusal);
     }
-    match store.save(&station.settings(), station.target(), pin).await {
-        Ok(()) => {
-            station.saved();
-            Response::Done
-        }
+    response_of_save(store.save_recipes(&station.recipes()).await)
+}
+
+fn response_of_save(saved: Result<(), StoreFailed>) -> Response<'static> {
+    match saved {
+        Ok(()) => Response::Done,
         Err(StoreFailed::SupplyLow) => Response::Refused(Refusal::SupplyLow),
         Err(StoreFailed::Memory) => Response::Refused(Refusal::Store),
+        Err(StoreFailed::NoSettings) => Response::Refused(Refusal::NoSettings),
+    }
+}
+
+fn response_of_recipe(result: Result<(), RecipeRefused>) -> Response<'static> {
+    match result {
+        Ok(()) => Response::Done,
+        Err(RecipeRefused::Missing) => Response::Refused(Refusal::NoRecipe),
+        Err(RecipeRefused::Running) => Response::Refused(Refusal::Running),
+        Err(RecipeRefused::OutOfRange(refused)) => out_of_range(refused),
     }
 }
 
@@ -512,6 +563,7 @@ async fn send_answer(line: &mut impl Line, frame: &[u8]) -> bool {
 /// The link's task. It has no deadline and no watchdog. Where it hangs, the drive behaves as for a
 /// lost link (limit 7).
 pub async fn link(mut service: Service<impl Store>, mut line: impl Line, station: &Station) -> ! {
+    station.set_recipes(service.store.recipes().await);
     if let Some(frame) = service.hello() {
         line.send(frame);
     }

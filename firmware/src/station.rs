@@ -6,14 +6,15 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::feeder::OutOfRange;
 use kband_bus::SaveProgress;
-use kband_control::wire::{Access, KeptFault, Record, Status};
+use kband_control::wire::{Access, KeptFault, Record, Status, Stored};
 use kband_control::{
-    BusCommand, Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Report,
-    SAMPLE_RATE, Settings, Signal, StartCause, State, Target,
+    BusCommand, Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Recipe,
+    RecipeName, Report, SAMPLE_RATE, Settings, Signal, StartCause, State, Target,
 };
 
 use crate::exchange::Exchange;
 use crate::last_words::LastWords;
+use crate::recipes::Recipes;
 use crate::store::{Condition, Found};
 
 /// Number of records in the event log, 20 bytes each.
@@ -39,7 +40,7 @@ fn fault_of(start: StartCause) -> Option<KeptFault> {
 fn start_cause_for(found: &Found, start: StartCause) -> StartCause {
     match (found.condition, start) {
         (Condition::Whole, _) | (_, StartCause::ImageDamaged) => start,
-        (Condition::Never | Condition::Lost, _) => StartCause::Refused,
+        (Condition::Never | Condition::Lost | Condition::Newer, _) => StartCause::Refused,
     }
 }
 
@@ -52,6 +53,17 @@ pub enum SettingsRefused {
     /// The drive runs, or a fault is not acknowledged yet.
     Running,
     /// A value is out of range, alone or in combination with others.
+    OutOfRange(OutOfRange),
+}
+
+/// Reason for which a recipe was refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RecipeRefused {
+    /// There is none of this number, or a newer firmware saved it.
+    Missing,
+    /// The drive runs, or the desk simulates a plant.
+    Running,
+    /// It does not fit the machine.
     OutOfRange(OutOfRange),
 }
 
@@ -142,6 +154,14 @@ pub struct Station {
     withheld: Cell<bool>,
     /// What the fieldbus commands and requests.
     bus: BusState,
+    recipes: RefCell<Recipes>,
+    /// The saved target, with its parts: recipe 0.
+    saved_parts: Cell<Recipe>,
+    /// Number of the recipe in use, and the number at the inputs.
+    recipe: Cell<u8>,
+    selected: Cell<u8>,
+    /// Whether the recipe at the inputs was refused, so that the target is another one's.
+    recipe_is_refused: Cell<bool>,
     /// Time in s since the start of the last request for the simulated plant; `None` without a
     /// simulation.
     simulated: Cell<Option<u32>>,
@@ -197,6 +217,11 @@ impl Station {
             frame_received: Cell::new(false),
             withheld: Cell::new(false),
             bus: BusState::default(),
+            recipes: RefCell::new(Recipes::default()),
+            saved_parts: Cell::new(Recipe::of(found.target, &found.settings)),
+            recipe: Cell::new(0),
+            selected: Cell::new(0),
+            recipe_is_refused: Cell::new(false),
             simulated: Cell::new(None),
             board_interlock_and_target: RefCell::new(None),
             inputs: Cell::new(Inputs::default()),
@@ -353,7 +378,7 @@ impl Station {
 
     /// Whether the target is met.
     pub fn ready(&self) -> bool {
-        self.controller.borrow().is_ready()
+        self.controller.borrow().is_ready() && !self.recipe_is_refused.get()
     }
 
     /// Records the duration of one cycle's control, in core cycles.
@@ -391,6 +416,7 @@ impl Station {
             mean: self.mean.get(),
             current: self.current.get(),
             seconds: self.seconds(),
+            recipe: self.recipe(),
         }
     }
 
@@ -474,7 +500,100 @@ impl Station {
     /// # Errors
     /// Its number is out of range; the previous target stays.
     pub fn set_target(&self, target: Target) -> Result<(), OutOfRange> {
-        self.controller.borrow_mut().set_target(target)
+        self.controller.borrow_mut().set_target(target)?;
+        self.recipe.set(0);
+        self.recipe_is_refused.set(false);
+        Ok(())
+    }
+
+    /// Takes the stored recipes, at the start.
+    pub fn set_recipes(&self, recipes: Recipes) {
+        self.recipes.replace(recipes);
+    }
+
+    /// The recipe of this number.
+    pub fn stored_recipe(&self, number: u8) -> Stored {
+        self.recipes.borrow().get(number)
+    }
+
+    /// All recipes.
+    pub fn recipes(&self) -> Recipes {
+        self.recipes.borrow().clone()
+    }
+
+    /// Changes or deletes a recipe, until the next start or for good once the recipes are saved.
+    ///
+    /// # Errors
+    /// Refused, with nothing changed, while the drive runs, and where the recipe does not fit the
+    /// machine.
+    pub fn set_recipe(
+        &self,
+        number: u8,
+        recipe: Option<&(RecipeName, Recipe)>,
+    ) -> Result<(), RecipeRefused> {
+        if !self.at_rest() || self.simulated.get().is_some() {
+            return Err(RecipeRefused::Running);
+        }
+        if let Some((_, recipe)) = recipe {
+            let checked = self.controller.borrow().check_recipe(recipe);
+            checked.map_err(RecipeRefused::OutOfRange)?;
+        }
+        let exists = self.recipes.borrow_mut().set(number, recipe);
+        exists.then_some(()).ok_or(RecipeRefused::Missing)
+    }
+
+    /// Uses a recipe, also while the drive runs; 0: the saved target with its parts.
+    ///
+    /// # Errors
+    /// Refused; the previous target stays.
+    pub fn use_recipe(&self, number: u8) -> Result<(), RecipeRefused> {
+        if self.simulated.get().is_some() {
+            return Err(RecipeRefused::Running);
+        }
+        let recipe = match (number, self.stored_recipe(number)) {
+            (0, _) => self.saved_parts.get(),
+            (_, Stored::Recipe(_, recipe)) => recipe,
+            (_, Stored::None | Stored::Newer) => return Err(RecipeRefused::Missing),
+        };
+        let mut controller = self.controller.borrow_mut();
+        let taken = controller.use_recipe(&recipe);
+        taken.map_err(RecipeRefused::OutOfRange)?;
+        self.settings.set(*controller.settings());
+        self.recipe.set(number);
+        self.recipe_is_refused.set(false);
+        Ok(())
+    }
+
+    /// Uses the recipe that the inputs select, when they change. A fieldbus in control selects
+    /// instead of them.
+    pub fn follow_inputs(&self, number: u8) {
+        if self.simulated.get().is_some()
+            || self.bus_controls()
+            || self.selected.replace(number) == number
+        {
+            return;
+        }
+        if self.use_recipe(number).is_err() {
+            self.recipe_is_refused.set(true);
+            self.controller.borrow_mut().report_refused_recipe();
+        }
+    }
+
+    /// Number of the recipe in use; 0 without one.
+    pub fn recipe(&self) -> u8 {
+        self.recipe.get()
+    }
+
+    /// Whether settings and target in use are these, or these with the recipe in use.
+    pub fn uses(&self, found: &Found) -> bool {
+        let (settings, target) = match self.stored_recipe(self.recipe()) {
+            Stored::Recipe(_, recipe) => {
+                let settings = recipe.applied_to(&found.settings);
+                (settings.unwrap_or(found.settings), recipe.target)
+            }
+            Stored::None | Stored::Newer => (found.settings, found.target),
+        };
+        (settings, target) == (self.settings(), self.target())
     }
 
     /// The configured target.
@@ -536,6 +655,8 @@ impl Station {
             self.end_simulation();
         }
         self.controller.borrow_mut().settings_saved();
+        self.saved_parts
+            .set(Recipe::of(self.target(), &self.settings()));
     }
 
     /// Time since the start, s.

@@ -22,8 +22,8 @@ use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Lock, Mms, Ossi};
 use embassy_stm32::pac::wwdg::regs::Cr;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{
-    ADC1, DAC1, PA1, PA2, PA3, PA4, PA7, PA8, PB0, PB1, PB11, PB12, PC0, PC1, PC2, PC3, TIM1,
-    USART2,
+    ADC1, DAC1, PA1, PA2, PA3, PA4, PA7, PA8, PB0, PB1, PB11, PB12, PC0, PC1, PC2, PC3, PC6, PC7,
+    PC8, TIM1, USART2,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::complementary_pwm::{ComplementaryPwm, ComplementaryPwmPin};
@@ -319,6 +319,7 @@ pub struct Terminals {
     cool: Input<'static>,
     supply_low: fn() -> bool,
     clock_failed: bool,
+    recipe: fn() -> u8,
 }
 
 impl Terminals {
@@ -328,12 +329,14 @@ impl Terminals {
         cool: Peri<'static, PB1>,
         supply_low: fn() -> bool,
         clock_failed: bool,
+        recipe: fn() -> u8,
     ) -> Self {
         let enable = Input::new(enable, Pull::Down);
         latch_edges();
         Self {
             supply_low,
             clock_failed,
+            recipe,
             enable,
             cool: Input::new(cool, Pull::Up),
         }
@@ -361,6 +364,31 @@ impl Panel for Terminals {
     fn now(&self) -> u32 {
         DWT::cycle_count()
     }
+
+    fn recipe(&mut self) -> Option<u8> {
+        Some((self.recipe)())
+    }
+}
+
+/// Number of the first pin on port C that selects a recipe: PC6 counts 1, PC7 2, PC8 4.
+const FIRST_RECIPE_PIN: usize = 6;
+
+/// Makes PC6, PC7 and PC8 the inputs that select a recipe, each on while it is wired to ground.
+pub fn watch_recipe_inputs(
+    one: Peri<'static, PC6>,
+    two: Peri<'static, PC7>,
+    four: Peri<'static, PC8>,
+) {
+    // `forget` keeps the pull-ups while the program runs.
+    core::mem::forget(Input::new(one, Pull::Up));
+    core::mem::forget(Input::new(two, Pull::Up));
+    core::mem::forget(Input::new(four, Pull::Up));
+}
+
+/// Number of the recipe at these inputs now; 0 while all are open.
+#[inline]
+pub fn recipe_inputs() -> u8 {
+    !(pac::GPIOC.idr().read().0 >> FIRST_RECIPE_PIN) as u8 & 7
 }
 
 /// Makes PC1 the strap of the link: wired to ground it makes the link read-only.

@@ -1,6 +1,6 @@
-//! Non-volatile memory: the settings with the target, and the last faults.
+//! Non-volatile memory: the settings with the target and the recipes, and the last faults.
 //!
-//! Settings and target are one record of a [`Journal`], so that a loss of power cannot tear them
+//! Settings, target and recipes are one record of a [`Journal`], so that a loss of power cannot tear them
 //! apart. A damaged record is never replaced by an older one or by the defaults: neither fits the
 //! machine. The drive stays off until settings are saved.
 
@@ -9,21 +9,19 @@ use core::future::Future;
 
 use embedded_storage_async::nor_flash::NorFlash;
 use kband_control::wire::{KeptFault, Pin};
-use kband_control::{Settings, Shape, Target, UpperTone};
+use kband_control::{Settings, Target};
 
 pub use crate::journal::StoreFailed;
 use crate::journal::{Journal, Newest, OVERHEAD};
+use crate::recipes::Recipes;
 use crate::waiting::{RECORD_SIZE, Waiting};
+use record::{Words, decode_settings, encode_settings, put};
 
-/// Version of a record's meaning; raised when a setting keeps its name and changes its meaning.
-const VERSION: u32 = 3;
-/// Size of a slot for settings and target, bytes. Two pages of 2 KiB hold 140 000 saves in 10 000
-/// erasures.
-const SLOT: usize = 256;
-/// Size of the content of a settings record, bytes.
+/// Size of a slot for settings, target and recipes, bytes. Two pages of 2 KiB hold 40 000 saves in
+/// 10 000 erasures.
+const SLOT: usize = 1008;
+/// Size of the content of such a record, bytes.
 const CONTENT: usize = SLOT - OVERHEAD;
-/// Number of settings.
-const COUNT: usize = Settings::KEYS.len();
 /// Size of a slot for a fault, bytes. The smallest page holds 50 of them and its mark.
 const FAULT_SLOT: usize = 40;
 /// Number of faults that are kept.
@@ -31,8 +29,6 @@ pub const KEPT_FAULTS: u32 = 32;
 /// Size of the content of a fault record, bytes.
 const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
 const _: () = assert!(FAULT_CONTENT == RECORD_SIZE);
-
-const _: () = assert!(4 + 4 * COUNT + 24 + 4 <= CONTENT);
 
 /// State of the stored settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,8 +38,10 @@ pub enum Condition {
     /// No settings were ever saved.
     #[default]
     Never,
-    /// The settings saved last are damaged, out of range, or from a firmware with other settings.
+    /// The settings saved last are damaged, out of range, or from a firmware that is too old.
     Lost,
+    /// The settings saved last are from a newer firmware; they stay until others are saved.
+    Newer,
 }
 
 /// Content of the memory at the start.
@@ -57,6 +55,8 @@ pub struct Found {
     pub pin: Option<Pin>,
     /// State of these settings.
     pub condition: Condition,
+    /// Settings that the record lacks, with their defaults: bit n for `Settings::KEYS[n]`.
+    pub added: u64,
 }
 
 impl Found {
@@ -67,6 +67,7 @@ impl Found {
             target: Target::Amplitude(0.0),
             pin: None,
             condition,
+            added: 0,
         }
     }
 }
@@ -82,7 +83,7 @@ pub trait Store {
     /// Loads the settings and the target saved last.
     fn load(&mut self) -> impl Future<Output = Found>;
 
-    /// Saves settings, target and PIN.
+    /// Saves settings, target and PIN, with the recipes saved last.
     ///
     /// A loss of power leaves the previous record or the new one.
     fn save(
@@ -91,6 +92,14 @@ pub trait Store {
         target: Target,
         pin: Option<Pin>,
     ) -> impl Future<Output = Result<(), StoreFailed>>;
+
+    /// Loads the recipes saved last.
+    fn recipes(&mut self) -> impl Future<Output = Recipes>;
+
+    /// Saves the recipes, with the settings, the target and the PIN saved last.
+    ///
+    /// A loss of power leaves the previous record or the new one.
+    fn save_recipes(&mut self, recipes: &Recipes) -> impl Future<Output = Result<(), StoreFailed>>;
 
     /// Whether the supply is good enough to program the flash.
     fn supply_is_good(&self) -> bool;
@@ -129,12 +138,24 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         supply_settled: fn() -> bool,
     ) -> Result<Self, StoreFailed> {
         Ok(Self {
-            settings: Journal::new(&flash, settings, 1)?,
+            settings: Journal::converting::<{ version_3::SLOT }, _>(&flash, settings, 1)?,
             faults: Journal::new(&flash, faults, KEPT_FAULTS)?,
             flash,
             waiting,
             supply_settled,
         })
+    }
+
+    /// Stores a record with this content, unless the newest has it already.
+    async fn keep(&mut self, content: &[u8; CONTENT]) -> Result<(), StoreFailed> {
+        if self.settings.holds(&mut self.flash, content).await {
+            return Ok(());
+        }
+        if !self.supply_is_good() {
+            return Err(StoreFailed::SupplyLow);
+        }
+        let kept = self.settings.append(&mut self.flash, content).await;
+        kept.map_err(|why| self.failed(why))
     }
 
     /// Error to report: a low supply, if it has fallen meanwhile.
@@ -153,7 +174,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
         match self.settings.newest(&mut self.flash, &mut content).await {
             Newest::Nothing => Found::none(Condition::Never),
             Newest::Spoilt => Found::none(Condition::Lost),
-            Newest::Whole => decode_settings(&content).unwrap_or(Found::none(Condition::Lost)),
+            Newest::Whole => decode_settings(&content).unwrap_or_else(Found::none),
         }
     }
 
@@ -163,15 +184,38 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
         target: Target,
         pin: Option<Pin>,
     ) -> Result<(), StoreFailed> {
-        let content = encode_settings(settings, target, pin);
-        if self.settings.holds(&mut self.flash, &content).await {
-            return Ok(());
+        let mut content = [0; CONTENT];
+        let newest = self.settings.last(&mut self.flash, &mut content).await;
+        if newest != Newest::Whole || !record::has_recipes(&content) {
+            content.fill(0);
         }
-        if !self.supply_is_good() {
-            return Err(StoreFailed::SupplyLow);
+        encode_settings(&mut content, settings, target, pin);
+        self.keep(&content).await
+    }
+
+    async fn recipes(&mut self) -> Recipes {
+        let mut content = [0; CONTENT];
+        let newest = self.settings.last(&mut self.flash, &mut content).await;
+        if newest == Newest::Whole && record::has_recipes(&content) {
+            Recipes::of(&content[record::SIZE..])
+        } else {
+            Recipes::default()
         }
-        let kept = self.settings.append(&mut self.flash, &content).await;
-        kept.map_err(|why| self.failed(why))
+    }
+
+    async fn save_recipes(&mut self, recipes: &Recipes) -> Result<(), StoreFailed> {
+        let mut content = [0; CONTENT];
+        let newest = self.settings.last(&mut self.flash, &mut content).await;
+        let found = match newest {
+            Newest::Whole => decode_settings(&content).ok(),
+            _ => None,
+        };
+        let Some(found) = found else {
+            return Err(StoreFailed::NoSettings);
+        };
+        encode_settings(&mut content, &found.settings, found.target, found.pin);
+        content[record::SIZE..].copy_from_slice(recipes.bytes());
+        self.keep(&content).await
     }
 
     fn supply_is_good(&self) -> bool {
@@ -208,123 +252,6 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
     }
 }
 
-/// Hash of the settings' names and order (FNV-1a).
-const SETTINGS_SCHEMA: u32 = {
-    let mut sum = 0x811c_9dc5 ^ VERSION;
-    let mut key = 0;
-    while key < COUNT {
-        let name = Settings::KEYS[key].name.as_bytes();
-        let mut at = 0;
-        while at < name.len() {
-            sum = (sum ^ name[at] as u32).wrapping_mul(0x0100_0193);
-            at += 1;
-        }
-        sum = (sum ^ 0xff).wrapping_mul(0x0100_0193);
-        key += 1;
-    }
-    sum
-};
-
-/// Reads a record in words of four bytes, little endian.
-struct Words<'a>(&'a [u8]);
-
-impl Words<'_> {
-    fn next(&mut self) -> Option<u32> {
-        let (word, rest) = self.0.split_first_chunk()?;
-        self.0 = rest;
-        Some(u32::from_le_bytes(*word))
-    }
-
-    fn number(&mut self) -> Option<f32> {
-        self.next().map(f32::from_bits)
-    }
-}
-
-fn put(content: &mut [u8], words: impl IntoIterator<Item = u32>) {
-    for (room, word) in content.chunks_exact_mut(4).zip(words) {
-        room.copy_from_slice(&word.to_le_bytes());
-    }
-}
-
-fn encode_settings(settings: &Settings, target: Target, pin: Option<Pin>) -> [u8; CONTENT] {
-    let mut content = [0; CONTENT];
-    let values = settings.values().map(f32::to_bits);
-    let mut tones = Shape::SINE;
-    let (kind, number) = match target {
-        Target::Locked { order } => (0, u32::from(order)),
-        Target::Chaotic => (1, 0),
-        Target::K(k) => (2, k.to_bits()),
-        Target::Amplitude(amplitude) => (3, amplitude.to_bits()),
-        Target::Speed(speed) => (4, speed.to_bits()),
-        Target::Identify => (5, 0),
-        Target::Flow(flow) => (8, flow.to_bits()),
-        Target::Gear { order } => (6, u32::from(order)),
-        Target::Tones { k, shape } => {
-            tones = shape;
-            (7, k.to_bits())
-        }
-    };
-    let tones = tones
-        .tones()
-        .map(|tone| [tone.ratio.to_bits(), tone.phase.to_bits()]);
-    let target = [kind, number]
-        .into_iter()
-        .chain(tones.into_iter().flatten());
-    let pin = [pin.map_or(0, Pin::number)];
-    let words = [SETTINGS_SCHEMA]
-        .into_iter()
-        .chain(values)
-        .chain(target)
-        .chain(pin);
-    put(&mut content, words);
-    content
-}
-
-/// Decodes a record; `None` if its settings are not those of this firmware or not accepted.
-fn decode_settings(content: &[u8]) -> Option<Found> {
-    let mut words = Words(content);
-    if words.next()? != SETTINGS_SCHEMA {
-        return None;
-    }
-    let mut settings = Settings::default();
-    for key in Settings::KEYS {
-        settings.set(key.name, words.number()?).ok()?;
-    }
-    settings.check().ok()?;
-    let (kind, number) = (words.next()?, words.next()?);
-    let mut tone = || Some(UpperTone::new(words.number()?, words.number()?));
-    let shape = Shape::new(tone()?, tone()?);
-    let target = match kind {
-        0 => Target::Locked {
-            order: u8::try_from(number).ok()?,
-        },
-        1 => Target::Chaotic,
-        2 => Target::K(f32::from_bits(number)),
-        3 => Target::Amplitude(f32::from_bits(number)),
-        4 => Target::Speed(f32::from_bits(number)),
-        5 => Target::Identify,
-        8 => Target::Flow(f32::from_bits(number)),
-        6 => Target::Gear {
-            order: u8::try_from(number).ok()?,
-        },
-        7 => Target::Tones {
-            k: f32::from_bits(number),
-            shape,
-        },
-        _ => return None,
-    };
-    let pin = match words.next()? {
-        0 => None,
-        number => Some(Pin::from_number(number)?),
-    };
-    Some(Found {
-        settings,
-        target,
-        pin,
-        condition: Condition::Whole,
-    })
-}
-
 fn fault_content(fault: &KeptFault) -> [u8; FAULT_CONTENT] {
     let mut content = [0; FAULT_CONTENT];
     let words = [
@@ -357,6 +284,9 @@ fn fault_of(number: u32, content: &[u8]) -> Option<KeptFault> {
         high: (readings >> 16) as u16,
     })
 }
+
+pub(crate) mod record;
+mod version_3;
 
 #[cfg(test)]
 pub(crate) mod tests;

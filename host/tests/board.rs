@@ -221,6 +221,89 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
 }
 
 #[test]
+fn recipes_are_saved_used_exported_and_imported() {
+    let folder = folder();
+    let recipe = |words: &str| {
+        let words = format!("recipe {words} --flash-image board.flash");
+        kband(folder.path(), &words)
+    };
+    let flash = || std::fs::read(folder.path().join("board.flash")).unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    // They are saved with settings, which a new board does not have.
+    recipe("save 1 caps").refused(&["no saved settings", "kband settings save"]);
+    let words = "settings set restitution_high 0.31 --save --flash-image board.flash";
+    kband(folder.path(), words).done();
+    let words = "target k 0.5 --save --flash-image board.flash";
+    kband(folder.path(), words).done();
+    assert!(recipe("save 1 caps").done().contains("k = 0.5"));
+    let list = recipe("list --format json").json();
+    let list = list.as_array().unwrap();
+    assert_eq!(list.len(), 1);
+    assert_eq!(list[0]["name"], "caps");
+    assert_eq!(list[0]["settings"][1]["value"], 0.31);
+    assert_eq!(list[0]["in_use"], false);
+    // The settings are as they were.
+    let words = "settings get restitution_high --format json --flash-image board.flash";
+    assert_eq!(kband(folder.path(), words).json()[0]["value"], 0.31);
+    recipe("export all.toml").done();
+    let text = std::fs::read_to_string(folder.path().join("all.toml")).unwrap();
+    let second = text
+        .replace("number = 1", "number = 7")
+        .replace("caps", "M3 screws");
+    let second = second.replace("value = 0.5", "value = 0.41");
+    write("second.toml", &second);
+    assert!(
+        recipe("import second.toml")
+            .done()
+            .contains("saved 1 recipes")
+    );
+    let before = flash();
+    let cut = &second[..second.len() - 120];
+    let few = second.replace("recipes = 1", "recipes = 2");
+    let scatter = second.replace("scatter = 0.05", "scatter = 0.5");
+    // Each value is in its range; the machine does not reach the amplitude.
+    let far = second.replace(
+        "target = \"k\"\nvalue = 0.41",
+        "target = \"mm\"\nvalue = 1.5",
+    );
+    for (bad, expected) in [
+        (cut, ["bad.toml", "line ", "next:"]),
+        (&few[..], ["line ", "recipes", "2"]),
+        (&scatter[..], ["line ", "scatter = 0.5", "0.0..0.3"]),
+        (&far[..], ["line 9", "1.5", "accepted"]),
+    ] {
+        write("bad.toml", bad);
+        recipe("import bad.toml").refused(&expected);
+        assert_eq!(flash(), before, "{bad}");
+    }
+    recipe("use 3").refused(&["no such recipe", "kband recipe list"]);
+    recipe("use 8").refused(&["8", "0..=7"]);
+    assert!(recipe("use 7").done().contains("k = 0.41"));
+    recipe("delete 1").done();
+    recipe("delete 1").refused(&["no recipe 1", "kband recipe list"]);
+    let list = recipe("list --format json").json();
+    assert_eq!(list.as_array().unwrap().len(), 1);
+    assert_eq!(list[0]["name"], "M3 screws");
+    // A locked board keeps them.
+    let words = "settings save --flash-image board.flash";
+    kband(folder.path(), words).done();
+    assert_eq!(
+        recipe("list --format json")
+            .json()
+            .as_array()
+            .unwrap()
+            .len(),
+        1
+    );
+    let words = "lock 4711 --flash-image board.flash";
+    kband(folder.path(), words).done();
+    let before = flash();
+    recipe("delete 7").refused(&["locked by a PIN", "kband unlock"]);
+    recipe("import second.toml").refused(&["locked by a PIN"]);
+    assert_eq!(flash(), before);
+}
+
+#[test]
 fn a_refusal_names_cause_range_and_next_step() {
     let folder = folder();
     std::fs::write(folder.path().join("words"), "no flash").unwrap();

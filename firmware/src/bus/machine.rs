@@ -4,7 +4,7 @@ use kband_bus::{Authority, Machine, Refused, Seen};
 use kband_control::wire::{Access, Record, Telemetry};
 use kband_control::{Settings, Target};
 
-use crate::station::{SettingsRefused, Station};
+use crate::station::{RecipeRefused, SettingsRefused, Station};
 
 /// A station as the server of the bus sees it.
 pub struct Registers<'a> {
@@ -20,7 +20,7 @@ impl Machine for Registers<'_> {
             status: station.status(Access::Full),
             authority: Authority::of(&station.settings()),
             target: station.target(),
-            recipe: 0,
+            recipe: station.recipe().into(),
             save: station.save_progress(),
             events: station.events(),
             missed: station.missed(),
@@ -61,5 +61,15 @@ impl Machine for Registers<'_> {
         } else {
             Err(Refused::Busy)
         }
+    }
+
+    fn select_recipe(&mut self, recipe: u16) -> Result<(), Refused> {
+        let number = u8::try_from(recipe).map_err(|_| Refused::Value)?;
+        self.station
+            .use_recipe(number)
+            .map_err(|refused| match refused {
+                RecipeRefused::Running => Refused::Busy,
+                RecipeRefused::Missing | RecipeRefused::OutOfRange(_) => Refused::Value,
+            })
     }
 }

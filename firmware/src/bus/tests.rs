@@ -11,7 +11,9 @@ use std::vec::Vec;
 use embassy_futures::block_on;
 use kband::arithmetic::Noise;
 use kband_control::wire::{Pin, Refusal, Request, Response};
-use kband_control::{Cycle, Fault, Inputs, Limits, Report, StartCause, State, Target};
+use kband_control::{
+    Cycle, Fault, Inputs, Limits, Recipe, RecipeName, Report, StartCause, State, Target,
+};
 
 use super::*;
 use crate::exchange::Exchange;
@@ -50,6 +52,7 @@ impl Board {
             target: Target::K(0.8),
             pin: None,
             condition: Condition::Whole,
+            added: 0,
         };
         let controller = Station::controller(&found, start).unwrap();
         Self {
@@ -423,4 +426,37 @@ fn the_link_reads_while_the_bus_is_in_control() {
     assert!(board.station.is_writable());
     board.done(&Request::set("bus", 0.0));
     board.done(&Request::set("gain", 2.0));
+}
+
+#[test]
+fn register_8_selects_a_recipe_where_the_bus_is_in_control() {
+    let settings = Settings {
+        restitution_high: 0.3,
+        ..Settings::default()
+    };
+    let recipe = (
+        RecipeName::parse("caps").unwrap(),
+        Recipe::of(Target::K(0.5), &settings),
+    );
+    let mut board = Board::new(1.0);
+    board.cycle();
+    board.station.set_recipe(2, Some(&recipe)).unwrap();
+    assert_eq!(board.word(8), 0);
+    assert_eq!(board.write(8, 2)[0], 6);
+    assert_eq!((board.word(8), board.station.target()), (2, Target::K(0.5)));
+    assert_eq!(board.station.settings().restitution_high, 0.3);
+    // One that is not there: an exception, and the recipe stays.
+    for missing in [1, 8, 0x102] {
+        assert_eq!(board.write(8, missing), [0x86, 3]);
+    }
+    assert_eq!((board.word(8), board.station.target()), (2, Target::K(0.5)));
+    // The inputs select nothing now.
+    board.station.follow_inputs(0);
+    board.station.follow_inputs(1);
+    assert_eq!(board.word(8), 2);
+    assert_eq!(board.write(8, 0)[0], 6);
+    assert_eq!((board.word(8), board.station.target()), (0, Target::K(0.8)));
+    let mut reader = Board::new(0.0);
+    reader.station.set_recipe(2, Some(&recipe)).unwrap();
+    assert_eq!(reader.write(8, 2), [0x86, 4]);
 }

@@ -9,17 +9,21 @@ use std::vec::Vec;
 
 use embassy_futures::block_on;
 use kband::arithmetic::Noise;
-use kband_control::wire::{KeptFault, Outgoing, read_answer, write_question, write_request};
-use kband_control::{Cycle, Inputs, StartCause, State, Target};
+use kband_control::wire::{
+    KeptFault, Outgoing, Stored, read_answer, write_question, write_request,
+};
+use kband_control::{Cycle, Event, Inputs, Recipe, RecipeName, StartCause, State, Target};
 
 use super::*;
 use crate::exchange::Exchange;
 use crate::last_words::LastWords;
+use crate::recipes::Recipes;
 use crate::store::{Found, StoreFailed};
 
 /// A store in RAM.
 pub(crate) struct Memory {
     found: Found,
+    recipes: Recipes,
     faults: Vec<KeptFault>,
     supply_good: bool,
 }
@@ -28,6 +32,7 @@ impl Memory {
     fn of(found: Found) -> Self {
         Self {
             found,
+            recipes: Recipes::default(),
             faults: Vec::new(),
             supply_good: true,
         }
@@ -50,7 +55,20 @@ impl Store for Memory {
             target,
             pin,
             condition: Condition::Whole,
+            added: 0,
         };
+        Ok(())
+    }
+
+    async fn recipes(&mut self) -> Recipes {
+        self.recipes.clone()
+    }
+
+    async fn save_recipes(&mut self, recipes: &Recipes) -> Result<(), StoreFailed> {
+        if self.found.condition != Condition::Whole {
+            return Err(StoreFailed::NoSettings);
+        }
+        self.recipes = recipes.clone();
         Ok(())
     }
 
@@ -74,6 +92,7 @@ const FOUND: fn(Condition) -> Found = |condition| Found {
     target: Target::Locked { order: 1 },
     pin: None,
     condition,
+    added: 0,
 };
 
 const IMAGE: Image = Image {
@@ -188,6 +207,7 @@ fn open<T>(frame: &[u8], look: impl FnOnce(u8, Response<'_>) -> T) -> T {
 }
 
 mod interlock;
+mod recipes;
 
 #[test]
 fn settings_are_read_changed_and_saved_at_rest() {
@@ -719,6 +739,7 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
     for (condition, kept) in [
         (Condition::Never, Kept::Never),
         (Condition::Lost, Kept::Damaged),
+        (Condition::Newer, Kept::Damaged),
     ] {
         let mut board = Board::with(FOUND(condition));
         let fault = |board: &mut Board| {
@@ -775,7 +796,7 @@ fn defaults_drive_nothing_until_settings_are_saved() {
 /// track.
 #[test]
 fn defaults_in_the_place_of_lost_settings_move_nothing() {
-    for condition in [Condition::Never, Condition::Lost] {
+    for condition in [Condition::Never, Condition::Lost, Condition::Newer] {
         let found = Found::none(condition);
         assert_eq!(found.target, Target::Amplitude(0.0));
         let mut board = Board::with(found);

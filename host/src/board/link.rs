@@ -420,6 +420,14 @@ fn refusal(name: &str, refused: Refused<'_>) -> Refusal {
             ),
             "check the supply, then save again",
         ),
+        Refused::NoRecipe => Refusal::new(
+            format!("{name} has no such recipe, or a newer firmware saved it"),
+            "kband recipe list shows all",
+        ),
+        Refused::NoSettings => Refusal::new(
+            format!("{name} has no saved settings, and recipes are saved with them"),
+            "kband settings save first",
+        ),
         Refused::NotInControl => Refusal::new(
             format!("{name} is controlled by its fieldbus: the desk only reads, and stops it"),
             "with the drive at rest: kband settings set bus 0",

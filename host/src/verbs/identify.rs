@@ -189,7 +189,7 @@ fn settings_in_words(kept: Kept) -> &'static str {
         Kept::Others => "those in use are not those kept: kband settings save",
         Kept::Never => "none were ever saved, the drive stays off: kband settings save",
         Kept::Damaged => {
-            "damaged or of another firmware, the drive stays off: kband settings import FILE.toml --save"
+            "damaged or of a newer firmware, the drive stays off: kband settings import FILE.toml --save"
         }
     }
 }

@@ -27,8 +27,10 @@ pub mod man;
 pub mod margins;
 pub mod monitor;
 pub mod paper;
+pub mod recipe;
 pub mod registers;
 pub mod report;
+pub mod serve;
 pub mod settings;
 pub mod simulate;
 pub mod status;
@@ -89,8 +91,10 @@ verbs! {
     Margins => margins,
     Monitor => monitor,
     Paper => paper,
+    Recipe => recipe,
     Registers => registers,
     Report => report,
+    Serve => serve,
     Settings => settings,
     Simulate => simulate,
     Status => status,

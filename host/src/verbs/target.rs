@@ -50,7 +50,7 @@ pub struct Arguments {
 
 /// What can be wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Kind {
+pub(super) enum Kind {
     /// Parts in gear for as much of the time as their scatter allows.
     Gear,
     /// Parts in lock, one impact every so many cycles.
@@ -72,7 +72,8 @@ enum Kind {
 }
 
 impl Kind {
-    fn target(self, value: Option<f64>) -> Result<Target, Refusal> {
+    /// The target with this number.
+    pub fn target(self, value: Option<f64>) -> Result<Target, Refusal> {
         let name = self
             .to_possible_value()
             .map_or_else(String::new, |value| value.get_name().to_string());
@@ -140,7 +141,7 @@ fn in_range(target: Target) -> Result<(), Refusal> {
 
 /// Refused where the board would refuse it, or its drive does not reach what it needs; why there is
 /// nothing to choose for it, where that is known at once. `settings` are the board's.
-fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>, Refusal> {
+pub(super) fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>, Refusal> {
     let built = kband_control::Controller::build(settings, target, StartCause::Ordinary);
     let controller = built.map_err(|refused| match target {
         Target::Amplitude(_) => Refusal::from(refused).then(format!(

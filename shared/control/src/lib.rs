@@ -14,7 +14,7 @@
 //! | `supervise` | the state machine, captures, faults and limits |
 //! | `controller` | [`Controller`]: these folders in the order of one drive cycle |
 //!
-//! Below them are `settings`, `angle`, `saturate`, `target`, `inputs` (per cycle), `state` (the
+//! Below them are `settings`, `angle`, `saturate`, `target`, `recipe`, `inputs` (per cycle), `state` (the
 //! numbered lists and the state table) and `report` (the result of a cycle).
 //!
 //! The words are those of docs/glossary.md#the-controller.
@@ -33,6 +33,7 @@ mod drive;
 mod hear;
 mod identify;
 mod inputs;
+mod recipe;
 mod report;
 mod saturate;
 mod settings;
@@ -53,6 +54,7 @@ pub use hear::{
 };
 pub use identify::{Identification, Identified, Unidentified};
 pub use inputs::{BusCommand, Inputs, StartCause};
+pub use recipe::{Recipe, RecipeName};
 pub use report::Report;
 pub use settings::{Key, Settings};
 pub use state::{Event, Events, Fault, Limits, State, TRANSITIONS, Transition};

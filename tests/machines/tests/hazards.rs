@@ -862,10 +862,12 @@ fn settings(kind: Kind) -> usize {
     1024 * kind.facts().identity.1 as usize - 2 * kind.facts().settings_sector
 }
 /// Size of a settings record, bytes.
-const RECORD: usize = 256;
-/// Number of records in a sector, whose first slot holds its mark.
+const RECORD: usize = 1008;
+/// Offset of the first record in a bank, bytes: behind its mark.
+const FIRST: usize = 32;
+/// Number of records in a bank.
 fn room(kind: Kind) -> usize {
-    kind.facts().settings_sector / RECORD - 1
+    (kind.facts().settings_sector - FIRST) / RECORD
 }
 
 /// A board with saved settings, whose first bank holds `records` copies of their record.
@@ -873,12 +875,14 @@ fn worn(kind: Kind, records: usize) -> Rig {
     let mut rig = machine().commissioned(kind);
     rig.act(&Act::Volts(0.0));
     let flash = rig.chip.flash_mut();
-    let start = settings(kind);
-    let used = (0..=room(kind)).filter(|n| flash[start + n * RECORD] != 0xff);
-    assert!(used.eq(0..2), "the mark and the record that was saved");
-    let record = flash[start + RECORD..start + 2 * RECORD].to_vec();
+    let place = |number: usize| settings(kind) + FIRST + number * RECORD;
+    assert!(
+        flash[place(0)] == 0 && flash[place(1)] == 0xff,
+        "one record was saved"
+    );
+    let record = flash[place(0)..place(1)].to_vec();
     for number in 0..records {
-        let place = start + (1 + number) * RECORD;
+        let place = place(number);
         let mut record = record.clone();
         record[..4].copy_from_slice(&(number as u32).to_le_bytes());
         let check = crc32(&record[..RECORD - 12]);
@@ -907,6 +911,45 @@ fn set_pair(rig: &mut Rig, values: [f32; 2]) {
     }
 }
 
+/// Number of flash operations of a save of new settings in this board.
+fn operations_of_a_save(rig: &mut Rig) -> u64 {
+    set_pair(rig, [0.7, 0.9]);
+    let mut whole = rig.clone();
+    let before = whole.chip.operations();
+    whole.request_done(&Request::Save);
+    whole.chip.operations() - before
+}
+
+/// Cuts the save of these settings at some of its operations; counts the boards that keep the old
+/// settings, and those that have the new ones.
+fn cut_saves(rig: &Rig, old: [u32; 2], operations: u64) -> [u32; 2] {
+    let mut old_or_new = [0; 2];
+    for cut in (1..=operations).filter(|n| n % 8 == 1 || n + 11 > operations) {
+        let mut rig = rig.clone();
+        rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
+        rig.chip.board.flash.erases_in = Some(ticks(0.02));
+        rig.send(&Request::Save);
+        rig.run(rig.time() + 0.1);
+        assert!(!rig.chip.board.supplied, "{cut}: it was cut");
+        rig.act(&Act::Volts(0.0));
+        rig.run(rig.time() + 0.01);
+        rig.act(&Act::Volts(3.3));
+        rig.run(rig.time() + 0.25);
+        assert_eq!(rig.kept(), Kept::InUse, "{cut}");
+        let now = pair(&mut rig);
+        let new = now == [700, 900];
+        assert!(new || now == old, "{cut}: {now:?}");
+        old_or_new[usize::from(new)] += 1;
+        // The remains of the cut must not hinder the next save.
+        if cut == 1 || cut == operations {
+            set_pair(&mut rig, [1.1, 1.3]);
+            rig.request_done(&Request::Save);
+            assert_eq!((rig.kept(), pair(&mut rig)), (Kept::InUse, [1100, 1300]));
+        }
+    }
+    old_or_new
+}
+
 /// A cut must not leave a mix of old and new settings.
 fn a_cut_save_keeps_the_old_or_the_new_settings(kind: Kind) {
     let mut old_or_new = [0; 2];
@@ -915,41 +958,65 @@ fn a_cut_save_keeps_the_old_or_the_new_settings(kind: Kind) {
         let mut rig = worn(kind, records);
         assert_eq!(rig.kept(), Kept::InUse, "{records}");
         let old = pair(&mut rig);
-        set_pair(&mut rig, [0.7, 0.9]);
-        let mut whole = rig.clone();
-        let before = whole.chip.operations();
-        whole.request_done(&Request::Save);
-        let operations = whole.chip.operations() - before;
-        // The erasure, and eight bytes each for clearing the mark before it and setting it after it.
+        let operations = operations_of_a_save(&mut rig);
+        // The erasure, and eight bytes each for clearing the mark before it, and for setting mark
+        // and tag after it.
         let word = kind.facts().flash_word as u64;
         let another_bank = u64::from(records == room(kind));
-        let wanted = RECORD as u64 / word + another_bank * (1 + 2 * 8 / word);
+        let wanted = RECORD as u64 / word + another_bank * (1 + 3 * 8 / word);
         assert_eq!(operations, wanted);
-        let cuts = (1..=operations).filter(|n| n % 8 == 1 || n + 7 > operations);
-        for cut in cuts {
-            let mut rig = rig.clone();
-            rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
-            rig.chip.board.flash.erases_in = Some(ticks(0.02));
-            rig.send(&Request::Save);
-            rig.run(rig.time() + 0.1);
-            assert!(!rig.chip.board.supplied, "{records}, {cut}: it was cut");
-            rig.act(&Act::Volts(0.0));
-            rig.run(rig.time() + 0.01);
-            rig.act(&Act::Volts(3.3));
-            rig.run(rig.time() + 0.25);
-            assert_eq!(rig.kept(), Kept::InUse, "{records}, {cut}");
-            let now = pair(&mut rig);
-            let new = now == [700, 900];
-            assert!(new || now == old, "{records}, {cut}: {now:?}");
-            old_or_new[usize::from(new)] += 1;
-            // The remains of the cut must not hinder the next save.
-            if cut == 1 || cut == operations {
-                set_pair(&mut rig, [1.1, 1.3]);
-                rig.request_done(&Request::Save);
-                assert_eq!((rig.kept(), pair(&mut rig)), (Kept::InUse, [1100, 1300]));
-            }
+        let [olds, news] = cut_saves(&rig, old, operations);
+        old_or_new = [old_or_new[0] + olds, old_or_new[1] + news];
+    }
+    println!("cut saves, old and new settings: {old_or_new:?}");
+    assert!(old_or_new.iter().all(|count| *count > 2), "{old_or_new:?}");
+}
+
+/// A board whose settings an image with records of version 3 saved: 0.2 mm, soft start 0.7 s, soft
+/// stop 0.3 s.
+fn of_version_3() -> Rig {
+    let mut rig = machine().commissioned(Kind::Stm32f405);
+    rig.act(&Act::Volts(0.0));
+    let flash = rig.chip.flash_mut();
+    let settings = settings(Kind::Stm32f405);
+    flash[settings..].fill(0xff);
+    for line in include_str!("version_3.hex").lines() {
+        let mut words = line.split(' ');
+        let at = settings + usize::from_str_radix(words.next().unwrap(), 16).unwrap();
+        for (byte, word) in flash[at..].iter_mut().zip(words) {
+            *byte = u8::from_str_radix(word, 16).unwrap();
         }
     }
+    rig.run(1.1);
+    rig.act(&Act::Volts(3.3));
+    rig.run(1.4);
+    rig
+}
+
+#[test]
+fn settings_of_version_3_drive_and_are_converted_by_a_save() {
+    let mut rig = of_version_3();
+    assert_eq!(rig.kept(), Kept::InUse);
+    assert_eq!(pair(&mut rig), [700, 300]);
+    let mut driven = rig.clone();
+    let begun = driven.time();
+    for n in 0..10 {
+        let frame = driven.frame(&Request::Alive);
+        driven.at(begun + 0.3 * f64::from(n), Act::Link(frame));
+    }
+    driven.act(&Act::Enable(true));
+    driven.run(begun + 3.0);
+    assert!(
+        (driven.amplitude() - 0.2).abs() < 0.01,
+        "{}",
+        driven.amplitude()
+    );
+    assert_eq!(driven.seen_after(begun, &Seen::Fault(true)), None);
+    // The other bank gets its tag, the old one is erased, and gets mark and tag.
+    let operations = operations_of_a_save(&mut rig);
+    assert_eq!(operations, RECORD as u64 / 4 + 2 + 7);
+    let old_or_new = cut_saves(&rig, [700, 300], operations);
+    println!("cut conversions, old and new settings: {old_or_new:?}");
     assert!(old_or_new.iter().all(|count| *count > 2), "{old_or_new:?}");
 }
 

@@ -27,11 +27,12 @@ use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
 use kband_firmware::log;
 use kband_firmware::resets::{GOOD_OPERATION_S, Resets};
+use kband_firmware::selector::Selector;
 use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
 use kband_firmware::stm32::{
     Buffers, Converter, Guard, HalfBridge, LINE_RATE, Lamps, Serial, Terminals, Window, drive_off,
-    image_is_whole, strapped, watch_strap,
+    image_is_whole, recipe_inputs, strapped, watch_recipe_inputs, watch_strap,
 };
 use kband_firmware::store::{Condition, Found, Store};
 use kband_firmware::watch::{Roll, Watched};
@@ -57,6 +58,7 @@ bind_interrupts!(struct Interrupts {
 });
 
 static EXCHANGE: Exchange = Exchange::new();
+static SELECTOR: Selector = Selector::new();
 static SAMPLER: Owned<Sampler<Converter, HalfBridge>> = Owned::new();
 /// Count of successive resets, in RAM that a reset does not change.
 #[unsafe(link_section = ".uninit.resets")]
@@ -99,6 +101,7 @@ pub unsafe fn sample() {
 #[exception]
 fn SysTick() {
     TIME.systick_interrupt();
+    SELECTOR.sample(recipe_inputs());
     EXCHANGE.bus.poll(count_millisecond());
 }
 
@@ -241,7 +244,10 @@ async fn main(spawner: Spawner) {
         defmt::error!("the crystal does not swing at its frequency: the drive stays off");
     }
     // Before the first sample, which reads the enable input.
-    let terminals = Terminals::new(p.PB0, p.PB1, Board::supply_low, !sound);
+    let terminals = Terminals::new(p.PB0, p.PB1, Board::supply_low, !sound, || {
+        SELECTOR.selected()
+    });
+    watch_recipe_inputs(p.PC6, p.PC7, p.PC8);
     let (adc, sample_time) = Board::converter(p.ADC1);
     let converter = Converter::new(adc, p.PA1, p.PC0, sample_time);
     let Ok(mut memory) = Board::memory(p.FLASH) else {
@@ -253,7 +259,9 @@ async fn main(spawner: Spawner) {
         Condition::Whole => defmt::info!("settings: as saved"),
         Condition::Never => defmt::warn!("settings: none were ever saved"),
         Condition::Lost => defmt::error!("settings: damaged, or another firmware's"),
+        Condition::Newer => defmt::error!("settings: a newer firmware's, left as they are"),
     }
+    log::new_settings(found.added);
     // A target that only an older firmware accepted counts as lost settings; the link must still
     // answer.
     let (found, station) = match place(&found, start, last_words) {

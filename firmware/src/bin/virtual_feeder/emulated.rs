@@ -30,6 +30,7 @@ use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
 use kband_firmware::log;
+use kband_firmware::recipes::Recipes;
 use kband_firmware::start::{ResetCause, ResetFlags};
 use kband_firmware::station::Station;
 use kband_firmware::store::{Condition, Found, Records, Store, StoreFailed};
@@ -206,6 +207,20 @@ impl Store for Memory {
     ) -> Result<(), StoreFailed> {
         match &mut self.0 {
             Some(records) => records.save(settings, target, pin).await,
+            None => Err(StoreFailed::Memory),
+        }
+    }
+
+    async fn recipes(&mut self) -> Recipes {
+        match &mut self.0 {
+            Some(records) => records.recipes().await,
+            None => Recipes::default(),
+        }
+    }
+
+    async fn save_recipes(&mut self, recipes: &Recipes) -> Result<(), StoreFailed> {
+        match &mut self.0 {
+            Some(records) => records.save_recipes(recipes).await,
             None => Err(StoreFailed::Memory),
         }
     }
@@ -493,6 +508,7 @@ fn begin(spawner: Spawner) {
             target: scene.target,
             pin: None,
             condition: Condition::Whole,
+            added: 0,
         },
     };
     let built = place(&found, cause).and_then(|placed| {

@@ -73,6 +73,11 @@ impl BoardStatus {
         State::numbered(self.telemetry.state)
     }
 
+    /// Number of the recipe in use; 0 without one.
+    pub(in crate::verbs) fn recipe(&self) -> u8 {
+        self.status.recipe
+    }
+
     /// The fault that keeps the drive off.
     pub(in crate::verbs) fn fault(&self) -> Option<Fault> {
         Fault::numbered(self.telemetry.fault)

@@ -102,7 +102,7 @@ described! {
         ["state", "", "0 off, 1 starting, 2 holding, 3 capturing, 4 locked, 5 lost, 6 limiting, 7 fault, 8 stopping"] => row(5, Word, Read, Whole(|p| p.seen.telemetry.state.into()));
         ["fault", "", "number of the fault; 0 for none"] => row(6, Word, Read, Whole(|p| p.seen.telemetry.fault.into()));
         ["limits", "", "bit n: limit n holds the drive back"] => row(7, Word, Read, Whole(|p| p.seen.telemetry.limits.into()));
-        ["recipe", "", "0: none"] => row(RECIPE, Word, Write, Whole(|p| p.seen.recipe.into()));
+        ["recipe", "", "recipe in use, and to be used: 1 to 7; 0: none, the saved target"] => row(RECIPE, Word, Write, Whole(|p| p.seen.recipe.into()));
         ["save", "", "write 1 to save settings and target; 0: none requested since the start, 1: not done yet, 2: done, 3: failed"] => row(SAVE, Word, AtRest, Whole(|p| p.seen.save as u32));
         ["time", "s", "since the start"] => row(64, Long, Read, Whole(|p| p.seen.status.seconds));
         ["drive cycles", "", "since the start or the last change of settings"] => row(66, Long, Read, Whole(|p| p.seen.telemetry.cycle));

@@ -26,6 +26,7 @@ use crate::hear::{
 };
 use crate::identify::{self, Driven, Identifier, Step};
 use crate::inputs::{Inputs, StartCause};
+use crate::recipe::Recipe;
 use crate::report::Report;
 use crate::settings::Settings;
 use crate::state::{Event, Events, Fault, Limits, State};
@@ -181,17 +182,50 @@ impl Controller {
     /// [chosen](Controller::is_setpoint_found), a running drive keeps its amplitude, and a drive at rest does
     /// not start.
     pub fn set_target(&mut self, target: Target) -> Result<(), OutOfRange> {
-        let selection = Selection::of_target(target, &self.settings, &self.scale)?;
-        if let Some(NoSetpoint::Output { .. }) = selection.no_setpoint() {
-            return Err(refused(
-                target,
-                "what output_maximum and gain let the drive reach at its frequency",
-            ));
-        }
-        self.selection = selection;
+        self.selection = self.select(target, &self.settings)?;
         self.pending_events.push(Event::TargetSet);
         self.begin_target();
         Ok(())
+    }
+
+    /// Takes the target and the settings of a recipe, as [`Controller::set_target`] takes a target.
+    ///
+    /// The error names what is out of range; target and settings then stay.
+    pub fn use_recipe(&mut self, recipe: &Recipe) -> Result<(), OutOfRange> {
+        let settings = recipe.applied_to(&self.settings)?;
+        self.selection = self.select(recipe.target, &settings)?;
+        self.settings = settings;
+        self.tones.set_pace(&settings);
+        if let Some(meter) = &mut self.meter {
+            meter.set_lot(&settings);
+        }
+        self.pending_events.push(Event::TargetSet);
+        self.begin_target();
+        Ok(())
+    }
+
+    /// Whether [`Controller::use_recipe`] takes a recipe; the error names what is out of range.
+    pub fn check_recipe(&self, recipe: &Recipe) -> Result<(), OutOfRange> {
+        let settings = recipe.applied_to(&self.settings)?;
+        self.select(recipe.target, &settings).map(|_| ())
+    }
+
+    /// Reports that a selected recipe cannot be used.
+    pub fn report_refused_recipe(&mut self) {
+        self.pending_events.push(Event::RecipeRefused);
+    }
+
+    /// The selection for a target that the drive reaches.
+    #[inline(never)]
+    fn select(&self, target: Target, settings: &Settings) -> Result<Selection, OutOfRange> {
+        let selection = Selection::of_target(target, settings, &self.scale)?;
+        match selection.no_setpoint() {
+            Some(NoSetpoint::Output { .. }) => Err(refused(
+                target,
+                "what output_maximum and gain let the drive reach at its frequency",
+            )),
+            _ => Ok(selection),
+        }
     }
 
     /// Records that the settings in use were saved. A fault for invalid settings can then be

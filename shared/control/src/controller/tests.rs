@@ -386,3 +386,45 @@ fn interrupted_search_serves_the_last_target() {
         }
     }
 }
+
+#[test]
+fn a_recipe_gives_the_setpoint_of_its_own_parts() {
+    let machine = Settings {
+        second_tone: 0.1,
+        track_mass: 5.0,
+        ..Settings::default()
+    };
+    let parts = Settings {
+        restitution_low: 0.48,
+        restitution_high: 0.52,
+        scatter: 0.02,
+        soft_start: 1.5,
+        soft_stop: 0.7,
+        ..machine
+    };
+    let target = Target::Gear { order: 1 };
+    let build =
+        |settings, target| Controller::build(settings, target, StartCause::Ordinary).unwrap();
+    let planned = |mut controller: Controller| {
+        while controller.plan_step() {}
+        (
+            controller.setpoint(),
+            *controller.settings(),
+            controller.tones,
+        )
+    };
+    let mut used = build(&machine, Target::K(0.5));
+    used.use_recipe(&Recipe::of(target, &parts)).unwrap();
+    assert_eq!(planned(used.clone()), planned(build(&parts, target)));
+    assert_ne!(planned(used.clone()).0, planned(build(&machine, target)).0);
+    // Back to the parts of before.
+    used.use_recipe(&Recipe::of(target, &machine)).unwrap();
+    assert_eq!(planned(used.clone()), planned(build(&machine, target)));
+    // One that is refused changes nothing.
+    let mut far = Recipe::of(Target::Amplitude(0.99), &machine);
+    let refused = used.check_recipe(&far).unwrap_err();
+    assert_eq!(refused.parameter, "target amplitude");
+    far.values[2] = 0.4;
+    assert!(used.use_recipe(&far).is_err());
+    assert_eq!(planned(used), planned(build(&machine, target)));
+}

@@ -56,15 +56,19 @@ pub struct ToneLoop {
     given_up: bool,
 }
 
+/// Time constant of the loop of a tone, cycles. The slowest envelope assumed is that of a mode as
+/// sharp as the drive's own.
+fn slowness(settings: &Settings, harmonic: u8) -> f32 {
+    let envelope = settings.quality / (f32::from(harmonic) * PI);
+    LOOP_TIME_CONSTANT_RATIO * (DEAD_TIME + envelope)
+}
+
 impl ToneLoop {
     /// The loop of the tone at `harmonic` times the drive's frequency, at rest. `answer` is the
     /// configured motion at full output, in m.
     pub fn new(settings: &Settings, harmonic: u8, most: f32, answer: Complex) -> Self {
-        // The slowest envelope assumed is that of a mode as sharp as the drive's own.
-        let envelope = settings.quality / (f32::from(harmonic) * PI);
-        let slow = LOOP_TIME_CONSTANT_RATIO * (DEAD_TIME + envelope);
-        let cycles = |seconds: f32| (seconds * settings.frequency).max(1.0);
-        Self {
+        let slow = slowness(settings, harmonic);
+        let mut tone = Self {
             harmonic,
             most,
             inverse: if most > 0.0 {
@@ -73,11 +77,7 @@ impl ToneLoop {
                 Complex::default()
             },
             learning: 1.0 / slow,
-            pace: [
-                most / (3.0 * slow).max(cycles(settings.soft_start)),
-                most / cycles(settings.soft_start),
-                most / cycles(settings.soft_stop),
-            ],
+            pace: [0.0; 3],
             correction: Complex::new(1.0, 0.0),
             shape: Complex::default(),
             goal: Complex::default(),
@@ -85,7 +85,20 @@ impl ToneLoop {
             estimated_cycles: 0,
             reported: false,
             given_up: false,
-        }
+        };
+        tone.set_pace(settings);
+        tone
+    }
+
+    /// Takes the times of these settings.
+    pub fn set_pace(&mut self, settings: &Settings) {
+        let slow = slowness(settings, self.harmonic);
+        let cycles = |seconds: f32| (seconds * settings.frequency).max(1.0);
+        self.pace = [
+            self.most / (3.0 * slow).max(cycles(settings.soft_start)),
+            self.most / cycles(settings.soft_start),
+            self.most / cycles(settings.soft_stop),
+        ];
     }
 
     /// Whether the settings allow the tone.

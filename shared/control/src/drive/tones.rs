@@ -132,6 +132,13 @@ impl Tones {
         second.allowed()
     }
 
+    /// Takes the times of these settings.
+    pub fn set_pace(&mut self, settings: &Settings) {
+        for tone in &mut self.loops {
+            tone.set_pace(settings);
+        }
+    }
+
     fn loops(&mut self) -> impl Iterator<Item = &mut ToneLoop> {
         self.loops.iter_mut().filter(|tone| tone.allowed())
     }

@@ -122,17 +122,15 @@ impl LoadMeter {
             return None;
         }
         let (sine, cosine) = sine_cosine_single(phase_of(settings.phase_lead * (PI / 180.0)));
-        let kept = settings.tangential_restitution;
-        let incline = settings.incline * (PI / 180.0);
-        Some(Self {
+        let mut meter = Self {
             track: settings.track_mass * 1e3,
             length: settings.track_length,
             natural: TAU * settings.resonance,
             force: settings.gain * 1e-3 / settings.quality,
             loss: 1.0 / settings.quality,
-            restitution: 0.5 * (settings.restitution_low + settings.restitution_high),
+            restitution: 0.0,
             along: [cosine, sine].map(|part| part * settings.amplitude_ratio),
-            incline_loss: libm::tanf(incline) * (1.0 + kept) / (1.0 - kept),
+            incline_loss: 0.0,
             tare: 1.0,
             detuned: 0.0,
             silent: f32::INFINITY,
@@ -145,7 +143,18 @@ impl LoadMeter {
             mass_ratio: 0.0,
             cycles: 0.0,
             load: None,
-        })
+        };
+        meter.set_lot(settings);
+        Some(meter)
+    }
+
+    /// Takes the lot of these settings, and clears the mass.
+    pub fn set_lot(&mut self, settings: &Settings) {
+        let kept = settings.tangential_restitution;
+        let incline = settings.incline * (PI / 180.0);
+        self.restitution = 0.5 * (settings.restitution_low + settings.restitution_high);
+        self.incline_loss = libm::tanf(incline) * (1.0 + kept) / (1.0 - kept);
+        self.forget();
     }
 
     /// Clears the mass, after a change of setpoint or target.

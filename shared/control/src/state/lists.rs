@@ -230,6 +230,8 @@ pub enum Event {
     NotWeighed = 27,
     /// The enable input chatters: the drive stays off until it was low and is high again.
     EnableChatters = 28,
+    /// The selected recipe is missing or does not fit the machine; the previous target stays.
+    RecipeRefused = 29,
 }
 
 /// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
@@ -294,7 +296,7 @@ named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetS
     NotIdentified = "restitution not identified", LockedOut = "locked out",
     SecondToneUnlike = "second tone differs", ThirdToneUnlike = "third tone differs",
     GearPoor = "gear poor for the lot", Weighed = "weighed", NotWeighed = "no longer weighed",
-    EnableChatters = "enable chatters");
+    EnableChatters = "enable chatters", RecipeRefused = "recipe refused");
 
 #[cfg(test)]
 mod tests {
@@ -308,7 +310,7 @@ mod tests {
             [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18, 19]
         );
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
-        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..29));
+        assert!(Event::ALL.iter().map(|event| event.number()).eq(1..30));
         for number in 0..=u8::MAX {
             let fault = Fault::numbered(number);
             assert_eq!(fault.is_some(), numbers.contains(&number));

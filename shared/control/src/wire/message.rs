@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Fault, GearMargin, Identification, Inputs, Load, Report, Shape, StartCause, Target, UPPER,
+    Fault, GearMargin, Identification, Inputs, Load, Recipe, RecipeName, Report, Shape, StartCause,
+    Target, UPPER,
 };
 
 /// Request from the desk to the board.
@@ -71,6 +72,21 @@ pub enum Request<'a> {
     Lock(Option<Pin>),
     /// Gives the desk write access until the board's next start.
     Unlock(Pin),
+    /// Reads a recipe, numbered from 1.
+    Recipe(u8),
+    /// Changes a recipe, or deletes it, until the board's next reset; an error where it does not
+    /// fit the machine, or while the drive runs.
+    SetRecipe {
+        /// Number of the recipe, from 1.
+        number: u8,
+        /// Its name and content; `None` deletes it.
+        recipe: Option<(RecipeName, Recipe)>,
+    },
+    /// Saves all recipes, with the settings and the target that were saved last. An error as for
+    /// [`Request::Save`], and where no settings were saved.
+    SaveRecipes,
+    /// Uses a recipe, also while the drive runs; 0: the saved target and its parts.
+    UseRecipe(u8),
 }
 
 impl<'a> Request<'a> {
@@ -197,6 +213,20 @@ pub enum Response<'a> {
     Fault(Option<KeptFault>),
     /// The board's present inputs and outputs.
     Status(Status),
+    /// A recipe.
+    Recipe(Stored),
+}
+
+/// A stored recipe.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum Stored {
+    /// There is none of this number.
+    #[default]
+    None,
+    /// Its name and content.
+    Recipe(RecipeName, Recipe),
+    /// A newer firmware saved it; this one keeps it and cannot use it.
+    Newer,
 }
 
 /// Inputs and outputs of a board in its last drive cycle.
@@ -216,6 +246,8 @@ pub struct Status {
     pub current: f32,
     /// Time since the start in s.
     pub seconds: u32,
+    /// Number of the recipe in use; 0 for none.
+    pub recipe: u8,
 }
 
 /// Reason for a rejected request.
@@ -248,6 +280,10 @@ pub enum Refusal<'a> {
     Faster(u16),
     /// The supply is low, or was within the last 100 ms; nothing was saved.
     SupplyLow,
+    /// There is no recipe of this number, or it is a newer firmware's.
+    NoRecipe,
+    /// No settings were saved yet, or they are damaged: recipes are saved with them.
+    NoSettings,
     /// The fieldbus is in control; the setting `bus` ends that.
     NotInControl,
 }

@@ -9,7 +9,8 @@ use proptest::prelude::*;
 use super::*;
 use crate::{
     Command, Event, Events, Fault, GearMargin, Identification, Identified, Inputs, Limits, Load,
-    Overtone, Report, Shape, StartCause, State, Target, Unidentified, UpperTone,
+    Overtone, Recipe, RecipeName, Report, Shape, StartCause, State, Target, Unidentified,
+    UpperTone,
 };
 use kband::arithmetic::Phase;
 use kband::regime::classify::{Regime, Verdict};
@@ -63,7 +64,25 @@ fn requests() -> Vec<Request<'static>> {
         Request::Lock(Pin::parse("0420")),
         Request::Lock(None),
         Request::Unlock(Pin::parse("12345678").unwrap()),
+        Request::Recipe(7),
+        Request::SetRecipe {
+            number: 2,
+            recipe: Some((RecipeName::parse("M3 screws").unwrap(), recipe())),
+        },
+        Request::SetRecipe {
+            number: 3,
+            recipe: None,
+        },
+        Request::SaveRecipes,
+        Request::UseRecipe(2),
     ]
+}
+
+fn recipe() -> Recipe {
+    Recipe {
+        target: Target::K(0.41),
+        values: [0.18, 0.22, 0.05, 0.3, 0.5, 0.75],
+    }
 }
 
 fn responses() -> Vec<Response<'static>> {
@@ -83,6 +102,8 @@ fn responses() -> Vec<Response<'static>> {
         Response::Refused(Refusal::Wait(59)),
         Response::Refused(Refusal::Faster(2)),
         Response::Refused(Refusal::SupplyLow),
+        Response::Refused(Refusal::NoRecipe),
+        Response::Refused(Refusal::NoSettings),
         Response::Refused(Refusal::NotInControl),
         Response::Setting(Setting {
             number: 0,
@@ -189,7 +210,14 @@ fn responses() -> Vec<Response<'static>> {
             mean: -0.25,
             current: 1.5,
             seconds: 4711,
+            recipe: 2,
         }),
+        Response::Recipe(Stored::None),
+        Response::Recipe(Stored::Recipe(
+            RecipeName::parse("M3 screws").unwrap(),
+            recipe()
+        )),
+        Response::Recipe(Stored::Newer),
         Response::Fault(Some(KeptFault {
             number: 300,
             seconds: 70_000,

@@ -6,7 +6,9 @@ use super::plant::Plant;
 use crate::model::Moment;
 use crate::model::scene::{Change, Scene};
 use kband::feeder::OutOfRange;
-use kband_control::{Controller, PLAN_SLICES, SAMPLE_RATE, Signal, StartCause, Target};
+use kband_control::{
+    BusCommand, Controller, PLAN_SLICES, SAMPLE_RATE, Settings, Signal, StartCause, Target,
+};
 
 /// One sample of the closed loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +42,8 @@ pub struct ClosedLoop {
     bench: Bench,
     /// Target at the start of the board.
     target: Target,
+    /// Commands of a fieldbus in the next cycle, and whether it was heard.
+    bus: Option<(BusCommand, bool)>,
 }
 
 impl ClosedLoop {
@@ -50,6 +54,7 @@ impl ClosedLoop {
             controller: Controller::build(&scene.settings, scene.target, scene.start)?,
             bench: Bench::build(scene)?,
             target: scene.target,
+            bus: None,
         })
     }
 
@@ -77,7 +82,10 @@ impl ClosedLoop {
             // A target out of range is rejected as over the link, and the old one remains.
             let _ = self.controller.set_target(target);
         }
-        let inputs = self.bench.inputs();
+        let mut inputs = self.bench.inputs();
+        if let Some((command, heard)) = self.bus.take() {
+            (inputs.bus, inputs.link_heard) = (Some(command), heard);
+        }
         let report = self.controller.cycle(self.signal.cycle(), &inputs);
         self.signal.command(report.command);
         for _ in 0..PLAN_SLICES {
@@ -135,6 +143,21 @@ impl ClosedLoop {
             velocity,
         });
         sampled.wrapped
+    }
+
+    /// Commands the next cycle by a fieldbus in control; `heard`: a request came since the last.
+    pub fn command(&mut self, command: BusCommand, heard: bool) {
+        self.bus = Some((command, heard));
+    }
+
+    /// Sets new settings, as a board at rest does. The error names what is out of range; nothing
+    /// changes then.
+    pub fn configure(&mut self, settings: &Settings) -> Result<(), OutOfRange> {
+        let signal = Signal::build(settings)?;
+        let (target, interlock) = (self.controller.target(), self.controller.interlock());
+        self.controller = Controller::resume(settings, target, interlock)?;
+        self.signal = signal;
+        Ok(())
     }
 
     /// The controller, for setting stored plans.

@@ -1,0 +1,205 @@
+//! Tests of the recipes over the link and at the inputs.
+
+use super::*;
+
+/// A recipe with this target and restitution.
+fn recipe(name: &str, target: Target, restitution: f32) -> (RecipeName, Recipe) {
+    let settings = Settings {
+        restitution_low: restitution - 0.02,
+        restitution_high: restitution + 0.02,
+        soft_start: 0.8,
+        ..Settings::default()
+    };
+    let name = RecipeName::parse(name).unwrap();
+    (name, Recipe::of(target, &settings))
+}
+
+fn set(number: u8, recipe: (RecipeName, Recipe)) -> Request<'static> {
+    Request::SetRecipe {
+        number,
+        recipe: Some(recipe),
+    }
+}
+
+fn delete(number: u8) -> Request<'static> {
+    Request::SetRecipe {
+        number,
+        recipe: None,
+    }
+}
+
+/// A board with two recipes, 1 and 6.
+fn board() -> Board {
+    let mut board = Board::new();
+    board.done(&set(1, recipe("caps", Target::K(0.4), 0.3)));
+    board.done(&set(6, recipe("M3", Target::Amplitude(0.2), 0.5)));
+    board
+}
+
+fn stored(board: &mut Board, number: u8) -> Stored {
+    board.ask(&Request::Recipe(number), |response| match response {
+        Response::Recipe(stored) => stored,
+        other => panic!("{other:?}"),
+    })
+}
+
+/// Target and restitution in use, and the number of the recipe.
+fn in_use(board: &Board) -> (Target, f32, u8) {
+    let settings = board.station.settings();
+    let middle = 0.5 * (settings.restitution_low + settings.restitution_high);
+    (
+        board.station.target(),
+        (middle * 1e3).round() * 1e-3,
+        board.station.recipe(),
+    )
+}
+
+/// Runs the drive at the track of a dead plant until it starts.
+fn start(board: &mut Board) {
+    board.enable = false;
+    board.cycle();
+    board.enable = true;
+    board.cycle();
+    assert_eq!(board.station.report().state, State::Starting);
+}
+
+#[test]
+fn recipes_are_set_saved_used_and_deleted() {
+    let mut board = board();
+    let (name, caps) = recipe("caps", Target::K(0.4), 0.3);
+    assert_eq!(stored(&mut board, 1), Stored::Recipe(name, caps));
+    assert_eq!(board.service.store.recipes, Recipes::default());
+    board.done(&Request::SaveRecipes);
+    assert_eq!(
+        board.service.store.recipes.get(1),
+        Stored::Recipe(name, caps)
+    );
+    board.done(&Request::UseRecipe(6));
+    assert_eq!(in_use(&board), (Target::Amplitude(0.2), 0.5, 6));
+    // Settings and target of the machine are those that were saved, with the recipe.
+    let kept = |board: &mut Board| {
+        board.ask(&Request::SelfTest, |response| match response {
+            Response::SelfTest(test) => test.settings,
+            other => panic!("{other:?}"),
+        })
+    };
+    assert_eq!(kept(&mut board), Kept::InUse);
+    board.done(&Request::UseRecipe(0));
+    assert_eq!(in_use(&board), (Target::Locked { order: 1 }, 0.2, 0));
+    assert_eq!(kept(&mut board), Kept::InUse);
+    board.done(&delete(6));
+    board.refused(&Request::UseRecipe(6), Refusal::NoRecipe);
+    board.done(&Request::SaveRecipes);
+    assert_eq!(board.service.store.recipes.get(6), Stored::None);
+    for number in [0, 8, 255] {
+        board.refused(&delete(number), Refusal::NoRecipe);
+        assert_eq!(stored(&mut board, number), Stored::None);
+    }
+    board.refused(&Request::UseRecipe(8), Refusal::NoRecipe);
+    // A target of its own is no recipe.
+    board.done(&Request::UseRecipe(1));
+    board.done(&Request::Target(Target::K(0.5)));
+    assert_eq!(in_use(&board), (Target::K(0.5), 0.3, 0));
+}
+
+#[test]
+fn a_recipe_that_does_not_fit_the_machine_is_refused() {
+    let mut board = board();
+    let (name, mut bad) = recipe("bad", Target::K(0.4), 0.3);
+    bad.values[0] = 0.9;
+    let high = recipe("high", Target::Amplitude(1.5), 0.3);
+    for (recipe, parameter) in [
+        ((name, bad), "restitution_high"),
+        (high, "target amplitude"),
+    ] {
+        board.ask(&set(2, recipe), |response| match response {
+            Response::Refused(Refusal::OutOfRange {
+                parameter: named,
+                accepted,
+            }) => {
+                assert!(named == parameter && !accepted.is_empty(), "{named}");
+            }
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(stored(&mut board, 2), Stored::None);
+    }
+    // It fitted before the machine's settings changed.
+    board.done(&set(2, recipe("0.9 mm", Target::Amplitude(0.9), 0.3)));
+    board.done(&Request::set("amplitude_limit", 0.5));
+    board.ask(&Request::UseRecipe(2), |response| {
+        assert!(matches!(
+            response,
+            Response::Refused(Refusal::OutOfRange { .. })
+        ));
+    });
+    assert_eq!(in_use(&board), (Target::Locked { order: 1 }, 0.2, 0));
+}
+
+#[test]
+fn a_running_drive_uses_recipes_and_changes_none() {
+    let mut board = board();
+    start(&mut board);
+    board.refused(&set(2, recipe("M3", Target::K(0.4), 0.3)), Refusal::Running);
+    board.refused(&delete(1), Refusal::Running);
+    board.refused(&Request::SaveRecipes, Refusal::Running);
+    board.done(&Request::UseRecipe(1));
+    assert_eq!(in_use(&board), (Target::K(0.4), 0.3, 1));
+    board.cycle();
+    assert_eq!(board.station.report().state, State::Starting);
+    let events: Vec<u8> = (0..9)
+        .filter_map(|number| board.station.event(number))
+        .map(|record| record.event)
+        .collect();
+    assert!(events.contains(&Event::TargetSet.number()), "{events:?}");
+}
+
+#[test]
+fn a_locked_link_refuses_to_change_and_to_use_recipes() {
+    let mut board = board();
+    board.done(&Request::Lock(Pin::parse("0420")));
+    for request in [
+        set(2, recipe("M3", Target::K(0.4), 0.3)),
+        delete(1),
+        Request::SaveRecipes,
+        Request::UseRecipe(1),
+    ] {
+        board.refused(&request, Refusal::ReadOnly(Access::Locked));
+    }
+    assert_ne!(stored(&mut board, 1), Stored::None);
+    // The inputs are at the machine.
+    board.station.follow_inputs(1);
+    assert_eq!(in_use(&board).2, 1);
+}
+
+#[test]
+fn recipes_are_saved_with_valid_settings_alone() {
+    let mut board = Board::with(FOUND(Condition::Lost));
+    board.done(&set(1, recipe("caps", Target::K(0.4), 0.3)));
+    board.refused(&Request::SaveRecipes, Refusal::NoSettings);
+    assert_eq!(board.service.store.recipes, Recipes::default());
+}
+
+#[test]
+fn inputs_select_when_they_change() {
+    let mut board = board();
+    board.station.follow_inputs(1);
+    assert_eq!(in_use(&board), (Target::K(0.4), 0.3, 1));
+    // The desk's choice holds until the inputs change.
+    board.done(&Request::UseRecipe(6));
+    board.station.follow_inputs(1);
+    assert_eq!(in_use(&board).2, 6);
+    board.station.follow_inputs(0);
+    assert_eq!(in_use(&board), (Target::Locked { order: 1 }, 0.2, 0));
+    // A recipe that is not there: the previous target stays, and READY is off.
+    board.station.follow_inputs(6);
+    board.station.follow_inputs(3);
+    assert_eq!(in_use(&board), (Target::Amplitude(0.2), 0.5, 6));
+    board.cycle();
+    let events = board.station.report().events;
+    assert!(events.iter().any(|event| event == Event::RecipeRefused));
+    // While the desk simulates a plant, the inputs select nothing.
+    board.done(&SIMULATE);
+    board.station.follow_inputs(1);
+    assert_eq!(board.station.recipe(), 6);
+    board.refused(&Request::UseRecipe(1), Refusal::Running);
+}

@@ -1,0 +1,358 @@
+//! Recipes as a file to read, change and import.
+
+use std::fmt::Write as _;
+
+use clap::ValueEnum;
+use kband_control::{Recipe, RecipeName, Settings, Shape, Target, UpperTone};
+
+use super::super::target::Kind;
+use crate::file;
+use crate::refusal::Refusal;
+
+/// Next step after a refused line.
+const NEXT: &str = "correct this line; kband recipe export shows a whole file";
+
+/// A recipe of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Its number, from 1.
+    pub number: u8,
+    /// Its name.
+    pub name: RecipeName,
+    /// Its content.
+    pub recipe: Recipe,
+    /// Keys and the numbers of their lines; the first is the line of the recipe itself.
+    lines: Vec<(String, usize)>,
+}
+
+impl Entry {
+    /// Number of the line that gives a key, or that begins the recipe.
+    pub fn line(&self, key: &str) -> usize {
+        line(&self.lines, key)
+    }
+
+    /// The recipes of a text.
+    ///
+    /// # Errors
+    /// Names the line, and what is accepted.
+    pub fn parse(text: &str) -> Result<Vec<Self>, Refusal> {
+        let table = file::toml(text, NEXT)?;
+        let lines = lines(text);
+        let tables = match table.get("recipe") {
+            Some(toml::Value::Array(tables)) => tables.as_slice(),
+            _ => &[],
+        };
+        let last = text.lines().count();
+        let said = table.get("recipes").and_then(toml::Value::as_integer);
+        if said != i64::try_from(tables.len()).ok() || tables.is_empty() {
+            let refusal = Refusal::value(
+                format!("line {last}: number of recipes before the end of the file"),
+                tables.len(),
+                said.map_or("the number in recipes = N".into(), |said| said.to_string()),
+                "export the file anew, or correct recipes = N",
+            );
+            return Err(refusal);
+        }
+        let mut entries: Vec<Self> = Vec::new();
+        for (item, lines) in tables.iter().zip(lines) {
+            let entry = Self::of(item, lines)?;
+            if entries.iter().any(|other| other.number == entry.number) {
+                return Err(refused(
+                    &entry.lines,
+                    "number",
+                    entry.number,
+                    "each number once",
+                ));
+            }
+            entries.push(entry);
+        }
+        Ok(entries)
+    }
+
+    fn of(item: &toml::Value, lines: Vec<(String, usize)>) -> Result<Self, Refusal> {
+        let numbers = format!("a whole number from 1 to {}", Recipe::COUNT);
+        let number = value(item, &lines, "number", &numbers, |value| {
+            let number = u8::try_from(value.as_integer()?).ok()?;
+            (1..=Recipe::COUNT).contains(&number).then_some(number)
+        })?;
+        let name = value(item, &lines, "name", RecipeName::ACCEPTED, |value| {
+            RecipeName::parse(value.as_str()?)
+        })?;
+        let mut recipe = Recipe::of(target(item, &lines)?, &Settings::default());
+        for (place, key) in recipe.values.iter_mut().zip(Recipe::KEYS) {
+            let known = Settings::KEYS.iter().find(|known| known.name == key);
+            let accepted = known.map_or("", |known| known.accepted);
+            *place = value(item, &lines, key, accepted, |value| {
+                let number = real(value)? as f32;
+                Settings::default().set(key, number).ok()?;
+                Some(number)
+            })?;
+        }
+        let known = [
+            "number",
+            "name",
+            "target",
+            "value",
+            "second_tone",
+            "third_tone",
+        ];
+        let keys = item.as_table().into_iter().flatten().map(|(key, _)| key);
+        for key in keys {
+            if !known.contains(&&key[..]) && !Recipe::KEYS.contains(&&key[..]) {
+                let all: Vec<&str> = known.into_iter().chain(Recipe::KEYS).collect();
+                return Err(refused(&lines, key, "a key of no recipe", all.join(", ")));
+            }
+        }
+        Ok(Self {
+            number,
+            name,
+            recipe,
+            lines,
+        })
+    }
+}
+
+fn real(value: &toml::Value) -> Option<f64> {
+    match value {
+        toml::Value::Float(number) => Some(*number),
+        toml::Value::Integer(number) => Some(*number as f64),
+        _ => None,
+    }
+}
+
+fn line(lines: &[(String, usize)], key: &str) -> usize {
+    let found = lines.iter().find(|(known, _)| known == key);
+    found.or(lines.first()).map_or(1, |(_, line)| *line)
+}
+
+fn refused(
+    lines: &[(String, usize)],
+    key: &str,
+    value: impl std::fmt::Display,
+    accepted: impl Into<String>,
+) -> Refusal {
+    Refusal::value(key, value, accepted, NEXT).at(format!("line {}", line(lines, key)))
+}
+
+/// The value of a key, refused with its line where it is missing or not accepted.
+fn value<T>(
+    item: &toml::Value,
+    lines: &[(String, usize)],
+    key: &str,
+    accepted: &str,
+    read: impl FnOnce(&toml::Value) -> Option<T>,
+) -> Result<T, Refusal> {
+    let found = item.get(key);
+    let said = found.map_or("nothing".to_string(), |value| {
+        value.to_string().replace('\n', " ")
+    });
+    let read = found.and_then(read);
+    read.ok_or_else(|| refused(lines, key, said, accepted))
+}
+
+/// The target of a recipe: a word and a number, as `kband target` takes them, or upper tones.
+fn target(item: &toml::Value, lines: &[(String, usize)]) -> Result<Target, Refusal> {
+    let words = Kind::value_variants().iter().filter_map(|kind| {
+        let value = kind.to_possible_value()?;
+        Some(value.get_name().to_string())
+    });
+    let accepted: Vec<String> = words.chain(["tones".to_string()]).collect();
+    let word = value(item, lines, "target", &accepted.join(", "), |value| {
+        let word = value.as_str()?;
+        accepted
+            .iter()
+            .any(|known| known == word)
+            .then(|| word.to_string())
+    })?;
+    let number = match item.get("value") {
+        None => None,
+        Some(_) => Some(value(item, lines, "value", "a number", real)?),
+    };
+    if word != "tones" {
+        let kind = Kind::from_str(&word, false).map_err(|why| Refusal::new(why, NEXT))?;
+        let at = format!("line {}", line(lines, "value"));
+        return kind.target(number).map_err(|refusal| refusal.at(at));
+    }
+    let tone = |key: &str| {
+        value(item, lines, key, "[ratio 0..0.5, phase in rad]", |value| {
+            let pair = value
+                .as_array()?
+                .iter()
+                .map(real)
+                .collect::<Option<Vec<_>>>()?;
+            let [ratio, phase] = pair[..] else {
+                return None;
+            };
+            let sound = (0.0..=0.5).contains(&ratio) && phase.is_finite();
+            sound.then(|| UpperTone::new(ratio as f32, phase as f32))
+        })
+    };
+    let k = number.ok_or_else(|| refused(lines, "value", "nothing", "k of the first tone"))?;
+    Ok(Target::Tones {
+        k: k as f32,
+        shape: Shape::new(tone("second_tone")?, tone("third_tone")?),
+    })
+}
+
+/// Word and number of a target, as lines of a file.
+fn target_lines(target: Target) -> String {
+    let tone = |tone: UpperTone| format!("[{:?}, {:?}]", tone.ratio, tone.phase);
+    match target {
+        Target::Gear { order } => format!("target = \"gear\"\nvalue = {order}\n"),
+        Target::Locked { order } => format!("target = \"order\"\nvalue = {order}\n"),
+        Target::K(k) => format!("target = \"k\"\nvalue = {k:?}\n"),
+        Target::Amplitude(b) => format!("target = \"mm\"\nvalue = {b:?}\n"),
+        Target::Speed(speed) => format!("target = \"mm/s\"\nvalue = {speed:?}\n"),
+        Target::Flow(flow) => format!("target = \"g/s\"\nvalue = {flow:?}\n"),
+        Target::Chaotic => "target = \"chaos\"\n".into(),
+        Target::Identify => "target = \"identify\"\n".into(),
+        Target::Tones { k, shape } => format!(
+            "target = \"tones\"\nvalue = {k:?}\nsecond_tone = {}\nthird_tone = {}\n",
+            tone(shape.second),
+            tone(shape.third)
+        ),
+    }
+}
+
+/// The recipes as a file.
+pub fn export(recipes: &[(u8, RecipeName, Recipe)], image: &str) -> String {
+    let mut text = format!(
+        "# Recipes of a board with kband {image}.\n\
+         # kband recipe import FILE.toml saves them on a board; its other recipes stay.\n\n\
+         recipes = {}\n",
+        recipes.len()
+    );
+    for (number, name, recipe) in recipes {
+        let quoted = toml::Value::from(name.text());
+        // Writing to a String cannot fail.
+        let _ = write!(
+            text,
+            "\n[[recipe]]\nnumber = {number}\nname = {quoted}\n{}",
+            target_lines(recipe.target)
+        );
+        for (key, value) in Recipe::KEYS.iter().zip(recipe.values) {
+            let known = Settings::KEYS.iter().find(|known| known.name == *key);
+            let accepted = known.map_or("", |known| known.accepted);
+            let assigned = format!("{key} = {value:?}");
+            let _ = writeln!(text, "{assigned:<32} # {}", accepted.trim_end());
+        }
+    }
+    text
+}
+
+/// For each recipe of a text the lines of its keys, and first its own line.
+fn lines(text: &str) -> Vec<Vec<(String, usize)>> {
+    let mut all: Vec<Vec<(String, usize)>> = Vec::new();
+    for (number, line) in (1..).zip(text.lines()) {
+        let line = line.trim_start();
+        if line.starts_with("[[recipe]]") {
+            all.push(vec![(String::new(), number)]);
+        } else if let (Some(lines), Some((key, _))) = (all.last_mut(), line.split_once('=')) {
+            lines.push((key.trim().to_string(), number));
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn recipes() -> Vec<(u8, RecipeName, Recipe)> {
+        let targets = [
+            Target::Gear { order: 2 },
+            Target::Locked { order: 1 },
+            Target::K(0.41),
+            Target::Amplitude(0.23),
+            Target::Speed(-12.5),
+            Target::Chaotic,
+            Target::Tones {
+                k: 0.35,
+                shape: Shape::new(UpperTone::new(0.15, 2.356), UpperTone::new(0.0, 0.0)),
+            },
+        ];
+        let settings = Settings {
+            scatter: 0.07,
+            ..Settings::default()
+        };
+        (1..)
+            .zip(targets)
+            .map(|(number, target)| {
+                let name = RecipeName::parse(&format!("parts \"{number}\"")).unwrap();
+                (number, name, Recipe::of(target, &settings))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn what_is_exported_is_imported() {
+        let text = export(&recipes(), "0.1.0");
+        let read = Entry::parse(&text).unwrap();
+        let read: Vec<_> = read
+            .iter()
+            .map(|entry| (entry.number, entry.name, entry.recipe))
+            .collect();
+        assert_eq!(read, recipes());
+    }
+
+    #[test]
+    fn a_file_that_is_cut_at_any_byte_is_refused() {
+        let text = export(&recipes(), "0.1.0");
+        // Behind the last value only a comment is lost.
+        let end = text.rfind('#').unwrap();
+        for length in 0..end {
+            let Err(refusal) = Entry::parse(&text[..length]) else {
+                // The last number lost digits: 0.4 of 0.4 and blanks.
+                assert!(
+                    text[..length].trim_end().ends_with("soft_stop = 0.4"),
+                    "{length}"
+                );
+                continue;
+            };
+            assert!(refusal.to_string().contains("line "), "{length}: {refusal}");
+        }
+    }
+
+    #[test]
+    fn a_value_out_of_range_names_its_line_and_the_range() {
+        let text = export(&recipes(), "0.1.0");
+        for (old, new, line, accepted) in [
+            ("number = 2", "number = 8", 19, "from 1 to 7"),
+            ("number = 2", "number = 1", 19, "each number once"),
+            ("scatter = 0.07", "scatter = 0.4", 13, "0.0..0.3"),
+            (
+                "soft_stop = 0.4",
+                "soft_stop = \"fast\"",
+                16,
+                "0.02..60.0 s",
+            ),
+            (
+                "target = \"gear\"",
+                "target = \"gears\"",
+                9,
+                "gear, order, k, mm",
+            ),
+            ("value = 2", "value = 9", 10, "1..8"),
+            ("scatter = 0.07", "scater = 0.07", 6, "0.0..0.3"),
+            (
+                "name = 'parts \"1\"'",
+                "name = 'a name too long'",
+                8,
+                "1 to 14",
+            ),
+        ] {
+            assert!(text.contains(old), "{old}: {text}");
+            let refusal = Entry::parse(&text.replacen(old, new, 1))
+                .unwrap_err()
+                .to_string();
+            assert!(
+                refusal.contains(&format!("line {line}: ")),
+                "{new}: {refusal}"
+            );
+            assert!(refusal.contains(accepted), "{new}: {refusal}");
+        }
+        let extra = text.replacen("scatter = 0.07", "gain = 2\nscatter = 0.07", 1);
+        let refusal = Entry::parse(&extra).unwrap_err().to_string();
+        assert!(refusal.contains("line 13: gain"), "{refusal}");
+    }
+}

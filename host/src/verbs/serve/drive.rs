@@ -1,0 +1,169 @@
+//! The simulated feeder as the registers see it.
+
+use kband::feeder::OutOfRange;
+use kband_bus::{Authority, Machine, Refused, SaveProgress, Seen};
+use kband_control::wire::{Access, Record, Status, Telemetry};
+use kband_control::{
+    BusCommand, Event, Fault, Inputs, Report, Settings, StartCause, State, Target,
+};
+use kband_plant::{Change, ClosedLoop, Scene};
+
+/// Time after power-on at which the enable input is given, s. An input that is given before starts
+/// nothing.
+const ENABLE_TIME: f64 = 0.5;
+/// Name of the image in the registers.
+const IMAGE: &str = concat!("kband serve ", env!("CARGO_PKG_VERSION"));
+
+/// A feeder in real time.
+pub struct Drive {
+    closed: ClosedLoop,
+    report: Report,
+    /// Simulated time and requested end of the simulation, s.
+    time: f64,
+    due: f64,
+    enabled: bool,
+    events: Vec<Record>,
+    run: Option<bool>,
+    run_was_off: bool,
+    acknowledge: bool,
+    heard: bool,
+    save: SaveProgress,
+}
+
+impl Drive {
+    /// The feeder of a scene at power-on. A bus that the scene leaves off gets the authority to
+    /// command and to acknowledge.
+    ///
+    /// # Errors
+    /// A value of the scene is out of range.
+    pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
+        let mut scene = scene.clone();
+        scene.start = StartCause::PowerOn;
+        if scene.settings.bus_address == 0.0 {
+            (scene.settings.bus, scene.settings.bus_address) = (2.0, 1.0);
+        }
+        let mut closed = ClosedLoop::build(&scene)?;
+        closed.apply(Change::Enable(false));
+        Ok(Self {
+            closed,
+            report: Report::default(),
+            time: 0.0,
+            due: 0.0,
+            enabled: false,
+            events: Vec::new(),
+            run: None,
+            run_was_off: false,
+            acknowledge: false,
+            heard: false,
+            save: SaveProgress::None,
+        })
+    }
+
+    /// Simulates the next `seconds`.
+    pub fn advance(&mut self, seconds: f64) {
+        self.due += seconds;
+        while self.time < self.due {
+            if !self.enabled && self.time >= ENABLE_TIME {
+                self.enabled = true;
+                self.closed.apply(Change::Enable(true));
+            }
+            if self.settings().bus_controls() {
+                // A run bit that was 0 for a moment is 0 for a whole cycle.
+                let off = std::mem::take(&mut self.run_was_off);
+                let command = BusCommand {
+                    run: if off { Some(false) } else { self.run },
+                    acknowledge: std::mem::take(&mut self.acknowledge),
+                };
+                let heard = std::mem::take(&mut self.heard);
+                self.closed.command(command, heard);
+            }
+            let moment = self.closed.cycle();
+            (self.time, self.report) = (moment.time, moment.report);
+            for event in self.report.events.iter() {
+                let load = self.report.load.filter(|_| event == Event::Weighed);
+                let load = load.unwrap_or_default();
+                self.events.push(Record {
+                    number: self.events.len() as u32,
+                    cycle: self.report.cycle,
+                    event: event.number(),
+                    fault: self.report.fault.map_or(0, Fault::number),
+                    mass: load.mass,
+                    flow: load.flow,
+                });
+            }
+        }
+    }
+
+    /// Records that a request came.
+    pub fn record_request(&mut self) {
+        self.heard = true;
+    }
+
+    fn at_rest(&self) -> bool {
+        matches!(self.report.state, State::Off | State::Fault)
+    }
+}
+
+impl Machine for Drive {
+    fn seen(&self) -> Seen<'_> {
+        let controller = self.closed.controller();
+        Seen {
+            telemetry: Telemetry::from(&self.report),
+            status: Status {
+                inputs: Inputs {
+                    enable: self.enabled,
+                    ..Inputs::default()
+                },
+                permitted: true,
+                access: Access::Full,
+                ready: controller.is_ready(),
+                seconds: self.time as u32,
+                ..Status::default()
+            },
+            authority: Authority::of(controller.settings()),
+            target: controller.target(),
+            recipe: 0,
+            save: self.save,
+            events: self.events.len() as u32,
+            missed: 0,
+            writable: true,
+            image: IMAGE,
+        }
+    }
+
+    fn settings(&self) -> Settings {
+        *self.closed.controller().settings()
+    }
+
+    fn event(&self, number: u32) -> Option<Record> {
+        self.events.get(number as usize).copied()
+    }
+
+    fn command(&mut self, run: bool, acknowledge: bool) {
+        self.run = Some(run);
+        self.run_was_off |= !run;
+        self.acknowledge |= acknowledge;
+    }
+
+    fn set_target(&mut self, target: Target) -> Result<(), Refused> {
+        let set = self.closed.controller_mut().set_target(target);
+        set.map_err(|_| Refused::Value)
+    }
+
+    fn set_settings(&mut self, settings: &Settings) -> Result<(), Refused> {
+        if !self.at_rest() {
+            return Err(Refused::Busy);
+        }
+        settings.check().map_err(|_| Refused::Value)?;
+        self.closed.configure(settings).map_err(|_| Refused::Value)
+    }
+
+    fn save(&mut self) -> Result<(), Refused> {
+        if !self.at_rest() {
+            return Err(Refused::Busy);
+        }
+        self.closed.controller_mut().settings_saved();
+        self.save = SaveProgress::Done;
+        Ok(())
+    }
+}

@@ -1,0 +1,128 @@
+//! Modbus TCP: a thread that listens, and one for each client.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use kband_bus::{Answer, Server, tcp};
+
+use super::drive::Drive;
+
+/// Largest number of clients at a time; a further one is closed at once.
+const MAX_CLIENTS: usize = 16;
+/// Time after which a thread looks whether the run is over.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// The feeder and its server, for all clients.
+pub struct Served {
+    /// The simulated feeder.
+    pub drive: Drive,
+    /// The server: the edges of its control word are those of all clients together.
+    pub server: Server,
+    /// Number of clients so far.
+    pub clients: usize,
+}
+
+/// What the threads share.
+pub struct Shared {
+    served: Mutex<Served>,
+    connected: AtomicUsize,
+    ended: AtomicBool,
+}
+
+impl Shared {
+    /// Shares a feeder.
+    pub fn new(drive: Drive) -> Self {
+        Self {
+            served: Mutex::new(Served {
+                drive,
+                server: Server::default(),
+                clients: 0,
+            }),
+            connected: AtomicUsize::new(0),
+            ended: AtomicBool::new(false),
+        }
+    }
+
+    /// Works on the feeder and its server, alone.
+    pub fn with<T>(&self, work: impl FnOnce(&mut Served) -> T) -> T {
+        work(&mut self.served.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Ends all threads within [`PATIENCE`].
+    pub fn stop(&self) {
+        self.ended.store(true, Ordering::Relaxed);
+    }
+
+    fn is_over(&self) -> bool {
+        self.ended.load(Ordering::Relaxed)
+    }
+}
+
+/// Accepts clients in a thread of its own; the address that it listens at.
+pub fn accept(listener: TcpListener, shared: &Arc<Shared>) -> std::io::Result<SocketAddr> {
+    let address = listener.local_addr()?;
+    listener.set_nonblocking(true)?;
+    let shared = Arc::clone(shared);
+    std::thread::spawn(move || {
+        while !shared.is_over() {
+            match listener.accept() {
+                Ok((stream, _)) if shared.connected.load(Ordering::Relaxed) < MAX_CLIENTS => {
+                    shared.connected.fetch_add(1, Ordering::Relaxed);
+                    shared.with(|served| served.clients += 1);
+                    let shared = Arc::clone(&shared);
+                    std::thread::spawn(move || {
+                        // A client that breaks off is gone; the others stay.
+                        let _ = serve(stream, &shared);
+                        shared.connected.fetch_sub(1, Ordering::Relaxed);
+                    });
+                }
+                Ok(_) => {}
+                Err(_) => std::thread::sleep(PATIENCE),
+            }
+        }
+    });
+    Ok(address)
+}
+
+/// Answers one client until it closes, sends what is no frame, or the run is over.
+fn serve(mut stream: TcpStream, shared: &Shared) -> std::io::Result<()> {
+    stream.set_nonblocking(false)?;
+    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.set_write_timeout(Some(PATIENCE))?;
+    stream.set_nodelay(true)?;
+    let mut waiting = Vec::new();
+    let mut bytes = [0; 512];
+    let mut answer = Answer::new();
+    while !shared.is_over() {
+        match stream.read(&mut bytes) {
+            Ok(0) => break,
+            Ok(count) => waiting.extend_from_slice(&bytes[..count]),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+            Err(error) => return Err(error),
+        }
+        loop {
+            let Ok(length) = tcp::frame_length(&waiting) else {
+                return Ok(());
+            };
+            let Some(length) = length.filter(|length| waiting.len() >= *length) else {
+                break;
+            };
+            let frame: Vec<u8> = waiting.drain(..length).collect();
+            let answered = shared.with(|served| {
+                let (server, drive) = (&mut served.server, &mut served.drive);
+                let answered = tcp::answer(server, &frame, drive, &mut answer);
+                if answered {
+                    drive.record_request();
+                }
+                answered
+            });
+            if answered {
+                stream.write_all(&answer)?;
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,216 @@
+//! A PLC's way through a simulated feeder behind the registers, over Modbus TCP.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// Longest wait for a state of the feeder, s; a loaded machine is allowed for.
+const LIMIT: Duration = Duration::from_secs(60);
+
+/// Registers of the table.
+mod register {
+    pub const CONTROL: u16 = 0;
+    pub const KIND: u16 = 1;
+    pub const STATUS: u16 = 4;
+    pub const FAULT: u16 = 6;
+    pub const SHARE_IN_GEAR: u16 = 23;
+}
+
+/// Bits of the status word.
+mod status {
+    pub const READY_TO_START: u16 = 1 << 0;
+    pub const RUNS: u16 = 1 << 1;
+    pub const FAULT: u16 = 1 << 3;
+    pub const TARGET_MET: u16 = 1 << 8;
+    pub const IN_CONTROL: u16 = 1 << 9;
+}
+
+struct Served {
+    child: Child,
+    address: String,
+}
+
+impl Served {
+    fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
+            .arg("serve")
+            .args(arguments)
+            .args(["--modbus", "127.0.0.1:0"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        out.read_line(&mut line).unwrap();
+        child.stdout = Some(out.into_inner());
+        let address = line
+            .split([' ', ','])
+            .find(|word| word.starts_with("127.0.0.1:"));
+        Self {
+            address: address.unwrap_or_else(|| panic!("{line}")).to_string(),
+            child,
+        }
+    }
+
+    fn end(mut self) -> (ExitStatus, String) {
+        let status = self.child.wait().unwrap();
+        let mut rest = String::new();
+        let mut out = self.child.stdout.take().unwrap();
+        out.read_to_string(&mut rest).unwrap();
+        (status, rest)
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A master of Modbus TCP.
+struct Master {
+    stream: TcpStream,
+    transaction: u16,
+}
+
+impl Master {
+    fn connect(served: &Served) -> Self {
+        let stream = TcpStream::connect(&served.address).unwrap();
+        stream.set_read_timeout(Some(LIMIT)).unwrap();
+        Self {
+            stream,
+            transaction: 0,
+        }
+    }
+
+    /// Sends a request; the answer behind the unit, or the number of an exception.
+    fn ask(&mut self, request: &[u8]) -> Result<Vec<u8>, u8> {
+        self.transaction += 1;
+        let mut frame = self.transaction.to_be_bytes().to_vec();
+        frame.extend([0, 0]);
+        frame.extend((request.len() as u16 + 1).to_be_bytes());
+        frame.push(1);
+        frame.extend(request);
+        self.stream.write_all(&frame).unwrap();
+        let mut header = [0; 7];
+        self.stream.read_exact(&mut header).unwrap();
+        assert_eq!(header[..2], self.transaction.to_be_bytes());
+        let length = usize::from(u16::from_be_bytes([header[4], header[5]])) - 1;
+        let mut answer = vec![0; length];
+        self.stream.read_exact(&mut answer).unwrap();
+        if answer[0] & 0x80 != 0 {
+            Err(answer[1])
+        } else {
+            Ok(answer)
+        }
+    }
+
+    fn read(&mut self, address: u16) -> u16 {
+        let [high, low] = address.to_be_bytes();
+        let answer = self.ask(&[3, high, low, 0, 1]).unwrap();
+        u16::from_be_bytes([answer[2], answer[3]])
+    }
+
+    fn write(&mut self, address: u16, words: &[u16]) -> Result<(), u8> {
+        let mut request = vec![16];
+        request.extend(address.to_be_bytes());
+        request.extend((words.len() as u16).to_be_bytes());
+        request.push(2 * words.len() as u8);
+        request.extend(words.iter().flat_map(|word| word.to_be_bytes()));
+        self.ask(&request).map(|_| ())
+    }
+
+    /// Asks until the status word has these bits set and these clear.
+    fn wait(&mut self, set: u16, clear: u16) {
+        let begun = Instant::now();
+        loop {
+            let word = self.read(register::STATUS);
+            if word & set == set && word & clear == 0 {
+                return;
+            }
+            assert!(begun.elapsed() < LIMIT, "{set:04x} {clear:04x}: {word:04x}");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+}
+
+#[test]
+fn a_plc_gets_parts_into_gear_changes_the_target_and_ends_a_fault() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Command::new(env!("CARGO_BIN_EXE_kband"))
+        .args(["simulate", "--print-scene"])
+        .output()
+        .unwrap();
+    let scene = String::from_utf8(scene.stdout).unwrap();
+    assert!(scene.contains("duration = 10.0"), "{scene}");
+    let scene = scene.replace("duration = 10.0", "duration = 600.0")
+        + "\n[[disturbance]]\nat = 12.0\nsensor_lost = true\n"
+        + "\n[[disturbance]]\nat = 13.0\nsensor_lost = false\n";
+    let path = folder.path().join("scene.toml");
+    std::fs::write(&path, scene).unwrap();
+    let served = Served::start(&[path.to_str().unwrap(), "--for", "600"]);
+    let mut plc = Master::connect(&served);
+    // The enable input is given half a second after power-on; the run bit needs an edge.
+    plc.wait(status::READY_TO_START | status::IN_CONTROL, status::RUNS);
+    plc.write(register::CONTROL, &[0]).unwrap();
+    plc.write(register::CONTROL, &[1]).unwrap();
+    plc.wait(status::RUNS | status::TARGET_MET, status::FAULT);
+    let share = plc.read(register::SHARE_IN_GEAR);
+    assert!(share > 5000, "in units of 0.01 %: {share}");
+    // A second client reads, and a request that makes no sense is an exception of its own.
+    let mut other = Master::connect(&served);
+    assert_ne!(other.read(register::STATUS) & status::RUNS, 0);
+    assert_eq!(other.write(register::KIND, &[99]), Err(3));
+    assert_eq!(other.ask(&[3, 0xff, 0xff, 0, 1]), Err(2));
+    // An amplitude of 0.15 mm: kind and number in one request.
+    let number = 0.15_f32.to_bits();
+    let words = [33, (number >> 16) as u16, number as u16];
+    plc.write(register::KIND, &words).unwrap();
+    assert_eq!(plc.read(register::KIND), 33);
+    plc.wait(status::RUNS, status::FAULT);
+    // The sensor is lost for a second.
+    plc.wait(status::FAULT, status::RUNS);
+    assert_eq!(plc.read(register::FAULT), 1);
+    std::thread::sleep(Duration::from_secs(2));
+    plc.write(register::CONTROL, &[0]).unwrap();
+    plc.write(register::CONTROL, &[1 << 7]).unwrap();
+    plc.wait(0, status::FAULT | status::RUNS);
+    plc.write(register::CONTROL, &[0]).unwrap();
+    plc.write(register::CONTROL, &[1]).unwrap();
+    plc.wait(status::RUNS, status::FAULT);
+}
+
+#[test]
+fn a_run_ends_by_its_time_and_by_an_interruption() {
+    let (status, rest) = Served::start(&["--for", "0.5"]).end();
+    assert!(status.success(), "{status}");
+    assert!(rest.contains("ended: 0 requests of 0 clients"), "{rest}");
+    let served = Served::start(&[]);
+    let mut plc = Master::connect(&served);
+    assert_eq!(plc.read(register::FAULT), 0);
+    let process = served.child.id().to_string();
+    let killed = Command::new("kill").args(["-INT", &process]).status();
+    assert!(killed.unwrap().success());
+    let (status, rest) = served.end();
+    assert!(status.success(), "{status}");
+    assert!(rest.contains("ended: 1 requests of 1 clients"), "{rest}");
+}
+
+#[test]
+fn an_address_that_is_taken_is_refused() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let output = Command::new(env!("CARGO_BIN_EXE_kband"))
+        .args(["serve", "--modbus", &address])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        words.contains(&address) && words.contains("--modbus"),
+        "{words}"
+    );
+}

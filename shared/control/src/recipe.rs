@@ -1,0 +1,161 @@
+//! Recipes: the target and the settings of one kind of parts, for a change of parts.
+
+use serde::{Deserialize, Serialize};
+
+use crate::settings::Settings;
+use crate::target::Target;
+use kband::feeder::OutOfRange;
+
+/// Largest length of a recipe's name, bytes.
+const NAME_BYTES: usize = 14;
+/// Number of settings in a recipe.
+const VALUES: usize = 6;
+
+/// Name of a recipe: 1 to 14 printable characters of ASCII.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "[u8; NAME_BYTES]", into = "[u8; NAME_BYTES]")]
+pub struct RecipeName([u8; NAME_BYTES]);
+
+impl RecipeName {
+    /// Accepted names, in words.
+    pub const ACCEPTED: &'static str = "1 to 14 printable characters of ASCII";
+
+    /// The name with this text; `None` for a text that is not accepted.
+    pub fn parse(text: &str) -> Option<Self> {
+        let mut name = [0; NAME_BYTES];
+        name.get_mut(..text.len())?.copy_from_slice(text.as_bytes());
+        Self::from_bytes(name)
+    }
+
+    /// The name in these bytes, padded with zeros; `None` for bytes that are no name.
+    pub fn from_bytes(bytes: [u8; NAME_BYTES]) -> Option<Self> {
+        let end = bytes.iter().position(|byte| *byte == 0);
+        let (text, rest) = bytes.split_at(end.unwrap_or(NAME_BYTES));
+        let printable = text.iter().all(|byte| (b' '..=b'~').contains(byte));
+        let sound = !text.is_empty() && printable && rest.iter().all(|byte| *byte == 0);
+        sound.then_some(Self(bytes))
+    }
+
+    /// Its bytes, padded with zeros.
+    pub fn bytes(self) -> [u8; NAME_BYTES] {
+        self.0
+    }
+
+    /// Its text.
+    pub fn text(&self) -> &str {
+        let text = core::str::from_utf8(&self.0).unwrap_or_default();
+        text.trim_end_matches('\0')
+    }
+}
+
+impl From<RecipeName> for [u8; NAME_BYTES] {
+    fn from(name: RecipeName) -> Self {
+        name.0
+    }
+}
+
+impl TryFrom<[u8; NAME_BYTES]> for RecipeName {
+    type Error = &'static str;
+
+    fn try_from(bytes: [u8; NAME_BYTES]) -> Result<Self, Self::Error> {
+        Self::from_bytes(bytes).ok_or(Self::ACCEPTED)
+    }
+}
+
+/// Target and settings of one kind of parts. What belongs to the machine is in no recipe.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Recipe {
+    /// The target, with its upper tones.
+    pub target: Target,
+    /// Values of the settings [`Recipe::KEYS`], in their order.
+    pub values: [f32; VALUES],
+}
+
+impl Recipe {
+    /// Number of recipes that a board stores, numbered from 1.
+    pub const COUNT: u8 = 7;
+
+    /// Keys of the settings that belong to the parts.
+    pub const KEYS: [&'static str; VALUES] = [
+        "restitution_low",
+        "restitution_high",
+        "scatter",
+        "tangential_restitution",
+        "soft_start",
+        "soft_stop",
+    ];
+
+    /// The recipe of this target and of these settings.
+    pub fn of(target: Target, settings: &Settings) -> Self {
+        Self {
+            target,
+            values: Self::KEYS.map(|key| settings.get(key).unwrap_or_default()),
+        }
+    }
+
+    /// The settings of a machine with this recipe.
+    ///
+    /// # Errors
+    /// A value is out of range, alone or together with the machine's settings.
+    #[inline(never)]
+    pub fn applied_to(&self, settings: &Settings) -> Result<Settings, OutOfRange> {
+        let mut settings = *settings;
+        for (key, value) in Self::KEYS.into_iter().zip(self.values) {
+            settings.set(key, value)?;
+        }
+        settings.check()?;
+        Ok(settings)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_printable_ascii_of_at_most_14_characters() {
+        for good in ["M3", "caps 0.5 mm ~!", "12345678901234"] {
+            assert_eq!(RecipeName::parse(good).unwrap().text(), good);
+        }
+        for bad in ["", "123456789012345", "M3\n", "caf\u{e9}", "a\0b"] {
+            assert_eq!(RecipeName::parse(bad), None, "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn a_recipe_changes_the_settings_of_the_parts_alone() {
+        let machine = Settings {
+            frequency: 60.0,
+            gain: 2.0,
+            scatter: 0.1,
+            ..Settings::default()
+        };
+        let parts = Settings {
+            frequency: 55.0,
+            restitution_low: 0.5,
+            restitution_high: 0.6,
+            scatter: 0.02,
+            soft_start: 1.5,
+            ..Settings::default()
+        };
+        let recipe = Recipe::of(Target::K(0.4), &parts);
+        let wanted = Settings {
+            restitution_low: 0.5,
+            restitution_high: 0.6,
+            scatter: 0.02,
+            soft_start: 1.5,
+            ..machine
+        };
+        assert_eq!(recipe.applied_to(&machine), Ok(wanted));
+        let mut reversed = recipe;
+        reversed.values[0] = 0.7;
+        let refused = reversed.applied_to(&machine).unwrap_err();
+        assert_eq!(refused.parameter, "restitution_high");
+        let mut outside = recipe;
+        outside.values[5] = 0.0;
+        assert_eq!(
+            outside.applied_to(&machine).unwrap_err().parameter,
+            "soft_stop"
+        );
+    }
+}
