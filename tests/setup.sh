@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Brings what the tests need onto a Debian machine with rustup: the thumb targets, QEMU 9.2 or newer,
-# and Chromium with its driver. Safe to repeat; where all is there it only looks, in about a second.
+# Chromium with its driver, gcc, valgrind, and Python packages in a folder of their own below target.
+# Safe to repeat; where all is there it only looks, in about a second.
 #
 #   tests/setup.sh            install what is missing
 #   tests/setup.sh --check    install nothing; exit status 1 and one line where something is missing
@@ -92,6 +93,31 @@ install_browser() {
 }
 browser_is_there() { command -v chromedriver >/dev/null && command -v chromium >/dev/null; }
 
+# A compiler and a memory checker for the C interface.
+install_c_tools() {
+    say "installing gcc and valgrind with apt"
+    [ -n "${sources:-}" ] || debian_sources || return 1
+    apt_get 600 install --no-install-recommends gcc libc6-dev valgrind
+}
+c_tools_are_there() { command -v gcc >/dev/null && command -v nm >/dev/null && command -v valgrind >/dev/null; }
+
+# Python packages: the copy of the list beside them tells that they are all there.
+python_packages=bindings/python/tests/requirements.txt
+venv=${CARGO_TARGET_DIR:-target}/python/venv
+python_is_there() { cmp -s "$python_packages" "$venv/requirements.txt"; }
+install_python() {
+    say "installing Python packages with pip"
+    if ! timeout 60 python3 -c 'import ensurepip' 2>/dev/null; then
+        [ -n "${sources:-}" ] || debian_sources || return 1
+        apt_get 600 install --no-install-recommends python3 python3-venv || return 1
+    fi
+    rm -rf "$venv"
+    timeout --kill-after=10 120 python3 -m venv "$venv" &&
+        timeout --kill-after=10 600 "$venv/bin/pip" install --quiet --disable-pip-version-check \
+            --retries 3 --timeout 20 --requirement "$python_packages" &&
+        cp "$python_packages" "$venv/requirements.txt"
+}
+
 # Where rustup cannot download: Debian's compiler builds core and alloc for the targets from
 # Debian's source package, once, and rustup gets to know it under a name of its own.
 install_targets_from_debian() {
@@ -126,6 +152,8 @@ if [ "${1:-}" = --check ]; then
     [ -z "$missing" ] || give_up "no Rust target ${missing% }; run tests/setup.sh"
     emulator_is_new_enough || give_up "no QEMU $wanted or newer (qemu-system-arm); run tests/setup.sh"
     browser_is_there || give_up "no chromium and chromedriver; run tests/setup.sh"
+    c_tools_are_there || give_up "no gcc, nm and valgrind; run tests/setup.sh"
+    python_is_there || give_up "no Python packages in $venv; run tests/setup.sh"
     exit 0
 fi
 
@@ -145,4 +173,6 @@ fi
 emulator_is_new_enough || install_emulator || give_up "QEMU could not be installed; it is the package qemu-system-arm, $wanted or newer"
 emulator_is_new_enough || give_up "QEMU is $(emulator_version), older than $wanted"
 browser_is_there || install_browser || give_up "Chromium could not be installed; it is the packages chromium and chromium-driver"
-say "ready: ${targets[*]}, QEMU $(emulator_version), Chromium"
+c_tools_are_there || install_c_tools || give_up "gcc and valgrind could not be installed"
+python_is_there || install_python || give_up "the packages of $python_packages could not be installed"
+say "ready: ${targets[*]}, QEMU $(emulator_version), Chromium, gcc, valgrind, Python packages"
