@@ -162,6 +162,7 @@ pub unsafe extern "C" fn kband_scene_parse(
 /// # Safety
 /// A pointer that is not null may be written to.
 unsafe fn create<T>(place: *mut *mut T, object: Box<T>) -> Result<(), Failure> {
+    there(place, "the place for the handle")?;
     // SAFETY: as the caller says.
     unsafe { put(place, "the place for the handle", Box::into_raw(object)) }
 }

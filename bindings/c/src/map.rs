@@ -90,3 +90,59 @@ pub unsafe extern "C" fn kband_impacts(
         Ok(())
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn impacts_have_the_bits_of_the_map_over_their_launches() {
+        let spread = |n: u32, factor: f64| (f64::from(n) * factor).fract();
+        let mut phase: Vec<f64> = (0..1000)
+            .map(|n| 9.0 * spread(n, 0.618_034) - 1.0)
+            .collect();
+        let mut speed: Vec<f64> = (0..1000)
+            .map(|n| (20.0 * spread(n, 0.414_214)).powi(3))
+            .collect();
+        speed[77] = 0.0;
+        let k: Vec<f64> = (0..1000)
+            .map(|n| 0.02 + 1.3 * spread(n, 0.732_051))
+            .collect();
+        let restitution: Vec<f64> = (0..1000).map(|n| spread(n, 0.236_068)).collect();
+        speed
+            .iter_mut()
+            .for_each(|speed| *speed = speed.min(1000.0));
+        let launch = |n: usize| {
+            (
+                Map::build(k[n], restitution[n]),
+                Map::state(phase[n], speed[n]),
+            )
+        };
+        let expected: Vec<PartState> = (0..1000)
+            .map(launch)
+            .map(|(map, state)| map.unwrap().impact(state.unwrap()).next)
+            .collect();
+        let (phases, speeds) = (phase.as_mut_ptr(), speed.as_mut_ptr());
+        // SAFETY: each array has 1000 elements.
+        let code = unsafe {
+            kband_impacts(
+                phases,
+                speeds,
+                k.as_ptr(),
+                restitution.as_ptr(),
+                1000,
+                phases,
+                speeds,
+            )
+        };
+        assert_eq!(code, Code::Ok);
+        for (n, state) in expected.iter().enumerate() {
+            let found = [phase[n], speed[n]].map(f64::to_bits);
+            assert_eq!(
+                found,
+                [state.phase, state.velocity].map(f64::to_bits),
+                "{n}"
+            );
+        }
+    }
+}
