@@ -1,6 +1,7 @@
 //! The impact map over arrays, and orbits.
 
 use std::f64::consts::TAU;
+use std::num::NonZero;
 use std::sync::{Mutex, PoisonError};
 
 use kband::impact::batch::{Block, LANES};
@@ -185,7 +186,7 @@ pub fn impacts(
     mut next_speed: PyReadwriteArray1<'_, f64>,
     shape: Vec<usize>,
     tones: Option<Tones>,
-    threads: Option<usize>,
+    threads: Option<NonZero<usize>>,
 ) -> PyResult<()> {
     let launches = Launches {
         phase: phase.as_slice()?,
@@ -271,7 +272,7 @@ pub fn orbits(
     scatter: f64,
     seed: u64,
     tones: Option<Tones>,
-    threads: Option<usize>,
+    threads: Option<NonZero<usize>>,
 ) -> PyResult<()> {
     let launches = Launches {
         phase: phase.as_slice()?,

@@ -1,6 +1,7 @@
 //! Bands, doublings, gear, basins, diagrams, capture, exponents and conveying speed.
 
 use std::f64::consts::TAU;
+use std::num::NonZero;
 use std::task::Poll;
 
 use kband::feeder::{Restitution, STANDARD_GRAVITY, Track, TrackSettings};
@@ -81,8 +82,8 @@ pub fn doublings(
     }))
 }
 
-/// Drive periods that runs of gear take together at most: a tenth of a second.
-const TASK_PERIODS: f64 = 1e6;
+/// Drive periods that runs of gear take together at most, between two looks for Ctrl-C.
+const TASK_PERIODS: f64 = 1e5;
 
 /// Share of time in gear of each part at each k, and mean time to a loss in drive periods, all
 /// parts together, infinite where none was lost.
@@ -98,7 +99,7 @@ pub fn gear_shares(
     runs: usize,
     periods: f64,
     seed: u64,
-    threads: Option<usize>,
+    threads: Option<NonZero<usize>>,
 ) -> PyResult<Vec<(Vec<f64>, f64)>> {
     let wave = wave(tones)?;
     let shape = [k.len()];
@@ -182,7 +183,7 @@ pub fn basins(
     side: usize,
     top: f64,
     impacts: usize,
-    threads: Option<usize>,
+    threads: Option<NonZero<usize>>,
 ) -> PyResult<Basins> {
     Map::state(0.0, top).map_err(Refused::from)?;
     let endings = py
@@ -222,7 +223,7 @@ pub fn diagram(
     restitution: f64,
     settle: usize,
     impacts: usize,
-    threads: Option<usize>,
+    threads: Option<NonZero<usize>>,
 ) -> PyResult<Vec<(Vec<f64>, Vec<f64>)>> {
     let shape = [k.len()];
     work::map(py, &shape, k.len(), threads, |n, stop| {
@@ -327,7 +328,7 @@ pub fn exponents(
     impacts: u32,
     scatter: f64,
     seed: u64,
-    threads: Option<usize>,
+    threads: Option<NonZero<usize>>,
 ) -> PyResult<Vec<Exponents>> {
     let settings = ExponentSettings { settle, impacts };
     let shape = [k.len()];
@@ -373,7 +374,7 @@ pub fn transport_speeds(
     settle: u64,
     impacts: u64,
     tones: Option<Tones>,
-    threads: Option<usize>,
+    threads: Option<NonZero<usize>>,
 ) -> PyResult<Vec<(f64, f64, &'static str)>> {
     let [frequency, incline, amplitude_ratio, phase_lead] = track;
     let track = Track::build(TrackSettings {

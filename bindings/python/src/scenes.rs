@@ -216,11 +216,6 @@ impl Loop {
 
     /// Runs drive cycles; what the last of them shows.
     fn cycle<'py>(&mut self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyDict>> {
-        if count == 0 {
-            return Err(PyValueError::new_err(
-                "count = 0 is refused; accepted: from 1",
-            ));
-        }
         let engine = self.engine();
         py.detach(|| {
             let mut look = Look::new();

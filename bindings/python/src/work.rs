@@ -33,13 +33,11 @@ pub fn map<T: Send + Sync>(
     py: Python<'_>,
     shape: &[usize],
     count: usize,
-    threads: Option<usize>,
+    threads: Option<NonZero<usize>>,
     work: impl Fn(usize, &Stop) -> Result<T, Refused> + Sync + Send,
 ) -> PyResult<Vec<T>> {
-    let threads = threads.map_or_else(
-        || thread::available_parallelism().map_or(1, NonZero::get),
-        |threads| threads.max(1),
-    );
+    let threads = threads.or_else(|| thread::available_parallelism().ok());
+    let threads = threads.map_or(1, NonZero::get);
     let results: Vec<OnceLock<T>> = (0..count).map(|_| OnceLock::new()).collect();
     let (next, stop) = (AtomicUsize::new(0), Stop(AtomicBool::new(false)));
     let refused: Mutex<Option<(usize, Refused)>> = Mutex::new(None);

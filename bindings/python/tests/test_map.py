@@ -38,6 +38,10 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
         other = kband.impact_map(*given, threads=threads)
         np.testing.assert_array_equal(one.phase, other.phase)
         np.testing.assert_array_equal(one.speed, other.speed)
+    with pytest.raises(ValueError, match="threads = 0 is refused"):
+        kband.impact_map(*given, threads=0)
+    with pytest.raises(ValueError, match="seed = -1 is refused"):
+        kband.orbits(*given, impacts=1, seed=-1)
     few = [column[:50] for column in given]
     first = kband.orbits(*few, impacts=300, scatter=0.05, seed=3, threads=1)
     second = kband.orbits(*few, impacts=300, scatter=0.05, seed=3, threads=3)

@@ -17,6 +17,8 @@ def test_bands_have_their_closed_forms() -> None:
     assert wider is not None and wider.high - wider.low > band.high - band.low
     with pytest.raises(ValueError, match="accepted"):
         kband.band(1.2)
+    with pytest.raises(ValueError, match="order = 0 is refused; accepted: 1..100"):
+        kband.band(0.2, order=0)
     with pytest.raises(ValueError, match="3 tones are refused"):
         kband.band(0.2, tones=[(0.1, 0.0)] * 3)
 

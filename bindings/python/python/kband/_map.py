@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _kband
+from ._accept import accept, accept_run
 from ._results import Array, Impacts, Orbits, provenance
 
 Tones = Sequence[tuple[float, float]]
@@ -55,11 +56,12 @@ def impact_map(
     tones: second and third tone of the track, each (e, th): the track moves as
         sin t + e sin(2 t + th) + e3 sin(3 t + th3).
     out: arrays of float64 for phase and speed, of the broadcast shape; they may be the arguments.
-    threads: number of threads, by default one for each core. The bits are the same for any number.
+    threads: number of threads, 1..1024, by default one for each core. The bits are the same for any number.
 
     The arguments broadcast. Raises ValueError with index, value and accepted range; `out` then
     holds no result.
     """
+    accept_run(threads=threads)
     (phases, speeds, ks, restitutions), shape = columns(phase, speed, k, restitution)
     given = (phases, speeds, ks, restitutions)
     if out is None:
@@ -113,8 +115,8 @@ def orbits(
     scatter: standard deviation of the restitution from impact to impact (s), 0..0.3.
     seed: seed of the scatter; each orbit has a stream of its own.
     """
-    if impacts < 1:
-        raise ValueError(f"impacts = {impacts} is refused; accepted: from 1")
+    accept_run(seed, threads)
+    accept(1, 1e12, impacts=impacts)
     (phases, speeds, ks, restitutions), shape = columns(phase, speed, k, restitution)
     whole = (*shape, impacts)
     came = provenance("orbits", impacts=impacts, scatter=scatter, seed=seed, tones=packed(tones))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _kband
+from ._accept import accept, accept_run
 from ._map import Tones, packed
 from ._results import (
     Band,
@@ -32,13 +33,6 @@ def _lot(restitution: Lot) -> tuple[float, float]:
     return float(restitution), float(restitution)
 
 
-def _accept(low: float, high: float, **values: float) -> None:
-    """Refuses values out of range."""
-    for name, value in values.items():
-        if not low <= value <= high:
-            raise ValueError(f"{name} = {value} is refused; accepted: {low}..{high}")
-
-
 def _values(k: ArrayLike) -> tuple[list[float], tuple[int, ...]]:
     """The values of k in a row, and their shape."""
     array = np.asarray(k, dtype=np.float64)
@@ -52,6 +46,7 @@ def band(restitution: Lot, *, order: int = 1, tones: Tones | None = None) -> Ban
     order: drive periods in a flight (r), 1..100.
     tones: second and third tone of the track, each (e, th in rad).
     """
+    accept_run(order=order)
     found = _kband.band(_lot(restitution), order, packed(tones))
     if found is None:
         return None
@@ -64,8 +59,10 @@ def doublings(
 ) -> Doublings | None:
     """The period doublings of a lock; None where no band of these tones ends in a flip.
 
-    count: number of doublings, 1..20.
+    count: number of doublings, 1..10.
     """
+    accept_run(order=order)
+    accept(1, 10, count=count)
     found = _kband.doublings(restitution, order, count, packed(tones))
     if found is None:
         return None
@@ -96,12 +93,13 @@ def gear_share(
     scatter: standard deviation of the restitution from impact to impact (s), 0..0.3.
     parts: restitutions of a lot that are tried, its ends among them.
     runs: runs of each part.
-    periods: drive periods of a run, 40..1000000; the last three quarters count.
+    periods: drive periods of a run, 40..100000; the last three quarters count.
     seed: seed of the scatter. The bits are the same for any number of threads.
     """
     low, high = _lot(restitution)
-    _accept(1, 1_000_000, parts=parts, runs=runs)
-    _accept(40, 1_000_000, periods=periods)
+    accept_run(seed, threads, order)
+    accept(1, 1_000_000, parts=parts, runs=runs)
+    accept(40, 100_000, periods=periods)
     restitutions = [low] if low == high else np.linspace(low, high, parts).tolist()
     values, shape = _values(k)
     found = _kband.gear_shares(
@@ -144,6 +142,7 @@ def gear_plan(
         0.01 there is no such tone.
     amplitude_error: largest relative error of the amplitude, 0..0.2.
     """
+    accept_run(order=order)
     found = _kband.gear_plan(_lot(restitution), scatter, order, k, max_tones, amplitude_error)
     if found is None:
         return None
@@ -175,8 +174,9 @@ def basins(
     impacts: impacts after which an orbit is given up that neither closed nor rested,
         100..1000000.
     """
-    _accept(1, 10_000, side=side)
-    _accept(100, 1_000_000, impacts=impacts)
+    accept_run(threads=threads)
+    accept(1, 10_000, side=side)
+    accept(100, 1_000_000, impacts=impacts)
     names, numbers, from_rest = _kband.basins(k, restitution, side, top, impacts, threads)
     regimes = np.array(numbers, dtype=np.uint16).reshape(side, side)
     middles = (np.arange(side) + 0.5) / side
@@ -198,8 +198,9 @@ def diagram(
 ) -> Diagram:
     """The impacts of a part from rest at each k, after `settle` others."""
     values, _ = _values(k)
-    _accept(1, 1e9, impacts=impacts)
-    _accept(0, 1e15, settle=settle)
+    accept_run(threads=threads)
+    accept(1, 1e9, impacts=impacts)
+    accept(0, 1e15, settle=settle)
     rows = _kband.diagram(values, restitution, settle, impacts, threads)
     phases, speeds = (np.array([row[n] for row in rows]).reshape(-1, impacts) for n in (0, 1))
     came = provenance("diagram", restitution=restitution, impacts=impacts, settle=settle)
@@ -228,10 +229,11 @@ def transport(
     frequency: Hz. incline: degrees, positive where parts climb.
     amplitude_ratio: amplitude along the track over that normal to it (eta).
     phase_lead: lead of the motion along the track in degrees (gamma).
-    impacts, settle: impacts that count and those before them, 1..2000000.
+    impacts, settle: impacts that count and those before them, 1..250000.
     """
     values, shape = _values(k)
-    _accept(1, 2_000_000, impacts=impacts, settle=settle)
+    accept_run(threads=threads)
+    accept(1, 250_000, impacts=impacts, settle=settle)
     if friction is None:
         along: float | tuple[float, float] = tangential_restitution
     elif isinstance(friction, Sequence):
@@ -275,8 +277,10 @@ def capture(
     k: target, by default the k of the band with the largest margin.
     time_constant: of the drive's amplitude in drive cycles.
     limit: highest amplitude over that of the target.
-    effort: impacts that the search may simulate.
+    effort: impacts that the search may simulate, 1000..1000000000.
     """
+    accept_run(order=order)
+    accept(1000, 1_000_000_000, effort=effort)
     lot = _lot(restitution)
     target, kicks, share = _kband.capture_plan(
         lot, order, k, time_constant, limit, amplitude_error, effort
@@ -306,10 +310,11 @@ def exponents(
 ) -> Exponents:
     """The largest Lyapunov exponent at each k, of the orbit that begins beside the lock.
 
-    impacts, settle: impacts that count and those before them, 1..2000000.
+    impacts, settle: impacts that count and those before them, 1..250000.
     """
     values, shape = _values(k)
-    _accept(1, 2_000_000, impacts=impacts, settle=settle)
+    accept_run(seed, threads, order)
+    accept(1, 250_000, impacts=impacts, settle=settle)
     found = _kband.exponents(values, restitution, order, settle, impacts, scatter, seed, threads)
     rows = np.array([[*impact, *cycle, flight] for impact, cycle, flight, _ in found])
     impact, impact_error, cycle, cycle_error, flight = rows.reshape(-1, 5).T

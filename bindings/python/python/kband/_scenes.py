@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from . import _kband
+from ._accept import accept
 from ._results import Impact, Moment, Outcome, Report, Sampled, Trace, provenance
 
 Scene = str | PathLike[str] | Mapping[str, Any]
@@ -61,6 +62,7 @@ class Loop:
 
     def cycle(self, count: int = 1) -> Moment:
         """Runs drive cycles; the end of the last of them."""
+        accept(1, 1e15, count=count)
         shown = self._loop.cycle(count)
         names = Moment._fields[:-1]
         return Moment(**{name: shown[name] for name in names}, report=_report(shown))
@@ -87,6 +89,7 @@ class Plant:
 
     def hold(self, output: float, step: int) -> None:
         """Holds an output (-1..1) until the next sample; `step` advances the drive's phase."""
+        accept(0, 2**32 - 1, step=step)
         self._plant.hold(output, step)
 
     @property
@@ -124,6 +127,7 @@ class Controller:
 
     def sample(self, code: int, current: int = 0) -> Sampled:
         """Takes the converter's codes of a sample (0..65535); gives the output until the next."""
+        accept(0, 65_535, code=code, current=current)
         return Sampled(*self._controller.sample(code, current))
 
     def cycle(self, inputs: Mapping[str, bool]) -> Report:
