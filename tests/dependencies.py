@@ -49,6 +49,7 @@ class Licence:
 
 def findings(packages, rules):
     """One line for each package that the rules do not permit."""
+    exceptions = {each["crate"]: each["allow"] for each in rules["licenses"].get("exceptions", [])}
     registries = {f"registry+{url}" for url in rules["sources"]["allow-registry"]}
     versions = collections.defaultdict(list)
     for package in packages:
@@ -59,7 +60,8 @@ def findings(packages, rules):
         if package["source"] not in registries:
             yield f"{name}: source {package['source']}; allowed: {', '.join(registries)}"
         licence = package["license"] or "none"
-        if not Licence(licence, rules["licenses"]["allow"]).any():
+        allowed = rules["licenses"]["allow"] + exceptions.get(package["name"], [])
+        if not Licence(licence, allowed).any():
             yield f"{name}: licence {licence} is not in [licenses] allow"
     skipped = {skip["crate"] for skip in rules["bans"]["skip"]}
     for names in versions.values():
@@ -67,6 +69,8 @@ def findings(packages, rules):
         if len(extra) > 1:
             yield f"{' and '.join(extra)}: two versions; update, or give the reason in [bans] skip"
     doubled = {name for names in versions.values() if len(names) > 1 for name in names}
+    for name in sorted(exceptions.keys() - versions.keys()):
+        yield f"{name}: there is no such package; remove it from [licenses] exceptions"
     for name in sorted(skipped - doubled):
         yield f"{name}: it has no second version; remove it from [bans] skip"
 

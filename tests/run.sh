@@ -64,7 +64,7 @@ trap stop INT TERM HUP
 closing_lines() {
     awk '/^     Running |^   Doc-tests / { name = $NF; gsub(/.*\/|-[0-9a-f]+\)$/, "", name) }
         /^test result:/ && !/ 0 passed; 0 failed; 0 ignored/ { print "   " name ": " $0 }
-        /^setup: ready|KiB of flash|instructions a (sample|cycle)|stack [0-9]+ of|^panics left|^dependencies: |^fuzz: |^flood: |^mutants: |^capture plan|^instructions .* orbits |^every impact of|launches of seed [0-9]+, none missed/ { print "   " $0 }' "$1"
+        /^setup: ready|KiB of flash|instructions a (sample|cycle)|stack [0-9]+ of|^panics left|^dependencies: |^fuzz: |^flood: |^mutants: |^capture plan|^instructions .* orbits |^every impact of|launches of seed [0-9]+, none missed|^[0-9]+ passed.* in [0-9.]+s/ { print "   " $0 }' "$1"
 }
 
 # step NAME LIMIT COMMAND...: LIMIT in seconds.
@@ -187,7 +187,7 @@ if [ "${1:-}" = --features ]; then
 fi
 
 step "format" 60 cargo fmt --all --check
-step "clippy for the desk" 1200 cargo clippy --locked --workspace --all-targets -- -D warnings
+step "clippy for the desk" 1200 cargo clippy --locked --workspace --exclude kband-python --all-targets -- -D warnings
 # Profile and folder of the images: their build scripts and macros are then compiled once for both.
 step "clippy for the target" 1200 $cross clippy --config firmware/image.toml --locked --profile firmware --target $thumb \
     --target-dir "$target/emulated" --package kband-firmware --package kband-emulated -- -D warnings
@@ -208,5 +208,7 @@ step "test builds" 1200 cargo test --locked --no-run
 step "unit tests" 600 cargo test --locked --no-fail-fast --lib --bins --examples
 step "doc tests" 600 cargo test --locked --no-fail-fast --doc
 step "integration and emulated tests" 1200 tests/programs.py
-RUSTDOCFLAGS=-Dwarnings step "documentation" 600 cargo doc --locked --workspace --no-deps --lib
+step "C interface" 600 cargo test --locked --no-fail-fast --package kband-c
+step "Python package" 900 bindings/python/test.sh
+RUSTDOCFLAGS=-Dwarnings step "documentation" 600 cargo doc --locked --workspace --exclude kband-python --no-deps --lib
 finish

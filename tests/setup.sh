@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Brings what the tests need onto a Debian machine with rustup: the thumb targets, QEMU 9.2 or newer,
-# Chromium with its driver, and the Modbus masters mbpoll and pymodbus. Safe to repeat; where all is there it only looks, in about a second.
+# Chromium with its driver, gcc, valgrind, mbpoll, and Python packages in a folder of their own below
+# target. Safe to repeat; where all is there it only looks, in about a second.
 #
 #   tests/setup.sh            install what is missing
 #   tests/setup.sh --check    install nothing; exit status 1 and one line where something is missing
@@ -90,18 +91,35 @@ install_browser() {
     [ -n "${sources:-}" ] || debian_sources || return 1
     apt_get 900 install --no-install-recommends chromium chromium-driver
 }
-# pymodbus comes into the build's folder: Debian's Python takes no packages of others.
-clients=${CARGO_TARGET_DIR:-target}/clients
-install_masters() {
-    say "installing mbpoll with apt, pymodbus with pip"
-    [ -n "${sources:-}" ] || debian_sources || return 1
-    apt_get 300 install --no-install-recommends mbpoll python3-pip || return 1
-    timeout --kill-after=20 300 python3 -m pip install --quiet --break-system-packages --target "$clients" 'pymodbus[serial]==3.16.1'
-}
-masters_are_there() {
-    command -v mbpoll >/dev/null && PYTHONPATH=$clients timeout 20 python3 -c 'import pymodbus, serial' 2>/dev/null
-}
 browser_is_there() { command -v chromedriver >/dev/null && command -v chromium >/dev/null; }
+
+# A compiler and a memory checker for the C interface, and a Modbus master.
+install_tools() {
+    say "installing gcc, valgrind and mbpoll with apt"
+    [ -n "${sources:-}" ] || debian_sources || return 1
+    apt_get 600 install --no-install-recommends gcc libc6-dev valgrind mbpoll
+}
+tools_are_there() {
+    local tool
+    for tool in gcc nm valgrind mbpoll; do command -v "$tool" >/dev/null || return 1; done
+}
+
+# Python packages: the copy of the list beside them tells that they are all there.
+python_packages=tests/requirements.txt
+venv=${CARGO_TARGET_DIR:-target}/python/venv
+python_is_there() { cmp -s "$python_packages" "$venv/requirements.txt"; }
+install_python() {
+    say "installing Python packages with pip"
+    if ! timeout 60 python3 -c 'import ensurepip' 2>/dev/null; then
+        [ -n "${sources:-}" ] || debian_sources || return 1
+        apt_get 600 install --no-install-recommends python3 python3-venv || return 1
+    fi
+    rm -rf "$venv"
+    timeout --kill-after=10 120 python3 -m venv "$venv" &&
+        timeout --kill-after=10 600 "$venv/bin/pip" install --quiet --disable-pip-version-check \
+            --retries 3 --timeout 20 --requirement "$python_packages" &&
+        cp "$python_packages" "$venv/requirements.txt"
+}
 
 # Where rustup cannot download: Debian's compiler builds core and alloc for the targets from
 # Debian's source package, once, and rustup gets to know it under a name of its own.
@@ -137,7 +155,8 @@ if [ "${1:-}" = --check ]; then
     [ -z "$missing" ] || give_up "no Rust target ${missing% }; run tests/setup.sh"
     emulator_is_new_enough || give_up "no QEMU $wanted or newer (qemu-system-arm); run tests/setup.sh"
     browser_is_there || give_up "no chromium and chromedriver; run tests/setup.sh"
-    masters_are_there || give_up "no mbpoll or no pymodbus; run tests/setup.sh"
+    tools_are_there || give_up "no gcc, nm, valgrind or mbpoll; run tests/setup.sh"
+    python_is_there || give_up "no Python packages in $venv; run tests/setup.sh"
     exit 0
 fi
 
@@ -157,5 +176,6 @@ fi
 emulator_is_new_enough || install_emulator || give_up "QEMU could not be installed; it is the package qemu-system-arm, $wanted or newer"
 emulator_is_new_enough || give_up "QEMU is $(emulator_version), older than $wanted"
 browser_is_there || install_browser || give_up "Chromium could not be installed; it is the packages chromium and chromium-driver"
-masters_are_there || install_masters || give_up "mbpoll and pymodbus could not be installed"
-say "ready: ${targets[*]}, QEMU $(emulator_version), Chromium, mbpoll, pymodbus"
+tools_are_there || install_tools || give_up "gcc, valgrind and mbpoll could not be installed"
+python_is_there || install_python || give_up "the packages of $python_packages could not be installed"
+say "ready: ${targets[*]}, QEMU $(emulator_version), Chromium, gcc, valgrind, mbpoll, Python packages"

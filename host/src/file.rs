@@ -289,17 +289,6 @@ pub fn read(path: &Path, next: &str) -> Result<Vec<u8>, Refusal> {
     Ok(bytes)
 }
 
-/// The table that a text holds; refused with the line that is not TOML, and what to do about it.
-pub fn toml(text: &str, next_step: &str) -> Result<toml::Table, Refusal> {
-    text.parse().map_err(|error: toml::de::Error| {
-        let line = error.span().map_or(1, |span| {
-            text[..span.start.min(text.len())].matches('\n').count() + 1
-        });
-        let message = error.message().replace('\n', " ");
-        Refusal::new(format!("line {line} is not TOML: {message}"), next_step)
-    })
-}
-
 /// Reads a text file whole.
 pub fn read_text(path: &Path) -> Result<String, Refusal> {
     let text = fs::read_to_string(source(path))

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """pymodbus as the master of a board: reads, runs it to a target, changes the target, stops it.
 
-    PYTHONPATH=target/clients tests/clients/board.py TERMINAL UNIT
+    target/python/venv/bin/python3 tests/clients/board.py TERMINAL UNIT
 """
 
 import sys

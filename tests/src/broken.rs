@@ -6,8 +6,8 @@
 use kband_control::{
     Controller, Cycle, PLAN_SLICES, Report, SAMPLE_RATE, Signal, StartCause, State, Target,
 };
-use kband_host::simulate::{Outcome, SceneFile};
 use kband_plant::{Bench, Change, Moment, Scene};
+use kband_scene::{Outcome, SceneFile, Watch};
 
 /// The injected fault.
 #[derive(Clone, Copy, Debug)]
@@ -160,9 +160,10 @@ impl Broken {
 /// Where the scene is refused.
 pub fn run(file: &SceneFile, how: Break) -> Outcome {
     let mut closed = Broken::build(&file.scene, how);
-    Outcome::of(file, || {
+    let cycle = || {
         let moment = closed.cycle();
-        (moment, closed.bench.plant().strikes().to_vec())
-    })
-    .unwrap_or_else(|refusal| panic!("{refusal}"))
+        Ok((moment, closed.bench.plant().strikes().to_vec()))
+    };
+    Outcome::of(file, cycle, Watch::KEPT, &mut |_| Ok(()))
+        .unwrap_or_else(|refusal| panic!("{refusal}"))
 }

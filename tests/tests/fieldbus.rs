@@ -311,11 +311,11 @@ fn pymodbus_reads_and_runs_the_board() {
     let (folder, _) = commissioned(&image, 1.0);
     let board = Board::start(&image, &folder.path().join("board.flash"));
     let root = kband_tests::root();
-    let said = run(Command::new("python3")
+    let python = images::target_folder().join("python/venv/bin/python3");
+    let said = run(Command::new(python)
         .arg(root.join("tests/clients/board.py"))
         .arg(&board.terminal)
-        .arg(UNIT.to_string())
-        .env("PYTHONPATH", root.join("target/clients")));
+        .arg(UNIT.to_string()));
     println!("{said}");
     assert!(said.starts_with("pymodbus: held"), "{said}");
 }

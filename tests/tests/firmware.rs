@@ -9,7 +9,7 @@ use kband_control::wire::{
 use kband_control::{Event, Fault, Settings, StartCause, Target};
 use kband_firmware::trial::{self, Trial};
 use kband_host::board::{Address, Emulated, Link};
-use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch};
+use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch, run_on, watched};
 use kband_plant::{ClosedLoop, Moment, Scene};
 use kband_tests::desk::Desk;
 use kband_tests::emulator::{self, Clock, Machine, Options, Output};
@@ -357,8 +357,8 @@ fn on_the_emulated_cpu(file: &SceneFile) -> Outcome {
     let link = Address::of("qemu", Some(&image))
         .open(Emulated::AtRest)
         .unwrap();
-    let emulated = Outcome::run_on(link, file, Watch::KEPT, &desk).unwrap();
-    let simulated = Outcome::watched(file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
+    let emulated = run_on(link, file, Watch::KEPT, &desk).unwrap();
+    let simulated = watched(file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
     for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
         assert_eq!(a, b);
     }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use kband_control::{Event, Fault, Target};
 use kband_host::board::{Address, Emulated};
 use kband_host::desk::Desk;
-use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch};
+use kband_host::simulate::{DEFAULT, Fidelity, SceneFile, Watch, run_on, watched};
 use kband_plant::{Change, Disturbance};
 use kband_tests::emulator::Machine;
 use kband_tests::images;
@@ -36,8 +36,8 @@ fn a_capture_over_a_serial_port_has_the_bits_of_the_desk() {
     let line = Address::of(&board.port().display().to_string(), None)
         .open(Emulated::AtRest)
         .unwrap();
-    let emulated = Outcome::run_on(line, &file, Watch::KEPT, &desk).unwrap();
-    let simulated = Outcome::watched(&file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
+    let emulated = run_on(line, &file, Watch::KEPT, &desk).unwrap();
+    let simulated = watched(&file, Fidelity::Waveform, Watch::KEPT, &desk).unwrap();
     assert_eq!(emulated.moments().len(), 145);
     for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
         assert_eq!(a, b);

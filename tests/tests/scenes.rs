@@ -2,7 +2,7 @@
 
 use kband_control::Event;
 use kband_host::desk::Desk;
-use kband_host::simulate::{Fidelity, Outcome, SceneFile, Watch};
+use kband_host::simulate::{Fidelity, Outcome, SceneFile, Watch, watched};
 use kband_plant::Moment;
 
 fn run(name: &str) {
@@ -14,7 +14,7 @@ fn run(name: &str) {
     let file = SceneFile::parse(&text).unwrap_or_else(|refusal| panic!("{refusal}"));
     let desk = Desk::new(Some(1)).unwrap();
     let come_to = |fidelity: Fidelity| {
-        let outcome = Outcome::watched(&file, fidelity, Watch::KEPT, &desk)
+        let outcome = watched(&file, fidelity, Watch::KEPT, &desk)
             .unwrap_or_else(|refusal| panic!("{refusal}"));
         let unmet = outcome
             .unmet()

@@ -1,34 +1,23 @@
-//! Scenes at the desk: read, run, drawn and judged.
+//! Scenes at the desk: run with progress, drawn, and varied.
 //!
-//! A file of these uses those before it only: fields, section; timeline; engine; parts, expect,
-//! scene; record, outcome; unmet, picture, trace, runs, axes, sweep, schema.
+//! A file of these uses those before it only: run; picture, trace, runs, axes, sweep, schema.
 
 pub mod axes;
-mod engine;
-mod expect;
-mod fields;
-mod outcome;
-mod parts;
 mod picture;
-mod record;
+mod run;
 pub mod runs;
-mod scene;
 pub mod schema;
-mod section;
 pub mod sweep;
-mod timeline;
 pub mod trace;
-mod unmet;
 
 /// Amplitude in m up to which a track counts as at rest: it has no k.
 pub const RESTING_AMPLITUDE: f64 = 1e-6;
 
-pub use engine::{Fidelity, Lot};
-pub use expect::Expectation;
-pub use outcome::{Outcome, words};
-pub use parts::{Distribution, Kin, kin};
+pub use kband_scene::{
+    DEFAULT, Distribution, Expectation, Fidelity, Happened, Kin, Lot, Outcome, Record, SETTLED,
+    SceneFile, Sketch, Struck, Take, Watch, at_line, describe, kin, table as scene_table,
+    within_reach, words,
+};
 pub use picture::{STATE_FILLS, draw, state_fill};
-pub use record::{Happened, Record, SETTLED, Sketch, Struck, Take, Watch};
+pub use run::{run, run_on, watched};
 pub use runs::Runs;
-pub use scene::{DEFAULT, SceneFile, at_line, table as scene_table, within_reach};
-pub use timeline::describe;

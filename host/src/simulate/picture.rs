@@ -2,11 +2,8 @@
 
 use kband_control::{Event, State, Target};
 use kband_plant::PARTS;
+use kband_scene::{Outcome, Sketch, Struck, describe, kin};
 
-use super::outcome::Outcome;
-use super::parts::kin;
-use super::record::{Sketch, Struck};
-use super::timeline::describe;
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 
 /// Most impacts that are drawn.

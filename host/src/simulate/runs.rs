@@ -3,10 +3,8 @@
 use kband::arithmetic::Noise;
 use kband_control::{State, Target};
 
-use super::engine::Fidelity;
-use super::outcome::Outcome;
-use super::parts::Distribution;
-use super::scene::SceneFile;
+use kband_scene::{Distribution, Fidelity, Outcome, SceneFile, Watch};
+
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
@@ -198,7 +196,7 @@ pub(super) fn drawn(file: &SceneFile, n: u64) -> SceneFile {
 /// Runs a scene and keeps what it came to.
 pub(super) fn one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> {
     // Nothing of a single run may print or stop by itself: the desk stops between runs.
-    let outcome = Outcome::simulate(file, fidelity)?;
+    let outcome = Outcome::run(file, fidelity, Watch::default(), &mut |_| Ok(()))?;
     let last = outcome.last();
     let wanted = wanted(file.scene.target);
     let regime = outcome.regime();

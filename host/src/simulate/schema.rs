@@ -2,12 +2,12 @@
 
 use kband_control::{Event, Fault, Key, Limits, Settings, State};
 use kband_plant::{DISTURBANCES, PARTS};
+use kband_scene::fields::{
+    CHANGES, CONTROLLER, FLAGS, Field, MASS, OUTPUT_MINIMUM, PLANT, SCATTER, SECTIONS, SENSOR,
+    SENSOR_SETTINGS,
+};
+use kband_scene::{DEFAULT_DURATION, DEFAULT_PART_LENGTH, Fidelity};
 use serde_json::{Map, Value, json};
-
-use super::engine::Fidelity;
-use super::fields::{CHANGES, FLAGS, Field, MASS, PLANT, SCATTER, SENSOR};
-use super::fields::{CONTROLLER, OUTPUT_MINIMUM, SECTIONS, SENSOR_SETTINGS};
-use super::scene::{DEFAULT_DURATION, DEFAULT_PART_LENGTH};
 
 /// Where editors find it, as far as they ask.
 const DIALECT: &str = "http://json-schema.org/draft-07/schema#";

@@ -1,11 +1,10 @@
 //! One scene over values of its keys, each many times.
 
+use kband_scene::{Fidelity, SceneFile};
 use toml::Table;
 
 use super::axes::{Axes, set};
-use super::engine::Fidelity;
 use super::runs::{self, Run, Runs};
-use super::scene::SceneFile;
 use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture, Unit};
 use crate::refusal::Refusal;
@@ -296,8 +295,8 @@ fn most<'a>(words: impl Iterator<Item = &'a str>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::DEFAULT;
-    use super::super::scene::table;
+    use kband_scene::{DEFAULT, table};
+
     use super::*;
 
     fn sweep(axes: &[&str], count: usize) -> Result<Sweep, Refusal> {

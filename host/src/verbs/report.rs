@@ -14,8 +14,7 @@ use crate::page::{self, Page};
 use crate::provenance;
 use crate::refusal::{Exit, Refusal};
 use crate::report::number;
-use crate::simulate::schema;
-use crate::simulate::{DEFAULT, Outcome, SceneFile, at_line, scene_table};
+use crate::simulate::{self, DEFAULT, Outcome, SceneFile, at_line, scene_table, schema};
 use data::Feeder;
 
 /// One self-contained page for the browser: bands, gear, basins, speed and a run of one feeder,
@@ -84,7 +83,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             "change the ending",
         ));
     }
-    let outcome = Outcome::run(&scene, desk)?;
+    let outcome = simulate::run(&scene, desk)?;
     let feeder = Feeder::of(&outcome)?;
     let written = toml::to_string(&table).unwrap_or_default();
     let page = page(&feeder, &outcome, &written, desk)?;

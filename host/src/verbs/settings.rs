@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use kband_control::wire::Request;
+use kband_scene::toml_table;
 
 use self::upper_tone::Upper;
 use crate::arguments;
@@ -321,7 +322,7 @@ impl Imported {
 
     /// The settings of a text: a key and a number each.
     pub fn parse(text: &str) -> Result<Self, Refusal> {
-        let table = file::toml(
+        let table = toml_table(
             text,
             "correct this line; kband settings export shows a whole file",
         )?;

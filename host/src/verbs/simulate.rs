@@ -20,8 +20,8 @@ use crate::report::{self, Format, Printout, Table};
 use crate::simulate::axes::Axes;
 use crate::simulate::sweep::Sweep;
 use crate::simulate::{
-    DEFAULT, Fidelity, Outcome, Runs, SceneFile, Watch, at_line, draw, runs, scene_table, schema,
-    trace,
+    DEFAULT, Fidelity, Outcome, Runs, SceneFile, Watch, at_line, draw, run_on, runs, scene_table,
+    schema, trace, watched,
 };
 
 /// The firmware's control loop against the impact map, for one scene [the default verb].
@@ -295,9 +295,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
                 Some(on) => {
                     let line =
                         Address::of(on, arguments.image.as_deref()).open(Emulated::AtRest)?;
-                    Outcome::run_on(line, &file, watch, desk)
+                    run_on(line, &file, watch, desk)
                 }
-                None => Outcome::watched(&file, fidelity, watch, desk),
+                None => watched(&file, fidelity, watch, desk),
             }
         })
     })?;

@@ -262,7 +262,7 @@ fn compiles_for(toolchain: &[&str], target: &str) -> bool {
         })
 }
 
-fn target_folder() -> PathBuf {
+pub fn target_folder() -> PathBuf {
     let shared = std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from);
     root().join(shared).join("emulated")
 }

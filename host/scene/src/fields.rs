@@ -143,7 +143,7 @@ flags! {
 }
 
 /// A key of `[drive]` that older scenes have. It set a lower bound of the output, and has no effect.
-pub(super) const OUTPUT_MINIMUM: Field = field(
+pub const OUTPUT_MINIMUM: Field = field(
     "output_minimum",
     [0.0, 0.5],
     "",
@@ -151,7 +151,7 @@ pub(super) const OUTPUT_MINIMUM: Field = field(
 );
 
 /// Settings that a section of a scene file carries, the first `required` of them required.
-pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
+pub const SECTIONS: [(&str, &[&str], usize); 2] = [
     (
         "track",
         &[
@@ -191,7 +191,7 @@ pub(super) const SECTIONS: [(&str, &[&str], usize); 2] = [
 ];
 
 /// Settings in `[sensor]`.
-pub(super) const SENSOR_SETTINGS: [&str; 5] = [
+pub const SENSOR_SETTINGS: [&str; 5] = [
     "sensitivity",
     "sensor_zero",
     "sensor_rest",
@@ -200,7 +200,7 @@ pub(super) const SENSOR_SETTINGS: [&str; 5] = [
 ];
 
 /// Settings in `[controller]`.
-pub(super) const CONTROLLER: [&str; 8] = [
+pub const CONTROLLER: [&str; 8] = [
     "soft_start",
     "soft_stop",
     "envelope",
@@ -212,7 +212,7 @@ pub(super) const CONTROLLER: [&str; 8] = [
 ];
 
 /// The table of a scene in which a key belongs.
-pub(super) fn belongs(key: &str) -> Option<&'static str> {
+pub(crate) fn belongs(key: &str) -> Option<&'static str> {
     let sections = SECTIONS.into_iter().map(|(name, keys, _)| (name, keys));
     let others: [(&str, &[&str]); 2] = [("sensor", &SENSOR_SETTINGS), ("controller", &CONTROLLER)];
     let mut tables = sections.chain(others);

@@ -2,7 +2,7 @@
 
 use kband_control::{Shape, Target, UpperTone};
 use kband_plant::{Change, DISTURBANCES, Disturbance, Disturbances, PARTS};
-use toml::Value;
+use toml::{Table, Value};
 
 use super::fields::{CHANGES, FLAGS};
 use super::section::{Section, number};
@@ -51,7 +51,7 @@ const KEYS: [&str; 9] = [
     "tones",
 ];
 
-pub(super) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
+pub(crate) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     let mut found = None;
     for key in KEYS {
         let Some(value) = section.take(key) else {
@@ -140,7 +140,7 @@ fn read_tones(value: &Value) -> Result<Target, String> {
     })
 }
 
-pub(super) fn read_disturbances(
+pub(crate) fn read_disturbances(
     root: &mut Section,
     duration: f32,
 ) -> Result<Disturbances, Refusal> {
@@ -167,6 +167,17 @@ pub(super) fn read_disturbances(
     }
     read.sort_by(|a, b| a.at.total_cmp(&b.at));
     Ok(read.into_iter().collect())
+}
+
+/// The change of a table such as `gain = 0.8` or `target = { k = 0.4 }`: one key of a
+/// `[[disturbance]]`, without its time.
+///
+/// # Errors
+/// A `Refusal` with the key, the value and what is accepted.
+pub fn change(mut table: Table) -> Result<Change, Refusal> {
+    table.insert("at".into(), Value::Float(0.0));
+    let mut section = Section::new("change", table);
+    Ok(read_disturbance(&mut section, 0.0)?.change)
 }
 
 fn read_disturbance(section: &mut Section, duration: f32) -> Result<Disturbance, Refusal> {

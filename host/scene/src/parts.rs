@@ -100,7 +100,7 @@ pub fn kin(restitutions: &[f32]) -> Vec<Kin> {
 const PARTS_RANDOM_STREAM: u64 = 0x7061_7274;
 
 /// Reads `part.actual` into the scene; the distribution, if it is one.
-pub(super) fn read(
+pub(crate) fn read(
     part: &Section,
     value: &Value,
     scene: &mut Scene,
@@ -131,7 +131,7 @@ pub(super) fn read(
 }
 
 /// Reads `part.friction`: one coefficient, or that of sliding and that of sticking.
-pub(super) fn read_friction(part: &Section, value: &Value) -> Result<[f32; 2], Refusal> {
+pub(crate) fn read_friction(part: &Section, value: &Value) -> Result<[f32; 2], Refusal> {
     let number = |value: &Value| number(value).map(|friction| friction as f32);
     let found = match value {
         Value::Array(pair) => match pair.as_slice() {
@@ -153,7 +153,7 @@ pub(super) fn read_friction(part: &Section, value: &Value) -> Result<[f32; 2], R
 }
 
 /// Reads `part.scatter` into the scene: one number for all parts, or one for each.
-pub(super) fn read_scatter(
+pub(crate) fn read_scatter(
     part: &Section,
     value: &Value,
     scene: &mut Scene,
@@ -184,7 +184,7 @@ pub(super) fn read_scatter(
 }
 
 /// Reads `part.mass` into the scene: one number for all parts, or one for each.
-pub(super) fn read_masses(part: &Section, value: &Value, scene: &mut Scene) -> Result<(), Refusal> {
+pub(crate) fn read_masses(part: &Section, value: &Value, scene: &mut Scene) -> Result<(), Refusal> {
     let [low, high] = MASS.range;
     let accepted = format!(
         "{low}..{high} g, or a list of one for each of the {} parts",
@@ -210,7 +210,7 @@ pub(super) fn read_masses(part: &Section, value: &Value, scene: &mut Scene) -> R
 }
 
 /// Reads `part.hopper` into the scene: how many of the parts wait in the hopper.
-pub(super) fn read_hopper(part: &Section, value: &Value, scene: &mut Scene) -> Result<(), Refusal> {
+pub(crate) fn read_hopper(part: &Section, value: &Value, scene: &mut Scene) -> Result<(), Refusal> {
     let all = scene.parts.len();
     scene.waiting = value
         .as_integer()

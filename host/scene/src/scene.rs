@@ -13,7 +13,6 @@ use super::fields::{
 use super::parts::{self, Distribution};
 use super::section::{Section, line_of};
 use super::timeline::{describe, read_disturbances, read_target};
-use crate::file;
 use crate::refusal::Refusal;
 
 /// The default scene, commented.
@@ -40,10 +39,10 @@ pub struct SceneFile {
 }
 
 /// Duration in s of a scene that gives none.
-pub(super) const DEFAULT_DURATION: f32 = 10.0;
+pub const DEFAULT_DURATION: f32 = 10.0;
 
 /// Length in mm of parts of which none is given.
-pub(super) const DEFAULT_PART_LENGTH: f32 = 15.0;
+pub const DEFAULT_PART_LENGTH: f32 = 15.0;
 
 impl SceneFile {
     /// The scene of a text; one refusal that names the key, the value, what is accepted and what to
@@ -310,7 +309,7 @@ pub fn within_reach(controller: &Controller) -> Result<(), Refusal> {
 
 /// What to do about a drive that runs so far beside its resonance that a tenth of its amplitude
 /// there is left.
-pub(super) fn beside_resonance(settings: &Settings) -> Option<String> {
+pub(crate) fn beside_resonance(settings: &Settings) -> Option<String> {
     let x = f64::from(settings.frequency / settings.resonance);
     let q = f64::from(settings.quality);
     let answer = 1.0 / (q * (1.0 - x * x).hypot(x / q));
@@ -344,9 +343,20 @@ fn configured_scatter(parts: &[f32]) -> f32 {
     }
 }
 
+/// The table that a text holds; refused with the line that is not TOML, and what to do about it.
+pub fn toml_table(text: &str, next_step: &str) -> Result<toml::Table, Refusal> {
+    text.parse().map_err(|error: toml::de::Error| {
+        let line = error.span().map_or(1, |span| {
+            text[..span.start.min(text.len())].matches('\n').count() + 1
+        });
+        let message = error.message().replace('\n', " ");
+        Refusal::new(format!("line {line} is not TOML: {message}"), next_step)
+    })
+}
+
 /// The table of a scene's text; refused with the line that is not TOML.
 pub fn table(text: &str) -> Result<Table, Refusal> {
-    file::toml(
+    toml_table(
         text,
         "correct this line; kband simulate --print-scene shows a whole scene",
     )

@@ -15,11 +15,11 @@ use crate::refusal::Refusal;
 pub const SETTLED: f64 = 5.0;
 
 /// Time over which the end of a scene is judged, in s.
-pub(super) const END: f64 = 1.0;
+pub(crate) const END: f64 = 1.0;
 /// Times over which the parts' impacts are listened to, in s: the last three seconds tell rest from
 /// silence at the slowest hopping, six hold enough impacts to tell chaos, and in one and a half a
 /// lock of order 8 repeats often enough.
-pub(super) const HEARD: [f64; 3] = [6.0, 3.0, 1.5];
+pub(crate) const HEARD: [f64; 3] = [6.0, 3.0, 1.5];
 
 /// Takes what it is shown, or refuses to go on.
 pub type Take<'a, T> = &'a mut dyn FnMut(&T) -> Result<(), Refusal>;
@@ -106,7 +106,7 @@ struct Settled {
 
 impl Record {
     /// The record of a run with `parts`, which are in gear of an order.
-    pub(super) fn new(
+    pub(crate) fn new(
         duration: f64,
         cycles: usize,
         parts: usize,
@@ -138,13 +138,13 @@ impl Record {
 
     /// Whether the end is near enough that the way of the parts is wanted: two windows of the end,
     /// in the first of which the speed along the track settles.
-    pub(super) fn ends(&self, time: f64) -> bool {
+    pub(crate) fn ends(&self, time: f64) -> bool {
         time > self.duration - 2.0 * END
     }
 
     /// Takes a cycle; `moment` gives the whole of it where more than a glance is kept.
     #[inline]
-    pub(super) fn take(
+    pub(crate) fn take(
         &mut self,
         glance: &Glance,
         strikes: &[Strike],
@@ -244,7 +244,7 @@ impl Record {
 
     /// Whether the displacement has to be known from this time on for the speed from [`SETTLED`]
     /// on: a second before, in which the speed along the track settles.
-    pub(super) fn settles(&self, time: f64) -> bool {
+    pub(crate) fn settles(&self, time: f64) -> bool {
         self.duration > SETTLED && time >= SETTLED - END
     }
 
@@ -272,7 +272,7 @@ impl Record {
         self.planned_for
     }
 
-    pub(super) fn plan_for(&mut self, lot: Option<Lot>) {
+    pub(crate) fn plan_for(&mut self, lot: Option<Lot>) {
         self.planned_for = lot.or(self.planned_for);
     }
 

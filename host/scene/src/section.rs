@@ -9,7 +9,7 @@ use super::fields::{Field, belongs};
 use crate::refusal::Refusal;
 
 /// A number, whole or not.
-pub(super) fn number(value: &Value) -> Option<f64> {
+pub(crate) fn number(value: &Value) -> Option<f64> {
     match value {
         Value::Float(number) => Some(*number),
         Value::Integer(number) => Some(*number as f64),
@@ -19,7 +19,7 @@ pub(super) fn number(value: &Value) -> Option<f64> {
 
 /// One table of a scene file; what is left when it is finished is unknown.
 #[derive(Clone, Debug)]
-pub(super) struct Section {
+pub(crate) struct Section {
     name: String,
     table: Table,
     known: Vec<&'static str>,
@@ -217,7 +217,7 @@ impl Section {
 
 /// The line of a scene's text on which a key stands, counted from 1; tables in a row are
 /// `disturbance 1`, `disturbance 2`.
-pub(super) fn line_of(text: &str, key: &str) -> Option<usize> {
+pub(crate) fn line_of(text: &str, key: &str) -> Option<usize> {
     let whole = toml::de::DeTable::parse(text).ok()?;
     let mut table = whole.get_ref();
     let mut at = None;

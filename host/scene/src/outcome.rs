@@ -15,11 +15,9 @@ use kband_control::{
 };
 use kband_plant::{Change, Disturbance, Moment, Scene, Strike};
 
-use super::engine::{Engine, Fidelity, Plans, Whole};
+use super::engine::{Engine, Fidelity, Plans};
 use super::record::{END, HEARD, Happened, Record, Watch};
 use super::scene::{SceneFile, beside_resonance};
-use crate::board::{BoardLoop, Link};
-use crate::desk::{Desk, Progress};
 use crate::ending::{Endings, FOLLOWED, chaotic_so_far};
 use crate::refusal::Refusal;
 
@@ -31,6 +29,9 @@ const JITTER: TimingAccuracy = TimingAccuracy {
 
 /// Drive cycles at the end that a scope shows.
 const SCOPE_CYCLES: usize = 10;
+
+/// Hears of cycles that are done, and refuses to go on where the run is to end.
+pub type GoOn<'a> = &'a mut dyn FnMut(u64) -> Result<(), Refusal>;
 
 /// What came of a scene.
 #[derive(Clone, Debug)]
@@ -44,69 +45,40 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Runs a scene to its end in its own fidelity, with progress.
-    pub fn run(file: &SceneFile, desk: &Desk) -> Result<Self, Refusal> {
-        Self::watched(file, file.fidelity.unwrap_or_default(), Watch::DRAWN, desk)
-    }
-
-    /// Runs a scene to its end in a fidelity, watched, with progress.
-    pub fn watched(
+    /// Runs a scene to its end in a fidelity, watched.
+    ///
+    /// `go_on` is called every 1024 cycles with that number; where it refuses, the run ends with
+    /// its refusal.
+    ///
+    /// # Errors
+    /// A `Refusal` for a scene out of range, and those of `watch` and `go_on`.
+    pub fn run(
         file: &SceneFile,
         fidelity: Fidelity,
         watch: Watch<'_>,
-        desk: &Desk,
+        go_on: GoOn<'_>,
     ) -> Result<Self, Refusal> {
-        Self::shown(file, Engine::build(&file.scene, fidelity)?, watch, desk)
+        Self::gather(file, Engine::build(&file.scene, fidelity)?, watch, go_on)
     }
 
-    /// What comes of a scene where `cycle` gives each of its cycles with the impacts in it; every
-    /// cycle is kept.
+    /// What comes of a scene where `cycle` gives each of its cycles with the impacts in it.
+    ///
+    /// # Errors
+    /// Those of `cycle`, `watch` and `go_on`.
     pub fn of(
         file: &SceneFile,
-        mut cycle: impl FnMut() -> (Moment, Vec<Strike>),
-    ) -> Result<Self, Refusal> {
-        let given = Whole::Given(&mut cycle, Vec::new());
-        Self::gather(file, given.into(), Watch::KEPT, &mut |_| Ok(()))
-    }
-
-    /// Runs a scene to its end with its controller on the board at the end of `link`, with
-    /// progress.
-    pub fn run_on(
-        link: Link,
-        file: &SceneFile,
+        mut cycle: impl FnMut() -> Result<(Moment, Vec<Strike>), Refusal> + Send,
         watch: Watch<'_>,
-        desk: &Desk,
+        go_on: GoOn<'_>,
     ) -> Result<Self, Refusal> {
-        let board = BoardLoop::start(link, &file.scene)?;
-        Self::shown(file, Whole::Board(Box::new(board)).into(), watch, desk)
-    }
-
-    fn shown(
-        file: &SceneFile,
-        engine: Engine<'_>,
-        watch: Watch<'_>,
-        desk: &Desk,
-    ) -> Result<Self, Refusal> {
-        let progress = Progress::new("simulating", cycles(file) as u64);
-        let outcome = Self::gather(file, engine, watch, &mut |done| {
-            progress.advance(done);
-            desk.go_on()
-        });
-        progress.finish();
-        outcome
-    }
-
-    /// Runs a scene to its end without a word, for one of many.
-    pub(super) fn simulate(file: &SceneFile, fidelity: Fidelity) -> Result<Self, Refusal> {
-        let engine = Engine::build(&file.scene, fidelity)?;
-        Self::gather(file, engine, Watch::default(), &mut |_| Ok(()))
+        Self::gather(file, Engine::given(&mut cycle), watch, go_on)
     }
 
     fn gather(
         file: &SceneFile,
         mut engine: Engine<'_>,
         mut watch: Watch<'_>,
-        go_on: &mut dyn FnMut(u64) -> Result<(), Refusal>,
+        go_on: GoOn<'_>,
     ) -> Result<Self, Refusal> {
         let cycles = cycles(file);
         let parts = file.scene.parts.len();
@@ -606,7 +578,7 @@ fn is_planned(event: Event) -> bool {
 }
 
 /// Drive cycles of a scene.
-fn cycles(file: &SceneFile) -> usize {
+pub fn cycles(file: &SceneFile) -> usize {
     (file.duration * f64::from(file.scene.settings.frequency)).ceil() as usize
 }
 

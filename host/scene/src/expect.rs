@@ -9,23 +9,23 @@ use crate::refusal::Refusal;
 /// The expected outcome of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expectation {
-    pub(super) state: Option<State>,
-    pub(super) fault: Option<Fault>,
+    pub(crate) state: Option<State>,
+    pub(crate) fault: Option<Fault>,
     /// Whether `fault` was given: `fault = "none"` is an expectation too.
-    pub(super) fault_given: bool,
-    pub(super) events: Option<Vec<Event>>,
-    pub(super) regime: Option<String>,
-    pub(super) k: Option<(f64, f64)>,
-    pub(super) speed: Option<(f64, f64)>,
-    pub(super) in_gear: Option<(f64, f64)>,
-    pub(super) restitution: Option<(f64, f64)>,
-    pub(super) limits: Option<Vec<String>>,
-    pub(super) within: Option<f64>,
+    pub(crate) fault_given: bool,
+    pub(crate) events: Option<Vec<Event>>,
+    pub(crate) regime: Option<String>,
+    pub(crate) k: Option<(f64, f64)>,
+    pub(crate) speed: Option<(f64, f64)>,
+    pub(crate) in_gear: Option<(f64, f64)>,
+    pub(crate) restitution: Option<(f64, f64)>,
+    pub(crate) limits: Option<Vec<String>>,
+    pub(crate) within: Option<f64>,
 }
 
 impl Expectation {
     /// The `[expect]` table of a scene.
-    pub(super) fn read(mut section: Section) -> Result<Self, Refusal> {
+    pub(crate) fn read(mut section: Section) -> Result<Self, Refusal> {
         let mut expected = Self::default();
         if let Some(value) = section.take("state") {
             expected.state = Some(named(&section, "state", &value, State::ALL, State::name)?);

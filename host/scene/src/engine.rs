@@ -1,17 +1,17 @@
-//! What a scene runs on: samples, the envelope, or a board.
+//! What a scene runs on: samples, the envelope, or what a caller gives.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use kband::regime::gear::StrikeCount;
 use kband_control::{ChaosResult, Controller, Events, GearPlanned, KickResult, Load, State};
-use kband_plant::{ClosedLoop, EnvelopeLoop, Moment, Sample, Scene, Strike};
+use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Moment, Sample, Scene, Strike};
 
-use crate::board::BoardLoop;
 use crate::refusal::Refusal;
 
 /// How finely a scene is simulated.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Fidelity {
     /// Amplitude and phase of drive and demodulator from cycle to cycle, in closed form.
     #[default]
@@ -35,7 +35,7 @@ impl Fidelity {
 
 /// What every run takes of a cycle; the whole [`Moment`] is put together where it is asked for.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Glance {
+pub struct Glance {
     /// Time at the end of the cycle in s.
     pub time: f64,
     /// What the controller is doing.
@@ -48,8 +48,9 @@ pub(super) struct Glance {
     pub reference: f32,
     /// Measured k.
     pub k: f32,
-    /// Estimated share of time in gear and its error, infinite for a lower bound.
+    /// Estimated share of time in gear, 0..=1; a lower bound where its error is infinite.
     pub in_gear: f32,
+    /// Standard error of that share.
     pub error: f32,
     /// The parts on the track as weighed.
     pub load: Option<Load>,
@@ -85,40 +86,62 @@ impl Glance {
     }
 }
 
+/// Gives the next cycle of a closed loop, and the impacts in it.
+pub(crate) type Next<'a> = &'a mut (dyn FnMut() -> Result<(Moment, Vec<Strike>), Refusal> + Send);
+
 /// A closed loop of a scene.
-pub(super) enum Engine<'a> {
+pub struct Engine<'a>(Kind<'a>);
+
+enum Kind<'a> {
     Envelope(Box<EnvelopeLoop>),
     /// What gives its moment with each cycle, and that of the last one.
     Whole(Whole<'a>, Box<Option<Moment>>),
 }
 
 /// A closed loop whose every cycle is a whole moment.
-pub(super) enum Whole<'a> {
+enum Whole<'a> {
     Waveform(Box<ClosedLoop>),
-    Board(Box<BoardLoop>),
     /// What another simulator, or a board, makes of the scene, and the impacts of the last cycle.
-    Given(&'a mut dyn FnMut() -> (Moment, Vec<Strike>), Vec<Strike>),
+    Given(Next<'a>, Vec<Strike>),
 }
 
 impl<'a> From<Whole<'a>> for Engine<'a> {
     fn from(whole: Whole<'a>) -> Self {
-        Self::Whole(whole, Box::new(None))
+        Self(Kind::Whole(whole, Box::new(None)))
     }
 }
 
-impl Engine<'_> {
+impl<'a> Engine<'a> {
+    /// The loop of a scene at time 0.
+    ///
+    /// # Errors
+    /// A `Refusal` for a scene out of range.
     pub fn build(scene: &Scene, fidelity: Fidelity) -> Result<Self, Refusal> {
         Ok(match fidelity {
-            Fidelity::Envelope => Self::Envelope(Box::new(EnvelopeLoop::build(scene)?)),
+            Fidelity::Envelope => Self(Kind::Envelope(Box::new(EnvelopeLoop::build(scene)?))),
             Fidelity::Waveform => Whole::Waveform(Box::new(ClosedLoop::build(scene)?)).into(),
         })
+    }
+
+    /// A loop whose cycles `next` gives.
+    pub(crate) fn given(next: Next<'a>) -> Self {
+        Whole::Given(next, Vec::new()).into()
+    }
+
+    /// Changes something about the scene from the next cycle on; no effect on a loop that is given.
+    pub fn apply(&mut self, change: Change) {
+        match &mut self.0 {
+            Kind::Envelope(closed) => closed.apply(change),
+            Kind::Whole(Whole::Waveform(closed), _) => closed.apply(change),
+            Kind::Whole(Whole::Given(..), _) => {}
+        }
     }
 
     /// Runs to the end of the next drive cycle.
     #[inline]
     pub fn cycle(&mut self) -> Result<Glance, Refusal> {
-        match self {
-            Self::Envelope(closed) => {
+        match &mut self.0 {
+            Kind::Envelope(closed) => {
                 closed.advance_spared(Plans::share);
                 let controller = closed.controller();
                 let amplitude = controller.amplitude();
@@ -135,7 +158,7 @@ impl Engine<'_> {
                 }
                 .checked()
             }
-            Self::Whole(closed, last) => {
+            Kind::Whole(closed, last) => {
                 let moment = closed.cycle(None)?;
                 **last = Some(moment);
                 Glance::at(&moment).checked()
@@ -145,9 +168,9 @@ impl Engine<'_> {
 
     /// Runs to the end of the next drive cycle and shows every sample, where there are any.
     pub fn cycle_shown(&mut self, show: &mut dyn FnMut(Sample)) -> Result<Glance, Refusal> {
-        match self {
-            Self::Envelope(_) => self.cycle(),
-            Self::Whole(closed, last) => {
+        match &mut self.0 {
+            Kind::Envelope(_) => self.cycle(),
+            Kind::Whole(closed, last) => {
                 let moment = closed.cycle(Some(show))?;
                 **last = Some(moment);
                 Glance::at(&moment).checked()
@@ -157,25 +180,24 @@ impl Engine<'_> {
 
     /// The last cycle; `None` before the first.
     pub fn moment(&self) -> Option<Moment> {
-        match self {
-            Self::Envelope(closed) => Some(closed.moment()),
-            Self::Whole(_, last) => **last,
+        match &self.0 {
+            Kind::Envelope(closed) => Some(closed.moment()),
+            Kind::Whole(_, last) => **last,
         }
     }
 
     /// Impacts of the last cycle.
     pub fn strikes(&self) -> &[Strike] {
-        match self {
-            Self::Envelope(closed) => closed.strikes(),
-            Self::Whole(Whole::Waveform(closed), _) => closed.plant().strikes(),
-            Self::Whole(Whole::Board(closed), _) => closed.plant().strikes(),
-            Self::Whole(Whole::Given(_, strikes), _) => strikes,
+        match &self.0 {
+            Kind::Envelope(closed) => closed.strikes(),
+            Kind::Whole(Whole::Waveform(closed), _) => closed.plant().strikes(),
+            Kind::Whole(Whole::Given(_, strikes), _) => strikes,
         }
     }
 
     /// Whether quantities that need whole moments are recorded from now on.
     pub fn watch(&mut self, watched: bool) {
-        if let Self::Envelope(closed) = self {
+        if let Kind::Envelope(closed) = &mut self.0 {
             closed.watch(watched);
         }
     }
@@ -183,27 +205,27 @@ impl Engine<'_> {
     /// Whether the parts' displacement along the track is watched from now on, and nothing else of
     /// the moments.
     pub fn watch_displacement(&mut self) {
-        if let Self::Envelope(closed) = self {
+        if let Kind::Envelope(closed) = &mut self.0 {
             closed.watch_displacement(true);
         }
     }
 
     /// Keeps the plan that the controller has made for the runs to come.
     pub fn keep_plan(&self) {
-        match self {
-            Self::Envelope(closed) => Plans::keep(closed.controller()),
-            Self::Whole(Whole::Waveform(closed), _) => Plans::keep(closed.controller()),
-            Self::Whole(..) => {}
+        match &self.0 {
+            Kind::Envelope(closed) => Plans::keep(closed.controller()),
+            Kind::Whole(Whole::Waveform(closed), _) => Plans::keep(closed.controller()),
+            Kind::Whole(..) => {}
         }
     }
 
     /// The lot that gear is planned for; `None` while it is not, for another target, and where that
     /// is not known here.
     pub fn planned_for(&self) -> Option<Lot> {
-        let controller = match self {
-            Self::Envelope(closed) => closed.controller(),
-            Self::Whole(Whole::Waveform(closed), _) => closed.controller(),
-            Self::Whole(..) => return None,
+        let controller = match &self.0 {
+            Kind::Envelope(closed) => closed.controller(),
+            Kind::Whole(Whole::Waveform(closed), _) => closed.controller(),
+            Kind::Whole(..) => return None,
         };
         controller.gear_planned().map(|plan| Lot {
             restitution: [
@@ -234,10 +256,9 @@ impl Whole<'_> {
                     None => closed.cycle(),
                 })
             }
-            Self::Board(closed) => closed.cycle(),
-            Self::Given(cycle, strikes) => {
+            Self::Given(next, strikes) => {
                 let moment;
-                (moment, *strikes) = cycle();
+                (moment, *strikes) = next()?;
                 Ok(moment)
             }
         }
@@ -250,7 +271,7 @@ const MAX_CACHED_PLANS: usize = 256;
 /// What the controllers of this process have searched for: one search for each distinct question.
 /// What comes of it depends on the question alone, so that who asked, and when, changes no bit of a
 /// run.
-pub(super) struct Plans {
+pub(crate) struct Plans {
     kicks: Vec<KickResult>,
     chaos: Vec<ChaosResult>,
     gear: Vec<GearPlanned>,
@@ -271,7 +292,7 @@ impl Plans {
 
     /// Spares a controller the searches that another one has done.
     #[inline]
-    pub(super) fn share(controller: &mut Controller) {
+    pub(crate) fn share(controller: &mut Controller) {
         if controller.kicks_search().is_some()
             || controller.chaos_search().is_some()
             || controller.gear_search().is_some()

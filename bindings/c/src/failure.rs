@@ -1,0 +1,223 @@
+//! Codes of failures, their texts, and the boundary that no panic crosses.
+
+use std::cell::RefCell;
+use std::ffi::c_char;
+use std::fmt::{self, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use kband::feeder::OutOfRange;
+use kband_scene::refusal::Refusal;
+
+/// What came of a call. Numbers never change.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Code {
+    /// Done.
+    Ok = 0,
+    /// A pointer is null.
+    Null = 1,
+    /// A value is out of range.
+    OutOfRange = 2,
+    /// The text is no scene.
+    Scene = 3,
+    /// There is no such band or plan.
+    None = 4,
+    /// An error of kband: the handle of this call is only good to be freed.
+    Panic = 5,
+}
+
+impl Code {
+    const ALL: [Self; 6] = [
+        Self::Ok,
+        Self::Null,
+        Self::OutOfRange,
+        Self::Scene,
+        Self::None,
+        Self::Panic,
+    ];
+
+    /// Its text, with the zero at the end.
+    fn text(self) -> &'static str {
+        match self {
+            Self::Ok => "done\0",
+            Self::Null => "a pointer is null\0",
+            Self::OutOfRange => "a value is out of range\0",
+            Self::Scene => "the text is no scene\0",
+            Self::None => "there is no such band or plan\0",
+            Self::Panic => "an error of kband; report it\0",
+        }
+    }
+}
+
+/// Text of a code; of another number "no code of kband".
+#[unsafe(no_mangle)]
+pub extern "C" fn kband_code_text(code: i32) -> *const c_char {
+    let known = Code::ALL.into_iter().find(|known| *known as i32 == code);
+    known
+        .map_or("no code of kband\0", Code::text)
+        .as_ptr()
+        .cast()
+}
+
+/// Longest message in bytes; it is cut there.
+const MESSAGE_BYTES: usize = 1024;
+
+/// Why the last call of this thread failed. It does not allocate.
+struct Message {
+    bytes: [u8; MESSAGE_BYTES],
+    used: usize,
+}
+
+impl Write for Message {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let room = MESSAGE_BYTES - self.used;
+        let mut count = text.len().min(room);
+        while !text.is_char_boundary(count) {
+            count -= 1;
+        }
+        self.bytes[self.used..self.used + count].copy_from_slice(&text.as_bytes()[..count]);
+        self.used += count;
+        Ok(())
+    }
+}
+
+thread_local! {
+    static MESSAGE: RefCell<Message> = const {
+        RefCell::new(Message { bytes: [0; MESSAGE_BYTES], used: 0 })
+    };
+}
+
+/// A failure of a call; its message is kept for the thread.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Failure(Code);
+
+impl Failure {
+    pub(crate) fn new(code: Code, message: fmt::Arguments<'_>) -> Self {
+        MESSAGE.with_borrow_mut(|kept| {
+            kept.used = 0;
+            // Writing cannot fail: what does not fit is cut.
+            let _ = kept.write_fmt(message);
+        });
+        Self(code)
+    }
+
+    /// A refused element of an array.
+    pub(crate) fn element(refused: OutOfRange, index: usize) -> Self {
+        let name = match refused.parameter {
+            "velocity" => "speed",
+            other => other,
+        };
+        Self::new(
+            Code::OutOfRange,
+            format_args!(
+                "{name}[{index}] = {} is refused; accepted: {}",
+                refused.value, refused.accepted
+            ),
+        )
+    }
+}
+
+impl From<OutOfRange> for Failure {
+    fn from(refused: OutOfRange) -> Self {
+        Self::new(
+            Code::OutOfRange,
+            format_args!(
+                "{} = {} is refused; accepted: {}",
+                refused.parameter, refused.value, refused.accepted
+            ),
+        )
+    }
+}
+
+impl From<Refusal> for Failure {
+    fn from(refusal: Refusal) -> Self {
+        Self::new(Code::Scene, format_args!("{refusal}"))
+    }
+}
+
+/// The work of a call; neither a failure nor a panic leaves it otherwise than as a code.
+pub(crate) fn call(work: impl FnOnce() -> Result<(), Failure>) -> Code {
+    match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(Ok(())) => Code::Ok,
+        Ok(Err(Failure(code))) => code,
+        Err(_) => {
+            Failure::new(Code::Panic, format_args!("an error of kband; report it"));
+            Code::Panic
+        }
+    }
+}
+
+/// The object behind a pointer.
+///
+/// # Safety
+/// A pointer that is not null points to an object that nothing else uses during the call.
+pub(crate) unsafe fn object<'a, T>(pointer: *mut T, name: &str) -> Result<&'a mut T, Failure> {
+    // SAFETY: as the caller says.
+    unsafe { pointer.as_mut() }
+        .ok_or_else(|| Failure::new(Code::Null, format_args!("{name} is null")))
+}
+
+/// Refuses a place for a result that is null; called before the work, which is then not lost.
+pub(crate) fn there<T>(pointer: *mut T, name: &str) -> Result<(), Failure> {
+    if pointer.is_null() {
+        return Err(Failure::new(Code::Null, format_args!("{name} is null")));
+    }
+    Ok(())
+}
+
+/// Writes a result where the caller wants it.
+///
+/// # Safety
+/// A pointer that is not null may be written to.
+pub(crate) unsafe fn put<T>(pointer: *mut T, name: &str, value: T) -> Result<(), Failure> {
+    there(pointer, name)?;
+    // SAFETY: as the caller says.
+    unsafe { pointer.write(value) };
+    Ok(())
+}
+
+/// Copies why the last failed call of this thread failed, with a zero at the end, into `size` bytes;
+/// it is cut to fit. Returns its length without the zero; 0 where none failed.
+///
+/// # Safety
+/// `buffer` has `size` bytes, or is null with `size` 0.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_error(buffer: *mut c_char, size: usize) -> usize {
+    MESSAGE.with_borrow(|kept| {
+        let message = &kept.bytes[..kept.used];
+        if !buffer.is_null() && size > 0 {
+            let count = message.len().min(size - 1);
+            // SAFETY: as the caller says, and the message is another memory.
+            unsafe {
+                buffer.copy_from_nonoverlapping(message.as_ptr().cast(), count);
+                buffer.add(count).write(0);
+            }
+        }
+        message.len()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_becomes_a_code() {
+        assert_eq!(call(|| panic!("an error")), Code::Panic);
+        assert_eq!(call(|| Ok(())), Code::Ok);
+        // SAFETY: null with size 0.
+        let length = unsafe { kband_error(std::ptr::null_mut(), 0) };
+        assert_eq!(length, "an error of kband; report it".len());
+    }
+
+    #[test]
+    fn a_long_message_is_cut_between_characters() {
+        let long = "\u{e9}".repeat(MESSAGE_BYTES);
+        Failure::new(Code::Scene, format_args!("a{long}"));
+        let mut buffer = [1; MESSAGE_BYTES + 1];
+        // SAFETY: the buffer is as long as that.
+        let length = unsafe { kband_error(buffer.as_mut_ptr(), buffer.len()) };
+        assert_eq!(length, MESSAGE_BYTES - 1);
+        assert_eq!(buffer[length], 0);
+    }
+}

@@ -1,0 +1,531 @@
+//! Scene, plant, signal path and controller as opaque handles.
+
+use std::ffi::c_char;
+use std::slice;
+
+use kband_control::{AdcCode, Controller, Fault, Inputs, Signal, State, Target};
+use kband_plant::Bench;
+use kband_scene::SceneFile;
+
+use crate::failure::{Code, Failure, call, object, put, there};
+
+/// Samples a second.
+pub const SAMPLE_RATE: u32 = 20_000;
+/// Slices of the plan in each drive cycle.
+pub const PLAN_SLICES: usize = 16;
+
+const _: () = assert!(SAMPLE_RATE == kband_control::SAMPLE_RATE);
+const _: () = assert!(PLAN_SLICES == kband_control::PLAN_SLICES);
+
+/// A scene: one feeder, its target, and its disturbances over time.
+pub struct SceneHandle(SceneFile);
+
+/// The simulated feeder of a scene: a converter code for each output.
+pub struct PlantHandle(Bench);
+
+/// The firmware's signal path: drive phase, demodulation, impacts.
+pub struct SignalHandle(Signal);
+
+/// The firmware's controller.
+pub struct ControllerHandle(Controller);
+
+/// Inputs of the board in a drive cycle.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BoardInputs {
+    /// The enable input.
+    pub enable: bool,
+    /// The over-temperature input.
+    pub over_temperature: bool,
+    /// Whether the link received a frame since the last cycle.
+    pub link_heard: bool,
+    /// Whether the stack came close to its end.
+    pub stack_low: bool,
+    /// The over-current input.
+    pub over_current: bool,
+    /// Whether the supply is below what the chip needs.
+    pub supply_low: bool,
+    /// Whether the clock is another than the crystal's.
+    pub clock_failed: bool,
+}
+
+impl From<Inputs> for BoardInputs {
+    fn from(inputs: Inputs) -> Self {
+        Self {
+            enable: inputs.enable,
+            over_temperature: inputs.over_temperature,
+            link_heard: inputs.link_heard,
+            stack_low: inputs.stack_low,
+            over_current: inputs.over_current,
+            supply_low: inputs.supply_low,
+            clock_failed: inputs.clock_failed,
+        }
+    }
+}
+
+impl From<BoardInputs> for Inputs {
+    fn from(inputs: BoardInputs) -> Self {
+        Self {
+            enable: inputs.enable,
+            over_temperature: inputs.over_temperature,
+            link_heard: inputs.link_heard,
+            stack_low: inputs.stack_low,
+            over_current: inputs.over_current,
+            supply_low: inputs.supply_low,
+            clock_failed: inputs.clock_failed,
+            ..Self::default()
+        }
+    }
+}
+
+/// Answer of the signal path to a sample.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SignalOutput {
+    /// Output of the drive until the next sample, -1..1.
+    pub output: f32,
+    /// Advance of the drive's phase in 2^-32 turns.
+    pub step: u32,
+    /// Whether a drive cycle ended: `kband_controller_cycle` is due.
+    pub wrapped: bool,
+}
+
+/// What the controller reports of a drive cycle.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CycleReport {
+    /// Number of the cycle.
+    pub cycle: u32,
+    /// Measured amplitude (b) in m.
+    pub amplitude: f32,
+    /// Reference of the amplitude in m.
+    pub reference: f32,
+    /// Amplitude of the target in m; 0 where it has none.
+    pub setpoint: f32,
+    /// Measured k.
+    pub k: f32,
+    /// Estimated share of time in gear, 0..1.
+    pub in_gear: f32,
+    /// Its standard error; infinite for a lower bound.
+    pub in_gear_error: f32,
+    /// Amplitude of the output, 0..1.
+    pub output: f32,
+    /// Number of the controller's state (`kband_state_name`).
+    pub state: u8,
+    /// Number of the fault that stopped the drive (`kband_fault_name`); 0 without one.
+    pub fault: u8,
+}
+
+/// What a controller is to reach.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TargetKind {
+    /// Gear of the order `value`, 1..8.
+    Gear = 0,
+    /// Lock of the order `value`, 1..8.
+    Locked = 1,
+    /// k = `value`, 0.02..10.
+    K = 2,
+    /// Amplitude `value` in mm, 0..100.
+    Amplitude = 3,
+    /// Speed `value` in mm/s.
+    Speed = 4,
+}
+
+/// A scene from its text in TOML, of `length` bytes. Free it with `kband_scene_free`.
+///
+/// # Safety
+/// `text` has `length` bytes; `scene` may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_scene_parse(
+    text: *const c_char,
+    length: usize,
+    scene: *mut *mut SceneHandle,
+) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let bytes = match unsafe { text.as_ref() } {
+            // SAFETY: as the caller says.
+            Some(_) => unsafe { slice::from_raw_parts(text.cast::<u8>(), length) },
+            None => return Err(Failure::new(Code::Null, format_args!("text is null"))),
+        };
+        let text = str::from_utf8(bytes)
+            .map_err(|error| Failure::new(Code::Scene, format_args!("the text: {error}")))?;
+        let read = Box::new(SceneHandle(SceneFile::parse(text)?));
+        // SAFETY: as the caller says.
+        unsafe { create(scene, read) }
+    })
+}
+
+/// Hands a new object over.
+///
+/// # Safety
+/// A pointer that is not null may be written to.
+unsafe fn create<T>(place: *mut *mut T, object: Box<T>) -> Result<(), Failure> {
+    there(place, "the place for the handle")?;
+    // SAFETY: as the caller says.
+    unsafe { put(place, "the place for the handle", Box::into_raw(object)) }
+}
+
+/// Frees an object.
+///
+/// # Safety
+/// A pointer that is not null came from [`create`] and is freed once.
+unsafe fn free<T>(pointer: *mut T) {
+    if !pointer.is_null() {
+        // Dropping these types does not panic.
+        // SAFETY: as the caller says.
+        drop(unsafe { Box::from_raw(pointer) });
+    }
+}
+
+/// Frees a scene; null is ignored.
+///
+/// # Safety
+/// `scene` came from `kband_scene_parse` and is freed once.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_scene_free(scene: *mut SceneHandle) {
+    // SAFETY: as the caller says.
+    unsafe { free(scene) }
+}
+
+/// Duration of a scene in s.
+///
+/// # Safety
+/// `scene` is a live handle; `duration` may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_scene_duration(
+    scene: *const SceneHandle,
+    duration: *mut f64,
+) -> Code {
+    // SAFETY: as the caller says.
+    call(|| unsafe {
+        put(
+            duration,
+            "duration",
+            object(scene.cast_mut(), "scene")?.0.duration,
+        )
+    })
+}
+
+/// The plant of a scene at time 0: parts at rest, drive off. Free it with `kband_plant_free`.
+///
+/// # Safety
+/// `scene` is a live handle; `plant` may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_plant_new(
+    scene: *const SceneHandle,
+    plant: *mut *mut PlantHandle,
+) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let scene = unsafe { object(scene.cast_mut(), "scene")? };
+        let built = Box::new(PlantHandle(Bench::build(&scene.0.scene)?));
+        // SAFETY: as the caller says.
+        unsafe { create(plant, built) }
+    })
+}
+
+/// Frees a plant; null is ignored.
+///
+/// # Safety
+/// `plant` came from `kband_plant_new` and is freed once.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_plant_free(plant: *mut PlantHandle) {
+    // SAFETY: as the caller says.
+    unsafe { free(plant) }
+}
+
+/// Converter codes of the accelerometer and of the current sensor at the next sample; `current` may
+/// be null.
+///
+/// # Safety
+/// `plant` is a live handle; `accelerometer` and `current` may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_plant_sample(
+    plant: *mut PlantHandle,
+    accelerometer: *mut u16,
+    current: *mut u16,
+) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let plant = unsafe { object(plant, "plant")? };
+        there(accelerometer, "accelerometer")?;
+        let code = plant.0.sample().0;
+        // SAFETY: as the caller says.
+        unsafe { put(accelerometer, "accelerometer", code)? };
+        if !current.is_null() {
+            // SAFETY: as the caller says.
+            unsafe { put(current, "current", plant.0.current().0)? };
+        }
+        Ok(())
+    })
+}
+
+/// Holds an output (-1..1) until the next sample, while the drive's phase advances by `step`.
+///
+/// # Safety
+/// `plant` is a live handle.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_plant_hold(plant: *mut PlantHandle, output: f32, step: u32) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let plant = unsafe { object(plant, "plant")? };
+        if !(-1.0..=1.0).contains(&output) {
+            return Err(Failure::new(
+                Code::OutOfRange,
+                format_args!("output = {output} is refused; accepted: -1..1"),
+            ));
+        }
+        plant.0.hold(output, step);
+        Ok(())
+    })
+}
+
+/// Inputs of the board at this time of the scene.
+///
+/// # Safety
+/// `plant` is a live handle; `inputs` may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_plant_inputs(
+    plant: *const PlantHandle,
+    inputs: *mut BoardInputs,
+) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let plant = unsafe { object(plant.cast_mut(), "plant")? };
+        // SAFETY: as the caller says.
+        unsafe { put(inputs, "inputs", plant.0.inputs().into()) }
+    })
+}
+
+/// Mean displacement of the parts along the track in m.
+///
+/// # Safety
+/// `plant` is a live handle; `displacement` may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_plant_displacement(
+    plant: *const PlantHandle,
+    displacement: *mut f64,
+) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let plant = unsafe { object(plant.cast_mut(), "plant")? };
+        // SAFETY: as the caller says.
+        unsafe { put(displacement, "displacement", plant.0.plant().displacement()) }
+    })
+}
+
+/// The signal path with the settings of a scene. Free it with `kband_signal_free`.
+///
+/// # Safety
+/// `scene` is a live handle; `signal` may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_signal_new(
+    scene: *const SceneHandle,
+    signal: *mut *mut SignalHandle,
+) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let scene = unsafe { object(scene.cast_mut(), "scene")? };
+        let built = Box::new(SignalHandle(Signal::build(&scene.0.scene.settings)?));
+        // SAFETY: as the caller says.
+        unsafe { create(signal, built) }
+    })
+}
+
+/// Frees a signal path; null is ignored.
+///
+/// # Safety
+/// `signal` came from `kband_signal_new` and is freed once.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_signal_free(signal: *mut SignalHandle) {
+    // SAFETY: as the caller says.
+    unsafe { free(signal) }
+}
+
+/// Takes the converter codes of a sample; gives the output until the next. It allocates nothing.
+///
+/// # Safety
+/// `signal` is a live handle; `output` may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_signal_sample(
+    signal: *mut SignalHandle,
+    accelerometer: u16,
+    current: u16,
+    output: *mut SignalOutput,
+) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let signal = &mut unsafe { object(signal, "signal")? }.0;
+        there(output, "output")?;
+        let before = signal.phase();
+        let sampled = signal.sample_with(AdcCode(accelerometer), || AdcCode(current));
+        let answer = SignalOutput {
+            output: sampled.output,
+            step: (signal.phase() - before).bits(),
+            wrapped: sampled.wrapped,
+        };
+        // SAFETY: as the caller says.
+        unsafe { put(output, "output", answer) }
+    })
+}
+
+/// The controller with the settings and the target of a scene. Free it with
+/// `kband_controller_free`.
+///
+/// # Safety
+/// `scene` is a live handle; `controller` may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_controller_new(
+    scene: *const SceneHandle,
+    controller: *mut *mut ControllerHandle,
+) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let scene = &unsafe { object(scene.cast_mut(), "scene")? }.0.scene;
+        let built = Controller::build(&scene.settings, scene.target, scene.start)?;
+        // SAFETY: as the caller says.
+        unsafe { create(controller, Box::new(ControllerHandle(built))) }
+    })
+}
+
+/// Frees a controller; null is ignored.
+///
+/// # Safety
+/// `controller` came from `kband_controller_new` and is freed once.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_controller_free(controller: *mut ControllerHandle) {
+    // SAFETY: as the caller says.
+    unsafe { free(controller) }
+}
+
+/// Ends a drive cycle: takes the measurements of the signal path and the inputs of the board, and
+/// gives the signal path its next command. `report` may be null. It allocates nothing.
+///
+/// # Safety
+/// `controller` and `signal` are live handles; `inputs` may be read and `report` written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_controller_cycle(
+    controller: *mut ControllerHandle,
+    signal: *mut SignalHandle,
+    inputs: *const BoardInputs,
+    report: *mut CycleReport,
+) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let (controller, signal, inputs) = unsafe {
+            (
+                &mut object(controller, "controller")?.0,
+                &mut object(signal, "signal")?.0,
+                *object(inputs.cast_mut(), "inputs")?,
+            )
+        };
+        let reported = controller.cycle(signal.cycle(), &inputs.into());
+        signal.command(reported.command);
+        if report.is_null() {
+            return Ok(());
+        }
+        let shown = CycleReport {
+            cycle: reported.cycle,
+            amplitude: reported.amplitude,
+            reference: reported.reference,
+            setpoint: reported.setpoint,
+            k: reported.k,
+            in_gear: reported.in_gear,
+            in_gear_error: reported.in_gear_error,
+            output: reported.command.amplitude,
+            state: reported.state.number(),
+            fault: reported.fault.map_or(0, Fault::number),
+        };
+        // SAFETY: as the caller says.
+        unsafe { put(report, "report", shown) }
+    })
+}
+
+/// Computes one slice of what the controller plans, in the time left of a drive cycle; at most
+/// `KBAND_PLAN_SLICES` a cycle. `more` tells whether more remain. It allocates nothing.
+///
+/// # Safety
+/// `controller` is a live handle; `more` may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_controller_plan(
+    controller: *mut ControllerHandle,
+    more: *mut bool,
+) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let controller = &mut unsafe { object(controller, "controller")? }.0;
+        there(more, "more")?;
+        let remain = controller.plan_step();
+        // SAFETY: as the caller says.
+        unsafe { put(more, "more", remain) }
+    })
+}
+
+/// Asks for another target: `kind` is a `kband_target`, `value` what it says of it.
+///
+/// # Safety
+/// `controller` is a live handle.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_controller_set_target(
+    controller: *mut ControllerHandle,
+    kind: i32,
+    value: f32,
+) -> Code {
+    call(|| {
+        // SAFETY: as the caller says.
+        let controller = &mut unsafe { object(controller, "controller")? }.0;
+        let order = value as u8;
+        let whole = f32::from(order) == value;
+        let target = match kind {
+            kind if kind == TargetKind::Gear as i32 && whole => Target::Gear { order },
+            kind if kind == TargetKind::Locked as i32 && whole => Target::Locked { order },
+            kind if kind == TargetKind::K as i32 => Target::K(value),
+            kind if kind == TargetKind::Amplitude as i32 => Target::Amplitude(value),
+            kind if kind == TargetKind::Speed as i32 => Target::Speed(value),
+            _ => {
+                return Err(Failure::new(
+                    Code::OutOfRange,
+                    format_args!(
+                        "target {kind} of {value} is refused; accepted: a kband_target, orders whole"
+                    ),
+                ));
+            }
+        };
+        Ok(controller.set_target(target)?)
+    })
+}
+
+/// Names with the zero at their end, in the order of their numbers.
+macro_rules! names {
+    ($number:ident, $type:ident, $other:literal) => {{
+        const LONGEST: usize = 32;
+        static NAMES: std::sync::OnceLock<[[u8; LONGEST]; 256]> = std::sync::OnceLock::new();
+        let names = NAMES.get_or_init(|| {
+            let mut names = [[0; LONGEST]; 256];
+            for known in $type::ALL {
+                let name = known.name().as_bytes();
+                let count = name.len().min(LONGEST - 1);
+                names[usize::from(known.number())][..count].copy_from_slice(&name[..count]);
+            }
+            names
+        });
+        match &names[usize::from($number)] {
+            [0, ..] => $other.as_ptr().cast(),
+            name => name.as_ptr().cast(),
+        }
+    }};
+}
+
+/// Name of a state, by its number; "unknown" for another number.
+#[unsafe(no_mangle)]
+pub extern "C" fn kband_state_name(number: u8) -> *const c_char {
+    names!(number, State, "unknown\0")
+}
+
+/// Name of a fault, by its number; "none" for another number.
+#[unsafe(no_mangle)]
+pub extern "C" fn kband_fault_name(number: u8) -> *const c_char {
+    names!(number, Fault, "none\0")
+}

@@ -1,0 +1,25 @@
+//! C interface of kband. `include/kband.h` is made of it by cbindgen.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`failure`] | codes of failures, their texts, and the boundary that no panic crosses |
+//! | [`map`] | the impact map over arrays |
+//! | [`regimes`] | bands and the plan for gear |
+//! | [`feeder`] | scene, plant, signal path and controller as opaque handles |
+//!
+//! A handle is used by one thread at a time. After its creation the signal path and the controller
+//! allocate nothing.
+#![allow(unsafe_code)]
+
+use std::ffi::c_char;
+
+pub mod failure;
+pub mod feeder;
+pub mod map;
+pub mod regimes;
+
+/// Version of kband, as "0.1.0".
+#[unsafe(no_mangle)]
+pub extern "C" fn kband_version() -> *const c_char {
+    concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()
+}

@@ -1,0 +1,148 @@
+//! The impact map over arrays.
+
+use kband::impact::batch::{Block, LANES};
+use kband::impact::{Impact, Kernel, Map, PartState};
+
+use crate::failure::{Code, Failure, call};
+
+/// Arrays of launches.
+#[derive(Clone, Copy)]
+struct Launches {
+    phase: *const f64,
+    speed: *const f64,
+    k: *const f64,
+    restitution: *const f64,
+}
+
+impl Launches {
+    /// # Safety
+    /// The arrays have an element `n`.
+    unsafe fn launch(&self, n: usize) -> Result<(Map, PartState), Failure> {
+        // SAFETY: as the caller says.
+        let [phase, speed, k, restitution] = unsafe {
+            [self.phase, self.speed, self.k, self.restitution].map(|column| *column.add(n))
+        };
+        let refused = |refused| Failure::element(refused, n);
+        Ok((
+            Map::build(k, restitution).map_err(refused)?,
+            Map::state(phase, speed).map_err(refused)?,
+        ))
+    }
+}
+
+/// The first impact after each launch: phase (rad, 0..2 pi) and speed (units of b w) just after it.
+///
+/// phase: -1.3e7..1.3e7 rad; speed: 0..1000 b w; k: 0.001..1000; restitution: 0..1. `next_phase` and
+/// `next_speed` may be the arrays `phase` and `speed`. Launches before a refused one may be done.
+///
+/// # Safety
+/// Each array has `count` elements.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kband_impacts(
+    phase: *const f64,
+    speed: *const f64,
+    k: *const f64,
+    restitution: *const f64,
+    count: usize,
+    next_phase: *mut f64,
+    next_speed: *mut f64,
+) -> Code {
+    call(|| {
+        let inputs = [phase, speed, k, restitution, next_phase, next_speed];
+        if count > 0 && inputs.iter().any(|array| array.is_null()) {
+            return Err(Failure::new(Code::Null, format_args!("an array is null")));
+        }
+        let launches = Launches {
+            phase,
+            speed,
+            k,
+            restitution,
+        };
+        let mut block = Block::new();
+        for first in (0..count).step_by(LANES) {
+            let lanes = LANES.min(count - first);
+            for lane in 0..lanes {
+                // SAFETY: the arrays have `count` elements.
+                let (map, state) = unsafe { launches.launch(first + lane)? };
+                block.put(lane, &map, state)?;
+            }
+            for lane in lanes..LANES {
+                block.clear(lane);
+            }
+            block.advance(1);
+            for lane in 0..lanes {
+                let next = match block.impact(lane) {
+                    Some(Impact { flight, next, .. }) if flight > 0.0 => next,
+                    _ => {
+                        // The block leaves out parts that rest, or chatter with a closed form.
+                        // SAFETY: the arrays have `count` elements; this one is not written yet.
+                        let (map, state) = unsafe { launches.launch(first + lane)? };
+                        map.impact(state).next
+                    }
+                };
+                // SAFETY: the arrays have `count` elements.
+                unsafe {
+                    *next_phase.add(first + lane) = next.phase;
+                    *next_speed.add(first + lane) = next.velocity;
+                }
+            }
+        }
+        Ok(())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn impacts_have_the_bits_of_the_map_over_their_launches() {
+        let spread = |n: u32, factor: f64| (f64::from(n) * factor).fract();
+        let mut phase: Vec<f64> = (0..1000)
+            .map(|n| 9.0 * spread(n, 0.618_034) - 1.0)
+            .collect();
+        let mut speed: Vec<f64> = (0..1000)
+            .map(|n| (20.0 * spread(n, 0.414_214)).powi(3))
+            .collect();
+        speed[77] = 0.0;
+        let k: Vec<f64> = (0..1000)
+            .map(|n| 0.02 + 1.3 * spread(n, 0.732_051))
+            .collect();
+        let restitution: Vec<f64> = (0..1000).map(|n| spread(n, 0.236_068)).collect();
+        speed
+            .iter_mut()
+            .for_each(|speed| *speed = speed.min(1000.0));
+        let launch = |n: usize| {
+            (
+                Map::build(k[n], restitution[n]),
+                Map::state(phase[n], speed[n]),
+            )
+        };
+        let expected: Vec<PartState> = (0..1000)
+            .map(launch)
+            .map(|(map, state)| map.unwrap().impact(state.unwrap()).next)
+            .collect();
+        let (phases, speeds) = (phase.as_mut_ptr(), speed.as_mut_ptr());
+        // SAFETY: each array has 1000 elements.
+        let code = unsafe {
+            kband_impacts(
+                phases,
+                speeds,
+                k.as_ptr(),
+                restitution.as_ptr(),
+                1000,
+                phases,
+                speeds,
+            )
+        };
+        assert_eq!(code, Code::Ok);
+        for (n, state) in expected.iter().enumerate() {
+            let found = [phase[n], speed[n]].map(f64::to_bits);
+            assert_eq!(
+                found,
+                [state.phase, state.velocity].map(f64::to_bits),
+                "{n}"
+            );
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! Plant and controller, sample by sample.
+
+use kband_control::{
+    AdcCode, Controller as Control, Inputs, PLAN_SLICES, Report, SAMPLE_RATE, Signal,
+};
+use kband_plant::Bench;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::refused::Refused;
+use crate::scenes::{Given, report, scene, table_of};
+
+/// An input of the board: its name and its place.
+type Input = (&'static str, fn(&mut Inputs) -> &mut bool);
+
+/// Inputs of the board.
+const INPUTS: [Input; 7] = [
+    ("enable", |inputs| &mut inputs.enable),
+    ("over_temperature", |inputs| &mut inputs.over_temperature),
+    ("link_heard", |inputs| &mut inputs.link_heard),
+    ("stack_low", |inputs| &mut inputs.stack_low),
+    ("over_current", |inputs| &mut inputs.over_current),
+    ("supply_low", |inputs| &mut inputs.supply_low),
+    ("clock_failed", |inputs| &mut inputs.clock_failed),
+];
+
+/// The simulated feeder of a scene: a converter code for each output, 20 000 times a second.
+#[pyclass]
+pub struct Plant(Bench);
+
+#[pymethods]
+impl Plant {
+    #[new]
+    fn new(given: Given<'_>) -> PyResult<Self> {
+        let bench = Bench::build(&scene(&given)?.scene);
+        Ok(Self(bench.map_err(Refused::from)?))
+    }
+
+    /// Converter codes of accelerometer and current sensor at the next sample.
+    fn sample(&mut self) -> (u16, u16) {
+        let code = self.0.sample();
+        (code.0, self.0.current().0)
+    }
+
+    /// Holds an output until the next sample, while the drive's phase advances by `step`.
+    fn hold(&mut self, output: f32, step: u32) -> PyResult<()> {
+        if !(-1.0..=1.0).contains(&output) {
+            return Err(PyValueError::new_err(format!(
+                "output = {output} is refused; accepted: -1..1"
+            )));
+        }
+        self.0.hold(output, step);
+        Ok(())
+    }
+
+    /// Time since the start in s.
+    #[getter]
+    fn time(&self) -> f64 {
+        self.0.time()
+    }
+
+    /// Inputs of the board, by name.
+    #[getter]
+    fn inputs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (mut inputs, shown) = (self.0.inputs(), PyDict::new(py));
+        for (name, place) in INPUTS {
+            shown.set_item(name, *place(&mut inputs))?;
+        }
+        Ok(shown)
+    }
+
+    /// Displacement (m) and velocity (m/s) of the track normal to itself.
+    #[getter]
+    fn motion(&self) -> [f32; 2] {
+        self.0.plant().motion()
+    }
+
+    /// Mean displacement of the parts along the track in m.
+    #[getter]
+    fn displacement(&self) -> f64 {
+        self.0.plant().displacement()
+    }
+
+    /// Impacts since the last call: number of the part, phase in rad, speed in m/s.
+    fn impacts(&mut self) -> Vec<(u8, f64, f64)> {
+        let strikes = self.0.plant().strikes().iter();
+        let impacts = strikes.map(|strike| (strike.part, strike.phase, strike.speed));
+        let impacts = impacts.collect();
+        self.0.forget_strikes();
+        impacts
+    }
+}
+
+/// The firmware's signal path and controller with the settings and the target of a scene.
+#[pyclass]
+pub struct Controller {
+    signal: Signal,
+    control: Control,
+    last: Report,
+}
+
+#[pymethods]
+impl Controller {
+    /// Samples a second.
+    #[classattr]
+    const SAMPLE_RATE: u32 = SAMPLE_RATE;
+
+    #[new]
+    fn new(given: Given<'_>) -> PyResult<Self> {
+        let scene = scene(&given)?.scene;
+        let signal = Signal::build(&scene.settings).map_err(Refused::from)?;
+        let control = Control::build(&scene.settings, scene.target, scene.start);
+        Ok(Self {
+            signal,
+            control: control.map_err(Refused::from)?,
+            last: Report::default(),
+        })
+    }
+
+    /// Takes converter codes; the output, the advance of the drive's phase in 2^-32 turns, and
+    /// whether a drive cycle ended.
+    fn sample(&mut self, code: u16, current: u16) -> (f32, u32, bool) {
+        let before = self.signal.phase();
+        let sampled = self.signal.sample_with(AdcCode(code), || AdcCode(current));
+        let step = (self.signal.phase() - before).bits();
+        (sampled.output, step, sampled.wrapped)
+    }
+
+    /// Ends a drive cycle, from the inputs of the board by name; what the controller reports.
+    fn cycle<'py>(
+        &mut self,
+        py: Python<'py>,
+        given: &Bound<'py, PyDict>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let mut inputs = Inputs::default();
+        for (key, on) in given {
+            let key: String = key.extract()?;
+            let known = INPUTS.iter().find(|(name, _)| *name == key);
+            let (_, place) = known.ok_or_else(|| {
+                let names = INPUTS.map(|(name, _)| name).join(", ");
+                PyValueError::new_err(format!("input {key} is refused; accepted: {names}"))
+            })?;
+            *place(&mut inputs) = on.extract()?;
+        }
+        self.last = self.control.cycle(self.signal.cycle(), &inputs);
+        self.signal.command(self.last.command);
+        for _ in 0..PLAN_SLICES {
+            if !self.control.plan_step() {
+                break;
+            }
+        }
+        report(py, &self.last)
+    }
+
+    /// Asks for another target, as in a scene: `{"gear": 1}`, `{"k": 0.4}`.
+    fn set_target(&mut self, given: &Bound<'_, PyDict>) -> PyResult<()> {
+        let mut table = toml::Table::new();
+        table.insert("target".into(), toml::Value::Table(table_of(given)?));
+        let change = kband_scene::change(table).map_err(Refused::from)?;
+        if let kband_plant::Change::Target(target) = change {
+            self.control.set_target(target).map_err(Refused::from)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,40 @@
+//! Python bindings of kband: the module `kband._kband`, below the package in `python/kband`.
+//!
+//! | module | holds |
+//! |---|---|
+//! | `refused` | refused values and scenes as `ValueError` |
+//! | `work` | long work without the interpreter's lock, on threads, with Ctrl-C |
+//! | `map` | the impact map over arrays, and orbits |
+//! | `regimes` | bands, doublings, gear, basins, capture, exponents, conveying speed |
+//! | `scenes` | scenes, run to their end or cycle by cycle |
+//! | `feeder` | plant and controller, sample by sample |
+//!
+//! Functions here take and give arrays of one dimension; the package broadcasts and names results.
+
+mod feeder;
+mod map;
+mod refused;
+mod regimes;
+mod scenes;
+mod work;
+
+use pyo3::prelude::*;
+
+/// The functions and types of kband that are written in Rust.
+#[pymodule]
+mod _kband {
+    #[pymodule_export]
+    use super::feeder::{Controller, Plant};
+    #[pymodule_export]
+    use super::map::{impacts, orbits};
+    #[pymodule_export]
+    use super::regimes::{
+        band, basins, capture_plan, diagram, doublings, exponents, gear_plan, gear_shares,
+        transport_speeds,
+    };
+    #[pymodule_export]
+    use super::scenes::{Loop, simulate};
+
+    #[pymodule_export]
+    const VERSION: &str = env!("CARGO_PKG_VERSION");
+}

@@ -1,0 +1,333 @@
+//! The impact map over arrays, and orbits.
+
+use std::f64::consts::TAU;
+use std::num::NonZero;
+use std::sync::{Mutex, PoisonError};
+
+use kband::impact::batch::{Block, LANES};
+use kband::impact::{
+    Impact, Kernel, Map, Orbit, OrbitEvent, PartState, PartStep, Scatter, Tone, Wave, WaveMap,
+    WavePart,
+};
+use numpy::{PyReadonlyArray1, PyReadwriteArray1};
+use pyo3::prelude::*;
+
+use crate::refused::Refused;
+use crate::work;
+
+/// Amplitude over the first tone and angle in rad of the second and the third tone.
+pub type Tones = [[f64; 2]; 2];
+
+/// The motion of a track with these tones; a sine without them.
+pub fn wave(tones: Option<Tones>) -> Result<Wave, Refused> {
+    let [second, third] = tones
+        .unwrap_or_default()
+        .map(|[amplitude, angle]| Tone::new(amplitude, angle));
+    Ok(Wave::build(second, third)?)
+}
+
+/// Launches that one task computes.
+const TASK: usize = 64 * LANES;
+
+/// Columns of launches: each has one value for all, or one for each.
+#[derive(Clone, Copy)]
+struct Launches<'a> {
+    phase: &'a [f64],
+    speed: &'a [f64],
+    k: &'a [f64],
+    restitution: &'a [f64],
+}
+
+fn pick(column: &[f64], n: usize) -> f64 {
+    match column {
+        [one] => *one,
+        many => many[n],
+    }
+}
+
+/// A map, and phases and speeds of launches on it.
+type Plain<'a> = (&'a Map, &'a [f64], &'a [f64]);
+
+impl Launches<'_> {
+    fn state(&self, n: usize) -> Result<PartState, Refused> {
+        let state = Map::state(pick(self.phase, n), pick(self.speed, n));
+        state.map_err(|refused| Refused::from(refused).at(n))
+    }
+
+    /// The map, phases and speeds of launches on one track whose states are already as
+    /// [`Map::state`] has them, but for the sign of a phase 0.
+    fn plain<'a>(
+        &'a self,
+        first: usize,
+        count: usize,
+        maps: &'a mut Maps,
+    ) -> Result<Option<Plain<'a>>, Refused> {
+        let rows = first..first + count;
+        let (Some(phases), Some(speeds), [_], [_]) = (
+            self.phase.get(rows.clone()),
+            self.speed.get(rows),
+            self.k,
+            self.restitution,
+        ) else {
+            return Ok(None);
+        };
+        // Without short cuts, in SIMD registers.
+        let plain = phases
+            .iter()
+            .fold(true, |all, t| all & (*t >= 0.0) & (*t < TAU))
+            & speeds
+                .iter()
+                .fold(true, |all, v| all & (*v >= 0.0) & (*v <= 1e3));
+        if !plain {
+            return Ok(None);
+        }
+        Ok(Some((maps.of(self, first)?, phases, speeds)))
+    }
+
+    fn track(&self, n: usize) -> [f64; 2] {
+        [pick(self.k, n), pick(self.restitution, n)]
+    }
+}
+
+/// The map of the launch before, where that has the same k and restitution to the last bit.
+#[derive(Default)]
+struct Maps(Option<([u64; 2], Map)>);
+
+impl Maps {
+    #[inline]
+    fn of(&mut self, launches: &Launches<'_>, n: usize) -> Result<&Map, Refused> {
+        let [k, restitution] = launches.track(n);
+        let bits = [k.to_bits(), restitution.to_bits()];
+        if !matches!(&self.0, Some((known, _)) if *known == bits) {
+            self.0 = None;
+        }
+        match &mut self.0 {
+            Some((_, map)) => Ok(map),
+            none => {
+                let map = Map::build(k, restitution);
+                let map = map.map_err(|refused| Refused::from(refused).at(n))?;
+                Ok(&none.insert((bits, map)).1)
+            }
+        }
+    }
+}
+
+/// One impact of each of the launches from `from` on.
+fn fly(
+    launches: &Launches<'_>,
+    from: usize,
+    phase: &mut [f64],
+    speed: &mut [f64],
+) -> Result<(), Refused> {
+    let (mut block, mut maps) = (Block::new(), Maps::default());
+    for (at, (phase, speed)) in phase
+        .chunks_mut(LANES)
+        .zip(speed.chunks_mut(LANES))
+        .enumerate()
+    {
+        let first = from + at * LANES;
+        if let Some((map, phases, speeds)) = launches.plain(first, phase.len(), &mut maps)? {
+            for (lane, (phase, speed)) in phases.iter().zip(speeds).enumerate() {
+                block.put(lane, map, PartState::new(phase + 0.0, *speed))?;
+            }
+        } else {
+            for lane in 0..phase.len() {
+                let map = maps.of(launches, first + lane)?;
+                block.put(lane, map, launches.state(first + lane)?)?;
+            }
+        }
+        for lane in phase.len()..LANES {
+            block.clear(lane);
+        }
+        block.advance(1);
+        for (lane, (phase, speed)) in phase.iter_mut().zip(speed).enumerate() {
+            let next = match block.impact(lane) {
+                Some(Impact { flight, next, .. }) if flight > 0.0 => next,
+                // The block leaves out parts that rest, or chatter with a closed form.
+                _ => {
+                    maps.of(launches, first + lane)?
+                        .impact(launches.state(first + lane)?)
+                        .next
+                }
+            };
+            (*phase, *speed) = (next.phase, next.velocity);
+        }
+    }
+    Ok(())
+}
+
+fn fly_on_tones(
+    wave: &Wave,
+    launches: &Launches<'_>,
+    from: usize,
+    phase: &mut [f64],
+    speed: &mut [f64],
+) -> Result<(), Refused> {
+    for (n, (phase, speed)) in (from..).zip(phase.iter_mut().zip(speed)) {
+        let [k, restitution] = launches.track(n);
+        let map = WaveMap::on(*wave, k, restitution);
+        let map = map.map_err(|refused| Refused::from(refused).at(n))?;
+        let next = map.impact(launches.state(n)?).next;
+        (*phase, *speed) = (next.phase, next.velocity);
+    }
+    Ok(())
+}
+
+/// One impact of each launch: phase and speed after it, into `next_phase` and `next_speed`.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the package names them")]
+pub fn impacts(
+    py: Python<'_>,
+    phase: PyReadonlyArray1<'_, f64>,
+    speed: PyReadonlyArray1<'_, f64>,
+    k: PyReadonlyArray1<'_, f64>,
+    restitution: PyReadonlyArray1<'_, f64>,
+    mut next_phase: PyReadwriteArray1<'_, f64>,
+    mut next_speed: PyReadwriteArray1<'_, f64>,
+    shape: Vec<usize>,
+    tones: Option<Tones>,
+    threads: Option<NonZero<usize>>,
+) -> PyResult<()> {
+    let launches = Launches {
+        phase: phase.as_slice()?,
+        speed: speed.as_slice()?,
+        k: k.as_slice()?,
+        restitution: restitution.as_slice()?,
+    };
+    let wave = wave(tones)?;
+    let phases = next_phase.as_slice_mut()?.chunks_mut(TASK);
+    let tasks: Vec<Mutex<(&mut [f64], &mut [f64])>> = phases
+        .zip(next_speed.as_slice_mut()?.chunks_mut(TASK))
+        .map(Mutex::new)
+        .collect();
+    work::map(py, &shape, tasks.len(), threads, |n, _| {
+        let mut task = tasks[n].lock().unwrap_or_else(PoisonError::into_inner);
+        let (phase, speed) = &mut *task;
+        if wave.is_sine() {
+            fly(&launches, n * TASK, phase, speed)
+        } else {
+            fly_on_tones(&wave, &launches, n * TASK, phase, speed)
+        }
+    })?;
+    Ok(())
+}
+
+/// Takes the impacts of an orbit in turn: state after each, flight before it, and whether the part
+/// rested between this impact and the one before.
+struct Row<'a> {
+    columns: [&'a mut [f64]; 3],
+    rested: &'a mut [bool],
+    at: usize,
+    rests: bool,
+}
+
+impl Row<'_> {
+    /// Whether more impacts are wanted.
+    fn take(&mut self, event: OrbitEvent) -> bool {
+        match event {
+            OrbitEvent::Rest { .. } => self.rests = true,
+            OrbitEvent::LiftOff { .. } => {}
+            OrbitEvent::Impact(Impact { next, flight, .. }) => {
+                let [phase, speed, flights] = &mut self.columns;
+                phase[self.at] = next.phase;
+                speed[self.at] = next.velocity;
+                flights[self.at] = flight;
+                self.rested[self.at] = self.rests;
+                self.rests = false;
+                self.at += 1;
+            }
+        }
+        self.at < self.rested.len()
+    }
+
+    /// A part that rests for ever makes no more impacts.
+    fn end(&mut self) {
+        for column in &mut self.columns {
+            column[self.at..].fill(f64::NAN);
+        }
+        self.rested[self.at..].fill(true);
+    }
+}
+
+/// Seed of one of many streams of random numbers.
+pub fn stream(seed: u64, number: u64) -> u64 {
+    seed.rotate_left(20) ^ number
+}
+
+/// The first `impacts` impacts of the orbit from each launch, an orbit after the other.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the package names them")]
+pub fn orbits(
+    py: Python<'_>,
+    phase: PyReadonlyArray1<'_, f64>,
+    speed: PyReadonlyArray1<'_, f64>,
+    k: PyReadonlyArray1<'_, f64>,
+    restitution: PyReadonlyArray1<'_, f64>,
+    mut phases: PyReadwriteArray1<'_, f64>,
+    mut speeds: PyReadwriteArray1<'_, f64>,
+    mut flights: PyReadwriteArray1<'_, f64>,
+    mut rested: PyReadwriteArray1<'_, bool>,
+    impacts: usize,
+    shape: Vec<usize>,
+    scatter: f64,
+    seed: u64,
+    tones: Option<Tones>,
+    threads: Option<NonZero<usize>>,
+) -> PyResult<()> {
+    let launches = Launches {
+        phase: phase.as_slice()?,
+        speed: speed.as_slice()?,
+        k: k.as_slice()?,
+        restitution: restitution.as_slice()?,
+    };
+    let wave = wave(tones)?;
+    let rows = phases
+        .as_slice_mut()?
+        .chunks_mut(impacts)
+        .zip(speeds.as_slice_mut()?.chunks_mut(impacts))
+        .zip(flights.as_slice_mut()?.chunks_mut(impacts))
+        .zip(rested.as_slice_mut()?.chunks_mut(impacts));
+    let rows: Vec<Mutex<Row<'_>>> = rows
+        .map(|(((phase, speed), flight), rested)| {
+            Mutex::new(Row {
+                columns: [phase, speed, flight],
+                rested,
+                at: 0,
+                rests: false,
+            })
+        })
+        .collect();
+    work::map(py, &shape, rows.len(), threads, |n, stop| {
+        let mut row = rows[n].lock().unwrap_or_else(PoisonError::into_inner);
+        let ([k, restitution], start) = (launches.track(n), launches.state(n)?);
+        let of_row = |refused| Refused::from(refused).at(n);
+        let mut scatter =
+            Scatter::build(restitution, scatter, stream(seed, n as u64)).map_err(of_row)?;
+        if wave.is_sine() {
+            let map = Map::build(k, restitution).map_err(of_row)?;
+            let orbit = Orbit::new(&map, start)
+                .scattering(scatter)
+                .map_err(of_row)?;
+            for event in orbit {
+                if !row.take(event) || stop.is_requested() {
+                    return Ok(());
+                }
+            }
+        } else {
+            let map = WaveMap::on(wave, k, 1.0).map_err(of_row)?;
+            let mut part = WavePart::new(restitution, start);
+            while let Some(step) = part.next(&map) {
+                let event = match step {
+                    PartStep::Contact(event) => event,
+                    PartStep::Flight(launch) => part.land(map.impact(launch), scatter.draw()),
+                };
+                if !row.take(event) || stop.is_requested() {
+                    return Ok(());
+                }
+            }
+        }
+        row.end();
+        Ok(())
+    })?;
+    Ok(())
+}

@@ -1,0 +1,78 @@
+//! Refused values and scenes as `ValueError`.
+
+use kband::feeder::OutOfRange;
+use kband_scene::refusal::Refusal;
+use pyo3::PyErr;
+use pyo3::exceptions::PyValueError;
+
+/// Why a call did not do what was asked.
+#[derive(Clone, Debug)]
+pub enum Refused {
+    /// A value, by its place in an array where it is in one.
+    Value(OutOfRange, Option<usize>),
+    /// A scene or a run of it.
+    Scene(Refusal),
+}
+
+impl Refused {
+    /// The same refusal of an element of an array.
+    pub fn at(self, index: usize) -> Self {
+        match self {
+            Self::Value(refused, _) => Self::Value(refused, Some(index)),
+            other => other,
+        }
+    }
+
+    /// As an exception; `shape` is that of the arrays.
+    pub fn exception(self, shape: &[usize]) -> PyErr {
+        match self {
+            Self::Scene(refusal) => {
+                let message = refusal.to_string();
+                PyValueError::new_err(message.trim_start_matches("error: ").to_string())
+            }
+            Self::Value(refused, index) => {
+                let name = match refused.parameter {
+                    "velocity" => "speed",
+                    other => other,
+                };
+                let place = index.map_or(String::new(), |index| place(index, shape));
+                PyValueError::new_err(format!(
+                    "{name}{place} = {:?} is refused; accepted: {}",
+                    refused.value, refused.accepted
+                ))
+            }
+        }
+    }
+}
+
+/// The index of an element in row-major order, as `[1, 2]`; empty for one value.
+fn place(mut index: usize, shape: &[usize]) -> String {
+    if shape.is_empty() {
+        return String::new();
+    }
+    let mut digits = Vec::new();
+    for length in shape.iter().rev() {
+        digits.push((index % length.max(&1)).to_string());
+        index /= length.max(&1);
+    }
+    digits.reverse();
+    format!("[{}]", digits.join(", "))
+}
+
+impl From<OutOfRange> for Refused {
+    fn from(refused: OutOfRange) -> Self {
+        Self::Value(refused, None)
+    }
+}
+
+impl From<Refusal> for Refused {
+    fn from(refusal: Refusal) -> Self {
+        Self::Scene(refusal)
+    }
+}
+
+impl From<Refused> for PyErr {
+    fn from(refused: Refused) -> Self {
+        refused.exception(&[])
+    }
+}

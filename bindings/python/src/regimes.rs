@@ -1,0 +1,435 @@
+//! Bands, doublings, gear, basins, diagrams, capture, exponents and conveying speed.
+
+use std::f64::consts::TAU;
+use std::num::NonZero;
+use std::task::Poll;
+
+use kband::feeder::{Restitution, STANDARD_GRAVITY, Track, TrackSettings};
+use kband::impact::{
+    Friction, FrictionSettings, Hybrid, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter,
+    Tangential, TangentialSettings, WaveMap,
+};
+use kband::regime::band::{Band, BandError};
+use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner};
+use kband::regime::cascade::{Cascade, CascadeEnd};
+use kband::regime::exponent::{self, Dynamics, ExponentSettings, start_near_lock};
+use kband::regime::gear::{GearLimits, GearPlanSettings, GearPlanner, Share, shares_from_rest};
+use kband::regime::wave_band::WaveBands;
+use kband::transport::{Effort, Motion, Origin, measure, measure_on_tones};
+use kband_scene::ending::{Endings, describe_regime};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::map::{Tones, stream, wave};
+use crate::refused::Refused;
+use crate::work::{self, Look};
+
+fn lot(restitution: [f64; 2]) -> Result<Restitution, Refused> {
+    let [low, high] = restitution;
+    Ok(Restitution::interval(low, high)?)
+}
+
+/// The band of k that a lot has in common: lowest and highest k and the one with the largest
+/// margin; none where it has no such band.
+#[pyfunction]
+pub fn band(
+    restitution: [f64; 2],
+    order: u32,
+    tones: Option<Tones>,
+) -> Result<Option<(f64, f64, f64)>, Refused> {
+    let (lot, wave) = (lot(restitution)?, wave(tones)?);
+    if !wave.is_sine() {
+        let widest = WaveBands::common(&wave, lot, order)?.widest();
+        return Ok(widest.map(|band| (band.low.k, band.high.k, band.setpoint())));
+    }
+    match Band::common(lot, order) {
+        Ok(band) => Ok(Some((band.low(), band.high(), band.setpoint()))),
+        Err(BandError::Empty(_)) => Ok(None),
+        Err(BandError::OutOfRange(refused)) => Err(refused.into()),
+    }
+}
+
+/// Birth of a lock, its flips, the ratios of their gaps, where chaos begins with its error, and
+/// whether all flips that were asked for were found; none where no band ends in a flip.
+type Doublings = (f64, Vec<f64>, Vec<f64>, Option<(f64, f64)>, bool);
+
+/// The period doublings of a lock.
+#[pyfunction]
+pub fn doublings(
+    py: Python<'_>,
+    restitution: f64,
+    order: u32,
+    count: usize,
+    tones: Option<Tones>,
+) -> Result<Option<Doublings>, Refused> {
+    let wave = wave(tones)?;
+    let found = py.detach(|| {
+        if wave.is_sine() {
+            Cascade::locate(restitution, order, count).map(Some)
+        } else {
+            Cascade::on_tones(&wave, restitution, order, count)
+        }
+    })?;
+    Ok(found.map(|cascade| {
+        let limit = cascade.k_infinity().map(|limit| (limit.value, limit.error));
+        (
+            cascade.birth(),
+            cascade.flips().to_vec(),
+            cascade.ratios().collect(),
+            limit,
+            cascade.end() == CascadeEnd::Complete,
+        )
+    }))
+}
+
+/// Drive periods that runs of gear take together at most, between two looks for Ctrl-C.
+const TASK_PERIODS: f64 = 1e5;
+
+/// Share of time in gear of each part at each k, and mean time to a loss in drive periods, all
+/// parts together, infinite where none was lost.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the package names them")]
+pub fn gear_shares(
+    py: Python<'_>,
+    restitutions: Vec<f64>,
+    scatter: f64,
+    k: Vec<f64>,
+    order: u32,
+    tones: Option<Tones>,
+    runs: usize,
+    periods: f64,
+    seed: u64,
+    threads: Option<NonZero<usize>>,
+) -> PyResult<Vec<(Vec<f64>, f64)>> {
+    let wave = wave(tones)?;
+    let shape = [k.len()];
+    let together = (TASK_PERIODS / periods).max(1.0) as usize;
+    work::map(py, &shape, k.len(), threads, |n, stop| {
+        let of_k = |refused| Refused::from(refused).at(n);
+        let map = WaveMap::on(wave, k[n], 0.5).map_err(of_k)?;
+        let mut shares = vec![Share::default(); restitutions.len()];
+        for (part, restitution) in restitutions.iter().enumerate() {
+            let draws = |run: usize| {
+                let number = (part as u64) << 32 | run as u64;
+                Scatter::build(*restitution, scatter, stream(seed, number))
+            };
+            let scatters = (0..runs).map(draws).collect::<Result<Vec<_>, _>>()?;
+            for scatters in scatters.chunks(together) {
+                if stop.is_requested() {
+                    break;
+                }
+                shares_from_rest(&map, scatters, order, periods, |_, share| {
+                    shares[part] = shares[part].plus(&share);
+                })?;
+            }
+        }
+        let all = shares
+            .iter()
+            .fold(Share::default(), |sum, share| sum.plus(share));
+        let to_loss = all.time_to_loss().unwrap_or(f64::INFINITY);
+        Ok((shares.iter().map(Share::share).collect(), to_loss))
+    })
+}
+
+/// The k and the tones with the largest share of time in gear: k, amplitudes and angles of the
+/// tones, gear band, predicted share; none where no k throws the parts so far.
+type GearPlanned = (f32, [[f32; 2]; 2], [f32; 2], f32);
+
+/// Plans gear for a lot.
+#[pyfunction]
+pub fn gear_plan(
+    py: Python<'_>,
+    restitution: [f64; 2],
+    scatter: f32,
+    order: u32,
+    k: [f32; 2],
+    max_tones: [f32; 2],
+    amplitude_error: f32,
+) -> PyResult<Option<GearPlanned>> {
+    let mut planner = GearPlanner::new(GearPlanSettings {
+        restitution: lot(restitution)?,
+        scatter,
+        amplitude_error,
+        order,
+        k,
+        max_tones,
+        limits: GearLimits::NONE,
+    })
+    .map_err(Refused::from)?;
+    py.detach(|| {
+        let mut look = Look::new();
+        while planner.advance(10_000) {
+            look.look()?;
+        }
+        let plan = planner.plan().filter(|plan| plan.settled);
+        Ok(plan.map(|plan| (plan.k, plan.tones, plan.band, plan.share)))
+    })
+}
+
+/// Impacts that a task of a basin makes at most: a tenth of a second.
+const TASK_IMPACTS: usize = 5_000_000;
+
+/// Names of the regimes in which parts end, the number of the name for each start, and the name of
+/// the regime of a part from rest.
+type Basins = (Vec<String>, Vec<u16>, String);
+
+/// Where parts end that start in the middles of `side * side` cells of phase 0..2 pi and speed
+/// 0..`top`, row by row.
+#[pyfunction]
+pub fn basins(
+    py: Python<'_>,
+    k: f64,
+    restitution: f64,
+    side: usize,
+    top: f64,
+    impacts: usize,
+    threads: Option<NonZero<usize>>,
+) -> PyResult<Basins> {
+    Map::state(0.0, top).map_err(Refused::from)?;
+    let endings = py
+        .detach(|| Endings::new(k, restitution, impacts))
+        .map_err(Refused::from)?;
+    let count = side * side;
+    let together = (TASK_IMPACTS / impacts.max(1)).clamp(64, 4096);
+    let middle = |n: usize| (n as f64 + 0.5) / side as f64;
+    let start = |n: usize| PartState::new(TAU * middle(n % side), top * middle(n / side));
+    let ends = work::map(py, &[], count.div_ceil(together), threads, |task, _| {
+        let range = task * together..count.min((task + 1) * together);
+        Ok(endings.of_all(range.map(start)))
+    })?;
+    let mut known = Vec::new();
+    let numbers = ends.into_iter().flatten().map(|regime| {
+        let number = known.iter().position(|other| *other == regime);
+        number.unwrap_or_else(|| {
+            known.push(regime);
+            known.len() - 1
+        }) as u16
+    });
+    let numbers = numbers.collect();
+    let names = known.iter().map(|regime| describe_regime(*regime, impacts));
+    Ok((
+        names.collect(),
+        numbers,
+        describe_regime(endings.from_rest(), impacts),
+    ))
+}
+
+/// Phase and speed of the impacts of a part from rest at each k, after those that settle; not a
+/// number after a rest for ever.
+#[pyfunction]
+pub fn diagram(
+    py: Python<'_>,
+    k: Vec<f64>,
+    restitution: f64,
+    settle: usize,
+    impacts: usize,
+    threads: Option<NonZero<usize>>,
+) -> PyResult<Vec<(Vec<f64>, Vec<f64>)>> {
+    let shape = [k.len()];
+    work::map(py, &shape, k.len(), threads, |n, stop| {
+        let map = Map::build(k[n], restitution).map_err(|refused| Refused::from(refused).at(n))?;
+        let states = Orbit::from_rest(&map).filter_map(|event| match event {
+            OrbitEvent::Impact(impact) => Some(impact.next),
+            _ => None,
+        });
+        let (mut phase, mut speed): (Vec<f64>, Vec<f64>) = states
+            .take(settle + impacts)
+            .take_while(|_| !stop.is_requested())
+            .skip(settle)
+            .map(|state| (state.phase, state.velocity))
+            .unzip();
+        phase.resize(impacts, f64::NAN);
+        speed.resize(impacts, f64::NAN);
+        Ok((phase, speed))
+    })
+}
+
+/// k, and of each kick in the order of its attempt: factor, hold and descent in drive cycles,
+/// release, share of the parts captured.
+type CapturePlanned = (f64, Vec<(f32, u16, u16, f32)>, f64);
+
+/// Plans the kicks that lock a lot.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the package names them")]
+pub fn capture_plan(
+    py: Python<'_>,
+    restitution: [f64; 2],
+    order: u32,
+    k: Option<f64>,
+    time_constant: f64,
+    limit: f64,
+    amplitude_error: f64,
+    effort: u32,
+) -> PyResult<CapturePlanned> {
+    let restitution = lot(restitution)?;
+    let band = Band::common(restitution, order).map_err(|error| match error {
+        BandError::OutOfRange(refused) => Refused::from(refused).into(),
+        BandError::Empty(none) => PyValueError::new_err(none.to_string()),
+    })?;
+    let k = k.unwrap_or(band.setpoint());
+    if !band.contains(k) {
+        return Err(PyValueError::new_err(format!(
+            "k = {k} is refused; accepted: {}..{}, the band of this lot",
+            band.low(),
+            band.high()
+        )));
+    }
+    let drive = DriveLag::build(DriveLagSettings {
+        time_constant,
+        start: 0.0,
+        limit,
+    });
+    let mut planner = Planner::<Hybrid>::new(PlanSettings {
+        lot: Lot {
+            k,
+            restitution,
+            order,
+            amplitude_error,
+        },
+        drive: drive.map_err(Refused::from)?,
+        time_constant,
+        effort,
+    })
+    .map_err(Refused::from)?;
+    let plan = py.detach(|| {
+        let mut look = Look::new();
+        loop {
+            if let Poll::Ready(plan) = planner.advance(10_000) {
+                return Ok::<_, PyErr>(plan);
+            }
+            look.look()?;
+        }
+    })?;
+    let kicks = (0..).map_while(|attempt| plan.attempt(attempt)).take(20);
+    let kicks = kicks.map(|kick| {
+        let kick = kick.settings();
+        (kick.factor, kick.hold, kick.descent, kick.release)
+    });
+    Ok((
+        k,
+        kicks.collect(),
+        plan.best().map_or(0.0, |best| best.share()),
+    ))
+}
+
+/// Exponent per impact with its error, the same per drive cycle, mean flight in drive cycles, and
+/// what the orbit is.
+type Exponents = ([f64; 2], [f64; 2], f64, &'static str);
+
+/// The largest Lyapunov exponent at each k, of the orbit that begins beside the lock.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the package names them")]
+pub fn exponents(
+    py: Python<'_>,
+    k: Vec<f64>,
+    restitution: f64,
+    order: u32,
+    settle: u32,
+    impacts: u32,
+    scatter: f64,
+    seed: u64,
+    threads: Option<NonZero<usize>>,
+) -> PyResult<Vec<Exponents>> {
+    let settings = ExponentSettings { settle, impacts };
+    let shape = [k.len()];
+    work::map(py, &shape, k.len(), threads, |n, _| {
+        let of_k = |refused| Refused::from(refused).at(n);
+        let map = Map::build(k[n], restitution).map_err(of_k)?;
+        let start = start_near_lock(&map, order);
+        let found = if scatter > 0.0 {
+            let scatter = Scatter::build(restitution, scatter, stream(seed, n as u64))?;
+            exponent::measure_scattered(&map, start, settings, scatter)?
+        } else {
+            exponent::measure(&map, start, settings)?
+        };
+        let dynamics = match found.dynamics {
+            Dynamics::Regular => "regular",
+            Dynamics::Chaotic => "chaotic",
+            Dynamics::Undecided => "undecided",
+            Dynamics::Rest { .. } => "rest",
+        };
+        let [impact, cycle] =
+            [found.per_impact, found.per_cycle].map(|estimate| [estimate.value, estimate.error]);
+        Ok((impact, cycle, found.flight, dynamics))
+    })
+}
+
+/// How parts rub on the track: tangential restitution, or friction (sliding, sticking).
+#[derive(FromPyObject)]
+pub enum Along {
+    Kept(f64),
+    Friction([f64; 2]),
+}
+
+/// The conveying speed at each k of a part from rest: mean over time in m/s, share of time in
+/// flight, and what the part does.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the package names them")]
+pub fn transport_speeds(
+    py: Python<'_>,
+    k: Vec<f64>,
+    restitution: f64,
+    along: Along,
+    track: [f64; 4],
+    settle: u64,
+    impacts: u64,
+    tones: Option<Tones>,
+    threads: Option<NonZero<usize>>,
+) -> PyResult<Vec<(f64, f64, &'static str)>> {
+    let [frequency, incline, amplitude_ratio, phase_lead] = track;
+    let track = Track::build(TrackSettings {
+        frequency,
+        incline,
+        amplitude_ratio,
+        phase_lead,
+        gravity: STANDARD_GRAVITY,
+    })
+    .map_err(Refused::from)?;
+    let wave = wave(tones)?;
+    if !wave.is_sine() && matches!(along, Along::Kept(_)) {
+        return Err(PyValueError::new_err(
+            "tones are refused with tangential_restitution; accepted: friction with tones",
+        ));
+    }
+    let effort = Effort { settle, impacts };
+    let shape = [k.len()];
+    work::map(py, &shape, k.len(), threads, |n, _| {
+        let of_k = |refused| Refused::from(refused).at(n);
+        let map = Map::build(k[n], restitution).map_err(of_k)?;
+        let found = match along {
+            Along::Kept(kept) => {
+                let tangential = Tangential::build(k[n], TangentialSettings::on(&track, kept))?;
+                measure(&map, tangential, Origin::Rest, effort, &mut ())
+            }
+            Along::Friction([sliding, sticking]) => {
+                let settings = FrictionSettings::on(&track, sticking, sliding);
+                if wave.is_sine() {
+                    measure(
+                        &map,
+                        Friction::build(k[n], settings)?,
+                        Origin::Rest,
+                        effort,
+                        &mut (),
+                    )
+                } else {
+                    let map = WaveMap::on(wave, k[n], restitution)?;
+                    let friction = Friction::on(&wave, k[n], settings)?;
+                    measure_on_tones(&map, friction, Origin::Rest, effort)
+                }
+            }
+        };
+        let conveyed = found.conveyed;
+        let motion = match found.motion {
+            Motion::Rest => "rest",
+            Motion::HopAndRest => "hops and rests",
+            Motion::Hopping => "hops",
+        };
+        let unit = track.velocity_unit(track.amplitude(k[n]));
+        let time = conveyed.flying + conveyed.resting;
+        Ok((
+            unit * conveyed.time_mean().unwrap_or(f64::NAN),
+            conveyed.flying / time,
+            motion,
+        ))
+    })
+}

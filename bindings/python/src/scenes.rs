@@ -1,0 +1,247 @@
+//! Scenes, run to their end or cycle by cycle.
+
+use std::sync::{Mutex, PoisonError};
+
+use kband_plant::Moment;
+use kband_scene::refusal::Refusal;
+use kband_scene::{Engine, Fidelity, Outcome, SceneFile, Watch, at_line, change, table};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
+use toml::{Table, Value};
+
+use crate::refused::Refused;
+use crate::work::Look;
+
+/// A Python value as one of TOML.
+fn value(object: &Bound<'_, PyAny>) -> PyResult<Value> {
+    if object.is_instance_of::<PyBool>() {
+        Ok(Value::Boolean(object.extract()?))
+    } else if object.is_instance_of::<PyInt>() {
+        Ok(Value::Integer(object.extract()?))
+    } else if object.is_instance_of::<PyFloat>() {
+        Ok(Value::Float(object.extract()?))
+    } else if object.is_instance_of::<PyString>() {
+        Ok(Value::String(object.extract()?))
+    } else if object.is_instance_of::<PyList>() || object.is_instance_of::<PyTuple>() {
+        let items = object.try_iter()?.map(|item| value(&item?));
+        Ok(Value::Array(items.collect::<PyResult<_>>()?))
+    } else if let Ok(dict) = object.cast::<PyDict>() {
+        Ok(Value::Table(table_of(dict)?))
+    } else if let Ok(number) = object.extract::<f64>() {
+        Ok(Value::Float(number))
+    } else {
+        Err(PyTypeError::new_err(format!(
+            "{} is no value of a scene; accepted: bool, int, float, str, list, tuple, dict",
+            object.get_type().name()?
+        )))
+    }
+}
+
+/// A dict as a table of TOML.
+pub fn table_of(dict: &Bound<'_, PyDict>) -> PyResult<Table> {
+    let pairs = dict
+        .iter()
+        .map(|(key, item)| Ok((key.extract::<String>()?, value(&item)?)));
+    pairs.collect()
+}
+
+/// A scene: its text in TOML, or a dict.
+#[derive(FromPyObject)]
+pub enum Given<'py> {
+    Text(String),
+    Dict(Bound<'py, PyDict>),
+}
+
+/// The scene that was given.
+pub fn scene(given: &Given<'_>) -> PyResult<SceneFile> {
+    let read = match given {
+        Given::Text(text) => table(text)
+            .and_then(SceneFile::from_table)
+            .map_err(|refusal| at_line(refusal, text)),
+        Given::Dict(dict) => SceneFile::from_table(table_of(dict)?),
+    };
+    Ok(read.map_err(Refused::from)?)
+}
+
+/// The fidelity of a name, or that of the scene.
+fn fidelity(file: &SceneFile, name: Option<&str>) -> PyResult<Fidelity> {
+    let Some(name) = name else {
+        return Ok(file.fidelity.unwrap_or_default());
+    };
+    let known = Fidelity::ALL.into_iter().find(|known| known.name() == name);
+    known.ok_or_else(|| {
+        let names = Fidelity::ALL.map(Fidelity::name).join(", ");
+        PyValueError::new_err(format!("fidelity = {name} is refused; accepted: {names}"))
+    })
+}
+
+/// What a drive cycle shows, as a dict.
+fn shown<'py>(py: Python<'py>, moment: &Moment) -> PyResult<Bound<'py, PyDict>> {
+    let shown = report(py, &moment.report)?;
+    shown.set_item("time", moment.time)?;
+    shown.set_item("impacts", moment.strikes)?;
+    shown.set_item("displacement", moment.displacement)?;
+    shown.set_item("load", moment.load)?;
+    Ok(shown)
+}
+
+/// What the controller reports of a drive cycle, as a dict.
+pub fn report<'py>(
+    py: Python<'py>,
+    report: &kband_control::Report,
+) -> PyResult<Bound<'py, PyDict>> {
+    let shown = PyDict::new(py);
+    shown.set_item("cycle", report.cycle)?;
+    shown.set_item("amplitude", report.amplitude)?;
+    shown.set_item("reference", report.reference)?;
+    shown.set_item("setpoint", report.setpoint)?;
+    shown.set_item("k", report.k)?;
+    shown.set_item("in_gear", report.in_gear)?;
+    shown.set_item("in_gear_error", report.in_gear_error)?;
+    shown.set_item("expected_in_gear", report.expected_in_gear)?;
+    shown.set_item("frequency", report.frequency)?;
+    shown.set_item("output", report.command.amplitude)?;
+    shown.set_item("state", report.state.name())?;
+    shown.set_item("fault", report.fault.map(kband_control::Fault::name))?;
+    let events: Vec<&str> = report
+        .events
+        .iter()
+        .map(kband_control::Event::name)
+        .collect();
+    shown.set_item("events", PyTuple::new(py, events)?)?;
+    Ok(shown)
+}
+
+/// What is kept of every drive cycle.
+const COLUMNS: [fn(&Moment) -> f64; 9] = [
+    |moment| moment.time,
+    |moment| moment.report.amplitude.into(),
+    |moment| moment.report.reference.into(),
+    |moment| moment.report.k.into(),
+    |moment| moment.report.in_gear.into(),
+    |moment| moment.report.in_gear_error.into(),
+    |moment| moment.report.command.amplitude.into(),
+    |moment| moment.displacement,
+    |moment| moment.load,
+];
+
+/// Runs a scene to its end: what came of it, and with `kept` the columns time, amplitude,
+/// reference, k, share in gear, its error, output, displacement and load of every drive cycle.
+#[pyfunction]
+pub fn simulate<'py>(
+    py: Python<'py>,
+    given: Given<'py>,
+    fidelity_name: Option<&str>,
+    kept: bool,
+) -> PyResult<(Bound<'py, PyDict>, Vec<Vec<f64>>)> {
+    let file = scene(&given)?;
+    let fidelity = fidelity(&file, fidelity_name)?;
+    let outcome = py.detach(|| {
+        let watch = Watch {
+            regime: true,
+            kept,
+            ..Watch::default()
+        };
+        let (mut look, mut interrupted) = (Look::new(), None);
+        let outcome = Outcome::run(&file, fidelity, watch, &mut |_| {
+            look.look().map_err(|error| {
+                interrupted = Some(error);
+                Refusal::interrupted()
+            })
+        });
+        match interrupted {
+            Some(error) => Err(error),
+            None => Ok(outcome.map_err(Refused::from)?),
+        }
+    })?;
+    let columns = COLUMNS.map(|of| outcome.moments().iter().map(of).collect());
+    Ok((summary(py, &outcome, fidelity)?, columns.into()))
+}
+
+fn summary<'py>(
+    py: Python<'py>,
+    outcome: &Outcome,
+    fidelity: Fidelity,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (last, record) = (outcome.last(), outcome.record());
+    let shown = PyDict::new(py);
+    shown.set_item("state", last.state.name())?;
+    shown.set_item("fault", last.fault.map(kband_control::Fault::name))?;
+    shown.set_item("limits", PyTuple::new(py, outcome.limits())?)?;
+    let events: Vec<(f64, &str)> = outcome
+        .events()
+        .map(|happened| (happened.time, happened.event.name()))
+        .collect();
+    shown.set_item("events", PyTuple::new(py, events)?)?;
+    shown.set_item("amplitude", outcome.amplitude())?;
+    shown.set_item("k", outcome.k())?;
+    shown.set_item("speed", outcome.speed())?;
+    shown.set_item("in_gear", outcome.in_gear())?;
+    shown.set_item("in_gear_estimated", record.in_gear_estimated())?;
+    shown.set_item("in_gear_error", record.in_gear_error())?;
+    shown.set_item("regime", outcome.regime())?;
+    let identified = outcome.identified();
+    shown.set_item("restitution", identified.map(|found| found.restitution))?;
+    let unmet = outcome
+        .unmet()
+        .map(|unmet| PyTuple::new(py, unmet))
+        .transpose()?;
+    shown.set_item("unmet", unmet)?;
+    shown.set_item("seed", outcome.file().scene.seed)?;
+    shown.set_item("fidelity", fidelity.name())?;
+    Ok(shown)
+}
+
+/// The closed loop of a scene, cycle by cycle.
+#[pyclass]
+pub struct Loop(Mutex<Engine<'static>>);
+
+impl Loop {
+    fn engine(&mut self) -> &mut Engine<'static> {
+        self.0.get_mut().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[pymethods]
+impl Loop {
+    #[new]
+    fn new(given: Given<'_>, fidelity_name: Option<&str>) -> PyResult<Self> {
+        let file = scene(&given)?;
+        let fidelity = fidelity(&file, fidelity_name)?;
+        let mut engine = Engine::build(&file.scene, fidelity).map_err(Refused::from)?;
+        engine.watch(true);
+        Ok(Self(Mutex::new(engine)))
+    }
+
+    /// Runs drive cycles; what the last of them shows.
+    fn cycle<'py>(&mut self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyDict>> {
+        let engine = self.engine();
+        py.detach(|| {
+            let mut look = Look::new();
+            for _ in 0..count {
+                engine.cycle().map_err(Refused::from)?;
+                look.look()?;
+            }
+            Ok::<_, PyErr>(())
+        })?;
+        let moment = self.engine().moment();
+        let moment = moment.ok_or_else(|| PyValueError::new_err("no cycle has run"))?;
+        shown(py, &moment)
+    }
+
+    /// Impacts of the last cycle: number of the part, phase in rad, speed in m/s.
+    fn impacts(&mut self) -> Vec<(u8, f64, f64)> {
+        let strikes = self.engine().strikes().iter();
+        strikes
+            .map(|strike| (strike.part, strike.phase, strike.speed))
+            .collect()
+    }
+
+    /// Changes something about the scene from the next cycle on.
+    fn apply(&mut self, given: &Bound<'_, PyDict>) -> PyResult<()> {
+        self.engine()
+            .apply(change(table_of(given)?).map_err(Refused::from)?);
+        Ok(())
+    }
+}

@@ -1,0 +1,112 @@
+//! Long work without the interpreter's lock, on threads, ended by Ctrl-C.
+
+use std::num::NonZero;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use pyo3::prelude::*;
+
+use crate::refused::Refused;
+
+/// Time between two looks for Ctrl-C.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Whether work is to end; work of many steps asks between them.
+pub struct Stop(AtomicBool);
+
+impl Stop {
+    /// Whether work is to end.
+    pub fn is_requested(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// `work` on each of `0..count` on `threads` threads, results in order. Each result depends on its
+/// number alone, which gives the same bits for any number of threads.
+///
+/// # Errors
+/// The refusal with the lowest number, as an exception for arrays of this shape; Ctrl-C.
+pub fn map<T: Send + Sync>(
+    py: Python<'_>,
+    shape: &[usize],
+    count: usize,
+    threads: Option<NonZero<usize>>,
+    work: impl Fn(usize, &Stop) -> Result<T, Refused> + Sync + Send,
+) -> PyResult<Vec<T>> {
+    let threads = threads.or_else(|| thread::available_parallelism().ok());
+    let threads = threads.map_or(1, NonZero::get);
+    let results: Vec<OnceLock<T>> = (0..count).map(|_| OnceLock::new()).collect();
+    let (next, stop) = (AtomicUsize::new(0), Stop(AtomicBool::new(false)));
+    let refused: Mutex<Option<(usize, Refused)>> = Mutex::new(None);
+    let worker = || {
+        while !stop.is_requested() {
+            let n = next.fetch_add(1, Ordering::Relaxed);
+            let Some(place) = results.get(n) else { break };
+            match work(n, &stop) {
+                Ok(result) => {
+                    let _ = place.set(result);
+                }
+                Err(why) => {
+                    let mut first = refused.lock().unwrap_or_else(PoisonError::into_inner);
+                    if first.as_ref().is_none_or(|(number, _)| n < *number) {
+                        *first = Some((n, why));
+                    }
+                    stop.0.store(true, Ordering::Relaxed);
+                }
+            }
+        }
+    };
+    let interrupted = py.detach(|| {
+        thread::scope(|scope| {
+            let (working, over) = channel::<()>();
+            for _ in 0..threads.min(count) {
+                let working = working.clone();
+                scope.spawn(move || {
+                    worker();
+                    drop(working);
+                });
+            }
+            drop(working);
+            let mut interrupted = Ok(());
+            while over.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
+                if interrupted.is_ok() {
+                    interrupted = Python::attach(|py| py.check_signals());
+                    if interrupted.is_err() {
+                        stop.0.store(true, Ordering::Relaxed);
+                    }
+                }
+            }
+            interrupted
+        })
+    });
+    interrupted?;
+    if let Some((_, why)) = refused.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        return Err(why.exception(shape));
+    }
+    Ok(results
+        .into_iter()
+        .filter_map(OnceLock::into_inner)
+        .collect())
+}
+
+/// Looks for Ctrl-C between the steps of work on the calling thread, without the lock.
+pub struct Look(Instant);
+
+impl Look {
+    /// Begins to look.
+    pub fn new() -> Self {
+        Self(Instant::now())
+    }
+
+    /// Called between two steps; an error ends the work.
+    pub fn look(&mut self) -> PyResult<()> {
+        if self.0.elapsed() < LOOK {
+            return Ok(());
+        }
+        self.0 = Instant::now();
+        Python::attach(|py| py.check_signals())
+    }
+}

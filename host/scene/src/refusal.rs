@@ -1,0 +1,173 @@
+//! The one message of a run that was refused or failed, and its exit status.
+
+use std::borrow::Cow;
+use std::fmt;
+use std::path::Path;
+
+use kband::feeder::OutOfRange;
+
+/// Why a verb did not do what was asked: cause, what is accepted, next step. Status 2, or 130 after
+/// an interruption.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Refusal {
+    cause: String,
+    accepted: Option<String>,
+    next: String,
+    interrupted: bool,
+    /// The key of a scene that it is about, as `track.frequency`.
+    key: Option<String>,
+}
+
+impl Refusal {
+    /// A refusal with its cause and the next step.
+    pub fn new(cause: impl Into<String>, next: impl Into<String>) -> Self {
+        Self {
+            cause: cause.into(),
+            accepted: None,
+            next: next.into(),
+            interrupted: false,
+            key: None,
+        }
+    }
+
+    /// `key = value` is not within `accepted`; `next` says what to do.
+    pub fn value(
+        key: impl fmt::Display,
+        value: impl fmt::Display,
+        accepted: impl Into<String>,
+        next: impl Into<String>,
+    ) -> Self {
+        Self {
+            accepted: Some(accepted.into()),
+            ..Self::new(format!("{key} = {value} is refused"), next)
+        }
+    }
+
+    /// The same refusal, with what is accepted.
+    pub fn accepting(mut self, accepted: impl Into<String>) -> Self {
+        self.accepted = Some(accepted.into());
+        self
+    }
+
+    /// A file that could not be read or written.
+    pub fn file(path: &Path, error: &std::io::Error, next: impl Into<String>) -> Self {
+        Self::new(format!("{}: {error}", path.display()), next)
+    }
+
+    /// The run was stopped by Ctrl-C before its result was complete.
+    pub fn interrupted() -> Self {
+        Self::cut(
+            "interrupted before the result was complete; nothing was written",
+            "start it again; fewer points finish sooner",
+        )
+    }
+
+    /// The run was stopped by Ctrl-C in the middle of what `cause` tells.
+    pub fn cut(cause: impl Into<String>, next: impl Into<String>) -> Self {
+        Self {
+            interrupted: true,
+            ..Self::new(cause, next)
+        }
+    }
+
+    /// The same refusal, of a key of a scene.
+    pub fn of_key(mut self, key: impl Into<String>) -> Self {
+        self.key = Some(key.into());
+        self
+    }
+
+    /// The key of a scene that it is about.
+    pub fn key(&self) -> Option<&str> {
+        self.key.as_deref()
+    }
+
+    /// The same refusal, preceded by where it was met (a line of a file, a key of a scene).
+    pub fn at(mut self, place: impl fmt::Display) -> Self {
+        self.cause = format!("{place}: {}", self.cause);
+        self
+    }
+
+    /// The same refusal with another next step.
+    pub fn then(mut self, next: impl Into<String>) -> Self {
+        self.next = next.into();
+        self
+    }
+
+    /// The exit status that goes with it.
+    pub fn status(&self) -> u8 {
+        if self.interrupted { 130 } else { 2 }
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "error: {}", readable(&self.cause))?;
+        if let Some(accepted) = &self.accepted {
+            write!(formatter, "\n  accepted: {}", readable(accepted.trim_end()))?;
+        }
+        write!(formatter, "\n  next: {}", readable(&self.next))
+    }
+}
+
+/// Characters of a message's part that a person may still read.
+const MAX_MESSAGE_CHARACTERS: usize = 2000;
+
+/// The text with its middle left out where nobody would read it: what is refused may be a file of 3 MB.
+fn readable(text: &str) -> Cow<'_, str> {
+    let count = text.chars().count();
+    if count <= MAX_MESSAGE_CHARACTERS {
+        return text.into();
+    }
+    let half = MAX_MESSAGE_CHARACTERS / 2;
+    let begin: String = text.chars().take(half).collect();
+    let end: String = text.chars().skip(count - half).collect();
+    let left_out = count - 2 * half;
+    format!("{begin} ... ({left_out} characters left out) ... {end}").into()
+}
+
+impl std::error::Error for Refusal {}
+
+impl From<OutOfRange> for Refusal {
+    fn from(refused: OutOfRange) -> Self {
+        let value = if refused.value.abs() < 1e15 {
+            refused.value.to_string()
+        } else {
+            format!("{:e}", refused.value)
+        };
+        Self::value(
+            refused.parameter,
+            value,
+            refused.accepted,
+            format!("change {} and run again", refused.parameter),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_is_short_enough_to_be_read() {
+        let long = "\u{e9}".repeat(3_000_000);
+        let message = Refusal::value("key", &long, &long, "the end").to_string();
+        assert!(
+            message.chars().count() < 3 * MAX_MESSAGE_CHARACTERS,
+            "{}",
+            message.len()
+        );
+        assert!(message.starts_with("error: key = "), "{message}");
+        assert!(message.contains("characters left out") && message.ends_with("next: the end"));
+    }
+
+    #[test]
+    fn a_value_out_of_range_names_key_value_range_and_next_step() {
+        let refused = kband::feeder::Restitution::single(1.25).unwrap_err();
+        let message = Refusal::from(refused).at("line 7").to_string();
+        assert_eq!(
+            message,
+            "error: line 7: restitution = 1.25 is refused\n  accepted: 0..1\n  \
+             next: change restitution and run again"
+        );
+    }
+}
