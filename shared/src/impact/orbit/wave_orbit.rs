@@ -103,7 +103,10 @@ impl Iterator for WaveOrbit<'_> {
         let mut impact = match self.stage {
             Stage::Resting => return self.lift_off(),
             Stage::Released => self.release?.impact,
-            Stage::Hopping => match self.map.hop_within(self.chatter, self.restitution, self.state) {
+            Stage::Hopping => match self
+                .map
+                .hop_within(self.chatter, self.restitution, self.state)
+            {
                 Hop::Rest(chatter) => return Some(self.begin_rest(chatter)),
                 Hop::Impact(impact) => impact,
             },

@@ -206,6 +206,7 @@ impl Launch<f64> {
         let third = z * z * z * (2.1 * (c / pull) * (c / pull) + 0.9 * s / pull);
         let change = limits.pull_change * pull;
         let steady = 2.0 * z * c <= change && 2.0 * z * z * s <= change;
-        (third <= limits.remainder && steady).then(|| 2.0 * z + 4.0 / 3.0 * (at.surge / pull) * z * z)
+        (third <= limits.remainder && steady)
+            .then(|| 2.0 * z + 4.0 / 3.0 * (at.surge / pull) * z * z)
     }
 }

@@ -153,7 +153,6 @@ impl WaveMap {
     pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {
         self.track.throw(phase)
     }
-
 }
 
 /// The next contact of a hopping part.

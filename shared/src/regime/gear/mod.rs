@@ -461,7 +461,10 @@ mod tests {
         }
         // Of unbiased differences the mean square is 1, and the sum scatters by the root of their
         // number.
-        assert!(squares / count < 2.2 && sum.abs() < 3.0 * libm::sqrt(count), "{squares} {sum}");
+        assert!(
+            squares / count < 2.2 && sum.abs() < 3.0 * libm::sqrt(count),
+            "{squares} {sum}"
+        );
     }
 
     #[test]
