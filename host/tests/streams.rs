@@ -79,7 +79,8 @@ fn memory_does_not_grow_with_the_number_of_rows() {
         ("impacts --from rows.csv".into(), 400_000),
     ] {
         let (count, most) = printed(folder.path(), &words, lines);
-        assert!((lines..lines + 40).contains(&count), "{words}: {count}");
+        // The provenance comes first.
+        assert!((lines..lines + 100).contains(&count), "{words}: {count}");
         assert!(0 < most && most < MAX_MEMORY, "{words}: {most} KiB");
     }
 }

@@ -66,7 +66,8 @@ mod tests {
     fn streamed_rows_have_the_bytes_of_a_table() {
         let columns = [columns::N, columns::PHASE, columns::FLIGHT];
         let mut table = Table::new(&columns);
-        for count in 0..3_u32 {
+        for count in 1..4_u32 {
+            table.push([count.into(), 0.1.into(), Value::Missing]);
             let mut streamed = Vec::new();
             let mut rows = JsonRows::begin(&mut streamed, &columns).unwrap();
             table.write_rows(&mut rows).unwrap();
@@ -78,7 +79,15 @@ mod tests {
                 String::from_utf8(streamed).unwrap(),
                 String::from_utf8(whole).unwrap()
             );
-            table.push([count.into(), 0.1.into(), Value::Missing]);
         }
+    }
+
+    #[test]
+    fn a_document_without_rows_is_whole() {
+        let mut streamed = Vec::new();
+        let rows = JsonRows::begin(&mut streamed, &[columns::N]).unwrap();
+        rows.end().unwrap();
+        let document: Json = serde_json::from_slice(&streamed).unwrap();
+        assert_eq!(document["rows"], Json::Array(Vec::new()));
     }
 }
