@@ -64,7 +64,7 @@ trap stop INT TERM HUP
 closing_lines() {
     awk '/^     Running |^   Doc-tests / { name = $NF; gsub(/.*\/|-[0-9a-f]+\)$/, "", name) }
         /^test result:/ && !/ 0 passed; 0 failed; 0 ignored/ { print "   " name ": " $0 }
-        /^setup: ready|KiB of flash|instructions a (sample|cycle)|stack [0-9]+ of|^panics left|^fuzz: |^flood: |^mutants: |^capture plan|^instructions .* orbits |^every impact of|launches of seed [0-9]+, none missed/ { print "   " $0 }' "$1"
+        /^setup: ready|KiB of flash|instructions a (sample|cycle)|stack [0-9]+ of|^panics left|^dependencies: |^fuzz: |^flood: |^mutants: |^capture plan|^instructions .* orbits |^every impact of|launches of seed [0-9]+, none missed/ { print "   " $0 }' "$1"
 }
 
 # step NAME LIMIT COMMAND...: LIMIT in seconds.
@@ -150,6 +150,7 @@ if [ "${1:-}" = --drawn ]; then
         step "scenes of seed $seed" 7200 cargo test --locked --package kband-tests --test random_scenes
         step "feeders of seed $seed" 7200 cargo test --locked --package kband-plant --lib drawn
         step "lots of seed $seed" 7200 cargo test --locked --package kband-plant --test loops lots
+        step "machines of seed $seed" 7200 cargo test --locked --package kband-plant --test loops bounds
         step "settings of seed $seed" 7200 cargo test --locked --package kband-control --lib bounds
         step "requests and power cuts of seed $seed" 7200 cargo test --locked --package kband-firmware --lib
         step "inputs of seed $seed" 7200 cargo test --locked --package kband-fuzz --test inputs
@@ -196,6 +197,7 @@ image() {
     shift
     step "$name" 1200 $cross build --config firmware/image.toml --locked --profile firmware --target-dir "$target/emulated" "$@"
 }
+step "dependencies" 60 tests/dependencies.py
 image "images for the emulated CPU" --package kband-emulated --bins --target $thumb
 image "images for the emulated small CPU" --package kband-emulated --bin kernel_bits --bin kernel_cost --target $small
 image "image of the second board" --package kband-firmware --bin feeder --target $thumb \

@@ -448,7 +448,8 @@ mod tests {
     }
 
     /// Runs a sampler with one constant command a cycle. Each contact state lasts for the given
-    /// time in ms. Returns whether the drive is off, and the enable input as handed to the control.
+    /// time in ms. Returns whether the drive was off at every sample, and the enable input as handed
+    /// to the control.
     fn commanded(amplitude: f32, contacts: &[(Contact, u32)]) -> (bool, EnableCycle) {
         static ROLL: Roll = Roll::of(&[Watched::Samples]);
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
@@ -465,10 +466,12 @@ mod tests {
         };
         let mut context = Context::from_waker(Waker::noop());
         let mut last = None;
+        let mut stays_off = true;
         for &(contact, time) in contacts {
             desk.0.borrow_mut().contact = Some(contact);
             for _ in 0..20 * time {
                 sampler.interrupt();
+                stays_off &= desk.0.borrow().off;
                 if exchange.has_waiting_cycle()
                     && let Poll::Ready((_, enable)) = pin!(exchange.next()).poll(&mut context)
                 {
@@ -477,7 +480,7 @@ mod tests {
                 }
             }
         }
-        (desk.0.borrow().off, last.expect("the samples read it"))
+        (stays_off, last.expect("the samples read it"))
     }
 
     #[test]

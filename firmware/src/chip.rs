@@ -5,21 +5,21 @@
 //! memory, `NAME.x`, in this crate's folder. Both have the name of the cargo feature that chooses
 //! the board, and `main.rs` names the file.
 
-use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::pac::Interrupt;
 use embassy_stm32::peripherals::{ADC1, FLASH};
+use embassy_stm32::{Peri, Peripherals};
 
 use kband_control::wire::SetUp;
 
 use crate::start::ResetFlags;
 use crate::store::{Store, StoreFailed};
 
-/// The clocks that a chip starts with.
-pub struct ChipClocks {
-    /// Their frequencies and sources.
-    pub config: embassy_stm32::Config,
-    /// Whether they are the configured ones; otherwise the drive stays off.
+/// A chip whose clocks run.
+pub struct Started {
+    /// Its peripherals.
+    pub peripherals: Peripherals,
+    /// Whether the clocks are the configured ones; otherwise the drive stays off.
     pub sound: bool,
 }
 
@@ -37,7 +37,7 @@ pub trait Chip {
 
     /// Starts the clocks, which give [`Chip::CORE_CLOCK`]; APB1 runs USART2 at 115200 baud within 2
     /// %. The independent watchdog runs before this call; each wait here has a limit.
-    fn clocks() -> ChipClocks;
+    fn start() -> Started;
 
     /// Monitors the oscillator and the supply once the clocks run: a failure of either must open
     /// the bridge. Also switches the flash's read-ahead on.

@@ -204,12 +204,14 @@ fn broken() -> bool {
     broken
 }
 
-/// Clears the break flag.
+/// Flags of a break by the input (BIF) and by the chip itself (SBIF, STM32G4 only; RM0440, 28.6.5).
+/// While one of them is set, the outputs stay off.
+const BREAKS: u32 = 1 << 7 | 1 << 13;
+
+/// Clears the break flags.
 pub fn forget_break() {
     // Writing 0 clears a flag; writing 1 leaves it.
-    pac::TIM1
-        .sr()
-        .write_value(pac::timer::regs::SrAdv(!(1 << 7)));
+    pac::TIM1.sr().write_value(pac::timer::regs::SrAdv(!BREAKS));
 }
 
 /// Pin number of the drive-on output on port C.

@@ -15,7 +15,7 @@ use kband_control::wire::SetUp;
 use kband_control::{Controller, Cycle, SAMPLE_RATE, Settings, Signal, StartCause};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Monitor, Panel, Watchdog};
-use kband_firmware::chip::Chip;
+use kband_firmware::chip::{Chip, Started};
 use kband_firmware::cortex::{
     IDENTITY, Owned, guard_stack, stack_free, stack_use, take_last_words,
 };
@@ -198,13 +198,13 @@ async fn main(spawner: Spawner) {
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     guard_stack(&core.MPU);
-    let clocks = Board::clocks();
-    let sound = clocks.sound;
-    let peripherals = embassy_stm32::init(clocks.config);
+    let Started {
+        peripherals: p,
+        sound,
+    } = Board::start();
     guard.feed();
     let last_words = take_last_words();
     log::start(cause, &last_words);
-    let p = peripherals;
     let bridge = HalfBridge::new(
         p.TIM1,
         p.PA8,

@@ -11,7 +11,7 @@ use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
 use embassy_time::Instant;
 use kband_control::wire::SetUp;
-use kband_firmware::chip::{Chip, ChipClocks};
+use kband_firmware::chip::{Chip, Started};
 use kband_firmware::cortex::{remembers_running, waiting_faults};
 use kband_firmware::start::ResetFlags;
 use kband_firmware::stm32::{Window, drive_off};
@@ -68,7 +68,7 @@ impl Chip for Board {
 
     /// Selects the crystal where it oscillates at its frequency, else the internal oscillator. With
     /// another crystal the core would run far above its largest frequency.
-    fn clocks() -> ChipClocks {
+    fn start() -> Started {
         use embassy_stm32::rcc::*;
         let sound = crystal::swings(CRYSTAL);
         let mut config = embassy_stm32::Config::default();
@@ -93,7 +93,10 @@ impl Chip for Board {
         config.rcc.apb1_pre = APBPrescaler::DIV4;
         config.rcc.apb2_pre = APBPrescaler::DIV2;
         config.rcc.sys = Sysclk::PLL1_P;
-        ChipClocks { config, sound }
+        Started {
+            peripherals: embassy_stm32::init(config),
+            sound,
+        }
     }
 
     /// A crystal that stops opens the bridge by the break of TIM1, which needs no clock. Its

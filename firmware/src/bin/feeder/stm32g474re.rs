@@ -10,7 +10,7 @@ use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_time::Instant;
 use kband_control::wire::SetUp;
-use kband_firmware::chip::{Chip, ChipClocks};
+use kband_firmware::chip::{Chip, Started};
 use kband_firmware::cortex::{remembers_running, waiting_faults};
 use kband_firmware::start::ResetFlags;
 use kband_firmware::stm32::Window;
@@ -25,6 +25,9 @@ mod flash;
 
 /// Highest level of the supply monitor: 2.9 V (DS12288, table 21).
 const HIGHEST_LEVEL: u8 = 6;
+
+/// Bit R1MODE of PWR_CR5: range 1 without boost (RM0440, 6.4.5).
+const NORMAL_RANGE_1: u32 = 1 << 8;
 
 /// EXTI line of the supply monitor.
 const SUPPLY_LINE: usize = 16;
@@ -61,10 +64,17 @@ impl Chip for Board {
 
     const CONVERTED: pac::Interrupt = pac::Interrupt::ADC1_2;
 
-    fn clocks() -> ChipClocks {
+    /// Range 1 boost, without which the core may run at 150 MHz at most (RM0440, 6.1.5).
+    /// `stm32-metapac` 21.0.0 takes bit 0 of PWR_CR5 for R1MODE, which is bit 8. So the chip starts
+    /// on its 16 MHz oscillator and gets the fast clock after the bit is clear.
+    fn start() -> Started {
         use embassy_stm32::rcc::*;
-        let mut config = embassy_stm32::Config::default();
-        config.rcc.pll = Some(Pll {
+        let mut peripherals = embassy_stm32::init(embassy_stm32::Config::default());
+        pac::PWR
+            .cr5()
+            .modify(|control| control.0 &= !NORMAL_RANGE_1);
+        let mut config = Config::default();
+        config.pll = Some(Pll {
             source: PllSource::HSI,
             prediv: PllPreDiv::DIV4,
             mul: PllMul::MUL85,
@@ -72,11 +82,12 @@ impl Chip for Board {
             divq: None,
             divr: Some(PllRDiv::DIV2),
         });
-        config.rcc.boost = true;
-        config.rcc.sys = Sysclk::PLL1_R;
-        config.rcc.mux.adc12sel = mux::Adcsel::SYS;
-        ChipClocks {
-            config,
+        config.boost = true;
+        config.sys = Sysclk::PLL1_R;
+        config.mux.adc12sel = mux::Adcsel::SYS;
+        reinit(config, &mut peripherals.RCC);
+        Started {
+            peripherals,
             sound: true,
         }
     }
@@ -117,9 +128,8 @@ impl Chip for Board {
         SUPPLY.take_is_low(is_below(), Instant::now().as_millis() as u32)
     }
 
-    /// The break holds the bridge open in hardware.
     fn supply_allows() -> bool {
-        true
+        !SUPPLY.has_fallen() && !is_below()
     }
 
     fn start_window() {
@@ -174,8 +184,9 @@ impl Chip for Board {
         ResetFlags {
             watchdog: flags.iwdgrstf() || flags.wwdgrstf(),
             software: flags.sftrstf(),
-            // This chip has one flag for power-on and brown-out: the drive waits for a new enable.
-            sag: true,
+            // This chip has one flag for power-on and brown-out. RAM that kept its mark tells them
+            // apart.
+            sag: false,
             remembered: remembers_running(),
         }
     }

@@ -122,6 +122,24 @@ fn a_test_swing_finds_what_the_tolerance_excludes() {
     }
 }
 
+#[test]
+fn the_test_swing_is_no_reference_for_a_loaded_track() {
+    // Load changes the ratio of measured to predicted amplitude by 1.25 / 0.87, more than the
+    // tolerance of 1.3: just after the swing, and half a second later.
+    for (at, fault) in [(0.65, None), (1.1, Some(Fault::SensorImplausible))] {
+        let changes = [(0.0, 1.25), (at, 0.87)];
+        let changes = changes.map(|(at, factor)| Disturbance {
+            at,
+            change: Change::Sensitivity(factor),
+        });
+        let scene = Scene {
+            disturbances: changes.into_iter().collect(),
+            ..commissioned(0.0)
+        };
+        assert_eq!(run(&scene, 8.0).0, fault, "{at} s");
+    }
+}
+
 /// As [`commissioned`], without gravity on the sensor's axis, with a current sensor.
 fn with_current_sensor() -> Scene {
     let mut scene = commissioned(0.0);
