@@ -1,17 +1,23 @@
 //! The impact map under criterion: `cargo bench -p kband-host`.
 //!
 //! Independent impacts on the workloads of `kband bench`, and orbits on one tone and on two: each
-//! impact from the end of the one before, which a CPU cannot overlap.
+//! impact from the end of the one before, which a CPU cannot overlap. Then what commands are made
+//! of: exponents, shares in gear, cascades. All times are CPU times of the thread.
 
 use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
-use kband::impact::{Hybrid, Integer, Kernel, Map, Single, Tone, WaveKernel, WaveMap, WaveSingle};
+use kband::impact::{
+    Hybrid, Integer, Kernel, Map, Scatter, Single, Tone, WaveKernel, WaveMap, WaveSingle,
+};
+use kband::regime::cascade::Cascade;
+use kband::regime::exponent::{ExponentSettings, measure, measure_together, start_near_lock};
+use kband::regime::gear::shares_from_rest;
 use kband_host::bench::baseline::Textbook;
-use kband_host::bench::contestants;
 use kband_host::bench::workload::WORKLOADS;
+use kband_host::bench::{contestants, cpu_time};
 
 /// Launches of a workload.
 const LAUNCHES: usize = 4096;
@@ -64,9 +70,65 @@ fn orbit<K: Kernel, E: std::fmt::Debug>(
 ) {
     let kernel = kernel.expect("k and restitution are within range");
     let mut state = K::state(0.7, 0.36).expect("within range");
-    group.bench_function(K::NAME, |bencher| {
-        bencher.iter(|| state = black_box(kernel.impact(state).next));
+    timed(group, K::NAME, || {
+        state = black_box(kernel.impact(state).next)
     });
+}
+
+/// Measures the CPU time of `work`.
+fn timed(group: &mut BenchmarkGroup<'_, WallTime>, name: &str, mut work: impl FnMut()) {
+    group.bench_function(name, |bencher| {
+        bencher.iter_custom(|times| {
+            let begun = cpu_time();
+            (0..times).for_each(|_| work());
+            cpu_time().saturating_sub(begun)
+        });
+    });
+}
+
+/// Exponents an impact, shares in gear a drive period, and whole cascades.
+fn measurements(criterion: &mut Criterion) {
+    const IMPACTS: u32 = 2000;
+    const ORBITS: usize = 8;
+    const PERIODS: f64 = 250.0;
+    let settings = ExponentSettings {
+        settle: 0,
+        impacts: IMPACTS,
+    };
+    for (name, k) in [("exponent, lock", 0.43), ("exponent, chaos", 0.34)] {
+        let map = Map::build(k, 0.2).expect("within range");
+        let start = start_near_lock(&map, 1);
+        let mut group = criterion.benchmark_group(name);
+        group.throughput(Throughput::Elements(IMPACTS.into()));
+        timed(&mut group, "alone", || {
+            black_box(measure(&map, start, settings).expect("within range"));
+        });
+        group.throughput(Throughput::Elements((ORBITS as u64) * u64::from(IMPACTS)));
+        timed(&mut group, "side by side", || {
+            let found = measure_together(&map, [start; ORBITS], settings);
+            black_box(found.expect("within range"));
+        });
+        group.finish();
+    }
+    let mut group = criterion.benchmark_group("gear");
+    group.throughput(Throughput::Elements(PERIODS as u64));
+    for (name, k) in [("in gear", 0.42), ("out of gear", 0.5)] {
+        let tones = [SECOND, Tone::default()];
+        let map = WaveMap::on_tones(tones, k, 0.3).expect("within range");
+        let scatter = Scatter::build(0.3, 0.05, 1).expect("within range");
+        timed(&mut group, name, || {
+            shares_from_rest(&map, &[scatter], 1, PERIODS, |_, share| {
+                black_box(share);
+            })
+            .expect("within range");
+        });
+    }
+    group.finish();
+    let mut group = criterion.benchmark_group("cascade");
+    timed(&mut group, "6 doublings", || {
+        black_box(Cascade::locate(0.2, 1, 6).expect("within range"));
+    });
+    group.finish();
 }
 
 criterion_group! {
@@ -75,6 +137,6 @@ criterion_group! {
         .sample_size(20)
         .warm_up_time(Duration::from_millis(300))
         .measurement_time(Duration::from_secs(1));
-    targets = independent, orbits
+    targets = independent, orbits, measurements
 }
 criterion_main!(benches);

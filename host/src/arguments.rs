@@ -18,7 +18,7 @@ use kband::impact::{Scatter, Tone, Wave};
 use crate::file::Destination;
 use crate::picture::Picture;
 use crate::refusal::Refusal;
-use crate::report::{Format, Printout};
+use crate::report::{Column, Format, Printout, Rows, rows_file};
 
 /// How the result is printed on standard output.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -44,6 +44,15 @@ impl Drawn {
     /// Where the picture or the numbers will go, checked before anything is computed. With `format`
     /// as numbers, standard output is no picture.
     pub fn output(&self, format: Format) -> Result<Output, Refusal> {
+        self.output_with(format, false)
+    }
+
+    /// The same for numbers that go out row by row, also as .parquet.
+    pub fn output_of_rows(&self, format: Format) -> Result<Output, Refusal> {
+        self.output_with(format, true)
+    }
+
+    fn output_with(&self, format: Format, by_rows: bool) -> Result<Output, Refusal> {
         let Some(path) = &self.out else {
             return Ok(Output { kind: None });
         };
@@ -52,6 +61,10 @@ impl Drawn {
         let kind = match target.ending().as_str() {
             "csv" => Kind::Numbers(Format::Csv),
             "json" => Kind::Numbers(Format::Json),
+            "parquet" if by_rows => {
+                rows_file::check("--out", &target)?;
+                Kind::Numbers(Format::Csv)
+            }
             picture if PICTURES.contains(&picture) => Kind::Picture(self.look),
             other => {
                 return Err(Refusal::value(
@@ -118,6 +131,29 @@ impl Output {
         matches!(self.kind, Some((_, Kind::Numbers(Format::Csv))))
     }
 
+    /// Does `work` with the rows that go into a file of numbers as they come; with none where the
+    /// output is a picture or nothing.
+    pub fn rows<T>(
+        &self,
+        columns: &[Column],
+        work: impl FnOnce(Option<&mut dyn Rows>) -> Result<T, Refusal>,
+    ) -> Result<T, Refusal> {
+        let target = self.rows_target();
+        let result = rows_file::write(target, columns, work)?;
+        if let Some(target) = target {
+            eprintln!("{}", target.told());
+        }
+        Ok(result)
+    }
+
+    /// The file of numbers.
+    pub fn rows_target(&self) -> Option<&Destination> {
+        match &self.kind {
+            Some((target, Kind::Numbers(_))) => Some(target),
+            _ => None,
+        }
+    }
+
     /// Writes the picture or the numbers of `report`, whole, and says where on standard error;
     /// nothing without `--out`. The picture is drawn only when it is wanted.
     pub fn write(
@@ -125,14 +161,19 @@ impl Output {
         report: &Printout,
         picture: impl FnOnce() -> Picture,
     ) -> Result<(), Refusal> {
-        let Some((target, kind)) = &self.kind else {
-            return Ok(());
-        };
-        match kind {
-            Kind::Picture(look) => look.write(target, &picture())?,
-            Kind::Numbers(format) => report.save(*format, target)?,
+        if let Some((target, Kind::Numbers(format))) = &self.kind {
+            report.save(*format, target)?;
+            eprintln!("{}", target.told());
         }
-        eprintln!("{}", target.told());
+        self.draw(picture)
+    }
+
+    /// Writes the picture, if one is wanted, and says where on standard error.
+    pub fn draw(&self, picture: impl FnOnce() -> Picture) -> Result<(), Refusal> {
+        if let Some((target, Kind::Picture(look))) = &self.kind {
+            look.write(target, &picture())?;
+            eprintln!("{}", target.told());
+        }
         Ok(())
     }
 }

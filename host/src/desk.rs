@@ -135,6 +135,12 @@ impl Progress {
         Self::on(title, length, std::io::stderr().is_terminal())
     }
 
+    /// A bar beside rows on standard output: none where both are on a terminal.
+    pub fn beside_rows(title: &str, length: u64) -> Self {
+        let shown = std::io::stderr().is_terminal() && !std::io::stdout().is_terminal();
+        Self::on(title, length, shown)
+    }
+
     fn on(title: &str, length: u64, shown: bool) -> Self {
         let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::hidden());
         let waiting = shown.then(|| {

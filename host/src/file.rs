@@ -34,6 +34,10 @@ pub fn reader_is_gone() -> bool {
 }
 
 /// Standard output that notes when its reader has gone away.
+pub fn standard_output() -> impl Write {
+    Standard(std::io::stdout())
+}
+
 struct Standard(std::io::Stdout);
 
 impl Write for Standard {
@@ -214,7 +218,7 @@ impl Destination {
     ) -> Result<T, Refusal> {
         let refuse = |error: std::io::Error| self.unwritten(&error);
         if self.standard {
-            let mut out = BufWriter::new(Standard(std::io::stdout()));
+            let mut out = BufWriter::new(standard_output());
             let result = work(&mut out)?;
             out.flush().map_err(refuse)?;
             return Ok(result);

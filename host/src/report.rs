@@ -1,6 +1,7 @@
 //! Results as a table to read, as CSV and as JSON.
 
 pub mod columns;
+mod json_rows;
 #[cfg(feature = "parquet")]
 mod parquet;
 pub mod rows_file;
@@ -8,6 +9,7 @@ mod table;
 mod value;
 mod view;
 
+pub use json_rows::JsonRows;
 pub use table::{Column, CsvRows, Rows, Table};
 pub use value::{Value, number, shortest};
 pub(crate) use view::fields;
@@ -164,11 +166,72 @@ impl Printout {
     }
 }
 
+/// Rows of a table to read: what has more is no table to read.
+const MAX_ROWS_TO_READ: usize = 50_000;
+
+/// Rows that wait for the widths of their columns.
+struct RowsToRead(Table);
+
+impl Rows for RowsToRead {
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+        if self.0.len() == MAX_ROWS_TO_READ {
+            return Err(Refusal::value(
+                "--format",
+                "table",
+                format!("csv or json for more than {MAX_ROWS_TO_READ} rows"),
+                "choose one of them, or ask for fewer rows",
+            ));
+        }
+        self.0.push_row(row.to_vec());
+        Ok(())
+    }
+}
+
+/// Prints the rows of `work` on standard output as they come; a table to read, when all are there.
+///
+/// A reader that has gone away is noted, see [`file::reader_is_gone`].
+pub fn print_rows<T>(
+    format: Format,
+    columns: &[Column],
+    work: impl FnOnce(&mut dyn Rows) -> Result<T, Refusal>,
+) -> Result<T, Refusal> {
+    if format == Format::Table {
+        let mut rows = RowsToRead(Table::new(columns));
+        let result = work(&mut rows)?;
+        Printout::new(rows.0).print(format)?;
+        return Ok(result);
+    }
+    let standard: Box<dyn Write> = if file::takes_standard_output() {
+        words()
+    } else {
+        Box::new(file::standard_output())
+    };
+    let mut out = std::io::BufWriter::new(standard);
+    let result = if format == Format::Csv {
+        work(&mut CsvRows::begin(&mut out, columns)?)?
+    } else {
+        let mut rows = JsonRows::begin(&mut out, columns)?;
+        let result = work(&mut rows)?;
+        let ended = rows.end();
+        if !file::reader_is_gone() {
+            ended?;
+        }
+        result
+    };
+    quiet_if_closed(out.flush())?;
+    Ok(result)
+}
+
 /// States the size of a file that will have more than 100 MB.
 pub fn state_size(target: &Destination, bytes: u64) {
+    state_size_of(target.path().display(), bytes);
+}
+
+/// [`state_size`] of anything that bytes go to.
+pub fn state_size_of(target: impl std::fmt::Display, bytes: u64) {
     if bytes > 100_000_000 {
-        let (path, size) = (target.path().display(), bytes / 1_000_000);
-        eprintln!("note: {path} will have about {size} MB");
+        let size = bytes / 1_000_000;
+        eprintln!("note: {target} will have about {size} MB");
     }
 }
 

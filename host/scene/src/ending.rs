@@ -84,9 +84,9 @@ pub struct Endings {
     map: Map,
     /// The attracting period-1 orbits, by order from 1 to the highest.
     locks: Vec<Option<Lock>>,
-    /// Final regime of a part from rest. Every part that rests once shares it, because rest erases
-    /// the history.
-    after_rest: Regime,
+    /// Final regime of a part from rest, computed where one rests. Every part that rests once shares
+    /// it, because rest erases the history.
+    after_rest: OnceLock<Regime>,
     impacts: usize,
     /// Whether irregular flights in gear stay there, by order from 1.
     held: [OnceLock<bool>; ORDERS],
@@ -100,29 +100,6 @@ impl Endings {
     ///
     /// Errors: a `Refusal` for parameters out of range.
     pub fn new(k: f64, restitution: f64, impacts: usize) -> Result<Self, Refusal> {
-        let mut one = Self::unrested(k, restitution, impacts)?;
-        one.after_rest = together::after_rest(slice::from_ref(&one))[0];
-        Ok(one)
-    }
-
-    /// The endings on many tracks, each of a k and a restitution.
-    pub fn of_tracks(tracks: &[(f64, f64)], impacts: usize) -> Result<Vec<Self>, Refusal> {
-        let one = |(k, restitution): &(f64, f64)| Self::unrested(*k, *restitution, impacts);
-        let mut all: Vec<Self> = tracks.iter().map(one).collect::<Result<_, _>>()?;
-        let ends = together::after_rest(&all);
-        for (endings, end) in all.iter_mut().zip(ends) {
-            endings.after_rest = end;
-        }
-        Ok(all)
-    }
-
-    /// The classifier for [`Seen`], without the regime of a part from rest.
-    pub fn seen(k: f64, restitution: f64) -> Result<Self, Refusal> {
-        Self::unrested(k, restitution, 0)
-    }
-
-    /// The classifier without the regime of a part from rest.
-    fn unrested(k: f64, restitution: f64, impacts: usize) -> Result<Self, Refusal> {
         let map = Map::build(k, restitution)?;
         let mut locks = Vec::new();
         for order in 1..=MAX_ORDER {
@@ -136,11 +113,28 @@ impl Endings {
         Ok(Self {
             map,
             locks,
-            after_rest: Regime::Rest,
+            after_rest: OnceLock::new(),
             impacts,
             held: Default::default(),
             to_rest: OnceLock::new(),
         })
+    }
+
+    /// The endings on many tracks, each of a k and a restitution; the regimes of parts from rest are
+    /// computed side by side.
+    pub fn of_tracks(tracks: &[(f64, f64)], impacts: usize) -> Result<Vec<Self>, Refusal> {
+        let one = |(k, restitution): &(f64, f64)| Self::new(*k, *restitution, impacts);
+        let mut all: Vec<Self> = tracks.iter().map(one).collect::<Result<_, _>>()?;
+        let ends = together::after_rest(&all);
+        for (endings, end) in all.iter_mut().zip(ends) {
+            endings.after_rest = end.into();
+        }
+        Ok(all)
+    }
+
+    /// The classifier for [`Seen`].
+    pub fn seen(k: f64, restitution: f64) -> Result<Self, Refusal> {
+        Self::new(k, restitution, 0)
     }
 
     /// The map of the orbits.
@@ -164,7 +158,9 @@ impl Endings {
 
     /// Final regime of a part that starts from rest.
     pub fn from_rest(&self) -> Regime {
-        self.after_rest
+        *self
+            .after_rest
+            .get_or_init(|| together::after_rest(slice::from_ref(self))[0])
     }
 
     /// Final regime of a part that starts just after an impact.

@@ -16,6 +16,7 @@ pub struct Column {
     unit: &'static str,
     digits: usize,
     words: bool,
+    plain: bool,
     /// Heading in the table to read, where it is another.
     title: Option<&'static str>,
 }
@@ -29,6 +30,7 @@ impl Column {
             unit,
             digits: 6,
             words: false,
+            plain: false,
             title: None,
         }
     }
@@ -54,6 +56,14 @@ impl Column {
     /// The column with this many significant digits in the table to read (else 6).
     pub const fn digits(self, digits: usize) -> Self {
         Self { digits, ..self }
+    }
+
+    /// The column with its bare name as CSV header: for formats that are fixed, and read back.
+    pub const fn plain(self) -> Self {
+        Self {
+            plain: true,
+            ..self
+        }
     }
 
     /// The column for words, for forms whose columns have a kind.
@@ -86,10 +96,18 @@ impl Column {
 
     /// Its heading in the table to read.
     pub(crate) fn heading(&self) -> String {
-        self.title.map_or_else(|| self.header(), Into::into)
+        self.title.map_or_else(|| self.with_unit(), Into::into)
     }
 
     pub(crate) fn header(&self) -> String {
+        if self.plain {
+            self.name.into()
+        } else {
+            self.with_unit()
+        }
+    }
+
+    fn with_unit(&self) -> String {
         if self.unit.is_empty() {
             self.name.into()
         } else {
@@ -103,7 +121,6 @@ impl Column {
 pub struct Table {
     columns: Vec<Column>,
     rows: Vec<Vec<Value>>,
-    plain: bool,
     /// Whether the text that is wider than a screen goes on below.
     folded: bool,
 }
@@ -118,12 +135,6 @@ impl Table {
             columns: columns.to_vec(),
             ..Self::default()
         }
-    }
-
-    /// The table with bare names as its CSV header: for formats that are fixed, and read back.
-    pub fn plain_header(mut self) -> Self {
-        self.plain = true;
-        self
     }
 
     /// With the columns that do not fit on a screen below the others, as text.
@@ -216,18 +227,8 @@ impl Table {
     /// Writes it as CSV: where it came from, units in the header, 17 significant digits.
     pub fn write_csv(&self, out: &mut dyn Write) -> std::io::Result<()> {
         provenance::write_comments(super::units(&self.columns), out)?;
-        let name = |column: &Column| {
-            if self.plain {
-                column.name.to_string()
-            } else {
-                column.header()
-            }
-        };
-        writeln!(
-            out,
-            "{}",
-            self.columns.iter().map(name).collect::<Vec<_>>().join(",")
-        )?;
+        let names: Vec<String> = self.columns.iter().map(Column::header).collect();
+        writeln!(out, "{}", names.join(","))?;
         for row in &self.rows {
             write_row(out, row)?;
         }

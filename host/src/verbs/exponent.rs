@@ -5,7 +5,8 @@ use kband::regime::cascade::Estimate;
 use kband::regime::chaos::ChaoticBand;
 use kband::regime::classify::Regime;
 use kband::regime::exponent::{
-    Dynamics, Exponent, ExponentSettings, measure, measure_scattered, start_near_lock,
+    Dynamics, Exponent, ExponentSettings, measure, measure_scattered, measure_together,
+    start_near_lock,
 };
 use kband::regime::{Lock, Multipliers};
 use kband::transport::SampleMean;
@@ -147,35 +148,30 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 }
 
 /// Orbits among which the impacts are divided where the user gives no start.
-const DEFAULT_ORBITS: u32 = 8;
+const DEFAULT_ORBITS: usize = 8;
 
 /// The exponent of several orbits that begin beside each other. One alone may stay for some 100 000
 /// impacts where it is not what it is in the long run, and its own scatter does not tell (k = 0.34,
 /// R = 0.2); the scatter of several does. Where one comes to rest, that is reported of the first.
 fn among(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Exponent, Refusal> {
     let share = ExponentSettings {
-        impacts: settings.impacts / DEFAULT_ORBITS,
+        impacts: settings.impacts / DEFAULT_ORBITS as u32,
         ..settings
     };
     if share.impacts < 320 {
         return Ok(measure(map, start, settings)?);
     }
-    let mut found = Vec::new();
-    for n in 0..DEFAULT_ORBITS {
-        let beside = PartState {
-            phase: start.phase + 1e-4 * f64::from(n),
-            ..start
-        };
-        let one = measure(map, beside, share)?;
-        if let Dynamics::Rest { .. } = one.dynamics {
-            return Ok(measure(map, start, settings)?);
-        }
-        found.push(one);
-    }
+    let starts: [PartState; DEFAULT_ORBITS] = std::array::from_fn(|n| PartState {
+        phase: start.phase + 1e-4 * n as f64,
+        ..start
+    });
+    let Some(found) = measure_together(map, starts, share)? else {
+        return Ok(measure(map, start, settings)?);
+    };
     let together = |of: fn(&Exponent) -> Estimate| {
         let values = SampleMean::from_values(found.iter().map(|one| of(one).value));
         let squares = found.iter().map(|one| of(one).error.powi(2));
-        let own = squares.sum::<f64>().sqrt() / f64::from(DEFAULT_ORBITS);
+        let own = squares.sum::<f64>().sqrt() / DEFAULT_ORBITS as f64;
         Estimate {
             value: values.mean().unwrap_or(f64::NAN),
             error: values.error().unwrap_or(0.0).max(own),
@@ -186,7 +182,7 @@ fn among(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Expo
     Ok(Exponent {
         per_impact,
         per_cycle: together(|one| one.per_cycle),
-        flight: flights.sum::<f64>() / f64::from(DEFAULT_ORBITS),
+        flight: flights.sum::<f64>() / DEFAULT_ORBITS as f64,
         dynamics: Dynamics::from_exponent(per_impact),
     })
 }

@@ -3,7 +3,7 @@
 mod portrait;
 pub mod rows;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
@@ -12,13 +12,14 @@ use kband::impact::{
     Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap, WaveSingle,
 };
 
-use crate::arguments::{self, AmplitudeArguments, Drawn, ScatterArguments};
-use crate::desk::Desk;
+use crate::arguments::{self, AmplitudeArguments, Drawn, Output, ScatterArguments};
+use crate::desk::{Desk, Progress};
 use crate::file;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Format, Printout, Table, columns};
+use crate::report::rows_file::row_bytes;
+use crate::report::{self, Column, Format, Rows, Value, columns, print_rows};
 use portrait::{States, portrait};
-use rows::{Row, Rows, not_held, read_rows};
+use rows::{LaunchFile, Row, Survey, check_rows, fly_rows, not_held};
 
 /// Consecutive impacts of one orbit, or one impact for each row of a file.
 #[derive(Clone, Debug, clap::Args)]
@@ -32,6 +33,10 @@ use rows::{Row, Rows, not_held, read_rows};
 A file has the columns k,restitution,phase,velocity (others are ignored); each row gives \
 flight,next_phase,next_velocity; they are empty, with a warning on standard error, where only the \
 arithmetic cannot hold the row. Phases are in rad, velocities in units of b w.
+
+Rows go out as they come, to standard output and to --out FILE.csv, .json or, where it is built in, \
+.parquet: memory does not grow with their number. A table to read has at most 50000 rows, a \
+picture at most 131072 states.
 
 With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356).")]
 pub struct Arguments {
@@ -57,8 +62,8 @@ pub struct Arguments {
     #[command(flatten)]
     scatter: ScatterArguments,
 
-    /// Number of consecutive impacts.
-    #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000), default_value = "1", conflicts_with = "from")]
+    /// Number of consecutive impacts; memory does not grow with it.
+    #[arg(long, value_name = "N", value_parser = arguments::count(1, usize::MAX), default_value = "1", conflicts_with = "from")]
     count: usize,
 
     /// CSV file with the columns k,restitution,phase,velocity; `-` for standard input.
@@ -102,54 +107,58 @@ pub enum Arithmetic {
 
 /// Prints the impacts and draws their phase portrait.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(Format::Table)?;
+    let output = arguments.drawn.output_of_rows(Format::Table)?;
     let tones = [arguments.second_tone, arguments.third_tone].map(Option::unwrap_or_default);
     let one = tones.iter().all(|tone| tone.amplitude == 0.0);
-    let (table, states) = if one {
-        on_one_tone(arguments, desk)?
-    } else {
-        on_tones(arguments, desk, tones)?
-    };
-    let report = Printout::new(table.plain_header());
     let drive_text = match arguments.amplitude.or_k(arguments.k)? {
         Some(k) => arguments.amplitude.describe(k)?,
         None => String::new(),
     };
-    report.print(arguments.format)?;
-    output.write(&report, || portrait(arguments, &drive_text, states))?;
+    let task = Task {
+        arguments,
+        desk,
+        output: &output,
+    };
+    let states = if one {
+        on_one_tone(&task)?
+    } else {
+        on_tones(&task, tones)?
+    };
+    output.draw(|| portrait(arguments, &drive_text, states))?;
     Ok(Exit::Done)
 }
 
-fn on_one_tone(arguments: &Arguments, desk: &Desk) -> Result<(Table, States), Refusal> {
-    match arguments.arithmetic {
-        Arithmetic::F64 => table(arguments, desk, Map::build, one_by_one),
-        Arithmetic::Hybrid => table(arguments, desk, Hybrid::build, one_by_one),
-        Arithmetic::F32 => table(arguments, desk, Single::build, one_by_one),
-        Arithmetic::Integer => table(arguments, desk, Integer::build, one_by_one),
+/// What is asked for.
+struct Task<'a> {
+    arguments: &'a Arguments,
+    desk: &'a Desk,
+    output: &'a Output,
+}
+
+fn on_one_tone(task: &Task) -> Result<States, Refusal> {
+    match task.arguments.arithmetic {
+        Arithmetic::F64 => task.fly(Map::build, one_by_one),
+        Arithmetic::Hybrid => task.fly(Hybrid::build, one_by_one),
+        Arithmetic::F32 => task.fly(Single::build, one_by_one),
+        Arithmetic::Integer => task.fly(Integer::build, one_by_one),
         Arithmetic::Batch => {
             let mut block = Block::new();
-            table(arguments, desk, Map::build, |rows| {
-                in_blocks(&mut block, rows)
-            })
+            task.fly(Map::build, |rows| in_blocks(&mut block, rows))
         }
     }
 }
 
-fn on_tones(
-    arguments: &Arguments,
-    desk: &Desk,
-    tones: [Tone; 2],
-) -> Result<(Table, States), Refusal> {
+fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States, Refusal> {
     fn of<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, OutOfRange> {
         move |k, restitution| K::on_tones(tones, k, restitution)
     }
-    match arguments.arithmetic {
-        Arithmetic::F64 => table(arguments, desk, of::<WaveMap>(tones), one_by_one),
-        Arithmetic::F32 => table(arguments, desk, of::<WaveSingle>(tones), one_by_one),
+    let arithmetic = task.arguments.arithmetic;
+    match arithmetic {
+        Arithmetic::F64 => task.fly(of::<WaveMap>(tones), one_by_one),
+        Arithmetic::F32 => task.fly(of::<WaveSingle>(tones), one_by_one),
         Arithmetic::Hybrid | Arithmetic::Integer | Arithmetic::Batch => Err(Refusal::value(
             "--arithmetic",
-            arguments
-                .arithmetic
+            arithmetic
                 .to_possible_value()
                 .map_or_else(String::new, |value| value.get_name().to_owned()),
             "f64 or f32 with --second-tone or --third-tone",
@@ -182,41 +191,36 @@ fn in_blocks(block: &mut Block, rows: &[Row<Map>]) -> Vec<Impact<PartState>> {
     impacts
 }
 
-fn table<K: Kernel>(
-    arguments: &Arguments,
-    desk: &Desk,
-    build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
-    mut impacts: impl FnMut(&[Row<K>]) -> Vec<Impact<K::State>>,
-) -> Result<(Table, States), Refusal> {
-    let mut states = Vec::new();
-    if arguments.from.is_some() && arguments.scatter.scatter > 0.0 {
-        return Err(Refusal::value(
-            "--scatter",
-            arguments.scatter.scatter,
-            "0 with --from: each row has a restitution of its own",
-            "draw the restitutions in the file",
-        ));
-    }
-    if let Some(path) = &arguments.from {
-        let Rows { held, places, left } = read_rows(path, &file::read_text(path)?, build)?;
-        let mut table = Table::new(&[
-            columns::FLIGHT.digits(17),
-            columns::NEXT_PHASE.digits(17),
-            columns::NEXT_VELOCITY.digits(17),
-        ]);
-        let impacts = impacts(&held);
-        for place in places {
-            let impact = place.and_then(|place| impacts.get(place));
-            let next = impact.map(|impact| K::observe(impact.next));
-            if let Some(next) = &next {
-                states.push((next.phase, next.velocity));
-            }
-            table.push([
-                impact.map(|impact| impact.flight).into(),
-                next.map(|next| next.phase).into(),
-                next.map(|next| next.velocity).into(),
-            ]);
+impl Task<'_> {
+    /// Computes the impacts and hands them on one by one: memory does not grow with their number.
+    fn fly<K: Kernel>(
+        &self,
+        build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
+        impacts: impl FnMut(&[Row<K>]) -> Vec<Impact<K::State>>,
+    ) -> Result<States, Refusal> {
+        match &self.arguments.from {
+            Some(path) => self.fly_file(path, build, impacts),
+            None => self.fly_orbit(build, impacts),
         }
+    }
+
+    fn fly_file<K: Kernel>(
+        &self,
+        path: &Path,
+        build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
+        mut impacts: impl FnMut(&[Row<K>]) -> Vec<Impact<K::State>>,
+    ) -> Result<States, Refusal> {
+        let scatter = self.arguments.scatter.scatter;
+        if scatter > 0.0 {
+            return Err(Refusal::value(
+                "--scatter",
+                scatter,
+                "0 with --from: each row has a restitution of its own",
+                "draw the restitutions in the file",
+            ));
+        }
+        let launches = LaunchFile::open(path)?;
+        let Survey { rows, left } = check_rows(path, launches.reader()?, &build)?;
         if let Some((count, first)) = left {
             let first = first.to_string();
             let first = first.trim_start_matches("error: ");
@@ -225,44 +229,170 @@ fn table<K: Kernel>(
                 K::NAME
             );
         }
-        return Ok((table, states));
+        let columns = [columns::FLIGHT, columns::NEXT_PHASE, columns::NEXT_VELOCITY];
+        self.write(&columns, rows, |sink| {
+            fly_rows(path, launches.reader()?, &build, |rows| {
+                let is_held: Vec<bool> = rows.iter().map(Option::is_some).collect();
+                let held: Vec<Row<K>> = rows.drain(..).flatten().collect();
+                let mut flown = impacts(&held).into_iter();
+                for is_held in is_held {
+                    let impact = is_held.then(|| flown.next()).flatten();
+                    let next = impact.map(|impact| K::observe(impact.next));
+                    let row = [
+                        impact.map(|impact| impact.flight).into(),
+                        next.map(|next| next.phase).into(),
+                        next.map(|next| next.velocity).into(),
+                    ];
+                    sink.row(&row, next)?;
+                }
+                Ok(())
+            })
+        })
     }
-    // clap has seen to it that all four are there.
-    let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
-    let k = given(arguments.amplitude.or_k(arguments.k)?);
-    let mut row = [Row {
-        kernel: build(k, given(arguments.restitution))?,
-        state: K::state(given(arguments.phase), given(arguments.velocity))?,
-    }];
-    let mut scatter = arguments.scatter.stream(given(arguments.restitution), 0)?;
-    let mut table = Table::new(&[
-        columns::N,
-        columns::PHASE.digits(17),
-        columns::VELOCITY.digits(17),
-        columns::FLIGHT.digits(17),
-    ]);
-    for n in 1..=arguments.count {
-        if n % 1024 == 0 {
-            desk.go_on()?;
+
+    fn fly_orbit<K: Kernel>(
+        &self,
+        build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
+        mut impacts: impl FnMut(&[Row<K>]) -> Vec<Impact<K::State>>,
+    ) -> Result<States, Refusal> {
+        let arguments = self.arguments;
+        // clap has seen to it that all four are there.
+        let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
+        let k = given(arguments.amplitude.or_k(arguments.k)?);
+        let mut row = [Row {
+            kernel: build(k, given(arguments.restitution))?,
+            state: K::state(given(arguments.phase), given(arguments.velocity))?,
+        }];
+        let mut scatter = arguments.scatter.stream(given(arguments.restitution), 0)?;
+        let columns = [
+            columns::N,
+            columns::PHASE,
+            columns::VELOCITY,
+            columns::FLIGHT,
+        ];
+        self.write(&columns, arguments.count as u64, |sink| {
+            for n in 1..=arguments.count {
+                if let Some(scatter) = &mut scatter {
+                    row[0].kernel = K::build(k, scatter.draw())?;
+                }
+                for impact in impacts(&row) {
+                    let next = K::observe(impact.next);
+                    // What it cannot hold it cannot fly either; the state itself keeps its last
+                    // bits.
+                    K::state(next.phase, next.velocity).map_err(|refused| {
+                        not_held::<K>(refused, "ask for fewer impacts")
+                            .at(format!("after impact {n}"))
+                    })?;
+                    row[0].state = impact.next;
+                    let row = [
+                        n.into(),
+                        next.phase.into(),
+                        next.velocity.into(),
+                        impact.flight.into(),
+                    ];
+                    sink.row(&row, Some(next))?;
+                }
+            }
+            Ok(())
+        })
+    }
+
+    /// Does `work` with the sink of its rows, about as many as `rows`.
+    fn write(
+        &self,
+        columns: &[Column],
+        rows: u64,
+        work: impl FnOnce(&mut Sink) -> Result<(), Refusal>,
+    ) -> Result<States, Refusal> {
+        let columns: Vec<Column> = columns.iter().map(|one| one.digits(17).plain()).collect();
+        self.output.rows(&columns, |file| {
+            print_rows(self.arguments.format, &columns, |printed| {
+                let mut sink = Sink {
+                    task: self,
+                    columns: &columns,
+                    printed: Some(printed),
+                    file,
+                    states: self.output.draws().then(States::new),
+                    count: 0,
+                    rows,
+                    bytes: [0; 2],
+                    progress: Progress::beside_rows("impacts", rows),
+                };
+                work(&mut sink)?;
+                Ok(sink.states.unwrap_or_else(States::new))
+            })
+        })
+    }
+}
+
+/// Where the rows go: standard output, a file, and the picture.
+struct Sink<'a, 'p, 'f> {
+    task: &'a Task<'a>,
+    columns: &'a [Column],
+    /// None where its reader has gone away.
+    printed: Option<&'p mut (dyn Rows + 'p)>,
+    file: Option<&'f mut (dyn Rows + 'f)>,
+    states: Option<States>,
+    count: u64,
+    /// Number of rows that will come.
+    rows: u64,
+    /// Bytes so far, printed and in the file.
+    bytes: [u64; 2],
+    progress: Progress,
+}
+
+/// Rows from which the size of all is estimated.
+const MEASURED_ROWS: u64 = 1000;
+
+/// Rows between two tests whether to go on.
+const ROWS_AT_ONCE: u64 = 1024;
+
+impl Sink<'_, '_, '_> {
+    fn row(&mut self, row: &[Value], next: Option<PartState>) -> Result<(), Refusal> {
+        if let Some(printed) = &mut self.printed
+            && let Err(error) = printed.row(row)
+        {
+            if !file::reader_is_gone() || (self.file.is_none() && self.states.is_none()) {
+                return Err(error);
+            }
+            self.printed = None;
         }
-        if let Some(scatter) = &mut scatter {
-            row[0].kernel = K::build(k, scatter.draw())?;
+        if let Some(file) = &mut self.file {
+            file.row(row)?;
         }
-        for impact in impacts(&row) {
-            let next = K::observe(impact.next);
-            states.push((next.phase, next.velocity));
-            // What it cannot hold it cannot fly either; the state itself keeps its last bits.
-            K::state(next.phase, next.velocity).map_err(|refused| {
-                not_held::<K>(refused, "ask for fewer impacts").at(format!("after impact {n}"))
-            })?;
-            row[0].state = impact.next;
-            table.push([
-                n.into(),
-                next.phase.into(),
-                next.velocity.into(),
-                impact.flight.into(),
-            ]);
+        if let (Some(states), Some(next)) = (&mut self.states, next) {
+            states.add((next.phase, next.velocity));
+        }
+        self.count += 1;
+        if self.count <= MEASURED_ROWS {
+            self.measure(row);
+        }
+        if self.count.is_multiple_of(ROWS_AT_ONCE) {
+            self.task.desk.go_on()?;
+            self.progress.advance(ROWS_AT_ONCE);
+        }
+        Ok(())
+    }
+
+    /// States the size of all rows after the first ones.
+    fn measure(&mut self, row: &[Value]) {
+        let form = match self.task.arguments.format {
+            Format::Json => "json",
+            Format::Csv | Format::Table => "csv",
+        };
+        let target = self.task.output.rows_target();
+        self.bytes[0] += row_bytes(form, self.columns, row);
+        if let Some(target) = target {
+            self.bytes[1] += row_bytes(&target.ending(), self.columns, row);
+        }
+        if self.count == MEASURED_ROWS {
+            let [printed, saved] = self
+                .bytes
+                .map(|bytes| (bytes as f64 / MEASURED_ROWS as f64 * self.rows as f64) as u64);
+            report::state_size_of("standard output", printed);
+            if let Some(target) = target {
+                report::state_size(target, saved);
+            }
         }
     }
-    Ok((table, states))
 }

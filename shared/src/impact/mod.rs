@@ -41,13 +41,14 @@ pub use integer::Integer;
 pub use kernel::WaveKernel;
 pub use kernel::{HybridState, Impact, Kernel, Landing, PartState, SingleImpact};
 pub use orbit::AlongLaw;
+pub use orbit::LIFT_OFF_DELAY;
 pub use orbit::Release;
 #[cfg(test)]
 pub(crate) use orbit::Shortcuts;
 pub use orbit::{Along, ContactMotion, Friction, FrictionSettings};
 pub use orbit::{Contact, Count, Growth, Observer, Orbit, OrbitEvent, StopReason, Tangent};
-pub use orbit::{LIFT_OFF_DELAY, PartStep, WavePart};
 pub use orbit::{Tangential, TangentialSettings, WaveOrbit};
 pub use scatter::Scatter;
 pub use wave::{Tone, Wave};
-pub use wave_map::WaveMap;
+pub(crate) use wave_map::ChatterLimits;
+pub use wave_map::{Hop, WaveMap};

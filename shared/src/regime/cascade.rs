@@ -21,6 +21,10 @@ pub const FEIGENBAUM: f64 = 4.669_201_609_102_99;
 /// Largest number of flips located; the last gap is about 1e-7 of the first.
 pub const MAX_DOUBLINGS: usize = 10;
 
+/// Change in phase (rad) and velocity (`b w`) over a period: below it Newton's method takes over.
+/// Beside an unstable orbit, where the iteration starts, it is a hundred times as large.
+const CLOSED_ORBIT: f64 = 1e-10;
+
 /// Reason for the end of a cascade.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CascadeEnd {
@@ -418,12 +422,20 @@ impl Continuation {
         let map = self.track.map_at(k)?;
         let mut state =
             Map::state(state.phase + 1e-3 / f64::from(self.impacts), state.velocity).ok()?;
-        for _ in 0..(2000 + 200 * self.impacts) {
-            let impact = map.impact(state);
-            if impact.flight <= 0.0 {
-                return None;
+        for _ in 0..200 + 2000 / self.impacts {
+            let before = state;
+            for _ in 0..self.impacts {
+                let impact = map.impact(state);
+                if impact.flight <= 0.0 {
+                    return None;
+                }
+                state = impact.next;
             }
-            state = impact.next;
+            let moved = libm::fabs(wrap_phase(state.phase - before.phase))
+                + libm::fabs(state.velocity - before.velocity);
+            if moved < CLOSED_ORBIT {
+                break;
+            }
         }
         Some(state)
     }

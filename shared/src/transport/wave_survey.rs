@@ -53,8 +53,8 @@ pub fn measure_on_tones(map: &WaveMap, along: Friction, start: Origin, effort: E
     classify_run(ended, run.conveyed, steady, along)
 }
 
-struct Run {
-    orbit: WaveOrbit,
+struct Run<'a> {
+    orbit: WaveOrbit<'a>,
     along: Friction,
     /// Velocity along the track after the last event (symbol phi) in `b w`.
     velocity: f64,
@@ -63,7 +63,7 @@ struct Run {
     conveyed: Conveyed,
 }
 
-impl Run {
+impl Run<'_> {
     /// Runs the transient, then the measurement; returns whether the velocity along the track has
     /// converged.
     fn measure_until_steady(&mut self, effort: Effort) -> (StopReason, bool) {

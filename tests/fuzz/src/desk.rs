@@ -9,7 +9,7 @@ use kband_host::board::replay;
 use kband_host::chip::Image;
 use kband_host::refusal::Refusal;
 use kband_host::simulate::SceneFile;
-use kband_host::verbs::impacts::rows::read_rows;
+use kband_host::verbs::impacts::rows::{Row, check_rows, fly_rows};
 use kband_host::verbs::settings::Imported;
 use kband_plant::{ClosedLoop, EnvelopeLoop};
 
@@ -93,16 +93,18 @@ pub fn settings(input: &[u8]) -> bool {
 }
 
 fn launches<K: Kernel>(input: &[u8], build: fn(f64, f64) -> Result<K, OutOfRange>) -> bool {
-    let rows = text(input, |text| {
-        read_rows(Path::new("launches.csv"), text, build)
-    });
-    let Some(rows) = rows else {
+    let path = Path::new("launches.csv");
+    if check_rows(path, input, build).is_err() {
         return false;
-    };
-    for row in rows.held.iter().take(16) {
-        let impact = row.kernel.impact(row.state);
-        assert!(impact.flight >= 0.0);
     }
+    let fly = |rows: &mut Vec<Option<Row<K>>>| {
+        for row in rows.iter().flatten().take(16) {
+            let impact = row.kernel.impact(row.state);
+            assert!(impact.flight >= 0.0);
+        }
+        Ok(())
+    };
+    fly_rows(path, input, build, fly).expect("what was checked is read again");
     true
 }
 

@@ -76,12 +76,14 @@ fn built(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> 
 /// while other tests may run it.
 fn keep(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let kept = target_folder()
+        .join("emulated")
         .join("kept")
         .join(machine.target())
         .join(features.unwrap_or("default"));
     std::fs::create_dir_all(&kept).expect("a folder for the images");
     // The lock covers build and copy: no other test builds meanwhile.
-    let lock = File::create(target_folder().join("kept/lock")).expect("a file to lock");
+    let lock =
+        File::create(target_folder().join("emulated").join("kept/lock")).expect("a file to lock");
     lock.lock().expect("the lock");
     let image = compile(package, bin, machine, features);
     let (new, kept) = (kept.join(format!("{bin}.new")), kept.join(bin));
@@ -98,6 +100,7 @@ fn keep(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> P
 /// Nothing was built yet.
 pub fn script_folder(name: &str, machine: Machine) -> PathBuf {
     let builds = target_folder()
+        .join("emulated")
         .join(machine.target())
         .join("firmware/build");
     let entries = std::fs::read_dir(&builds).expect("something was built");
@@ -213,7 +216,7 @@ fn toolchain(target: &str) -> Option<String> {
 fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let target = machine.target();
     let mut arguments: Vec<String> = toolchain(target).into_iter().collect();
-    let folder = target_folder();
+    let folder = target_folder().join("emulated");
     arguments.extend(
         [
             "build",
@@ -262,9 +265,9 @@ fn compiles_for(toolchain: &[&str], target: &str) -> bool {
         })
 }
 
+/// The folder that cargo builds into.
 pub fn target_folder() -> PathBuf {
-    let shared = std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from);
-    root().join(shared).join("emulated")
+    root().join(std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from))
 }
 
 /// Runs a command of the toolchain at the workspace's root on empty input, limited in time.

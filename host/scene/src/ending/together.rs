@@ -35,7 +35,7 @@ pub fn of_each(
         (start, Query::new(answer, track, followed))
     });
     follow(tracks, queries, &mut ends, |query, _| {
-        tracks[query.track].after_rest
+        tracks[query.track].from_rest()
     });
     ends
 }
@@ -351,20 +351,24 @@ mod tests {
         let ends = of_each(&together, starts.into_iter());
         let mut chaotic = 0;
         for (n, (k, restitution)) in places.into_iter().enumerate() {
-            let mut one = Endings::unrested(k, restitution, 1500).unwrap();
+            let one = Endings::new(k, restitution, 1500).unwrap();
             let from_rest = Orbit::from_rest(&one.map);
             let after_rest = alone(&one, from_rest, Followed::new(RELAUNCHED));
             let hops = matches!(
-                together[n].after_rest,
+                together[n].from_rest(),
                 Regime::HopAndRest { .. } | Regime::Rest
             );
             assert_eq!(after_rest.is_none(), hops, "{k} {restitution}");
             if let Some(end) = after_rest {
-                assert_eq!(together[n].after_rest, end, "{k} {restitution}");
+                assert_eq!(together[n].from_rest(), end, "{k} {restitution}");
             }
-            one.after_rest = together[n].after_rest;
+            assert_eq!(
+                one.from_rest(),
+                together[n].from_rest(),
+                "{k} {restitution}"
+            );
             let end = alone(&one, Orbit::new(&one.map, start), Followed::new(1500));
-            assert_eq!(ends[n], end.unwrap_or(one.after_rest), "{k} {restitution}");
+            assert_eq!(ends[n], end.unwrap_or(one.from_rest()), "{k} {restitution}");
             chaotic += u32::from(ends[n] == Regime::Chaotic);
         }
         assert!(chaotic > 0);

@@ -6,11 +6,48 @@ use super::Arguments;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::report::number;
 
-/// Phase and velocity of the state after each impact.
-pub(super) type States = Vec<(f64, f64)>;
+/// Most states that are drawn.
+const MAX_DRAWN: usize = 1 << 17;
+
+/// Phase and velocity of the state after each impact, or after every 2nd, 4th... of many.
+pub(super) struct States {
+    kept: Vec<(f64, f64)>,
+    every: u64,
+    impacts: u64,
+}
+
+impl States {
+    pub fn new() -> Self {
+        Self {
+            kept: Vec::new(),
+            every: 1,
+            impacts: 0,
+        }
+    }
+
+    pub fn add(&mut self, state: (f64, f64)) {
+        if self.impacts.is_multiple_of(self.every) {
+            if self.kept.len() == MAX_DRAWN {
+                self.every *= 2;
+                let mut n = 0;
+                self.kept.retain(|_| {
+                    n += 1;
+                    n % 2 == 1
+                });
+            }
+            self.kept.push(state);
+        }
+        self.impacts += 1;
+    }
+}
 
 /// The phase portrait: the state after each impact, as large as it fits.
-pub(super) fn portrait(arguments: &Arguments, drive_text: &str, mut states: States) -> Picture {
+pub(super) fn portrait(arguments: &Arguments, drive_text: &str, states: States) -> Picture {
+    let States {
+        kept: mut states,
+        every,
+        impacts,
+    } = states;
     let (first, last) = occupied(&states);
     for (phase, _) in &mut states {
         if *phase > last {
@@ -48,15 +85,19 @@ pub(super) fn portrait(arguments: &Arguments, drive_text: &str, mut states: Stat
         Some(r) => format!("{drive_text}, R = {}; ", number(r, 6)),
         None => String::new(),
     };
-    let count = states.len();
+    let drawn = if every > 1 {
+        format!(", every {every}th of them drawn")
+    } else {
+        String::new()
+    };
     Picture::new("Phase portrait")
-        .caption(format!("{map}{count} impacts"))
+        .caption(format!("{map}{impacts} impacts{drawn}"))
         .panel(panel.markers("impacts", 0, states))
 }
 
 /// The stretch of phases that holds all states with a little room, its start at or below 0 where it
 /// holds 0: the turn without its widest gap, or the whole turn where no gap is wider than a third of it.
-fn occupied(states: &States) -> (f64, f64) {
+fn occupied(states: &[(f64, f64)]) -> (f64, f64) {
     let mut phases: Vec<f64> = states.iter().map(|state| state.0.rem_euclid(TAU)).collect();
     phases.sort_by(f64::total_cmp);
     let next = phases.iter().skip(1).copied();
@@ -85,7 +126,10 @@ mod tests {
 
     #[test]
     fn a_portrait_shows_the_phases_that_occur() {
-        let of = |phases: &[f64]| occupied(&phases.iter().map(|phase| (*phase, 1.0)).collect());
+        let of = |phases: &[f64]| {
+            let states: Vec<_> = phases.iter().map(|phase| (*phase, 1.0)).collect();
+            occupied(&states)
+        };
         let near = |(a, b): (f64, f64), (c, d): (f64, f64)| {
             assert!((a - c).abs() < 1e-9 && (b - d).abs() < 1e-9, "{a}..{b}");
         };
@@ -95,5 +139,21 @@ mod tests {
         near(of(&[0.3]), (0.28, 0.32));
         near(of(&[]), (0.0, TAU));
         near(of(&[0.0, 1.5, 3.0, 4.5, 6.0]), (0.0, TAU));
+    }
+    #[test]
+    fn of_many_states_evenly_spaced_ones_are_drawn() {
+        let mut states = States::new();
+        let count = 3 * MAX_DRAWN as u64 + 1;
+        for n in 0..count {
+            states.add((n as f64, 1.0));
+        }
+        assert_eq!((states.every, states.impacts), (4, count));
+        let drawn = states.kept.iter().enumerate();
+        assert!(
+            drawn
+                .into_iter()
+                .all(|(n, state)| state.0 == 4.0 * n as f64)
+        );
+        assert_eq!(states.kept.len() as u64, count.div_ceil(4));
     }
 }

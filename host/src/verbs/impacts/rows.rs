@@ -1,10 +1,13 @@
 //! Launches from a file, one in each row.
 
+use std::fs::File;
+use std::io::{BufRead, BufReader, Seek, SeekFrom};
 use std::path::Path;
 
 use kband::feeder::OutOfRange;
 use kband::impact::{Kernel, Map};
 
+use crate::file;
 use crate::refusal::Refusal;
 
 /// A map and the state it is applied to.
@@ -15,14 +18,12 @@ pub struct Row<K: Kernel> {
     pub state: K::State,
 }
 
-/// The rows of a file.
-pub struct Rows<K: Kernel> {
-    /// Those that the arithmetic holds.
-    pub held: Vec<Row<K>>,
-    /// For each row its place among those, if it is one of them.
-    pub places: Vec<Option<usize>>,
-    /// How many it does not hold, and what it says of the first.
-    pub left: Option<(usize, Refusal)>,
+/// What a file has.
+pub struct Survey {
+    /// Number of rows.
+    pub rows: u64,
+    /// How many of them the arithmetic does not hold, and what it says of the first.
+    pub left: Option<(u64, Refusal)>,
 }
 
 /// A launch that an arithmetic cannot hold; `next` is what to do instead of choosing another.
@@ -35,88 +36,173 @@ pub(super) fn not_held<K: Kernel>(refused: OutOfRange, next: &str) -> Refusal {
     )
 }
 
-/// All rows of the file. The first that is no launch at all is refused with its line and column, before
-/// anything is printed; a launch that only this arithmetic cannot hold is left out.
-pub fn read_rows<K: Kernel>(
+/// What to do about a row that is refused.
+const NEXT: &str = "correct or remove this row";
+
+/// A file of launches that is read twice: once to check every row, once to fly them.
+pub(super) struct LaunchFile<'a> {
+    path: &'a Path,
+    file: File,
+}
+
+impl<'a> LaunchFile<'a> {
+    /// Opens a file; what can be read only once, such as a pipe, is copied to the disk.
+    pub fn open(path: &'a Path) -> Result<Self, Refusal> {
+        let refuse = |error: std::io::Error| unread(path, &error);
+        let mut file = file::open(path, READABLE)?;
+        if !file.metadata().map_err(refuse)?.is_file() {
+            let mut copy = tempfile::tempfile().map_err(refuse)?;
+            std::io::copy(&mut file, &mut copy).map_err(refuse)?;
+            file = copy;
+        }
+        Ok(Self { path, file })
+    }
+
+    /// A reader from the first row on.
+    pub fn reader(&self) -> Result<BufReader<&File>, Refusal> {
+        let mut file = &self.file;
+        file.seek(SeekFrom::Start(0))
+            .map_err(|error| unread(self.path, &error))?;
+        Ok(BufReader::new(file))
+    }
+}
+
+const READABLE: &str = "give the path of a readable text file";
+
+fn unread(path: &Path, error: &std::io::Error) -> Refusal {
+    Refusal::file(path, error, READABLE)
+}
+
+/// Hands `each` the line number and the values `k, restitution, phase, velocity` of every row.
+fn each_row(
     path: &Path,
-    text: &str,
-    build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
-) -> Result<Rows<K>, Refusal> {
+    mut reader: impl BufRead,
+    mut each: impl FnMut(usize, [f64; 4]) -> Result<(), Refusal>,
+) -> Result<(), Refusal> {
     const COLUMNS: [&str; 4] = ["k", "restitution", "phase", "velocity"];
     let name = path.display();
-    let mut lines = text
-        .trim_start_matches('\u{feff}')
-        .lines()
-        .enumerate()
-        .map(|(n, line)| (n + 1, line.trim()))
-        .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
-    let header = lines.next().map_or("", |(_, line)| line);
-    let names: Vec<&str> = header
-        .split(',')
-        .map(|name| name.trim().trim_matches('"'))
-        .collect();
-    let mut places = [0; 4];
-    for (place, column) in places.iter_mut().zip(COLUMNS) {
-        *place = names
-            .iter()
-            .position(|name| *name == column)
-            .ok_or_else(|| {
-                Refusal::value(
-                    format!("header of {name}"),
-                    format!("'{header}'"),
-                    "the columns k,restitution,phase,velocity in any order",
-                    format!("add the column {column}"),
-                )
-            })?;
-    }
-    let mut rows = Rows {
-        held: Vec::new(),
-        places: Vec::new(),
-        left: None,
-    };
-    for (line, text) in lines {
-        let fields: Vec<&str> = text.split(',').map(str::trim).collect();
+    let mut places = None;
+    let mut line = String::new();
+    let mut number = 0;
+    let mut more = true;
+    while more {
+        line.clear();
+        more = reader
+            .read_line(&mut line)
+            .map_err(|error| unread(path, &error))?
+            > 0;
+        number += 1;
+        let mut text = line.trim();
+        if number == 1 {
+            text = text.trim_start_matches('\u{feff}').trim();
+        }
+        // A file without a header is refused by its empty one.
+        if (text.is_empty() && (more || places.is_some())) || text.starts_with('#') {
+            continue;
+        }
+        let Some(places) = places else {
+            let names: Vec<&str> = text
+                .split(',')
+                .map(|name| name.trim().trim_matches('"'))
+                .collect();
+            let mut found = [0; 4];
+            for (place, column) in found.iter_mut().zip(COLUMNS) {
+                *place = names
+                    .iter()
+                    .position(|name| *name == column)
+                    .ok_or_else(|| {
+                        Refusal::value(
+                            format!("header of {name}"),
+                            format!("'{text}'"),
+                            "the columns k,restitution,phase,velocity in any order",
+                            format!("add the column {column}"),
+                        )
+                    })?;
+            }
+            places = Some(found);
+            continue;
+        };
         let mut values = [0.0; 4];
         for ((value, place), column) in values.iter_mut().zip(places).zip(COLUMNS) {
-            let field = fields.get(place).copied().unwrap_or("");
+            let field = text.split(',').nth(place).map_or("", str::trim);
             *value = field.parse().map_err(|_| {
                 Refusal::value(column, format!("'{field}'"), "a number", "correct this row")
-                    .at(format!("{name}, line {line}"))
+                    .at(format!("{name}, line {number}"))
             })?;
         }
-        let [k, restitution, phase, velocity] = values;
-        let launch = build(k, restitution)
-            .and_then(|kernel| K::state(phase, velocity).map(|state| Row { kernel, state }));
-        match launch {
-            Ok(row) => {
-                rows.places.push(Some(rows.held.len()));
-                rows.held.push(row);
+        each(number, values)?;
+    }
+    Ok(())
+}
+
+fn launch<K: Kernel>(
+    [k, restitution, phase, velocity]: [f64; 4],
+    build: &impl Fn(f64, f64) -> Result<K, OutOfRange>,
+) -> Result<Row<K>, OutOfRange> {
+    let kernel = build(k, restitution)?;
+    let state = K::state(phase, velocity)?;
+    Ok(Row { kernel, state })
+}
+
+/// Checks all rows. The first that is no launch at all is refused with its line and column; a launch
+/// that only this arithmetic cannot hold is counted.
+pub fn check_rows<K: Kernel>(
+    path: &Path,
+    reader: impl BufRead,
+    build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
+) -> Result<Survey, Refusal> {
+    let mut found = Survey {
+        rows: 0,
+        left: None,
+    };
+    each_row(path, reader, |line, values| {
+        found.rows += 1;
+        if let Err(cause) = launch(values, &build) {
+            let [k, restitution, phase, velocity] = values;
+            let place = format!("{}, line {line}", path.display());
+            // No arithmetic has a wider range than f64.
+            let wide = Map::build(k, restitution).and(Map::state(phase, velocity));
+            if let Err(cause) = wide {
+                return Err(Refusal::from(cause).then(NEXT).at(place));
             }
-            Err(cause) => {
-                const NEXT: &str = "correct or remove this row";
-                let place = format!("{name}, line {line}");
-                // No arithmetic has a wider range than f64.
-                let wide = Map::build(k, restitution).and(Map::state(phase, velocity));
-                if let Err(cause) = wide {
-                    return Err(Refusal::from(cause).then(NEXT).at(place));
-                }
-                let cause = not_held::<K>(cause, NEXT).at(place);
-                rows.places.push(None);
-                let (count, first) = rows.left.take().unwrap_or((0, cause));
-                rows.left = Some((count + 1, first));
-            }
+            let (count, first) = found
+                .left
+                .take()
+                .unwrap_or_else(|| (0, not_held::<K>(cause, NEXT).at(place)));
+            found.left = Some((count + 1, first));
         }
-    }
-    if let (true, Some((_, first))) = (rows.held.is_empty(), &rows.left) {
-        return Err(first.clone());
-    }
-    if rows.held.is_empty() {
-        return Err(Refusal::new(
-            format!("{name} has no rows"),
+        Ok(())
+    })?;
+    match &found.left {
+        Some((count, first)) if *count == found.rows => Err(first.clone()),
+        None if found.rows == 0 => Err(Refusal::new(
+            format!("{} has no rows", path.display()),
             "give at least one row below the header k,restitution,phase,velocity",
-        ));
+        )),
+        _ => Ok(found),
     }
-    Ok(rows)
+}
+
+/// Hands `each` the launches of a file that was checked, some at a time; `None` where the
+/// arithmetic does not hold one.
+pub fn fly_rows<K: Kernel>(
+    path: &Path,
+    reader: impl BufRead,
+    build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
+    mut each: impl FnMut(&mut Vec<Option<Row<K>>>) -> Result<(), Refusal>,
+) -> Result<(), Refusal> {
+    /// Launches at a time: a few blocks.
+    const TOGETHER: usize = 4096;
+    let mut rows = Vec::with_capacity(TOGETHER);
+    each_row(path, reader, |_, values| {
+        rows.push(launch(values, &build).ok());
+        if rows.len() == TOGETHER {
+            each(&mut rows)?;
+            rows.clear();
+        }
+        Ok(())
+    })?;
+    each(&mut rows)
 }
 
 #[cfg(test)]
@@ -127,18 +213,25 @@ mod tests {
 
     #[test]
     fn a_row_that_only_the_arithmetic_cannot_hold_is_left_out() {
+        let path = Path::new("a.csv");
         let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n0.4,0.2,1,2\n0.4,0.2,1,80\n";
-        let rows = read_rows(Path::new("a.csv"), text, Hybrid::build).unwrap();
-        assert_eq!(rows.places, [None, Some(0), None]);
-        let (count, first) = rows.left.unwrap();
-        assert_eq!(count, 2);
+        let found = check_rows(path, text.as_bytes(), Hybrid::build).unwrap();
+        let (count, first) = found.left.unwrap();
+        assert_eq!((found.rows, count), (3, 2));
         assert!(
             first.to_string().contains("line 2: velocity = 70"),
             "{first}"
         );
+        let mut held = Vec::new();
+        let each = |rows: &mut Vec<Option<Row<_>>>| {
+            held.extend(rows.iter().map(Option::is_some));
+            Ok(())
+        };
+        fly_rows(path, text.as_bytes(), Hybrid::build, each).unwrap();
+        assert_eq!(held, [false, true, false]);
         // Where nothing is left, it is refused.
         let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n";
-        let none = read_rows(Path::new("a.csv"), text, Hybrid::build);
+        let none = check_rows(path, text.as_bytes(), Hybrid::build);
         assert!(none.is_err_and(|refusal| refusal.to_string().contains("0..60")));
         // A k that no arithmetic takes: the widest range, and no other arithmetic to choose.
         for (k, expected) in [
@@ -152,7 +245,7 @@ mod tests {
             ),
         ] {
             let text = format!("k,restitution,phase,velocity\n{k},0.2,1,1\n");
-            let refused = read_rows(Path::new("a.csv"), &text, Hybrid::build);
+            let refused = check_rows(path, text.as_bytes(), Hybrid::build);
             let message = refused.err().map(|refusal| refusal.to_string());
             assert!(message.is_some_and(|message| message.ends_with(expected)));
         }
@@ -161,12 +254,27 @@ mod tests {
     #[test]
     fn columns_may_come_in_any_order_among_others() {
         let text = "class,velocity,phase,restitution,k\r\nhigh,2,1,0.5,0.4\r\n";
-        let rows = read_rows(Path::new("a.csv"), text, Map::build)
-            .unwrap()
-            .held;
-        assert_eq!(
-            (rows.len(), rows[0].kernel.k(), rows[0].state.velocity),
-            (1, 0.4, 2.0)
+        let mut found = Vec::new();
+        let each = |line, values| {
+            found.push((line, values));
+            Ok(())
+        };
+        each_row(Path::new("a.csv"), text.as_bytes(), each).unwrap();
+        assert_eq!(found, [(2, [0.4, 0.5, 1.0, 2.0])]);
+    }
+
+    #[test]
+    fn a_file_without_a_header_or_rows_is_refused() {
+        let message = |text: &str| {
+            let found = check_rows(Path::new("a.csv"), text.as_bytes(), Map::build);
+            found.err().map_or(String::new(), |error| error.to_string())
+        };
+        assert!(
+            message("").contains("header of a.csv = ''"),
+            "{}",
+            message("")
         );
+        assert!(message("# a\n\nk,phase\n").contains("add the column restitution"));
+        assert!(message("k,restitution,phase,velocity\n\n# b\n").contains("has no rows"));
     }
 }

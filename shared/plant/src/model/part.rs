@@ -7,8 +7,8 @@ use super::law::Law;
 use kband::arithmetic::Phase;
 use kband::feeder::OutOfRange;
 use kband::impact::{
-    AlongLaw, Contact, Friction, Impact, Kernel, Map, OrbitEvent, PartState, PartStep, Release,
-    Scatter, Tangential, Tone, Wave, WaveMap, WavePart,
+    AlongLaw, Contact, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter, Tangential,
+    Tone, Wave, WaveMap,
 };
 use kband_control::{Shape, UpperTone};
 
@@ -318,11 +318,7 @@ impl Part {
         let Ok(map) = WaveMap::on(*wave, k, 1.0) else {
             return;
         };
-        let mut part = WavePart::at_rest(1.0, swing.phase.radians() - MAX_THROW_DELAY);
-        let Some(PartStep::Contact(OrbitEvent::LiftOff { wait, .. })) = part.next(&map) else {
-            return;
-        };
-        let Some(PartStep::Flight(launch)) = part.next(&map) else {
+        let Some((wait, phase)) = map.throw(turned(swing.phase.radians() - MAX_THROW_DELAY)) else {
             return;
         };
         // It may be early by as much, where the amplitude changed since the search.
@@ -330,7 +326,9 @@ impl Part {
             return;
         }
         let ticks = ((wait - MAX_THROW_DELAY) / TAU * Phase::TURN) as i64;
-        let impact = map.impact(launch);
+        let Some(Release { launch, impact }) = map.release(phase) else {
+            return;
+        };
         let amplitude = f64::from(swing.amplitude);
         let start = time.saturating_add_signed(ticks);
         self.leave(track, k, launch.phase, amplitude, start);
@@ -354,23 +352,18 @@ impl Part {
             self.motion = Motion::Resting;
             return;
         };
-        match WavePart::new(self.restitution.mean(), state).next(&map) {
-            Some(PartStep::Contact(OrbitEvent::Rest { chatter, .. })) => {
+        match map.hop(self.restitution.mean(), state) {
+            Hop::Rest(chatter) => {
                 self.spare(track, state.velocity * amplitude * track.angular);
                 self.motion = Motion::Chattering {
                     until: time + (chatter / TAU * Phase::TURN) as u64,
                 };
             }
-            Some(PartStep::Flight(_)) => {
-                let impact = map.impact(state);
-                if impact.flight <= 0.0 {
-                    self.motion = Motion::Resting;
-                } else {
-                    let flight = Flight::on_tones(&map, state.phase, impact);
-                    self.fly(&flight, amplitude, track, time);
-                }
+            Hop::Impact(impact) if impact.flight <= 0.0 => self.motion = Motion::Resting,
+            Hop::Impact(impact) => {
+                let flight = Flight::on_tones(&map, state.phase, impact);
+                self.fly(&flight, amplitude, track, time);
             }
-            _ => self.motion = Motion::Resting,
         }
     }
 

@@ -8,7 +8,6 @@ mod observe;
 mod release;
 mod tangent;
 mod tangential;
-mod wave_contact;
 mod wave_orbit;
 
 pub use along::AlongLaw;
@@ -24,4 +23,3 @@ pub use release::Release;
 pub use tangent::{Growth, Tangent};
 pub use tangential::{Tangential, TangentialSettings};
 pub use wave_orbit::WaveOrbit;
-pub use wave_orbit::{PartStep, WavePart};

@@ -4,6 +4,7 @@
 //! 1980).
 
 use super::observe::Observer;
+use crate::arithmetic::lane::sine_cosine;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave_map::WaveMap;
@@ -38,15 +39,16 @@ impl Tangent {
             velocity: psi,
         } = state;
         let d = impact.flight;
-        let half = libm::sin(0.5 * d);
+        // The table of sines takes phases of many turns.
+        let ((half, _), (sine, cosine)) = (sine_cosine(0.5 * d), sine_cosine(t + 0.5 * d));
         // cos t - cos(t+d) and sin t - sin(t+d), without cancellation.
-        let fall = 2.0 * libm::sin(t + 0.5 * d) * half;
-        let rise = -2.0 * libm::cos(t + 0.5 * d) * half;
+        let fall = 2.0 * sine * half;
+        let rise = -2.0 * cosine * half;
         let arrival = map.k() * d - psi - fall;
         if arrival <= 0.0 {
             return None;
         }
-        let s = libm::sin(t);
+        let (s, _) = sine_cosine(t);
         let by_phase = (fall - d * s) / arrival;
         let by_velocity = d / arrival;
         let by_k = -0.5 * d * d / arrival;
@@ -77,10 +79,10 @@ impl Tangent {
         // S'(t) - S'(t+d) and A(t) - A(t+d), without cancellation.
         let (mut fall, mut rise) = (0.0, 0.0);
         for (q, amplitude, angle) in tones {
-            let middle = q * (state.phase + 0.5 * d) + angle;
-            let twice = 2.0 * amplitude * libm::sin(0.5 * q * d);
-            fall += q * twice * libm::sin(middle);
-            rise -= q * q * twice * libm::cos(middle);
+            let (sine, cosine) = sine_cosine(q * (state.phase + 0.5 * d) + angle);
+            let twice = 2.0 * amplitude * sine_cosine(0.5 * q * d).0;
+            fall += q * twice * sine;
+            rise -= q * q * twice * cosine;
         }
         let arrival = k * d - state.velocity - fall;
         if arrival <= 0.0 {
@@ -229,6 +231,20 @@ mod tests {
             }
         }
         assert!(cases > 3000, "{cases}");
+    }
+
+    /// The table's sines at phases of many turns, against libm.
+    #[test]
+    fn table_sines_hold_over_the_longest_flights() {
+        let (mut largest, mut phase) = (0.0_f64, -7.0_f64);
+        while phase < 3e6 {
+            let (sine, cosine) = sine_cosine(phase);
+            let error = (sine - libm::sin(phase)).abs();
+            largest = largest.max(error).max((cosine - libm::cos(phase)).abs());
+            phase += 0.37 + 1e-3 * phase.abs();
+        }
+        // The table's error, and an ulp of libm.
+        assert!(largest < 3e-16, "{largest:e}");
     }
 
     #[test]

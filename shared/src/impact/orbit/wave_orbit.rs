@@ -1,64 +1,25 @@
 //! Events of one part on a track of several tones: impacts, rests and lift-offs.
 
 use super::events::OrbitEvent;
-use super::wave_contact::time_to_rest;
-use crate::impact::kernel::{Impact, Kernel, PartState};
+use super::release::Release;
+use crate::impact::kernel::PartState;
+use crate::impact::scatter::Scatter;
 use crate::impact::wave::in_turn;
-use crate::impact::wave_map::WaveMap;
+use crate::impact::wave_map::{ChatterLimits, Hop, WaveMap};
 
 /// The orbit of one part on a track of several tones: an iterator that ends when the part rests for
 /// ever.
 #[derive(Clone, Copy, Debug)]
-pub struct WaveOrbit {
-    map: WaveMap,
-    part: WavePart,
-}
-
-impl WaveOrbit {
-    /// The orbit that begins just after an impact with `start`.
-    pub fn new(map: &WaveMap, start: PartState) -> Self {
-        Self {
-            map: *map,
-            part: WavePart::new(map.restitution(), start),
-        }
-    }
-
-    /// The orbit that begins at rest, phase 0; the first lift-off is where the push first rises
-    /// through k.
-    pub(crate) fn from_rest(map: &WaveMap) -> Self {
-        Self {
-            map: *map,
-            part: WavePart::at_rest(map.restitution(), 0.0),
-        }
-    }
-
-    /// The state after the last event.
-    pub(crate) fn state(&self) -> PartState {
-        self.part.state
-    }
-}
-
-impl Iterator for WaveOrbit {
-    type Item = OrbitEvent;
-
-    fn next(&mut self) -> Option<OrbitEvent> {
-        Some(match self.part.next(&self.map)? {
-            PartStep::Contact(event) => event,
-            PartStep::Flight(launch) => {
-                let impact = self.map.elastic_impact(launch);
-                self.part.land(impact, self.part.restitution)
-            }
-        })
-    }
-}
-
-/// A part on a track of several tones, between two events. Its owner computes the flights.
-#[derive(Clone, Copy, Debug)]
-pub struct WavePart {
-    /// Restitution for the closed form of a chatter.
+pub struct WaveOrbit<'a> {
+    map: &'a WaveMap,
+    /// Mean restitution, and that of each impact; none where it is the mean.
     restitution: f64,
+    scatter: Option<Scatter>,
+    chatter: ChatterLimits,
     state: PartState,
     stage: Stage,
+    /// The last release, of an elastic part: a part is thrown at few phases.
+    release: Option<Release<PartState>>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -71,56 +32,46 @@ enum Stage {
     Released,
 }
 
-/// The next step of a part.
-#[derive(Clone, Copy, Debug)]
-pub enum PartStep {
-    /// The part came to rest or was thrown.
-    Contact(OrbitEvent),
-    /// The part flies from this state; [`WavePart::land`] takes the impact.
-    Flight(PartState),
-}
-
-impl WavePart {
-    /// A part just after an impact, in `state`.
-    pub fn new(restitution: f64, state: PartState) -> Self {
+impl<'a> WaveOrbit<'a> {
+    /// The orbit that begins just after an impact with `start`.
+    pub fn new(map: &'a WaveMap, start: PartState) -> Self {
         Self {
-            restitution,
-            state,
+            map,
+            restitution: map.restitution(),
+            scatter: None,
+            chatter: ChatterLimits::EXACT,
+            state: start,
             stage: Stage::Hopping,
+            release: None,
         }
     }
 
-    /// A part that rests at a phase in rad.
-    pub fn at_rest(restitution: f64, phase: f64) -> Self {
-        let state = PartState::new(in_turn(phase), 0.0);
+    /// The orbit that begins at rest, phase 0; the first lift-off is where the push first rises
+    /// through k.
+    pub(crate) fn from_rest(map: &'a WaveMap) -> Self {
         Self {
             stage: Stage::Resting,
-            ..Self::new(restitution, state)
+            ..Self::new(map, PartState::new(0.0, 0.0))
         }
     }
 
-    /// The next step on the track of `map`; `None` at rest for ever.
-    pub fn next(&mut self, map: &WaveMap) -> Option<PartStep> {
-        Some(match self.stage {
-            Stage::Resting => PartStep::Contact(self.lift_off(map)?),
-            Stage::Released => PartStep::Flight(self.state),
-            Stage::Hopping => match time_to_rest(map.track(), self.restitution, self.state) {
-                Some(chatter) => PartStep::Contact(self.begin_rest(chatter)),
-                None => PartStep::Flight(self.state),
-            },
-        })
+    /// This orbit with chatters summed within other limits.
+    pub(crate) fn with_chatter(self, chatter: ChatterLimits) -> Self {
+        Self { chatter, ..self }
     }
 
-    /// Ends the flight: takes the impact of an elastic part and its restitution.
-    pub fn land(&mut self, mut impact: Impact<PartState>, restitution: f64) -> OrbitEvent {
-        if impact.flight <= 0.0 {
-            // Within rounding of a window's edge: the part rests.
-            return self.begin_rest(0.0);
-        }
-        impact.next.velocity *= restitution;
-        self.stage = Stage::Hopping;
-        self.state = impact.next;
-        OrbitEvent::Impact(impact)
+    /// Starts again from rest, phase 0, with a restitution drawn by `scatter` at each impact.
+    ///
+    /// A chatter's closed form uses its mean.
+    pub(crate) fn restart(&mut self, scatter: Scatter) {
+        self.restitution = scatter.mean();
+        self.scatter = Some(scatter);
+        (self.state, self.stage) = (PartState::new(0.0, 0.0), Stage::Resting);
+    }
+
+    /// The state after the last event.
+    pub(crate) fn state(&self) -> PartState {
+        self.state
     }
 
     fn begin_rest(&mut self, chatter: f64) -> OrbitEvent {
@@ -130,20 +81,61 @@ impl WavePart {
         OrbitEvent::Rest { chatter, phase }
     }
 
-    fn lift_off(&mut self, map: &WaveMap) -> Option<OrbitEvent> {
-        let (wait, phase) = map.track().throw(self.state.phase)?;
+    fn lift_off(&mut self) -> Option<OrbitEvent> {
+        let (wait, phase) = self.map.throw(self.state.phase)?;
+        let thrown_there = |release: &Release<PartState>| release.launch.phase == phase;
+        if !self.release.as_ref().is_some_and(thrown_there) {
+            self.release = Some(self.map.release(phase)?);
+        }
+        self.state = self.release?.launch;
+        self.stage = Stage::Released;
+        Some(OrbitEvent::LiftOff {
+            wait,
+            phase: self.state.phase,
+        })
+    }
+}
+
+impl Iterator for WaveOrbit<'_> {
+    type Item = OrbitEvent;
+
+    fn next(&mut self) -> Option<OrbitEvent> {
+        let mut impact = match self.stage {
+            Stage::Resting => return self.lift_off(),
+            Stage::Released => self.release?.impact,
+            Stage::Hopping => match self
+                .map
+                .hop_within(self.chatter, self.restitution, self.state)
+            {
+                Hop::Rest(chatter) => return Some(self.begin_rest(chatter)),
+                Hop::Impact(impact) => impact,
+            },
+        };
+        let drawn = self.scatter.as_mut().map(Scatter::draw);
+        if impact.flight <= 0.0 {
+            // Within rounding of a window's edge: the part rests.
+            return Some(self.begin_rest(0.0));
+        }
+        impact.next.velocity *= drawn.unwrap_or(self.restitution);
+        self.stage = Stage::Hopping;
+        self.state = impact.next;
+        Some(OrbitEvent::Impact(impact))
+    }
+}
+
+impl WaveMap {
+    /// The release of an elastic part that the track throws at `phase`, see [`WaveMap::throw`].
+    ///
+    /// `None` where the map finds no flight there.
+    pub fn release(&self, phase: f64) -> Option<Release<PartState>> {
         // Rounding may put the edge before the crossing that the map finds, where the part still
         // rests. On the flat top of a very short window the difference exceeds an ulp.
         let mut late = 0.0;
         for _ in 0..40 {
-            let start = PartState::new(in_turn(phase + late), 0.0);
-            if map.impact(start).flight > 0.0 {
-                self.state = start;
-                self.stage = Stage::Released;
-                return Some(OrbitEvent::LiftOff {
-                    wait,
-                    phase: start.phase,
-                });
+            let launch = PartState::new(in_turn(phase + late), 0.0);
+            let impact = self.elastic_impact(launch);
+            if impact.flight > 0.0 {
+                return Some(Release { launch, impact });
             }
             late = if late == 0.0 {
                 f64::EPSILON * phase.max(1.0)
@@ -159,6 +151,7 @@ impl WavePart {
 mod tests {
     use super::*;
     use crate::impact::double::Map;
+    use crate::impact::kernel::Kernel;
     use crate::impact::orbit::Orbit;
     use crate::impact::wave::{Tone, Wave};
 
@@ -186,6 +179,22 @@ mod tests {
             }
             let ended = WaveOrbit::from_rest(&same).next().is_none();
             assert_eq!(ended, k >= 1.0);
+        }
+    }
+
+    #[test]
+    fn restarted_orbit_has_the_bits_of_a_new_one() {
+        let wave = Wave::build(Tone::new(0.15, 2.5), Tone::default()).unwrap();
+        let map = WaveMap::on(wave, 0.38, 0.3).unwrap();
+        let mut again = WaveOrbit::from_rest(&map);
+        for seed in 0..20 {
+            let scatter = Scatter::build(0.3, 0.1, seed).unwrap();
+            let mut new = WaveOrbit::from_rest(&map);
+            new.restart(scatter);
+            again.restart(scatter);
+            for _ in 0..200 {
+                assert_eq!(again.next(), new.next());
+            }
         }
     }
 

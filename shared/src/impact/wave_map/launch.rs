@@ -4,6 +4,7 @@ use core::f64::consts::TAU;
 
 use super::track::Track;
 use crate::arithmetic::lane::{Lane, sine_cosine};
+use crate::impact::double::launch::{MAX_CHATTER_REMAINDER, MAX_PULL_CHANGE};
 use crate::impact::double::low::ROUNDING_MARGIN;
 use crate::impact::wave::{Motion, Parts, motion};
 
@@ -142,5 +143,70 @@ impl<L: Lane> Launch<L> {
             pull,
         );
         !zero.below(self.velocity) & !rounded_pull.below(zero)
+    }
+}
+
+/// Limits within which a chatter is summed in closed form.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ChatterLimits {
+    /// Largest third order of its duration, in rad.
+    remainder: f64,
+    /// Largest relative change of the pull during it.
+    pull_change: f64,
+}
+
+impl ChatterLimits {
+    /// The closed form is exact to f64.
+    pub(crate) const EXACT: Self = Self {
+        remainder: MAX_CHATTER_REMAINDER,
+        pull_change: MAX_PULL_CHANGE,
+    };
+
+    /// The duration is within 1e-4 rad, as in the board's plan.
+    ///
+    /// The pull lasts, so that the part comes to rest and is thrown off at the same phase.
+    pub(crate) const COARSE: Self = Self {
+        remainder: 1e-4,
+        pull_change: 0.1,
+    };
+}
+
+impl Launch<f64> {
+    /// Duration in rad of the infinitely many hops that end at rest, if its closed form holds
+    /// within `limits` (docs/theory-impacts.md#t4.1).
+    ///
+    /// `None` otherwise: the part goes on hopping. It is the form of
+    /// [`Contact`](crate::impact::Contact) with the push A for the sine and A' for the cosine. Let
+    /// `P = k - A` be the pull and `z = psi / (P (1 - R))`. The duration is
+    /// `2 z + (4/3) (A'/P) z^2`. The third order is at most `z^3 (2.1 (A'/P)^2 + 0.9 |A''|/P)`. A
+    /// velocity of 0 rests at once where the track does not throw the part.
+    #[inline(always)]
+    pub fn time_to_rest(
+        &self,
+        track: &Track,
+        restitution: f64,
+        limits: ChatterLimits,
+    ) -> Option<f64> {
+        let (hop, at) = (self.velocity, &self.at);
+        let pull = track.k - at.push;
+        let least = if at.surge > 0.0 {
+            -16.0 * f64::EPSILON
+        } else {
+            0.0
+        };
+        if hop <= 0.0 {
+            return (pull >= least).then_some(0.0);
+        }
+        let lost = 1.0 - restitution;
+        if pull <= 0.0 || lost <= 0.0 {
+            return None;
+        }
+        let (c, s) = (at.surge.abs(), at.bend.abs());
+        let z = hop / (pull * lost);
+        let third = z * z * z * (2.1 * (c / pull) * (c / pull) + 0.9 * s / pull);
+        let change = limits.pull_change * pull;
+        let steady = 2.0 * z * c <= change && 2.0 * z * z * s <= change;
+        (third <= limits.remainder && steady)
+            .then(|| 2.0 * z + 4.0 / 3.0 * (at.surge / pull) * z * z)
     }
 }

@@ -1,7 +1,7 @@
 //! The impact map in f64 on a track of several tones.
 
 use super::first::first_impact;
-use super::launch::Launch;
+use super::launch::{ChatterLimits, Launch};
 use super::search;
 use super::track::Track;
 use crate::arithmetic::lane::Lane;
@@ -108,6 +108,44 @@ impl WaveMap {
         }
     }
 
+    /// The next contact of a part with this mean restitution: a flight, of which the arrival speed
+    /// is told as that of an elastic part, or rest where a chatter's closed form is exact to f64.
+    pub fn hop(&self, restitution: f64, state: PartState) -> Hop {
+        self.hop_within(ChatterLimits::EXACT, restitution, state)
+    }
+
+    /// [`WaveMap::hop`] with other limits of the closed form.
+    pub(in crate::impact) fn hop_within(
+        &self,
+        limits: ChatterLimits,
+        restitution: f64,
+        state: PartState,
+    ) -> Hop {
+        if self.track.wave.is_of_two() {
+            self.hop_of::<2>(limits, restitution, state)
+        } else {
+            self.hop_of::<3>(limits, restitution, state)
+        }
+    }
+
+    #[inline(always)]
+    fn hop_of<const N: usize>(
+        &self,
+        limits: ChatterLimits,
+        restitution: f64,
+        state: PartState,
+    ) -> Hop {
+        let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
+        match launch.time_to_rest(&self.track, restitution, limits) {
+            Some(chatter) => Hop::Rest(chatter),
+            None => Hop::Impact(build_impact(
+                1.0,
+                state,
+                first_impact::<N>(&self.track, &launch),
+            )),
+        }
+    }
+
     /// Time in rad from rest at `phase` to lift-off, and its phase; 0 and `phase` where the track
     /// throws at once.
     ///
@@ -115,10 +153,15 @@ impl WaveMap {
     pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {
         self.track.throw(phase)
     }
+}
 
-    pub(in crate::impact) fn track(&self) -> &Track {
-        &self.track
-    }
+/// The next contact of a hopping part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Hop {
+    /// It chatters to rest within this time, in rad.
+    Rest(f64),
+    /// It flies and strikes the track; the velocity is the arrival speed.
+    Impact(Impact<PartState>),
 }
 
 impl Kernel for WaveMap {

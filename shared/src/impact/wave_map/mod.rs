@@ -15,4 +15,5 @@ mod search;
 mod short;
 pub(super) mod track;
 
-pub use map::WaveMap;
+pub(crate) use launch::ChatterLimits;
+pub use map::{Hop, WaveMap};

@@ -1,0 +1,93 @@
+//! Rows as a JSON document that goes out as they come.
+
+use std::io::Write;
+
+use serde_json::{Value as Json, to_string_pretty};
+
+use super::columns::units_of;
+use super::table::unwritten;
+use super::{Column, Rows, Value};
+use crate::provenance;
+use crate::refusal::Refusal;
+
+/// Rows that go out as JSON, with the bytes of a [`Table`](super::Table) of them: an object with
+/// the provenance and the array `rows`.
+pub struct JsonRows<'a> {
+    out: &'a mut dyn Write,
+    names: Vec<String>,
+    begun: bool,
+}
+
+/// The end of a document without rows.
+const NO_ROWS: &str = "[]\n}";
+
+impl<'a> JsonRows<'a> {
+    /// Writes the document up to the first row.
+    pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
+        let sample = columns.iter().map(|column| (column.name(), Json::Null));
+        let units = units_of(&sample.collect());
+        let document = to_string_pretty(&provenance::with(Json::Array(Vec::new()), units));
+        let document = document.map_err(|error| unwritten(&error.into()))?;
+        let head = document.strip_suffix(NO_ROWS).unwrap_or(&document);
+        write!(out, "{head}[").map_err(|error| unwritten(&error))?;
+        let names = columns.iter().map(|column| column.name().into());
+        Ok(Self {
+            out,
+            names: names.collect(),
+            begun: false,
+        })
+    }
+
+    /// Writes the end of the document.
+    pub fn end(self) -> Result<(), Refusal> {
+        let indent = if self.begun { "\n  " } else { "" };
+        writeln!(self.out, "{indent}]\n}}").map_err(|error| unwritten(&error))
+    }
+}
+
+impl Rows for JsonRows<'_> {
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+        let mut text = String::from(if self.begun { ",\n    {" } else { "\n    {" });
+        for (n, (name, value)) in self.names.iter().zip(row).enumerate() {
+            let comma = if n == 0 { "" } else { "," };
+            text += &format!("{comma}\n      \"{name}\": {}", value.json());
+        }
+        self.begun = true;
+        write!(self.out, "{text}\n    }}").map_err(|error| unwritten(&error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::{Format, Printout, Table, columns};
+
+    #[test]
+    fn streamed_rows_have_the_bytes_of_a_table() {
+        let columns = [columns::N, columns::PHASE, columns::FLIGHT];
+        let mut table = Table::new(&columns);
+        for count in 1..4_u32 {
+            table.push([count.into(), 0.1.into(), Value::Missing]);
+            let mut streamed = Vec::new();
+            let mut rows = JsonRows::begin(&mut streamed, &columns).unwrap();
+            table.write_rows(&mut rows).unwrap();
+            rows.end().unwrap();
+            let mut whole = Vec::new();
+            let printout = Printout::new(table.clone());
+            printout.write(Format::Json, &mut whole).unwrap();
+            assert_eq!(
+                String::from_utf8(streamed).unwrap(),
+                String::from_utf8(whole).unwrap()
+            );
+        }
+    }
+
+    #[test]
+    fn a_document_without_rows_is_whole() {
+        let mut streamed = Vec::new();
+        let rows = JsonRows::begin(&mut streamed, &[columns::N]).unwrap();
+        rows.end().unwrap();
+        let document: Json = serde_json::from_slice(&streamed).unwrap();
+        assert_eq!(document["rows"], Json::Array(Vec::new()));
+    }
+}

@@ -1,0 +1,133 @@
+//! Rows that go out as they come: `kband impacts` in memory that does not grow with their number.
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+use kband::impact::{Kernel, Map, PartState};
+use serde_json::Value;
+
+/// Largest memory of a command in KiB.
+const MAX_MEMORY: u64 = 64 << 10;
+
+const ORBIT: &str = "impacts --k 0.34 --restitution 0.2 --phase 0.5 --velocity 0.45";
+
+fn begin(folder: &Path, words: &str) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_kband"))
+        .args(words.split(' '))
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
+/// Peak of a process's memory so far, in KiB; `None` once it has ended.
+fn peak(child: &Child) -> Option<u64> {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
+    line.split_whitespace().nth(1)?.parse().ok()
+}
+
+/// Lines that a command prints, and the peak of its memory near its end: it waits for its reader.
+fn printed(folder: &Path, words: &str, lines: usize) -> (usize, u64) {
+    let mut child = begin(folder, words);
+    let mut out = BufReader::new(child.stdout.take().unwrap());
+    let (mut line, mut count, mut most) = (Vec::new(), 0, 0);
+    while out.read_until(b'\n', &mut line).unwrap() > 0 {
+        line.clear();
+        count += 1;
+        // A pipe holds 64 KiB, some hundred lines.
+        if count % 1000 == 0 && count + 5000 < lines {
+            most = peak(&child).expect("it still writes").max(most);
+        }
+    }
+    assert!(child.wait().unwrap().success(), "{words}");
+    (count, most)
+}
+
+/// The states after each impact, as the map itself has them.
+fn states(count: usize) -> Vec<(f64, PartState)> {
+    let map = Map::build(0.34, 0.2).unwrap();
+    let mut state = Map::state(0.5, 0.45).unwrap();
+    let impact = || {
+        let impact = map.impact(state);
+        state = impact.next;
+        Some((impact.flight, state))
+    };
+    std::iter::from_fn(impact).take(count).collect()
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_does_not_grow_with_the_number_of_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut file = std::fs::File::create(folder.path().join("rows.csv")).unwrap();
+    writeln!(file, "k,restitution,phase,velocity").unwrap();
+    for (_, state) in states(400_000) {
+        writeln!(file, "0.34,0.2,{},{}", state.phase, state.velocity).unwrap();
+    }
+    for (words, lines) in [
+        (format!("{ORBIT} --count 600000"), 600_000),
+        (format!("{ORBIT} --count 150000 --format json"), 900_000),
+        (
+            format!("{ORBIT} --count 300000 --out portrait.svg"),
+            300_000,
+        ),
+        (format!("{ORBIT} --count 300000 --out rows.json"), 300_000),
+        ("impacts --from rows.csv".into(), 400_000),
+    ] {
+        let (count, most) = printed(folder.path(), &words, lines);
+        // The provenance comes first.
+        assert!((lines..lines + 100).contains(&count), "{words}: {count}");
+        assert!(0 < most && most < MAX_MEMORY, "{words}: {most} KiB");
+    }
+}
+
+#[test]
+fn streamed_rows_are_the_impacts_of_the_map() {
+    let folder = tempfile::tempdir().unwrap();
+    // More than the rows whose size is measured, and than those that are flown at once.
+    const COUNT: usize = 5000;
+    let expected = states(COUNT);
+    let words = format!("{ORBIT} --count {COUNT} --out rows.json");
+    let out = begin(folder.path(), &words).wait_with_output().unwrap();
+    let csv = String::from_utf8(out.stdout).unwrap();
+    let rows: Vec<&str> = csv.lines().filter(|line| !line.starts_with('#')).collect();
+    assert_eq!(
+        (rows[0], rows.len()),
+        ("n,phase,velocity,flight", COUNT + 1)
+    );
+    let json = std::fs::read_to_string(folder.path().join("rows.json")).unwrap();
+    let json: Value = serde_json::from_str(&json).unwrap();
+    let mut launches = String::from("k,restitution,phase,velocity\n0.34,0.2,0.5,0.45\n");
+    for (n, (flight, state)) in expected.iter().enumerate() {
+        let row: Vec<f64> = rows[n + 1]
+            .split(',')
+            .map(|field| field.parse().unwrap())
+            .collect();
+        let values = [(n + 1) as f64, state.phase, state.velocity, *flight];
+        assert_eq!(row, values, "row {n}");
+        let object = &json["rows"][n];
+        let columns = ["n", "phase", "velocity", "flight"];
+        let row = columns.map(|column| object[column].as_f64().unwrap());
+        assert_eq!(row, values, "row {n}");
+        launches += &format!("0.34,0.2,{},{}\n", state.phase, state.velocity);
+    }
+    // The same orbit, each impact from a row of a file.
+    std::fs::write(folder.path().join("launches.csv"), launches).unwrap();
+    for arithmetic in ["f64", "batch"] {
+        let words = format!("impacts --from launches.csv --arithmetic {arithmetic}");
+        let out = begin(folder.path(), &words).wait_with_output().unwrap();
+        let csv = String::from_utf8(out.stdout).unwrap();
+        let rows = csv.lines().filter(|line| !line.starts_with('#')).skip(1);
+        let mut count = 0;
+        for (row, (flight, state)) in rows.zip(&expected) {
+            let row: Vec<f64> = row.split(',').map(|field| field.parse().unwrap()).collect();
+            assert_eq!(row, [*flight, state.phase, state.velocity]);
+            count += 1;
+        }
+        assert_eq!(count, COUNT);
+    }
+}
