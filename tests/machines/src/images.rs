@@ -75,15 +75,13 @@ fn built(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> 
 /// Builds an image and copies it to a place of its own. Cargo writes all feature sets to one file,
 /// while other tests may run it.
 fn keep(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
-    let kept = target_folder()
-        .join("emulated")
+    let kept = images_folder()
         .join("kept")
         .join(machine.target())
         .join(features.unwrap_or("default"));
     std::fs::create_dir_all(&kept).expect("a folder for the images");
     // The lock covers build and copy: no other test builds meanwhile.
-    let lock =
-        File::create(target_folder().join("emulated").join("kept/lock")).expect("a file to lock");
+    let lock = File::create(images_folder().join("kept/lock")).expect("a file to lock");
     lock.lock().expect("the lock");
     let image = compile(package, bin, machine, features);
     let (new, kept) = (kept.join(format!("{bin}.new")), kept.join(bin));
@@ -99,8 +97,7 @@ fn keep(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> P
 /// # Panics
 /// Nothing was built yet.
 pub fn script_folder(name: &str, machine: Machine) -> PathBuf {
-    let builds = target_folder()
-        .join("emulated")
+    let builds = images_folder()
         .join(machine.target())
         .join("firmware/build");
     let entries = std::fs::read_dir(&builds).expect("something was built");
@@ -216,7 +213,7 @@ fn toolchain(target: &str) -> Option<String> {
 fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let target = machine.target();
     let mut arguments: Vec<String> = toolchain(target).into_iter().collect();
-    let folder = target_folder().join("emulated");
+    let folder = images_folder();
     arguments.extend(
         [
             "build",
@@ -263,6 +260,10 @@ fn compiles_for(toolchain: &[&str], target: &str) -> bool {
                 file.is_ok_and(|file| file.file_name().to_string_lossy().starts_with("libcore-"))
             })
         })
+}
+
+fn images_folder() -> PathBuf {
+    target_folder().join("emulated")
 }
 
 /// The folder that cargo builds into.

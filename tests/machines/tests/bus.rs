@@ -5,9 +5,9 @@ use kband_control::{Fault, Limits, State, Target};
 use kband_machines::bus::{UNIT, float, frame, read, write};
 use kband_machines::chip::SAMPLE;
 use kband_machines::chip::gpio::Mode;
+use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Seen;
 use kband_machines::hazards::Hazard;
-use kband_machines::images::feeder;
 use kband_machines::rig::{Act, Rig};
 use kband_plant::Change;
 
@@ -22,7 +22,7 @@ fn machine(target: Target, bus: f32, baud: f32, parity: f32) -> Rig {
 }
 
 fn board(hazard: &Hazard, bus: f32, baud: f32, parity: f32) -> Rig {
-    let mut rig = hazard.commissioned(&feeder());
+    let mut rig = hazard.commissioned(Kind::Stm32f405);
     rig.chip.board.serials[3].other_end = (baud as u64, 11);
     for (key, value) in [
         ("bus_baud", baud),

@@ -3,9 +3,9 @@
 use kband_control::wire::{Request, Response, Stored};
 use kband_control::{Event, Recipe, RecipeName, Settings, Target};
 use kband_machines::chip::gpio::Wire;
+use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Seen;
 use kband_machines::hazards::Hazard;
-use kband_machines::images::feeder;
 use kband_machines::rig::{Act, Rig};
 
 /// Amplitudes of the recipes 1 to 3, mm. The saved target has 0.2 mm.
@@ -24,7 +24,7 @@ fn recipe(amplitude: f32) -> Option<(RecipeName, Recipe)> {
 
 /// A board whose flash holds the recipes, after a restart without supply in between.
 fn board() -> Rig {
-    let mut rig = Hazard::of("recipes", 50.0, Target::Amplitude(0.2)).commissioned(&feeder());
+    let mut rig = Hazard::of("recipes", 50.0, Target::Amplitude(0.2)).commissioned(Kind::Stm32f405);
     for (number, amplitude) in (1..).zip(AMPLITUDES) {
         let recipe = recipe(amplitude);
         rig.request_done(&Request::SetRecipe { number, recipe });

@@ -6,7 +6,6 @@ use clap::ValueEnum;
 use kband_control::{Recipe, RecipeName, Settings, Shape, Target, UpperTone};
 
 use super::super::target::Kind;
-use crate::file;
 use crate::refusal::Refusal;
 
 /// Next step after a refused line.
@@ -36,7 +35,7 @@ impl Entry {
     /// # Errors
     /// Names the line, and what is accepted.
     pub fn parse(text: &str) -> Result<Vec<Self>, Refusal> {
-        let table = file::toml(text, NEXT)?;
+        let table = kband_scene::toml_table(text, NEXT)?;
         let lines = lines(text);
         let tables = match table.get("recipe") {
             Some(toml::Value::Array(tables)) => tables.as_slice(),
