@@ -220,7 +220,12 @@ impl Task<'_> {
             ));
         }
         let launches = LaunchFile::open(path)?;
-        let Survey { rows, left } = check_rows(path, launches.reader()?, &build)?;
+        let progress = Progress::beside_rows("checking rows", launches.size()?);
+        let Survey { rows, left } = check_rows(path, launches.reader()?, &build, |bytes| {
+            progress.advance(bytes);
+            self.desk.go_on()
+        })?;
+        progress.finish();
         if let Some((count, first)) = left {
             let first = first.to_string();
             let first = first.trim_start_matches("error: ");

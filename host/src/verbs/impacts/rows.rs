@@ -58,6 +58,13 @@ impl<'a> LaunchFile<'a> {
         Ok(Self { path, file })
     }
 
+    /// Its size in bytes.
+    pub fn size(&self) -> Result<u64, Refusal> {
+        let data = self.file.metadata();
+        data.map(|data| data.len())
+            .map_err(|error| unread(self.path, &error))
+    }
+
     /// A reader from the first row on.
     pub fn reader(&self) -> Result<BufReader<&File>, Refusal> {
         let mut file = &self.file;
@@ -74,9 +81,12 @@ fn unread(path: &Path, error: &std::io::Error) -> Refusal {
 }
 
 /// Hands `each` the line number and the values `k, restitution, phase, velocity` of every row.
+///
+/// `go_on` gets the bytes read since its last call.
 fn each_row(
     path: &Path,
     mut reader: impl BufRead,
+    mut go_on: impl FnMut(u64) -> Result<(), Refusal>,
     mut each: impl FnMut(usize, [f64; 4]) -> Result<(), Refusal>,
 ) -> Result<(), Refusal> {
     const COLUMNS: [&str; 4] = ["k", "restitution", "phase", "velocity"];
@@ -84,6 +94,7 @@ fn each_row(
     let mut places = None;
     let mut line = String::new();
     let mut number = 0;
+    let mut bytes = 0;
     let mut more = true;
     while more {
         line.clear();
@@ -92,6 +103,10 @@ fn each_row(
             .map_err(|error| unread(path, &error))?
             > 0;
         number += 1;
+        bytes += line.len() as u64;
+        if number.is_multiple_of(1024) {
+            go_on(std::mem::take(&mut bytes))?;
+        }
         let mut text = line.trim();
         if number == 1 {
             text = text.trim_start_matches('\u{feff}').trim();
@@ -146,16 +161,19 @@ fn launch<K: Kernel>(
 
 /// Checks all rows. The first that is no launch at all is refused with its line and column; a launch
 /// that only this arithmetic cannot hold is counted.
+///
+/// `go_on` gets the bytes read since its last call, and may refuse to.
 pub fn check_rows<K: Kernel>(
     path: &Path,
     reader: impl BufRead,
     build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
+    go_on: impl FnMut(u64) -> Result<(), Refusal>,
 ) -> Result<Survey, Refusal> {
     let mut found = Survey {
         rows: 0,
         left: None,
     };
-    each_row(path, reader, |line, values| {
+    each_row(path, reader, go_on, |line, values| {
         found.rows += 1;
         if let Err(cause) = launch(values, &build) {
             let [k, restitution, phase, velocity] = values;
@@ -194,14 +212,19 @@ pub fn fly_rows<K: Kernel>(
     /// Launches at a time: a few blocks.
     const TOGETHER: usize = 4096;
     let mut rows = Vec::with_capacity(TOGETHER);
-    each_row(path, reader, |_, values| {
-        rows.push(launch(values, &build).ok());
-        if rows.len() == TOGETHER {
-            each(&mut rows)?;
-            rows.clear();
-        }
-        Ok(())
-    })?;
+    each_row(
+        path,
+        reader,
+        |_| Ok(()),
+        |_, values| {
+            rows.push(launch(values, &build).ok());
+            if rows.len() == TOGETHER {
+                each(&mut rows)?;
+                rows.clear();
+            }
+            Ok(())
+        },
+    )?;
     each(&mut rows)
 }
 
@@ -215,7 +238,8 @@ mod tests {
     fn a_row_that_only_the_arithmetic_cannot_hold_is_left_out() {
         let path = Path::new("a.csv");
         let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n0.4,0.2,1,2\n0.4,0.2,1,80\n";
-        let found = check_rows(path, text.as_bytes(), Hybrid::build).unwrap();
+        let check = |text: &str| check_rows(path, text.as_bytes(), Hybrid::build, |_| Ok(()));
+        let found = check(text).unwrap();
         let (count, first) = found.left.unwrap();
         assert_eq!((found.rows, count), (3, 2));
         assert!(
@@ -231,7 +255,7 @@ mod tests {
         assert_eq!(held, [false, true, false]);
         // Where nothing is left, it is refused.
         let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n";
-        let none = check_rows(path, text.as_bytes(), Hybrid::build);
+        let none = check(text);
         assert!(none.is_err_and(|refusal| refusal.to_string().contains("0..60")));
         // A k that no arithmetic takes: the widest range, and no other arithmetic to choose.
         for (k, expected) in [
@@ -245,7 +269,7 @@ mod tests {
             ),
         ] {
             let text = format!("k,restitution,phase,velocity\n{k},0.2,1,1\n");
-            let refused = check_rows(path, text.as_bytes(), Hybrid::build);
+            let refused = check(&text);
             let message = refused.err().map(|refusal| refusal.to_string());
             assert!(message.is_some_and(|message| message.ends_with(expected)));
         }
@@ -259,14 +283,15 @@ mod tests {
             found.push((line, values));
             Ok(())
         };
-        each_row(Path::new("a.csv"), text.as_bytes(), each).unwrap();
+        each_row(Path::new("a.csv"), text.as_bytes(), |_| Ok(()), each).unwrap();
         assert_eq!(found, [(2, [0.4, 0.5, 1.0, 2.0])]);
     }
 
     #[test]
     fn a_file_without_a_header_or_rows_is_refused() {
         let message = |text: &str| {
-            let found = check_rows(Path::new("a.csv"), text.as_bytes(), Map::build);
+            let path = Path::new("a.csv");
+            let found = check_rows(path, text.as_bytes(), Map::build, |_| Ok(()));
             found.err().map_or(String::new(), |error| error.to_string())
         };
         assert!(
