@@ -83,13 +83,13 @@ fn refusal([constants, variables]: [u32; 2], [flash, ram]: [u32; 2]) -> Option<S
 fn an_image_beyond_flash_or_ram_is_refused_by_the_linker() {
     // The scripts are built with the image.
     let _ = images::build("kband-firmware", "feeder", Machine::CortexM4F);
-    // The image's budget: 384 KiB of flash, and 112 KiB of RAM with a stack of 76 KiB.
-    assert_eq!(refusal([382, 23], BOARD), None);
-    let flash = refusal([384, 23], BOARD).expect("too much flash");
-    assert!(flash.contains("exceeds 384 KiB of flash"), "{flash}");
-    let ram = refusal([382, 37], BOARD).expect("too much RAM");
+    // The image's budget: 368 KiB of flash, and 116 KiB of RAM with a stack of 76 KiB.
+    assert_eq!(refusal([366, 23], BOARD), None);
+    let flash = refusal([368, 23], BOARD).expect("too much flash");
+    assert!(flash.contains("exceeds 368 KiB of flash"), "{flash}");
+    let ram = refusal([366, 41], BOARD).expect("too much RAM");
     assert!(
-        ram.contains("stack and static data exceed 112 KiB of RAM"),
+        ram.contains("stack and static data exceed 116 KiB of RAM"),
         "{ram}"
     );
     // The chip's memory, where it is smaller than the budget.

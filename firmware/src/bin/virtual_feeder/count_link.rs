@@ -116,7 +116,7 @@ pub fn count(
     store: impl Store,
     station: &Station,
     mut signal: Signal,
-    mut bench: Bench,
+    bench: &mut Bench,
 ) {
     begin(timer);
     let mut service = Service::new(image, store, None);
@@ -153,7 +153,7 @@ pub fn count(
         LATE.store(0, Ordering::Relaxed);
         TAKEN.store(0, Ordering::Relaxed);
         for (_, request) in requests().iter().cycle().take(30 * requests().len()) {
-            let report = drive(&mut signal, &mut bench, station, enable);
+            let report = drive(&mut signal, bench, station, enable);
             service.tick(station);
             // `Defaults` would end in fault 8 again.
             let stops = !enable && matches!(request, Request::Defaults);
