@@ -13,7 +13,8 @@ CONTROL, KIND, STATUS, STATE, FIRST_SETTING = 0, 1, 4, 5, 100
 HELD = 1 << 8
 
 terminal, unit = sys.argv[1], int(sys.argv[2])
-master = ModbusSerialClient(terminal, baudrate=19200, parity="E", timeout=3, retries=0)
+# A terminal without a line has no parity. The board may still start.
+master = ModbusSerialClient(terminal, baudrate=19200, parity="N", timeout=5, retries=5)
 assert master.connect(), terminal
 
 

@@ -5,6 +5,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use kband_bus::registers;
@@ -18,8 +19,8 @@ use kband_tests::images;
 /// Unit of the board.
 const UNIT: u8 = 17;
 /// Longest life of the emulator, s, and longest wait for a state.
-const LIMIT_S: u32 = 240;
-const WAIT: Duration = Duration::from_secs(100);
+const LIMIT_S: u32 = 600;
+const WAIT: Duration = Duration::from_secs(120);
 
 /// Register of the control word.
 const CONTROL: u16 = 0;
@@ -40,6 +41,7 @@ const HELD: u16 = 1 << 8;
 struct Board {
     emulator: Child,
     terminal: PathBuf,
+    /// Held open: QEMU looks for another reader only once a second.
     line: File,
 }
 
@@ -57,16 +59,10 @@ impl Board {
         let words = format!("enable=on,target=native,arg=image,arg=run,arg={name}");
         let mut emulator = Command::new("timeout")
             .args(["--foreground", "--kill-after=5", &LIMIT_S.to_string()])
-            .args([
-                "qemu-system-arm",
-                "-M",
-                "olimex-stm32-h405",
-                "-display",
-                "none",
-            ])
-            .args(["-monitor", "none", "-serial", "null", "-serial", "null"])
-            .args(["-serial", "null", "-serial", "pty"])
-            .args(["-semihosting-config", &words, "-kernel"])
+            .args(["qemu-system-arm", "-M", "olimex-stm32-h405"])
+            .args(["-display", "none", "-monitor", "none"])
+            .args(["-serial", "null", "-serial", "null", "-serial", "null"])
+            .args(["-serial", "pty", "-semihosting-config", &words, "-kernel"])
             .arg(image)
             .current_dir(flash.parent().unwrap())
             .stdin(Stdio::null())
@@ -77,10 +73,8 @@ impl Board {
         let mut said = BufReader::new(emulator.stdout.take().unwrap());
         let terminal = loop {
             let mut line = String::new();
-            assert!(
-                said.read_line(&mut line).unwrap() > 0,
-                "it names its terminal"
-            );
+            let read = said.read_line(&mut line).unwrap();
+            assert!(read > 0, "the emulator names its terminal");
             if let Some((_, rest)) = line.split_once("redirected to ") {
                 break PathBuf::from(rest.split_whitespace().next().unwrap());
             }
@@ -97,22 +91,48 @@ impl Board {
         }
     }
 
-    /// Function and data of the answer to a request.
+    /// A master on the line, which then is for it alone.
+    fn master(&self) -> Master {
+        let mut line = self.line.try_clone().unwrap();
+        let (sender, bytes) = mpsc::channel();
+        std::thread::spawn(move || {
+            let mut byte = [0];
+            // Ends with the emulator.
+            while line.read(&mut byte).is_ok_and(|count| count == 1) && sender.send(byte[0]).is_ok()
+            {
+            }
+        });
+        Master {
+            line: self.line.try_clone().unwrap(),
+            bytes,
+        }
+    }
+}
+
+/// A master of Modbus RTU.
+struct Master {
+    line: File,
+    bytes: mpsc::Receiver<u8>,
+}
+
+impl Master {
+    /// Function and data of the answer to a request; it is repeated twice.
     fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
         let mut frame = vec![UNIT];
         frame.extend(pdu);
         frame.extend(rtu::crc(&frame).to_le_bytes());
-        self.line.write_all(&frame).unwrap();
-        let mut answer = Vec::new();
-        loop {
-            let mut byte = [0];
-            assert_eq!(self.line.read(&mut byte).unwrap(), 1, "the emulator runs");
-            answer.push(byte[0]);
-            if let Some(adu) = rtu::check(&answer) {
-                assert_eq!(adu[0], UNIT);
-                return adu[1..].to_vec();
+        for _ in 0..3 {
+            self.line.write_all(&frame).unwrap();
+            let mut answer = Vec::new();
+            while let Ok(byte) = self.bytes.recv_timeout(Duration::from_secs(5)) {
+                answer.push(byte);
+                if let Some(adu) = rtu::check(&answer) {
+                    assert_eq!(adu[0], UNIT);
+                    return adu[1..].to_vec();
+                }
             }
         }
+        panic!("no answer to {pdu:?}");
     }
 
     fn word(&mut self, address: u16) -> u16 {
@@ -139,12 +159,12 @@ impl Board {
     }
 
     /// Waits until a register, under a mask, has this value.
+    #[track_caller]
     fn wait(&mut self, address: u16, mask: u16, value: u16) {
         let end = Instant::now() + WAIT;
         while self.word(address) & mask != value {
-            let (state, fault) = (self.word(STATE), self.word(FAULT));
-            let late = Instant::now() > end;
-            assert!(!late, "register {address}: state {state}, fault {fault}");
+            let seen = [(0, 10), (16, 16)].map(|(at, count)| self.ask(&[3, 0, at, 0, count]));
+            assert!(Instant::now() < end, "register {address}: {seen:?}");
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -169,6 +189,8 @@ fn commissioned(image: &Path, bus: f32) -> (tempfile::TempDir, Address) {
     let mut link = address.open(Emulated::AtRest).unwrap();
     for request in [
         Request::set("bus_address", UNIT.into()),
+        // A busy desk delays requests.
+        Request::set("bus_timeout", 60.0),
         Request::set("bus", bus),
         Request::Save,
     ] {
@@ -182,11 +204,12 @@ fn commissioned(image: &Path, bus: f32) -> (tempfile::TempDir, Address) {
 fn a_master_runs_the_board_from_power_on_to_gear_and_saves() {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let (folder, address) = commissioned(&image, 2.0);
-    let mut board = Board::start(&image, &folder.path().join("board.flash"));
+    let emulated = Board::start(&image, &folder.path().join("board.flash"));
+    let mut board = emulated.master();
     board.write(CONTROL, &[0, 1]);
     board.write(CONTROL, &[1]);
     board.wait(STATUS, HELD, HELD);
-    assert_eq!(board.word(STATE), State::Holding.number().into());
+    assert_eq!(board.word(STATE), u16::from(State::Holding.number()));
     // Another target, while the drive runs.
     let [high, low] = float(0.8);
     board.write(KIND, &[32, high, low]);
@@ -199,14 +222,17 @@ fn a_master_runs_the_board_from_power_on_to_gear_and_saves() {
     board.set("sensitivity", 0.5);
     board.write(CONTROL, &[1]);
     board.wait_for(State::Fault);
-    assert_eq!(board.word(FAULT), Fault::SensorImplausible.number().into());
+    assert_eq!(
+        board.word(FAULT),
+        u16::from(Fault::SensorImplausible.number())
+    );
     board.write(CONTROL, &[0]);
     board.write(CONTROL, &[0x80]);
     board.wait_for(State::Off);
     board.set("sensitivity", Settings::default().sensitivity);
     board.write(SAVE, &[1]);
     board.wait(SAVE, u16::MAX, 2);
-    drop(board);
+    drop((board, emulated));
     let mut link = address.open(Emulated::AtRest).unwrap();
     link.ask(&Request::Held, |response| {
         assert_eq!(response, Response::Held(Target::K(0.8)));
@@ -223,16 +249,21 @@ fn run(command: &mut Command) -> String {
     said
 }
 
-/// What `mbpoll` prints for these arguments, without the board's answers to be refused.
-fn mbpoll(board: &Board, arguments: &str, values: &[&str]) -> String {
-    let fixed = [
-        "-m", "rtu", "-a", "17", "-b", "19200", "-P", "even", "-0", "-1", "-q", "-o", "3",
-    ];
-    run(Command::new("mbpoll")
-        .args(fixed)
+/// `mbpoll` with these arguments; a terminal without a line has no parity.
+fn mbpoll_command(board: &Board, arguments: &str, values: &[&str]) -> Command {
+    let mut command = Command::new("mbpoll");
+    let fixed = "-m rtu -a 17 -b 19200 -P none -0 -1 -q -o 5";
+    command
+        .args(fixed.split(' '))
         .args(arguments.split(' '))
         .arg(&board.terminal)
-        .args(values))
+        .args(values);
+    command
+}
+
+/// What `mbpoll` prints for these arguments; it fails where the board refuses.
+fn mbpoll(board: &Board, arguments: &str, values: &[&str]) -> String {
+    run(&mut mbpoll_command(board, arguments, values))
 }
 
 /// The master of Debian, on libmodbus.
@@ -240,19 +271,37 @@ fn mbpoll(board: &Board, arguments: &str, values: &[&str]) -> String {
 fn mbpoll_reads_and_runs_the_board() {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let (folder, _) = commissioned(&image, 1.0);
-    let mut board = Board::start(&image, &folder.path().join("board.flash"));
+    let board = Board::start(&image, &folder.path().join("board.flash"));
+    // The board starts meanwhile.
+    let starts = |_: &u32| {
+        let mut first = mbpoll_command(&board, "-r 80 -c 1", &[]);
+        !first.output().is_ok_and(|ran| ran.status.success())
+    };
+    assert!((0..10).take_while(starts).count() < 10);
     let version = mbpoll(&board, "-r 80 -c 1", &[]);
     assert!(version.contains("[80]: \t1"), "{version}");
     let frequency = mbpoll(&board, "-t 4:float -B -r 100 -c 1", &[]);
     assert!(frequency.contains("[100]: \t50"), "{frequency}");
-    // mbpoll writes the low word first, as libmodbus 3.1.6 does with -B: registers one by one.
     mbpoll(&board, "-r 0", &["0"]);
     let [high, low] = float(0.8).map(|word| word.to_string());
     mbpoll(&board, "-r 1", &["32", &high, &low]);
     mbpoll(&board, "-r 0", &["1"]);
-    board.wait(STATUS, HELD, HELD);
+    let wait = |mask: u16, value: u16| {
+        let end = Instant::now() + WAIT;
+        loop {
+            let said = mbpoll(&board, "-r 4 -c 1", &[]);
+            let word = said.split("[4]: \t").nth(1).expect("the status word");
+            let word: u16 = word.split_whitespace().next().unwrap().parse().unwrap();
+            if word & mask == value {
+                return;
+            }
+            assert!(Instant::now() < end, "status word {word:#x}");
+        }
+    };
+    wait(HELD, HELD);
     mbpoll(&board, "-r 0", &["0"]);
-    board.wait_for(State::Off);
+    // Not running.
+    wait(1 << 1, 0);
 }
 
 /// The master of PyPI.

@@ -3,7 +3,7 @@
 //! The interrupts own the frame while they receive or send it, the task while it answers. The
 //! silence of 3.5 characters ends a frame; the millisecond clock detects it.
 
-use core::future::poll_fn;
+use core::future::{Future, poll_fn};
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 use core::task::Poll;
 
@@ -121,21 +121,18 @@ impl BusLine {
 
     /// Waits for a frame, copies it and returns its length. Its bytes stay the task's until
     /// [`BusLine::send`] or [`BusLine::listen`].
-    pub async fn frame(&self, room: &mut [u8; MAX_FRAME_BYTES]) -> usize {
+    pub fn frame(&self, room: &mut [u8; MAX_FRAME_BYTES]) -> impl Future<Output = usize> {
         poll_fn(|context| {
             self.waker.register(context.waker());
-            if self.is_waiting() {
-                Poll::Ready(())
-            } else {
-                Poll::Pending
+            if !self.is_waiting() {
+                return Poll::Pending;
             }
+            let length = self.length.load(Ordering::Relaxed) as usize;
+            for (byte, own) in room.iter_mut().zip(&self.bytes).take(length) {
+                *byte = own.load(Ordering::Relaxed);
+            }
+            Poll::Ready(length)
         })
-        .await;
-        let length = self.length.load(Ordering::Relaxed) as usize;
-        for (byte, own) in room.iter_mut().zip(&self.bytes).take(length) {
-            *byte = own.load(Ordering::Relaxed);
-        }
-        length
     }
 
     /// Hands an answer to the sending interrupt. Returns false, and listens, where a byte came

@@ -88,7 +88,7 @@ pub async fn bus(
         };
         let unit = in_use.map_or(rtu::BROADCAST, |config| config.unit);
         let mut registers = Registers { station, image };
-        let request = &frame[..length];
+        let request = frame.get(..length).unwrap_or_default();
         if rtu::answer(&mut server, unit, request, &mut registers, &mut answer) {
             station.record_bus_request();
             if line.send(&answer) {

@@ -33,6 +33,7 @@
 #[cfg(test)]
 extern crate std;
 
+mod access;
 mod identification;
 mod machine;
 pub mod registers;

@@ -1,31 +1,22 @@
 //! The server: takes a request, refuses what is not one, answers the rest.
-//!
-//! `rmodbus` 0.13 reads and writes the frames of functions 3, 4, 6 and 16. It computes with counts
-//! and lengths before it checks them. So it gets only requests whose lengths are right.
 
 use heapless::Vec;
-use rmodbus::server::{ModbusFrame, Read, Write};
-use rmodbus::{ErrorKind, ModbusProto};
 
+use crate::access::access;
 use crate::identification;
 use crate::machine::{Machine, Refused};
 use crate::registers::{self, Picture};
-use crate::write;
 
 /// Largest request or answer, bytes: unit, function and 252 bytes of data.
 pub const MAX_ADU_BYTES: usize = 254;
-/// Bytes before the unit in the frames of TCP, the one form of `rmodbus` without a checksum.
-const HEADER: usize = 6;
-/// Largest number of registers that a request reads.
-const MAX_READ: u16 = 125;
-/// Largest number of registers that a request writes.
-pub(crate) const MAX_WRITE: u16 = 123;
+/// Bytes before the unit in the frames of TCP.
+pub(crate) const HEADER: usize = 6;
 
 /// Room for an answer, with the header of TCP or the checksum of RTU.
 pub type Answer = Vec<u8, { MAX_ADU_BYTES + HEADER }>;
 
 /// Function codes that are answered.
-mod function {
+pub(crate) mod function {
     pub const READ_HOLDING: u8 = 3;
     pub const READ_INPUT: u8 = 4;
     pub const WRITE_ONE: u8 = 6;
@@ -57,12 +48,6 @@ impl From<Refused> for Exception {
             Refused::NotInControl => Self::NotInControl,
             Refused::Busy => Self::Busy,
         }
-    }
-}
-
-impl From<Exception> for ErrorKind {
-    fn from(exception: Exception) -> Self {
-        Self::from_modbus_error(exception as u8)
     }
 }
 
@@ -113,7 +98,7 @@ impl Server {
             function::READ_HOLDING
             | function::READ_INPUT
             | function::WRITE_ONE
-            | function::WRITE_SEVERAL => self.access(adu, machine, answer),
+            | function::WRITE_SEVERAL => access(self, adu, machine, answer),
             function::DIAGNOSTICS => echo(adu, answer),
             function::ENCAPSULATED => identification::answer(adu, machine.seen().image, answer),
             _ => Err(Exception::Function),
@@ -128,42 +113,8 @@ impl Server {
         true
     }
 
-    /// Reads or writes registers.
-    fn access(
-        &mut self,
-        adu: &[u8],
-        machine: &mut impl Machine,
-        answer: &mut Answer,
-    ) -> Result<(), Exception> {
-        if !is_well_formed(adu) {
-            return Err(Exception::Value);
-        }
-        let mut framed = [0; HEADER + MAX_ADU_BYTES];
-        // The smallest length that is accepted; the length of the slice counts.
-        framed[HEADER - 1] = HEADER as u8;
-        let framed = &mut framed[..HEADER + adu.len()];
-        framed[HEADER..].copy_from_slice(adu);
-        let failed = |_| Exception::Value;
-        let mut frame =
-            ModbusFrame::new(adu[0], framed, ModbusProto::TcpUdp, answer).with_broadcast_units(&[]);
-        frame.parse().map_err(failed)?;
-        if frame.readonly {
-            if let Read::Words(read) = frame.get_external_read().map_err(failed)? {
-                self.read(read.address, read.buf, machine)?;
-            }
-        } else {
-            if let Write::Words(words) = frame.get_external_write().map_err(failed)? {
-                write::write(self, words.address, words.data, machine)?;
-            }
-            frame.process_external_write(Ok(())).map_err(failed)?;
-        }
-        answer.copy_within(HEADER.., 0);
-        answer.truncate(answer.len().saturating_sub(HEADER));
-        Ok(())
-    }
-
     /// Fills `bytes` with the registers from `address` on.
-    fn read(
+    pub(crate) fn read(
         &self,
         address: u16,
         bytes: &mut [u8],
@@ -185,37 +136,6 @@ impl Server {
             *word = content.to_be_bytes();
         }
         Ok(())
-    }
-}
-
-/// Whether the lengths of a request to read or write registers are right.
-fn is_well_formed(adu: &[u8]) -> bool {
-    match *adu {
-        [
-            _,
-            function::READ_HOLDING | function::READ_INPUT,
-            _,
-            _,
-            high,
-            low,
-        ] => (1..=MAX_READ).contains(&u16::from_be_bytes([high, low])),
-        [_, function::WRITE_ONE, _, _, _, _] => true,
-        [
-            _,
-            function::WRITE_SEVERAL,
-            _,
-            _,
-            high,
-            low,
-            bytes,
-            ref data @ ..,
-        ] => {
-            let count = u16::from_be_bytes([high, low]);
-            (1..=MAX_WRITE).contains(&count)
-                && u16::from(bytes) == 2 * count
-                && data.len() == usize::from(bytes)
-        }
-        _ => false,
     }
 }
 

@@ -51,6 +51,8 @@ use crate::serial::{self, Serial};
 const CORE_CLOCK: u64 = 168_000_000;
 /// Clock of UART4, Hz. The emulated line has no rate.
 const BUS_CLOCK: u32 = 42_000_000;
+/// Factor by which silence on the emulated line lasts longer: a busy desk delays bytes by some ms.
+const BUS_SLOWNESS: u32 = 16;
 /// Reload of the sample timer: 25 us at QEMU's 1 GHz. The emulated time does not affect the
 /// samples.
 const SAMPLE_TICKS: u16 = 25_000 - 1;
@@ -292,7 +294,7 @@ fn SysTick() {
         return;
     }
     TIME.systick_interrupt();
-    EXCHANGE.bus.poll(count_millisecond());
+    EXCHANGE.bus.poll(count_millisecond() / BUS_SLOWNESS);
     if BY_MILLISECOND.load(Ordering::Relaxed) {
         for _ in 0..SAMPLES_A_MILLISECOND {
             sample();
@@ -303,7 +305,10 @@ fn SysTick() {
 /// A byte of the fieldbus.
 #[interrupt]
 fn UART4() {
-    uart::interrupt(&EXCHANGE.bus, microseconds(CORE_CLOCK as u32));
+    uart::interrupt(
+        &EXCHANGE.bus,
+        microseconds(CORE_CLOCK as u32) / BUS_SLOWNESS,
+    );
 }
 
 #[embassy_executor::task]
