@@ -9,8 +9,8 @@
 //! | 16 | ratio and phase of the target's upper tones |
 //! | 6 each | hash of a key, and its value |
 //!
-//! The keys follow the rules of [`crate::store`]: one that a recipe lacks gets its default, and with
-//! one that this firmware does not know the recipe stays as it is and is not used.
+//! The keys follow the rules of [`crate::store`]: one that a recipe lacks gets its default. With one
+//! that this firmware does not know, the recipe stays as it is and is not used.
 
 use kband_control::wire::Stored;
 use kband_control::{Recipe, RecipeName, Settings};

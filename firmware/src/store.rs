@@ -1,8 +1,8 @@
 //! Non-volatile memory: the settings with the target and the recipes, and the last faults.
 //!
-//! Settings, target and recipes are one record of a [`Journal`], so that a loss of power cannot tear them
-//! apart. A damaged record is never replaced by an older one or by the defaults: neither fits the
-//! machine. The drive stays off until settings are saved.
+//! Settings, target and recipes are one record of a [`Journal`], so that a loss of power cannot tear
+//! them apart. A damaged record is never replaced by an older one or by the defaults: neither fits
+//! the machine. The drive stays off until settings are saved.
 
 use core::borrow::BorrowMut;
 use core::future::Future;
