@@ -93,7 +93,7 @@ fn each_row(
     let name = path.display();
     let mut places = None;
     let mut line = String::new();
-    let mut number = 0;
+    let mut number = 0_usize;
     let mut bytes = 0;
     let mut more = true;
     while more {
