@@ -6,8 +6,8 @@ use std::sync::{Mutex, PoisonError};
 
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    Impact, Kernel, Map, Orbit, OrbitEvent, PartState, PartStep, Scatter, Tone, Wave, WaveMap,
-    WavePart,
+    Impact, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tone, Wave, WaveMap,
+    WaveOrbit,
 };
 use numpy::{PyReadonlyArray1, PyReadwriteArray1};
 use pyo3::prelude::*;
@@ -301,7 +301,7 @@ pub fn orbits(
         let mut row = rows[n].lock().unwrap_or_else(PoisonError::into_inner);
         let ([k, restitution], start) = (launches.track(n), launches.state(n)?);
         let of_row = |refused| Refused::from(refused).at(n);
-        let mut scatter =
+        let scatter =
             Scatter::build(restitution, scatter, stream(seed, n as u64)).map_err(of_row)?;
         if wave.is_sine() {
             let map = Map::build(k, restitution).map_err(of_row)?;
@@ -314,13 +314,8 @@ pub fn orbits(
                 }
             }
         } else {
-            let map = WaveMap::on(wave, k, 1.0).map_err(of_row)?;
-            let mut part = WavePart::new(restitution, start);
-            while let Some(step) = part.next(&map) {
-                let event = match step {
-                    PartStep::Contact(event) => event,
-                    PartStep::Flight(launch) => part.land(map.impact(launch), scatter.draw()),
-                };
+            let map = WaveMap::on(wave, k, restitution).map_err(of_row)?;
+            for event in WaveOrbit::new(&map, start).scattering(scatter) {
                 if !row.take(event) || stop.is_requested() {
                     return Ok(());
                 }

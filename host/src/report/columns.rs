@@ -346,7 +346,6 @@ columns! {
     "rows_dropped" "" "Rows of telemetry that did not fit the line.",
     "answers_dropped" "" "Answers that did not fit within 100 ms.",
     "access" "" "What the desk may do over the link.",
-    "meaning" "" "What the setting is.",
     "provenance" "" "Where the result is from.",
 }
 

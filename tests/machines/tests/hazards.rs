@@ -237,6 +237,7 @@ fn no_setting_overrides_a_limit(kind: Kind) {
         "current_sensitivity",
         "current_gain",
         "frequency",
+        "bus",
         "resonance",
         "quality",
         "gain",
@@ -414,9 +415,13 @@ fn a_program_error_opens_the_bridge(kind: Kind) {
             "an interrupt that nobody handles",
             "a panic",
             "a jump into erased flash",
-            "the stack overflows",
         ];
-        let most = if handled.contains(&name) { 5e-6 } else { 5e-3 };
+        let most = match name {
+            // At the next sample, whose registers find no place.
+            "the stack overflows" => 55e-6,
+            _ if handled.contains(&name) => 5e-6,
+            _ => 5e-3,
+        };
         assert!(opens.is_some_and(|time| time <= most), "{name}: {opens:?}");
         // The board restarts, shows a fault and stays at rest.
         assert!(rig.resets().len() > 1, "{name}: {:?}", rig.resets());
@@ -1044,7 +1049,9 @@ fn a_full_area_of_settings_is_saved_to_in_time(kind: Kind) {
         assert_eq!(rig.kept(), Kept::InUse, "{n}");
     }
     let erases = times.iter().filter(|(_, erased)| *erased > 0);
-    assert_eq!(erases.count(), 1, "{times:?}");
+    // The first record fits; the next one begins the other bank, whose records are followed by
+    // another erasure where it holds two.
+    assert_eq!(erases.count(), 1 + 2 / room(kind), "{times:?}");
     // The longest erasure: 2 s, and 24.5 ms for a page.
     let erasure = if kind == Kind::Stm32f405 { 2.0 } else { 0.0245 };
     for (time, erased) in &times {
@@ -1167,7 +1174,7 @@ fn the_stack_of_the_image_is_what_the_manual_says(kind: Kind) {
     let used = (size - rig.stack_free()) as f64 / 1024.0;
     println!("stack: {used:.1} KiB of {} used", size / 1024);
     assert!(rig.stack_free() > size / 4, "a quarter of it stays free");
-    let manual = std::fs::read_to_string(kband_machines::root().join("docs/wiring.md")).unwrap();
+    let manual = std::fs::read_to_string(kband_machines::root().join("docs/numerics.md")).unwrap();
     let said = manual
         .split_once(" KiB of it are used")
         .and_then(|(before, _)| before.rsplit(' ').next()?.parse::<f64>().ok())

@@ -55,6 +55,16 @@ impl<'a> WaveOrbit<'a> {
         }
     }
 
+    /// This orbit with a restitution drawn by `scatter` at each impact; a chatter's closed form
+    /// uses its mean.
+    pub fn scattering(self, scatter: Scatter) -> Self {
+        Self {
+            restitution: scatter.mean(),
+            scatter: Some(scatter),
+            ..self
+        }
+    }
+
     /// This orbit with chatters summed within other limits.
     pub(crate) fn with_chatter(self, chatter: ChatterLimits) -> Self {
         Self { chatter, ..self }
