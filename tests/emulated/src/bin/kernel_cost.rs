@@ -32,7 +32,7 @@ fn run() {
         single_on_tones.is_held_on_tones(&single);
     } else {
         let worst = integer.worst.max(cost::sweep::<Integer>(&counter));
-        integer.is_held("integer", [1770, 6952]);
+        integer.is_held("integer", [1770, 7274]);
         assert!(worst <= 2999, "integer: {worst}");
     }
 }
