@@ -203,7 +203,7 @@ fn no_sample_setting_input_or_target_makes_the_controller_panic() {
         }
     }
     println!("{samples} samples, {refused} rounds refused, cycles in each state: {cycles:?}");
-    assert!(refused < 450, "{refused}");
+    assert!(refused < 500, "{refused}");
     // Faults, stops and starts at least: the other states depend on the parts.
     let often = [
         State::Off,

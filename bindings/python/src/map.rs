@@ -6,8 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    Impact, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tone, Wave, WaveMap,
-    WaveOrbit,
+    Impact, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tone, Wave, WaveMap, WaveOrbit,
 };
 use numpy::{PyReadonlyArray1, PyReadwriteArray1};
 use pyo3::prelude::*;
