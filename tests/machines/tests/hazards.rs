@@ -232,7 +232,7 @@ fn a_missing_setpoint_never_raises_the_amplitude(kind: Kind) {
 /// accepted value. The amplitude must follow target and safe amplitude, also without the link.
 fn no_setting_overrides_a_limit(kind: Kind) {
     // Settings that describe the machine or would lengthen the test.
-    const KEPT: [&str; 16] = [
+    const KEPT: [&str; 17] = [
         // A current sensor that is configured and not wired is fault 12.
         "current_sensitivity",
         "current_gain",
