@@ -46,8 +46,10 @@ struct Board {
 }
 
 impl Drop for Board {
+    /// `timeout` passes the signal on to the emulator, and ends with it.
     fn drop(&mut self) {
-        let _ = self.emulator.kill();
+        let mut kill = Command::new("kill");
+        let _ = kill.arg(self.emulator.id().to_string()).status();
         let _ = self.emulator.wait();
     }
 }
@@ -169,6 +171,16 @@ impl Master {
         }
     }
 
+    /// Waits until the target is held at this k, in thousandths.
+    #[track_caller]
+    fn hold_k(&mut self, k: u16) {
+        let end = Instant::now() + WAIT;
+        while self.word(STATUS) & HELD == 0 || self.word(16).abs_diff(k) >= 20 {
+            assert!(Instant::now() < end, "k {}", self.word(16));
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     fn wait_for(&mut self, state: State) {
         self.wait(STATE, u16::MAX, state.number().into());
     }
@@ -213,9 +225,7 @@ fn a_master_runs_the_board_from_power_on_to_gear_and_saves() {
     // Another target, while the drive runs.
     let [high, low] = float(0.8);
     board.write(KIND, &[32, high, low]);
-    board.wait(STATUS, HELD, 0);
-    board.wait(STATUS, HELD, HELD);
-    assert!(board.word(16).abs_diff(800) < 20, "k in thousandths");
+    board.hold_k(800);
     board.write(CONTROL, &[0]);
     board.wait_for(State::Off);
     // A sensitivity that the sensor does not have.
