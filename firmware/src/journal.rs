@@ -495,6 +495,10 @@ impl<const SLOT: usize> Journal<SLOT> {
             || survey.is_ready(1 - bank)
             || self.prepare(flash, 1 - bank, &mut survey).await.is_ok();
         self.survey = erased.then_some(survey);
+        // Remains of the erasure must not hide the record.
+        if !erased && self.survey_banks(flash).await?.may_have_lost_newest() {
+            return Err(StoreFailed::Memory);
+        }
         Ok(())
     }
 

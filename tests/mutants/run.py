@@ -122,7 +122,10 @@ def mutants():
 
 def switch_of(path):
     """The crate that holds the switch, as this file names it."""
-    return "crate" if path.startswith("shared/src/") else "kband"
+    if path.startswith("shared/src/"):
+        return "crate"
+    # The bus depends on the controller alone, which hands the switch on.
+    return "kband_control" if path.startswith("shared/bus/") else "kband"
 
 
 def mutated(text, found, path):
@@ -157,6 +160,8 @@ def plant(changed):
     library = wanted["shared/src/lib.rs"].decode().replace("forbid(unsafe_code)", "deny(unsafe_code)")
     library += "\n#[allow(missing_docs, unsafe_code)]\npub mod mutation;\n"
     wanted["shared/src/lib.rs"] = library.encode()
+    control = wanted["shared/control/src/lib.rs"].decode() + "\n#[allow(missing_docs)]\npub use kband::mutation;\n"
+    wanted["shared/control/src/lib.rs"] = control.encode()
     rig = wanted["tests/machines/src/rig.rs"].decode()
     assert rig.count("\n    chip.board.bridge.reset();") == 1
     wanted["tests/machines/src/rig.rs"] = rig.replace("\n    chip.board.bridge.reset();", LOADER).encode()
