@@ -11,7 +11,7 @@ use embassy_sync::signal::Signal as Mailbox;
 use kband::arithmetic::Phase;
 use kband_control::{Command, Cycle, Overtone, Signal, UPPER};
 
-use crate::bus::BusLine;
+use crate::bus::line::BusLine;
 use crate::enable::EnableCycle;
 
 /// Mailboxes: cycles to the control, commands and signal paths to the interrupt.

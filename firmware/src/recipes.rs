@@ -15,7 +15,7 @@
 use kband_control::wire::Stored;
 use kband_control::{Recipe, RecipeName, Settings};
 
-use crate::store::record::{PAIR, Words, hash, pairs, put, put_pairs, target_words};
+use crate::store::encoding::{PAIR, Words, hash, pairs, put, put_pairs, target_words};
 
 /// Number of recipes.
 const COUNT: usize = Recipe::COUNT as usize;

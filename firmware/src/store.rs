@@ -15,7 +15,8 @@ pub use crate::journal::StoreFailed;
 use crate::journal::{Journal, Newest, OVERHEAD};
 use crate::recipes::Recipes;
 use crate::waiting::{RECORD_SIZE, Waiting};
-use record::{Words, decode_settings, encode_settings, put};
+use encoding::{Words, put};
+use record::{decode_settings, encode_settings};
 
 /// Size of a slot for settings, target and recipes, bytes. Two pages of 2 KiB hold 40 000 saves in
 /// 10 000 erasures.
@@ -285,7 +286,8 @@ fn fault_of(number: u32, content: &[u8]) -> Option<KeptFault> {
     })
 }
 
-pub(crate) mod record;
+pub(crate) mod encoding;
+mod record;
 mod version_3;
 
 #[cfg(test)]

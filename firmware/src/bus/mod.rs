@@ -1,6 +1,6 @@
 //! Modbus RTU of the board: its line, its registers, and the task that answers.
 
-mod line;
+pub mod line;
 mod machine;
 #[cfg(target_os = "none")]
 pub mod uart;

@@ -1,7 +1,8 @@
 //! Tests of the memory under power cuts, flipped bits and years of use, with the boards' page
 //! sizes.
 
-use super::record::{COUNT, HASHES, HEAD, PAIR, hash};
+use super::encoding::{COUNT, HASHES, PAIR, hash};
+use super::record::HEAD;
 use super::*;
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{

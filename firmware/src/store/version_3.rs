@@ -2,7 +2,7 @@
 
 use kband_control::Settings;
 
-use super::record::{HASHES, Words, hash};
+use super::encoding::{HASHES, Words, hash};
 use super::{Condition, Found};
 
 /// Size of a slot, bytes.

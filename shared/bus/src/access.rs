@@ -7,7 +7,8 @@ use rmodbus::ModbusProto;
 use rmodbus::server::{ModbusFrame, Read, Write};
 
 use crate::machine::Machine;
-use crate::server::{Answer, Exception, HEADER, MAX_ADU_BYTES, Server, function};
+use crate::protocol::{Answer, Exception, HEADER, MAX_ADU_BYTES, function};
+use crate::session::Server;
 use crate::write;
 
 /// Largest number of registers that a request reads.

@@ -1,6 +1,6 @@
 //! Device identification, function 43 of type 14: vendor, product code, revision.
 
-use crate::server::{Answer, Exception};
+use crate::protocol::{Answer, Exception};
 
 /// Type of the encapsulated request: read device identification.
 const READ_DEVICE: u8 = 14;

@@ -36,12 +36,15 @@ extern crate std;
 mod access;
 mod identification;
 mod machine;
+mod protocol;
 pub mod registers;
 pub mod rtu;
 mod server;
+mod session;
 mod target;
 pub mod tcp;
 mod write;
 
 pub use machine::{Authority, Machine, Refused, SaveProgress, Seen};
-pub use server::{Answer, Counters, Exception, MAX_ADU_BYTES, Server};
+pub use protocol::{Answer, Counters, Exception, MAX_ADU_BYTES};
+pub use session::Server;

@@ -1,7 +1,8 @@
 //! Modbus RTU: the checksum of a frame, and the silence between two.
 
 use crate::machine::Machine;
-use crate::server::{Answer, Server};
+use crate::protocol::Answer;
+use crate::session::Server;
 
 /// Largest frame, bytes: the request and its checksum.
 pub const MAX_FRAME_BYTES: usize = crate::MAX_ADU_BYTES + CHECK_BYTES;

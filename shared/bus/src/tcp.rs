@@ -1,7 +1,8 @@
 //! Modbus TCP: the header of a frame (MBAP).
 
 use crate::machine::Machine;
-use crate::server::{Answer, MAX_ADU_BYTES, Server};
+use crate::protocol::{Answer, MAX_ADU_BYTES};
+use crate::session::Server;
 
 /// Size of the header before the unit, bytes: transaction, protocol, length.
 pub const HEADER_BYTES: usize = 6;

@@ -3,8 +3,9 @@
 use kband_control::{Settings, Target};
 
 use crate::machine::{Authority, Machine};
+use crate::protocol::Exception;
 use crate::registers::{self, Access, CONTROL, KIND, NUMBER, RECIPE, Register, SAVE};
-use crate::server::{Exception, Server};
+use crate::session::Server;
 use crate::target;
 
 /// Bit of the control word: run.

@@ -8,7 +8,7 @@ use kband_control::Settings;
 use kband_control::wire::Record;
 
 use crate::machine::Seen;
-use crate::server::Counters;
+use crate::protocol::Counters;
 
 mod list;
 

@@ -1,6 +1,7 @@
 //! The server against a drive of the desk.
 
 use super::*;
+use crate::Refused;
 use crate::machine::{Authority, SaveProgress, Seen};
 use crate::registers::{FIRST_SETTING, TABLE_VERSION};
 use crate::{rtu, tcp};
@@ -198,6 +199,9 @@ fn wrong_lengths_and_counts_are_refused_as_a_value() {
         &long,
         &uneven,
         &write(0, &[0, 0])[..8],
+        // The count says one register, the bytes are of two; and the other way around.
+        &[16, 0, 0, 0, 1, 4, 0, 0, 0, 0],
+        &[16, 0, 0, 0, 2, 2, 0, 0],
     ] {
         let answer = ask(&mut desk, pdu);
         assert_eq!(answer, exception(pdu[0], Exception::Value), "{pdu:?}");
@@ -346,6 +350,10 @@ fn a_target_is_written_whole_and_in_its_range() {
     );
     assert_eq!(
         ask(&mut desk, &write(1, &[33, 0])),
+        exception(16, Exception::Address)
+    );
+    assert_eq!(
+        ask(&mut desk, &write(3, &[0, 0])),
         exception(16, Exception::Address)
     );
     assert_eq!(desk.target, Target::Locked { order: 2 });

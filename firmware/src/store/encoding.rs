@@ -1,0 +1,135 @@
+//! The words and pairs of a record: numbers of four bytes, and settings by the hash of their key.
+
+use kband_control::wire::Pin;
+use kband_control::{Settings, Shape, Target, UpperTone};
+
+/// Size of a setting, bytes.
+pub const PAIR: usize = 6;
+/// Number of settings.
+pub const COUNT: usize = Settings::KEYS.len();
+
+/// Hash of a setting's key: FNV-1a of 32 bits, folded to 16.
+pub const fn hash(key: &str) -> u16 {
+    let name = key.as_bytes();
+    let mut sum = 0x811c_9dc5_u32;
+    let mut at = 0;
+    while at < name.len() {
+        sum = (sum ^ name[at] as u32).wrapping_mul(0x0100_0193);
+        at += 1;
+    }
+    (sum >> 16 ^ sum) as u16
+}
+
+/// Hashes of the keys, in the order of [`Settings::KEYS`].
+pub const HASHES: [u16; COUNT] = {
+    let mut hashes = [0; COUNT];
+    let mut key = 0;
+    while key < COUNT {
+        hashes[key] = hash(Settings::KEYS[key].name);
+        key += 1;
+    }
+    hashes
+};
+
+/// Reads a record in words of four bytes, little endian.
+pub struct Words<'a>(pub &'a [u8]);
+
+impl Words<'_> {
+    pub fn next(&mut self) -> Option<u32> {
+        let (word, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(u32::from_le_bytes(*word))
+    }
+
+    pub fn number(&mut self) -> Option<f32> {
+        self.next().map(f32::from_bits)
+    }
+}
+
+pub fn put(content: &mut [u8], words: impl IntoIterator<Item = u32>) {
+    for (room, word) in content.chunks_exact_mut(4).zip(words) {
+        room.copy_from_slice(&word.to_le_bytes());
+    }
+}
+
+/// Writes hashes of keys with their values.
+pub fn put_pairs(room: &mut [u8], pairs: impl IntoIterator<Item = (u16, f32)>) {
+    let (rooms, _) = room.as_chunks_mut::<PAIR>();
+    for (room, (hash, value)) in rooms.iter_mut().zip(pairs) {
+        let [low, high] = hash.to_le_bytes();
+        let [a, b, c, d] = value.to_le_bytes();
+        *room = [low, high, a, b, c, d];
+    }
+}
+
+/// Reads `count` hashes with their values; `None` where there are fewer.
+pub fn pairs(bytes: &[u8], count: usize) -> Option<impl Iterator<Item = (u16, f32)>> {
+    let (pairs, _) = bytes.as_chunks::<PAIR>();
+    let pairs = pairs.get(..count)?.iter();
+    Some(pairs.map(|[low, high, value @ ..]| {
+        (
+            u16::from_le_bytes([*low, *high]),
+            f32::from_le_bytes(*value),
+        )
+    }))
+}
+
+/// Kind, number and upper tones of a target.
+pub fn target_words(target: Target) -> impl Iterator<Item = u32> {
+    let mut tones = Shape::SINE;
+    let (kind, number) = match target {
+        Target::Locked { order } => (0, u32::from(order)),
+        Target::Chaotic => (1, 0),
+        Target::K(k) => (2, k.to_bits()),
+        Target::Amplitude(amplitude) => (3, amplitude.to_bits()),
+        Target::Speed(speed) => (4, speed.to_bits()),
+        Target::Identify => (5, 0),
+        Target::Flow(flow) => (8, flow.to_bits()),
+        Target::Gear { order } => (6, u32::from(order)),
+        Target::Tones { k, shape } => {
+            tones = shape;
+            (7, k.to_bits())
+        }
+    };
+    let tones = tones.tones();
+    let tones = tones.map(|tone| [tone.ratio.to_bits(), tone.phase.to_bits()]);
+    [kind, number]
+        .into_iter()
+        .chain(tones.into_iter().flatten())
+}
+
+impl Words<'_> {
+    /// The target; `None` where this firmware has none of its kind.
+    pub fn target(&mut self) -> Option<Target> {
+        let (kind, number) = (self.next()?, self.next()?);
+        let mut tone = || Some(UpperTone::new(self.number()?, self.number()?));
+        let shape = Shape::new(tone()?, tone()?);
+        Some(match kind {
+            0 => Target::Locked {
+                order: u8::try_from(number).ok()?,
+            },
+            1 => Target::Chaotic,
+            2 => Target::K(f32::from_bits(number)),
+            3 => Target::Amplitude(f32::from_bits(number)),
+            4 => Target::Speed(f32::from_bits(number)),
+            5 => Target::Identify,
+            8 => Target::Flow(f32::from_bits(number)),
+            6 => Target::Gear {
+                order: u8::try_from(number).ok()?,
+            },
+            7 => Target::Tones {
+                k: f32::from_bits(number),
+                shape,
+            },
+            _ => return None,
+        })
+    }
+
+    /// The PIN, where one is set; the outer `None` for a number that is no PIN.
+    pub fn pin(&mut self) -> Option<Option<Pin>> {
+        match self.next()? {
+            0 => Some(None),
+            number => Pin::from_number(number).map(Some),
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! Sizes, function codes and exceptions of Modbus, and the counters of a server.
+
+use heapless::Vec;
+
+use crate::machine::Refused;
+
+/// Largest request or answer, bytes: unit, function and 252 bytes of data.
+pub const MAX_ADU_BYTES: usize = 254;
+/// Bytes before the unit in the frames of TCP.
+pub(crate) const HEADER: usize = 6;
+
+/// Room for an answer, with the header of TCP or the checksum of RTU.
+pub type Answer = Vec<u8, { MAX_ADU_BYTES + HEADER }>;
+
+/// Function codes that are answered.
+pub(crate) mod function {
+    pub const READ_HOLDING: u8 = 3;
+    pub const READ_INPUT: u8 = 4;
+    pub const WRITE_ONE: u8 = 6;
+    pub const DIAGNOSTICS: u8 = 8;
+    pub const WRITE_SEVERAL: u8 = 16;
+    pub const ENCAPSULATED: u8 = 43;
+}
+
+/// Exception codes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Exception {
+    /// The function is not answered.
+    Function = 1,
+    /// There is no such register, it is not writable, or only a part of it was written.
+    Address = 2,
+    /// A number is out of range.
+    Value = 3,
+    /// The authority does not suffice, or the link is in control.
+    NotInControl = 4,
+    /// The drive runs, or the memory is busy.
+    Busy = 6,
+}
+
+impl From<Refused> for Exception {
+    fn from(refused: Refused) -> Self {
+        match refused {
+            Refused::Value => Self::Value,
+            Refused::NotInControl => Self::NotInControl,
+            Refused::Busy => Self::Busy,
+        }
+    }
+}
+
+/// Counters of a server since its start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Requests that were answered.
+    pub requests: u32,
+    /// Of these, requests that were answered by an exception.
+    pub exceptions: u32,
+    /// Frames with a wrong checksum or length.
+    pub damaged: u32,
+}
