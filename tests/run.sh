@@ -4,7 +4,7 @@
 #   tests/run.sh          everything that a change must pass
 #   tests/run.sh --soak [MILLIONS [SEED]]  instead: the long ones (100 or so many million launches of the impact map in every
 #                         arithmetic, on one tone and on several; a day of simulated operation, and a week of it by its
-#                         envelope; a million frames at the emulated board; every hazard on the second board's chip; every
+#                         envelope; a million frames at the emulated board; every
 #                         mutant; five minutes of search by coverage for each way in). A million launches takes some 4 s of one core on one tone and 5 s on
 #                         several: 1000 of them an hour and an hour and a half.
 #   tests/run.sh --mutants [COUNT [SEED]]  instead: 300 or so many mutants, drawn by a seed that it prints; at least 90 %
@@ -119,7 +119,6 @@ if [ "${1:-}" = --soak ]; then
     step "day" 7200 cargo run --release --locked --package kband-tests --bin day
     step "flood" 7200 env KBAND_FRAMES=1000000 KBAND_SEED=2 \
         cargo test --release --locked --package kband-tests --test flood -- --nocapture
-    step "hazards on the second board" 3600 cargo test --release --locked --package kband-machines --test hazards -- --ignored
     step "mutants" 14400 tests/mutants/run.py
     step "search by coverage" 7200 tests/fuzz/run.sh 300
     step "week" 7200 cargo run --release --locked --package kband-tests --bin day -- --days 7 --fidelity envelope

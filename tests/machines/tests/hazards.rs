@@ -1339,7 +1339,9 @@ fn a_lock_up_opens_the_bridge(kind: Kind) {
 
 /// Two wrong bits in a word of the program: the STM32G474 detects them at the read and breaks in
 /// hardware. The drive stays off.
-fn two_wrong_bits_in_the_program_open_the_bridge(kind: Kind) {
+#[test]
+fn two_wrong_bits_in_the_program_open_the_bridge() {
+    let kind = Kind::Stm32g474;
     let mut rig = running(kind);
     rig.tolerant = true;
     let from = rig.time();
@@ -1379,26 +1381,31 @@ fn option_bytes_are_reported_and_in_force(kind: Kind) {
     assert!(rig.seen_after(sag + 0.1, &Seen::Fault(true)).is_some());
 }
 
-/// The tests on one chip.
-///
-/// Those of the STM32G474 that touch what differs between the chips run always, the others with
-/// `cargo test -p kband-machines --test hazards -- --ignored stm32g474re`.
-macro_rules! on {
-    ($chip:ident, $kind:path: $($(#[$how:meta])* $name:ident,)*) => {
-        mod $chip {
+/// The tests on both chips.
+macro_rules! on_both {
+    ($($name:ident,)*) => {
+        mod stm32f405rg {
             use super::*;
             $(
                 #[test]
-                $(#[$how])*
                 fn $name() {
-                    super::$name($kind);
+                    super::$name(Kind::Stm32f405);
+                }
+            )*
+        }
+        mod stm32g474re {
+            use super::*;
+            $(
+                #[test]
+                fn $name() {
+                    super::$name(Kind::Stm32g474);
                 }
             )*
         }
     };
 }
 
-on! { stm32f405rg, Kind::Stm32f405:
+on_both! {
     no_sensor_raises_the_amplitude,
     a_commissioned_sensor_that_loses_45_percent_is_found,
     the_current_shows_a_loss_of_45_percent_at_any_gain,
@@ -1438,63 +1445,5 @@ on! { stm32f405rg, Kind::Stm32f405:
     a_power_on_is_no_fault_and_a_sag_is_one,
     a_sag_that_is_over_can_be_acknowledged,
     a_lock_up_opens_the_bridge,
-    option_bytes_are_reported_and_in_force,
-}
-
-on! { stm32g474re, Kind::Stm32g474:
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    no_sensor_raises_the_amplitude,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    a_commissioned_sensor_that_loses_45_percent_is_found,
-    the_current_shows_a_loss_of_45_percent_at_any_gain,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    a_healthy_sensor_that_drifts_is_no_fault,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    no_sensor_raises_the_amplitude_of_any_machine,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    a_missing_setpoint_never_raises_the_amplitude,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    no_setting_overrides_a_limit,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    a_search_for_the_resonance_is_no_fault,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    a_bounce_acknowledges_no_fault_and_the_third_locks_out,
-    ready_is_off_outside_the_requested_regime,
-    the_voltage_goes_to_its_middle_with_the_bridge,
-    ready_in_gear_follows_the_estimated_share,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    the_link_takes_no_machine_out_of_service,
-    a_program_error_opens_the_bridge,
-    hung_tasks_are_reset_at_any_watchdog_clock,
-    the_log_has_start_enable_and_fault,
-    outputs_float_in_reset_and_are_off_from_the_start_on,
-    no_bootloader_drives_an_output_of_the_machine,
-    samples_avoid_edges_and_keep_their_rate,
-    no_supply_sag_drives_the_bridge_out_of_specification,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    an_enable_input_that_chatters_stops_a_drive_for_good,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    a_withdrawn_enable_input_opens_the_bridge_within_2_ms,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    an_enable_input_that_chatters_starts_nothing,
-    a_supply_that_falls_as_the_bridge_closes_keeps_it_open,
-    flash_is_untouched_until_the_supply_settled,
-    a_supply_that_falls_ends_a_save_at_the_next_word,
-    an_erasure_that_was_cut_short_is_repeated,
-    a_cut_save_keeps_the_old_or_the_new_settings,
-    a_full_area_of_settings_is_saved_to_in_time,
-    an_erasure_that_ends_at_any_time_is_no_reset,
-    garbage_in_flash_blocks_the_link_for_one_erasure,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    an_output_that_is_no_number_opens_the_bridge,
-    #[ignore = "the STM32F405 runs it, and no part of it differs between the chips"]
-    the_stack_of_the_image_is_what_the_manual_says,
-    a_damaged_image_never_closes_the_bridge,
-    the_check_of_the_image_is_short,
-    a_stack_below_the_ram_is_a_fault_at_every_depth,
-    a_power_on_is_no_fault_and_a_sag_is_one,
-    a_sag_that_is_over_can_be_acknowledged,
-    a_lock_up_opens_the_bridge,
-    two_wrong_bits_in_the_program_open_the_bridge,
     option_bytes_are_reported_and_in_force,
 }
