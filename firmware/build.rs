@@ -6,16 +6,20 @@ use std::{env, fs};
 
 /// The stack is at the bottom of the RAM: an overflow faults instead of overwriting data.
 const LAYOUT: &str = "\
-SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += 76K; } > RAM } INSERT BEFORE .data;
+SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += kband_stack; } > RAM } INSERT BEFORE .data;
 _stack_end = ADDR(.stack);
 _stack_start = ADDR(.stack) + SIZEOF(.stack);
 ";
 
+/// Stack in bytes of each image: what it uses at most, and a third more. The emulated image also
+/// has the plant and its counters on it.
+const STACKS: [(&str, u32); 2] = [("feeder", 54 << 10), ("virtual_feeder", 76 << 10)];
+
 /// Limits for the board's image: flash below the settings of any board, and RAM, stack included.
 /// The linker refuses a larger image. The emulated image has more: it includes the plant.
 const BUDGET: &str = "\
-ASSERT(__sheap - ORIGIN(RAM) <= 116K, \"kband: stack and static data exceed 116 KiB of RAM\");
-ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 368K, \"kband: the image exceeds 368 KiB of flash\");
+ASSERT(__sheap - ORIGIN(RAM) <= 88K, \"kband: stack and static data exceed 88 KiB of RAM\");
+ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 304K, \"kband: the image exceeds 304 KiB of flash\");
 ";
 
 /// Bounds of the range that the board checks at its start, and a word behind it for its CRC-32.
@@ -57,6 +61,9 @@ fn main() {
     println!("cargo:rustc-link-search={}", out.display());
     for argument in ["--nmagic", "-Tlink.x", "-Tlayout.x", "-Tdefmt.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
+    }
+    for (image, stack) in STACKS {
+        println!("cargo:rustc-link-arg-bin={image}=--defsym=kband_stack={stack}");
     }
     println!("cargo:rustc-link-arg-bin=feeder=-Tbudget.x");
     println!("cargo:rustc-link-arg-bin=feeder=-Tchip.x");

@@ -562,7 +562,9 @@ async fn send_answer(line: &mut impl Line, frame: &[u8]) -> bool {
 
 /// The link's task. It has no deadline and no watchdog. Where it hangs, the drive behaves as for a
 /// lost link (limit 7).
-pub async fn link(mut service: Service<impl Store>, mut line: impl Line, station: &Station) -> ! {
+///
+/// The service is borrowed: an async function keeps two copies of an argument taken by value.
+pub async fn link(service: &mut Service<impl Store>, mut line: impl Line, station: &Station) -> ! {
     station.set_recipes(service.store.recipes().await);
     if let Some(frame) = service.hello() {
         line.send(frame);

@@ -69,7 +69,13 @@ fn refusal([constants, variables]: [u32; 2], [flash, ram]: [u32; 2]) -> Option<S
         &source,
         machine,
         &folders,
-        &["--nmagic", "-Tlink.x", "-Tlayout.x", "-Tbudget.x"],
+        &[
+            "--nmagic",
+            "--defsym=kband_stack=55296",
+            "-Tlink.x",
+            "-Tlayout.x",
+            "-Tbudget.x",
+        ],
     );
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(
@@ -83,13 +89,13 @@ fn refusal([constants, variables]: [u32; 2], [flash, ram]: [u32; 2]) -> Option<S
 fn an_image_beyond_flash_or_ram_is_refused_by_the_linker() {
     // The scripts are built with the image.
     let _ = images::build("kband-firmware", "feeder", Machine::CortexM4F);
-    // The image's budget: 368 KiB of flash, and 116 KiB of RAM with a stack of 76 KiB.
-    assert_eq!(refusal([366, 23], BOARD), None);
-    let flash = refusal([368, 23], BOARD).expect("too much flash");
-    assert!(flash.contains("exceeds 368 KiB of flash"), "{flash}");
-    let ram = refusal([366, 41], BOARD).expect("too much RAM");
+    // The image's budget: 304 KiB of flash, and 88 KiB of RAM with a stack of 54 KiB.
+    assert_eq!(refusal([302, 23], BOARD), None);
+    let flash = refusal([304, 23], BOARD).expect("too much flash");
+    assert!(flash.contains("exceeds 304 KiB of flash"), "{flash}");
+    let ram = refusal([302, 35], BOARD).expect("too much RAM");
     assert!(
-        ram.contains("stack and static data exceed 116 KiB of RAM"),
+        ram.contains("stack and static data exceed 88 KiB of RAM"),
         "{ram}"
     );
     // The chip's memory, where it is smaller than the budget.

@@ -394,7 +394,7 @@ fn an_answer_waits_100_ms_and_telemetry_does_not_wait() {
     };
     let mut service = Service::new(IMAGE, Memory::of(Found::default()), None);
     service.telemetry_interval = 1;
-    let mut task = pin!(link(service, line, &board.station));
+    let mut task = pin!(link(&mut service, line, &board.station));
     for _ in 0..300 {
         let mut context = Context::from_waker(Waker::noop());
         assert!(task.as_mut().poll(&mut context).is_pending());
@@ -526,7 +526,7 @@ fn endless_input_blocks_neither_telemetry_nor_tasks() {
         };
         let mut service = Service::new(IMAGE, Memory::of(Found::default()), None);
         service.telemetry_interval = 1;
-        let mut task = pin!(link(service, line, &board.station));
+        let mut task = pin!(link(&mut service, line, &board.station));
         for n in 0..10 {
             let inputs = Inputs::default();
             board.station.cycle(&Cycle::default(), inputs);

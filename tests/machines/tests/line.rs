@@ -27,6 +27,9 @@ fn machine_on(kind: Kind, frequency: f32, target: Target) -> Rig {
     hazard.commissioned(kind)
 }
 
+/// Stack of the board's image in bytes.
+const STACK_BYTES: usize = 54 << 10;
+
 // A frame fits the ring buffer of the port.
 const _: () = assert!(MAX_FRAME_BYTES <= 512);
 
@@ -189,6 +192,7 @@ fn a_thousand_pipelined_requests_are_answered() {
         // Each of two saves at rest takes 5 ms: when commissioned, and after the run.
         let saving = 2 * (0.006 * frequency) as u32;
         let late = missed_cycles(&mut rig);
+        assert!(rig.stack_free() > STACK_BYTES / 4, "{frequency} Hz");
         assert!(late <= saving, "{frequency} Hz: {late} cycles came late");
     }
 }

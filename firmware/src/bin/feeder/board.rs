@@ -49,8 +49,12 @@ defmt::timestamp!("{=u64:ms}", Instant::now().as_millis());
 /// Priority of interrupts that may wait for a sample: the middle of the range.
 const LATER: u8 = 0x80;
 
+/// Service of the desk's requests with this chip's memory.
+type LinkService = Service<<Board as Chip>::Memory>;
+
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
 static STATION: StaticCell<Station> = StaticCell::new();
+static SERVICE: StaticCell<LinkService> = StaticCell::new();
 static BUFFERS: ConstStaticCell<Buffers> = ConstStaticCell::new(Buffers::EMPTY);
 
 bind_interrupts!(struct Interrupts {
@@ -117,11 +121,7 @@ async fn drive_cycle(station: &'static Station, terminals: Terminals, lamps: Lam
 }
 
 #[embassy_executor::task]
-async fn desk_link(
-    service: Service<<Board as Chip>::Memory>,
-    serial: Serial,
-    station: &'static Station,
-) {
+async fn desk_link(service: &'static mut LinkService, serial: Serial, station: &'static Station) {
     link(service, serial, station).await;
 }
 
@@ -308,7 +308,7 @@ async fn main(spawner: Spawner) {
     };
     watch_strap(p.PC1);
     let lamps = Lamps::new(p.PC2, p.PB11);
-    let service = Service::new(image, memory, found.pin);
+    let service = SERVICE.init(Service::new(image, memory, found.pin));
     spawner.spawn(desk_link(service, serial, station).expect("spawned once"));
     spawner.spawn(fieldbus(fieldbus_port, station).expect("spawned once"));
     if rests {

@@ -324,7 +324,8 @@ async fn drive_cycle(station: &'static Station, trace: Trace) {
 
 #[embassy_executor::task]
 async fn desk_link(station: &'static Station, memory: Memory, pin: Option<Pin>) {
-    link(Service::new(IMAGE, memory, pin), Serial, station).await;
+    let mut service = Service::new(IMAGE, memory, pin);
+    link(&mut service, Serial, station).await;
 }
 
 #[embassy_executor::task]

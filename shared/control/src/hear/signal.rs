@@ -456,9 +456,10 @@ impl Signal {
         // much of it. The tones of the last cycle are therefore subtracted first.
         let turns: [[f32; 2]; TONES] = multiples(sine, cosine);
         let mut explained = 0.0;
-        for ([cosine, sine], [by_cosine, by_sine]) in turns.iter().zip(&self.found[1..]) {
-            explained += by_cosine * cosine + by_sine * sine;
-        }
+        let found = &self.found;
+        for_each_upper_tone::<TONES>(|n| {
+            explained += found[1 + n][0] * turns[n][0] + found[1 + n][1] * turns[n][1];
+        });
         let surprising = if TONES > 0 {
             acceleration - explained
         } else {
@@ -513,9 +514,10 @@ impl Signal {
         }
         let [along, across] = self.amplitude;
         let mut output = along * sine + across * cosine;
-        for ([cosine, sine], tone) in turns.iter().zip(&self.overtones) {
-            output += tone.cosine * cosine + tone.sine * sine;
-        }
+        let overtones = &self.overtones;
+        for_each_upper_tone::<TONES>(|n| {
+            output += overtones[n].cosine * turns[n][0] + overtones[n].sine * turns[n][1];
+        });
         Sampled { output, wrapped }
     }
 
@@ -546,12 +548,12 @@ impl Signal {
 
     /// Adds a weighted sample to the sums at multiples of the drive's frequency.
     #[inline(always)]
-    fn add(&mut self, turns: &[[f32; 2]], swing: f32) {
-        for (sums, turn) in self.multiples.iter_mut().zip(turns) {
-            for (sum, part) in sums.iter_mut().zip(turn) {
-                *sum += swing * part;
-            }
-        }
+    fn add<const TONES: usize>(&mut self, turns: &[[f32; 2]; TONES], swing: f32) {
+        let sums = &mut self.multiples;
+        for_each_upper_tone::<TONES>(|n| {
+            sums[n][0] += swing * turns[n][0];
+            sums[n][1] += swing * turns[n][1];
+        });
     }
 
     #[inline(always)]
@@ -603,6 +605,7 @@ impl Signal {
     }
 
     /// Sets the command for the next cycle; applies it now if it is immediate.
+    #[inline]
     pub fn command(&mut self, command: Command) {
         self.pending = command;
         // Computed here, as the sample at the cycle's end is the most expensive.
@@ -638,18 +641,27 @@ impl Signal {
 #[inline(always)]
 fn multiples<const TONES: usize>(sine: f32, cosine: f32) -> [[f32; 2]; TONES] {
     let mut turns = [[0.0; 2]; TONES];
-    let (mut before, mut now) = ([1.0, 0.0], [cosine, sine]);
-    for (n, turn) in turns.iter_mut().enumerate() {
-        let next = if n == 0 {
+    for_each_upper_tone::<TONES>(|n| {
+        turns[n] = if n == 0 {
             [(cosine - sine) * (cosine + sine), 2.0 * sine * cosine]
         } else {
             let twice = 2.0 * cosine;
-            [twice * now[0] - before[0], twice * now[1] - before[1]]
+            [twice * turns[0][0] - cosine, twice * turns[0][1] - sine]
         };
-        (before, now) = (now, next);
-        *turn = next;
-    }
+    });
     turns
+}
+
+/// Calls `act` for each tone above the first, unrolled: a loop would cost the sample a quarter more.
+#[inline(always)]
+fn for_each_upper_tone<const TONES: usize>(mut act: impl FnMut(usize)) {
+    const { assert!(TONES <= UPPER && UPPER == 2) };
+    if TONES > 0 {
+        act(0);
+    }
+    if TONES > 1 {
+        act(1);
+    }
 }
 
 #[cfg(test)]
