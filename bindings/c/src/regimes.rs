@@ -1,6 +1,7 @@
 //! Bands and the plan for gear.
 
 use kband::feeder::Restitution;
+use kband::impact::ContactTime;
 use kband::regime::band::{Band, BandError};
 use kband::regime::gear::{GearLimits, GearPlanSettings, GearPlanner};
 
@@ -110,6 +111,7 @@ pub unsafe extern "C" fn kband_gear_plan(lot: *const GearLot, choice: *mut GearC
             k: [lot.k_low, lot.k_high],
             max_tones: [lot.max_second_tone, lot.max_third_tone],
             limits: GearLimits::NONE,
+            contact: ContactTime::INSTANT,
         })?;
         while planner.advance(SLICE) {}
         let plan = planner.plan().filter(|plan| plan.settled).ok_or_else(|| {

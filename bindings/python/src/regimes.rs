@@ -6,8 +6,8 @@ use std::task::Poll;
 
 use kband::feeder::{Restitution, STANDARD_GRAVITY, Track, TrackSettings};
 use kband::impact::{
-    Friction, FrictionSettings, Hybrid, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter,
-    Tangential, TangentialSettings, WaveMap,
+    ContactTime, Friction, FrictionSettings, Hybrid, Kernel, Map, Orbit, OrbitEvent, PartState,
+    Scatter, Tangential, TangentialSettings, WaveMap,
 };
 use kband::regime::band::{Band, BandError};
 use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner};
@@ -154,6 +154,7 @@ pub fn gear_plan(
         k,
         max_tones,
         limits: GearLimits::NONE,
+        contact: ContactTime::INSTANT,
     })
     .map_err(Refused::from)?;
     py.detach(|| {
@@ -285,6 +286,7 @@ pub fn capture_plan(
             restitution,
             order,
             amplitude_error,
+            contact: ContactTime::INSTANT,
         },
         drive: drive.map_err(Refused::from)?,
         time_constant,

@@ -200,7 +200,7 @@ pub const SENSOR_SETTINGS: [&str; 5] = [
 ];
 
 /// Settings in `[controller]`.
-pub const CONTROLLER: [&str; 8] = [
+pub const CONTROLLER: [&str; 9] = [
     "soft_start",
     "soft_stop",
     "envelope",
@@ -209,6 +209,7 @@ pub const CONTROLLER: [&str; 8] = [
     "link_timeout",
     "tracking",
     "scatter",
+    "contact",
 ];
 
 /// The table of a scene in which a key belongs.

@@ -288,7 +288,7 @@ impl Outcome {
             f64::from(settings.restitution_low),
             f64::from(settings.restitution_high),
         );
-        Band::common(lot?, self.order())
+        Band::common_with_contact(lot?, self.order(), settings.contact_time())
     }
 
     /// The band that the target's order (else order 1) has for the whole lot.
@@ -435,8 +435,9 @@ impl Outcome {
         let settings = &self.file.scene.settings;
         let middle =
             0.5 * (f64::from(settings.restitution_low) + f64::from(settings.restitution_high));
-        let lock = Lock::build(self.k(), middle, self.order()).ok()??;
-        Some(lock.state().phase)
+        let contact = settings.contact_time();
+        let lock = Lock::with_contact(self.k(), middle, self.order(), contact).ok()??;
+        Some(lock.strike_phase())
     }
 
     /// Kicks that the controller may try.

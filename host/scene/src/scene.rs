@@ -118,6 +118,8 @@ impl SceneFile {
             settings.tangential_restitution = 0.0;
         }
         part.setting(&mut settings, "tangential_restitution", false)?;
+        part.setting(&mut settings, "contact", false)?;
+        scene.contact = settings.contact;
         let (low, high) = part.interval("restitution")?;
         (settings.restitution_low, settings.restitution_high) = (low, high);
         scene.parts = core::iter::once(0.5 * (low + high)).collect();

@@ -66,7 +66,8 @@ impl Assignment {
 
     /// The lot's band of the order that is wanted, of order 1 for another target.
     pub fn band(&self) -> Option<Band> {
-        Band::common(self.restitution()?, self.order()).ok()
+        let contact = self.settings.contact_time();
+        Band::common_with_contact(self.restitution()?, self.order(), contact).ok()
     }
 
     /// Reason why no amplitude serves the target, where the settings alone show it.
@@ -78,8 +79,9 @@ impl Assignment {
 
     /// Phase at which locked parts of middling restitution strike at this k.
     pub fn lock_phase(&self, k: f64) -> Option<f64> {
-        let lock = Lock::build(k, self.restitution()?.middle(), self.order()).ok()??;
-        Some(lock.state().phase)
+        let (middle, contact) = (self.restitution()?.middle(), self.settings.contact_time());
+        let lock = Lock::with_contact(k, middle, self.order(), contact).ok()??;
+        Some(lock.strike_phase())
     }
 
     /// k times the amplitude in m.

@@ -179,7 +179,7 @@ fn part() -> Value {
             "anyOf": [ratio("Restitution."), pair("Its interval.", Some(0.0), Some(1.0))],
         }),
     );
-    properties.extend(settings(&["tangential_restitution"]));
+    properties.extend(settings(&["tangential_restitution", "contact"]));
     let friction = json!({"type": "number", "minimum": 0, "maximum": 10});
     properties.insert(
         "friction".into(),

@@ -12,7 +12,7 @@ use page::report;
 use std::task::Poll;
 
 use kband::feeder::Restitution;
-use kband::impact::Hybrid;
+use kband::impact::{ContactTime, Hybrid};
 use kband::regime::band::Band;
 use kband::regime::band::BandError;
 use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner};
@@ -166,6 +166,7 @@ impl<'a> Task<'a> {
                 restitution: arguments.restitution,
                 order,
                 amplitude_error: arguments.amplitude_error / 100.0,
+                contact: ContactTime::INSTANT,
             },
             drive: drive(arguments.start)?,
             again: drive(1.0)?,

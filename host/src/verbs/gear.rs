@@ -7,7 +7,7 @@ mod survey;
 use std::f64::consts::TAU;
 
 use kband::feeder::{Restitution, Track};
-use kband::impact::{Tone, Wave};
+use kband::impact::{ContactTime, Tone, Wave};
 use kband::regime::band;
 
 use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
@@ -72,6 +72,11 @@ pub struct Arguments {
     #[arg(long, value_name = "Q", default_value = "25", value_parser = arguments::within(1.0, 1000.0, ""))]
     quality: f64,
 
+    /// Duration of an impact in ms, from touching the track until the part is back where it touched
+    /// it, up to 7 % of a drive cycle.
+    #[arg(long, value_name = "MS", default_value = "0", value_parser = arguments::within(0.0, 70.0, "ms"))]
+    contact: f64,
+
     /// Restitutions of a lot that are tried, its ends among them.
     #[arg(long, value_name = "N", default_value = "5", value_parser = arguments::count(2, 101))]
     parts: usize,
@@ -96,6 +101,20 @@ pub struct Arguments {
 
     #[command(flatten)]
     drawn: Drawn,
+}
+
+impl Arguments {
+    /// Duration of an impact in the drive's phase.
+    fn contact(&self) -> Result<ContactTime, Refusal> {
+        ContactTime::from_milliseconds(self.contact, self.drive.frequency).map_err(|refused| {
+            Refusal::value(
+                "--contact",
+                refused.value,
+                refused.accepted,
+                "give a shorter contact or a lower --frequency",
+            )
+        })
+    }
 }
 
 /// Amplitudes of the second tone that a search tries.
@@ -124,7 +143,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         (Some(range), _) => range,
         (None, Some(b)) => over_amplitude(b, &arguments.drive.track()?)?,
         (None, None) => {
-            let born = band::birth(arguments.restitution.high().min(0.99), order)?;
+            let liveliest = arguments.restitution.high().min(0.99);
+            let [edge, _] = band::edges_with_contact(liveliest, order, arguments.contact()?)?;
+            let born = band::birth(liveliest, order)?.max(edge);
             Range {
                 low: 0.15 / f64::from(order),
                 high: (1.02 * born).min(1.0 / f64::from(order)),

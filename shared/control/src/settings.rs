@@ -3,6 +3,7 @@
 use core::f32::consts::TAU;
 
 use kband::feeder::{OutOfRange, Restitution, Track, TrackSettings};
+use kband::impact::ContactTime;
 
 /// One setting: its key, unit, accepted range and default.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -169,6 +170,8 @@ settings! {
     bus_parity = 2.0, 0.0..2.0 "";
     /// Silence of the fieldbus in control after which the drive goes to its safe amplitude; 0: never.
     bus_timeout = 2.0, 0.0..3600.0 "s";
+    /// Duration of an impact, from touching the track until the part is back where it touched it; 0: none.
+    contact = 0.0, 0.0..14.0 "ms";
 }
 
 impl Settings {
@@ -178,6 +181,12 @@ impl Settings {
             f64::from(self.restitution_low),
             f64::from(self.restitution_high),
         )
+    }
+
+    /// The configured duration of an impact; none where it is out of range.
+    pub fn contact_time(&self) -> ContactTime {
+        ContactTime::from_milliseconds(f64::from(self.contact), f64::from(self.frequency))
+            .unwrap_or_default()
     }
 
     /// The configured track.
@@ -255,6 +264,14 @@ impl Settings {
                 "safe_amplitude",
                 self.safe_amplitude,
                 "0..what amplitude_limit and acceleration_limit allow at frequency + tracking",
+            );
+        }
+        let highest = f64::from(self.frequency + self.tracking);
+        if ContactTime::from_milliseconds(f64::from(self.contact), highest).is_err() {
+            return refuse(
+                "contact",
+                self.contact,
+                "0..7 % of a drive cycle at frequency + tracking, in ms",
             );
         }
         let lowest = (self.frequency - self.tracking).max(5.0);

@@ -20,11 +20,12 @@
 //!
 //! `kernel.rs` defines the states, the impact and the common trait. `wave.rs` defines the motion of
 //! a track of several tones. `set_up.rs` computes the constants of the microcontroller kernels.
-//! `orbit/` joins impacts, rests and lift-offs. The families share no search, because each is
-//! certified against the rounding of its own arithmetic.
+//! `contact_time.rs` lets an impact take time. `orbit/` joins impacts, rests and lift-offs. The
+//! families share no search, because each is certified against the rounding of its own arithmetic.
 
 mod anchor;
 pub mod batch;
+mod contact_time;
 mod double;
 mod integer;
 mod kernel;
@@ -36,6 +37,10 @@ mod wave_map;
 
 pub use anchor::WaveSingle;
 pub use anchor::{Hybrid, Single, SingleState};
+pub use contact_time::ContactTime;
+pub(crate) use contact_time::speed_gain;
+#[cfg(test)]
+pub(crate) use contact_time::spring;
 pub use double::Map;
 pub use integer::Integer;
 pub use kernel::WaveKernel;

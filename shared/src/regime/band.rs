@@ -4,8 +4,9 @@
 use core::f64::consts::PI;
 use core::fmt;
 
-use super::lock::{accept_order, accept_restitution};
+use super::lock::{ContactTerms, accept_order, accept_restitution};
 use crate::feeder::{OutOfRange, Restitution};
+use crate::impact::ContactTime;
 
 /// k of the saddle-node bifurcation that creates the period-1 orbit of `order` (symbol k1, equation
 /// 15).
@@ -27,6 +28,28 @@ pub fn flip(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
     let launch = PI * r * (1.0 - restitution) / sum;
     let turn = 2.0 * (1.0 + restitution * restitution) / (sum * sum);
     Ok(1.0 / libm::sqrt(launch * launch + turn * turn))
+}
+
+/// k1 and k2 (in this order) of the period-1 orbit of `order` with impacts that take time
+/// (docs/theory-real-parts.md#t10.6).
+///
+/// At restitutions below about 0.02 the flight may touch the track earlier; k1 then falls as
+/// [`first_return_edge`] does without a contact time.
+pub fn edges_with_contact(
+    restitution: f64,
+    order: u32,
+    contact: ContactTime,
+) -> Result<[f64; 2], OutOfRange> {
+    let instant = [
+        first_return_edge(restitution, order)?,
+        flip(restitution, order)?,
+    ];
+    if contact.is_instant() {
+        return Ok(instant);
+    }
+    let terms = ContactTerms::new(restitution, f64::from(order), contact);
+    let touched = instant[0] / birth(restitution, order)?;
+    Ok([terms.birth() * touched, terms.flip()])
 }
 
 /// Highest k at which the flight of the period-1 orbit takes `order` cycles.
@@ -211,8 +234,19 @@ impl Band {
     /// Both edges grow with R. So the band runs from `k2` of the high bound to `k1` of the low
     /// bound, limited by [`first_return_edge`].
     pub fn common(restitution: Restitution, order: u32) -> Result<Self, BandError> {
-        let low = flip(restitution.high(), order)?;
-        let high = first_return_edge(restitution.low(), order)?;
+        Self::common_with_contact(restitution, order, ContactTime::INSTANT)
+    }
+
+    /// [`Band::common`] with impacts that take time.
+    ///
+    /// The bounds of restitution in the error neglect the contact time.
+    pub fn common_with_contact(
+        restitution: Restitution,
+        order: u32,
+        contact: ContactTime,
+    ) -> Result<Self, BandError> {
+        let [_, low] = edges_with_contact(restitution.high(), order, contact)?;
+        let [high, _] = edges_with_contact(restitution.low(), order, contact)?;
         if low < high {
             return Ok(Self { order, low, high });
         }

@@ -6,7 +6,7 @@
 use core::f64::consts::{PI, TAU};
 
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::{Kernel, Map, PartState};
+use crate::impact::{ContactTime, Kernel, Map, PartState};
 
 /// Highest lock order computed; up to R = 0.2 the band of order 100 is narrower than 1e-5 in k.
 pub const MAX_ORDER: u32 = 100;
@@ -95,6 +95,7 @@ pub struct Lock {
     order: u32,
     k: f64,
     restitution: f64,
+    contact: ContactTime,
     state: PartState,
 }
 
@@ -105,9 +106,42 @@ impl Lock {
     /// `None` above `k1`, where no such orbit exists. [`Lock::attracts`] and
     /// [`Lock::is_first_return`] decide whether a part can follow it.
     pub fn build(k: f64, restitution: f64, order: u32) -> Result<Option<Self>, OutOfRange> {
+        Self::with_contact(k, restitution, order, ContactTime::INSTANT)
+    }
+
+    /// [`Lock::build`] with impacts that take time (docs/theory-real-parts.md#t10.6).
+    ///
+    /// ```
+    /// use kband::impact::ContactTime;
+    /// use kband::regime::Lock;
+    /// let strike = |milliseconds| {
+    ///     let contact = ContactTime::from_milliseconds(milliseconds, 50.0)?;
+    ///     let lock = Lock::with_contact(0.43, 0.2, 1, contact)?;
+    ///     Ok::<_, kband::feeder::OutOfRange>(lock.expect("it is in the band").strike_phase())
+    /// };
+    /// // Parts strike earlier by 0.02 rad with contacts of 2 % of the cycle.
+    /// assert!((strike(0.0)? - strike(0.4)? - 0.02).abs() < 0.005);
+    /// # Ok::<(), Box<dyn core::error::Error>>(())
+    /// ```
+    pub fn with_contact(
+        k: f64,
+        restitution: f64,
+        order: u32,
+        contact: ContactTime,
+    ) -> Result<Option<Self>, OutOfRange> {
         Map::accepts(k, restitution)?;
         let r = accept_order(order)?;
         accept_restitution(restitution)?;
+        if !contact.is_instant() {
+            let terms = ContactTerms::new(restitution, r, contact);
+            return Ok(terms.state_at(k).map(|state| Self {
+                order,
+                k,
+                restitution,
+                contact,
+                state,
+            }));
+        }
         let cosine = PI * r * k * (1.0 - restitution) / (1.0 + restitution);
         if cosine > 1.0 {
             return Ok(None);
@@ -116,6 +150,7 @@ impl Lock {
             order,
             k,
             restitution,
+            contact,
             state: PartState::new(
                 libm::acos(cosine),
                 TAU * r * k * restitution / (1.0 + restitution),
@@ -143,21 +178,54 @@ impl Lock {
         self.state
     }
 
-    /// Trace of the tangent map, `1 + R^2 - sin(t0) (1+R)^2 / k`; its determinant is R^2.
+    /// Duration of an impact.
+    pub fn contact(&self) -> ContactTime {
+        self.contact
+    }
+
+    /// Phase in rad at which the part touches the track; `t0 - c` with a contact time.
+    pub fn strike_phase(&self) -> f64 {
+        self.state.phase - self.contact.radians()
+    }
+
+    /// Trace and determinant of the tangent map with a contact time.
+    fn contact_tangent(&self) -> [f64; 2] {
+        let motion = |phase: f64| [libm::cos(phase), libm::sin(phase)];
+        let r = f64::from(self.order);
+        let [cosine, sine] = motion(self.state.phase);
+        ContactTerms::new(self.restitution, r, self.contact).tangent(
+            self.k,
+            self.state.velocity,
+            [cosine, sine, cosine],
+            motion(self.strike_phase()),
+        )
+    }
+
+    /// Trace of the tangent map, `1 + R^2 - sin(t0) (1+R)^2 / k`.
     pub fn trace(&self) -> f64 {
+        if !self.contact.is_instant() {
+            return self.contact_tangent()[0];
+        }
         let r = self.restitution;
         1.0 + r * r - libm::sin(self.state.phase) * (1.0 + r) * (1.0 + r) / self.k
     }
 
+    /// Determinant of the tangent map, R^2; with a contact time `R psi/s`.
+    pub fn determinant(&self) -> f64 {
+        if !self.contact.is_instant() {
+            return self.contact_tangent()[1];
+        }
+        self.restitution * self.restitution
+    }
+
     /// Floquet multipliers: growth of a perturbation per impact.
     pub fn multipliers(&self) -> Multipliers {
-        Multipliers::from_trace(self.trace(), self.restitution * self.restitution)
+        Multipliers::from_trace(self.trace(), self.determinant())
     }
 
     /// Whether the orbit is asymptotically stable: both multipliers are inside the unit circle.
     pub fn attracts(&self) -> bool {
-        let square = self.restitution * self.restitution;
-        libm::fabs(self.trace()) < 1.0 + square
+        libm::fabs(self.trace()) < 1.0 + self.determinant()
     }
 
     /// Whether the flight takes r cycles without an earlier contact with the track.
@@ -165,7 +233,7 @@ impl Lock {
         let period = TAU * f64::from(self.order);
         // At k1 the error of the root is the square root of the rounding of t0.
         Map::build(self.k, self.restitution)
-            .is_ok_and(|map| map.impact(self.state).flight > period - 1e-3)
+            .is_ok_and(|map| map.impact(self.state).flight > period - self.contact.radians() - 1e-3)
     }
 
     /// Distance of `state` to the orbit: the larger of the differences in phase (rad) and velocity
@@ -176,10 +244,111 @@ impl Lock {
     }
 }
 
+/// Terms of the lock with a contact time c (docs/theory-real-parts.md#t10.6).
+///
+/// The flight lasts `d = 2 pi r - c`. With the launch at t0 and the strike at `t0 - c` the height
+/// vanishes at both, and `psi = R s + rho c (A(t0) - k)`.
+#[derive(Clone, Copy)]
+pub(super) struct ContactTerms {
+    restitution: f64,
+    contact: f64,
+    flight: f64,
+    /// `rho c`.
+    gain: f64,
+}
+
+impl ContactTerms {
+    pub(super) fn new(restitution: f64, order: f64, contact: ContactTime) -> Self {
+        Self {
+            restitution,
+            contact: contact.radians(),
+            flight: TAU * order - contact.radians(),
+            gain: contact.gain(restitution),
+        }
+    }
+
+    /// k of the lock, for the track's displacement S, velocity C and push A at launch, S and C at
+    /// the strike.
+    pub(super) fn k(&self, [s0, c0, a0]: [f64; 3], [s1, c1]: [f64; 2]) -> f64 {
+        let r = self.restitution;
+        let risen = (1.0 + r) * (s1 - s0) / self.flight;
+        (c0 + r * c1 - risen + self.gain * a0) / (0.5 * (1.0 - r) * self.flight + self.gain)
+    }
+
+    /// Launch velocity psi of the lock at k, for S and C at launch and S at the strike.
+    pub(super) fn velocity(&self, k: f64, [s0, c0]: [f64; 2], s1: f64) -> f64 {
+        0.5 * k * self.flight + (s1 - s0) / self.flight - c0
+    }
+
+    /// Trace and determinant of the tangent map at k and psi, for C, A and A' at launch, C and A at
+    /// the strike.
+    pub(super) fn tangent(
+        &self,
+        k: f64,
+        velocity: f64,
+        [c0, a0, surge]: [f64; 3],
+        [c1, a1]: [f64; 2],
+    ) -> [f64; 2] {
+        let (r, d) = (self.restitution, self.flight);
+        let arrival = k * d - velocity + c1 - c0;
+        let trace =
+            1.0 - r + (c0 - c1 - d * a0 + r * d * (k - a1) + self.gain * surge * d) / arrival;
+        [trace, r * velocity / arrival]
+    }
+
+    /// Coefficients of `cos t0` and `sin t0` in the k of a lock on a sine.
+    fn k_on_sine(&self) -> [f64; 2] {
+        let (cosine, sine) = (libm::cos(self.contact), libm::sin(self.contact));
+        [
+            self.k([0.0, 1.0, 0.0], [-sine, cosine]),
+            self.k([1.0, 0.0, 1.0], [cosine, sine]),
+        ]
+    }
+
+    /// State of the lock on a sine at k, on the branch that can attract; `None` above k1.
+    fn state_at(&self, k: f64) -> Option<PartState> {
+        let [p, q] = self.k_on_sine();
+        let cosine = k / libm::sqrt(p * p + q * q);
+        if cosine > 1.0 {
+            return None;
+        }
+        let phase = libm::atan2(q, p) + libm::acos(cosine);
+        let [sine, before] = [phase, phase - self.contact].map(libm::sin);
+        let velocity = self.velocity(k, [sine, libm::cos(phase)], before);
+        (velocity >= 0.0).then(|| PartState::new(phase, velocity))
+    }
+
+    /// k1: the saddle-node on a sine.
+    pub(super) fn birth(&self) -> f64 {
+        let [p, q] = self.k_on_sine();
+        libm::sqrt(p * p + q * q)
+    }
+
+    /// k2: the flip on a sine, where trace = -(1 + determinant).
+    ///
+    /// Times the arrival speed that is a sum of a cosine and a sine of t0.
+    pub(super) fn flip(&self) -> f64 {
+        let (r, d) = (self.restitution, self.flight);
+        let (cosine, sine) = (libm::cos(self.contact), libm::sin(self.contact));
+        let [p, q] = self.k_on_sine();
+        let sum = |k: f64, [s0, c0]: [f64; 2], [s1, c1]: [f64; 2]| {
+            let velocity = self.velocity(k, [s0, c0], s1);
+            let arrival = k * d - velocity + c1 - c0;
+            (2.0 - r) * arrival + r * velocity + c0 - c1 - d * s0
+                + r * d * (k - s1)
+                + self.gain * d * c0
+        };
+        let of_cosine = sum(p, [0.0, 1.0], [-sine, cosine]);
+        let of_sine = sum(q, [1.0, 0.0], [cosine, sine]);
+        // of_cosine cos t0 + of_sine sin t0 = 0, with cos t0 > 0.
+        (p * -of_sine + q * of_cosine) / libm::sqrt(of_cosine * of_cosine + of_sine * of_sine)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::Tangent;
+    use crate::impact::{OrbitEvent, Tangent, WaveMap, WaveOrbit, spring};
 
     #[test]
     fn orbit_closes_with_the_stated_tangent() {
@@ -230,6 +399,136 @@ mod tests {
             };
             assert!((sum - trace).abs() < 1e-15 && (product - determinant).abs() < 1e-15);
         }
+    }
+
+    /// Contacts of 0.25 to 7 % of a cycle, with k in the band of each restitution.
+    fn contacts() -> impl Iterator<Item = (f64, f64, ContactTime)> {
+        let percents = [0.25, 0.5, 1.0, 2.0, 4.0, 7.0];
+        percents.into_iter().flat_map(|percent| {
+            let contact = ContactTime::build(percent * 0.01 * TAU).unwrap();
+            (1..=6).flat_map(move |tenth| {
+                let restitution = 0.1 * f64::from(tenth);
+                let terms = ContactTerms::new(restitution, 1.0, contact);
+                let (low, high) = (terms.flip(), terms.birth());
+                [0.1, 0.5, 0.9].map(|part| (low + (high - low) * part, restitution, contact))
+            })
+        })
+    }
+
+    /// The orbit of the map with contact closes, its tangent is that of finite differences, and it
+    /// flips and dies at the edges in closed form.
+    #[test]
+    fn lock_with_contact_is_that_of_the_map() {
+        for (k, restitution, contact) in contacts() {
+            let lock = Lock::with_contact(k, restitution, 1, contact)
+                .unwrap()
+                .unwrap();
+            let map = WaveMap::build(k, restitution).unwrap();
+            let next = |state| match WaveOrbit::new(&map, state).with_contact(contact).next() {
+                Some(OrbitEvent::Impact(impact)) => impact,
+                other => panic!("{k} {restitution}: {other:?}"),
+            };
+            let impact = next(lock.state());
+            assert!(lock.distance(impact.next) < 1e-12, "{k} {restitution}");
+            assert!((impact.flight - TAU).abs() < 1e-12 && lock.is_first_return());
+            assert!(
+                lock.attracts(),
+                "{k} {restitution} {:?}",
+                lock.multipliers()
+            );
+            let step = 1e-6;
+            let PartState { phase, velocity } = lock.state();
+            let derivative = |dt: f64, dv: f64| {
+                let [up, down] = [1.0, -1.0]
+                    .map(|sign| next(PartState::new(phase + sign * dt, velocity + sign * dv)).next);
+                let scale = 0.5 / (dt + dv);
+                [
+                    wrap_phase(up.phase - down.phase) * scale,
+                    (up.velocity - down.velocity) * scale,
+                ]
+            };
+            let ([a, b], [c, d]) = (derivative(step, 0.0), derivative(0.0, step));
+            // Rounding over the step, and its square times the third derivatives.
+            assert!((a + d - lock.trace()).abs() < 1e-6, "{k} {restitution}");
+            assert!((a * d - b * c - lock.determinant()).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn edges_with_contact_are_flip_and_birth() {
+        for (_, restitution, contact) in contacts() {
+            let terms = ContactTerms::new(restitution, 1.0, contact);
+            let at = |k| Lock::with_contact(k, restitution, 1, contact).unwrap();
+            let flipping = at(terms.flip()).unwrap();
+            let excess = flipping.trace() + 1.0 + flipping.determinant();
+            assert!(excess.abs() < 1e-11, "{restitution} {excess}");
+            let born = at(terms.birth() * (1.0 - 1e-12)).unwrap();
+            assert!((born.trace() - 1.0 - born.determinant()).abs() < 1e-4);
+            assert_eq!(at(terms.birth() * (1.0 + 1e-12)), None);
+        }
+        // Without a contact time the terms are the closed forms of the paper.
+        for restitution in [0.1, 0.3, 0.6] {
+            let terms = ContactTerms::new(restitution, 2.0, ContactTime::INSTANT);
+            let [k1, k2] =
+                crate::regime::band::edges_with_contact(restitution, 2, ContactTime::INSTANT)
+                    .unwrap();
+            assert!((terms.birth() / k1 - 1.0).abs() < 1e-14);
+            assert!((terms.flip() / k2 - 1.0).abs() < 1e-14);
+        }
+    }
+
+    /// Strike phase and launch speed of the lock against those of the integrated contact.
+    #[test]
+    fn lock_with_contact_is_that_of_the_integrated_contact() {
+        let track = |phase: f64| [libm::sin(phase), libm::cos(phase), libm::sin(phase)];
+        let (mut last, mut largest, mut sums, mut count) = (0.0, [0.0_f64; 2], [0.0; 4], 0.0);
+        let report = |c: f64, largest: [f64; 2], sums: [f64; 4], count: f64| {
+            let [phase, speed, squares, speeds] = sums.map(|sum| sum / count);
+            let [rms, rms_speed] = [squares, speeds].map(libm::sqrt);
+            std::println!(
+                "{:.4} of a cycle: phase max {:.5} rms {rms:.5} bias {phase:.5}, speed max {:.5} rms {rms_speed:.5} bias {speed:.5}",
+                c / TAU,
+                largest[0],
+                largest[1]
+            );
+            assert!(largest[0] < 3.0 * c * c && rms < 1.5 * c * c, "{c}");
+            assert!(largest[1] < 3.0 * c * c && rms_speed < 1.5 * c * c, "{c}");
+        };
+        for (k, restitution, contact) in contacts() {
+            let c = contact.radians();
+            if c != last && last > 0.0 {
+                report(last, largest, sums, count);
+                (largest, sums, count) = ([0.0; 2], [0.0; 4], 0.0);
+            }
+            last = c;
+            let lock = Lock::with_contact(k, restitution, 1, contact)
+                .unwrap()
+                .unwrap();
+            let map = Map::build(k, 1.0).unwrap();
+            let spring = spring::Spring::new(restitution, c);
+            let mut state = lock.state();
+            let mut struck = 0.0;
+            for _ in 0..300 {
+                let impact = map.impact(state);
+                struck = impact.next.phase;
+                let speed = impact.next.velocity;
+                let Some((launch, _)) = spring.launch(&track, k, struck, speed) else {
+                    panic!("{k} {restitution} {c}: it stays");
+                };
+                state = Map::state(launch.phase, launch.velocity).unwrap();
+            }
+            let phase = wrap_phase(lock.strike_phase() - struck);
+            let speed = lock.state().velocity - state.velocity;
+            largest = [largest[0].max(phase.abs()), largest[1].max(speed.abs())];
+            for (sum, part) in sums
+                .iter_mut()
+                .zip([phase, speed, phase * phase, speed * speed])
+            {
+                *sum += part;
+            }
+            count += 1.0;
+        }
+        report(last, largest, sums, count);
     }
 
     #[test]

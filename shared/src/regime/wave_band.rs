@@ -5,9 +5,9 @@
 
 use core::f64::consts::{PI, TAU};
 
-use super::lock::{Multipliers, accept_order, accept_restitution, wrap_phase};
+use super::lock::{ContactTerms, Multipliers, accept_order, accept_restitution, wrap_phase};
 use crate::feeder::{OutOfRange, Restitution};
-use crate::impact::{Kernel, PartState, Wave, WaveMap, WaveOrbit};
+use crate::impact::{ContactTime, Kernel, PartState, Wave, WaveMap, WaveOrbit};
 
 /// The period-1 orbit of one order with a given impact phase.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,12 +16,13 @@ pub struct WaveLock {
     order: u32,
     k: f64,
     restitution: f64,
+    contact: ContactTime,
     state: PartState,
 }
 
 impl WaveLock {
-    /// Orbit of `order` with impact phase t0 in rad: `k = S'(t0) (1+R)/(pi r (1-R))`,
-    /// `psi = 2 pi r k R/(1+R)`.
+    /// Orbit of `order` with launch phase t0 in rad: `k = S'(t0) (1+R)/(pi r (1-R))`,
+    /// `psi = 2 pi r k R/(1+R)`, with the terms of a contact time.
     ///
     /// `None` if the track moves downwards at t0. [`WaveLock::attracts`] and
     /// [`WaveLock::is_first_return`] decide whether a part can follow it.
@@ -30,13 +31,22 @@ impl WaveLock {
         phase: f64,
         restitution: f64,
         order: u32,
+        contact: ContactTime,
     ) -> Result<Option<Self>, OutOfRange> {
         let r = accept_order(order)?;
         accept_restitution(restitution)?;
-        let [_, speed, ..] = wave.motion(phase);
-        let k = speed * (1.0 + restitution) / (PI * r * (1.0 - restitution));
+        let [height, speed, push, _] = wave.motion(phase);
+        let (k, velocity) = if contact.is_instant() {
+            let k = speed * (1.0 + restitution) / (PI * r * (1.0 - restitution));
+            (k, TAU * r * k * restitution / (1.0 + restitution))
+        } else {
+            let terms = ContactTerms::new(restitution, r, contact);
+            let [before, risen, ..] = wave.motion(phase - contact.radians());
+            let k = terms.k([height, speed, push], [before, risen]);
+            (k, terms.velocity(k, [height, speed], before))
+        };
         // Range of k of the impact map.
-        if !(1e-3..=1e3).contains(&k) {
+        if !(1e-3..=1e3).contains(&k) || velocity < 0.0 {
             return Ok(None);
         }
         Ok(Some(Self {
@@ -44,10 +54,8 @@ impl WaveLock {
             order,
             k,
             restitution,
-            state: PartState::new(
-                phase - TAU * libm::floor(phase / TAU),
-                TAU * r * k * restitution / (1.0 + restitution),
-            ),
+            contact,
+            state: PartState::new(phase - TAU * libm::floor(phase / TAU), velocity),
         }))
     }
 
@@ -77,6 +85,19 @@ impl WaveLock {
         restitution: f64,
         order: u32,
     ) -> Result<Option<Self>, OutOfRange> {
+        Self::find_with_contact(band, wave, k, restitution, order, ContactTime::INSTANT)
+    }
+
+    /// [`WaveLock::find_in_band`] with impacts that take time, in a band with the same.
+    pub fn find_with_contact(
+        band: &WaveBand,
+        wave: &Wave,
+        k: f64,
+        restitution: f64,
+        order: u32,
+        contact: ContactTime,
+    ) -> Result<Option<Self>, OutOfRange> {
+        let at = |phase| Self::with_impact_phase(wave, phase, restitution, order, contact);
         if !band.contains(k) {
             return Ok(None);
         }
@@ -84,12 +105,12 @@ impl WaveLock {
         let (mut early, mut late) = band.phases();
         for _ in 0..60 {
             let middle = 0.5 * (early + late);
-            match Self::with_impact_phase(wave, middle, restitution, order)? {
+            match at(middle)? {
                 Some(lock) if lock.k < k => late = middle,
                 _ => early = middle,
             }
         }
-        Self::with_impact_phase(wave, late, restitution, order)
+        at(late)
     }
 
     /// k of the orbit.
@@ -117,8 +138,23 @@ impl WaveLock {
         self.state
     }
 
-    /// Trace of the tangent map, `1 + R^2 - A(t0) (1+R)^2/k`; its determinant is R^2.
+    /// Trace and determinant of the tangent map with a contact time.
+    fn contact_tangent(&self) -> [f64; 2] {
+        let [_, c0, a0, surge] = self.wave.motion(self.state.phase);
+        let [_, c1, a1, _] = (self.wave).motion(self.state.phase - self.contact.radians());
+        ContactTerms::new(self.restitution, f64::from(self.order), self.contact).tangent(
+            self.k,
+            self.state.velocity,
+            [c0, a0, surge],
+            [c1, a1],
+        )
+    }
+
+    /// Trace of the tangent map, `1 + R^2 - A(t0) (1+R)^2/k`.
     pub fn trace(&self) -> f64 {
+        if !self.contact.is_instant() {
+            return self.contact_tangent()[0];
+        }
         let r = self.restitution;
         let [_, _, push, _] = self.wave.motion(self.state.phase);
         1.0 + r * r - push * (1.0 + r) * (1.0 + r) / self.k
@@ -126,12 +162,20 @@ impl WaveLock {
 
     /// Floquet multipliers: growth of a perturbation per impact.
     pub fn multipliers(&self) -> Multipliers {
-        Multipliers::from_trace(self.trace(), self.restitution * self.restitution)
+        Multipliers::from_trace(self.trace(), self.determinant())
+    }
+
+    /// Determinant of the tangent map, R^2; with a contact time `R psi/s`.
+    pub fn determinant(&self) -> f64 {
+        if !self.contact.is_instant() {
+            return self.contact_tangent()[1];
+        }
+        self.restitution * self.restitution
     }
 
     /// Whether the orbit is asymptotically stable: both multipliers are inside the unit circle.
     pub fn attracts(&self) -> bool {
-        libm::fabs(self.trace()) < 1.0 + self.restitution * self.restitution
+        libm::fabs(self.trace()) < 1.0 + self.determinant()
     }
 
     /// Whether the flight takes r cycles without an earlier contact with the track.
@@ -139,7 +183,7 @@ impl WaveLock {
         let period = TAU * f64::from(self.order);
         // At the saddle-node the error of the root is the square root of the rounding of t0.
         WaveMap::on(self.wave, self.k, self.restitution)
-            .is_ok_and(|map| map.impact(self.state).flight > period - 1e-3)
+            .is_ok_and(|map| map.impact(self.state).flight > period - self.contact.radians() - 1e-3)
     }
 
     /// Whether a part from rest reaches the orbit within this number of impacts, to 1e-3 in phase
@@ -148,7 +192,7 @@ impl WaveLock {
         let Ok(map) = WaveMap::on(self.wave, self.k, self.restitution) else {
             return false;
         };
-        let mut orbit = WaveOrbit::from_rest(&map);
+        let mut orbit = WaveOrbit::from_rest(&map).with_contact(self.contact);
         // At most a rest and a lift-off for each impact.
         for _ in 0..3 * impacts {
             if orbit.next().is_none() {
@@ -248,18 +292,31 @@ impl WaveBands {
     /// An orbit with impact phase t0 attracts where `0 < A/S' < 2 (1+R^2)/(pi r (1-R^2))`; its k
     /// falls as t0 grows.
     pub fn find(wave: &Wave, restitution: f64, order: u32) -> Result<Self, OutOfRange> {
+        Self::find_with_contact(wave, restitution, order, ContactTime::INSTANT)
+    }
+
+    /// [`WaveBands::find`] with impacts that take time.
+    pub fn find_with_contact(
+        wave: &Wave,
+        restitution: f64,
+        order: u32,
+        contact: ContactTime,
+    ) -> Result<Self, OutOfRange> {
         let r = accept_order(order)?;
         accept_restitution(restitution)?;
         let square = restitution * restitution;
         let steepest = 2.0 * (1.0 + square) / (PI * r * (1.0 - square));
-        let attracts = |phase: f64| {
-            let [_, speed, push, _] = wave.motion(phase);
-            0.0 < push && push < steepest * speed
-        };
         let lock = |phase: f64| {
-            WaveLock::with_impact_phase(wave, phase, restitution, order)
+            WaveLock::with_impact_phase(wave, phase, restitution, order, contact)
                 .ok()
                 .flatten()
+        };
+        let attracts = |phase: f64| {
+            if !contact.is_instant() {
+                return lock(phase).is_some_and(|lock| lock.attracts());
+            }
+            let [_, speed, push, _] = wave.motion(phase);
+            0.0 < push && push < steepest * speed
         };
         let holds =
             |phase: f64| attracts(phase) && lock(phase).is_some_and(|lock| lock.is_first_return());
@@ -315,13 +372,24 @@ impl WaveBands {
 
     /// Bands shared by all parts of a lot, checked at nine restitutions with both ends.
     pub fn common(wave: &Wave, lot: Restitution, order: u32) -> Result<Self, OutOfRange> {
-        let mut shared = Self::find(wave, lot.low(), order)?;
+        Self::common_with_contact(wave, lot, order, ContactTime::INSTANT)
+    }
+
+    /// [`WaveBands::common`] with impacts that take time.
+    pub fn common_with_contact(
+        wave: &Wave,
+        lot: Restitution,
+        order: u32,
+        contact: ContactTime,
+    ) -> Result<Self, OutOfRange> {
+        let find = |restitution| Self::find_with_contact(wave, restitution, order, contact);
+        let mut shared = find(lot.low())?;
         if lot.low() == lot.high() {
             return Ok(shared);
         }
         for part in 1..COMPARED_RESTITUTIONS {
             let share = f64::from(part) / f64::from(COMPARED_RESTITUTIONS - 1);
-            let other = Self::find(wave, lot.low() + (lot.high() - lot.low()) * share, order)?;
+            let other = find(lot.low() + (lot.high() - lot.low()) * share)?;
             let mut both = Self::default();
             let pairs = shared
                 .iter()
@@ -396,6 +464,27 @@ mod tests {
     }
 
     #[test]
+    fn bands_with_contact_match_the_closed_forms() {
+        let contact = ContactTime::build(0.02 * TAU).unwrap();
+        for restitution in [0.1, 0.3, 0.6] {
+            for order in [1, 2] {
+                let (wave, lot) = (Wave::sine(), Restitution::single(restitution).unwrap());
+                let bands = WaveBands::common_with_contact(&wave, lot, order, contact).unwrap();
+                let found = bands.widest().unwrap();
+                let [k1, k2] = band::edges_with_contact(restitution, order, contact).unwrap();
+                assert!((found.low.k / k2 - 1.0).abs() < 1e-9, "{found:?} {k2}");
+                assert!((found.high.k / k1 - 1.0).abs() < 1e-9, "{found:?} {k1}");
+            }
+        }
+        // On two tones a part locks where the lock is predicted.
+        let wave = two_tones(0.15, 2.356);
+        let bands = WaveBands::find_with_contact(&wave, 0.2, 1, contact).unwrap();
+        let (band, k) = (bands.widest().unwrap(), 0.31);
+        let lock = WaveLock::find_with_contact(&band, &wave, k, 0.2, 1, contact);
+        assert!(lock.unwrap().unwrap().is_reached_from_rest(400));
+    }
+
+    #[test]
     fn two_tone_bands_match_the_references() {
         // Three decimals from docs/theory-real-parts.md#t10.3.
         for (e, th, k2, k1) in [
@@ -423,9 +512,15 @@ mod tests {
                 let (early, late) = band.phases();
                 for part in 1..8 {
                     let phase = early + (late - early) * f64::from(part) / 8.0;
-                    let lock = WaveLock::with_impact_phase(&wave, phase, restitution, order)
-                        .unwrap()
-                        .unwrap();
+                    let lock = WaveLock::with_impact_phase(
+                        &wave,
+                        phase,
+                        restitution,
+                        order,
+                        ContactTime::INSTANT,
+                    )
+                    .unwrap()
+                    .unwrap();
                     assert!(band.contains(lock.k()) && lock.attracts() && lock.is_first_return());
                     let map = WaveMap::on(wave, lock.k(), restitution).unwrap();
                     let at = |phase: f64, velocity: f64| {

@@ -11,9 +11,33 @@ use crate::regime::Lock;
 /// `W = eta cos(t0 + gamma) - pi r k tan(alpha) (1 + Rt)/(1 - Rt)`.
 ///
 /// All flights are equal, so time mean and impact mean agree.
+///
+/// With a contact time (docs/theory-real-parts.md#t10.6) it is the mean over flight and contact; the
+/// velocity relative to the track changes evenly during the contact.
 pub fn velocity(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
+    if !lock.contact().is_instant() {
+        return velocity_with_contact(lock, k, settings);
+    }
     let shaken = settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead);
     shaken - incline_loss(lock.order(), k, settings)
+}
+
+fn velocity_with_contact(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
+    let TangentialSettings {
+        restitution: rt,
+        amplitude_ratio: eta,
+        phase_lead,
+        incline_tangent,
+    } = *settings;
+    let period = 2.0 * PI * f64::from(lock.order());
+    let contact = lock.contact().radians();
+    let flight = period - contact;
+    let [launch, strike] = [lock.state().phase, lock.strike_phase()].map(|t| t + phase_lead);
+    let down = k * incline_tangent;
+    let arrival = (eta * (libm::cos(launch) - libm::cos(strike)) - down * flight) / (1.0 - rt);
+    let flown = (rt * arrival + eta * libm::cos(launch) - 0.5 * down * flight) * flight
+        - eta * (libm::sin(strike) - libm::sin(launch));
+    (flown + 0.5 * (1.0 + rt) * arrival * contact) / period
 }
 
 /// Velocity at gamma = 0 without the phase (equation 21), in units of `b w`:

@@ -26,6 +26,7 @@ impl Rates {
                 restitution: low + (high - low) * random.next(),
                 k: task.lot.k / (1.0 + task.lot.amplitude_error * (2.0 * random.next() - 1.0)),
                 order: task.lot.order,
+                contact: task.lot.contact,
             };
             let alone = captures::<Map>(part, task.drive, Kick::NONE)?;
             for attempt in 0..attempts {

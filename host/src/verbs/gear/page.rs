@@ -153,10 +153,15 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
     let who = who(survey);
     let mut report = Printout::new(table)
         .heading(format!(
-            "Share of time in gear of order {}, {who}, scatter {}, from rest, {} Hz",
+            "Share of time in gear of order {}, {who}, scatter {}, from rest, {} Hz{}",
             arguments.order,
             number(arguments.scatter, 6),
-            number(arguments.drive.frequency, 6)
+            number(arguments.drive.frequency, 6),
+            if arguments.contact > 0.0 {
+                format!(", contacts of {} ms", number(arguments.contact, 6))
+            } else {
+                String::new()
+            }
         ))
         .note(format!(
             "Each part was watched for {} periods at each of these points.",

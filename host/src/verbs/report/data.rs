@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use kband::feeder::{Restitution, Track, throw_number};
-use kband::impact::{Tone, Wave};
+use kband::impact::{ContactTime, Tone, Wave};
 use kband::regime::band::{self, Band};
 use kband_control::Event;
 use serde_json::{Map, Value as Json, json};
@@ -59,6 +59,7 @@ pub(super) struct Feeder {
     friction: Option<f64>,
     order: u32,
     second: Tone,
+    contact: ContactTime,
 }
 
 impl Feeder {
@@ -71,6 +72,7 @@ impl Feeder {
             scatter: f64::from(scene.scatter.iter().copied().fold(0.0, f32::max)),
             friction: scene.friction.map(|[sliding, _]| f64::from(sliding)),
             order: outcome.gear_order(),
+            contact: settings.contact_time(),
             second: if settings.second_tone > 0.0 {
                 Tone {
                     amplitude: f64::from(settings.second_tone),
@@ -94,24 +96,26 @@ impl Feeder {
     pub fn bands_in_words(&self) -> Result<Vec<Vec<String>>, Refusal> {
         (1..=ORDERS)
             .map(|order| {
-                Ok(match Band::common(self.lot, order) {
-                    Ok(band) => {
-                        let k = band.setpoint();
-                        vec![
-                            order.to_string(),
-                            format!(
-                                "{} to {}",
-                                number(self.millimetres(band.high()), 4),
-                                number(self.millimetres(band.low()), 4)
-                            ),
-                            number(self.millimetres(k), 4),
-                            number(100.0 * band.margins(k).smallest(), 3),
-                            number(throw_number(k), 4),
-                            number(self.track.acceleration(self.track.amplitude(k)), 3),
-                        ]
-                    }
-                    Err(_) => vec![order.to_string(), "none for the whole lot".into()],
-                })
+                Ok(
+                    match Band::common_with_contact(self.lot, order, self.contact) {
+                        Ok(band) => {
+                            let k = band.setpoint();
+                            vec![
+                                order.to_string(),
+                                format!(
+                                    "{} to {}",
+                                    number(self.millimetres(band.high()), 4),
+                                    number(self.millimetres(band.low()), 4)
+                                ),
+                                number(self.millimetres(k), 4),
+                                number(100.0 * band.margins(k).smallest(), 3),
+                                number(throw_number(k), 4),
+                                number(self.track.acceleration(self.track.amplitude(k)), 3),
+                            ]
+                        }
+                        Err(_) => vec![order.to_string(), "none for the whole lot".into()],
+                    },
+                )
             })
             .collect()
     }
@@ -219,6 +223,7 @@ fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
                 GEAR_RUNS,
                 GEAR_PERIODS,
             )
+            .map(|parts| parts.with_contact(feeder.contact))
         })
         .collect::<Result<Vec<_>, _>>()?;
     let count = waves.len() * scatters.len() * k.len();

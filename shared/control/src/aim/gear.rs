@@ -40,7 +40,9 @@ impl GearSearch {
     ) -> Result<Result<Self, NoSetpoint>, OutOfRange> {
         let lot = settings.lot()?;
         let turns = f64::from(order);
-        let born = band::birth(lot.high().min(0.99), u32::from(order))?;
+        let (liveliest, contact) = (lot.high().min(0.99), settings.contact_time());
+        let [edge, _] = band::edges_with_contact(liveliest, u32::from(order), contact)?;
+        let born = band::birth(liveliest, u32::from(order))?.max(edge);
         let high = (MAX_K_OVER_BIRTH * born).min(MAX_K) as f32;
         let reached = scale.k(scale.reach(settings));
         if reached > high {
@@ -62,6 +64,7 @@ impl GearSearch {
                 overtones: (Response::at(settings).upper)
                     .map(|answer| scale.full_amplitude / absolute(answer)),
             },
+            contact,
         };
         Ok(Ok(Self {
             planner: GearPlanner::new(asked)?,

@@ -54,6 +54,7 @@ impl KickSearch {
                 restitution: settings.lot()?,
                 order: u32::from(lock.order),
                 amplitude_error: f64::from(settings.amplitude_error),
+                contact: settings.contact_time(),
             },
             drive: DriveLag::build(DriveLagSettings {
                 time_constant: envelope,

@@ -85,6 +85,7 @@ impl Retuning {
 mod tests {
     use super::*;
     use kband::feeder::Restitution;
+    use kband::impact::ContactTime;
     use kband::regime::gear::GearLimits;
 
     const NONE: [bool; UPPER] = [false; UPPER];
@@ -98,6 +99,7 @@ mod tests {
             k: [0.28, 0.6],
             max_tones: [0.15, 0.05],
             limits: GearLimits::NONE,
+            contact: ContactTime::INSTANT,
         }
     }
 

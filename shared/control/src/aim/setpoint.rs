@@ -232,7 +232,8 @@ impl Choice {
     /// The choice of the whole lot's lock of an order.
     pub(super) fn lock(order: u8, settings: &Settings) -> Result<Self, OutOfRange> {
         let lot = settings.lot()?;
-        let band = match Band::common(lot, u32::from(order)) {
+        let contact = settings.contact_time();
+        let band = match Band::common_with_contact(lot, u32::from(order), contact) {
             Ok(band) => band,
             Err(BandError::Empty(none)) => {
                 return Ok(Self::level(Level::None(NoSetpoint::Band(none))));
@@ -241,8 +242,8 @@ impl Choice {
         };
         let k = band.setpoint();
         let at = |r| {
-            Lock::build(k, r, u32::from(order))
-                .map(|lock| lock.map(|lock| lock.state().phase as f32))
+            Lock::with_contact(k, r, u32::from(order), contact)
+                .map(|lock| lock.map(|lock| lock.strike_phase() as f32))
         };
         let lock = at(lot.low())?
             .zip(at(lot.high())?)

@@ -71,10 +71,9 @@ fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
     let lot = settings.lot().ok()?;
     // Without a band, `Choice::lock` computes the narrower lot that would have one; that is slow
     // and not needed.
-    let (flip, birth) = (
-        band::flip(lot.high(), u32::from(order)).ok()?,
-        band::birth(lot.low(), u32::from(order)).ok()?,
-    );
+    let contact = settings.contact_time();
+    let [_, flip] = band::edges_with_contact(lot.high(), u32::from(order), contact).ok()?;
+    let [birth, _] = band::edges_with_contact(lot.low(), u32::from(order), contact).ok()?;
     if flip >= birth {
         return None;
     }
@@ -86,8 +85,8 @@ fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
 fn conveying_speed(lock: &LockWindow, settings: &Settings) -> Option<f32> {
     let track = settings.track().ok()?;
     let tangential = TangentialSettings::on(&track, f64::from(settings.tangential_restitution));
-    let orbit =
-        Lock::build(lock.k, settings.lot().ok()?.middle(), u32::from(lock.order)).ok()??;
+    let (middle, order) = (settings.lot().ok()?.middle(), u32::from(lock.order));
+    let orbit = Lock::with_contact(lock.k, middle, order, settings.contact_time()).ok()??;
     let unit = track.velocity_unit(track.amplitude(lock.k));
     Some((locked::velocity(&orbit, lock.k, &tangential) * unit * 1e3) as f32)
 }

@@ -325,6 +325,7 @@ impl Controller {
                     shape: heard_with.shape,
                     step: self.scale.step,
                     stands,
+                    contact: self.settings.contact_time(),
                 };
                 self.listener
                     .cycle(cycle, &heard_with, self.selection.lock(), &tuned, wanted);
@@ -872,11 +873,12 @@ fn build_gear_estimator(settings: &Settings, any: bool) -> GearEstimator {
         scatter,
         ..
     } = *settings;
-    if any {
+    let estimator = if any {
         GearEstimator::new(0.0, 1.0, scatter)
     } else {
         GearEstimator::new(restitution_low, restitution_high, scatter)
-    }
+    };
+    estimator.with_contact(settings.contact_time())
 }
 
 #[cfg(any(test, feature = "memo"))]

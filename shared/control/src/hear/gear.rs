@@ -18,6 +18,7 @@ use super::signal::Cycle;
 use crate::angle::{phase_of, radians_of};
 use crate::drive::{Shape, UPPER};
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
+use kband::impact::ContactTime;
 use kband::regime::gear;
 
 /// Memory of the share of time in gear, in drive cycles (exponential forgetting).
@@ -201,8 +202,9 @@ impl FlightFromRest {
 struct Struck {
     /// Time in steps of 2^-32 cycles.
     time: u64,
-    /// Motion of the track at the impact.
+    /// Motion of the track at the impact, and at the launch after its contact.
     track: [f32; 3],
+    launch: [f32; 3],
     /// Speed of arrival over b w; `None` where the flight is unknown.
     arrival: Option<f32>,
 }
@@ -284,6 +286,9 @@ pub struct GearEstimator {
     /// summed.
     energies: [[f32; 2]; QUARTERS],
     k: f32,
+    /// Configured duration of an impact in rad, and its gain of launch speed over acceleration.
+    contact: f32,
+    contact_gain: f32,
 }
 
 impl GearEstimator {
@@ -296,11 +301,24 @@ impl GearEstimator {
         }
     }
 
+    /// The same with impacts of this duration; its gain is that of the lot's middle.
+    pub fn with_contact(self, contact: ContactTime) -> Self {
+        let [low, high] = self.lot;
+        let middle = f64::from(0.5 * (low + high));
+        Self {
+            contact: contact.radians() as f32,
+            contact_gain: contact.gain(middle) as f32,
+            ..self
+        }
+    }
+
     /// Clears all estimates; keeps the lot and the motion of the track.
     pub fn reset(&mut self) {
         *self = Self {
             track: self.track,
             thrown: self.thrown,
+            contact: self.contact,
+            contact_gain: self.contact_gain,
             ..Self::new(self.lot[0], self.lot[1], self.scatter)
         };
     }
@@ -362,9 +380,16 @@ impl GearEstimator {
 
     fn add_impact(&mut self, heard: &DetectedImpact, noise: f32, time: u64, order: u64) {
         let k = self.k;
+        let phase = Phase::from_bits(time as u32);
+        let track = self.track.at(phase);
         let mut struck = Struck {
             time,
-            track: self.track.at(Phase::from_bits(time as u32)),
+            track,
+            launch: if self.contact == 0.0 {
+                track
+            } else {
+                self.track.at(phase + phase_of(self.contact))
+            },
             arrival: None,
         };
         let last = self.last.filter(|last| time > last.time);
@@ -378,11 +403,13 @@ impl GearEstimator {
             return;
         }
         let turns = flight as f32 * (1.0 / Phase::TURN as f32);
-        let duration = turns * TAU;
+        let duration = turns * TAU - self.contact;
         // Flight equation: u(d) = (C + psi) d - k d^2/2 - [S' - S] = 0. Arrival speed: -u'(d) = k d
         // + C' - C - psi.
-        let rise = 0.5 * k * duration + (struck.track[0] - last.track[0]) / duration;
-        let restitution = last.arrival.map(|arrival| (rise - last.track[1]) / arrival);
+        let rise = 0.5 * k * duration + (struck.track[0] - last.launch[0]) / duration;
+        // Launch speed without what the contact added (docs/theory-real-parts.md#t10.6).
+        let speed = rise - last.launch[1] + self.contact_gain * (k - last.launch[2]);
+        let restitution = last.arrival.map(|arrival| speed / arrival);
         struck.arrival = Some(k * duration + struck.track[1] - rise);
         if let Some(arrival) =
             self.detect_missed_flight(&last, &struck, restitution, duration, noise)
@@ -406,7 +433,7 @@ impl GearEstimator {
             struck.arrival,
             self.flights >= MIN_FLIGHTS_IN_GEAR,
         ) {
-            self.add_restitution(restitution, last.track[2], heard.strength, arrival);
+            self.add_restitution(restitution, last.launch[2], heard.strength, arrival);
         }
     }
 

@@ -19,6 +19,7 @@ use crate::angle::{SAMPLE_RATE, phase_of};
 use crate::drive::{Shape, UPPER};
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use kband::feeder::Restitution;
+use kband::impact::ContactTime;
 #[cfg(any(test, feature = "memo"))]
 use kband::regime::gear::StrikeCount;
 use kband::regime::gear::{
@@ -137,6 +138,8 @@ pub struct Tuned {
     pub lot: Option<(Restitution, f32)>,
     /// Whether the amplitude has settled at its setpoint.
     pub stands: bool,
+    /// Configured duration of an impact.
+    pub contact: ContactTime,
 }
 
 type Row = [f32; SECTORS];
@@ -487,6 +490,7 @@ impl ShareHearing {
             order,
             k: rounded(self.k),
             tones,
+            contact: tuned.contact,
         })
         .ok();
     }

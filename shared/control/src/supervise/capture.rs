@@ -171,7 +171,7 @@ mod tests {
 
     use super::*;
     use kband::feeder::Restitution;
-    use kband::impact::Hybrid;
+    use kband::impact::{ContactTime, Hybrid};
     use kband::regime::band::Band;
     use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner};
 
@@ -183,6 +183,7 @@ mod tests {
                 restitution,
                 order: 1,
                 amplitude_error: 0.02,
+                contact: ContactTime::INSTANT,
             },
             drive: DriveLag::build(DriveLagSettings::DEFAULT).unwrap(),
             time_constant: 5.0,

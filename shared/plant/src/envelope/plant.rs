@@ -25,6 +25,7 @@ use crate::model::scene::{Change, PARTS, Scene, SensorModel};
 use kband::arithmetic::Noise;
 use kband::arithmetic::Phase;
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
+use kband::impact::ContactTime;
 use kband_control::signal_path::{
     DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetConstants, QUARTILE, SECTORS_HANDED, StandardOnset,
     last_cycle_gain, push_weight,
@@ -54,6 +55,8 @@ pub struct EnvelopePlant {
     /// Amplitude of the measured current in A at full output; 0 without a current sensor.
     full_current: f32,
     sensor: SensorModel,
+    /// Duration of an impact.
+    contact: ContactTime,
     sense: Sense,
     readings: Readings,
     onset: OnsetModel,
@@ -117,10 +120,11 @@ impl EnvelopePlant {
             } else {
                 0.0
             },
-            sensor: scene.sensor,
-            readings: Readings::new(&scene.sensor, &sense),
+            sensor: scene.heard_sensor(),
+            contact: scene.contact_time()?,
+            readings: Readings::new(&scene.heard_sensor(), &sense),
             sense,
-            onset: OnsetModel::new(&scene.sensor),
+            onset: OnsetModel::new(&scene.heard_sensor()),
             parts: all_at_rest(scene)?,
             load: scene.has_mass().then(|| TrackLoad::new(scene)),
             hopper: Hopper::new(scene),
@@ -304,6 +308,7 @@ impl EnvelopePlant {
             angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN),
             law: self.watched.then_some(self.law),
             wave: None,
+            contact: self.contact,
         };
         let mut load = self.load.as_mut();
         for (index, part) in self.parts.iter_mut().enumerate() {

@@ -7,8 +7,8 @@ use super::law::Law;
 use kband::arithmetic::Phase;
 use kband::feeder::OutOfRange;
 use kband::impact::{
-    AlongLaw, Contact, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter, Tangential,
-    Tone, Wave, WaveMap,
+    AlongLaw, Contact, ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release,
+    Scatter, Tangential, Tone, Wave, WaveMap,
 };
 use kband_control::{Shape, UpperTone};
 
@@ -54,7 +54,7 @@ pub struct Part {
     motion: Motion,
     /// Whether the current flight began from rest.
     rested: bool,
-    /// Start of the current flight, in steps of 2^-32 turns of the drive.
+    /// Start of the current flight, or of the contact before it, in steps of 2^-32 turns of the drive.
     began: u64,
     /// Velocity along the track relative to it in m/s (symbol phi times b w).
     along: f64,
@@ -79,6 +79,8 @@ pub struct Track<'a> {
     pub law: Option<Law>,
     /// Shape of the motion; `None` for a sine.
     pub wave: Option<&'a Wave>,
+    /// Duration of an impact.
+    pub contact: ContactTime,
 }
 
 /// Cache of the track's wave; it is rebuilt after a noticeable change.
@@ -268,25 +270,40 @@ impl Part {
         self.rested = false;
         let amplitude = f64::from(swing.amplitude);
         let k = track.normal_gravity / (amplitude * track.angular * track.angular);
-        if let Some(wave) = track.wave {
-            let left = self.restitution.draw() * arrival;
-            self.pushed = arrival + left;
-            self.rub(track, arrival, left);
-            let velocity = left / (amplitude * track.angular);
-            let state = PartState { phase, velocity };
-            self.bounce_on_tones(wave, k, state, amplitude, track, time);
-            return Some(strike);
-        }
-        let Some(map) = self.map(k) else {
+        let map = match track.wave {
+            None => self.map(k),
+            Some(_) => None,
+        };
+        if track.wave.is_none() && map.is_none() {
             self.motion = Motion::Resting;
             return Some(strike);
-        };
+        }
         // Launch speed in the unit that the track has now.
-        let left = self.restitution.draw() * arrival;
+        let kept = self.restitution.draw();
+        let left = kept * arrival;
         self.pushed = arrival + left;
         self.rub(track, arrival, left);
         let velocity = left / (amplitude * track.angular);
-        let state = PartState { phase, velocity };
+        let mut state = PartState { phase, velocity };
+        let struck = time;
+        let mut time = time;
+        if !track.contact.is_instant() {
+            state = track.contact.launch(kept, state, k, track.wave);
+            let radians = track.contact.radians();
+            time += (radians / TAU * Phase::TURN) as u64;
+            self.displacement += 0.5 * (along + self.along) * radians / track.angular;
+            if state.velocity == 0.0 {
+                self.motion = Motion::Chattering { until: time };
+                return Some(strike);
+            }
+        }
+        let Some(map) = map else {
+            if let Some(wave) = track.wave {
+                self.bounce_on_tones(wave, k, state, amplitude, track, time);
+            }
+            self.began = struck;
+            return Some(strike);
+        };
         // A chatter is closed below 8e-6 (1 + k)^(5/3) (see `Contact`), so faster parts skip the
         // test. With scattered restitution it is closed at the mean.
         let slow = velocity < 1e-5 * (1.0 + k) * (1.0 + k);
@@ -308,6 +325,7 @@ impl Part {
         }
         let flight = Flight::on_sine(&map, state.phase, impact);
         self.fly(&flight, amplitude, track, time);
+        self.began = struck;
         Some(strike)
     }
 
@@ -528,6 +546,7 @@ mod tests {
             angular,
             law: Some(law),
             wave: None,
+            contact: ContactTime::INSTANT,
         };
         let amplitude = normal_gravity / (k * angular * angular);
         let swing = |time: u64| Swing {

@@ -16,6 +16,7 @@ use crate::model::scene::{PARTS, Scene, SensorModel};
 use kband::arithmetic::Noise;
 use kband::arithmetic::{Phase, sine_cosine_single};
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
+use kband::impact::ContactTime;
 use kband_control::{AdcCode, SAMPLE_RATE, Shape, UPPER, phase_step};
 
 /// Largest number of events of one part in one sample; later events move to the next sample. A
@@ -40,6 +41,8 @@ pub struct Plant {
     gain: f32,
     ringing: Ringing,
     sensor: SensorModel,
+    /// Duration of an impact.
+    contact: ContactTime,
     /// Acceleration in m/s^2 that the sensor's axis sees at rest.
     rest: f32,
     /// The parts, where none of them has a mass.
@@ -113,7 +116,8 @@ impl Plant {
                 scene.sensor.ringing_frequency,
                 scene.sensor.ringing_decay * 1e-3,
             ),
-            sensor: scene.sensor,
+            sensor: scene.heard_sensor(),
+            contact: scene.contact_time()?,
             rest: scene.rest(),
             parts: parts_at_rest(scene)?,
             massive: massive_at_rest(scene)?,
@@ -269,6 +273,7 @@ impl Plant {
             angular,
             law: Some(self.law),
             wave: self.waves.shape(swing.shape),
+            contact: self.contact,
         };
         for part in &mut self.parts {
             part.slide(swing, &track, now);
@@ -366,6 +371,7 @@ impl Plant {
             angular,
             law: Some(self.law),
             wave: self.waves.shape(swing.shape),
+            contact: self.contact,
         };
         let part = &mut self.parts[index];
         if part.next().is_none() {

@@ -3,6 +3,7 @@
 mod answers;
 mod bounds;
 mod commissioned;
+mod contact;
 mod drives;
 mod held;
 mod identification;

@@ -2,7 +2,8 @@
 
 use super::events::OrbitEvent;
 use super::release::Release;
-use crate::impact::kernel::PartState;
+use crate::impact::contact_time::ContactTime;
+use crate::impact::kernel::{Impact, PartState};
 use crate::impact::scatter::Scatter;
 use crate::impact::wave::in_turn;
 use crate::impact::wave_map::{ChatterLimits, Hop, WaveMap};
@@ -16,6 +17,7 @@ pub struct WaveOrbit<'a> {
     restitution: f64,
     scatter: Option<Scatter>,
     chatter: ChatterLimits,
+    contact: ContactTime,
     state: PartState,
     stage: Stage,
     /// The last release, of an elastic part: a part is thrown at few phases.
@@ -40,6 +42,7 @@ impl<'a> WaveOrbit<'a> {
             restitution: map.restitution(),
             scatter: None,
             chatter: ChatterLimits::EXACT,
+            contact: ContactTime::INSTANT,
             state: start,
             stage: Stage::Hopping,
             release: None,
@@ -68,6 +71,24 @@ impl<'a> WaveOrbit<'a> {
     /// This orbit with chatters summed within other limits.
     pub(crate) fn with_chatter(self, chatter: ChatterLimits) -> Self {
         Self { chatter, ..self }
+    }
+
+    /// This orbit with impacts that take time.
+    ///
+    /// The flight of an impact then includes its contact, and its next state is the launch after
+    /// that. A chatter's closed form neglects the contacts.
+    pub fn with_contact(self, contact: ContactTime) -> Self {
+        Self { contact, ..self }
+    }
+
+    /// `impact` with its contact.
+    fn hold(&self, impact: Impact<PartState>, restitution: f64) -> Impact<PartState> {
+        let (k, wave) = (self.map.k(), self.map.wave());
+        Impact {
+            flight: impact.flight + self.contact.radians(),
+            next: (self.contact).launch(restitution, impact.next, k, Some(wave)),
+            ..impact
+        }
     }
 
     /// Starts again from rest, phase 0, with a restitution drawn by `scatter` at each impact.
@@ -126,7 +147,11 @@ impl Iterator for WaveOrbit<'_> {
             // Within rounding of a window's edge: the part rests.
             return Some(self.begin_rest(0.0));
         }
-        impact.next.velocity *= drawn.unwrap_or(self.restitution);
+        let restitution = drawn.unwrap_or(self.restitution);
+        impact.next.velocity *= restitution;
+        if !self.contact.is_instant() {
+            impact = self.hold(impact, restitution);
+        }
         self.stage = Stage::Hopping;
         self.state = impact.next;
         Some(OrbitEvent::Impact(impact))

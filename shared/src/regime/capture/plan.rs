@@ -10,7 +10,7 @@ use heapless::Vec;
 
 use super::{DriveLag, Kick, KickSettings, Outcome, Trial, TrialRun};
 use crate::feeder::{OutOfRange, Restitution, accept};
-use crate::impact::Kernel;
+use crate::impact::{ContactTime, Kernel};
 use crate::regime::band;
 
 /// Parts that one kick must capture, and the error of their amplitude.
@@ -24,6 +24,8 @@ pub struct Lot {
     pub order: u32,
     /// Largest relative error of the amplitude, 0..=0.2.
     pub amplitude_error: f64,
+    /// Duration of an impact.
+    pub contact: ContactTime,
 }
 
 impl Lot {
@@ -48,6 +50,7 @@ impl Lot {
             k: self.k / (1.0 + self.amplitude_error * (2.0 * b - 1.0)),
             restitution: low + (high - low) * a,
             order: self.order,
+            contact: self.contact,
         }
     }
 }
@@ -161,7 +164,7 @@ impl Plan {
 ///
 /// ```
 /// use kband::feeder::Restitution;
-/// use kband::impact::Hybrid;
+/// use kband::impact::{ContactTime, Hybrid};
 /// use core::task::Poll;
 /// use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner};
 /// let mut planner = Planner::<Hybrid>::new(PlanSettings {
@@ -170,6 +173,7 @@ impl Plan {
 ///         restitution: Restitution::interval(0.18, 0.22)?,
 ///         order: 1,
 ///         amplitude_error: 0.02,
+///         contact: ContactTime::INSTANT,
 ///     },
 ///     drive: DriveLag::build(DriveLagSettings::DEFAULT)?,
 ///     time_constant: 5.0,
@@ -253,7 +257,7 @@ impl<K: Kernel> Planner<K> {
         K::build(lot.k, lot.restitution.high())?;
         Ok(Self {
             settings,
-            flip: band::flip(lot.restitution.high(), lot.order)?,
+            flip: band::edges_with_contact(lot.restitution.high(), lot.order, lot.contact)?[1],
             candidate: 0,
             running: None,
             recounted: None,
@@ -490,6 +494,7 @@ mod tests {
                 restitution,
                 order: 1,
                 amplitude_error: 0.02,
+                contact: ContactTime::INSTANT,
             },
             drive: drive(time_constant, 0.0),
             time_constant,

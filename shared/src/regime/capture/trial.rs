@@ -7,7 +7,7 @@ use core::f32::consts::{PI, TAU};
 use super::{DriveLag, Kick, KickEnvelope};
 use crate::arithmetic::{Phase, arcsine_single, sine_cosine_single};
 use crate::feeder::OutOfRange;
-use crate::impact::{Kernel, LIFT_OFF_DELAY, PartState, SingleImpact};
+use crate::impact::{ContactTime, Kernel, LIFT_OFF_DELAY, PartState, SingleImpact, speed_gain};
 use crate::regime::{Lock, MAX_SERIES_CHATTER_VELOCITY};
 
 /// One part on one drive, for which a kick is tried.
@@ -19,6 +19,8 @@ pub struct Trial {
     pub restitution: f64,
     /// Requested lock order.
     pub order: u32,
+    /// Duration of an impact.
+    pub contact: ContactTime,
 }
 
 /// Result of a trial.
@@ -54,14 +56,14 @@ const MAX_K: f32 = 4.0;
 /// leaves where `sin t = k` at the current amplitude.
 ///
 /// ```
-/// use kband::impact::Hybrid;
+/// use kband::impact::{ContactTime, Hybrid};
 /// use kband::regime::capture::{
 ///     DriveLag, DriveLagSettings, Kick, Outcome, Trial, TrialRun,
 /// };
 ///
 /// // R = 0.3 never locks from rest without a kick; with this one it does.
 /// let drive = DriveLag::build(DriveLagSettings { start: 1.0, ..DriveLagSettings::DEFAULT })?;
-/// let trial = Trial { k: 0.55, restitution: 0.3, order: 1 };
+/// let trial = Trial { k: 0.55, restitution: 0.3, order: 1, contact: ContactTime::INSTANT };
 /// for (kick, outcome) in [
 ///     (Kick::NONE, Outcome::Missed),
 ///     (Kick::rectangle(1.6, 20)?, Outcome::Locked),
@@ -99,7 +101,7 @@ impl<K: Kernel> TrialRun<K> {
             trial,
             k: trial.k as f32,
             restitution: trial.restitution as f32,
-            lock: Lock::build(trial.k, trial.restitution, trial.order)?
+            lock: Lock::with_contact(trial.k, trial.restitution, trial.order, trial.contact)?
                 .filter(Lock::attracts)
                 .map(|lock| {
                     let PartState { phase, velocity } = lock.state();
@@ -156,12 +158,16 @@ impl<K: Kernel> TrialRun<K> {
             // A part at rest at the target amplitude remains at rest.
             return settled.then_some(Outcome::Missed);
         };
+        let mut impact = self.map.impact_single(launch);
+        if !self.trial.contact.is_instant() {
+            self.hold(&mut impact);
+        }
         let SingleImpact {
             flight,
             phase,
             velocity,
             next,
-        } = self.map.impact_single(launch);
+        } = impact;
         let flight = flight / TAU;
         self.time += flight;
         self.state = Some(next);
@@ -190,6 +196,24 @@ impl<K: Kernel> TrialRun<K> {
         // At constant amplitude each rest leads to the same orbit, so a second rest excludes the
         // lock.
         (self.rests > 1).then_some(Outcome::Missed)
+    }
+
+    /// Adds the contact to a flight and the launch after it; velocity 0 where the part rests.
+    fn hold(&self, impact: &mut SingleImpact<K::State>) {
+        let contact = self.trial.contact.radians() as f32;
+        impact.flight += contact;
+        impact.phase += contact;
+        if impact.phase >= TAU {
+            impact.phase -= TAU;
+        }
+        let turned = (impact.phase * Phase::STEPS_PER_RADIAN as f32) as i64 as u32;
+        let (sine, _) = sine_cosine_single(Phase::from_bits(turned));
+        let pull = self.k_at(self.amplitude) - sine;
+        let gain = speed_gain(self.restitution) * contact;
+        impact.velocity = (impact.velocity - gain * pull).max(0.0);
+        if let Ok(next) = K::state(f64::from(impact.phase), f64::from(impact.velocity)) {
+            impact.next = next;
+        }
     }
 
     /// Amplitude over target at `time`, rounded to the steps of the map.
@@ -288,6 +312,7 @@ mod tests {
             k,
             restitution,
             order: 1,
+            contact: ContactTime::INSTANT,
         };
         let mut trial_run = TrialRun::<Hybrid>::new(trial, drive, kick).unwrap();
         for _ in 0..10_000 {

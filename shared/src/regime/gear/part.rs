@@ -7,7 +7,9 @@ use super::GearDetector;
 use super::draw::Draw;
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::OutOfRange;
-use crate::impact::{LIFT_OFF_DELAY, Landing, SingleState, Tone, WaveKernel, WaveSingle};
+use crate::impact::{
+    LIFT_OFF_DELAY, Landing, SingleState, Tone, WaveKernel, WaveSingle, speed_gain,
+};
 use crate::regime::MAX_SERIES_CHATTER_VELOCITY;
 
 /// Second and third tone: amplitude over the first (symbol e) and angle in rad (symbol th) of each.
@@ -21,6 +23,9 @@ pub struct TrackMap {
     /// Amplitudes over the first and angles of the upper tones.
     ratios: [f32; 2],
     angles: [Phase; 2],
+    /// Duration of an impact in rad, and in steps of 2^-32 turns.
+    contact: f32,
+    contact_steps: u32,
 }
 
 impl TrackMap {
@@ -32,12 +37,23 @@ impl TrackMap {
             k,
             ratios: tones.map(|[ratio, _]| ratio),
             angles: tones.map(|[_, angle]| Phase::from_radians(f64::from(angle))),
+            contact: 0.0,
+            contact_steps: 0,
         })
+    }
+
+    /// The same track with impacts of this duration in rad.
+    pub fn with_contact(self, contact: f32) -> Self {
+        Self {
+            contact,
+            contact_steps: (contact * Phase::STEPS_PER_RADIAN as f32) as u32,
+            ..self
+        }
     }
 
     /// Pull `k - A` towards the track at a phase, and the slope of the acceleration A.
     #[inline]
-    fn pull(&self, phase: Phase) -> (f32, f32) {
+    pub fn pull(&self, phase: Phase) -> (f32, f32) {
         let (sine, cosine) = sine_cosine_single(phase);
         let ([second, third], [of_second, of_third]) = (self.ratios, self.angles);
         if second == 0.0 {
@@ -98,11 +114,11 @@ impl Span {
 #[derive(Clone, Copy, Debug)]
 pub struct SimulatedImpact {
     launch: SingleState,
-    /// Phase of the drive at the impact.
+    /// Phase of the drive at which the part touches the track.
     pub phase: Phase,
     restitution: f32,
     velocity: f32,
-    /// Flight before the impact, in steps of 2^-32 turns.
+    /// Flight before the impact with the contact, in steps of 2^-32 turns.
     pub steps: i64,
     /// Whether the flight began from rest.
     pub from_rest: bool,
@@ -213,19 +229,30 @@ impl SimulatedPart {
             return self.time >= self.span.end;
         }
         self.advance_time(steps);
+        let (phase, steps) = (self.phase, steps + i64::from(map.contact_steps));
+        if map.contact_steps > 0 {
+            self.advance_time(map.contact_steps.into());
+        }
         let added = self.gear.add_flight(steps);
         let from = (self.time - added).max(self.span.begin);
         self.in_gear += (self.time.min(self.span.end) - from).max(0);
         self.velocity = next.velocity;
         record(SimulatedImpact {
             launch,
-            phase: self.phase,
+            phase,
             restitution,
             velocity: next.velocity,
             steps,
             from_rest: rested,
             in_gear: self.gear.is_in_gear(),
         });
+        if map.contact_steps > 0 {
+            self.velocity -= speed_gain(restitution) * map.contact * map.pull(self.phase).0;
+            if self.velocity <= 0.0 {
+                self.begin_rest();
+                return self.time >= self.span.end;
+            }
+        }
         if self.velocity < MAX_SERIES_CHATTER_VELOCITY {
             self.sum_chatter(map);
         }

@@ -14,6 +14,7 @@ use super::fit::{Fit, FittedShare};
 use super::limits::GearLimits;
 use super::part::{SimulatedPart, Span, Tones, TrackMap};
 use crate::feeder::{OutOfRange, Restitution, accept};
+use crate::impact::ContactTime;
 
 /// Inputs of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +34,8 @@ pub struct GearPlanSettings {
     pub max_tones: [f32; 2],
     /// Limits of the drive.
     pub limits: GearLimits,
+    /// Duration of an impact.
+    pub contact: ContactTime,
 }
 
 /// Result of the search so far.
@@ -641,6 +644,7 @@ impl GearPlanner {
         };
         match TrackMap::build(k, point.tones) {
             Ok(map) => {
+                let map = map.with_contact(self.settings.contact.radians() as f32);
                 let scatter_factor = if self.stage == Stage::Verification {
                     1.0
                 } else {
@@ -1025,6 +1029,7 @@ mod tests {
             k: [0.28, (1.02 * birth).min(0.98) as f32],
             max_tones,
             limits: GearLimits::NONE,
+            contact: ContactTime::INSTANT,
         })
         .unwrap()
     }
@@ -1184,6 +1189,7 @@ mod tests {
                     acceleration: 2.0,
                     ..GearLimits::NONE
                 },
+                contact: ContactTime::INSTANT,
             })
             .unwrap();
             while planner.advance(1000) {}
@@ -1222,6 +1228,7 @@ mod tests {
             k: [0.3, 0.4],
             max_tones: [0.0; 2],
             limits: GearLimits::NONE,
+            contact: ContactTime::INSTANT,
         };
         let refused = |change: fn(&mut GearPlanSettings)| {
             let mut settings = good;

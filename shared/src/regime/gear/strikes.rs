@@ -10,6 +10,7 @@ use super::part::{SimulatedPart, Span, Tones, TrackMap};
 use super::{GearDetector, MIN_FLIGHTS_IN_GEAR};
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::{OutOfRange, Restitution};
+use crate::impact::{ContactTime, speed_gain};
 
 /// Bins of the histogram in a turn; 0.1 rad each.
 pub const PHASE_BINS: usize = 64;
@@ -40,6 +41,8 @@ pub struct StrikeSettings {
     pub k: f32,
     /// Tones of the track above the first.
     pub tones: Tones,
+    /// Duration of an impact.
+    pub contact: ContactTime,
 }
 
 /// Impact energy, as squared arrival speed in `(b w)^2` per drive period, over the drive phase.
@@ -147,7 +150,8 @@ impl StrikeProfiler {
     pub fn new(settings: StrikeSettings) -> Result<Self, OutOfRange> {
         Ok(Self {
             settings,
-            map: TrackMap::build(settings.k, settings.tones)?,
+            map: TrackMap::build(settings.k, settings.tones)?
+                .with_contact(settings.contact.radians() as f32),
             gear: GearDetector::build_in_steps(settings.order)?,
             simulated: None,
             part: 0,
@@ -377,7 +381,7 @@ impl StrikeProfiler {
             order, k, tones, ..
         } = self.settings;
         let turns = TAU * order as f32 * k / (1.0 + restitution);
-        let wanted = 0.5 * turns * (1.0 - restitution);
+        let mut wanted = 0.5 * turns * (1.0 - restitution);
         let [[ratio, _], [third, _]] = tones;
         let [angle, of_third] = tones.map(|[_, angle]| Phase::from_radians(f64::from(angle)));
         let rises = |phase: Phase| {
@@ -405,18 +409,33 @@ impl StrikeProfiler {
             return None;
         }
         // The stable root lies where the velocity falls.
-        let mut phase = fastest;
-        while rises(phase + step) > wanted {
-            phase += step;
-        }
-        let mut half = Phase::from_bits(1 << 25);
-        for _ in 0..16 {
-            if rises(phase + half) > wanted {
-                phase += half;
+        let solve = |wanted: f32| {
+            let mut phase = fastest;
+            while rises(phase + step) > wanted {
+                phase += step;
             }
-            half = Phase::from_bits(half.bits() >> 1);
+            let mut half = Phase::from_bits(1 << 25);
+            for _ in 0..16 {
+                if rises(phase + half) > wanted {
+                    phase += half;
+                }
+                half = Phase::from_bits(half.bits() >> 1);
+            }
+            phase
+        };
+        let phase = solve(wanted);
+        let contact = self.settings.contact.radians() as f32;
+        if contact == 0.0 {
+            return Some((phase, restitution * turns));
         }
-        Some((phase, restitution * turns))
+        // First order in the contact time, with the push at the root without it.
+        let push = k - self.map.pull(phase).0;
+        let gain = speed_gain(restitution);
+        let shift = contact / (1.0 + restitution);
+        wanted += shift * (k * (gain - 1.0 + restitution) - (restitution + gain) * push);
+        let velocity =
+            restitution * turns + shift * ((restitution + gain) * push - (restitution + gain) * k);
+        (wanted < max_velocity).then(|| (solve(wanted), velocity.max(0.0)))
     }
 }
 
@@ -432,6 +451,7 @@ mod tests {
             order: 1,
             k: 0.4438,
             tones: [[0.0; 2]; 2],
+            contact: ContactTime::INSTANT,
         };
         let count = StrikeCount::compute(settings).unwrap();
         // Slice sizes that divide the number of steps, and one that does not; stored result set at
