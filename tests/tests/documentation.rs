@@ -129,28 +129,6 @@ fn every_citation_of_a_page_leads_to_an_anchor() {
     assert!(of_theory >= 20, "only {of_theory} citations of the theory");
 }
 
-/// The theory is part of the manual and is cited by anchors, which a test can check.
-#[test]
-fn nothing_cites_sections_by_their_numbers_alone() {
-    let forms = ["physics,", "theory,"].map(|page| [page, "section"].join(" "));
-    for (path, text) in texts(&[".rs", ".md", ".toml", ".sh", ".py"]) {
-        let marks = ["//!", "///", "//", "#"];
-        let line = |line: &str| {
-            let line = line.trim();
-            let bare = marks.iter().find_map(|mark| line.strip_prefix(mark));
-            bare.unwrap_or(line).trim().to_lowercase()
-        };
-        let flat = text.lines().map(line).collect::<Vec<_>>().join(" ");
-        for form in &forms {
-            assert!(
-                !flat.contains(form),
-                "{} cites '{form}'; cite an anchor of docs/, as docs/theory-model.md#t1",
-                shown(&path)
-            );
-        }
-    }
-}
-
 #[test]
 fn the_sections_of_the_theory_have_the_numbers_of_their_anchors() {
     let mut seen = BTreeSet::new();
@@ -306,57 +284,6 @@ fn every_regime_and_state_that_is_shown_is_explained() {
     }
 }
 
-/// Project jargon that was replaced: word, folder where it is banned, and its replacement.
-const GIVEN_UP: &[(&str, &str, &str)] = &[
-    ("Ear", "", "onset detector (OnsetDetector)"),
-    ("ear", "", "onset detector, or what is heard"),
-    ("EAR", "", "onset detector, or what is heard"),
-    (
-        "flank",
-        "shared/src/impact",
-        "slope at lift-off (lift_off_cosine)",
-    ),
-    (
-        "edge_cosine",
-        "shared/src/impact",
-        "slope at lift-off (lift_off_cosine)",
-    ),
-    (
-        "is_home",
-        "shared/src/impact",
-        "a flight that meets the track once (meets_once)",
-    ),
-    (
-        "home",
-        "shared/src/impact",
-        "a flight that meets the track once (meets_once)",
-    ),
-    ("is_high", "shared/src/impact", "a tall flight (is_tall)"),
-    (
-        "nudge",
-        "shared/src/impact",
-        "a delay of lift-off (as LIFT_OFF_DELAY)",
-    ),
-    ("PER_24", "shared/src", "a fixed-point number (Fixed)"),
-    ("PER_26", "shared/src", "a fixed-point number (Fixed)"),
-    ("PER_30", "shared/src", "a fixed-point number (Fixed)"),
-    ("Suspicions", "", "fault detector (FaultDetector)"),
-    ("Suspicion", "", "fault detector (FaultDetector)"),
-    ("Restraint", "", "limit monitor (LimitMonitor)"),
-    (
-        "Course",
-        "shared/control/src",
-        "state machine (StateMachine)",
-    ),
-    (
-        "Hearing",
-        "shared/control/src",
-        "phase statistics (PhaseStatistics)",
-    ),
-    ("LockAt", "", "lock window (LockWindow)"),
-    ("Line", "host/src/board", "link (Link)"),
-];
-
 /// Mentions of numbered faults or limits without their name, as in "fault 6 (over-temperature)".
 fn misnamed(page: &str, word: &str, name: impl Fn(u8) -> Option<&'static str>) -> Vec<String> {
     let mut found = Vec::new();
@@ -414,25 +341,6 @@ fn every_number_of_a_fault_has_its_name() {
         .len(),
         0
     );
-}
-
-#[test]
-fn private_words_do_not_come_back() {
-    let inside = |c: char| c.is_alphanumeric() || c == '_';
-    for (path, text) in texts(&[".rs", ".md"]) {
-        let name = shown(&path);
-        if name.ends_with("docs/glossary.md") {
-            continue;
-        }
-        let words: BTreeSet<&str> = text.split(|c| !inside(c)).collect();
-        for (word, folder, instead) in GIVEN_UP {
-            assert!(
-                !(name.starts_with(folder) && words.contains(word))
-                    || name.ends_with("documentation.rs"),
-                "{name}: '{word}' is {instead}; see docs/glossary.md"
-            );
-        }
-    }
 }
 
 /// Largest number of words in a sentence, and largest mean over a page.
