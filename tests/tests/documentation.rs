@@ -354,7 +354,7 @@ const GIVEN_UP: &[(&str, &str, &str)] = &[
         "phase statistics (PhaseStatistics)",
     ),
     ("LockAt", "", "lock window (LockWindow)"),
-    ("Line", "host/src/board", "link (Link)"),
+    ("Line", "host/link/src", "link (Link)"),
 ];
 
 /// Mentions of numbered faults or limits without their name, as in "fault 6 (over-temperature)".
