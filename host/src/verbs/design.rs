@@ -220,7 +220,7 @@ fn comparison(shown: &Shown, design: &Design) -> Option<String> {
     let better = design.better().and_then(|best| Some((best, best.closed?)));
     let then = match better {
         Some((best, run)) if run.speed > closed.speed => format!(
-            "With the same drive and no smaller share: {:.0} parts a minute at share {} ({}), {:+.0} %.",
+            "With the same drive, and a share at most 0.01 below: {:.0} parts a minute at share {} ({}), {:+.0} %.",
             shown.rate(run),
             number(run.share, 3),
             shown.words(&best.feeder),

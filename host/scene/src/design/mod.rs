@@ -254,6 +254,10 @@ impl Design {
             .map(|n| front[n].0)
             .collect();
         let judged = judge(file, &lot, &chosen, workers)?;
+        // Fresh runs may show that one of them is beaten.
+        let kept = search::not_beaten(&judged, |(of, _)| (of.share, of.speed));
+        let chosen: Vec<Feeder> = kept.iter().map(|n| chosen[*n]).collect();
+        let judged = kept.iter().map(|n| judged[*n]);
         let runs = workers.map("closed loop", chosen.len(), |n, go_on| {
             close(file, &lot, Some(&chosen[n]), go_on).map(|outcome| closed(&outcome))
         })?;
@@ -366,9 +370,9 @@ fn axes(settings: &Settings, ranges: &Ranges) -> Result<table::Axes, Refusal> {
         [0.0; 2]
     };
     Ok([
-        Axis::new([LOWEST_K, highest], 41),
-        Axis::new([0.0, second], 6),
-        Axis::new(angles, 7),
+        Axis::new([LOWEST_K, highest], if second > 0.0 { 31 } else { 41 }),
+        Axis::new([0.0, second], 5),
+        Axis::new(angles, 5),
         Axis::new([0.0, third], 3),
         Axis::new([ratio(steep), ratio(shallow)], 5),
         Axis::new(ranges.phase_lead, 5),
@@ -462,7 +466,7 @@ mod tests {
         for (above, below) in pairs.map(|pair| (pair[0].1, pair[1].1)) {
             assert!(above.speed > below.speed && above.share < below.share);
         }
-        assert_eq!(found.best.len(), 3);
+        assert!((1..=3).contains(&found.best.len()), "{found:?}");
         for best in &found.best {
             let closed = best.closed.unwrap();
             let simulated = best.simulated;

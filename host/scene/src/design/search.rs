@@ -29,7 +29,7 @@ const TASK: usize = 8192;
 const MIN_TONE: f64 = 0.01;
 
 /// Steps of the share within which one candidate of the front is kept.
-const STEP: f64 = 0.005;
+const STEP: f64 = 0.002;
 
 /// Rounds of the search: the share of the candidates, and how far from the front so far they are
 /// drawn, over the range of a coordinate. The first round draws from the whole box.
