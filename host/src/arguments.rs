@@ -430,6 +430,23 @@ pub fn range(text: &str) -> Result<Range, String> {
     }
 }
 
+/// A parser of one number or `LO..HI` within `low..=high`, as both ends.
+pub fn interval(
+    low: f64,
+    high: f64,
+    unit: &'static str,
+) -> impl Fn(&str) -> Result<[f64; 2], String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let (from, to) = text.split_once("..").unwrap_or((text, text));
+        match (number(from), number(to)) {
+            (Ok(from), Ok(to)) if low <= from && from <= to && to <= high => Ok([from, to]),
+            _ => Err(format!(
+                "accepted: one number or LO..HI within {low}..{high} {unit}, LO <= HI"
+            )),
+        }
+    }
+}
+
 /// A span `LO..HI` with `LO < HI`, for options whose number of points is an option of its own.
 pub fn span(text: &str) -> Result<(f64, f64), String> {
     const ACCEPTED: &str = "accepted: LO..HI with LO < HI, such as 0.3..0.5";

@@ -50,6 +50,7 @@ PROGRAMS = {
     "firmware": ("kband-firmware", "kband_firmware"),
     "hazards": ("kband-machines", "hazards"),
     "host": ("kband-host", "kband"),
+    "c": ("kband-c", "interface"),
     **{name: ("kband-host", name) for name in ("command_line", "regimes")},
     **{name: ("kband-tests", name) for name in ("scenes", "safety", "automatic", "ends", "flashed", "accuracy",
                                                 "first_impact", "gear", "golden", "tones")},

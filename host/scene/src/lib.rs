@@ -8,9 +8,11 @@
 //! | `engine` | the closed loop of a scene, cycle by cycle |
 //! | `record`, `outcome`, `unmet` | what is kept of a run, what came of it, what was expected |
 //! | [`ending`] | where an orbit of the exact map ends |
+//! | [`design`] | feeders with the drive of a scene, on a Pareto front |
 //!
 //! A file of the middle rows uses those before it only, and [`ending`].
 
+pub mod design;
 pub mod ending;
 mod engine;
 mod expect;

@@ -47,7 +47,7 @@ pub struct Outcome {
 impl Outcome {
     /// Runs a scene to its end in a fidelity, watched.
     ///
-    /// `go_on` is called every 1024 cycles with that number; where it refuses, the run ends with
+    /// `go_on` is called every 256 cycles with that number; where it refuses, the run ends with
     /// its refusal.
     ///
     /// # Errors
@@ -91,8 +91,8 @@ impl Outcome {
         let began = Instant::now();
         let mut time = 0.0;
         for n in 0..cycles {
-            if n % 1024 == 1023 {
-                go_on(1024)?;
+            if n % 256 == 255 {
+                go_on(256)?;
             }
             let ends = record.ends(time);
             if !moving && (ends || record.settles(time)) {

@@ -70,6 +70,11 @@ impl Refusal {
         }
     }
 
+    /// Whether it is of a value out of range.
+    pub fn is_of_value(&self) -> bool {
+        self.accepted.is_some()
+    }
+
     /// The same refusal, of a key of a scene.
     pub fn of_key(mut self, key: impl Into<String>) -> Self {
         self.key = Some(key.into());

@@ -2,9 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::emulator::{self, Emulated};
-use super::link::Link;
-use super::serial;
+use kband_link::{Emulated, Link, serial};
+
 use crate::file::Destination;
 use crate::refusal::Refusal;
 
@@ -72,30 +71,14 @@ impl Address {
         Ok(link)
     }
 
-    /// The link to the emulated CPU.
-    fn emulate(&self, emulated: Emulated) -> Result<Link, Refusal> {
-        let mut child = emulator::start(
-            self.image.as_deref(),
-            emulated,
-            self.flash_image.as_deref(),
-            self.log.as_deref(),
-        )?;
-        let (Some(output), Some(input)) = (child.stdin.take(), child.stdout.take()) else {
-            return Err(Refusal::new(
-                "qemu-system-arm has no pipes",
-                "close other programs and try again",
-            ));
-        };
-        Link::over("qemu".to_string(), output, input, Some(child))
-    }
-
     /// Opens the link to a board of any version, which may only be looked at.
     pub fn open_any(&self, emulated: Emulated) -> Result<Link, Refusal> {
         if self.is_emulated() {
             if let Some(flash) = &self.flash_image {
                 prepare(flash)?;
             }
-            return self.emulate(emulated);
+            let files = [&self.image, &self.flash_image, &self.log].map(Option::as_deref);
+            return Link::emulate(files, emulated, Box::new(|| Ok(())));
         }
         for (option, file) in [
             ("--image", &self.image),
@@ -123,11 +106,7 @@ impl Address {
 
 /// The link to the board on a serial port.
 fn serial_link(path: &Path) -> Result<Link, Refusal> {
-    let output = serial::open(path)?;
-    let input = output
-        .try_clone()
-        .map_err(|error| Refusal::file(path, &error, "close other programs and try again"))?;
-    Link::over(path.display().to_string(), output, input, None)
+    Link::open(path, Box::new(|| Ok(())))
 }
 
 /// An erased flash where there is no file yet; a file that is no flash is refused.

@@ -2,10 +2,9 @@
 
 use kband_control::wire::{Request, Response, fold_output, write_reading};
 use kband_control::{Report, SAMPLE_RATE, Settings, Signal, StartCause};
+use kband_link::{Link, tell};
 use kband_plant::{Bench, Moment, Plant, Scene};
 
-use super::link::Link;
-use super::settings::tell;
 use crate::refusal::Refusal;
 
 /// Bytes of readings that are sent to the board at once.

@@ -1,19 +1,12 @@
-//! A board on the link: a real one on a serial port, or the emulated CPU.
+//! A board as the verbs use it; the link itself is the crate `kband-link`.
 
 mod address;
 mod clock;
 mod closed_loop;
-mod emulator;
-mod link;
 mod record;
-mod serial;
-mod settings;
-mod tether;
 
 pub use address::Address;
 pub use clock::Clock;
 pub use closed_loop::BoardLoop;
-pub use emulator::Emulated;
-pub use link::{Link, Unsolicited};
+pub use kband_link::{BoardSetting, BoardSettings, Emulated, Link, Unsolicited};
 pub use record::{Remains, Said, replay};
-pub use settings::{BoardSetting, BoardSettings};

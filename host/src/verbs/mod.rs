@@ -11,6 +11,7 @@ pub mod capture;
 pub mod cascade;
 pub mod commission;
 pub mod completions;
+pub mod design;
 pub mod diagram;
 pub mod disable;
 pub mod enable;
@@ -76,6 +77,7 @@ verbs! {
     Cascade => cascade,
     Commission => commission,
     Completions => completions,
+    Design => design,
     Diagram => diagram,
     Disable => disable,
     Enable => enable,

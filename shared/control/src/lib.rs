@@ -41,7 +41,7 @@ mod state;
 mod supervise;
 mod target;
 
-pub use aim::NoSetpoint;
+pub use aim::{NoSetpoint, drive_limits};
 #[cfg(feature = "memo")]
 pub use aim::{ChaosResult, GearPlanned, KickResult};
 pub use angle::phase_of;

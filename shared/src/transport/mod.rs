@@ -12,6 +12,7 @@
 //! | `stationary` | the exact impact mean of any hopping regime (34, corrected) |
 //! | `survey` | measuring one orbit after it has settled |
 //! | `wave_survey` | the same on several tones, with friction |
+//! | `scattered` | speed and time in gear of parts whose restitution scatters |
 //! | `interval` | distribution and correlation of the times between impacts (28 to 32) |
 //! | `inelastic` | the limit of restitution 0, a one-dimensional map (38) |
 //! | `sensitivity` | how the speed answers a change of amplitude |
@@ -22,6 +23,7 @@ mod inelastic;
 mod interval;
 pub mod locked;
 mod sample_mean;
+mod scattered;
 mod sensitivity;
 pub mod stationary;
 mod survey;
@@ -31,6 +33,7 @@ pub use conveyed::{Conveyed, Conveying};
 pub use inelastic::{Inelastic, InelasticFlight};
 pub use interval::Intervals;
 pub use sample_mean::SampleMean;
+pub use scattered::{WaveLaw, convey_from_rest};
 pub use sensitivity::Sensitivity;
 pub use survey::{Effort, Measured, Motion, Origin, measure, measure_scattered};
 pub use wave_survey::measure_on_tones;

@@ -21,6 +21,21 @@ const MAX_K_OVER_BIRTH: f64 = 1.02;
 /// Highest k of the search for any lot: from k = 1 the track throws no resting part.
 const MAX_K: f64 = 0.98;
 
+/// Limits in k of the configured drive at its configured frequency.
+pub fn drive_limits(settings: &Settings) -> GearLimits {
+    limits_at(settings, &Scale::at(settings, settings.frequency))
+}
+
+fn limits_at(settings: &Settings, scale: &Scale) -> GearLimits {
+    GearLimits {
+        displacement: scale.k(settings.amplitude_limit * 1e-3),
+        acceleration: scale.normal_gravity / settings.acceleration_limit,
+        output: scale.k(settings.output_maximum * scale.full_amplitude),
+        overtones: (Response::at(settings).upper)
+            .map(|answer| scale.full_amplitude / absolute(answer)),
+    }
+}
+
 /// The search for the k at which the lot stays in gear the longest, within the drive's reach.
 #[derive(Clone, Debug)]
 pub struct GearSearch {
@@ -57,13 +72,7 @@ impl GearSearch {
             order: u32::from(order),
             k: [reached.max((MIN_K / turns) as f32), high],
             max_tones: [settings.second_tone, settings.third_tone],
-            limits: GearLimits {
-                displacement: scale.k(settings.amplitude_limit * 1e-3),
-                acceleration: scale.normal_gravity / settings.acceleration_limit,
-                output: scale.k(settings.output_maximum * scale.full_amplitude),
-                overtones: (Response::at(settings).upper)
-                    .map(|answer| scale.full_amplitude / absolute(answer)),
-            },
+            limits: limits_at(settings, scale),
             contact,
         };
         Ok(Ok(Self {

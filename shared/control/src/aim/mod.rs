@@ -28,6 +28,7 @@ pub use chaos::ChaosResult;
 pub use chaos::ChaosSearch;
 #[cfg(not(any(test, feature = "memo")))]
 pub use gear::GearSearch;
+pub use gear::drive_limits;
 #[cfg(any(test, feature = "memo"))]
 pub use kicks::KickResult;
 pub use selection::Selection;

@@ -5,7 +5,7 @@ use std::process::Command;
 /// Has the process that `command` starts killed when the thread that starts it is gone, even where
 /// that is killed and cannot clean up.
 #[cfg(target_os = "linux")]
-pub(super) fn tether(command: &mut Command) {
+pub(crate) fn tether(command: &mut Command) {
     use rustix::process::{Signal, set_parent_process_death_signal};
     use std::os::unix::process::CommandExt;
 
@@ -16,4 +16,4 @@ pub(super) fn tether(command: &mut Command) {
 
 /// Elsewhere the process ends with its line alone.
 #[cfg(not(target_os = "linux"))]
-pub(super) fn tether(_command: &mut Command) {}
+pub(crate) fn tether(_command: &mut Command) {}

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
+use std::path::Path;
 use std::process::Child;
 use std::sync::mpsc::{Receiver as Bytes, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
@@ -12,8 +13,9 @@ use kband_control::wire::{
     SCHEMA, Telemetry, VERSION, read_answer, write_identity, write_question, write_request,
 };
 
-use super::emulator;
-use crate::refusal::Refusal;
+use kband_scene::refusal::Refusal;
+
+use crate::{Emulated, emulator, serial};
 
 /// Longest wait for an answer; an emulated board on a busy machine is far below its speed.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
@@ -31,6 +33,11 @@ pub enum Unsolicited {
     Started(String),
 }
 
+/// Asks whether to go on waiting; refuses where the wait is to end.
+pub type Ask = Box<dyn FnMut() -> Result<(), Refusal> + Send>;
+/// Time between two such questions.
+const ASK_INTERVAL: Duration = Duration::from_millis(50);
+
 /// The link to one board. An emulated board ends with it.
 pub struct Link {
     name: String,
@@ -47,15 +54,43 @@ pub struct Link {
     unreadable: u32,
     unsolicited: VecDeque<Unsolicited>,
     record: Option<Box<dyn Write + Send>>,
+    go_on: Ask,
 }
 
 impl Link {
+    /// The link to the emulated CPU, which runs `image`, keeps its settings in the file `flash`, and
+    /// writes its log into the file `log`; `go_on` is called while it waits.
+    pub fn emulate(
+        [image, flash, log]: [Option<&Path>; 3],
+        emulated: Emulated,
+        go_on: Ask,
+    ) -> Result<Self, Refusal> {
+        let mut child = emulator::start(image, emulated, flash, log)?;
+        let (Some(output), Some(input)) = (child.stdin.take(), child.stdout.take()) else {
+            return Err(Refusal::new(
+                "qemu-system-arm has no pipes",
+                "close other programs and try again",
+            ));
+        };
+        Self::over("qemu".to_string(), output, input, Some(child), go_on)
+    }
+
+    /// The link to the board on a serial port; `go_on` is called while it waits.
+    pub fn open(path: &Path, go_on: Ask) -> Result<Self, Refusal> {
+        let output = serial::open(path)?;
+        let input = output
+            .try_clone()
+            .map_err(|error| Refusal::file(path, &error, "close other programs and try again"))?;
+        Self::over(path.display().to_string(), output, input, None, go_on)
+    }
+
     /// The link over what writes to a board and what reads from it; an emulator ends with it.
-    pub(super) fn over(
+    fn over(
         name: String,
         output: impl Write + Send + 'static,
         mut input: impl Read + Send + 'static,
         emulator: Option<Child>,
+        go_on: Ask,
     ) -> Result<Self, Refusal> {
         let (send, bytes) = channel();
         // The thread ends with the link's far end, or with the program.
@@ -82,6 +117,7 @@ impl Link {
             unreadable: 0,
             unsolicited: VecDeque::new(),
             record: None,
+            go_on,
         };
         link.identify()?;
         Ok(link)
@@ -309,10 +345,8 @@ impl Link {
                     return Ok(Some(found));
                 }
             }
-            match self
-                .input
-                .recv_timeout(end.saturating_duration_since(Instant::now()))
-            {
+            let left = end.saturating_duration_since(Instant::now());
+            match self.input.recv_timeout(left.min(ASK_INTERVAL)) {
                 Ok(bytes) => {
                     self.bytes_received = self.bytes_received.saturating_add(bytes.len());
                     if let Some(record) = &mut self.record {
@@ -320,7 +354,12 @@ impl Link {
                     }
                     self.waiting.extend(bytes);
                 }
-                Err(RecvTimeoutError::Timeout) => return Ok(None),
+                Err(RecvTimeoutError::Timeout) => {
+                    (self.go_on)()?;
+                    if left <= ASK_INTERVAL {
+                        return Ok(None);
+                    }
+                }
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(Refusal::new(
                         format!("{} ended", self.name),

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use super::tether::tether;
-use crate::refusal::Refusal;
+use kband_scene::refusal::Refusal;
+
+use crate::tether::tether;
 
 /// Where the emulated image lies in a clone of the project.
 const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/virtual_feeder";
@@ -19,7 +20,7 @@ pub enum Emulated {
 }
 
 /// How the image that belongs to this desk is made.
-pub(super) const BUILD: &str = "in kband's own folder: cargo build -p kband-firmware --profile firmware \
+pub(crate) const BUILD: &str = "in kband's own folder: cargo build -p kband-firmware --profile firmware \
     --target thumbv7em-none-eabihf --bin virtual_feeder";
 
 /// Oldest QEMU whose emulated board runs the image.

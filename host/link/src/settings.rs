@@ -4,8 +4,9 @@ use kband::feeder::OutOfRange;
 use kband_control::Settings;
 use kband_control::wire::{Request, Response};
 
-use super::link::Link;
-use crate::refusal::Refusal;
+use kband_scene::refusal::Refusal;
+
+use crate::link::Link;
 
 /// A setting as the board has it.
 #[derive(Clone, Debug, PartialEq)]
@@ -168,7 +169,7 @@ fn not_together(refused: &OutOfRange, settings: &Settings) -> Refusal {
 }
 
 /// Sets each of them; those that need another one first get their turn again.
-pub(super) fn tell(link: &mut Link, mut left: Vec<(&str, f32)>) -> Result<(), Refusal> {
+pub fn tell(link: &mut Link, mut left: Vec<(&str, f32)>) -> Result<(), Refusal> {
     while !left.is_empty() {
         let mut refused = Vec::new();
         let mut why = None;

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use crate::refusal::Refusal;
+use kband_scene::refusal::Refusal;
 
 /// How names of ports begin that a board may be on: USB on Linux, USB on macOS.
 const NAMES: [&str; 4] = ["ttyACM", "ttyUSB", "cu.usbmodem", "cu.usbserial"];

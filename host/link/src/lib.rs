@@ -1,0 +1,19 @@
+//! The link to a board: on a serial port, or the emulated CPU.
+//!
+//! | module | holds |
+//! |---|---|
+//! | `tether` | a process that must not outlive this one |
+//! | [`emulator`] | the emulated CPU as a process |
+//! | [`serial`] | serial ports |
+//! | `link` | requests to a board and its answers, each with a time limit |
+//! | `settings` | the settings of a board |
+
+pub mod emulator;
+mod link;
+pub mod serial;
+mod settings;
+mod tether;
+
+pub use emulator::Emulated;
+pub use link::{Ask, Link, Unsolicited};
+pub use settings::{BoardSetting, BoardSettings, tell};

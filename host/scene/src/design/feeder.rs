@@ -1,0 +1,300 @@
+//! A feeder with the drive of a scene: springs, track and setpoint differ, the drive does not.
+
+use kband::feeder::{OutOfRange, Track};
+use kband::impact::{
+    Friction, FrictionSettings, Tangential, TangentialSettings, Tone, Wave, WaveMap,
+};
+use kband::regime::gear::{GearLimits, Tones};
+use kband::transport::WaveLaw;
+use kband_control::{Settings, Shape, Target, drive_limits};
+use kband_plant::Scene;
+
+/// A feeder and its setpoint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Feeder {
+    /// Drive frequency in Hz.
+    pub frequency: f64,
+    /// Angle of throw in degrees: between the track and its motion, 90 for a motion normal to it.
+    pub throw_angle: f64,
+    /// Phase lead of the motion along the track (symbol gamma) in degrees.
+    pub phase_lead: f64,
+    /// Incline of the track (symbol alpha) in degrees, positive where parts climb.
+    pub incline: f64,
+    /// k, normal gravity over b w^2.
+    pub k: f64,
+    /// Amplitude over the first (symbol e) and angle in rad (symbol th) of the second and third
+    /// tone.
+    pub tones: [[f64; 2]; 2],
+}
+
+impl Feeder {
+    /// The feeder of a scene at a k with tones.
+    pub(super) fn of(settings: &Settings, k: f64, tones: Tones) -> Self {
+        Self {
+            frequency: settings.frequency.into(),
+            throw_angle: f64::from(settings.amplitude_ratio)
+                .recip()
+                .atan()
+                .to_degrees(),
+            phase_lead: settings.phase_lead.into(),
+            incline: settings.incline.into(),
+            k,
+            tones: tones.map(|tone| tone.map(f64::from)),
+        }
+    }
+
+    /// Amplitude along the track over that normal to it (symbol eta).
+    pub fn amplitude_ratio(&self) -> f64 {
+        self.throw_angle.to_radians().tan().recip()
+    }
+
+    /// Amplitude normal to the track (symbol b) in mm, at a gravity in m/s^2.
+    pub fn amplitude(&self, gravity: f64) -> f64 {
+        let angular = std::f64::consts::TAU * self.frequency;
+        1e3 * gravity * self.incline.to_radians().cos() / (self.k * angular * angular)
+    }
+
+    /// The target that holds it.
+    pub(super) fn target(&self) -> Target {
+        let (k, tones) = (self.k as f32, single(self.tones));
+        if self.tones[0][0] > 0.0 {
+            let shape = Shape::of(tones);
+            return Target::Tones { k, shape };
+        }
+        Target::K(k)
+    }
+
+    /// Motion of the track.
+    pub(super) fn wave(&self) -> Result<Wave, OutOfRange> {
+        wave(self.tones)
+    }
+
+    /// Law of the parts' motion along its track.
+    pub(super) fn law(&self, scene: &Scene) -> Result<WaveLaw, OutOfRange> {
+        let track = Settings {
+            amplitude_ratio: self.amplitude_ratio() as f32,
+            phase_lead: self.phase_lead as f32,
+            incline: self.incline as f32,
+            ..scene.settings
+        };
+        law(scene, &self.wave()?, self.k, &track.track()?)
+    }
+}
+
+pub(super) fn wave(tones: [[f64; 2]; 2]) -> Result<Wave, OutOfRange> {
+    let [second, third] = tones.map(|[amplitude, angle]| Tone::new(amplitude, angle));
+    Wave::build(second, third)
+}
+
+pub(super) fn single(tones: [[f64; 2]; 2]) -> Tones {
+    tones.map(|tone| tone.map(|number| number as f32))
+}
+
+/// Law of the motion of a scene's parts along a track.
+pub(super) fn law(
+    scene: &Scene,
+    wave: &Wave,
+    k: f64,
+    track: &Track,
+) -> Result<WaveLaw, OutOfRange> {
+    Ok(match scene.friction {
+        Some([sliding, sticking]) => {
+            let settings = FrictionSettings::on(track, sticking.into(), sliding.into());
+            WaveLaw::Friction(Friction::on(wave, k, settings)?)
+        }
+        None => {
+            let kept = f64::from(scene.settings.tangential_restitution);
+            let settings = TangentialSettings::on(track, kept);
+            WaveLaw::Tangential(*wave, Tangential::build(k, settings)?)
+        }
+    })
+}
+
+/// The map of parts on a wave; their restitution is drawn at each impact.
+pub(super) fn map(wave: Wave, k: f64) -> Result<WaveMap, OutOfRange> {
+    WaveMap::on(wave, k, 0.5)
+}
+
+/// Largest displacement along any direction over that normal to the track: the larger half axis of
+/// the ellipse with the half axes 1 and eta at phase gamma.
+fn stroke(amplitude_ratio: f64, phase_lead: f64) -> f64 {
+    let square = 1.0 + amplitude_ratio * amplitude_ratio;
+    let area = 2.0 * amplitude_ratio * phase_lead.to_radians().sin();
+    (0.5 * (square + (square * square - area * area).max(0.0).sqrt())).sqrt()
+}
+
+/// The scene's settings for a feeder with the same drive.
+///
+/// Force, quality, swinging mass, and the limits of stroke and acceleration are those of the scene,
+/// along the direction of the motion. The springs are others: resonance over frequency stays.
+pub(super) fn settings_of(base: &Settings, feeder: &Feeder) -> Settings {
+    let factors = factors(base, feeder);
+    let mut settings = Settings {
+        frequency: feeder.frequency as f32,
+        incline: feeder.incline as f32,
+        amplitude_ratio: feeder.amplitude_ratio() as f32,
+        phase_lead: feeder.phase_lead as f32,
+        resonance: base.resonance * factors.frequency,
+        gain: base.gain * factors.gain,
+        second_gain: base.second_gain * factors.gain,
+        third_gain: base.third_gain * factors.gain,
+        amplitude_limit: base.amplitude_limit * factors.limit,
+        acceleration_limit: base.acceleration_limit * factors.limit,
+        second_tone: feeder.tones[0][0] as f32,
+        third_tone: feeder.tones[1][0] as f32,
+        tracking: base.tracking * factors.frequency,
+        // Its calibration belongs to the scene's frequency.
+        current_gain: 0.0,
+        ..*base
+    };
+    settings.safe_amplitude = (base.safe_amplitude).min(0.5 * settings.largest_safe_amplitude());
+    settings
+}
+
+/// Factors on the settings of a scene's drive.
+struct Factors {
+    frequency: f32,
+    /// On amplitudes normal to the track at full output: the force makes a stroke that falls like
+    /// the frequency squared.
+    gain: f32,
+    /// On the limits of amplitude and acceleration normal to the track.
+    limit: f32,
+}
+
+fn factors(base: &Settings, feeder: &Feeder) -> Factors {
+    let frequency = feeder.frequency / f64::from(base.frequency);
+    let limit = stroke(base.amplitude_ratio.into(), base.phase_lead.into())
+        / stroke(feeder.amplitude_ratio(), feeder.phase_lead);
+    Factors {
+        frequency: frequency as f32,
+        gain: (limit / (frequency * frequency)) as f32,
+        limit: limit as f32,
+    }
+}
+
+/// The scene of a feeder with the same drive, at its setpoint.
+pub(super) fn scene_of(base: &Scene, feeder: &Feeder) -> Scene {
+    let mut scene = base.clone();
+    scene.settings = settings_of(&base.settings, feeder);
+    scene.target = feeder.target();
+    let Factors {
+        frequency, gain, ..
+    } = factors(&base.settings, feeder);
+    let drive = &mut scene.drive;
+    drive.resonance *= frequency;
+    drive.gain *= gain;
+    drive.second_gain *= gain;
+    drive.third_gain *= gain;
+    drive.current_gain *= gain;
+    scene
+}
+
+/// The limit of the scene's drive that a feeder reaches within 2 %, if any.
+pub(super) fn limit_reached(base: &Settings, feeder: &Feeder) -> Option<&'static str> {
+    let limits = drive_limits(&settings_of(base, feeder));
+    let none = GearLimits::NONE;
+    let alone = [
+        (
+            "stroke",
+            GearLimits {
+                displacement: limits.displacement,
+                ..none
+            },
+        ),
+        (
+            "acceleration",
+            GearLimits {
+                acceleration: limits.acceleration,
+                ..none
+            },
+        ),
+        (
+            "force",
+            GearLimits {
+                output: limits.output,
+                overtones: limits.overtones,
+                ..none
+            },
+        ),
+    ];
+    let reached =
+        |limits: &GearLimits| feeder.k < 1.02 * f64::from(limits.min_k(single(feeder.tones)));
+    alone
+        .iter()
+        .find(|(_, limits)| reached(limits))
+        .map(|(name, _)| *name)
+}
+
+/// Lowest k of a feeder within the limits of the scene's drive; infinite where its settings are
+/// out of range.
+pub(super) fn lowest_k(base: &Settings, feeder: &Feeder) -> f64 {
+    let settings = settings_of(base, feeder);
+    if settings.check().is_err() {
+        return f64::INFINITY;
+    }
+    drive_limits(&settings).min_k(single(feeder.tones)).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use kband_control::Controller;
+    use kband_control::StartCause;
+
+    use super::*;
+
+    #[test]
+    fn the_same_drive_keeps_its_force_stroke_and_acceleration() {
+        let base = Settings {
+            resonance: 52.0,
+            ..Settings::default()
+        };
+        let tones = [[0.0; 2]; 2];
+        let same = settings_of(&base, &Feeder::of(&base, 0.4, tones));
+        assert!((same.gain / base.gain - 1.0).abs() < 1e-6, "{same:?}");
+        let feeder = Feeder {
+            frequency: 25.0,
+            throw_angle: 20.0,
+            ..Feeder::of(&base, 0.4, tones)
+        };
+        let other = settings_of(&base, &feeder);
+        let along = |settings: &Settings| settings.amplitude_ratio.hypot(1.0);
+        let stroke = |settings: &Settings| settings.amplitude_limit * along(settings);
+        let push = |settings: &Settings| settings.acceleration_limit * along(settings);
+        // Force over mass: gain w0^2 / Q.
+        let force =
+            |settings: &Settings| settings.gain * along(settings) * settings.resonance.powi(2);
+        let all: [&dyn Fn(&Settings) -> f32; 3] = [&stroke, &push, &force];
+        for of in all {
+            assert!((of(&other) / of(&base) - 1.0).abs() < 1e-5, "{other:?}");
+        }
+        // Motion on a circle has a stroke of b in every direction.
+        assert!((super::stroke(1.0, 90.0) - 1.0).abs() < 1e-12);
+        assert!((super::stroke(1.0, 0.0) - 2.0_f64.sqrt()).abs() < 1e-12);
+    }
+
+    /// The limit is that of the controller: above it the setpoint is within reach, below it is not.
+    #[test]
+    fn the_lowest_k_is_that_of_the_controllers_reach() {
+        let base = Settings {
+            amplitude_limit: 0.4,
+            ..Settings::default()
+        };
+        for (frequency, throw_angle) in [(30.0, 25.0), (50.0, 40.0), (90.0, 60.0)] {
+            let feeder = Feeder {
+                frequency,
+                throw_angle,
+                ..Feeder::of(&base, 0.4, [[0.0; 2]; 2])
+            };
+            let lowest = lowest_k(&base, &feeder);
+            let settings = settings_of(&base, &feeder);
+            let target = feeder.target();
+            let controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+            let reach = f64::from(controller.k(controller.reach()));
+            // The peaks are upper bounds, within 0.0012 of a sine's.
+            assert!(
+                (0.0..2e-3).contains(&(lowest / reach - 1.0)),
+                "{lowest} {reach}"
+            );
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! Share in gear and conveying speed on a grid, and between its nodes.
+//!
+//! The share depends on k and the tones, for one lot. The speed in `b w` also depends on eta,
+//! the phase lead and the incline. Each node is simulated once for all of these.
+
+use kband::feeder::{OutOfRange, Track, TrackSettings};
+use kband::impact::Scatter;
+use kband::transport::{WaveLaw, convey_from_rest};
+use kband_plant::Scene;
+
+use super::Workers;
+use super::feeder::{law, map, wave};
+use crate::refusal::Refusal;
+
+/// Evenly spaced values of one coordinate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Axis {
+    pub low: f64,
+    pub high: f64,
+    pub count: usize,
+}
+
+impl Axis {
+    /// `count` values, or one where the ends are the same.
+    pub fn new([low, high]: [f64; 2], count: usize) -> Self {
+        let count = if low < high { count } else { 1 };
+        Self { low, high, count }
+    }
+
+    fn value(&self, n: usize) -> f64 {
+        self.low + (self.high - self.low) * n as f64 / (self.count.max(2) - 1) as f64
+    }
+
+    /// The node below a value, and the part of the way to the next one; beyond the ends the end.
+    fn place(&self, value: f64) -> (usize, f64) {
+        if self.count < 2 {
+            return (0, 0.0);
+        }
+        let steps = (self.count - 1) as f64;
+        let way = ((value - self.low) / (self.high - self.low) * steps).clamp(0.0, steps);
+        let node = (way as usize).min(self.count - 2);
+        (node, way - node as f64)
+    }
+}
+
+/// Parts of a lot whose restitution scatters.
+#[derive(Clone, Debug)]
+pub(super) struct Lot {
+    /// Mean restitution of each part.
+    pub restitutions: Vec<f64>,
+    /// Standard deviation from impact to impact.
+    pub scatter: f64,
+    pub seed: u64,
+}
+
+/// Drive periods of a run; the last three quarters count.
+pub(super) const PERIODS: f64 = 250.0;
+
+impl Lot {
+    /// Runs of one part in the numbers `runs`, each with a seed of its own: points are compared
+    /// under the same draws.
+    pub fn draws(
+        &self,
+        part: usize,
+        runs: std::ops::Range<u64>,
+        shift: f64,
+    ) -> Result<Vec<Scatter>, OutOfRange> {
+        let mean = (self.restitutions[part] + shift).clamp(0.0, 1.0);
+        runs.map(|run| {
+            let seed = self.seed.rotate_left(20) ^ (part as u64) << 40 ^ run;
+            Scatter::build(mean, self.scatter, seed)
+        })
+        .collect()
+    }
+}
+
+/// Axes of the table: k, e, th, e3; eta, phase lead in degrees, tangent of the incline.
+pub(super) type Axes = [Axis; 7];
+/// Axes on which the share depends.
+const SHARED: usize = 4;
+
+/// Runs of each part at a node; fewer where many laws are followed.
+const RUNS: [u64; 2] = [12, 4];
+const MANY_LAWS: usize = 10;
+
+/// The angle of the third tone in rad, at which a random search found its best
+/// (docs/theory-real-parts.md#t10.3).
+pub(super) const THIRD_TONE_ANGLE: f64 = 5.3;
+
+/// Shares and speeds at the nodes, the last axis fastest.
+pub(super) struct Table {
+    pub axes: Axes,
+    shares: Vec<f32>,
+    speeds: Vec<f32>,
+}
+
+impl Table {
+    pub fn compute(
+        scene: &Scene,
+        lot: &Lot,
+        axes: Axes,
+        workers: &impl Workers,
+    ) -> Result<Self, Refusal> {
+        let [k, e, th, e3, ..] = axes;
+        let counts = axes.map(|axis| axis.count);
+        let of_share: usize = counts[..SHARED].iter().product();
+        let of_speed: usize = counts[SHARED..].iter().product();
+        let runs = RUNS[usize::from(of_speed > MANY_LAWS)];
+        let nodes = workers.map("table", of_share, |n, go_on| {
+            let mut rest = n;
+            let mut next = |axis: &Axis| {
+                let value = axis.value(rest % axis.count);
+                rest /= axis.count;
+                value
+            };
+            let e3 = next(&e3);
+            let th = next(&th);
+            let e = next(&e);
+            let k = next(&k);
+            let wave = wave([[e, th], [e3, THIRD_TONE_ANGLE]])?;
+            let laws = laws(scene, &axes, |track| law(scene, &wave, k, track))?;
+            let map = map(wave, k)?;
+            let (mut share, mut speeds) = (0.0, vec![0.0; laws.len()]);
+            let weight = 1.0 / (lot.restitutions.len() as f64 * runs as f64);
+            for part in 0..lot.restitutions.len() {
+                go_on()?;
+                let draws = lot.draws(part, 0..runs, 0.0)?;
+                convey_from_rest(&map, &laws, &draws, 1, PERIODS, |_, of_run, ways| {
+                    share += weight * of_run.share();
+                    for (sum, speed) in speeds.iter_mut().zip(ways) {
+                        *sum += weight * speed;
+                    }
+                })?;
+            }
+            Ok((share as f32, speeds))
+        })?;
+        let mut table = Self {
+            axes,
+            shares: Vec::with_capacity(of_share),
+            speeds: Vec::with_capacity(of_share * of_speed),
+        };
+        for (share, speeds) in nodes {
+            table.shares.push(share);
+            table
+                .speeds
+                .extend(speeds.iter().map(|speed| *speed as f32));
+        }
+        Ok(table)
+    }
+
+    /// Share in gear and speed in `b w` at a point, by multilinear interpolation.
+    pub fn at(&self, point: [f64; 7]) -> (f64, f64) {
+        let mut corners = [(0_usize, 1.0); 1 << 7];
+        let mut used = 1;
+        let mut shared = 0.0;
+        for (n, (axis, value)) in self.axes.iter().zip(point).enumerate() {
+            let (node, part) = axis.place(value);
+            for corner in &mut corners[..used] {
+                corner.0 = corner.0 * axis.count + node;
+            }
+            if axis.count > 1 && part > 0.0 {
+                for corner in 0..used {
+                    let (index, weight) = corners[corner];
+                    corners[corner].1 = weight * (1.0 - part);
+                    corners[used + corner] = (index + 1, weight * part);
+                }
+                used *= 2;
+            }
+            if n + 1 == SHARED {
+                let parts = corners[..used].iter();
+                shared = parts
+                    .map(|(index, weight)| weight * f64::from(self.shares[*index]))
+                    .sum();
+            }
+        }
+        let parts = corners[..used].iter();
+        let speed = parts.map(|(index, weight)| weight * f64::from(self.speeds[*index]));
+        (shared, speed.sum())
+    }
+}
+
+/// The laws of every node of the last axes.
+fn laws(
+    scene: &Scene,
+    axes: &Axes,
+    law: impl Fn(&Track) -> Result<WaveLaw, OutOfRange>,
+) -> Result<Vec<WaveLaw>, OutOfRange> {
+    let [.., ratio, lead, tangent] = axes;
+    let mut laws = Vec::new();
+    for n in 0..ratio.count {
+        for m in 0..lead.count {
+            for i in 0..tangent.count {
+                laws.push(law(&Track::build(TrackSettings {
+                    frequency: scene.settings.frequency.into(),
+                    incline: tangent.value(i).atan().to_degrees(),
+                    amplitude_ratio: ratio.value(n),
+                    phase_lead: lead.value(m),
+                    gravity: scene.settings.gravity.into(),
+                })?)?);
+            }
+        }
+    }
+    Ok(laws)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Multilinear interpolation reproduces a multilinear function, and holds it beyond the ends.
+    #[test]
+    fn a_multilinear_function_is_reproduced() {
+        let axes = [
+            Axis::new([0.2, 0.5], 4),
+            Axis::new([0.0, 0.15], 3),
+            Axis::new([1.9, 3.1], 3),
+            Axis::new([0.0, 0.0], 3),
+            Axis::new([1.0, 2.5], 2),
+            Axis::new([30.0, 30.0], 5),
+            Axis::new([-0.1, 0.1], 2),
+        ];
+        let share = |p: &[f64]| 0.3 + p[0] - 2.0 * p[0] * p[1] + 0.1 * p[2] * p[0];
+        let speed = |p: &[f64]| share(p) * p[4] - p[6] * p[1];
+        let mut table = Table {
+            axes,
+            shares: Vec::new(),
+            speeds: Vec::new(),
+        };
+        let counts = axes.map(|axis| axis.count);
+        let all: usize = counts.iter().product();
+        for n in 0..all {
+            let mut rest = n;
+            let mut point = [0.0; 7];
+            for (axis, value) in axes.iter().zip(&mut point).rev() {
+                *value = axis.value(rest % axis.count);
+                rest /= axis.count;
+            }
+            if n % counts[SHARED..].iter().product::<usize>() == 0 {
+                table.shares.push(share(&point) as f32);
+            }
+            table.speeds.push(speed(&point) as f32);
+        }
+        let point = [0.33, 0.11, 2.2, 0.0, 1.3, 30.0, 0.02];
+        let (of_share, of_speed) = table.at(point);
+        assert!((of_share - share(&point)).abs() < 1e-6, "{of_share}");
+        assert!((of_speed - speed(&point)).abs() < 1e-6, "{of_speed}");
+        let beyond = [0.6, 0.2, 4.0, 0.0, 3.0, 30.0, 0.3];
+        let end = [0.5, 0.15, 3.1, 0.0, 2.5, 30.0, 0.1];
+        assert_eq!(table.at(beyond), table.at(end));
+    }
+}

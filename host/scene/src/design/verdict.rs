@@ -1,0 +1,204 @@
+//! What a feeder does: by simulated parts on its map, and in the closed loop.
+
+use kband::feeder::OutOfRange;
+use kband::transport::convey_from_rest;
+use kband_plant::Parts;
+
+use super::Workers;
+use super::feeder::{Feeder, map, scene_of};
+use super::table::{Lot, PERIODS};
+use crate::engine::Fidelity;
+use crate::outcome::Outcome;
+use crate::record::Watch;
+use crate::refusal::Refusal;
+use crate::scene::SceneFile;
+
+/// Share in gear and speed of a lot.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Conveyed {
+    /// Share of time in gear, mean over the parts, 0..=1.
+    pub share: f64,
+    /// Mean conveying speed in mm/s, positive upwards.
+    pub speed: f64,
+}
+
+/// Changes of ln(parts a minute) and of the share in gear.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sensitivity {
+    /// For one percent more amplitude b.
+    pub amplitude: [f64; 2],
+    /// For one percent more frequency at the same b.
+    pub frequency: [f64; 2],
+    /// For a restitution larger by 0.01.
+    pub restitution: [f64; 2],
+}
+
+/// Runs of each part: of the whole front, and of the feeders that are shown. None is a run of the
+/// table, whose best nodes are too good.
+pub(super) const FRONT_RUNS: std::ops::Range<u64> = 1000..1032;
+const VERDICT_RUNS: std::ops::Range<u64> = 2000..2064;
+
+/// A feeder that differs a little: b and frequency by a factor, restitution by a shift.
+#[derive(Clone, Copy)]
+pub(super) struct Variation {
+    amplitude: f64,
+    frequency: f64,
+    restitution: f64,
+}
+
+pub(super) const AS_IT_IS: Variation = Variation {
+    amplitude: 1.0,
+    frequency: 1.0,
+    restitution: 0.0,
+};
+
+/// Relative step of a derivative by b and by frequency, and step of one by restitution.
+const RELATIVE_STEP: f64 = 0.02;
+const RESTITUTION_STEP: f64 = 0.01;
+
+fn variations() -> [Variation; 7] {
+    let mut all = [AS_IT_IS; 7];
+    for (n, sign) in [-1.0, 1.0].into_iter().enumerate() {
+        all[1 + n].amplitude += sign * RELATIVE_STEP;
+        all[3 + n].frequency += sign * RELATIVE_STEP;
+        all[5 + n].restitution += sign * RESTITUTION_STEP;
+    }
+    all
+}
+
+impl Variation {
+    fn of(&self, feeder: &Feeder) -> Feeder {
+        Feeder {
+            frequency: feeder.frequency * self.frequency,
+            k: feeder.k / (self.amplitude * self.frequency * self.frequency),
+            ..*feeder
+        }
+    }
+}
+
+/// Share and speed of one part of the lot over some runs.
+fn part(
+    file: &SceneFile,
+    lot: &Lot,
+    feeder: &Feeder,
+    number: usize,
+    runs: std::ops::Range<u64>,
+    shift: f64,
+) -> Result<Conveyed, OutOfRange> {
+    let weight = 1.0 / (runs.end - runs.start) as f64;
+    let draws = lot.draws(number, runs, shift)?;
+    let map = map(feeder.wave()?, feeder.k)?;
+    let unit = feeder.amplitude(file.scene.settings.gravity.into())
+        * std::f64::consts::TAU
+        * feeder.frequency;
+    let mut sum = Conveyed::default();
+    let laws = [feeder.law(&file.scene)?];
+    convey_from_rest(&map, &laws, &draws, 1, PERIODS, |_, share, speeds| {
+        sum.share += weight * share.share();
+        sum.speed += weight * unit * speeds[0];
+    })?;
+    Ok(sum)
+}
+
+/// Share and speed of each feeder with each variation, mean over the parts.
+pub(super) fn simulate(
+    file: &SceneFile,
+    lot: &Lot,
+    feeders: &[Feeder],
+    variations: &[Variation],
+    runs: std::ops::Range<u64>,
+    workers: &impl Workers,
+) -> Result<Vec<Conveyed>, Refusal> {
+    let parts = lot.restitutions.len();
+    let all = workers.map(
+        "front",
+        feeders.len() * variations.len() * parts,
+        |n, go_on| {
+            go_on()?;
+            let (point, number) = (n / parts, n % parts);
+            let variation = variations[point % variations.len()];
+            let feeder = variation.of(&feeders[point / variations.len()]);
+            let runs = runs.clone();
+            Ok(part(
+                file,
+                lot,
+                &feeder,
+                number,
+                runs,
+                variation.restitution,
+            )?)
+        },
+    )?;
+    let mean = |parts: &[Conveyed]| {
+        let weight = 1.0 / parts.len() as f64;
+        parts.iter().fold(Conveyed::default(), |sum, of| Conveyed {
+            share: sum.share + weight * of.share,
+            speed: sum.speed + weight * of.speed,
+        })
+    };
+    Ok(all.chunks(parts).map(mean).collect())
+}
+
+/// Share and speed of each feeder, and their derivatives, by central differences under the same
+/// draws.
+pub(super) fn judge(
+    file: &SceneFile,
+    lot: &Lot,
+    feeders: &[Feeder],
+    workers: &impl Workers,
+) -> Result<Vec<(Conveyed, Sensitivity)>, Refusal> {
+    let variations = variations();
+    let all = simulate(file, lot, feeders, &variations, VERDICT_RUNS, workers)?;
+    let judged = all.chunks(variations.len()).map(|of| {
+        let by = |n: usize, steps: f64| {
+            let (less, more) = (of[n], of[n + 1]);
+            [
+                (more.speed / less.speed).ln() / (2.0 * steps),
+                (more.share - less.share) / (2.0 * steps),
+            ]
+        };
+        let percent = 100.0 * RELATIVE_STEP;
+        let sensitivity = Sensitivity {
+            amplitude: by(1, percent),
+            frequency: by(3, percent),
+            restitution: by(5, 1.0),
+        };
+        (of[0], sensitivity)
+    });
+    Ok(judged.collect())
+}
+
+/// Duration of a run in the closed loop in s; from 5 s on it counts.
+const DURATION: f64 = 30.0;
+
+/// The run of a feeder in the closed loop with the parts of the lot; of the scene's own feeder with
+/// its own target where none is given.
+pub(super) fn close(
+    file: &SceneFile,
+    lot: &Lot,
+    feeder: Option<&Feeder>,
+    go_on: &dyn Fn() -> Result<(), Refusal>,
+) -> Result<Outcome, Refusal> {
+    let mut run = file.clone();
+    if let Some(feeder) = feeder {
+        run.scene = scene_of(&file.scene, feeder);
+    }
+    let of_each = |value: f32| lot.restitutions.iter().map(|_| value).collect::<Parts>();
+    let scene = &mut run.scene;
+    scene.parts = lot.restitutions.iter().map(|r| *r as f32).collect();
+    scene.scatter = of_each(lot.scatter as f32);
+    scene.masses = of_each(scene.masses.first().copied().unwrap_or(0.0));
+    scene.waiting = 0;
+    scene.disturbances.clear();
+    (run.duration, run.distribution, run.expectation) = (DURATION, None, None);
+    Outcome::run(&run, Fidelity::Envelope, Watch::default(), &mut |_| go_on())
+}
+
+/// Share and speed of a run; none where the drive did not run.
+pub(super) fn closed(outcome: &Outcome) -> Option<Conveyed> {
+    let (share, speed) = (outcome.in_gear()?, outcome.record().speed()?);
+    outcome.k().is_finite().then_some(Conveyed {
+        share,
+        speed: 1e3 * speed,
+    })
+}

@@ -1,0 +1,377 @@
+//! `kband design`: feeders with the drive of a scene, by parts a minute and share in gear.
+
+use std::path::PathBuf;
+
+use kband_scene::design::{Ask, Conveyed, Design, Designed, Feeder, Ranges, Workers};
+use serde_json::json;
+
+use crate::arguments::{self, Drawn, Printed};
+use crate::desk::Desk;
+use crate::file;
+use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::provenance;
+use crate::refusal::{Exit, Refusal};
+use crate::report::{Printout, Value, fields, number};
+use crate::simulate::{DEFAULT, SceneFile, at_line, scene_table, schema};
+
+/// Feeders with the drive of a scene: parts a minute against share in gear.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband design my.toml
+  kband design my.toml --frequency 30..120 --throw-angle 20..35 --out design.svg
+  kband design my.toml --incline 0..3 --largest-second-tone 0.15 --format json
+
+Force, quality, swinging mass, stroke and acceleration are those of the scene's drive, along the direction of the \
+motion; the springs are tuned to each frequency. Each row is a feeder of the Pareto front: no other one has both more parts a minute \
+and a larger share in gear. Share and parts a minute are those of simulated parts of the lot; beside them those of a run in \
+the closed loop. With the table the front is drawn into kband-design.svg where --out names no file.")]
+pub struct Arguments {
+    /// Scene file (TOML), `-` for standard input; without one, the default scene.
+    #[arg(value_name = "SCENE.toml")]
+    scene: Option<PathBuf>,
+
+    /// Drive frequency in Hz [default: half to twice the scene's].
+    #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(5.0, 500.0, "Hz"))]
+    frequency: Option<[f64; 2]>,
+
+    /// Amplitude normal to the track in mm [default: all that the drive makes].
+    #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(0.0, 100.0, "mm"))]
+    amplitude: Option<[f64; 2]>,
+
+    /// Angle between the track and its motion in degrees [default: 20..45].
+    #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(5.0, 90.0, "degrees"))]
+    throw_angle: Option<[f64; 2]>,
+
+    /// Phase lead of the motion along the track in degrees [default: the scene's].
+    #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(-180.0, 180.0, "degrees"))]
+    phase_lead: Option<[f64; 2]>,
+
+    /// Incline of the track in degrees, positive where parts climb [default: the scene's].
+    #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(-60.0, 60.0, "degrees"))]
+    incline: Option<[f64; 2]>,
+
+    /// Largest second tone, over the first [default: drive.second_tone of the scene].
+    #[arg(long, value_name = "E", value_parser = arguments::within(0.0, 0.5, ""))]
+    largest_second_tone: Option<f64>,
+
+    /// Largest third tone [default: drive.third_tone of the scene].
+    #[arg(long, value_name = "E3", value_parser = arguments::within(0.0, 0.5, ""))]
+    largest_third_tone: Option<f64>,
+
+    /// Smallest share in gear of the front; below the default the board does not report READY.
+    #[arg(long, value_name = "S", default_value = "0.65", value_parser = arguments::within(0.0, 1.0, ""))]
+    least_share: f64,
+
+    /// Candidates.
+    #[arg(long, value_name = "N", default_value = "1000000", value_parser = arguments::count(1000, 100_000_000))]
+    candidates: usize,
+
+    /// Feeders of the front that are run in the closed loop.
+    #[arg(long, value_name = "N", default_value = "10", value_parser = arguments::count(1, 100))]
+    checked: usize,
+
+    /// Seed of candidates and scatter: the same seed gives the same bits, on any number of threads.
+    #[arg(long, value_name = "N", default_value = "1", value_parser = arguments::seed)]
+    seed: u64,
+
+    #[command(flatten)]
+    printed: Printed,
+
+    #[command(flatten)]
+    drawn: Drawn,
+}
+
+impl Arguments {
+    fn ranges(&self, file: &SceneFile) -> Ranges {
+        let scene = Ranges::of(file);
+        let [second, third] = scene.tones;
+        Ranges {
+            frequency: self.frequency.unwrap_or(scene.frequency),
+            amplitude: self.amplitude.unwrap_or(scene.amplitude),
+            throw_angle: self.throw_angle.unwrap_or(scene.throw_angle),
+            phase_lead: self.phase_lead.unwrap_or(scene.phase_lead),
+            incline: self.incline.unwrap_or(scene.incline),
+            tones: [
+                self.largest_second_tone.unwrap_or(second),
+                self.largest_third_tone.unwrap_or(third),
+            ],
+            candidates: self.candidates,
+            least_share: self.least_share,
+            checked: self.checked,
+            seed: self.seed,
+        }
+    }
+}
+
+impl Workers for Desk {
+    fn map<T: Send + Sync>(
+        &self,
+        title: &str,
+        count: usize,
+        work: impl Fn(usize, Ask<'_>) -> Result<T, Refusal> + Sync + Send,
+    ) -> Result<Vec<T>, Refusal> {
+        self.try_map(title, count, |n| work(n, &|| self.go_on()))
+    }
+}
+
+/// Searches, prints and draws.
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let output = arguments
+        .drawn
+        .output_or("kband-design.svg", arguments.printed.format)?;
+    let file = match &arguments.scene {
+        Some(path) => {
+            let name = path.display().to_string();
+            let text = file::read_text(path)?;
+            read(&text).map_err(|refusal| at_line(refusal, &text).at(&name))?
+        }
+        None => read(DEFAULT)?,
+    };
+    let design = Design::search(&file, &arguments.ranges(&file), desk)?;
+    let shown = Shown {
+        gravity: file.scene.settings.gravity.into(),
+        part_length: file.part_length,
+    };
+    let report = report(&shown, &file, &design)?;
+    report.print(arguments.printed.format)?;
+    output.write(&report, || picture(&shown, &design))?;
+    Ok(Exit::Done)
+}
+
+fn read(text: &str) -> Result<SceneFile, Refusal> {
+    let table = scene_table(text)?;
+    provenance::scene(&table, |section, key| schema::unit(section, key).into());
+    SceneFile::from_table(table)
+}
+
+/// What turns feeders and speeds into what is shown.
+struct Shown {
+    gravity: f64,
+    part_length: f64,
+}
+
+impl Shown {
+    /// Parts a minute that lie end to end.
+    fn rate(&self, of: Conveyed) -> f64 {
+        60.0 * of.speed / self.part_length
+    }
+
+    fn amplitude(&self, feeder: &Feeder) -> f64 {
+        feeder.amplitude(self.gravity)
+    }
+
+    /// Frequency, amplitude and angle of a feeder in words.
+    fn words(&self, feeder: &Feeder) -> String {
+        format!(
+            "{} Hz, b = {} mm, angle of throw {} degrees",
+            number(feeder.frequency, 3),
+            number(self.amplitude(feeder), 3),
+            number(feeder.throw_angle, 3)
+        )
+    }
+}
+
+/// A derivative to two digits.
+fn change(value: f64) -> Value {
+    if value.is_finite() {
+        value.into()
+    } else {
+        Value::Missing
+    }
+}
+
+fields! {
+    fn designed(of: Designed, shown: Shown) {
+        all FREQUENCY.titled("Hz").digits(3) => of.feeder.frequency;
+        all B.digits(3) => shown.amplitude(&of.feeder);
+        all THROW_ANGLE.titled("throw (deg)").digits(3) => of.feeder.throw_angle;
+        all PHASE_LEAD.titled("lead (deg)").digits(3) => of.feeder.phase_lead;
+        all INCLINE.titled("incline (deg)").digits(3) => of.feeder.incline;
+        all K.digits(3) => of.feeder.k;
+        all E.titled("e").digits(2) => of.feeder.tones[0][0];
+        all TH.titled("th").digits(3) => of.feeder.tones[0][1];
+        all E3.titled("e3").digits(2) => of.feeder.tones[1][0];
+        data TH3 => of.feeder.tones[1][1];
+        all IN_GEAR.titled("in gear").digits(3) => of.simulated.share;
+        all PARTS_A_MINUTE.titled("parts/min").digits(4) => shown.rate(of.simulated);
+        data SPEED => of.simulated.speed;
+        all IN_GEAR_CLOSED_LOOP.titled("in gear, closed loop").digits(3) => of.closed.map(|closed| closed.share);
+        all PARTS_A_MINUTE_CLOSED_LOOP.titled("parts/min, closed loop").digits(4) => of.closed.map(|closed| shown.rate(closed));
+        all PARTS_BY_B.titled("% parts by 1 % b").digits(2) => change(100.0 * of.sensitivity.amplitude[0]);
+        all IN_GEAR_BY_B.titled("in gear by 1 % b").digits(2) => change(of.sensitivity.amplitude[1]);
+        all PARTS_BY_FREQUENCY.titled("% parts by 1 % Hz").digits(2) => change(100.0 * of.sensitivity.frequency[0]);
+        all IN_GEAR_BY_FREQUENCY.titled("in gear by 1 % Hz").digits(2) => change(of.sensitivity.frequency[1]);
+        all PARTS_BY_RESTITUTION.titled("% parts by 0.01 R").digits(2) => change(100.0 * of.sensitivity.restitution[0]);
+        all IN_GEAR_BY_RESTITUTION.titled("in gear by 0.01 R").digits(2) => change(of.sensitivity.restitution[1]);
+    }
+}
+
+/// What the front changes for the scene's own feeder.
+fn comparison(shown: &Shown, design: &Design) -> Option<String> {
+    let today = design.today?;
+    let closed = today.closed?;
+    let now = format!(
+        "Your feeder at {} Hz: {:.0} parts a minute at share {} in gear ({}).",
+        number(today.feeder.frequency, 3),
+        shown.rate(closed),
+        number(closed.share, 3),
+        shown.words(&today.feeder)
+    );
+    let better = design.better().and_then(|best| Some((best, best.closed?)));
+    let then = match better {
+        Some((best, run)) if run.speed > closed.speed => format!(
+            "With the same drive, and a share at most 0.01 below: {:.0} parts a minute at share {} ({}), {:+.0} %.",
+            shown.rate(run),
+            number(run.share, 3),
+            shown.words(&best.feeder),
+            100.0 * (run.speed / closed.speed - 1.0)
+        ),
+        _ => "No feeder of the front with the same drive has more parts a minute at this share."
+            .into(),
+    };
+    Some(format!("{now} {then}"))
+}
+
+fn report(shown: &Shown, file: &SceneFile, design: &Design) -> Result<Printout, Refusal> {
+    let view = || {
+        let mut view = designed(shown);
+        let tones = |n: usize| design.best.iter().any(|of| of.feeder.tones[n][0] > 0.0);
+        use crate::report::columns::{E, E3, INCLINE, PHASE_LEAD, TH};
+        let varies = |of: fn(&Feeder) -> f64| {
+            design
+                .best
+                .iter()
+                .any(|best| of(&best.feeder) != of(&design.best[0].feeder))
+        };
+        if !tones(0) {
+            view = view.without(E).without(TH);
+        }
+        if !tones(1) {
+            view = view.without(E3);
+        }
+        if !varies(|feeder| feeder.phase_lead) {
+            view = view.without(PHASE_LEAD);
+        }
+        if !varies(|feeder| feeder.incline) {
+            view = view.without(INCLINE);
+        }
+        view
+    };
+    let all = designed(shown);
+    let error = &design.error;
+    let rows = |best: &[Designed]| best.iter().map(|of| all.object(of)).collect::<Vec<_>>();
+    let front = design.front.iter().map(|(feeder, simulated)| {
+        json!({
+            "frequency": feeder.frequency,
+            "b": shown.amplitude(feeder),
+            "throw_angle": feeder.throw_angle,
+            "k": feeder.k,
+            "in_gear": simulated.share,
+            "parts_a_minute": shown.rate(*simulated),
+        })
+    });
+    let document = json!({
+        "candidates": design.tried,
+        "within_limits": design.within,
+        "today": design.today.map(|today| all.object(&today)),
+        "held_by": design.held_by,
+        "rows": rows(&design.best),
+        "front": front.collect::<Vec<_>>(),
+        "table_error": {
+            "in_gear_rms": error.share_rms,
+            "in_gear_max": error.share_max,
+            "speed_rms": error.speed_rms,
+            "speed_max": error.speed_max,
+        },
+    });
+    let settings = &file.scene.settings;
+    let mut report = view()
+        .printout(&design.best)
+        .folded()
+        .heading(format!(
+            "Feeders with the same drive: R = {}..{}, scatter {}, parts of {} mm; {} of {} candidates are within its limits",
+            settings.restitution_low,
+            settings.restitution_high,
+            settings.scatter,
+            shown.part_length,
+            design.within,
+            design.tried
+        ))
+        .csv(&all.columns(), {
+            let rows: Vec<_> = design.best.iter().map(|of| all.row(of)).collect();
+            move |out| rows.iter().try_for_each(|row| out.row(row))
+        });
+    report = match comparison(shown, design) {
+        Some(words) => report.note(words),
+        None => report.note("The scene's own feeder does not run: kband simulate says why."),
+    };
+    if !design.held_by.is_empty() {
+        let held = design.held_by.join(", ");
+        report = report.note(format!("Most of these feeders are held by: {held}."));
+    }
+    report
+        .note(format!(
+            "The search took shares and speeds from a table. Its front differs from simulated parts by {} rms, at most {}, in \
+             share and {} % rms, at most {} %, in speed; the rows are simulated parts.",
+            number(error.share_rms, 2),
+            number(error.share_max, 2),
+            number(100.0 * error.speed_rms, 2),
+            number(100.0 * error.speed_max, 2)
+        ))
+        .json(&document)
+}
+
+fn picture(shown: &Shown, design: &Design) -> Picture {
+    let simulated = |of: &Conveyed| (of.share, shown.rate(*of));
+    let front: Vec<(f64, f64)> = design.front.iter().map(|(_, of)| simulated(of)).collect();
+    let runs = |all: &[Designed]| -> Vec<(f64, f64)> {
+        let closed = all.iter().filter_map(|of| of.closed);
+        closed.map(|of| simulated(&of)).collect()
+    };
+    let closed = runs(&design.best);
+    let today = runs(design.today.as_slice());
+    let all: Vec<(f64, f64)> = [&front[..], &closed, &today].concat();
+    let share = || {
+        Axis::around(
+            "share of time in gear",
+            Unit::NONE,
+            all.iter().map(|at| at.0),
+        )
+    };
+    let rate = Axis::around(
+        "parts a minute",
+        Unit::new("1/min"),
+        all.iter().map(|at| at.1),
+    );
+    let along = |of: &dyn Fn(&Feeder) -> f64| -> Vec<(f64, f64)> {
+        let points = design.front.iter();
+        points.map(|(feeder, at)| (at.share, of(feeder))).collect()
+    };
+    let panel = |label: &str, unit, of: &dyn Fn(&Feeder) -> f64| {
+        let points = along(of);
+        let axis = Axis::around(label, unit, points.iter().map(|at| at.1));
+        Panel::new(share(), axis)
+            .height(130.0)
+            .markers("", 0, points)
+    };
+    Picture::new("Parts a minute against share in gear, with the same drive")
+        .caption(format!(
+            "{} candidates, {} within the limits of the drive",
+            design.tried, design.within
+        ))
+        .panel(
+            Panel::new(share(), rate)
+                .line("front, simulated parts", 0, front.clone())
+                .markers("its feeders in the closed loop", 1, closed)
+                .markers("the scene's own feeder", 2, today),
+        )
+        .panel(panel("drive frequency", Unit::new("Hz"), &|of| {
+            of.frequency
+        }))
+        .panel(panel("amplitude b", Unit::MILLIMETRES, &|of| {
+            shown.amplitude(of)
+        }))
+        .panel(panel("angle of throw", Unit::new("degrees"), &|of| {
+            of.throw_angle
+        }))
+}

@@ -1,0 +1,257 @@
+//! Time in gear and conveying speed of parts whose restitution scatters, on any wave.
+
+use core::f64::consts::TAU;
+
+use crate::feeder::{OutOfRange, accept};
+use crate::impact::{
+    AlongLaw, ChatterLimits, Friction, Impact, OrbitEvent, PartState, Scatter, Tangential, Wave,
+    WaveMap, WaveOrbit,
+};
+use crate::regime::gear::{GearWatch, Share};
+
+/// Largest number of laws that one simulation follows.
+const MAX_LAWS: usize = 64;
+
+/// A law of the motion along a track of several tones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WaveLaw {
+    /// Restitution along the track, on the tones of this wave.
+    Tangential(Wave, Tangential),
+    /// Coulomb friction; it has its own wave.
+    Friction(Friction),
+}
+
+impl WaveLaw {
+    /// Distance in b and velocity in `b w` after a flight.
+    fn fly(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> (f64, f64) {
+        match self {
+            Self::Tangential(wave, law) => (
+                law.distance_on(wave, launch, impact, velocity),
+                law.velocity_after_impact_on(wave, launch, impact, velocity),
+            ),
+            Self::Friction(law) => law.move_in_flight(launch, impact, velocity),
+        }
+    }
+
+    /// Distance and velocity after a chatter to rest. With tangential restitution it leaves no
+    /// velocity, and its distance is below 1e-4 of that velocity.
+    fn chatter(&self, last: PartState, chatter: f64, velocity: f64) -> (f64, f64) {
+        match self {
+            Self::Tangential(..) => (0.0, 0.0),
+            Self::Friction(law) => {
+                let motion = law.integrate_chatter(last, chatter, velocity);
+                (motion.distance, motion.velocity)
+            }
+        }
+    }
+
+    /// Distance and velocity after a rest that began at `phase`.
+    fn lie(&self, phase: f64, wait: f64, velocity: f64) -> (f64, f64) {
+        match self {
+            Self::Tangential(..) => (0.0, 0.0),
+            Self::Friction(law) => {
+                let motion = law.move_in_contact(phase, wait, velocity);
+                (motion.distance, motion.velocity)
+            }
+        }
+    }
+}
+
+/// Motion along the track by each law: distance in b, velocity in `b w`.
+#[derive(Clone, Copy)]
+struct Ways<'a> {
+    laws: &'a [WaveLaw],
+    moved: [(f64, f64); MAX_LAWS],
+}
+
+impl Ways<'_> {
+    fn advance(&mut self, step: impl Fn(&WaveLaw, f64) -> (f64, f64)) {
+        for (law, (distance, velocity)) in self.laws.iter().zip(&mut self.moved) {
+            let (further, after) = step(law, *velocity);
+            *distance += further;
+            *velocity = after;
+        }
+    }
+}
+
+/// Simulates parts from rest as [`shares_from_rest`](crate::regime::gear::shares_from_rest), with
+/// their motion along the track by each of up to 64 `laws` of the same wave and k.
+///
+/// `each` receives the index of a part, its time in gear, and by law its time mean velocity along
+/// the track in `b w`, both over the last three quarters of the time.
+///
+/// ```
+/// use kband::impact::{Scatter, Tangential, TangentialSettings, Wave, WaveMap};
+/// use kband::transport::{WaveLaw, convey_from_rest};
+/// let (wave, k) = (Wave::sine(), 0.40);
+/// let settings = TangentialSettings {
+///     restitution: 0.0,
+///     amplitude_ratio: 1.5,
+///     phase_lead: 0.0,
+///     incline_tangent: 0.0,
+/// };
+/// let law = WaveLaw::Tangential(wave, Tangential::build(k, settings)?);
+/// let scatter = Scatter::build(0.2, 0.02, 1)?;
+/// convey_from_rest(&WaveMap::on(wave, k, 0.2)?, &[law], &[scatter], 1, 1000.0, |_, share, speeds| {
+///     // In gear the impact mean is that of the lock: pi k eta (1 - R)/(1 + R).
+///     assert!(share.share() > 0.9 && (speeds[0] / 1.2566 - 1.0).abs() < 0.1);
+/// })?;
+/// # Ok::<(), kband::feeder::OutOfRange>(())
+/// ```
+pub fn convey_from_rest(
+    map: &WaveMap,
+    laws: &[WaveLaw],
+    scatters: &[Scatter],
+    order: u32,
+    periods: f64,
+    mut each: impl FnMut(usize, Share, &[f64]),
+) -> Result<(), OutOfRange> {
+    accept(
+        "periods",
+        periods,
+        (16.0..=1e7).contains(&periods),
+        "16..1e7 drive periods",
+    )?;
+    accept(
+        "number of laws",
+        laws.len() as f64,
+        laws.len() <= MAX_LAWS,
+        "0..64",
+    )?;
+    let (begin, end) = (0.25 * periods * TAU, periods * TAU);
+    let mut orbit = WaveOrbit::from_rest(map).with_chatter(ChatterLimits::COARSE);
+    let mut watch = GearWatch::build(order)?;
+    watch.begin(begin);
+    watch.end(end);
+    for (n, scatter) in scatters.iter().enumerate() {
+        orbit.restart(*scatter);
+        let (mut gear, mut time, mut rested) = (watch, 0.0, 0.0);
+        let mut ways = Ways {
+            laws,
+            moved: [(0.0, 0.0); MAX_LAWS],
+        };
+        let mut begun: Option<(f64, Ways<'_>)> = None;
+        while time < end {
+            let before = orbit.state();
+            let Some(event) = orbit.next() else { break };
+            if begun.is_none() && time >= begin {
+                begun = Some((time, ways));
+            }
+            match event {
+                OrbitEvent::Impact(impact) => {
+                    time += impact.flight;
+                    gear.add_landing(time, impact.flight);
+                    ways.advance(|law, velocity| law.fly(before, &impact, velocity));
+                }
+                OrbitEvent::Rest { chatter, phase } => {
+                    time += chatter;
+                    gear.add_rest(time);
+                    ways.advance(|law, velocity| law.chatter(before, chatter, velocity));
+                    rested = phase;
+                }
+                OrbitEvent::LiftOff { wait, .. } => {
+                    time += wait;
+                    ways.advance(|law, velocity| law.lie(rested, wait, velocity));
+                }
+            }
+        }
+        let mut speeds = [0.0; MAX_LAWS];
+        if let Some((from, at)) = begun {
+            let moved = ways.moved.iter().zip(&at.moved);
+            for (speed, ((now, _), (then, _))) in speeds.iter_mut().zip(moved) {
+                *speed = (now - then) / (time.max(end) - from);
+            }
+        }
+        each(n, gear.share(end), &speeds[..laws.len()]);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::impact::{FrictionSettings, TangentialSettings, Tone};
+    use crate::regime::gear::shares_from_rest;
+    use crate::transport::{Effort, Motion, Origin, measure_on_tones};
+
+    fn waves() -> [Wave; 2] {
+        let second = Tone::new(0.15, 2.5);
+        [
+            Wave::sine(),
+            Wave::build(second, Tone::default()).expect("in range"),
+        ]
+    }
+
+    #[test]
+    fn shares_are_those_without_motion_along_the_track() {
+        for (wave, k) in waves().into_iter().zip([0.44, 0.42]) {
+            let map = WaveMap::on(wave, k, 0.3).unwrap();
+            let scatters = [1, 2, 3].map(|seed| Scatter::build(0.3, 0.08, seed).unwrap());
+            let mut expected = [Share::default(); 3];
+            shares_from_rest(&map, &scatters, 1, 300.0, |n, share| expected[n] = share).unwrap();
+            let mut found = [Share::default(); 3];
+            convey_from_rest(&map, &[], &scatters, 1, 300.0, |n, share, _| {
+                found[n] = share;
+            })
+            .unwrap();
+            assert_eq!(found, expected);
+        }
+    }
+
+    /// Without scatter the speed is that of an independent measurement, also with rests.
+    #[test]
+    fn speed_without_scatter_is_that_of_the_survey() {
+        for (wave, ks) in waves().into_iter().zip([[0.41, 0.9], [0.33, 0.8]]) {
+            for (k, motion) in ks.into_iter().zip([Motion::Hopping, Motion::HopAndRest]) {
+                let settings = FrictionSettings {
+                    sticking: 0.3,
+                    sliding: 0.3,
+                    amplitude_ratio: 1.5,
+                    phase_lead: 0.2,
+                    incline_tangent: 0.05,
+                };
+                let map = WaveMap::on(wave, k, 0.2).unwrap();
+                let law = Friction::on(&wave, k, settings).unwrap();
+                let effort = Effort {
+                    settle: 1000,
+                    impacts: 3000,
+                };
+                let survey = measure_on_tones(&map, law, Origin::Rest, effort);
+                assert_eq!(survey.motion, motion, "{k}");
+                let expected = survey.conveyed.time_mean().unwrap();
+                let scatter = [Scatter::build(0.2, 0.0, 1).unwrap()];
+                let laws = [WaveLaw::Friction(law)];
+                convey_from_rest(&map, &laws, &scatter, 1, 4000.0, |_, _, speeds| {
+                    let error = speeds[0] / expected - 1.0;
+                    assert!(error.abs() < 2e-3, "{k}: {} {expected}", speeds[0]);
+                })
+                .unwrap();
+            }
+        }
+    }
+
+    /// Restitution along the track is linear: two tracks give the speed on a third.
+    #[test]
+    fn tangential_speeds_add_up() {
+        for (wave, k) in waves().into_iter().zip([0.44, 0.42]) {
+            let law = |amplitude_ratio, incline_tangent| {
+                let settings = TangentialSettings {
+                    restitution: 0.2,
+                    amplitude_ratio,
+                    phase_lead: 0.4,
+                    incline_tangent,
+                };
+                WaveLaw::Tangential(wave, Tangential::build(k, settings).unwrap())
+            };
+            let laws = [law(1.0, 0.0), law(0.0, 1.0), law(1.7, 0.06)];
+            let map = WaveMap::on(wave, k, 0.3).unwrap();
+            let scatter = [Scatter::build(0.3, 0.08, 1).unwrap()];
+            convey_from_rest(&map, &laws, &scatter, 1, 300.0, |_, _, speeds| {
+                let [shaken, fallen, both] = [speeds[0], speeds[1], speeds[2]];
+                assert!(shaken > 0.1 && fallen < -0.1, "{speeds:?}");
+                assert!((1.7 * shaken + 0.06 * fallen - both).abs() < 1e-12);
+            })
+            .unwrap();
+        }
+    }
+}
