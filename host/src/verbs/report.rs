@@ -132,7 +132,15 @@ fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Resul
         "throw number",
         "peak / g",
     ];
-    let words = page::paragraphs(&super::simulate::plain_words(outcome))
+    let mut spoken = super::simulate::plain_words(outcome);
+    if feeder.has_contact_time() {
+        spoken.push(
+            "The figures of bands, basins and speeds below are those of impacts in no time. The table and the share of time in \
+             gear have the contact time of the scene."
+                .into(),
+        );
+    }
+    let words = page::paragraphs(&spoken)
         + &page::table(&heads, &feeder.bands_in_words()?)
         + &page::folded("the scene", written)
         + &page::folded(

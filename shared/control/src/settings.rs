@@ -366,7 +366,13 @@ mod tests {
             settings.check().err().map(|refused| refused.parameter)
         };
         type Change = fn(&mut Settings);
-        let cases: [(Change, Change, &str); 11] = [
+        let cases: [(Change, Change, &str); 12] = [
+            (
+                // 7 % of a cycle of 60 Hz are 1.167 ms.
+                |s| (s.contact, s.frequency, s.tracking) = (1.2, 50.0, 10.0),
+                |s| (s.contact, s.frequency, s.tracking) = (1.2, 50.0, 5.0),
+                "contact",
+            ),
             (
                 |s| (s.safe_amplitude, s.amplitude_limit) = (0.21, 0.2),
                 |s| (s.safe_amplitude, s.amplitude_limit) = (0.2, 0.2),

@@ -16,13 +16,13 @@ use crate::impact::wave::{Wave, in_turn};
 /// `psi = R s + rho(R) c (A(t + c) - k)`. A part whose speed is then not above 0 rests.
 ///
 /// ```
-/// use kband::impact::ContactTime;
+/// use kband::impact::{ContactTime, PartState};
 /// // 0.4 ms at 50 Hz are 2 % of the cycle.
 /// let contact = ContactTime::from_milliseconds(0.4, 50.0)?;
 /// assert!((contact.radians() / core::f64::consts::TAU - 0.02).abs() < 1e-12);
-/// // The track falls away with 0.2 b w^2 less than gravity: the part leaves more slowly.
-/// let speed = contact.launch_speed(0.3, 0.5, 0.2);
-/// assert!(0.48 < speed && speed < 0.5);
+/// // The track pushes less than gravity, 0.58 against 0.7: the part leaves later and more slowly.
+/// let left = contact.launch(0.3, PartState::new(0.5, 0.45), 0.7, None);
+/// assert!(left.phase > 0.62 && 0.44 < left.velocity && left.velocity < 0.45);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -92,7 +92,7 @@ impl ContactTime {
     ///
     /// `speed` is R s in `b w`, `pull` is `k - A` at the end of the contact in `b w^2`.
     #[inline]
-    pub fn launch_speed(self, restitution: f64, speed: f64, pull: f64) -> f64 {
+    fn launch_speed(self, restitution: f64, speed: f64, pull: f64) -> f64 {
         (speed - self.gain(restitution) * pull).max(0.0)
     }
 

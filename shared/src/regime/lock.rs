@@ -211,7 +211,7 @@ impl Lock {
     }
 
     /// Determinant of the tangent map, R^2; with a contact time `R psi/s`.
-    pub fn determinant(&self) -> f64 {
+    fn determinant(&self) -> f64 {
         if !self.contact.is_instant() {
             return self.contact_tangent()[1];
         }

@@ -89,7 +89,7 @@ impl WaveLock {
     }
 
     /// [`WaveLock::find_in_band`] with impacts that take time, in a band with the same.
-    pub fn find_with_contact(
+    fn find_with_contact(
         band: &WaveBand,
         wave: &Wave,
         k: f64,
@@ -166,7 +166,7 @@ impl WaveLock {
     }
 
     /// Determinant of the tangent map, R^2; with a contact time `R psi/s`.
-    pub fn determinant(&self) -> f64 {
+    fn determinant(&self) -> f64 {
         if !self.contact.is_instant() {
             return self.contact_tangent()[1];
         }
@@ -296,7 +296,7 @@ impl WaveBands {
     }
 
     /// [`WaveBands::find`] with impacts that take time.
-    pub fn find_with_contact(
+    fn find_with_contact(
         wave: &Wave,
         restitution: f64,
         order: u32,

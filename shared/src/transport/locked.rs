@@ -122,9 +122,50 @@ fn incline_loss(order: u32, k: f64, settings: &TangentialSettings) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Contact, Kernel, Map, Orbit, Tangential};
+    use crate::impact::{Contact, ContactTime, Kernel, Map, Orbit, Tangential};
     use crate::regime::band;
     use crate::transport::Conveying;
+
+    /// Against the distance of one period, summed over steps of flight and contact.
+    #[test]
+    fn velocity_with_contact_is_the_mean_over_a_period() {
+        const STEPS: u32 = 4000;
+        for (k, restitution, order) in [(0.43, 0.2, 1), (0.55, 0.3, 1), (0.23, 0.2, 2)] {
+            for (phase_lead, incline) in [(0.0, 0.05), (0.4, -0.1)] {
+                let along = settings(phase_lead, incline);
+                let locked = |c: f64| {
+                    let contact = ContactTime::build(c).unwrap();
+                    Lock::with_contact(k, restitution, order, contact)
+                        .unwrap()
+                        .unwrap()
+                };
+                let short = velocity(&locked(1e-9), k, &along);
+                assert!((short - velocity(&locked(0.0), k, &along)).abs() < 1e-7);
+                let lock = locked(0.1);
+                let flight = 2.0 * PI * f64::from(order) - 0.1;
+                let (launch, step) = (lock.state().phase, flight / f64::from(STEPS));
+                let mut start = 0.0;
+                let mut travelled = 0.0;
+                // The velocity after the contact converges by 0.3 a period.
+                for _ in 0..40 {
+                    let mut relative = start;
+                    travelled = 0.0;
+                    for n in 0..STEPS {
+                        let phase = launch + phase_lead + (f64::from(n) + 0.5) * step;
+                        let push =
+                            along.amplitude_ratio * libm::sin(phase) - k * along.incline_tangent;
+                        travelled += (relative + 0.5 * push * step) * step;
+                        relative += push * step;
+                    }
+                    start = along.restitution * relative;
+                    travelled += 0.05 * (relative + start);
+                }
+                let expected = travelled / (flight + 0.1);
+                let found = velocity(&lock, k, &along);
+                assert!((found - expected).abs() < 1e-5, "{k} {found} {expected}");
+            }
+        }
+    }
 
     const LOCKS: [(f64, f64, u32); 6] = [
         (0.43, 0.2, 1),

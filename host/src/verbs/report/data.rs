@@ -84,6 +84,11 @@ impl Feeder {
         })
     }
 
+    /// Whether the scene's impacts take time.
+    pub fn has_contact_time(&self) -> bool {
+        !self.contact.is_instant()
+    }
+
     pub fn frequency(&self) -> f64 {
         short(self.track.frequency())
     }

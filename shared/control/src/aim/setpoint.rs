@@ -128,7 +128,15 @@ impl Choice {
                 Ok(Self::level(Level::Pending))
             }
             // Chaos is reached through the lock of order 1.
-            Target::Chaotic => Self::lock(1, settings),
+            Target::Chaotic => {
+                limit_to_output(
+                    "contact",
+                    settings.contact,
+                    settings.contact == 0.0,
+                    "0 with target chaotic: its search follows impacts in no time",
+                )?;
+                Self::lock(1, settings)
+            }
             Target::K(k) => {
                 limit_to_output("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
                 Ok(Self::level(Level::K(f64::from(k))))
@@ -186,6 +194,12 @@ impl Choice {
                     second_tone,
                     second_tone == 0.0,
                     "0 with target flow: parts are weighed on a track of one tone",
+                )?;
+                limit_to_output(
+                    "contact",
+                    settings.contact,
+                    settings.contact == 0.0,
+                    "0 with target flow: parts are weighed as striking in no time",
                 )?;
                 let accepts = flow > 0.0 && flow <= 1e6;
                 limit_to_output("target flow", flow, accepts, "above 0 to 1000000 g/s")?;
@@ -265,6 +279,28 @@ impl Choice {
 mod tests {
     use super::*;
     use kband::feeder::Restitution;
+
+    #[test]
+    fn targets_without_a_contact_time_are_refused() {
+        let settings = Settings {
+            contact: 0.4,
+            track_mass: 10.0,
+            track_length: 500.0,
+            ..Settings::default()
+        };
+        for target in [Target::Chaotic, Target::Flow(1.0)] {
+            let refused = Choice::of_target(target, &settings).unwrap_err();
+            assert_eq!(refused.parameter, "contact");
+        }
+        let locked = Choice::of_target(Target::Locked { order: 1 }, &settings).unwrap();
+        let instant = Choice::of_target(Target::Locked { order: 1 }, &Settings::default());
+        let [lock, before] = [locked, instant.unwrap()].map(|choice| choice.lock.unwrap());
+        assert!(
+            (lock.k / before.k - 1.0).abs() > 1e-3,
+            "{lock:?} {before:?}"
+        );
+        assert!(lock.phase != before.phase);
+    }
 
     #[test]
     fn the_setpoint_of_a_lock_is_in_the_band_of_every_part() {

@@ -2,11 +2,12 @@
 
 use core::f64::consts::TAU;
 
-use kband::impact::{ContactTime, Scatter, Wave, WaveMap};
+use kband::impact::{ContactTime, Scatter, TangentialSettings, Wave, WaveMap};
 use kband::regime::Lock;
 use kband::regime::gear::{GearWatch, Share, shares_with_contact};
+use kband::transport::locked;
 use kband_control::{Limits, State, Target};
-use kband_plant::{ClosedLoop, EnvelopeLoop, Scene, Strike};
+use kband_plant::{ClosedLoop, EnvelopeLoop, Moment, Scene, Strike};
 
 /// Contact in ms at 50 Hz, 2 % of the cycle.
 const CONTACT: f32 = 0.4;
@@ -31,10 +32,10 @@ impl Loop {
         }
     }
 
-    fn cycle(&mut self) -> (kband_control::Report, std::vec::Vec<Strike>) {
+    fn cycle(&mut self) -> (Moment, std::vec::Vec<Strike>) {
         match self {
-            Self::Envelope(closed) => (closed.cycle().report, closed.strikes().to_vec()),
-            Self::Waveform(closed) => (closed.cycle().report, closed.plant().strikes().to_vec()),
+            Self::Envelope(closed) => (closed.cycle(), closed.strikes().to_vec()),
+            Self::Waveform(closed) => (closed.cycle(), closed.plant().strikes().to_vec()),
         }
     }
 }
@@ -52,11 +53,15 @@ fn parts_lock_at_the_predicted_phase() {
         let contact = ContactTime::from_milliseconds(CONTACT.into(), 50.0).unwrap();
         let mut closed = Loop::build(&scene, waveform);
         let (mut apart, mut shift, mut stamped, mut count) = ([0.0, 0.0_f64], 0.0, 0.0, 0);
+        let (mut begun, mut ended) = (closed.cycle().0, closed.cycle().0);
         for cycle in 0..2500 {
-            let (report, strikes) = closed.cycle();
+            let (moment, strikes) = closed.cycle();
+            let report = moment.report;
             if cycle < 2000 {
+                begun = moment;
                 continue;
             }
+            ended = moment;
             assert_eq!(report.state, State::Locked, "{waveform} {cycle}");
             for strike in strikes {
                 let restitution = f64::from(scene.parts[usize::from(strike.part)]);
@@ -77,11 +82,53 @@ fn parts_lock_at_the_predicted_phase() {
             apart[1]
         );
         assert!(count > 1400 && shift < -0.01, "{shift}");
+        let speed = (ended.displacement - begun.displacement) / (ended.time - begun.time);
+        let track = scene.settings.track().unwrap();
+        let along = TangentialSettings::on(&track, scene.settings.tangential_restitution.into());
+        let speeds = scene.parts.iter().map(|&restitution| {
+            let k = f64::from(ended.report.k);
+            let lock = Lock::with_contact(k, restitution.into(), 1, contact).unwrap();
+            let unit = track.velocity_unit(track.amplitude(k));
+            locked::velocity(&lock.unwrap(), k, &along) * unit
+        });
+        let predicted = speeds.sum::<f64>() / 3.0;
+        std::println!("{waveform}: speed {speed:.5} predicted {predicted:.5} m/s");
+        assert!(
+            (speed / predicted - 1.0).abs() < 0.01,
+            "{speed} {predicted}"
+        );
         // The amplitude is measured within 0.3 %, which moves the phase by 0.006 rad.
         assert!(
             bias.abs() < 0.006 && apart[1] < 0.03,
             "{waveform}: {bias} {apart:?}"
         );
+    }
+}
+
+/// One part at R = 0.3, s = 0.05 with k = 0.45.
+#[test]
+fn restitution_is_estimated_from_impacts_that_take_time() {
+    for seed in 1..4 {
+        let mut scene = Scene {
+            target: Target::K(0.45),
+            parts: core::iter::once(0.3).collect(),
+            scatter: core::iter::once(0.05).collect(),
+            seed,
+            ..Scene::default()
+        };
+        (
+            scene.settings.restitution_low,
+            scene.settings.restitution_high,
+        ) = (0.3, 0.3);
+        let mut closed = Loop::build(&with_contact(scene, CONTACT), false);
+        let mut margins = std::vec::Vec::new();
+        for _ in 0..3000 {
+            margins.extend(closed.cycle().0.report.margin);
+        }
+        let margin = margins.last().unwrap();
+        std::println!("{seed}: {margin:?}");
+        let error = (margin.restitution - 0.3).abs();
+        assert!(error < 4.0 * margin.error + 0.002, "{seed}: {margin:?}");
     }
 }
 
@@ -122,7 +169,7 @@ fn share_in_gear_is_the_predicted_one() {
                         .iter_mut()
                         .for_each(|watch| watch.begin(cycle as f64 * TAU));
                 }
-                let (report, strikes) = closed.cycle();
+                let (Moment { report, .. }, strikes) = closed.cycle();
                 for strike in strikes {
                     let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
                     let flight = f64::from(strike.flight) * TAU;
@@ -165,7 +212,7 @@ fn impacts_longer_than_a_period_of_the_ringing_are_reported_as_not_measurable() 
             let mut closed = Loop::build(&with_contact(scene, contact), waveform);
             let mut last = 0;
             for _ in 0..1500 {
-                last = u32::from(closed.cycle().0.limits.contains(Limits::DEAF));
+                last = u32::from(closed.cycle().0.report.limits.contains(Limits::DEAF));
             }
             std::println!("{waveform} {contact}: {last}");
             assert_eq!(last == 1, deaf, "{waveform} {contact}");

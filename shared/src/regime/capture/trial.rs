@@ -299,7 +299,7 @@ mod tests {
     use super::super::DriveLagSettings;
     use super::*;
 
-    use crate::impact::{Hybrid, Map};
+    use crate::impact::{Hybrid, Map, OrbitEvent, WaveMap, WaveOrbit};
 
     fn locks(k: f64, restitution: f64, kick: Kick) -> bool {
         let drive = DriveLag::build(DriveLagSettings {
@@ -333,6 +333,43 @@ mod tests {
             assert!(!locks(0.4185 + 0.058 * part, 0.2, Kick::NONE), "{part}");
             assert!(!locks(0.475 + 0.11 * part, 0.3, Kick::NONE), "{part}");
         }
+    }
+
+    /// The orbit in f64 decides, at a constant amplitude.
+    #[test]
+    fn parts_with_contact_lock_from_rest_where_their_orbit_does() {
+        let contact = ContactTime::build(0.02 * f64::from(TAU)).unwrap();
+        let drive = DriveLag::build(DriveLagSettings {
+            start: 1.0,
+            ..DriveLagSettings::DEFAULT
+        })
+        .unwrap();
+        let (mut locked, mut other) = (0, 0);
+        for n in 0..80 {
+            let k = 0.400 + 0.001 * f64::from(n);
+            let trial = Trial {
+                k,
+                restitution: 0.2,
+                order: 1,
+                contact,
+            };
+            let mut run = TrialRun::<Hybrid>::new(trial, drive, Kick::NONE).unwrap();
+            let outcome = (0..10_000).find_map(|_| run.simulate_impact());
+            let found = outcome == Some(Outcome::Locked);
+            let lock = Lock::with_contact(k, 0.2, 1, contact).unwrap().unwrap();
+            let map = WaveMap::build(k, 0.2).unwrap();
+            let mut orbit = WaveOrbit::from_rest(&map).with_contact(contact);
+            let events = orbit.by_ref().take(3000);
+            let last = events.filter_map(|event| match event {
+                OrbitEvent::Impact(impact) => Some(impact.next),
+                _ => None,
+            });
+            let expected = last.last().is_some_and(|state| lock.distance(state) < 1e-3);
+            locked += u32::from(expected);
+            other += u32::from(found != expected);
+        }
+        // f32 decides otherwise at the edges of a basin.
+        assert!((10..70).contains(&locked) && other <= 2, "{locked} {other}");
     }
 
     #[test]
