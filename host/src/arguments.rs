@@ -328,6 +328,15 @@ pub fn pin(text: &str) -> Result<kband_control::wire::Pin, String> {
     kband_control::wire::Pin::parse(text).ok_or_else(|| "accepted: 4 to 8 digits".into())
 }
 
+/// A numeric address and a port to listen at.
+pub fn socket(text: &str) -> Result<std::net::SocketAddr, String> {
+    let read = text.trim().parse();
+    read.map_err(|_| {
+        "accepted: ADDRESS:PORT with an IP address and a port of 0..65535, such as 127.0.0.1:1502 or [::1]:1502"
+            .into()
+    })
+}
+
 /// A seed.
 pub fn seed(text: &str) -> Result<u64, String> {
     let read = text.trim().parse();

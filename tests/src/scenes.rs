@@ -42,6 +42,7 @@ macro_rules! all_scenes {
             locked_order_2: Listening, Seen(deaf);
             mains_ripple: Listening, Seen(deaf);
             many_parts: Listening, Seen(deaf);
+            misfit: Limit(Limits::MISFIT), Told(another_target);
             new_target: Obeying, Hidden(target);
             no_common_chaos: Limit(Limits::NO_SETPOINT), Told(narrow_lot);
             no_response: Stops(NoResponse), Hidden(gain);

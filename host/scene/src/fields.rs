@@ -89,12 +89,15 @@ pub const MASS: Field = field(
     "Mass of a part (m); 0: it pushes nothing.",
 );
 
+/// Range of the mean restitution of a part in the plant; below 0 most impacts do not bounce.
+pub const ACTUAL_RESTITUTION: [f32; 2] = [-0.5, 1.0];
+
 /// How far restitution scatters, in `[part]` and in a disturbance.
 pub const SCATTER: Field = field(
     "scatter",
-    [0.0, 0.3],
+    [0.0, 0.5],
     "",
-    "Standard deviation of a part's restitution from impact to impact (s).",
+    "Standard deviation of a part's restitution from impact to impact (s); bodies that tumble have 0.27 to 0.52.",
 );
 
 /// A number that a disturbance may set, and the change that it makes.
@@ -109,7 +112,7 @@ macro_rules! changes {
 
 changes! {
     field("gain", [0.0, 10.0], "", "Gain of the drive over the one at the start.") => Gain;
-    field("restitution", [0.0, 1.0], "", "Mean restitution of all parts (R).") => Restitution;
+    field("restitution", ACTUAL_RESTITUTION, "", "Mean restitution of all parts (R), before clipping at 0.") => Restitution;
     SCATTER => Scatter;
     field("noise", [0.0, 100.0], "m/s^2", "RMS of the accelerometer's noise.") => Noise;
     field("sensitivity", [0.0, 10.0], "", "Sensitivity of the accelerometer over the configured one.") => Sensitivity;

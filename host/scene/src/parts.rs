@@ -4,7 +4,7 @@ use kband::arithmetic::Noise;
 use kband_plant::{PARTS, Scene};
 use toml::Value;
 
-use super::fields::{MASS, SCATTER};
+use super::fields::{ACTUAL_RESTITUTION, MASS, SCATTER};
 use super::section::{Section, number};
 use crate::refusal::Refusal;
 
@@ -105,8 +105,9 @@ pub(crate) fn read(
     value: &Value,
     scene: &mut Scene,
 ) -> Result<Option<Distribution>, Refusal> {
+    let [low, high] = ACTUAL_RESTITUTION;
     let accepted = format!(
-        "1 to {PARTS} restitutions, each 0..1, such as [0.19, 0.21], or a distribution such as \
+        "1 to {PARTS} restitutions, each {low}..{high}, such as [0.19, 0.21], or a distribution such as \
          {{ count = 20, distribution = \"normal\", mean = 0.2, deviation = 0.01 }}"
     );
     let list = match value {
@@ -122,8 +123,8 @@ pub(crate) fn read(
     };
     let restitution = |item| {
         number(item)
-            .filter(|r| (0.0..=1.0).contains(r))
             .map(|r| r as f32)
+            .filter(|r| (low..=high).contains(r))
             .ok_or_else(|| part.refuse("actual", item, &accepted))
     };
     scene.parts = list.iter().map(restitution).collect::<Result<_, _>>()?;
@@ -161,7 +162,7 @@ pub(crate) fn read_scatter(
     let [low, high] = SCATTER.range;
     let accepted = format!(
         "{low}..{high}, the standard deviation of restitution from impact to impact, or a list of one for each of the {} \
-         parts; ordinary parts have 0.03 to 0.15",
+         parts; ordinary parts have 0.03 to 0.15, bodies that tumble 0.27 to 0.52",
         scene.parts.len()
     );
     let deviation = |item| {

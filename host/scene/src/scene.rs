@@ -129,7 +129,7 @@ impl SceneFile {
         };
         if let Some(value) = part.take(SCATTER.key) {
             parts::read_scatter(&part, &value, &mut scene)?;
-            settings.scatter = configured_scatter(&scene.scatter);
+            settings.scatter = configured_scatter(&scene.scatter).min(MAX_CONFIGURED_SCATTER);
         }
         if let Some(value) = part.take(MASS.key) {
             parts::read_masses(&part, &value, &mut scene)?;
@@ -333,6 +333,9 @@ pub fn at_line(refusal: Refusal, text: &str) -> Refusal {
         None => refusal,
     }
 }
+
+/// Largest scatter that the settings accept.
+const MAX_CONFIGURED_SCATTER: f32 = 0.3;
 
 /// Configured scatter of the parts: their common one, else the root mean square.
 fn configured_scatter(parts: &[f32]) -> f32 {

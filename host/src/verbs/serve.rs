@@ -41,7 +41,7 @@ pub struct Arguments {
     scene: Option<PathBuf>,
 
     /// Address and port to listen at; port 0 takes a free one.
-    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:1502")]
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:1502", value_parser = arguments::socket)]
     modbus: SocketAddr,
 
     /// End by itself after this many seconds.

@@ -4,9 +4,8 @@
 use crate::arithmetic::gauss;
 use crate::feeder::{OutOfRange, accept};
 
-/// Standard deviation of the restitution: largest. It is 0.3 rounded to f32, because scenes and
-/// wire use f32.
-const MAX_DEVIATION: f64 = 0.3_f32 as f64;
+/// Largest standard deviation of the restitution; bodies that tumble have 0.27 to 0.52.
+const MAX_DEVIATION: f64 = 0.5;
 
 /// A seeded stream of restitutions: Gaussian about a mean, clipped to [0, 1).
 ///
@@ -28,7 +27,8 @@ pub struct Scatter {
 }
 
 impl Scatter {
-    /// Restitutions with a `mean` in 0..=1, a standard deviation (symbol s) in 0..=0.3 and a seed.
+    /// Restitutions with a `mean` in -1..=1 before clipping, a standard deviation (symbol s) in
+    /// 0..=0.5 and a seed. With a mean below 0 most impacts do not bounce, as of bodies that tumble.
     ///
     /// Errors: `OutOfRange` for a mean or a deviation out of range.
     pub fn build(mean: f64, deviation: f64, seed: u64) -> Result<Self, OutOfRange> {
@@ -41,19 +41,19 @@ impl Scatter {
         .with_deviation(deviation)
     }
 
-    /// The same stream, about another mean in 0..=1.
+    /// The same stream, about another mean in -1..=1.
     pub fn with_mean(self, mean: f64) -> Result<Self, OutOfRange> {
-        accept("restitution", mean, (0.0..=1.0).contains(&mean), "0..1")?;
+        accept("restitution", mean, (-1.0..=1.0).contains(&mean), "-1..1")?;
         Ok(Self { mean, ..self })
     }
 
-    /// The same stream, with another standard deviation in 0..=0.3.
+    /// The same stream, with another standard deviation in 0..=0.5.
     pub fn with_deviation(self, deviation: f64) -> Result<Self, OutOfRange> {
         accept(
             "scatter",
             deviation,
             (0.0..=MAX_DEVIATION).contains(&deviation),
-            "0..0.3, the standard deviation of restitution from impact to impact",
+            "0..0.5, the standard deviation of restitution from impact to impact",
         )?;
         Ok(Self { deviation, ..self })
     }
@@ -68,11 +68,12 @@ impl Scatter {
         self.deviation
     }
 
-    /// The restitution of the next impact, at least 0 and below 1; without scatter the mean itself.
+    /// The restitution of the next impact, at least 0 and below 1; without scatter the mean, at
+    /// least 0.
     #[inline]
     pub fn draw(&mut self) -> f64 {
         if self.deviation == 0.0 {
-            return self.mean;
+            return self.mean.max(0.0);
         }
         (self.mean + self.deviation * gauss(|| self.next_uniform())).clamp(0.0, 1.0 - f64::EPSILON)
     }
@@ -146,17 +147,18 @@ mod tests {
 
     #[test]
     fn draws_are_clipped_and_bad_settings_refused() {
-        let mut wide = Scatter::build(0.0, 0.3, 5).unwrap();
+        let mut wide = Scatter::build(-0.4, 0.5, 5).unwrap();
         let mut high = Scatter::build(0.99, 0.3, 5).unwrap();
         for _ in 0..10_000 {
             assert!((0.0..1.0).contains(&wide.draw()));
             assert!((0.0..1.0).contains(&high.draw()));
         }
         assert_eq!(Scatter::build(0.4, 0.0, 9).unwrap().draw(), 0.4);
+        assert_eq!(Scatter::build(-0.4, 0.0, 9).unwrap().draw(), 0.0);
         for (mean, deviation, parameter) in [
             (1.01, 0.1, "restitution"),
-            (-0.1, 0.1, "restitution"),
-            (0.3, 0.31, "scatter"),
+            (-1.1, 0.1, "restitution"),
+            (0.3, 0.51, "scatter"),
             (0.3, f64::NAN, "scatter"),
         ] {
             let refused = Scatter::build(mean, deviation, 0).unwrap_err();

@@ -1,5 +1,7 @@
 //! Setpoint selection: the target, its setpoint, and the searches that belong to it.
 
+use core::f32::consts::PI;
+
 use super::GearSearch;
 use super::chaos::{ChaosResult, ChaosSearch};
 use super::flow::{FlowChoice, FlowStep};
@@ -12,6 +14,7 @@ use crate::hear::{GearMargin, LockWindow};
 use crate::settings::Settings;
 use crate::state::{Event, Events};
 use crate::target::Target;
+use kband::arithmetic::square_root_single;
 use kband::feeder::{OutOfRange, Restitution};
 use kband::regime::gear::GearPlan;
 
@@ -39,6 +42,8 @@ pub struct Selection {
     pub search: KickSearch,
     /// The search for chaos, where that is the target.
     pub chaos: Option<ChaosSearch>,
+    /// Whether the parts do not fit the configured lot.
+    misfit: bool,
 }
 
 impl Selection {
@@ -81,6 +86,7 @@ impl Selection {
             } else {
                 None
             },
+            misfit: false,
         })
     }
 
@@ -119,6 +125,28 @@ impl Selection {
             Level::Amplitude(amplitude) => amplitude,
             Level::Pending | Level::None(_) => 0.0,
         }
+    }
+
+    /// Whether the parts do not fit the configured lot.
+    pub fn is_misfit(&self) -> bool {
+        self.misfit
+    }
+
+    /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes the k
+    /// at which a part thrown from rest flies one drive period, `1/sqrt(1 + pi^2)` = 0.303: the throw
+    /// number 3.3, up to which conveyors are designed. Parts whose restitution scatters widely travel
+    /// fastest about there (docs/theory-real-parts.md#t10.1). It stays within the drive's reach.
+    pub fn set_misfit(&mut self, settings: &Settings, scale: &Scale) {
+        self.misfit = true;
+        let k = 1.0 / square_root_single(1.0 + PI * PI);
+        let reach = scale.reach(settings);
+        self.level = if scale.amplitude(k) <= reach {
+            Level::K(f64::from(k))
+        } else {
+            Level::Amplitude(reach)
+        };
+        self.shape = Shape::SINE;
+        (self.gear, self.plan, self.flow) = (None, None, None);
     }
 
     /// Sets another k, on the way to the target.

@@ -334,6 +334,7 @@ impl Controller {
             }
             self.detect_deafness(cycle, goal, measured);
             self.advance_state(goal, measured, &mut events);
+            self.watch_fit();
             self.retune_gear();
             let flow = self.load().map(|load| load.flow);
             self.selection
@@ -588,7 +589,7 @@ impl Controller {
         let limits = self.limits.limits();
         let settled = match self.machine.state() {
             State::Holding | State::Capturing | State::Locked | State::Lost => true,
-            State::Limiting => limits == Limits::DEAF,
+            State::Limiting => limits == Limits::DEAF || limits == Limits::MISFIT,
             _ => false,
         };
         let near = (measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal
@@ -630,6 +631,7 @@ impl Controller {
                 && self.selection.setpoint(&self.scale) > self.scale.ceiling,
             ceiling_limit: self.scale.ceiling_limit,
             no_impacts: self.deafness.is_deaf(),
+            misfit: self.selection.is_misfit(),
             saturated: self.amplitude.saturated(),
             tones: self.tones.missing_tones() != [false; UPPER],
         });
@@ -695,6 +697,9 @@ impl Controller {
         self.listener.clear();
         self.deafness = MissedImpactDetector::default();
         self.limits.rest();
+        if self.selection.is_misfit() {
+            self.begin_again();
+        }
         let decision = self.machine.rest();
         self.carry_out(decision);
         self.identifier.interrupt();
@@ -770,6 +775,33 @@ impl Controller {
         };
         let decision = self.machine.advance(&seen, events);
         self.carry_out(decision);
+    }
+
+    /// Tests whether the parts fit the lot that gear of order 1 is planned for. The verdict stays until
+    /// the track is empty; then the target begins anew.
+    fn watch_fit(&mut self) {
+        if self.selection.is_misfit() {
+            if self.listener.empty {
+                self.begin_again();
+            }
+            return;
+        }
+        // Out of gear of a higher order parts settle in one of several orbits; the map does not
+        // predict in which.
+        if self.selection.gear_order() == Some(1)
+            && self.machine.settled()
+            && self.listener.is_misfit()
+        {
+            self.selection.set_misfit(&self.settings, &self.scale);
+        }
+    }
+
+    /// Begins the target anew, for other parts.
+    fn begin_again(&mut self) {
+        if let Ok(selection) = self.select(self.selection.target(), &self.settings) {
+            self.selection = selection;
+            self.begin_target();
+        }
     }
 
     /// Plans gear anew where the parts have changed.

@@ -32,7 +32,7 @@ impl Controller {
             in_gear_error: self.in_gear_error(),
             gear: self.order().unwrap_or(1),
             to_loss: self.listener.time_to_loss(),
-            margin: self.listener.margin_of_all().filter(|_| !self.is_deaf()),
+            margin: self.listener.margin_of_all().filter(|_| !self.is_unknown()),
             expected_in_gear: self.selection.gear_plan().map_or(0.0, |plan| plan.share),
             gear_band: self.selection.gear_plan().map(|plan| plan.band),
             load: self.load(),
@@ -103,7 +103,7 @@ impl Controller {
 
     /// Estimated share of the parts' time in gear ([`Report::in_gear`]), 0..=1.
     pub fn in_gear(&self) -> f32 {
-        if self.is_deaf() {
+        if self.is_unknown() {
             return 0.0;
         }
         self.listener.in_gear_at_least()
@@ -114,9 +114,15 @@ impl Controller {
         self.limits.limits().contains(Limits::DEAF)
     }
 
+    /// Whether nothing is reported of gear: no part would be detected, or the parts do not fit the
+    /// lot whose gear is estimated.
+    fn is_unknown(&self) -> bool {
+        self.is_deaf() || self.selection.is_misfit()
+    }
+
     /// That share with its error; `None` where it is only a lower bound.
     pub(crate) fn gear_share(&self) -> Option<GearShare> {
-        self.listener.in_gear().filter(|_| !self.is_deaf())
+        self.listener.in_gear().filter(|_| !self.is_unknown())
     }
 
     /// The estimated share, also while [`Limits::DEAF`](crate::Limits::DEAF) hides it in the report.

@@ -5,7 +5,7 @@
 use super::gear::{DriveState, GearEstimator};
 use super::margin::GearMargin;
 use super::phases::PhaseStatistics;
-use super::share::{GearShare, ShareHearing, Tuned};
+use super::share::{GearEvidence, GearShare, ShareHearing, Tuned};
 use super::signal::Cycle;
 use crate::angle::SAMPLE_RATE;
 use crate::hear::LockWindow;
@@ -182,6 +182,14 @@ impl Listener {
         (self.in_gear_detected || self.supported > supported)
             && evidence.supports(level)
             && (evidence.fits() && shares || self.is_one_in_gear(single))
+    }
+
+    /// Whether the parts do not fit the lot. A part in gear outside the lot gives its restitution, by
+    /// which gear is planned anew.
+    pub fn is_misfit(&self) -> bool {
+        let in_gear = |evidence: &GearEvidence| evidence.in_gear() > GEAR_LOST_SHARE;
+        self.share.is_misfit()
+            && !(self.gear.share() > GEAR_LOST_SHARE && self.share.evidence().is_some_and(in_gear))
     }
 
     /// Whether single flights of one part take a share of the time above `level` (0..=1), at a phase

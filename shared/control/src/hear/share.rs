@@ -92,6 +92,12 @@ const COUNTED: f32 = 0.01;
 /// Largest standard error of the share in gear at which it is reported: a quarter separates most
 /// from few.
 const TELLS: f32 = 0.25;
+/// Misfit of the parts to the lot above which they do not fit it; parts of the lot have 0 to 0.005.
+const MAX_MISFIT: f32 = 0.03;
+/// Factor on the least share in gear of a part of the lot; it covers an amplitude that is off.
+const MIN_CREDIBLE_SHARE: f32 = 0.7;
+/// Drive cycles in a row of a misfit that lasts: two periods of the fit, so that three agree.
+const MIN_MISFIT_CYCLES: f32 = 2.0 * AGAIN as f32;
 /// Initial delay of an impact's energy, in samples: two one-pole filters and the rise of the
 /// ringing.
 const LATE: f32 = 2.5;
@@ -180,9 +186,15 @@ impl Histogram {
 struct Agreement {
     /// Share of time in gear by the fitted weights, 0..=1.
     in_gear: f32,
-    /// Whether the mixture fits: the total variation distance of both distributions of energy is
-    /// within its bound in gear.
-    fits: bool,
+    /// Unexplained share of the energy, the total variation distance of both distributions, less its
+    /// bound in gear; negative where the mixture fits.
+    excess: f32,
+}
+
+impl Agreement {
+    fn fits(&self) -> bool {
+        self.excess < 0.0
+    }
 }
 
 /// Evidence for READY: the predicted share, and the agreement of both histograms.
@@ -203,9 +215,14 @@ impl GearEvidence {
             && self.short.in_gear > level
     }
 
+    /// Share of time in gear by the long histogram, 0..=1.
+    pub fn in_gear(&self) -> f32 {
+        self.long.in_gear
+    }
+
     /// Whether the mixture fits both histograms.
     pub fn fits(&self) -> bool {
-        self.long.fits && self.short.fits
+        self.long.fits() && self.short.fits()
     }
 }
 
@@ -256,6 +273,9 @@ pub struct ShareHearing {
     fades: bool,
     /// Whether a mixture was fitted to the energy.
     judged: bool,
+    /// Misfit of the parts to the lot in the last fit, and cycles in a row above [`MAX_MISFIT`].
+    misfit: f32,
+    misfit_cycles: f32,
 }
 
 /// Running search for decay time or delay: residual sum of squares at each trial point.
@@ -317,6 +337,8 @@ impl ShareHearing {
             margin: None,
             fades: false,
             judged: false,
+            misfit: 0.0,
+            misfit_cycles: 0.0,
         }
     }
 
@@ -339,6 +361,7 @@ impl ShareHearing {
         (self.share, self.margin) = (None, None);
         (self.fades, self.judged) = (false, false);
         self.evidence = None;
+        (self.misfit, self.misfit_cycles) = (0.0, 0.0);
     }
 
     /// Evidence for READY; `None` before the first fit.
@@ -388,6 +411,11 @@ impl ShareHearing {
             return;
         }
         self.follow(tuned);
+        self.misfit_cycles = if self.misfit > MAX_MISFIT {
+            self.misfit_cycles + 1.0
+        } else {
+            0.0
+        };
         let noise = cycle.noise * cycle.noise * f32::from(cycle.samples);
         let frequency = tuned.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
         let cycles = |seconds: f32, [low, high]: [f32; 2]| (seconds * frequency).clamp(low, high);
@@ -587,10 +615,33 @@ impl ShareHearing {
                 long,
                 short: self.evidence.map_or(long, |before| before.short),
             });
+        self.misfit = self.misfit_of(long.as_ref());
         self.margin = share.and(self.margin_of(found));
         self.share = share;
         self.weights = found.weights;
         (self.fades, self.judged) = (false, true);
+    }
+
+    /// Misfit of the parts to the lot, from the long histogram's agreement: the energy that no mixture
+    /// explains beyond its bound, plus the share of time in gear that lacks to
+    /// [`MIN_CREDIBLE_SHARE`] times the least that the map allows a part of the lot.
+    fn misfit_of(&self, long: Option<&Agreement>) -> f32 {
+        let (Some(long), Some(profile)) = (long, self.profile()) else {
+            return 0.0;
+        };
+        let energy = self.long.energy.iter().sum::<f32>();
+        if energy <= (1.0 + HEARD) * self.long.noise {
+            return 0.0;
+        }
+        // Cycles of equal weight with the same variance of their mean.
+        let weight = self.long.weight;
+        let least = profile.least_share(weight / (1.0 - 0.5 * weight / MEMORY));
+        long.excess.max(0.0) + (MIN_CREDIBLE_SHARE * least - long.in_gear).max(0.0)
+    }
+
+    /// Whether the parts do not fit the lot: their misfit lasts.
+    pub fn is_misfit(&self) -> bool {
+        self.misfit_cycles > MIN_MISFIT_CYCLES
     }
 
     /// Agreement of a histogram with the weights fitted to it, from the energy in other sectors than
@@ -617,7 +668,7 @@ impl ShareHearing {
         let impacts = histogram.weight / settings.order as f32;
         Some(Agreement {
             in_gear: within / (within + without).max(f32::MIN_POSITIVE),
-            fits: unexplained < systematic + random / square_root_single(impacts),
+            excess: unexplained - systematic - random / square_root_single(impacts),
         })
     }
 
@@ -1129,7 +1180,7 @@ mod tests {
     fn evidence_for_ready_needs_both_histograms() {
         let agreement = |in_gear| Agreement {
             in_gear,
-            fits: true,
+            excess: -0.1,
         };
         let supports = |predicted, long, short| {
             let evidence = GearEvidence {

@@ -95,8 +95,12 @@ impl Limits {
     /// begins.
     pub const DEAF: Self = Self(1 << 8);
 
+    /// 9: the parts do not fit the lot that gear is planned for; the amplitude is the one that conveys
+    /// parts of widely scattered restitution best.
+    pub const MISFIT: Self = Self(1 << 9);
+
     /// Every limit, in the order of their numbers.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::OUTPUT,
         Self::AMPLITUDE,
         Self::ACCELERATION,
@@ -104,6 +108,7 @@ impl Limits {
         Self::SECOND_TONE,
         Self::LINK_LOST,
         Self::DEAF,
+        Self::MISFIT,
     ];
 
     /// Its number, for a single limit.
@@ -121,6 +126,7 @@ impl Limits {
             Self::SECOND_TONE => "second tone cut",
             Self::LINK_LOST => "link lost",
             Self::DEAF => "deaf",
+            Self::MISFIT => "parts do not fit the lot",
             _ => "several limits",
         }
     }

@@ -25,6 +25,8 @@ pub struct LimitInputs {
     pub saturated: bool,
     /// Whether no impact is detected where impacts are required.
     pub no_impacts: bool,
+    /// Whether the parts do not fit the configured lot.
+    pub misfit: bool,
     /// Whether an upper tone is smaller than wanted.
     pub tones: bool,
 }
@@ -69,6 +71,7 @@ impl LimitMonitor {
             self.limits.set(limit, running && cut);
         }
         self.limits.set(Limits::DEAF, running && inputs.no_impacts);
+        self.limits.set(Limits::MISFIT, running && inputs.misfit);
         self.limits
             .set(Limits::SECOND_TONE, running && inputs.tones);
         self.limits.set(
@@ -96,6 +99,7 @@ mod tests {
         above_ceiling: false,
         ceiling_limit: Limits::AMPLITUDE,
         no_impacts: false,
+        misfit: false,
         saturated: false,
         tones: false,
     };
@@ -160,7 +164,7 @@ mod tests {
     #[test]
     fn each_cause_is_its_limit_while_the_drive_runs() {
         type Cause = fn(&mut LimitInputs);
-        let causes: [(Cause, Limits); 5] = [
+        let causes: [(Cause, Limits); 6] = [
             (|inputs| inputs.no_setpoint = true, Limits::NO_SETPOINT),
             (|inputs| inputs.above_ceiling = true, Limits::AMPLITUDE),
             (
@@ -171,6 +175,7 @@ mod tests {
                 Limits::ACCELERATION,
             ),
             (|inputs| inputs.no_impacts = true, Limits::DEAF),
+            (|inputs| inputs.misfit = true, Limits::MISFIT),
             (|inputs| inputs.tones = true, Limits::SECOND_TONE),
         ];
         for (set, limit) in causes {

@@ -163,15 +163,16 @@ impl Part {
         Ok(())
     }
 
+    /// Mean restitution, at least 0; a chatter is closed with it.
+    fn mean(&self) -> f64 {
+        self.restitution.mean().max(0.0)
+    }
+
     /// Map of its flights at `k`. With scattered restitution the map is elastic, and the
     /// restitution is drawn at the impact.
     fn map(&self, k: f64) -> Option<Map> {
         let scatters = self.restitution.deviation() > 0.0;
-        let kept = if scatters {
-            1.0
-        } else {
-            self.restitution.mean()
-        };
+        let kept = if scatters { 1.0 } else { self.mean() };
         Map::build(k, kept).ok()
     }
 
@@ -308,7 +309,7 @@ impl Part {
         // test. With scattered restitution it is closed at the mean.
         let slow = velocity < 1e-5 * (1.0 + k) * (1.0 + k);
         let closed = slow.then(|| {
-            let contact = Contact::build(k, self.restitution.mean()).ok()?;
+            let contact = Contact::build(k, self.mean()).ok()?;
             contact.time_to_rest(state)
         });
         if let Some(chatter) = closed.flatten() {
@@ -370,7 +371,7 @@ impl Part {
             self.motion = Motion::Resting;
             return;
         };
-        match map.hop(self.restitution.mean(), state) {
+        match map.hop(self.mean(), state) {
             Hop::Rest(chatter) => {
                 self.spare(track, state.velocity * amplitude * track.angular);
                 self.motion = Motion::Chattering {

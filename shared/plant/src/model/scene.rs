@@ -184,9 +184,10 @@ pub struct Scene {
     pub drive: DriveModel,
     /// The true accelerometer.
     pub sensor: SensorModel,
-    /// Mean restitution of each part.
+    /// Mean restitution of each part before clipping at 0, -0.5..=1; below 0 most impacts do not
+    /// bounce.
     pub parts: Parts,
-    /// Standard deviation of each part's restitution from impact to impact (symbol s), 0..=0.3.
+    /// Standard deviation of each part's restitution from impact to impact (symbol s), 0..=0.5.
     /// Parts without an entry do not scatter.
     pub scatter: Parts,
     /// Coefficients of sliding and sticking friction on the track (symbols mu, mu_s), 0..=10.
@@ -366,10 +367,10 @@ impl Scene {
             "0.05..50 ms",
         )?;
         for &restitution in &self.parts {
-            within("part restitution", restitution, 0.0, 1.0, "0..1")?;
+            within("part restitution", restitution, -0.5, 1.0, "-0.5..1")?;
         }
         for &scatter in &self.scatter {
-            within("part scatter", scatter, 0.0, 0.3, "0..0.3")?;
+            within("part scatter", scatter, 0.0, 0.5, "0..0.5")?;
         }
         for &mass in &self.masses {
             within("part mass", mass, 0.0, 1e6, "0..1000000 g")?;
@@ -410,9 +411,9 @@ impl Scene {
             match disturbance.change {
                 Change::Gain(gain) => within("disturbance gain", gain, 0.0, 10.0, "0..10")?,
                 Change::Restitution(r) => {
-                    within("disturbance restitution", r, 0.0, 1.0, "0..1")?;
+                    within("disturbance restitution", r, -0.5, 1.0, "-0.5..1")?;
                 }
-                Change::Scatter(s) => within("disturbance scatter", s, 0.0, 0.3, "0..0.3")?,
+                Change::Scatter(s) => within("disturbance scatter", s, 0.0, 0.5, "0..0.5")?,
                 Change::Noise(noise) => {
                     within("disturbance noise", noise, 0.0, 100.0, "0..100 m/s^2")?;
                 }

@@ -17,13 +17,13 @@ const WINDOWS: u32 = 3;
 const OUT_OF_GEAR: f64 = 0.05;
 
 /// Either fidelity.
-enum Loop {
+pub(super) enum Loop {
     Envelope(Box<EnvelopeLoop>),
     Waveform(Box<ClosedLoop>),
 }
 
 impl Loop {
-    fn both(scene: &Scene) -> [Self; 2] {
+    pub(super) fn both(scene: &Scene) -> [Self; 2] {
         [
             Self::Envelope(Box::new(EnvelopeLoop::build(scene).unwrap())),
             Self::Waveform(Box::new(ClosedLoop::build(scene).unwrap())),
@@ -31,7 +31,7 @@ impl Loop {
     }
 
     /// A drive cycle: the moment, its impacts and READY.
-    fn cycle(&mut self) -> (Moment, Vec<Strike>, bool) {
+    pub(super) fn cycle(&mut self) -> (Moment, Vec<Strike>, bool) {
         match self {
             Self::Envelope(closed) => {
                 let moment = closed.cycle();
@@ -47,7 +47,7 @@ impl Loop {
     }
 }
 
-fn between(noise: &mut Noise, low: f64, high: f64) -> f64 {
+pub(super) fn between(noise: &mut Noise, low: f64, high: f64) -> f64 {
     low + (high - low) * f64::from(noise.uniform())
 }
 
@@ -57,7 +57,7 @@ fn log_between(noise: &mut Noise, low: f64, high: f64) -> f64 {
 
 /// A feeder of 20 to 300 Hz with 1 to 12 parts of R 0.1 to 0.6 and s 0.02 to 0.10, for gear of order 1 or 2; the sensor's gain is 0.7 to
 /// 1.4 of the configured one, in a quarter of the lots exactly that.
-fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
+pub(super) fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
     let noise = &mut Noise::new(seed.wrapping_mul(1_000_003).wrapping_add(number));
     let order = 1 + (noise.bits() % 2) as u8;
     let frequency = log_between(noise, 20.0, 300.0);

@@ -9,6 +9,7 @@ mod held;
 mod identification;
 mod lots;
 mod margin;
+mod misfit;
 mod part;
 mod share;
 mod tones;

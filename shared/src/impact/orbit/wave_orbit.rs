@@ -62,7 +62,7 @@ impl<'a> WaveOrbit<'a> {
     /// uses its mean.
     pub fn scattering(self, scatter: Scatter) -> Self {
         Self {
-            restitution: scatter.mean(),
+            restitution: scatter.mean().max(0.0),
             scatter: Some(scatter),
             ..self
         }
@@ -95,7 +95,7 @@ impl<'a> WaveOrbit<'a> {
     ///
     /// A chatter's closed form uses its mean.
     pub(crate) fn restart(&mut self, scatter: Scatter) {
-        self.restitution = scatter.mean();
+        self.restitution = scatter.mean().max(0.0);
         self.scatter = Some(scatter);
         (self.state, self.stage) = (PartState::new(0.0, 0.0), Stage::Resting);
     }

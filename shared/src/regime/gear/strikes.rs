@@ -8,7 +8,7 @@ use core::f32::consts::TAU;
 use super::draw::Draw;
 use super::part::{SimulatedPart, Span, Tones, TrackMap};
 use super::{GearDetector, MIN_FLIGHTS_IN_GEAR};
-use crate::arithmetic::{Phase, sine_cosine_single};
+use crate::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use crate::feeder::{OutOfRange, Restitution};
 use crate::impact::{ContactTime, speed_gain};
 
@@ -18,6 +18,8 @@ pub const PHASE_BINS: usize = 64;
 pub const GROUPS: usize = 4;
 /// Number of simulated parts: half start at rest, half on the lock.
 const SIMULATED_PARTS: u32 = 32;
+/// Simulated parts of a group that start at rest, out of gear.
+const PARTS_FROM_REST_PER_GROUP: f32 = SIMULATED_PARTS as f32 / (2 * GROUPS) as f32;
 /// Simulated drive periods of each part.
 const SIMULATED_PERIODS: u16 = 768;
 /// Largest number of impacts of all parts. Chattering parts would have up to twice as many.
@@ -60,8 +62,8 @@ pub struct StrikeProfile {
     pub landing_phase: Option<Phase>,
     /// Simulated drive periods in gear and out of it, by group.
     pub periods: [[f32; GROUPS]; 2],
-    /// Losses of gear in those periods.
-    pub losses: f32,
+    /// Losses of gear in those periods, by group.
+    pub losses: [f32; GROUPS],
     /// Mean downward acceleration of the track (symbol A) at the launches in gear, by group.
     pub launch_accelerations: [f32; GROUPS],
 }
@@ -74,7 +76,7 @@ impl StrikeProfile {
         landing_rate: 0.0,
         landing_phase: None,
         periods: [[0.0; GROUPS]; 2],
-        losses: 0.0,
+        losses: [0.0; GROUPS],
         launch_accelerations: [0.0; GROUPS],
     };
 
@@ -86,7 +88,28 @@ impl StrikeProfile {
 
     /// Mean drive periods in gear until it is lost; without a loss, all of them: a lower bound.
     pub fn time_to_loss(&self) -> f32 {
-        self.periods[0].iter().sum::<f32>() / self.losses.max(1.0)
+        self.periods[0].iter().sum::<f32>() / self.losses.iter().sum::<f32>().max(1.0)
+    }
+
+    /// Smallest credible share of time in gear of a part of the lot over a number of drive periods,
+    /// 0..=1: three standard deviations below the mean of its group, least of all groups.
+    ///
+    /// In gear and out of it alternate as a two-state Markov process, whose share over a time `T` has
+    /// the variance `2 p (1 - p) t/T` with the correlation time `t = p d` for the mean duration `d` out
+    /// of gear. It is 0 while a part may still wait for its first capture (one in a thousand).
+    pub fn least_share(&self, periods: f32) -> f32 {
+        (0..GROUPS).fold(1.0, |least, group| {
+            let [within, without] = self.periods.map(|periods| periods[group]);
+            let mean = within / (within + without).max(1.0);
+            let out = without / (self.losses[group] + PARTS_FROM_REST_PER_GROUP);
+            if periods < 7.0 * out {
+                return 0.0;
+            }
+            let variance = 2.0 * mean * mean * (1.0 - mean) * out / periods.max(1.0);
+            least
+                .min(mean - 3.0 * square_root_single(variance))
+                .max(0.0)
+        })
     }
 }
 
@@ -302,7 +325,7 @@ impl StrikeProfiler {
         }
         self.pending_count = 0;
         if self.was_in_gear {
-            self.profile.losses += 1.0;
+            self.profile.losses[self.group()] += 1.0;
         }
         self.was_in_gear = false;
     }

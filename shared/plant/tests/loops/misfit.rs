@@ -1,0 +1,167 @@
+//! Parts that do not fit the configured lot: how soon they are detected, what is held then, and that
+//! parts of the lot never are.
+
+use kband::arithmetic::Noise;
+use kband_control::{Limits, State, Target};
+use kband_plant::{Change, Disturbance, Scene};
+
+use super::lots::{Loop, between, random_lot};
+
+/// Seconds from the setpoint within which such parts are detected.
+const WITHIN: f64 = 10.0;
+
+/// Parts of a mean restitution and a scatter on a feeder at 50 Hz, for a configured lot.
+fn scene(target: Target, lot: [f32; 2], scatter: f32, parts: usize, actual: [f32; 2]) -> Scene {
+    let mut scene = Scene {
+        target,
+        parts: core::iter::repeat_n(actual[0], parts).collect(),
+        scatter: core::iter::repeat_n(actual[1], parts).collect(),
+        ..Scene::default()
+    };
+    [
+        scene.settings.restitution_low,
+        scene.settings.restitution_high,
+    ] = lot;
+    scene.settings.scatter = scatter;
+    scene
+}
+
+/// Seconds from the setpoint to limit 9; speeds in m/s before it and from two seconds after it on.
+fn detected(closed: &mut Loop, seconds: f64) -> Option<(f64, [f64; 2])> {
+    let (mut settled, mut detected, mut later) = (None, None, None);
+    loop {
+        let (moment, _, ready) = closed.cycle();
+        let (report, now) = (&moment.report, (moment.time, moment.displacement));
+        if settled.is_none() && report.state == State::Holding {
+            settled = Some(now);
+        }
+        if report.limits.contains(Limits::MISFIT) {
+            detected = detected.or(Some(now));
+            assert!(!ready && report.in_gear == 0.0 && report.in_gear_error.is_infinite());
+            assert!(report.margin.is_none());
+            if later.is_none() && detected.is_some_and(|then| now.0 > then.0 + 2.0) {
+                later = Some(now);
+            }
+        }
+        let Some(settled) = settled else {
+            assert!(now.0 < 30.0, "never at the setpoint");
+            continue;
+        };
+        if now.0 > settled.0 + seconds {
+            let found = detected?;
+            let speed = |from: (f64, f64), to: (f64, f64)| (to.1 - from.1) / (to.0 - from.0);
+            let speeds = [speed(settled, found), speed(later?, now)];
+            return Some((found.0 - settled.0, speeds));
+        }
+    }
+}
+
+/// Bodies that tumble in YADE have these medians and scatters.
+#[test]
+fn tumbling_bodies_are_detected_and_conveyed_faster() {
+    let tumbling = [[-0.36, 0.4], [0.0, 0.27], [-0.1, 0.5], [0.33, 0.5]];
+    let gear = Target::Gear { order: 1 };
+    for (lot, scatter, second_tone, parts) in [
+        ([0.18, 0.22], 0.05, 0.0, 1),
+        ([0.3, 0.3], 0.1, 0.15, 3),
+        ([0.4, 0.5], 0.05, 0.2, 12),
+    ] {
+        for actual in tumbling {
+            let mut scene = scene(gear, lot, scatter, parts, actual);
+            scene.settings.second_tone = second_tone;
+            scene.drive.second_gain = scene.settings.second_gain;
+            for mut closed in Loop::both(&scene) {
+                let found = detected(&mut closed, WITHIN + 4.0);
+                let Some((seconds, [before, after])) = found else {
+                    panic!("{lot:?} {parts} {actual:?} not detected");
+                };
+                assert!(
+                    seconds < WITHIN,
+                    "{lot:?} {parts} {actual:?} after {seconds} s"
+                );
+                assert!(
+                    after > before,
+                    "{lot:?} {parts} {actual:?}: {before} {after}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn parts_of_the_lot_always_fit() {
+    let mut fitting = 0;
+    for number in 0..40 {
+        let (mut scene, _) = random_lot(7, number);
+        let mut noise = Noise::new(number);
+        let off = f64::from(scene.settings.amplitude_error);
+        scene.sensor.sensitivity = between(&mut noise, 1.0 - off, 1.0 + off) as f32;
+        let [envelope, waveform] = Loop::both(&scene);
+        // Sample by sample takes ten times as long.
+        let fidelities = if number < 6 {
+            vec![envelope, waveform]
+        } else {
+            vec![envelope]
+        };
+        for mut closed in fidelities {
+            let found = detected(&mut closed, 20.0);
+            assert_eq!(found, None, "{number}: {scene:?}");
+            fitting += 1;
+        }
+    }
+    assert_eq!(fitting, 46);
+}
+
+#[test]
+fn amplitude_for_misfit_parts_is_the_throw_of_a_period_within_the_limits() {
+    // 1/k = sqrt(1 + pi^2): 0.3271 mm at 50 Hz and 3 degrees.
+    let gear = Target::Gear { order: 1 };
+    for (limit, expected) in [(1.0, 0.3271e-3), (0.25, 0.25e-3)] {
+        let mut scene = scene(gear, [0.3, 0.3], 0.05, 3, [0.0, 0.4]);
+        scene.settings.amplitude_limit = limit;
+        for mut closed in Loop::both(&scene) {
+            assert!(detected(&mut closed, WITHIN).is_some());
+            let (moment, ..) = closed.cycle();
+            let report = moment.report;
+            assert!(
+                (report.setpoint / expected - 1.0).abs() < 1e-3,
+                "{report:?}"
+            );
+            assert!((report.amplitude / expected - 1.0).abs() < 0.01);
+            assert_eq!(report.limits, Limits::MISFIT);
+            assert_eq!(report.expected_in_gear, 0.0);
+        }
+    }
+}
+
+#[test]
+fn verdict_ends_with_an_empty_track() {
+    let gear = Target::Gear { order: 1 };
+    let mut scene = scene(gear, [0.2, 0.2], 0.03, 3, [0.0, 0.4]);
+    let changes = [
+        (14.0, Change::Parts(0)),
+        (14.0, Change::Restitution(0.2)),
+        (14.0, Change::Scatter(0.03)),
+        (17.0, Change::Parts(3)),
+    ];
+    scene.disturbances = changes
+        .into_iter()
+        .map(|(at, change)| Disturbance { at, change })
+        .collect();
+    for mut closed in Loop::both(&scene) {
+        let (mut misfit, mut ready_at) = (0.0, None);
+        while ready_at.is_none() {
+            let (moment, _, ready) = closed.cycle();
+            assert!(moment.time < 30.0, "not ready: {:?}", moment.report);
+            if moment.report.limits.contains(Limits::MISFIT) {
+                misfit = moment.time;
+            }
+            if ready {
+                ready_at = Some(moment.time);
+            }
+        }
+        // A second without an impact, and the last one at most 0.1 s after the parts left.
+        assert!((14.9..15.2).contains(&misfit), "{misfit}");
+        assert!(ready_at > Some(17.0), "{ready_at:?}");
+    }
+}
