@@ -5,9 +5,8 @@
 
 use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
 
-use crate::proof::Proof;
 use crate::states::Launch;
-use crate::verdict::{Tried, Verdict, judge};
+use crate::verdict::{Proof, Tried, Verdict, judge};
 
 /// A track in every arithmetic that can represent it.
 pub struct Bench {
@@ -96,7 +95,7 @@ impl Bench {
             velocity,
             ..*launch
         };
-        if *proof.launched.launch() != held {
+        if *proof.launch() != held {
             let told = self
                 .map()
                 .map_or(0.0, |map| map.impact(held.state()).flight);
@@ -114,7 +113,7 @@ fn one<K: Tried>(
 ) -> Result<Verdict, String> {
     spoil(K::NAME, &mut impact);
     // So near to lift-off the step of the phase decides whether the track throws the part.
-    if proof.launched.launch().velocity < 1e-16 && proof.launched.from_edge() < 6.0 * K::STEPS[0] {
+    if proof.launch().velocity < 1e-16 && proof.from_edge() < 6.0 * K::STEPS[0] {
         return Ok(Verdict::Flagged);
     }
     judge::<K>(proof, &impact).map_err(|cause| {
@@ -123,7 +122,7 @@ fn one<K: Tried>(
             restitution,
             phase,
             velocity,
-        } = proof.launched.launch();
+        } = proof.launch();
         format!(
             "{cause}\n    gave {impact:?}\n    kband impacts --arithmetic {} --k {k:e} --restitution {restitution:e} --phase {phase:e} --velocity {velocity:e}",
             K::NAME

@@ -3,13 +3,11 @@
 
 pub mod bench;
 pub mod broken;
-pub mod certificate;
 pub mod day;
 pub mod desk;
 pub mod exact;
 pub mod footprint;
 pub mod oracle;
-pub mod proof;
 pub mod scenes;
 pub mod soak;
 pub mod states;

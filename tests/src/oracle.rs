@@ -1,12 +1,9 @@
-//! An independent impact map: slow, simple, unable to jump over an impact.
+//! An independent impact map for tracks of one tone and of several: slow, simple, unable to jump
+//! over an impact.
 //!
-//! It shares no code and no idea with the kernels: it evaluates sines where it stands, and steps by
-//! a lower bound of the gap. Its fourth derivative is within -1..1, so its Taylor series to the
-//! third power less `h^4/24` is below `u(d + h)`: stepping up to the first root of that passes no
-//! impact.
-
-/// Longest step in rad.
-const STRIDE: f64 = 2.0;
+//! It shares no code and no idea with the kernels: it evaluates every tone where it stands and
+//! steps by a lower bound of the gap. With M the sum of `q^4 e_q` the fourth derivative is within
+//! -M..M, so that the Taylor series to the third power less `M h^4/24` is below `u(d + h)`.
 
 /// A flight's first impact as the oracle sees it.
 #[derive(Clone, Copy, Debug)]
@@ -20,111 +17,288 @@ pub struct Flight {
     pub clearance: f64,
 }
 
-/// The gap and its first two derivatives `d` after a launch.
-pub fn gap(k: f64, phase: f64, velocity: f64, d: f64) -> [f64; 3] {
-    let (s, c) = phase.sin_cos();
-    gap_from([s, c], k, phase, velocity, d)
+/// A track: k and its tones, each frequency, amplitude and angle.
+#[derive(Clone, Copy, Debug)]
+pub struct Track {
+    /// k.
+    pub k: f64,
+    /// The tones, `e sin(q t + th)` as (q, e, th).
+    pub tones: [(f64, f64, f64); 3],
 }
 
-/// The same where sine and cosine of the phase are known.
-pub fn gap_from([s, c]: [f64; 2], k: f64, phase: f64, velocity: f64, d: f64) -> [f64; 3] {
-    let half_sine = (0.5 * d).sin();
-    let (middle_sine, middle_cosine) = (phase + 0.5 * d).sin_cos();
-    let height = if d < 0.5 {
-        d * (velocity + d * (s * versine(d) - 0.5 * k + d * c * sagitta(d)))
-    } else {
-        (velocity + c) * d - 0.5 * k * d * d - 2.0 * middle_cosine * half_sine
-    };
-    let slope = if d < 0.5 {
-        velocity + d * (s - k + d * (c * versine(d) - s * d * sagitta(d)))
-    } else {
-        velocity - k * d + 2.0 * middle_sine * half_sine
-    };
-    let curvature = if d < 0.5 {
-        (s - k) + 2.0 * middle_cosine * half_sine
-    } else {
-        (phase + d).sin() - k
-    };
-    [height, slope, curvature]
-}
+/// Longest step in rad.
+const STRIDE: f64 = 2.0;
 
-/// Rounding error of [`gap`]: half a unit in the last place of every term it sums.
-pub fn rounding(k: f64, phase: f64, velocity: f64, d: f64) -> f64 {
-    let (s, c) = phase.sin_cos();
-    rounding_from([s, c], k, velocity, d)
-}
-
-/// The same where sine and cosine of the phase are known.
-pub fn rounding_from([s, c]: [f64; 2], k: f64, velocity: f64, d: f64) -> f64 {
-    let terms = if d < 0.5 {
-        d * (velocity + d * ((s - k).abs() + k + s.abs() + d * c.abs()))
-    } else {
-        d * ((velocity + c).abs() + velocity + k * d + 1.0) + 2.0
-    };
-    0.5 * f64::EPSILON * terms
-}
-
-/// The first impact after a launch that is not at rest.
-pub fn first_impact(k: f64, phase: f64, velocity: f64) -> Flight {
-    let (s, c) = phase.sin_cos();
-    let mut d = 0.999 * clear_of_launch(k, phase, velocity, STRIDE);
-    let mut clearance = f64::INFINITY;
-    let launch = velocity + c;
-    let leaving = launch * launch - 2.0 * k * (1.0 - s);
-    if launch > 0.0 && leaving >= 1.0 {
-        d = d.max((launch + leaving.sqrt()) / k);
-    }
-    let mut shrinking = f64::INFINITY;
-    for n in 0..10_000 {
-        let at = gap(k, phase, velocity, d);
-        let height = at[0];
-        if height <= 0.0 {
-            break;
+impl Track {
+    /// The track of a second and a third tone, each amplitude and angle.
+    pub fn of(k: f64, [e, th, e3, th3]: [f64; 4]) -> Self {
+        Self {
+            k,
+            tones: [(1.0, 1.0, 0.0), (2.0, e, th), (3.0, e3, th3)],
         }
-        let h = clear_from(at, phase, d, STRIDE);
-        // Near the flat top of a track with k within rounding of 1 every step is this small.
-        if h <= 2e-16 * d || (n > 300 && h < 1e-6 * d && height < rounding(k, phase, velocity, d)) {
-            break;
-        }
-        // Steps that shrink and grow again have passed a near touch.
-        if h > shrinking {
-            clearance = clearance.min(height / rounding(k, phase, velocity, d));
-        }
-        shrinking = h;
-        d += h;
     }
-    let arrival = (-gap(k, phase, velocity, d)[1]).max(0.0);
-    Flight {
-        duration: d,
-        arrival,
-        clearance,
+
+    /// The track of one tone.
+    pub fn sine(k: f64) -> Self {
+        Self::of(k, [0.0; 4])
+    }
+
+    /// S and its first three derivatives.
+    pub fn at(&self, phase: f64) -> [f64; 4] {
+        let mut sums = [0.0; 4];
+        for (q, e, th) in self.tones {
+            let (s, c) = (q * phase + th).sin_cos();
+            sums[0] += e * s;
+            sums[1] += e * q * c;
+            sums[2] -= e * q * q * s;
+            sums[3] -= e * q * q * q * c;
+        }
+        sums
+    }
+
+    /// Bounds of S and of its first four derivatives.
+    pub fn sums(&self) -> [f64; 5] {
+        let mut sums = [0.0; 5];
+        for (q, e, _) in self.tones {
+            let mut term = e;
+            for sum in &mut sums {
+                *sum += term;
+                term *= q;
+            }
+        }
+        sums
+    }
+
+    /// The gap and its first two derivatives `d` after a launch.
+    pub fn gap(&self, phase: f64, velocity: f64, d: f64) -> [f64; 3] {
+        let [height, slope, curvature, _] = self.launched(phase, velocity).gap(d);
+        [height, slope, curvature]
+    }
+
+    /// A launch.
+    fn launched(&self, phase: f64, velocity: f64) -> Launched {
+        let tones = self.tones.map(|(q, e, th)| {
+            let (s, c) = if e == 0.0 {
+                (0.0, 0.0)
+            } else {
+                (q * phase + th).sin_cos()
+            };
+            [q, e * s, e * c]
+        });
+        Launched {
+            k: self.k,
+            velocity,
+            tones,
+        }
+    }
+
+    /// Rounding error of [`Track::gap`]: half a unit in the last place of every term it sums.
+    pub fn rounding(&self, phase: f64, velocity: f64, d: f64) -> f64 {
+        let speeds: f64 = self.tones.iter().map(|(q, e, _)| q * e).sum();
+        let pushes: f64 = self.tones.iter().map(|(q, e, _)| q * q * e).sum();
+        let angles = 2.0 + phase + d;
+        let turned = d * (velocity + self.k * d + (d * pushes).min(speeds * angles));
+        f64::EPSILON * turned
+    }
+
+    /// The first impact after a launch that is not at rest: at `guess` if the quick certificate
+    /// proves it, else by stepping.
+    pub fn first_impact_by(&self, phase: f64, velocity: f64, guess: f64) -> Flight {
+        let launched = self.launched(phase, velocity);
+        let [height, slope, curvature, _] = launched.gap(guess);
+        let noise = self.rounding(phase, velocity, guess);
+        let simple = slope < 0.0 && slope * slope > 100.0 * curvature.abs() * noise;
+        if simple
+            && height.abs() <= 16.0 * noise
+            && self.is_first(&launched, phase, [guess, slope, curvature])
+        {
+            return Flight {
+                duration: guess,
+                arrival: -slope,
+                clearance: f64::INFINITY,
+            };
+        }
+        self.first_impact(phase, velocity)
+    }
+
+    /// Whether the impact at `d` is proven to be the first; `d` is a zero of the gap to rounding.
+    ///
+    /// It uses four facts:
+    ///
+    /// - A ball that leaves the track's reach faster than the track's top speed meets it once.
+    /// - Above that reach there is no track.
+    /// - The lower bound of the gap holds from any point.
+    /// - Where the slope is negative up to the impact, the gap before it is positive.
+    fn is_first(&self, launched: &Launched, phase: f64, [d, slope, curvature]: [f64; 3]) -> bool {
+        let velocity = launched.velocity;
+        let [reach, fastest, _, jerk, bound] = self.sums();
+        let [height, speed, push, surge] = launched.track();
+        let launch = velocity + speed;
+        let leaving = launch * launch - 2.0 * self.k * (reach - height);
+        let spare = 1e-13 * (1.0 + launch * launch);
+        let (mut rises, mut sinks) = (f64::INFINITY, 0.0);
+        if launch > 0.0 && leaving > spare {
+            let speed = leaving.sqrt();
+            sinks = (launch + speed) / self.k * (1.0 - 1e-12) - spare / (self.k * speed);
+            rises = (launch - speed) / self.k * (1.0 + 1e-12) + spare / (self.k * speed);
+            if leaving >= fastest * fastest + spare {
+                return d >= sinks;
+            }
+        }
+        let quotient = [velocity, 0.5 * (push - self.k), surge / 6.0];
+        let mut at = 0.999 * clear_of_launch(quotient, bound, d.min(STRIDE));
+        for _ in 0..100 {
+            if at >= rises && at < sinks {
+                at = sinks;
+            }
+            let rest = d - at;
+            // u' = slope - curvature (d - x) at most plus the largest jerk (d - x)^2/2 at x.
+            let rise = (-curvature).max(0.0) * rest + 0.5 * jerk * rest * rest;
+            if rest <= 0.0 || slope + rise < 0.01 * slope {
+                return true;
+            }
+            let there = launched.gap(at);
+            if there[0] <= 4.0 * self.rounding(phase, velocity, at) {
+                return false;
+            }
+            let step = 0.999 * clear_from(there, bound);
+            if step <= 1e-6 * rest {
+                return false;
+            }
+            at += step;
+        }
+        false
+    }
+
+    /// The first impact after a launch that is not at rest, by stepping.
+    pub fn first_impact(&self, phase: f64, velocity: f64) -> Flight {
+        let [reach, fastest, _, _, bound] = self.sums();
+        let launched = self.launched(phase, velocity);
+        let [height, speed, push, surge] = launched.track();
+        let quotient = [velocity, 0.5 * (push - self.k), surge / 6.0];
+        let mut d = 0.999 * clear_of_launch(quotient, bound, STRIDE);
+        if velocity == 0.0 && surge > 0.0 {
+            // At lift-off, whatever the rounding of A - k.
+            d = d.max(2.0 * surge / bound);
+        }
+        let launch = velocity + speed;
+        let leaving = launch * launch - 2.0 * self.k * (reach - height);
+        if launch > 0.0 && leaving >= fastest * fastest {
+            d = d.max((launch + leaving.sqrt()) / self.k * (1.0 - 1e-15));
+        }
+        // Smallest ratio, within a step, of the lower bound to the rounding of the gap.
+        let near =
+            |from: f64, [at, least]: [f64; 2]| least / self.rounding(phase, velocity, from + at);
+        let mut clearance = lowest([velocity, quotient[1], quotient[2], -bound / 24.0, 0.0], d)
+            .map_or(f64::INFINITY, |[at, least]| near(0.0, [at, at * least]));
+        let mut before = f64::INFINITY;
+        let mut falls = true;
+        for n in 0..40_000 {
+            let at = launched.gap(d);
+            let rounding = self.rounding(phase, velocity, d);
+            // Where the gap is nearly level, its bound within a step has no minimum; then the value
+            // before it was the low one.
+            if falls && at[0] > before {
+                clearance = clearance.min(before / rounding);
+            }
+            falls = at[0] < before;
+            before = at[0];
+            if at[0] <= 0.0 {
+                break;
+            }
+            let terms = onward(at, bound);
+            let h = clear_for(terms, STRIDE);
+            if h <= 2e-16 * d || (n > 400 && h < 1e-6 * d && at[0] < rounding) {
+                break;
+            }
+            if let Some(lowest) = lowest(terms, h) {
+                clearance = clearance.min(near(d, lowest));
+            }
+            d += h;
+        }
+        Flight {
+            duration: d,
+            arrival: (-launched.gap(d)[1]).max(0.0),
+            clearance,
+        }
     }
 }
 
-/// `(1 - cos d) / d^2`.
-fn versine(d: f64) -> f64 {
-    if d == 0.0 {
-        return 0.5;
-    }
-    let half = (0.5 * d).sin() / (0.5 * d);
-    0.5 * half * half
+/// A launch from a track: its velocity; per tone its frequency, and its amplitude times sine and
+/// cosine.
+struct Launched {
+    k: f64,
+    velocity: f64,
+    tones: [[f64; 3]; 3],
 }
 
-/// `(d - sin d) / d^3` by its series, for d < 0.5.
-fn sagitta(d: f64) -> f64 {
-    let x = d * d;
+impl Launched {
+    /// The track at launch: height, speed, push (minus the second derivative) and minus the third
+    /// derivative.
+    fn track(&self) -> [f64; 4] {
+        let mut sums = [0.0; 4];
+        for [q, s, c] in self.tones {
+            sums[0] += s;
+            sums[1] += q * c;
+            sums[2] += q * q * s;
+            sums[3] += q * q * q * c;
+        }
+        sums
+    }
+
+    /// The gap and its first three derivatives `d` after it.
+    fn gap(&self, d: f64) -> [f64; 4] {
+        let mut gap = [
+            d * (self.velocity - 0.5 * self.k * d),
+            self.velocity - self.k * d,
+            -self.k,
+            0.0,
+        ];
+        for [q, s, c] in self.tones {
+            if s == 0.0 && c == 0.0 {
+                continue;
+            }
+            let x = q * d;
+            let (half_sine, half_cosine) = (0.5 * x).sin_cos();
+            let (versine, sine) = (2.0 * half_sine * half_sine, 2.0 * half_sine * half_cosine);
+            let sagitta = if x < 0.5 { sagitta(x) } else { x - sine };
+            let cosine = 1.0 - versine;
+            gap[0] += s * versine + c * sagitta;
+            gap[1] += q * (s * sine + c * versine);
+            gap[2] += q * q * (s * cosine + c * sine);
+            gap[3] += q * q * q * (c * cosine - s * sine);
+        }
+        gap
+    }
+}
+
+/// `x - sin x` by its series, for x < 0.5.
+fn sagitta(x: f64) -> f64 {
+    let z = x * x;
     let mut sum = 0.0;
     for n in [19.0, 17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0] {
-        sum = (1.0 - x * sum) / ((n - 1.0) * n);
+        sum = (1.0 - z * sum) / ((n - 1.0) * n);
     }
-    (1.0 - x * sum) / 6.0
+    x * z * (1.0 - z * sum) / 6.0
+}
+
+/// Time up to `stride` for which the gap surely stays positive from launch.
+///
+/// The bounded function is `u/d = psi + (A - k) d/2 + A' d^2/6 - ...`.
+fn clear_of_launch([u, v, a]: [f64; 3], bound: f64, stride: f64) -> f64 {
+    clear_for([u, v, a, -bound / 24.0, 0.0], stride)
+}
+
+/// Time for which the gap surely stays positive, from a point with this gap and these derivatives.
+fn clear_from(at: [f64; 4], bound: f64) -> f64 {
+    clear_for(onward(at, bound), STRIDE)
 }
 
 /// How long `u + v h + a h^2 + b h^3 - w h^4 > 0` at least, up to `stride`; u >= 0, w >= 0.
 ///
 /// Up to the stride the last two terms are above a quadratic one, whose root is closed; the stride
 /// is shortened until it is near that root.
-pub(crate) fn clear_for([u, v, a, b, w]: [f64; 5], mut stride: f64) -> f64 {
+fn clear_for([u, v, a, b, w]: [f64; 5], mut stride: f64) -> f64 {
     let mut clear = 0.0_f64;
     for _ in 0..40 {
         let bend = a + (b - w * stride).min(0.0) * stride;
@@ -145,26 +319,34 @@ pub(crate) fn clear_for([u, v, a, b, w]: [f64; 5], mut stride: f64) -> f64 {
     clear
 }
 
-/// How long the gap stays positive from `d` on, at least, up to `stride`; `at` is the gap there.
-pub fn clear_from(at: [f64; 3], phase: f64, d: f64, stride: f64) -> f64 {
-    // The fourth derivative is within -1..1; the phase rounds.
-    let cosine = (phase + d).cos() - 2.0 * f64::EPSILON * (phase + d);
-    clear_for(
-        [at[0], at[1], 0.5 * at[2], cosine / 6.0, 1.0 / 24.0],
-        stride,
-    )
+/// Coefficients of the lower bound from there on, for [`clear_for`].
+fn onward([u, v, a, b]: [f64; 4], bound: f64) -> [f64; 5] {
+    [u, v, 0.5 * a, b / 6.0, bound / 24.0]
 }
 
-/// How long the gap stays positive from launch, at least, up to `stride`.
-pub fn clear_of_launch(k: f64, phase: f64, velocity: f64, stride: f64) -> f64 {
-    let (s, c) = phase.sin_cos();
-    // u/d = psi + (s - k) d/2 + c d^2/6 - s d^3/24 - ...
-    let quotient = [velocity, 0.5 * (s - k), c / 6.0, -s / 24.0, 1.0 / 120.0];
-    let clear = clear_for(quotient, stride);
-    if velocity == 0.0 && c > 0.0 {
-        // At lift-off, whatever the rounding of sin t - k, cos t lifts the part.
-        clear.max(2.0 * c)
-    } else {
-        clear
+/// Minimum of `u + v x + a x^2 + b x^3 - w x^4` in 0..`end`, place and value, if it rises again
+/// from there.
+fn lowest([u, v, a, b, w]: [f64; 5], end: f64) -> Option<[f64; 2]> {
+    const PIECES: u32 = 16;
+    let rise = |x: f64| v + x * (2.0 * a + x * (3.0 * b - 4.0 * w * x));
+    let mut least: Option<[f64; 2]> = None;
+    for n in 0..PIECES {
+        let [mut low, mut high] = [n, n + 1].map(|n| end * f64::from(n) / f64::from(PIECES));
+        if rise(low) >= 0.0 || rise(high) < 0.0 {
+            continue;
+        }
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if rise(middle) < 0.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        let value = u + low * (v + low * (a + low * (b - w * low)));
+        if least.is_none_or(|[_, least]| value < least) {
+            least = Some([low, value]);
+        }
     }
+    least
 }

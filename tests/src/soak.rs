@@ -10,6 +10,7 @@ use kband::arithmetic::Phase;
 use kband::impact::batch::{Block, LANES};
 
 use crate::bench::{Bench, Judged};
+use crate::oracle::Track;
 use crate::states::{Kind, Launch, Random};
 use crate::verdict::Verdict;
 
@@ -234,7 +235,7 @@ pub(crate) fn watched<T: Default + Send>(
 pub fn replay(launch: &Launch) -> Result<String, String> {
     let mut text = String::new();
     let _ = writeln!(text, "{launch:?}");
-    let truth = crate::oracle::first_impact(launch.k, launch.phase, launch.velocity);
+    let truth = Track::sine(launch.k).first_impact(launch.phase, launch.velocity);
     let _ = writeln!(text, "oracle {truth:?}");
     judged(&Bench::build(launch.k, launch.restitution), launch)
         .map(|judged| format!("{text}{:?}", judged.verdict))

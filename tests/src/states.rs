@@ -4,6 +4,9 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use kband::impact::PartState;
 
+use crate::oracle::Track;
+use crate::tones::touching;
+
 /// A launch: the input of a kernel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Launch {
@@ -31,6 +34,18 @@ impl Launch {
     /// Phase and velocity.
     pub fn state(&self) -> PartState {
         PartState::new(self.phase, self.velocity)
+    }
+
+    /// Rounding error of the gap `d` after this launch: half a unit in the last place of every term
+    /// it sums.
+    pub fn rounding(&self, d: f64) -> f64 {
+        let (s, c) = self.phase.sin_cos();
+        let terms = if d < 0.5 {
+            d * (self.velocity + d * ((s - self.k).abs() + self.k + s.abs() + d * c.abs()))
+        } else {
+            d * ((self.velocity + c).abs() + self.velocity + self.k * d + 1.0) + 2.0
+        };
+        0.5 * f64::EPSILON * terms
     }
 }
 
@@ -182,46 +197,13 @@ impl Kind {
 }
 
 /// A launch whose parabola touches a hump, but for 1e-17..1e-2 of velocity.
-///
-/// It is computed backwards, from a touch at a random place of the hump to the launch.
 fn grazing(random: &mut Random, k: f64, restitution: f64) -> Launch {
+    let track = Track::sine(k);
     loop {
-        let edge = k.asin();
-        let touch = random.between(edge, PI - edge);
-        let (s, c) = touch.sin_cos();
-        let gap = |past: f64| s - c * past - 0.5 * k * past * past - (touch - past).sin();
-        let mut past = random.between(0.05, 12.0);
-        // Above height 1 there is no track.
-        let leaving = c * c - 2.0 * k * (1.0 - s);
-        if leaving > 0.0 && c < 0.0 && s - c * past - 0.5 * k * past * past > 1.0 {
-            past = past.max((leaving.sqrt() - c) / k - 0.1);
-        }
-        let mut before = gap(past);
-        let mut bracket = None;
-        // Below height -1 there is no track either.
-        while bracket.is_none() && s - c * past - 0.5 * k * past * past >= -1.0 {
-            past += 0.05;
-            let now = gap(past);
-            if before > 0.0 && now <= 0.0 {
-                bracket = Some((past - 0.05, past));
-            }
-            before = now;
-        }
-        let Some(bracket) = bracket else {
+        let Some((phase, velocity, _)) = touching(&track, random) else {
             continue;
         };
-        let (mut near, mut far) = bracket;
-        for _ in 0..60 {
-            let middle = 0.5 * (near + far);
-            if gap(middle) > 0.0 {
-                near = middle;
-            } else {
-                far = middle;
-            }
-        }
-        let phase = touch - far;
-        let velocity = c + k * far - phase.cos() + random.sign() * random.scale(1e-17, 1e-2);
-        let phase = phase.rem_euclid(TAU);
+        let velocity = velocity + random.sign() * random.scale(1e-17, 1e-2);
         if (0.0..20.0).contains(&velocity) && phase < TAU {
             return Launch::new(k, restitution, phase, velocity);
         }

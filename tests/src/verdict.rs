@@ -4,9 +4,58 @@ use std::f64::consts::TAU;
 
 use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
 
-use crate::certificate;
-use crate::proof::{Launched, Proof};
+use crate::oracle::Track;
 use crate::states::Launch;
+
+/// A launch, and the time of its first impact, proven once for all arithmetics with this launch.
+pub struct Proof {
+    launch: Launch,
+    track: Track,
+    /// The impact time of the f64 map.
+    guess: f64,
+    first: Option<f64>,
+}
+
+impl Proof {
+    /// The proof of a launch; it tries the impact time `guess` first.
+    pub fn of(launch: Launch, guess: f64) -> Self {
+        Self {
+            launch,
+            track: Track::sine(launch.k),
+            guess,
+            first: None,
+        }
+    }
+
+    /// The launch.
+    pub fn launch(&self) -> &Launch {
+        &self.launch
+    }
+
+    fn gap(&self, d: f64) -> [f64; 3] {
+        self.track.gap(self.launch.phase, self.launch.velocity, d)
+    }
+
+    /// Excess of the track's push over k at the launch.
+    fn excess(&self) -> f64 {
+        self.launch.phase.sin() - self.launch.k
+    }
+
+    /// Distance in rad from the launch to the phase at which the push passes k.
+    pub fn from_edge(&self) -> f64 {
+        (self.excess() / self.launch.phase.cos()).abs()
+    }
+
+    fn first(&mut self) -> f64 {
+        let Launch {
+            phase, velocity, ..
+        } = self.launch;
+        *self.first.get_or_insert_with(|| {
+            let flight = self.track.first_impact_by(phase, velocity, self.guess);
+            flight.duration
+        })
+    }
+}
 
 /// The oracle's verdict on one impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,7 +76,7 @@ pub enum Verdict {
 /// A kernel under test, with the effect of its rounding on the gap.
 pub trait Tried: Kernel {
     /// Rounding of the gap `d` after launch.
-    fn rounding(launched: &Launched, d: f64) -> f64;
+    fn rounding(proof: &Proof, d: f64) -> f64;
     /// Step of a flight time, and of a velocity.
     const STEPS: [f64; 2];
 }
@@ -38,14 +87,14 @@ const STEP: f64 = TAU / 4_294_967_296.0;
 const VELOCITY_STEP: f64 = 1.0 / 67_108_864.0;
 
 impl Tried for Map {
-    fn rounding(launched: &Launched, d: f64) -> f64 {
-        launched.rounding(d)
+    fn rounding(proof: &Proof, d: f64) -> f64 {
+        proof.launch.rounding(d)
     }
     const STEPS: [f64; 2] = [0.0; 2];
 }
 
 impl Tried for Hybrid {
-    fn rounding(_: &Launched, d: f64) -> f64 {
+    fn rounding(_: &Proof, d: f64) -> f64 {
         // Sines to 2^-30, short hops in f32; the cosine at launch to 2^-36.
         3e-9 * d.min(1.0) + 1.5e-11 * d
     }
@@ -53,7 +102,7 @@ impl Tried for Hybrid {
 }
 
 impl Tried for Integer {
-    fn rounding(_: &Launched, d: f64) -> f64 {
+    fn rounding(_: &Proof, d: f64) -> f64 {
         // Sine and cosine at launch to 2^-30.
         1e-9 * d.min(1.0) + 1e-9 * d
     }
@@ -61,8 +110,8 @@ impl Tried for Integer {
 }
 
 impl Tried for Single {
-    fn rounding(launched: &Launched, d: f64) -> f64 {
-        8.0 * launched.rounding(d) * (f64::from(f32::EPSILON) / f64::EPSILON)
+    fn rounding(proof: &Proof, d: f64) -> f64 {
+        8.0 * proof.launch.rounding(d) * (f64::from(f32::EPSILON) / f64::EPSILON)
     }
     const STEPS: [f64; 2] = [STEP, 1e-30];
 }
@@ -94,8 +143,9 @@ pub(crate) fn judge<K: Tried>(
     impact: &Impact<PartState>,
 ) -> Result<Verdict, String> {
     let [step, velocity_step] = K::STEPS;
-    let launched = proof.launched;
-    let launch = launched.launch();
+    let truth = proof.first();
+    let proof = &*proof;
+    let launch = proof.launch();
     let Launch {
         k,
         restitution,
@@ -113,7 +163,7 @@ pub(crate) fn judge<K: Tried>(
     if !(0.0..TAU).contains(&next.phase) {
         return Err("phase".into());
     }
-    let excess = launched.excess();
+    let excess = proof.excess();
     if d == 0.0 && velocity == 0.0 {
         // sin and k round to half a unit of 1 each, or the phase of lift-off to its step.
         return if excess <= 4.0 * f64::EPSILON + step {
@@ -131,8 +181,8 @@ pub(crate) fn judge<K: Tried>(
         return Err("phase is not that of the flight".into());
     }
     let near = |d: f64, truth: f64| {
-        let [height, slope, curvature] = launched.gap(d);
-        let noise = K::rounding(&launched, d.max(truth));
+        let [height, slope, curvature] = proof.gap(d);
+        let noise = K::rounding(proof, d.max(truth));
         // Shift of the root by that noise: linear at a fast arrival, a square root at a double
         // root.
         let moved = if slope * slope > 4.0 * curvature.abs() * noise {
@@ -153,19 +203,12 @@ pub(crate) fn judge<K: Tried>(
     let off = height.abs() / slope.abs();
     let simple = slope < 0.0 && off * curvature.abs() < 0.1 * slope.abs();
     let nothing = 64.0 * step;
-    let deviation = if nothing > 0.0 && d <= nothing && launched.gap(nothing)[0] <= 0.0 {
+    let deviation = if nothing > 0.0 && d <= nothing && proof.gap(nothing)[0] <= 0.0 {
         // A hop of a few steps of a flight time.
         0.0
-    } else if simple
-        && off <= 64.0 * moved
-        && (proof
-            .soon()
-            .is_some_and(|first| (d - first).abs() <= 64.0 * moved)
-            || certificate::is_first(k, phase, velocity, d))
-    {
+    } else if simple && off <= 64.0 * moved && (d - truth).abs() <= 64.0 * moved {
         off / moved
     } else {
-        let truth = proof.first();
         let (.., moved) = near(d, truth);
         let deviation = (d - truth).abs() / moved;
         if deviation > 64.0 {
@@ -175,10 +218,10 @@ pub(crate) fn judge<K: Tried>(
             if is_left_open(launch) && (d < 1e-12 || height.abs() <= 64.0 * noise) {
                 return Ok(Verdict::Undecided);
             }
-            let touch = launched.gap(truth)[0].abs();
-            if d > truth && touch <= launched.rounding(truth) {
-                let [height, slope, _] = launched.gap(d);
-                let room = 64.0 * (K::rounding(&launched, d) + moved * slope.abs());
+            let touch = proof.gap(truth)[0].abs();
+            if d > truth && touch <= launch.rounding(truth) {
+                let [height, slope, _] = proof.gap(d);
+                let room = 64.0 * (K::rounding(proof, d) + moved * slope.abs());
                 if velocity * d > 1e-3 && slope < 0.0 && height.abs() <= room {
                     return Ok(Verdict::Undecided);
                 }

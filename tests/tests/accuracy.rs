@@ -4,7 +4,9 @@ use std::f64::consts::{PI, TAU};
 
 use kband::arithmetic::Phase;
 use kband::impact::{Hybrid, Integer, Kernel, Map, PartState, Single, WaveMap, WaveSingle};
+use kband_tests::oracle::Track;
 use kband_tests::states::Random;
+use kband_tests::tones::touching;
 
 /// k, phase and velocity of a test state.
 type Case = (f64, f64, f64);
@@ -209,39 +211,15 @@ fn kernels_survive_their_whole_range() {
     survives::<Integer>(29.0, 1e-3);
 }
 
-/// A flight that just touches a hump: k, phase and velocity of its launch, and the time of the
-/// touch.
-///
-/// `None` where the backward flight starts outside 0..20.
+/// A launch that just touches a hump or passes it by 1e-9 to 1e-3.5, and the time of the touch.
 fn touch(random: &mut Random) -> Option<(Case, f64)> {
-    let k = 0.02 + 0.96 * random.between(0.0, 1.0);
-    let lift_off = k.asin();
-    let phase = lift_off + (PI - 2.0 * lift_off) * random.between(0.0, 1.0);
-    // Backwards along the parabola that touches the track at `phase`, down to the launch.
-    let (s, c) = (phase.sin(), phase.cos());
-    let height = |back: f64| s - c * back - 0.5 * k * back * back - (phase - back).sin();
-    let mut far = 0.05;
-    while height(far) > 0.0 {
-        far += 0.05;
-    }
-    let mut near = far - 0.05;
-    for _ in 0..60 {
-        let middle = 0.5 * (near + far);
-        if height(middle) > 0.0 {
-            near = middle;
-        } else {
-            far = middle;
-        }
-    }
-    let velocity = c + k * near - (phase - near).cos();
-    let gap = 10_f64.powf(-9.5 + 5.0 * random.between(0.0, 1.0));
-    let side = if random.between(0.0, 1.0) < 0.5 {
-        -1.0
-    } else {
-        1.0
-    };
-    let velocity = velocity + side * gap / near;
-    (near < 60.0 && (0.0..20.0).contains(&velocity)).then_some(((k, phase - near, velocity), near))
+    let k = random.between(0.02, 0.98);
+    let (phase, velocity, time) = touching(&Track::sine(k), random)?;
+    let gap = 10_f64.powf(random.between(-9.0, -3.5));
+    let velocity = velocity + random.sign() * gap / time;
+    (0.0..20.0)
+        .contains(&velocity)
+        .then_some(((k, phase, velocity), time))
 }
 
 /// Checks the decision for flights that pass a hump by at least a limit, above or below.
@@ -250,7 +228,7 @@ fn touch(random: &mut Random) -> Option<(Case, f64)> {
 fn decides<K: Kernel>(limit: fn(f64) -> f64) {
     let mut random = Random::new(9);
     let (mut narrow, mut flagged) = (0, 0);
-    for _ in 0..60_000 {
+    for _ in 0..80_000 {
         let Some(((k, phase, velocity), time)) = touch(&mut random) else {
             continue;
         };

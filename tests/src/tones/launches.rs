@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use kband::arithmetic::Phase;
 use kband::impact::{PartState, Tone, Wave};
 
-use super::Track;
+use crate::oracle::Track;
 use crate::states::Random;
 
 /// The kinds of launch.
@@ -95,13 +95,9 @@ fn edges<'a>(track: &'a Track, random: &mut Random) -> impl Iterator<Item = f64>
     })
 }
 
-/// A phase at which the push of the track passes k.
-pub fn edge(track: &Track, random: &mut Random) -> Option<f64> {
-    edges(track, random).next()
-}
-
-/// Phase and velocity of a flight that touches the track at a random place.
-fn touching(track: &Track, random: &mut Random) -> Option<(f64, f64)> {
+/// Phase and velocity of a flight that touches the track at a random place, and its time until
+/// then.
+pub fn touching(track: &Track, random: &mut Random) -> Option<(f64, f64, f64)> {
     let touch = random.between(0.0, TAU);
     let [s, c, curvature, _] = track.at(touch);
     if -curvature <= track.k {
@@ -131,7 +127,7 @@ fn touching(track: &Track, random: &mut Random) -> Option<(f64, f64)> {
         }
     }
     let phase = (touch - far).rem_euclid(TAU);
-    Some((phase, c + track.k * far - track.at(phase)[1]))
+    Some((phase, c + track.k * far - track.at(phase)[1], far))
 }
 
 /// The launches of one kind from a track.
@@ -139,7 +135,7 @@ fn touching(track: &Track, random: &mut Random) -> Option<(f64, f64)> {
 pub struct Launches {
     kind: Kind,
     edges: Vec<f64>,
-    touching: Option<(f64, f64)>,
+    touching: Option<(f64, f64, f64)>,
     drawn: u32,
 }
 
@@ -182,7 +178,7 @@ impl Launches {
                     self.touching = touching(track, random);
                 }
                 self.drawn = self.drawn.wrapping_add(1);
-                let Some((phase, velocity)) = self.touching else {
+                let Some((phase, velocity, _)) = self.touching else {
                     self.drawn = 0;
                     return None;
                 };

@@ -1,10 +1,7 @@
-//! Tracks of several tones: launches for testing a map, the oracle that judges it, and the soak
-//! test.
+//! Tracks of several tones: launches for testing a map, and the soak test.
 
 mod launches;
-mod oracle;
 mod soak;
 
-pub use launches::{Kind, edge, track};
-pub use oracle::Track;
+pub use launches::{Kind, touching, track};
 pub use soak::{NAMES, Seen, Tally, soak};

@@ -9,9 +9,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use kband::arithmetic::Phase;
 use kband::impact::{Impact, Kernel, PartState, Tone, WaveKernel, WaveMap, WaveSingle};
 
-use super::Track;
 use super::launches::{Kind, Launches, track};
-use crate::oracle::Flight;
+use crate::oracle::{Flight, Track};
 use crate::soak::watched;
 use crate::states::Random;
 
@@ -449,52 +448,38 @@ mod tests {
     /// Launches and tracks that an earlier judge rejected wrongly, with the arithmetics concerned.
     #[test]
     fn what_arithmetics_round_and_leave_out_is_not_wrong() {
-        let told = [
-            // The f64 map touches where the gap is 1.3e-16 below 0 in 50 digits: its steps passed
-            // it.
-            (
-                [0.6687744855880737, 4.956585342922264, 0.05858538063683924],
-                [
-                    [0.04422844643704593, 2.473028682702567],
-                    [0.49190439167432487, 4.027142765083594],
-                ],
-                0,
-            ),
-            // f32 ends 3.4e-5 rad before the impact. Its step is 0.02 rad, with half the slope at
-            // its end.
-            (
-                [0.036666177213191986, 0.9351735011128768, 1.1779218912124634],
-                [
-                    [0.38365946570411325, 1.6710014899993009],
-                    [0.49088987219147384, 5.758842747944476],
-                ],
-                1,
-            ),
-            // The f64 map ends 1e-9 rad before the impact, where the gap is 4.2e-16 below 0 and
-            // falls at 4e-7.
-            (
-                [0.8734670281410217, 1.7890589832244281, 0.016837129153128648],
-                [
-                    [0.13455773564055562, 3.8834187280234134],
-                    [0.1543038352392614, 0.1253389852604064],
-                ],
-                0,
-            ),
-            // f32 lands on a stretch that is level for 0.1 rad, 1.5e-7 above 0.
-            (
-                [0.45561397075653076, 4.725681662626832, 1.6527704000473022],
-                [
-                    [0.24626691127195954, 1.1631240474138165],
-                    [0.07384043256752193, 2.725558356411393],
-                ],
-                1,
-            ),
-        ];
-        for ([k, phase, velocity], tones, which) in told {
-            let bench = Bench::build(k, tones.map(|[amplitude, angle]| Tone { amplitude, angle }));
+        // k, phase, velocity; amplitude and angle of both tones; number of the arithmetic.
+        let told = "\
+            # The gap is 1.3e-16 below 0 in 50 digits: the steps of f64 passed it.
+            0.6687744855880737 4.956585342922264 0.05858538063683924 \
+            0.04422844643704593 2.473028682702567 0.49190439167432487 4.027142765083594 0
+            # f32 ends 3.4e-5 rad early: its step is 0.02 rad, with half the slope at its end.
+            0.036666177213191986 0.9351735011128768 1.1779218912124634 \
+            0.38365946570411325 1.6710014899993009 0.49088987219147384 5.758842747944476 1
+            # f64 ends 1e-9 rad early, where the gap is 4.2e-16 below 0 and falls at 4e-7.
+            0.8734670281410217 1.7890589832244281 0.016837129153128648 \
+            0.13455773564055562 3.8834187280234134 0.1543038352392614 0.1253389852604064 0
+            # f32 lands on a stretch that is level for 0.1 rad, 1.5e-7 above 0.
+            0.45561397075653076 4.725681662626832 1.6527704000473022 \
+            0.24626691127195954 1.1631240474138165 0.07384043256752193 2.725558356411393 1
+            # The push is level to 2e-11: f32 rounds between no hop and a throw of twenty turns.
+            0.01220413763076067 6.178004592814933 3.028766118052361e-26 \
+            0.11424984713084996 3.0926211534331016 0 0 1
+            # Householder's steps lead 1468 rad away and back, over which f32 keeps its digits.
+            0.36970144510269165 1.6290708902100857 0.00019097790936939418 \
+            0.07761136628697382 1.51444318046587 0 0 1";
+        for line in told.lines().filter(|line| !line.trim().starts_with('#')) {
+            let numbers: Vec<f64> = line
+                .split_whitespace()
+                .map(|number| number.parse().unwrap())
+                .collect();
+            let [k, phase, velocity, e, th, e3, th3, which] = numbers[..] else {
+                panic!("{line}");
+            };
+            let bench = Bench::build(k, [Tone::new(e, th), Tone::new(e3, th3)]);
             let launch = PartState { phase, velocity };
             let tally = one(&bench, launch, &|_, _| {}, &|cause| println!("{cause}"));
-            let seen = tally.0[which];
+            let seen = tally.0[which as usize];
             assert_eq!((seen.launches, seen.wrong), (1, 0), "{launch:?}");
         }
     }
