@@ -153,6 +153,12 @@ impl Controller {
         report(py, &self.last)
     }
 
+    /// Whether the target is reached (READY).
+    #[getter]
+    fn ready(&self) -> bool {
+        self.control.is_ready()
+    }
+
     /// Asks for another target, as in a scene: `{"gear": 1}`, `{"k": 0.4}`.
     fn set_target(&mut self, given: &Bound<'_, PyDict>) -> PyResult<()> {
         let mut table = toml::Table::new();

@@ -100,6 +100,13 @@ pub fn report<'py>(
     shown.set_item("in_gear", report.in_gear)?;
     shown.set_item("in_gear_error", report.in_gear_error)?;
     shown.set_item("expected_in_gear", report.expected_in_gear)?;
+    shown.set_item(
+        "restitution",
+        report.margin.map(|margin| margin.restitution),
+    )?;
+    shown.set_item("scatter", report.margin.map(|margin| margin.scatter))?;
+    shown.set_item("mass", report.load.map(|load| 1e-3 * f64::from(load.mass)))?;
+    shown.set_item("flow", report.load.map(|load| 1e-3 * f64::from(load.flow)))?;
     shown.set_item("frequency", report.frequency)?;
     shown.set_item("output", report.command.amplitude)?;
     shown.set_item("state", report.state.name())?;

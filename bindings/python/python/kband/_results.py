@@ -214,6 +214,15 @@ class Report(NamedTuple):
     """Its standard error; infinite for a lower bound."""
     expected_in_gear: float
     """Predicted share of time in gear at the setpoint, 0..1; 0 for other targets than gear."""
+    restitution: float | None
+    """Estimated mean restitution of the parts, 0..1; None without an estimate."""
+    scatter: float | None
+    """Scatter of restitution from impact to impact (s): estimated for one part, the lot's for
+    several; None without an estimate."""
+    mass: float | None
+    """Estimated mass of the parts on the track in kg; None without an estimate."""
+    flow: float | None
+    """Estimated flow of parts in kg/s; None without an estimate."""
     frequency: float
     """Frequency of the drive in Hz."""
     output: float

@@ -134,6 +134,11 @@ class Controller:
         """Ends a drive cycle; `inputs` are those of the board by name, missing ones off."""
         return _report(self._controller.cycle(dict(inputs)))
 
+    @property
+    def ready(self) -> bool:
+        """Whether the target is reached (READY)."""
+        return self._controller.ready
+
     def set_target(self, **target: Any) -> None:
         """Asks for another target, as in a scene: `gear=1`, `k=0.4`."""
         self._controller.set_target(target)
