@@ -98,11 +98,9 @@ impl Board {
     /// Every setting.
     fn settings(&mut self, py: Python<'_>) -> PyResult<Vec<Setting>> {
         let read = self.with(py, BoardSettings::read)?;
-        let of = read.iter().cloned().map(|of| {
-            let kind = (of.key, of.unit);
-            (kind.0, kind.1, of.value, of.low, of.high, of.default)
-        });
-        Ok(of.collect())
+        let all = read.iter().cloned();
+        let of_each = all.map(|of| (of.key, of.unit, of.value, of.low, of.high, of.default));
+        Ok(of_each.collect())
     }
 
     /// Changes settings, all of them or none.
