@@ -553,3 +553,12 @@ fn gear_draws_its_picture_and_regimes_fit_their_limit_by_default() {
     let rows = kband(folder.path(), wide).done();
     assert_eq!(provenance::stripped(&rows).lines().count(), 1 + 2000);
 }
+
+#[test]
+fn design_says_what_it_changes_for_the_feeder_of_the_scene() {
+    let folder = folder();
+    let said = kband(folder.path(), "design --candidates 2000 --checked 1").done();
+    assert!(said.contains("\nYour feeder at 50 Hz: 37"), "{said}");
+    assert!(said.contains("held by: the drive's stroke"), "{said}");
+    assert_eq!(names(&folder), ["kband-design.svg"]);
+}

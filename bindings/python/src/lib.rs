@@ -7,10 +7,14 @@
 //! | `map` | the impact map over arrays, and orbits |
 //! | `regimes` | bands, doublings, gear, basins, capture, exponents, conveying speed |
 //! | `scenes` | scenes, run to their end or cycle by cycle |
+//! | `board` | a board: settings, targets, telemetry |
+//! | `design` | feeders with the drive of a scene |
 //! | `feeder` | plant and controller, sample by sample |
 //!
 //! Functions here take and give arrays of one dimension; the package broadcasts and names results.
 
+mod board;
+mod design;
 mod feeder;
 mod map;
 mod refused;
@@ -23,6 +27,10 @@ use pyo3::prelude::*;
 /// The functions and types of kband that are written in Rust.
 #[pymodule]
 mod _kband {
+    #[pymodule_export]
+    use super::board::{Board, fault_name, state_name};
+    #[pymodule_export]
+    use super::design::design;
     #[pymodule_export]
     use super::feeder::{Controller, Plant};
     #[pymodule_export]

@@ -191,7 +191,7 @@ pub fn basins(
         .detach(|| Endings::new(k, restitution, impacts))
         .map_err(Refused::from)?;
     let count = side * side;
-    let together = (TASK_IMPACTS / impacts.max(1)).clamp(64, 4096);
+    let together = (TASK_IMPACTS / impacts.max(1)).clamp(8, 4096);
     let middle = |n: usize| (n as f64 + 0.5) / side as f64;
     let start = |n: usize| PartState::new(TAU * middle(n % side), top * middle(n / side));
     let ends = work::map(py, &[], count.div_ceil(together), threads, |task, _| {

@@ -220,7 +220,7 @@ fn comparison(shown: &Shown, design: &Design) -> Option<String> {
     let better = design.better().and_then(|best| Some((best, best.closed?)));
     let then = match better {
         Some((best, run)) if run.speed > closed.speed => format!(
-            "With the same drive, and a share at most 0.01 below: {:.0} parts a minute at share {} ({}), {:+.0} %.",
+            "With the same drive and about this share: {:.0} parts a minute at share {} ({}), {:+.0} %.",
             shown.rate(run),
             number(run.share, 3),
             shown.words(&best.feeder),
@@ -349,7 +349,8 @@ fn picture(shown: &Shown, design: &Design) -> Picture {
     };
     let panel = |label: &str, unit, of: &dyn Fn(&Feeder) -> f64| {
         let points = along(of);
-        let axis = Axis::around(label, unit, points.iter().map(|at| at.1));
+        let largest = points.iter().map(|at| at.1).fold(0.0, f64::max);
+        let axis = Axis::new(label, unit, 0.0, 1.1 * largest);
         Panel::new(share(), axis)
             .height(130.0)
             .markers("", 0, points)

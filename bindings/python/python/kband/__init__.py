@@ -6,6 +6,8 @@ of the map in units of b w. Refused values raise ValueError with index, value an
 """
 
 from ._kband import VERSION as __version__
+from ._board import Board
+from ._design import design
 from ._map import Tones, impact_map, orbits
 from ._regimes import (
     Lot,
@@ -23,9 +25,11 @@ from ._results import (
     Band,
     Basins,
     CapturePlan,
+    Design,
     Diagram,
     Doublings,
     Exponents,
+    Feeders,
     GearPlan,
     GearShare,
     Impact,
@@ -37,6 +41,8 @@ from ._results import (
     Provenance,
     Report,
     Sampled,
+    Setting,
+    Telemetry,
     Trace,
     Transport,
 )
@@ -46,11 +52,14 @@ __all__ = [
     "SAMPLE_RATE",
     "Band",
     "Basins",
+    "Board",
     "CapturePlan",
     "Controller",
+    "Design",
     "Diagram",
     "Doublings",
     "Exponents",
+    "Feeders",
     "GearPlan",
     "GearShare",
     "Impact",
@@ -66,6 +75,8 @@ __all__ = [
     "Report",
     "Sampled",
     "Scene",
+    "Setting",
+    "Telemetry",
     "Tones",
     "Trace",
     "Transport",
@@ -73,6 +84,7 @@ __all__ = [
     "band",
     "basins",
     "capture",
+    "design",
     "diagram",
     "doublings",
     "exponents",

@@ -13,20 +13,24 @@ _Pair = tuple[float, float]
 
 __all__ = [
     "VERSION",
+    "Board",
     "Controller",
     "Loop",
     "Plant",
     "band",
     "basins",
     "capture_plan",
+    "design",
     "diagram",
     "doublings",
     "exponents",
+    "fault_name",
     "gear_plan",
     "gear_shares",
     "impacts",
     "orbits",
     "simulate",
+    "state_name",
     "transport_speeds",
 ]
 
@@ -97,6 +101,21 @@ def capture_plan(
     amplitude_error: float,
     effort: int,
 ) -> tuple[float, list[tuple[float, int, int, float]], float]: ...
+def design(
+    given: _Scene,
+    ranges: tuple[_Pair | None, _Pair | None, _Pair | None, _Pair | None, _Pair | None, _Pair | None],
+    candidates: int,
+    least_share: float,
+    checked: int,
+    seed: int,
+    threads: int | None,
+) -> tuple[
+    list[float] | None,
+    list[list[float]],
+    list[list[float]],
+    list[int],
+    list[float],
+]: ...
 def exponents(
     k: Sequence[float],
     restitution: float,
@@ -120,6 +139,20 @@ def transport_speeds(
 def simulate(
     given: _Scene, fidelity_name: str | None, kept: bool
 ) -> tuple[dict[str, Any], list[list[float]]]: ...
+def state_name(number: int) -> str: ...
+def fault_name(number: int) -> str | None: ...
+@final
+class Board:
+    def __new__(cls, on: str, image: str | None, running: bool) -> Board: ...
+    def image(self) -> str: ...
+    def settings(self) -> list[tuple[str, str, float, float, float, float]]: ...
+    def change(self, wanted: list[tuple[str, float]]) -> None: ...
+    def save(self) -> None: ...
+    def target(self) -> str: ...
+    def set_target(self, given: dict[str, Any]) -> None: ...
+    def enable(self, on: bool) -> None: ...
+    def telemetry(self, seconds: float, every: int) -> list[list[float]]: ...
+
 @final
 class Loop:
     def __new__(cls, given: _Scene, fidelity_name: str | None) -> Loop: ...

@@ -152,6 +152,79 @@ class Transport(NamedTuple):
     provenance: Provenance
 
 
+class Feeders(NamedTuple):
+    """Feeders with the drive of a scene, one element each; not a number where it is not known."""
+
+    frequency: Array
+    """Drive frequency in Hz."""
+    amplitude: Array
+    """Amplitude normal to the track (b) in mm."""
+    throw_angle: Array
+    """Angle between the track and its motion in degrees."""
+    phase_lead: Array
+    """Phase lead of the motion along the track in degrees."""
+    incline: Array
+    """Incline in degrees."""
+    k: Array
+    """Normal gravity over b w^2."""
+    e: Array
+    """Second tone over the first."""
+    th: Array
+    """Its angle in rad."""
+    e3: Array
+    """Third tone over the first."""
+    th3: Array
+    """Its angle in rad."""
+    in_gear: Array
+    """Share of time in gear of simulated parts, 0..1."""
+    speed: Array
+    """Their conveying speed in m/s."""
+    parts_a_minute: Array
+    """Parts of the scene's length, end to end, a minute."""
+    in_gear_closed_loop: Array
+    """Share of time in gear in the closed loop, 0..1."""
+    speed_closed_loop: Array
+    """Conveying speed there in m/s."""
+    parts_a_minute_closed_loop: Array
+    """Parts a minute there."""
+    parts_by_amplitude: Array
+    """Change of ln(parts a minute) for 1 % more amplitude."""
+    in_gear_by_amplitude: Array
+    """Change of the share in gear for 1 % more amplitude."""
+    parts_by_frequency: Array
+    """Change of ln(parts a minute) for 1 % more frequency at the same amplitude."""
+    in_gear_by_frequency: Array
+    """Change of the share in gear for 1 % more frequency at the same amplitude."""
+    parts_by_restitution: Array
+    """Change of ln(parts a minute) for a restitution larger by 0.01."""
+    in_gear_by_restitution: Array
+    """Change of the share in gear for a restitution larger by 0.01."""
+
+
+class Design(NamedTuple):
+    """Pareto front of feeders with the drive of a scene."""
+
+    today: Feeders | None
+    """The scene's own feeder with its own target; None where it does not run."""
+    best: Feeders
+    """Feeders of the front that were run in the closed loop, by falling parts a minute."""
+    front: Feeders
+    """The whole front by simulated parts, by falling parts a minute."""
+    candidates: int
+    """Candidates that were tried."""
+    within_limits: int
+    """Those within the limits of the drive."""
+    in_gear_rms: float
+    """Root mean square deviation of the table's share from simulated parts, over the front."""
+    in_gear_max: float
+    """Largest such deviation."""
+    speed_rms: float
+    """Root mean square relative deviation of the table's speed."""
+    speed_max: float
+    """Largest such deviation."""
+    provenance: Provenance
+
+
 class Kick(NamedTuple):
     """A kick of the amplitude."""
 
@@ -270,6 +343,44 @@ class Sampled(NamedTuple):
     """Advance of the drive's phase in 2^-32 turns."""
     wrapped: bool
     """Whether a drive cycle ended: `Controller.cycle` is due."""
+
+
+class Setting(NamedTuple):
+    """A setting of a board."""
+
+    unit: str
+    """Its unit; empty for a pure number."""
+    value: float
+    """Its value."""
+    low: float
+    """Lowest accepted value."""
+    high: float
+    """Highest accepted value."""
+    default: float
+    """Value on first start."""
+
+
+class Telemetry(NamedTuple):
+    """Drive cycles that a board sent."""
+
+    cycle: Array
+    """Number of the cycle since the board's start."""
+    amplitude: Array
+    """Measured amplitude (b) in m."""
+    setpoint: Array
+    """Amplitude of the target in m; 0 where it has none."""
+    k: Array
+    """Measured k; infinite at rest."""
+    output: Array
+    """Amplitude of the output, 0..1."""
+    in_gear: Array
+    """Estimated share of time in gear, 0..1."""
+    in_gear_error: Array
+    """Its standard error; infinite for a lower bound."""
+    state: tuple[str, ...]
+    """State of the controller."""
+    fault: tuple[str | None, ...]
+    """The fault that stopped the drive."""
 
 
 class Trace(NamedTuple):

@@ -279,13 +279,12 @@ impl Design {
         })
     }
 
-    /// The fastest feeder in the closed loop whose share there is at least that of the scene's own,
-    /// less 0.01; `None` where there is none.
+    /// The fastest feeder in the closed loop whose simulated share is at least that of the scene's
+    /// own, less 0.01; `None` where there is none.
     pub fn better(&self) -> Option<&Designed> {
-        let share = self.today?.closed?.share - 0.01;
+        let share = self.today?.simulated.share - 0.01;
         let speed = |of: &&Designed| of.closed.map_or(0.0, |closed| closed.speed);
-        let enough = |of: &&Designed| of.closed.is_some_and(|closed| closed.share >= share);
-        let best = self.best.iter().filter(enough);
+        let best = self.best.iter().filter(|of| of.simulated.share >= share);
         best.max_by(|a, b| speed(a).total_cmp(&speed(b)))
     }
 }

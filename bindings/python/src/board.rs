@@ -1,0 +1,182 @@
+//! A board: settings, targets, telemetry.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use kband_control::wire::{Request, Telemetry};
+use kband_control::{Fault, State};
+use kband_link::{BoardSettings, Emulated, Link, Unsolicited};
+use kband_plant::Change;
+use kband_scene::refusal::Refusal;
+use kband_scene::{change, describe};
+use pyo3::exceptions::PyConnectionError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::refused::Refused;
+use crate::scenes::table_of;
+
+/// Longest time for which telemetry is collected at once.
+const LISTEN: Duration = Duration::from_millis(200);
+
+/// The link to a board, which asks for Ctrl-C while it waits.
+#[pyclass]
+pub struct Board {
+    link: Mutex<Link>,
+    raised: Arc<Mutex<Option<PyErr>>>,
+}
+
+/// Key, unit, value, lowest and highest accepted value, and default of a setting.
+type Setting = (String, String, f32, f32, f32, f32);
+
+/// The exception of a refusal: Ctrl-C where that ended the wait, `ValueError` for a value out of
+/// range, else `ConnectionError`.
+fn exception(refusal: Refusal, raised: &Mutex<Option<PyErr>>) -> PyErr {
+    let raised = raised.lock().unwrap_or_else(PoisonError::into_inner).take();
+    raised.unwrap_or_else(|| {
+        if refusal.is_of_value() {
+            return Refused::from(refusal).into();
+        }
+        let message = refusal.to_string();
+        PyConnectionError::new_err(message.trim_start_matches("error: ").to_string())
+    })
+}
+
+impl Board {
+    /// Works with the link without the interpreter's lock.
+    fn with<T: Send>(
+        &mut self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Link) -> Result<T, Refusal> + Send,
+    ) -> PyResult<T> {
+        let link = self.link.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let done = py.detach(|| work(link));
+        done.map_err(|refusal| exception(refusal, &self.raised))
+    }
+}
+
+#[pymethods]
+impl Board {
+    /// Opens the link to the emulated CPU (`qemu`, with its image) or to a serial port.
+    #[new]
+    fn new(py: Python<'_>, on: &str, image: Option<PathBuf>, running: bool) -> PyResult<Self> {
+        let raised = Arc::new(Mutex::new(None));
+        let kept = Arc::clone(&raised);
+        let go_on = Box::new(move || {
+            Python::attach(|py| py.check_signals()).map_err(|error| {
+                *kept.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+                Refusal::interrupted()
+            })
+        });
+        let emulated = if running {
+            Emulated::Running
+        } else {
+            Emulated::AtRest
+        };
+        let link = py.detach(|| {
+            let link = if on == "qemu" {
+                Link::emulate([image.as_deref(), None, None], emulated, go_on)
+            } else {
+                Link::open(on.as_ref(), go_on)
+            };
+            link.and_then(|link| link.speaks_the_same().map(|()| link))
+        });
+        let link = link.map_err(|refusal| exception(refusal, &raised))?;
+        Ok(Self {
+            link: Mutex::new(link),
+            raised,
+        })
+    }
+
+    /// Name, version and build of the board's image.
+    fn image(&mut self) -> String {
+        let link = self.link.get_mut().unwrap_or_else(PoisonError::into_inner);
+        link.image().into()
+    }
+
+    /// Every setting.
+    fn settings(&mut self, py: Python<'_>) -> PyResult<Vec<Setting>> {
+        let read = self.with(py, BoardSettings::read)?;
+        let all = read.iter().cloned();
+        let of_each = all.map(|of| (of.key, of.unit, of.value, of.low, of.high, of.default));
+        Ok(of_each.collect())
+    }
+
+    /// Changes settings, all of them or none.
+    fn change(&mut self, py: Python<'_>, wanted: Vec<(String, f32)>) -> PyResult<()> {
+        self.with(py, |link| BoardSettings::read(link)?.change(link, &wanted))
+    }
+
+    /// Saves settings and target.
+    fn save(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, |link| link.tell(&Request::Save))
+    }
+
+    /// The target in words.
+    fn target(&mut self, py: Python<'_>) -> PyResult<String> {
+        self.with(py, |link| link.held().map(describe))
+    }
+
+    /// Asks for another target, as in a scene: `{"gear": 1}`, `{"k": 0.4}`.
+    fn set_target(&mut self, py: Python<'_>, given: &Bound<'_, PyDict>) -> PyResult<()> {
+        let mut table = toml::Table::new();
+        table.insert("target".into(), toml::Value::Table(table_of(given)?));
+        let wanted = change(table).map_err(Refused::from)?;
+        self.with(py, |link| match wanted {
+            Change::Target(target) => link.tell(&Request::Target(target)),
+            _ => Ok(()),
+        })
+    }
+
+    /// Removes the link's stop of the drive, or stops it.
+    fn enable(&mut self, py: Python<'_>, on: bool) -> PyResult<()> {
+        self.with(py, |link| link.tell(&Request::Enable(on)))
+    }
+
+    /// Telemetry for some seconds, every so many drive cycles: cycle, b in m, its setpoint, k,
+    /// output, share in gear, its error, and the numbers of state and fault.
+    fn telemetry(&mut self, py: Python<'_>, seconds: f64, every: u16) -> PyResult<Vec<[f64; 9]>> {
+        self.with(py, |link| {
+            link.begin_telemetry(every)?;
+            let end = Instant::now() + Duration::from_secs_f64(seconds);
+            let mut rows = Vec::new();
+            while Instant::now() < end {
+                let left = end.saturating_duration_since(Instant::now());
+                for came in link.listen(left.min(LISTEN))? {
+                    if let Unsolicited::Telemetry(telemetry) = came {
+                        rows.push(row(&telemetry));
+                    }
+                }
+            }
+            link.tell(&Request::Telemetry(0))?;
+            Ok(rows)
+        })
+    }
+}
+
+fn row(telemetry: &Telemetry) -> [f64; 9] {
+    [
+        telemetry.cycle.into(),
+        telemetry.amplitude.into(),
+        telemetry.setpoint.into(),
+        telemetry.k.into(),
+        telemetry.output.into(),
+        telemetry.in_gear.into(),
+        telemetry.in_gear_error.into(),
+        telemetry.state.into(),
+        telemetry.fault.into(),
+    ]
+}
+
+/// Name of a state by its number.
+#[pyfunction]
+pub fn state_name(number: u8) -> &'static str {
+    State::numbered(number).map_or("unknown", State::name)
+}
+
+/// Name of a fault by its number; none for 0.
+#[pyfunction]
+pub fn fault_name(number: u8) -> Option<&'static str> {
+    Fault::numbered(number).map(Fault::name)
+}

@@ -1,0 +1,154 @@
+//! Feeder design: a Pareto front with the drive of a scene.
+
+use std::cell::RefCell;
+use std::num::NonZero;
+
+use kband_scene::design::{Ask, Conveyed, Design, Designed, Feeder, Ranges, Workers};
+use kband_scene::refusal::Refusal;
+use pyo3::prelude::*;
+
+use crate::refused::Refused;
+use crate::scenes::{Given, scene};
+use crate::work;
+
+/// Threads of a call; an exception ends it.
+struct Threads<'py> {
+    py: Python<'py>,
+    count: Option<NonZero<usize>>,
+    raised: RefCell<Option<PyErr>>,
+}
+
+impl Workers for Threads<'_> {
+    fn map<T: Send + Sync>(
+        &self,
+        _: &str,
+        count: usize,
+        work: impl Fn(usize, Ask<'_>) -> Result<T, Refusal> + Sync + Send,
+    ) -> Result<Vec<T>, Refusal> {
+        let all = work::map(self.py, &[], count, self.count, |n, stop| {
+            let go_on = || {
+                if stop.is_requested() {
+                    Err(Refusal::interrupted())
+                } else {
+                    Ok(())
+                }
+            };
+            Ok(work(n, &go_on)?)
+        });
+        all.map_err(|raised| {
+            *self.raised.borrow_mut() = Some(raised);
+            Refusal::interrupted()
+        })
+    }
+}
+
+/// Ranges that were given, in the order of [`Ranges`]; none for those of the scene.
+type GivenRanges = [Option<[f64; 2]>; 6];
+
+/// Numbers of a feeder: frequency (Hz), b (mm), angle of throw, phase lead, incline (degrees), k,
+/// e, th, e3, th3; share in gear, speed (m/s) and parts a minute, the same in the closed loop;
+/// derivatives by 1 % of b, 1 % of the frequency and 0.01 of R, each of ln(parts a minute) and share.
+type Row = Vec<f64>;
+
+/// What a design comes to: the scene's own feeder, the best, the front; candidates tried and within
+/// the limits; deviation of the table from simulated parts.
+type Found = (Option<Row>, Vec<Row>, Vec<Row>, [usize; 2], [f64; 4]);
+
+/// Searches feeders with the drive of a scene.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the package names them")]
+pub fn design(
+    py: Python<'_>,
+    given: Given<'_>,
+    ranges: GivenRanges,
+    candidates: usize,
+    least_share: f64,
+    checked: usize,
+    seed: u64,
+    threads: Option<NonZero<usize>>,
+) -> PyResult<Found> {
+    let file = scene(&given)?;
+    let of_scene = Ranges::of(&file);
+    let [
+        frequency,
+        amplitude,
+        throw_angle,
+        phase_lead,
+        incline,
+        tones,
+    ] = ranges;
+    let ranges = Ranges {
+        frequency: frequency.unwrap_or(of_scene.frequency),
+        amplitude: amplitude.unwrap_or(of_scene.amplitude),
+        throw_angle: throw_angle.unwrap_or(of_scene.throw_angle),
+        phase_lead: phase_lead.unwrap_or(of_scene.phase_lead),
+        incline: incline.unwrap_or(of_scene.incline),
+        tones: tones.unwrap_or(of_scene.tones),
+        candidates,
+        least_share,
+        checked,
+        seed,
+    };
+    let workers = Threads {
+        py,
+        count: threads,
+        raised: RefCell::new(None),
+    };
+    let found = Design::search(&file, &ranges, &workers);
+    if let Some(raised) = workers.raised.into_inner() {
+        return Err(raised);
+    }
+    let found = found.map_err(Refused::from)?;
+    let gravity = f64::from(file.scene.settings.gravity);
+    let numbers = |feeder: &Feeder| {
+        let [[e, th], [e3, th3]] = feeder.tones;
+        vec![
+            feeder.frequency,
+            feeder.amplitude(gravity),
+            feeder.throw_angle,
+            feeder.phase_lead,
+            feeder.incline,
+            feeder.k,
+            e,
+            th,
+            e3,
+            th3,
+        ]
+    };
+    let conveyed = |of: Option<Conveyed>| {
+        of.map_or([f64::NAN; 3], |of| {
+            [
+                of.share,
+                1e-3 * of.speed,
+                60.0 * of.speed / file.part_length,
+            ]
+        })
+    };
+    let whole = |of: &Designed| {
+        let by = &of.sensitivity;
+        let mut row = numbers(&of.feeder);
+        row.extend(conveyed(Some(of.simulated)));
+        row.extend(conveyed(of.closed));
+        row.extend([by.amplitude, by.frequency, by.restitution].as_flattened());
+        row
+    };
+    let front = found.front.iter().map(|(feeder, simulated)| {
+        let mut row = numbers(feeder);
+        row.extend(conveyed(Some(*simulated)));
+        row.extend([f64::NAN; 9]);
+        row
+    });
+    let error = &found.error;
+    Ok((
+        found.today.as_ref().map(whole),
+        found.best.iter().map(whole).collect(),
+        front.collect(),
+        [found.tried, found.within],
+        [
+            error.share_rms,
+            error.share_max,
+            error.speed_rms,
+            error.speed_max,
+        ],
+    ))
+}
