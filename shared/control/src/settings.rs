@@ -184,6 +184,7 @@ impl Settings {
     }
 
     /// The configured duration of an impact; none where it is out of range.
+    #[inline(never)]
     pub fn contact_time(&self) -> ContactTime {
         ContactTime::from_milliseconds(f64::from(self.contact), f64::from(self.frequency))
             .unwrap_or_default()
@@ -266,8 +267,8 @@ impl Settings {
                 "0..what amplitude_limit and acceleration_limit allow at frequency + tracking",
             );
         }
-        let highest = f64::from(self.frequency + self.tracking);
-        if ContactTime::from_milliseconds(f64::from(self.contact), highest).is_err() {
+        // 7 % of a cycle in ms, times the highest frequency.
+        if self.contact * (self.frequency + self.tracking) > 70.0 {
             return refuse(
                 "contact",
                 self.contact,

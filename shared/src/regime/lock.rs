@@ -132,17 +132,17 @@ impl Lock {
         Map::accepts(k, restitution)?;
         let r = accept_order(order)?;
         accept_restitution(restitution)?;
-        if !contact.is_instant() {
-            let terms = ContactTerms::new(restitution, r, contact);
-            return Ok(terms.state_at(k).map(|state| Self {
-                order,
-                k,
-                restitution,
-                contact,
-                state,
-            }));
-        }
-        let cosine = PI * r * k * (1.0 - restitution) / (1.0 + restitution);
+        let (cosine, velocity) = if contact.is_instant() {
+            (
+                PI * r * k * (1.0 - restitution) / (1.0 + restitution),
+                TAU * r * k * restitution / (1.0 + restitution),
+            )
+        } else {
+            match ContactTerms::new(restitution, r, contact).state_at(k) {
+                Some(state) => state,
+                None => return Ok(None),
+            }
+        };
         if cosine > 1.0 {
             return Ok(None);
         }
@@ -151,10 +151,7 @@ impl Lock {
             k,
             restitution,
             contact,
-            state: PartState::new(
-                libm::acos(cosine),
-                TAU * r * k * restitution / (1.0 + restitution),
-            ),
+            state: PartState::new(libm::acos(cosine), velocity),
         }))
     }
 
@@ -188,12 +185,15 @@ impl Lock {
         self.state.phase - self.contact.radians()
     }
 
+    fn contact_terms(&self) -> ContactTerms {
+        ContactTerms::new(self.restitution, f64::from(self.order), self.contact)
+    }
+
     /// Trace and determinant of the tangent map with a contact time.
     fn contact_tangent(&self) -> [f64; 2] {
         let motion = |phase: f64| [libm::cos(phase), libm::sin(phase)];
-        let r = f64::from(self.order);
         let [cosine, sine] = motion(self.state.phase);
-        ContactTerms::new(self.restitution, r, self.contact).tangent(
+        self.contact_terms().tangent(
             self.k,
             self.state.velocity,
             [cosine, sine, cosine],
@@ -225,6 +225,10 @@ impl Lock {
 
     /// Whether the orbit is asymptotically stable: both multipliers are inside the unit circle.
     pub fn attracts(&self) -> bool {
+        if !self.contact.is_instant() {
+            // Up to the birth of the lock, the flip alone ends its stability.
+            return self.k > self.contact_terms().flip();
+        }
         libm::fabs(self.trace()) < 1.0 + self.determinant()
     }
 
@@ -251,7 +255,8 @@ impl Lock {
 #[derive(Clone, Copy)]
 pub(super) struct ContactTerms {
     restitution: f64,
-    contact: f64,
+    /// Cosine and sine of the contact time.
+    turn: [f64; 2],
     flight: f64,
     /// `rho c`.
     gain: f64,
@@ -261,7 +266,7 @@ impl ContactTerms {
     pub(super) fn new(restitution: f64, order: f64, contact: ContactTime) -> Self {
         Self {
             restitution,
-            contact: contact.radians(),
+            turn: [libm::cos(contact.radians()), libm::sin(contact.radians())],
             flight: TAU * order - contact.radians(),
             gain: contact.gain(restitution),
         }
@@ -297,25 +302,32 @@ impl ContactTerms {
     }
 
     /// Coefficients of `cos t0` and `sin t0` in the k of a lock on a sine.
+    #[inline(never)]
     fn k_on_sine(&self) -> [f64; 2] {
-        let (cosine, sine) = (libm::cos(self.contact), libm::sin(self.contact));
+        let [cosine, sine] = self.turn;
         [
             self.k([0.0, 1.0, 0.0], [-sine, cosine]),
             self.k([1.0, 0.0, 1.0], [cosine, sine]),
         ]
     }
 
-    /// State of the lock on a sine at k, on the branch that can attract; `None` above k1.
-    fn state_at(&self, k: f64) -> Option<PartState> {
-        let [p, q] = self.k_on_sine();
-        let cosine = k / libm::sqrt(p * p + q * q);
-        if cosine > 1.0 {
+    /// Cosine of t0 and velocity of the lock on a sine at k, on the branch that can attract; `None`
+    /// above k1.
+    fn state_at(&self, k: f64) -> Option<(f64, f64)> {
+        let ([p, q], [cosine, sine]) = (self.k_on_sine(), self.turn);
+        let birth = libm::sqrt(p * p + q * q);
+        let ratio = k / birth;
+        if ratio > 1.0 {
             return None;
         }
-        let phase = libm::atan2(q, p) + libm::acos(cosine);
-        let [sine, before] = [phase, phase - self.contact].map(libm::sin);
-        let velocity = self.velocity(k, [sine, libm::cos(phase)], before);
-        (velocity >= 0.0).then(|| PartState::new(phase, velocity))
+        // t0 is the phase of the birth plus the arc cosine of k/k1.
+        let root = libm::sqrt((1.0 - ratio) * (1.0 + ratio));
+        let (c0, s0) = (
+            (ratio * p - root * q) / birth,
+            (ratio * q + root * p) / birth,
+        );
+        let velocity = self.velocity(k, [s0, c0], s0 * cosine - c0 * sine);
+        (velocity >= 0.0).then_some((c0, velocity))
     }
 
     /// k1: the saddle-node on a sine.
@@ -327,10 +339,10 @@ impl ContactTerms {
     /// k2: the flip on a sine, where trace = -(1 + determinant).
     ///
     /// Times the arrival speed that is a sum of a cosine and a sine of t0.
+    #[inline(never)]
     pub(super) fn flip(&self) -> f64 {
         let (r, d) = (self.restitution, self.flight);
-        let (cosine, sine) = (libm::cos(self.contact), libm::sin(self.contact));
-        let [p, q] = self.k_on_sine();
+        let ([p, q], [cosine, sine]) = (self.k_on_sine(), self.turn);
         let sum = |k: f64, [s0, c0]: [f64; 2], [s1, c1]: [f64; 2]| {
             let velocity = self.velocity(k, [s0, c0], s1);
             let arrival = k * d - velocity + c1 - c0;
@@ -431,11 +443,7 @@ mod tests {
             let impact = next(lock.state());
             assert!(lock.distance(impact.next) < 1e-12, "{k} {restitution}");
             assert!((impact.flight - TAU).abs() < 1e-12 && lock.is_first_return());
-            assert!(
-                lock.attracts(),
-                "{k} {restitution} {:?}",
-                lock.multipliers()
-            );
+            assert!(lock.attracts() && lock.trace().abs() < 1.0 + lock.determinant());
             let step = 1e-6;
             let PartState { phase, velocity } = lock.state();
             let derivative = |dt: f64, dv: f64| {

@@ -96,8 +96,18 @@ impl Followed {
             arguments.runs,
             arguments.periods as f64,
             arguments.seed,
-            arguments.contact()?,
-        )
+        )?
+        .with_contact(arguments.restitution, arguments.contact()?)
+    }
+
+    /// The same with impacts that take time.
+    fn with_contact(self, lot: Restitution, contact: ContactTime) -> Result<Self, Refusal> {
+        let middle = middle_of_band(lot, self.order, contact)?;
+        Ok(Self {
+            contact,
+            middle,
+            ..self
+        })
     }
 
     fn of(
@@ -108,7 +118,6 @@ impl Followed {
         runs: usize,
         periods: f64,
         seed: u64,
-        contact: ContactTime,
     ) -> Result<Self, Refusal> {
         let restitutions: Vec<f64> = if lot.low() == lot.high() {
             vec![lot.low()]
@@ -121,12 +130,7 @@ impl Followed {
         for &restitution in &restitutions {
             Scatter::build(restitution, scatter, 0)?;
         }
-        // Of a lot without a common band that of its middle.
-        let middle = match Band::common_with_contact(lot, order, contact) {
-            Ok(band) => Some(band.setpoint()),
-            Err(BandError::Empty(_)) => None,
-            Err(BandError::OutOfRange(refusal)) => return Err(refusal.into()),
-        };
+        let middle = middle_of_band(lot, order, ContactTime::INSTANT)?;
         Ok(Self {
             restitutions,
             scatter,
@@ -135,7 +139,7 @@ impl Followed {
             periods,
             seed,
             middle,
-            contact,
+            contact: ContactTime::INSTANT,
         })
     }
 
@@ -166,6 +170,19 @@ impl Followed {
     }
 }
 
+/// k in the middle of the lot's common band, where there is one.
+fn middle_of_band(
+    lot: Restitution,
+    order: u32,
+    contact: ContactTime,
+) -> Result<Option<f64>, Refusal> {
+    match Band::common_with_contact(lot, order, contact) {
+        Ok(band) => Ok(Some(band.setpoint())),
+        Err(BandError::Empty(_)) => Ok(None),
+        Err(BandError::OutOfRange(refusal)) => Err(refusal.into()),
+    }
+}
+
 /// The share of time in gear of a lot at any one point, for a page that shows many.
 pub(in crate::verbs) struct InGearOf(Followed);
 
@@ -179,17 +196,7 @@ impl InGearOf {
         runs: usize,
         periods: f64,
     ) -> Result<Self, Refusal> {
-        Followed::of(
-            lot,
-            parts,
-            scatter,
-            order,
-            runs,
-            periods,
-            1,
-            ContactTime::INSTANT,
-        )
-        .map(Self)
+        Followed::of(lot, parts, scatter, order, runs, periods, 1).map(Self)
     }
 
     /// The same with impacts that take time.

@@ -199,6 +199,7 @@ impl<K: Kernel> TrialRun<K> {
     }
 
     /// Adds the contact to a flight and the launch after it; velocity 0 where the part rests.
+    #[inline(never)]
     fn hold(&self, impact: &mut SingleImpact<K::State>) {
         let contact = self.trial.contact.radians() as f32;
         impact.flight += contact;

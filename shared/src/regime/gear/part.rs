@@ -247,9 +247,8 @@ impl SimulatedPart {
             in_gear: self.gear.is_in_gear(),
         });
         if map.contact_steps > 0 {
-            self.velocity -= speed_gain(restitution) * map.contact * map.pull(self.phase).0;
-            if self.velocity <= 0.0 {
-                self.begin_rest();
+            self.end_contact(map, restitution);
+            if self.is_at_rest {
                 return self.time >= self.span.end;
             }
         }
@@ -257,6 +256,15 @@ impl SimulatedPart {
             self.sum_chatter(map);
         }
         self.time >= self.span.end
+    }
+
+    /// Launch speed at the end of the contact; a part without one rests.
+    #[inline(never)]
+    fn end_contact(&mut self, map: &TrackMap, restitution: f32) {
+        self.velocity -= speed_gain(restitution) * map.contact * map.pull(self.phase).0;
+        if self.velocity <= 0.0 {
+            self.begin_rest();
+        }
     }
 
     fn advance_time(&mut self, steps: i64) {

@@ -404,7 +404,7 @@ impl StrikeProfiler {
             order, k, tones, ..
         } = self.settings;
         let turns = TAU * order as f32 * k / (1.0 + restitution);
-        let mut wanted = 0.5 * turns * (1.0 - restitution);
+        let wanted = 0.5 * turns * (1.0 - restitution);
         let [[ratio, _], [third, _]] = tones;
         let [angle, of_third] = tones.map(|[_, angle]| Phase::from_radians(f64::from(angle)));
         let rises = |phase: Phase| {
@@ -432,33 +432,30 @@ impl StrikeProfiler {
             return None;
         }
         // The stable root lies where the velocity falls.
-        let solve = |wanted: f32| {
-            let mut phase = fastest;
-            while rises(phase + step) > wanted {
-                phase += step;
+        let mut phase = fastest;
+        while rises(phase + step) > wanted {
+            phase += step;
+        }
+        let mut half = Phase::from_bits(1 << 25);
+        for _ in 0..16 {
+            if rises(phase + half) > wanted {
+                phase += half;
             }
-            let mut half = Phase::from_bits(1 << 25);
-            for _ in 0..16 {
-                if rises(phase + half) > wanted {
-                    phase += half;
-                }
-                half = Phase::from_bits(half.bits() >> 1);
-            }
-            phase
-        };
-        let phase = solve(wanted);
+            half = Phase::from_bits(half.bits() >> 1);
+        }
         let contact = self.settings.contact.radians() as f32;
         if contact == 0.0 {
             return Some((phase, restitution * turns));
         }
-        // First order in the contact time, with the push at the root without it.
+        // First order in the contact time (docs/theory-real-parts.md#t10.6).
         let push = k - self.map.pull(phase).0;
         let gain = speed_gain(restitution);
         let shift = contact / (1.0 + restitution);
-        wanted += shift * (k * (gain - 1.0 + restitution) - (restitution + gain) * push);
-        let velocity =
-            restitution * turns + shift * ((restitution + gain) * push - (restitution + gain) * k);
-        (wanted < max_velocity).then(|| (solve(wanted), velocity.max(0.0)))
+        let velocity = restitution * turns - shift * (restitution + gain) * (k - push);
+        let slower = k * (1.0 - restitution - gain) + (restitution + gain) * push;
+        let later = (shift * slower / push.max(0.1)).min(contact + contact);
+        let steps = (later * Phase::STEPS_PER_RADIAN as f32) as i32;
+        Some((phase + Phase::from_bits(steps as u32), velocity.max(0.0)))
     }
 }
 
