@@ -5,7 +5,7 @@
 //! remedy is predicted to give.
 
 use kband::regime::gear::GearPlan;
-use kband_control::{Controller, Settings, StartCause, Target};
+use kband_control::{Controller, Limits, Settings, StartCause, Target};
 
 use crate::report::number;
 
@@ -17,6 +17,15 @@ const MIN_GAIN: f64 = 0.05;
 const SECOND_TONE: f32 = 0.15;
 /// Factor by which the drive is made stronger to lift its output limit.
 const STRONGER: f32 = 10.0;
+
+impl Cause {
+    /// Share in gear and remedy without its numbers, in at most 70 characters.
+    pub fn short(&self) -> String {
+        let remedy = self.remedy.split([':', '(']).next().unwrap_or_default();
+        let share = number(self.best.share, 2);
+        format!("{share} in gear with {}", remedy.trim_end())
+    }
+}
 
 /// The predicted best of a lot on a drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -129,6 +138,61 @@ pub fn causes(settings: &Settings, order: u8, now: Best) -> Vec<Cause> {
         .collect()
 }
 
+/// The cause where the controller detects that the parts do not fit the lot; `amplitude` in mm is
+/// what it holds then, without any share in gear.
+pub fn misfit(settings: &Settings, amplitude: f64) -> Cause {
+    let Settings {
+        restitution_low,
+        restitution_high,
+        scatter,
+        ..
+    } = *settings;
+    Cause {
+        remedy: format!(
+            "parts that do not fit the lot: restitution {restitution_low}..{restitution_high} with scatter {scatter}; they \
+             tumble, or are another sort (kband target identify)"
+        ),
+        best: Best {
+            share: 0.0,
+            amplitude,
+        },
+    }
+}
+
+/// The causes of one controller, computed again only where settings, order or plan have changed:
+/// they take up to seven plans.
+#[derive(Clone, Debug, Default)]
+pub struct CauseCache {
+    of: Option<(Settings, u8, Best)>,
+    causes: Vec<Cause>,
+}
+
+impl CauseCache {
+    /// The causes for a target of gear, most likely first; `limits` hold the drive back. None where
+    /// the lot stays in gear, or where there is no plan yet.
+    pub fn causes(
+        &mut self,
+        settings: &Settings,
+        order: u8,
+        now: Best,
+        limits: Limits,
+    ) -> Vec<Cause> {
+        if limits.contains(Limits::MISFIT) {
+            return vec![misfit(settings, now.amplitude)];
+        }
+        let planned = now.amplitude > 0.0 || limits.contains(Limits::NO_SETPOINT);
+        if now.share >= MIN_SHARE_IN_GEAR || !planned {
+            return vec![];
+        }
+        let of = Some((*settings, order, now));
+        if self.of != of {
+            self.causes = causes(settings, order, now);
+            self.of = of;
+        }
+        self.causes.clone()
+    }
+}
+
 /// The causes in lines for a reader, with the share and the amplitude that each remedy gives.
 pub fn describe(causes: &[Cause]) -> Vec<String> {
     let line = |cause: &Cause| {
@@ -198,6 +262,58 @@ mod tests {
                 "{others:?}"
             );
         }
+    }
+
+    #[test]
+    fn misfit_is_the_only_cause_while_its_limit_holds() {
+        let settings = served();
+        let now = Best {
+            share: 0.0,
+            amplitude: 0.327,
+        };
+        let mut cache = CauseCache::default();
+        let found = cache.causes(&settings, 1, now, Limits::MISFIT);
+        assert_eq!(found.len(), 1);
+        let lines = describe(&found);
+        let begin =
+            "0 in gear at 0.327 mm with parts that do not fit the lot: restitution 0.19..0.21";
+        assert!(lines[0].starts_with(begin), "{lines:?}");
+        assert_eq!(
+            found[0].short(),
+            "0 in gear with parts that do not fit the lot"
+        );
+    }
+
+    #[test]
+    fn cached_causes_follow_settings_and_plan() {
+        let weak = Settings {
+            gain: 0.15,
+            ..served()
+        };
+        let now = Best::of(&weak, 1);
+        let mut cache = CauseCache::default();
+        let first = cache.causes(&weak, 1, now, Limits::NO_SETPOINT);
+        assert!(!first.is_empty());
+        // A second look plans nothing: it takes a thousandth of the time.
+        let begun = std::time::Instant::now();
+        let first_again = cache.causes(&weak, 1, now, Limits::NO_SETPOINT);
+        let again = begun.elapsed();
+        assert_eq!(first_again, first);
+        assert!(again.as_millis() < 5, "{again:?}");
+        let poor = Settings {
+            scatter: 0.2,
+            ..weak
+        };
+        let other = cache.causes(&poor, 1, Best::of(&poor, 1), Limits::NO_SETPOINT);
+        assert_ne!(other, first);
+        // Every short form fits the title of a list 78 characters wide.
+        for cause in first.iter().chain(&other) {
+            assert!(cause.short().len() <= 66, "{}", cause.short());
+        }
+        assert_eq!(cache.causes(&weak, 1, now, Limits::default()), []);
+        let served = served();
+        let best = Best::of(&served, 1);
+        assert_eq!(cache.causes(&served, 1, best, Limits::default()), []);
     }
 
     #[test]

@@ -279,14 +279,26 @@ fn screen() -> Option<usize> {
 #[cfg(unix)]
 const NARROWEST: u16 = 40;
 
-/// Sentences that are broken between words at a width; what is aligned by spaces stays.
+/// Sentences that are broken between words at a width. Behind a label and its gap they go on below
+/// their begin; columns aligned by several gaps and comments of a scene stay.
 fn wrapped(text: &str, screen: usize) -> String {
     let line = |line: &str| {
-        if line.trim().contains("  ") || line.starts_with(' ') {
-            line.to_string()
-        } else {
-            textwrap::fill(line, screen)
+        let words = line.trim_start();
+        let indent = line.len() - words.len();
+        let begin = words.find("  ").map_or(indent, |gap| {
+            let behind = &words[gap..];
+            indent + gap + behind.len() - behind.trim_start().len()
+        });
+        let (label, sentence) = line.split_at(begin);
+        let aligned = sentence.trim_end().contains("  ") || sentence.starts_with('#');
+        if aligned || 2 * begin > screen {
+            return line.to_string();
         }
+        let below = " ".repeat(label.chars().count());
+        let options = textwrap::Options::new(screen)
+            .initial_indent(label)
+            .subsequent_indent(&below);
+        textwrap::fill(sentence, options)
     };
     let lines: Vec<String> = text.split('\n').map(line).collect();
     lines.join("\n")
@@ -299,5 +311,26 @@ fn quiet_if_closed(written: std::io::Result<()>) -> Result<(), Refusal> {
             "check where the output goes, or write a file with --out",
         )),
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::wrapped;
+
+    #[test]
+    fn no_sentence_is_wider_than_the_screen() {
+        let text = "A sentence that is wider than the screen of thirty.\n\
+                    in gear     0.988 of the time from 5 s on, lost later\n                    \
+                    12  13  14 columns that are aligned by gaps\n\
+                    scatter = 0.04   # a comment that is wider than that";
+        let expected = "A sentence that is wider than\nthe screen of thirty.\n\
+                        in gear     0.988 of the time\n            from 5 s on, lost\n            later\n                    \
+                        12  13  14 columns that are aligned by gaps\n\
+                        scatter = 0.04   # a comment that is wider than that";
+        assert_eq!(wrapped(text, 30), expected);
+        let indented = "            and goes on below the begin of it";
+        let below = "            and goes on below\n            the begin of it";
+        assert_eq!(wrapped(indented, 30), below);
     }
 }

@@ -14,6 +14,7 @@ pub use board::Board;
 pub use history::History;
 pub use source::{Assignment, Seen, Simulation, Source, Wish};
 
+use crate::causes::CauseCache;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 
@@ -57,6 +58,7 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
     let _restored = Restored;
     let mut history = History::default();
     let begun = Instant::now();
+    let mut cache = CauseCache::default();
     let (mut last, mut shown) = (begun, screen::Shown::default());
     while desk.go_on().is_ok() && pace.limit.is_none_or(|limit| begun.elapsed() < limit) {
         let now = Instant::now();
@@ -74,9 +76,14 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
                 history.take(seen);
             }
         }
+        let assignment = source.assignment();
+        let cause = history
+            .now()
+            .and_then(|seen| seen.cause(&assignment, &mut cache));
         terminal
             .draw(|frame| {
-                screen::draw(frame, &history, &source.assignment(), &source.name(), shown)
+                let cause = cause.as_ref();
+                screen::draw(frame, &history, &assignment, cause, &source.name(), shown);
             })
             .map_err(failed)?;
         let mut wait = FRAME_INTERVAL.saturating_sub(now.elapsed());

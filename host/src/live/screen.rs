@@ -13,6 +13,7 @@ use ratatui::widgets::{Block, Clear, Paragraph};
 
 use super::history::{History, WINDOW};
 use super::source::{Assignment, Seen};
+use crate::causes::Cause;
 use crate::simulate::describe;
 
 /// Request of the user to the screen.
@@ -29,6 +30,7 @@ pub(super) fn draw(
     frame: &mut Frame<'_>,
     history: &History,
     assignment: &Assignment,
+    cause: Option<&Cause>,
     name: &str,
     shown: Shown,
 ) {
@@ -65,7 +67,7 @@ pub(super) fn draw(
     draw_ribbon(frame, ribbon, history);
     draw_clock(frame, clock, history, assignment);
     draw_numbers(frame, numbers, history, assignment);
-    draw_events(frame, events, history);
+    draw_events(frame, events, history, cause);
     frame.render_widget(Paragraph::new(foot(history, assignment)), keys);
     if shown.help {
         draw_help(frame, area);
@@ -479,8 +481,12 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History, assignment
     );
 }
 
-fn draw_events(frame: &mut Frame<'_>, area: Rect, history: &History) {
-    let block = Block::bordered().title(" events ");
+/// The last events, and over them why parts are out of gear.
+fn draw_events(frame: &mut Frame<'_>, area: Rect, history: &History, cause: Option<&Cause>) {
+    let title = cause.map_or(" events ".into(), |cause| {
+        format!(" events; {} ", cause.short())
+    });
+    let block = Block::bordered().title(title);
     let room = usize::from(block.inner(area).height);
     let mut lines: Vec<Line<'_>> = history
         .said()
@@ -499,6 +505,7 @@ mod tests {
 
     use super::super::{Simulation, Source};
     use super::*;
+    use crate::causes::CauseCache;
     use crate::simulate::{DEFAULT, SceneFile};
 
     fn shown(width: u16, height: u16, history: &History, assignment: &Assignment) -> String {
@@ -514,7 +521,12 @@ mod tests {
     ) -> String {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal
-            .draw(|frame| draw(frame, history, assignment, "a test", shown))
+            .draw(|frame| {
+                let cause = history
+                    .now()
+                    .and_then(|seen| seen.cause(assignment, &mut CauseCache::default()));
+                draw(frame, history, assignment, cause.as_ref(), "a test", shown);
+            })
             .unwrap();
         let buffer = terminal.backend().buffer();
         let mut text = String::new();
@@ -554,6 +566,34 @@ mod tests {
             "•",
         ] {
             assert!(screen.contains(words), "'{words}' is missing:\n{screen}");
+        }
+    }
+
+    #[test]
+    fn likeliest_cause_of_parts_out_of_gear_fits_over_the_events() {
+        for (actual, configured, cause) in [
+            (
+                "[-0.1]",
+                "0.04",
+                "0 in gear with parts that do not fit the lot ",
+            ),
+            ("[0.2]", "0.2", "in gear with parts that scatter less "),
+        ] {
+            let text = DEFAULT
+                .replace("# actual = [0.2] ", &format!("actual = {actual} #"))
+                .replace("scatter = 0.04 ", "scatter = 0.2 ")
+                .replace(
+                    "\n[controller]",
+                    &format!("\n[controller]\nscatter = {configured} "),
+                );
+            let file = SceneFile::parse(&text).unwrap();
+            let mut source = Simulation::build("a scene", &file).unwrap();
+            let mut history = History::default();
+            for seen in source.advance(9.0).unwrap() {
+                history.take(seen);
+            }
+            let screen = shown(80, 24, &history, &source.assignment());
+            assert!(screen.contains(cause), "'{cause}' is missing:\n{screen}");
         }
     }
 

@@ -4,9 +4,12 @@ use kband::feeder::Restitution;
 use kband::regime::Lock;
 use kband::regime::band::Band;
 use kband_control::wire::Telemetry;
-use kband_control::{Controller, Event, Fault, NoSetpoint, Settings, StartCause, State, Target};
+use kband_control::{
+    Controller, Event, Fault, Limits, NoSetpoint, Settings, StartCause, State, Target,
+};
 use kband_plant::{Change, ClosedLoop};
 
+use crate::causes::{Best, Cause, CauseCache};
 use crate::refusal::Refusal;
 use crate::simulate::SceneFile;
 
@@ -34,6 +37,23 @@ impl Seen {
     /// What stopped the drive.
     pub fn fault(&self) -> Option<Fault> {
         Fault::numbered(self.telemetry.fault)
+    }
+
+    /// The likeliest cause of parts out of gear, where gear is the target and its amplitude held.
+    pub fn cause(&self, assignment: &Assignment, cache: &mut CauseCache) -> Option<Cause> {
+        let Target::Gear { order } = assignment.target else {
+            return None;
+        };
+        if !matches!(self.state(), State::Holding | State::Limiting) {
+            return None;
+        }
+        let now = Best {
+            share: f64::from(self.telemetry.expected_in_gear),
+            amplitude: f64::from(self.telemetry.setpoint) * 1e3,
+        };
+        let limits = Limits::from_bits(self.telemetry.limits).unwrap_or_default();
+        let causes = cache.causes(&assignment.settings, order, now, limits);
+        causes.into_iter().next()
     }
 
     /// k at the setpoint; `None` without one.

@@ -181,7 +181,11 @@ impl Arguments {
 
 /// What a run came to in plain words, the last line the next step.
 pub(super) fn plain_words(outcome: &Outcome) -> Vec<String> {
-    summary::Seen::of(outcome).lines()
+    let seen = summary::Seen::of(outcome);
+    let mut lines = seen.lines();
+    let next = lines.len() - 1;
+    lines.splice(next..next, crate::causes::describe(seen.causes()));
+    lines
 }
 
 /// Runs the scene.

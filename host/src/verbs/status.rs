@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use crate::arguments::Printed;
 use crate::board::{Address, Emulated};
+use crate::causes::CauseCache;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 pub(super) use board_status::BoardStatus;
@@ -36,8 +37,9 @@ const POLL_INTERVAL: Duration = Duration::from_millis(500);
 /// Asks and prints.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut link = arguments.address.open(Emulated::Running)?;
+    let mut cache = CauseCache::default();
     loop {
-        let status = BoardStatus::ask(&mut link)?.with_causes(&mut link)?;
+        let status = BoardStatus::ask(&mut link)?.with_causes(&mut link, &mut cache)?;
         let printout = status.printout()?;
         if arguments.live && stdout().is_terminal() {
             // To the upper left, and what was there is gone; a terminal that is closed is noticed

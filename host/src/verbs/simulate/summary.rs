@@ -4,7 +4,7 @@
 use kband::regime::classify::Regime;
 use kband_control::{Fault, Identification, Limits, State, Target};
 
-use crate::causes::{Best, Cause, MIN_SHARE_IN_GEAR, causes};
+use crate::causes::{Best, Cause, MIN_SHARE_IN_GEAR, causes, misfit};
 use crate::report::number;
 use crate::simulate::Outcome;
 
@@ -86,6 +86,9 @@ impl Seen {
                 (Some(best), causes(settings, order, best))
             }
             Target::K(_) | Target::Amplitude(_) if poor => (Some(Best::of(settings, 1)), vec![]),
+            _ if last.limits.contains(Limits::MISFIT) => {
+                (None, vec![misfit(settings, amplitude * 1e3)])
+            }
             _ => (None, vec![]),
         };
         Self {

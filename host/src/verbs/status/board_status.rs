@@ -7,7 +7,7 @@ use kband_control::{Fault, Limits, State, Target};
 use serde_json::{Value as Json, json};
 
 use crate::board::{BoardSettings, Link, Unsolicited};
-use crate::causes::{self, Best, Cause, MIN_SHARE_IN_GEAR, causes};
+use crate::causes::{self, Best, Cause, CauseCache};
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, columns, number};
 use crate::simulate::{RESTING_AMPLITUDE, describe};
@@ -54,16 +54,21 @@ impl BoardStatus {
     }
 
     /// Adds the causes of a poor share in gear, by the board's settings.
-    pub(in crate::verbs) fn with_causes(mut self, link: &mut Link) -> Result<Self, Refusal> {
+    pub(in crate::verbs) fn with_causes(
+        mut self,
+        link: &mut Link,
+        cache: &mut CauseCache,
+    ) -> Result<Self, Refusal> {
         let now = Best {
             share: f64::from(self.telemetry.expected_in_gear),
             amplitude: f64::from(self.telemetry.setpoint) * 1e3,
         };
         if let Target::Gear { order } = self.target
-            && self.state() == Some(State::Holding)
-            && now.share < MIN_SHARE_IN_GEAR
+            && matches!(self.state(), Some(State::Holding | State::Limiting))
         {
-            self.causes = causes(&BoardSettings::read(link)?.known(), order, now);
+            let limits = Limits::from_bits(self.telemetry.limits).unwrap_or_default();
+            let settings = BoardSettings::read(link)?.known();
+            self.causes = cache.causes(&settings, order, now, limits);
         }
         Ok(self)
     }

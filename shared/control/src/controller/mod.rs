@@ -797,6 +797,7 @@ impl Controller {
     }
 
     /// Begins the target anew, for other parts.
+    #[inline(never)]
     fn begin_again(&mut self) {
         if let Ok(selection) = self.select(self.selection.target(), &self.settings) {
             self.selection = selection;
