@@ -456,16 +456,6 @@ pub fn interval(
     }
 }
 
-/// A span `LO..HI` with `LO < HI`, for options whose number of points is an option of its own.
-pub fn span(text: &str) -> Result<(f64, f64), String> {
-    const ACCEPTED: &str = "accepted: LO..HI with LO < HI, such as 0.3..0.5";
-    let (low, high) = text.split_once("..").ok_or(ACCEPTED)?;
-    match (number(low), number(high)) {
-        (Ok(low), Ok(high)) if low < high => Ok((low, high)),
-        _ => Err(ACCEPTED.into()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -496,7 +486,6 @@ mod tests {
         assert!(values.windows(2).all(|pair| pair[0] < pair[1]));
         assert_eq!(range("-3..2.5:2").unwrap().low, -3.0);
         assert_eq!(range("0.4").unwrap().values().collect::<Vec<_>>(), [0.4]);
-        assert_eq!(span("0.3..0.5").unwrap(), (0.3, 0.5));
     }
 
     #[test]

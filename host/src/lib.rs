@@ -2,10 +2,10 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`arguments`] | options shared by the verbs; numbers, ranges and restitutions as typed by a user |
+//! | `arguments` | options shared by the verbs; numbers, ranges and restitutions as typed by a user |
 //! | [`refusal`] | the one message of a refused or failed run, and exit status |
 //! | [`report`] | tables: for reading, as CSV, as JSON |
-//! | [`mod@file`] | files that are written whole or not at all |
+//! | `file` | files that are written whole or not at all |
 //! | `causes` | what keeps parts out of gear, and the remedies |
 //! | [`board`] | a board on the link, and a scene's controller on it |
 //! | [`mod@bench`] | the kernels of the impact map side by side, and the baselines |
@@ -14,30 +14,30 @@
 //! | [`ending`] | where an orbit of the exact map ends |
 //! | `live` | the dashboard in the terminal |
 //! | `log` | the log of a board |
-//! | [`page`] | pages for the browser, of one file each |
-//! | [`picture`] | pictures of one house style, SVG and PNG |
+//! | `page` | pages for the browser, of one file each |
+//! | `picture` | pictures of one house style, SVG and PNG |
 //! | [`simulate`] | scenes: read, run, drawn and judged |
 //! | [`provenance`] | what a result came from, in every file |
-//! | [`stream`] | rows printed as they come |
+//! | `stream` | rows printed as they come |
 //! | [`verbs`] | one file per verb |
 
-pub mod arguments;
+pub(crate) mod arguments;
 pub mod bench;
 pub mod board;
 pub(crate) mod causes;
 pub mod chip;
 pub mod desk;
 pub mod ending;
-pub mod file;
+pub(crate) mod file;
 #[cfg(feature = "live")]
 pub mod live;
 #[cfg(feature = "log")]
 pub mod log;
-pub mod page;
-pub mod picture;
+pub(crate) mod page;
+pub(crate) mod picture;
 pub mod provenance;
 pub mod refusal;
 pub mod report;
 pub mod simulate;
-pub mod stream;
+pub(crate) mod stream;
 pub mod verbs;

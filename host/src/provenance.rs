@@ -263,11 +263,6 @@ pub fn line() -> String {
     object(Map::new()).to_string()
 }
 
-/// Name and version of the program with its commit.
-pub fn program() -> String {
-    format!("kband {VERSION}, commit {COMMIT}")
-}
-
 /// Writes the provenance as comments above the header of a CSV.
 pub fn write_comments(units: Map<String, Json>, out: &mut dyn Write) -> std::io::Result<()> {
     let Json::Object(fields) = object(units) else {

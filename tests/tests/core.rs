@@ -39,7 +39,7 @@ impl Source {
         self.below(13)
     }
 
-    fn pick<const N: usize>(&mut self, from: [u32; N]) -> u32 {
+    fn pick<T: Copy, const N: usize>(&mut self, from: [T; N]) -> T {
         from[self.below(N as u32) as usize]
     }
 
@@ -59,247 +59,140 @@ impl Source {
     }
 }
 
-/// One or two halfwords, the first above.
-fn narrow(code: u32) -> Vec<u16> {
-    vec![code as u16]
-}
+/// Encodings of instructions that leave stack pointer, link register and program counter alone.
+///
+/// `x` is any bit; other letters are the bits of a number of [`instruction`], again from its
+/// highest bit where it stands twice.
+const ENCODINGS: [&str; 81] = [
+    // Shift, add, subtract, move, compare.
+    "000xx xxxxx xxx xxx",
+    "00011 xx xxx xxx xxx",
+    "001xx xxx xxxxxxxx",
+    "010000 xxxx xxx xxx",
+    "01000100 d mmmm ddd",
+    "01000101 d mmmm ddd",
+    "01000110 d mmmm ddd",
+    "10110010 xx xxx xxx",
+    "101110100 x xxx xxx",
+    "1011101011 xxx xxx",
+    // With a number.
+    "11110 x 000xx x nnnn 0xxx dddd xxxxxxxx",
+    "11110 x 00100 x nnnn 0xxx dddd xxxxxxxx",
+    "11110 x 01000 x nnnn 0xxx dddd xxxxxxxx",
+    "11110 x 0101x x nnnn 0xxx dddd xxxxxxxx",
+    "11110 x 01101 x nnnn 0xxx dddd xxxxxxxx",
+    "11110 x 01110 x nnnn 0xxx dddd xxxxxxxx",
+    "11110 x 0001x x 1111 0xxx dddd xxxxxxxx",
+    // With a shifted register; tests and comparisons.
+    "1110101 00xx x nnnn 0xxx dddd xxxx mmmm",
+    "1110101 0100 x nnnn 0xxx dddd xxxx mmmm",
+    "1110101 1000 x nnnn 0xxx dddd xxxx mmmm",
+    "1110101 101x x nnnn 0xxx dddd xxxx mmmm",
+    "1110101 1101 x nnnn 0xxx dddd xxxx mmmm",
+    "1110101 1110 x nnnn 0xxx dddd xxxx mmmm",
+    "1110101 001x x 1111 0xxx dddd xxxx mmmm",
+    "1110101 0x00 1 nnnn 0xxx 1111 xxxx mmmm",
+    "1110101 1000 1 nnnn 0xxx 1111 xxxx mmmm",
+    "1110101 1101 1 nnnn 0xxx 1111 xxxx mmmm",
+    "111010101100 nnnn 0xxx dddd xxx0 mmmm",
+    // Plain numbers.
+    "11110 x 100000 nnnn 0xxx dddd xxxxxxxx",
+    "11110 x 101010 nnnn 0xxx dddd xxxxxxxx",
+    "11110 x 10x100 xxxx 0xxx dddd xxxxxxxx",
+    // Saturation; shifted by 0, the second would saturate both halves.
+    "11110011x000 nnnn 0xxx dddd xx0 xxxxx",
+    "11110011x010 nnnn 0xx1 dddd xx0 xxxxx",
+    // Fields of bits.
+    "11110011x100 nnnn 00xx dddd xx0 0xxxx",
+    "11110011x100 nnnn 0000 dddd 000 xxxxx",
+    "11110011x100 nnnn 01xx dddd xx0 00000",
+    "111100110110 nnnn 00xx dddd xx0 1xxxx",
+    "111100110110 nnnn 0000 dddd 000 xxxxx",
+    "111100110110 1111 00xx dddd xx0 1xxxx",
+    // Registers only.
+    "111110100xxx nnnn 1111 dddd 0000 mmmm",
+    "11111010000x nnnn 1111 dddd 10xx mmmm",
+    "111110100011 nnnn 1111 dddd 10xx mmmm",
+    "11111010010x nnnn 1111 dddd 10xx mmmm",
+    "11111010000x 1111 1111 dddd 10xx mmmm",
+    "111110100011 1111 1111 dddd 10xx mmmm",
+    "11111010010x 1111 1111 dddd 10xx mmmm",
+    "111110101x0x nnnn 1111 dddd 0101 mmmm",
+    "111110101000 nnnn 1111 dddd 10x0 mmmm",
+    "111110101001 mmmm 1111 dddd 10xx mmmm",
+    "111110101011 mmmm 1111 dddd 1000 mmmm",
+    // Products and quotients.
+    "111110110000 nnnn aaaa dddd 000x mmmm",
+    "111110110001 nnnn aaaa dddd 00xx mmmm",
+    "111110110101 nnnn aaaa dddd 000x mmmm",
+    "111110110000 nnnn 1111 dddd 0000 mmmm",
+    "111110110001 nnnn 1111 dddd 00xx mmmm",
+    "111110110101 nnnn 1111 dddd 000x mmmm",
+    "111110111xx0 nnnn aaaa hhhh 0000 mmmm",
+    "111110111110 nnnn aaaa hhhh 0110 mmmm",
+    "1111101110x1 nnnn 1111 dddd 1111 mmmm",
+    // One conditional instruction, and two of them.
+    "10111111 cccc 1000 00011 xx xxx xxx xxx",
+    "10111111 cccc x100 00100 xxx xxxxxxxx 00110 xxx xxxxxxxx",
+    // Loads and stores about r12, which points to the scratch memory.
+    "1111100010xx 1100 tttt 00000000 0xxx",
+    "11111000110x 1100 tttt 00000000 0xxx",
+    "1111100110x1 1100 tttt 00000000 0xxx",
+    "1111100000xx 1100 tttt 1xx1 0000 0xxx",
+    "11111000010x 1100 tttt 1xx1 0000 0xxx",
+    "1111100100x1 1100 tttt 1xx1 0000 0xxx",
+    "1111100000xx 1100 tttt 1100 0000 0xxx",
+    "11111000010x 1100 tttt 1100 0000 0xxx",
+    "1111100100x1 1100 tttt 1100 0000 0xxx",
+    // Single precision.
+    "111011100 x xx 0xxx 0xxx 1010 xxx0 0xxx",
+    "111011101 x 00 0xxx 0xxx 1010 x0x0 0xxx",
+    "111011101 x 11 xxxx 0xxx 1010 0000 xxxx",
+    "111011101 x 11 000x 0xxx 1010 x1x0 0xxx",
+    "111011101 x 11 0100 0xxx 1010 01x0 0xxx",
+    "111011101 x 11 0101 0xxx 1010 0100 0000",
+    "111011101 x 11 1000 0xxx 1010 x1x0 0xxx",
+    "111011101 x 11 110x 0xxx 1010 11x0 0xxx",
+    "11101110000x 0xxx dddd 1010 x001 0000",
+    "11101100010x hhhh aaaa 1010 0001 0xxx",
+    // A comparison and its flags.
+    "111011101 x 11 0100 0xxx 1010 01x0 0xxx 1110 1110 1111 0001 1111 1010 0001 0000",
+];
 
-fn wide(first: u32, second: u32) -> Vec<u16> {
-    vec![first as u16, second as u16]
-}
-
-/// A random instruction that leaves stack pointer, link register and program counter alone.
+/// A random instruction.
 fn instruction(random: &mut Source) -> Vec<u16> {
-    let (d, n, m, a) = (
-        random.register(),
-        random.register(),
-        random.register(),
-        random.register(),
-    );
-    let [ld, ln, lm] = [random.below(8), random.below(8), random.below(8)];
-    let set = random.below(2) << 4;
-    let three = random.below(8) << 12;
-    let two = random.below(4) << 6;
-    match random.below(34) {
-        // Shift, add, subtract, move, compare.
-        0 => narrow(random.below(3) << 11 | random.below(32) << 6 | ln << 3 | ld),
-        1 => narrow(0x1800 | random.below(4) << 9 | lm << 6 | ln << 3 | ld),
-        2 => narrow(0x2000 | random.below(4) << 11 | ld << 8 | random.below(256)),
-        3 => narrow(0x4000 | random.below(16) << 6 | ln << 3 | ld),
-        4 => {
-            let kind = random.below(3);
-            narrow(0x4400 | kind << 8 | (d >> 3) << 7 | m << 3 | d & 7)
+    let encoding = random.pick(ENCODINGS);
+    let a = random.register();
+    // A letter, its number, and the bits left of it.
+    let mut numbers = [
+        ('d', random.register(), 0),
+        ('n', random.register(), 0),
+        ('m', random.register(), 0),
+        ('a', a, 0),
+        // Another register than `a`.
+        ('h', (a + 1) % 13, 0),
+        // A register that is not the base of a load or store.
+        ('t', random.below(12), 0),
+        // A condition.
+        ('c', random.below(14), 0),
+    ];
+    let mut bit = |letter| match letter {
+        '0' => 0,
+        '1' => 1,
+        'x' => random.below(2),
+        letter => {
+            let number = numbers.iter_mut().find(|number| number.0 == letter);
+            let (_, number, left) = number.expect("a letter of a number");
+            *left = (*left + 3) % 4;
+            *number >> *left & 1
         }
-        5 => narrow(
-            random.pick([0xb200, 0xb240, 0xb280, 0xb2c0, 0xba00, 0xba40, 0xbac0]) | ln << 3 | ld,
-        ),
-        // With a number, with a shifted register; tests and comparisons.
-        6 | 7 => {
-            let kind = random.pick([0, 1, 2, 3, 4, 8, 10, 11, 13, 14]) << 5;
-            let i = random.below(2) << 10;
-            let n = if (0x40..=0x60).contains(&kind) && random.below(4) == 0 {
-                15
-            } else {
-                n
-            };
-            wide(
-                0xf000 | i | kind | set | n,
-                three | d << 8 | random.below(256),
-            )
-        }
-        8 | 9 => {
-            let kind = random.pick([0, 1, 2, 3, 4, 8, 10, 11, 13, 14]) << 5;
-            let n = if (0x40..=0x60).contains(&kind) && random.below(4) == 0 {
-                15
-            } else {
-                n
-            };
-            wide(
-                0xea00 | kind | set | n,
-                three | d << 8 | two | random.below(4) << 4 | m,
-            )
-        }
-        10 => {
-            let kind = random.pick([0, 4, 8, 13]) << 5;
-            wide(
-                0xea10 | kind | n,
-                three | 15 << 8 | two | random.below(4) << 4 | m,
-            )
-        }
-        11 => wide(0xeac0 | n, three | d << 8 | two | random.below(2) << 5 | m),
-        // Plain numbers.
-        12 => {
-            let kind = random.pick([0x00, 0x0a, 0x04, 0x0c]) << 4;
-            wide(
-                0xf200 | random.below(2) << 10 | kind | n,
-                three | d << 8 | random.below(256),
-            )
-        }
-        13 => {
-            let kind = random.pick([0x10, 0x12, 0x18, 0x1a]) << 4;
-            // Shifted by 0 it would saturate both halves.
-            let halves = kind & 0x20 != 0 && (three | two) == 0;
-            let two = if halves { 1 << 6 } else { two };
-            let bits = random.below(32);
-            wide(0xf200 | kind | n, three | d << 8 | two | bits)
-        }
-        14 => {
-            let low = random.below(32);
-            let width = random.below(32 - low);
-            let kind = random.pick([0x14, 0x1c]) << 4;
-            wide(
-                0xf200 | kind | n,
-                (low >> 2) << 12 | d << 8 | (low & 3) << 6 | width,
-            )
-        }
-        15 => {
-            let low = random.below(32);
-            let high = low + random.below(32 - low);
-            let n = if random.below(3) == 0 { 15 } else { n };
-            wide(
-                0xf360 | n,
-                (low >> 2) << 12 | d << 8 | (low & 3) << 6 | high,
-            )
-        }
-        // Registers only.
-        16 => wide(0xfa00 | random.below(4) << 5 | set | n, 0xf000 | d << 8 | m),
-        17 => {
-            let n = if random.below(2) == 0 { 15 } else { n };
-            wide(
-                0xfa00 | random.pick([0, 1, 3, 4, 5]) << 4 | n,
-                0xf080 | d << 8 | random.below(4) << 4 | m,
-            )
-        }
-        18 | 19 => {
-            let kind = random.pick([0, 1, 4, 5]);
-            wide(0xfa80 | kind << 4 | n, 0xf050 | d << 8 | m)
-        }
-        20 => wide(0xfa80 | n, 0xf080 | d << 8 | random.below(2) << 5 | m),
-        21 => wide(0xfa90 | m, 0xf080 | d << 8 | random.below(4) << 4 | m),
-        22 => wide(0xfab0 | n, 0xf080 | d << 8 | n),
-        // Products.
-        23 | 24 => {
-            let kind = random.pick([0, 1, 5]);
-            let how = random.below(if kind == 1 { 4 } else { 2 });
-            let none = (kind, how) != (0, 1) && random.below(2) == 0;
-            let a = if none { 15 } else { a };
-            wide(0xfb00 | kind << 4 | n, a << 12 | d << 8 | how << 4 | m)
-        }
-        25 => {
-            let (kind, how) = [(0, 0), (2, 0), (4, 0), (6, 0), (6, 6)][random.below(5) as usize];
-            let high = (a + 1) % 13;
-            wide(0xfb80 | kind << 4 | n, a << 12 | high << 8 | how << 4 | m)
-        }
-        26 => wide(random.pick([0xfb90, 0xfbb0]) | n, 0xf0f0 | d << 8 | m),
-        // One conditional instruction, as often as not with flags.
-        27 => {
-            let condition = random.below(14);
-            let mask = 8;
-            vec![
-                (0xbf00 | condition << 4 | mask) as u16,
-                (0x1800 | random.below(4) << 9 | lm << 6 | ln << 3 | ld) as u16,
-            ]
-        }
-        // Two of them.
-        28 => {
-            let condition = random.below(14);
-            let mask = 4 | (condition & 1 ^ random.below(2)) << 3;
-            vec![
-                (0xbf00 | condition << 4 | mask) as u16,
-                (0x2000 | ld << 8 | random.below(256)) as u16,
-                (0x3000 | ln << 8 | random.below(256)) as u16,
-            ]
-        }
-        // Loads and stores about r12, which points to the scratch memory.
-        29 => {
-            let kind = random.pick([
-                0xf880, 0xf890, 0xf8a0, 0xf8b0, 0xf8c0, 0xf8d0, 0xf990, 0xf9b0,
-            ]);
-            wide(kind | 12, random.below(12) << 12 | random.below(12))
-        }
-        30 => {
-            let kind = random.pick([
-                0xf800, 0xf810, 0xf820, 0xf830, 0xf840, 0xf850, 0xf910, 0xf930,
-            ]);
-            let how = random.pick([0xb00, 0xf00, 0x900, 0xc00, 0xd00]);
-            wide(kind | 12, random.below(12) << 12 | how | random.below(8))
-        }
-        // Single precision.
-        31 | 32 => single(random),
-        _ => single_one(random),
-    }
-}
-
-/// Fields of s-registers: upper four bits and the lowest.
-fn fields(random: &mut Source) -> [u32; 2] {
-    let number = random.below(16);
-    [number >> 1, number & 1]
-}
-
-fn single(random: &mut Source) -> Vec<u16> {
-    let [[vd, d], [vn, n], [vm, m]] = [fields(random), fields(random), fields(random)];
-    let (kind, other) = [
-        (0x00, 0),
-        (0x00, 1),
-        (0x10, 0),
-        (0x10, 1),
-        (0x20, 0),
-        (0x20, 1),
-        (0x30, 0),
-        (0x30, 1),
-        (0x80, 0),
-    ][random.below(9) as usize];
-    wide(
-        0xee00 | kind | d << 6 | vn,
-        vd << 12 | 0xa00 | n << 7 | other << 6 | m << 5 | vm,
-    )
-}
-
-fn single_one(random: &mut Source) -> Vec<u16> {
-    let [[vd, d], [vm, m]] = [fields(random), fields(random)];
-    let t = random.register();
-    match random.below(12) {
-        0 => wide(
-            0xeeb0 | d << 6 | random.below(16),
-            vd << 12 | 0xa00 | random.below(16),
-        ),
-        1 | 2 => {
-            let (kind, upper) = [(0, 0), (0, 1), (1, 0), (1, 1)][random.below(4) as usize];
-            wide(
-                0xeeb0 | d << 6 | kind,
-                vd << 12 | 0xa40 | upper << 7 | m << 5 | vm,
-            )
-        }
-        3 | 4 => {
-            let kind = random.pick([4, 5]);
-            let (m, vm) = if kind == 5 { (0, 0) } else { (m, vm) };
-            wide(0xeeb0 | d << 6 | kind, vd << 12 | 0xa40 | m << 5 | vm)
-        }
-        5..=8 => {
-            let kind = random.pick([8, 12, 13]);
-            // To integers: towards zero.
-            let upper = if kind == 8 { random.below(2) } else { 1 };
-            wide(
-                0xeeb0 | d << 6 | kind,
-                vd << 12 | 0xa40 | upper << 7 | m << 5 | vm,
-            )
-        }
-        9 => wide(0xee00 | random.below(2) << 4 | vm, t << 12 | 0xa10 | m << 7),
-        10 => {
-            let even = vm.min(6);
-            let other = (t + 1) % 13;
-            wide(
-                0xec40 | random.below(2) << 4 | other,
-                t << 12 | 0xa10 | even,
-            )
-        }
-        // A comparison and its flags.
-        _ => {
-            let mut code = wide(0xeeb4 | d << 6, vd << 12 | 0xa40 | m << 5 | vm);
-            code.extend([0xeef1, 0xfa10]);
-            code
-        }
-    }
+    };
+    let letters = encoding.chars().filter(|letter| *letter != ' ');
+    let bits: Vec<u32> = letters.map(&mut bit).collect();
+    let halves = bits.chunks_exact(16);
+    halves
+        .map(|half| half.iter().fold(0, |all, bit| all << 1 | *bit as u16))
+        .collect()
 }
 
 /// Instructions that load a number into the link register.

@@ -39,11 +39,6 @@ fn width(text: &str) -> Result<f64, String> {
 pub const PICTURES: [&str; 3] = ["svg", "png", "pdf"];
 
 impl LookArguments {
-    /// Colours of the picture.
-    pub fn theme(self) -> Theme {
-        self.theme
-    }
-
     /// Writes the picture as its ending says, one of [`PICTURES`].
     pub fn write(self, target: &Destination, picture: &Picture) -> Result<(), Refusal> {
         let look = Look::new(self.theme, self.width, self.font_size);

@@ -346,83 +346,55 @@ mod tests {
         let names_at = code_at + code.len() as u32;
         let chip_at = names_at + names.len() as u32;
         let sections_at = chip_at + parts.chip.len() as u32;
-        let mut file = vec![0x7f, b'E', b'L', b'F', 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
-        let half = |file: &mut Vec<u8>, value: u16| file.extend_from_slice(&value.to_le_bytes());
-        let words = |file: &mut Vec<u8>, values: &[u32]| {
-            values
-                .iter()
-                .for_each(|value| file.extend_from_slice(&value.to_le_bytes()));
-        };
-        half(&mut file, ET_EXEC.0);
-        half(&mut file, parts.machine);
-        words(
-            &mut file,
-            &[1, 0x0800_0189, segments_at, sections_at, 0x0500_0400],
-        );
+        let mut file = b"\x7fELF\x01\x01\x01".to_vec();
+        file.resize(16, 0);
         let sections = 4 + u16::from(!parts.chip.is_empty()) + u16::from(parts.emulated);
-        for value in [52, 32, count as u16, 40, sections, 3] {
-            half(&mut file, value);
-        }
+        let halves = |file: &mut Vec<u8>, values: &[u16]| {
+            file.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        };
+        let words = |file: &mut Vec<u8>, values: &[u32]| {
+            file.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        };
+        halves(&mut file, &[ET_EXEC.0, parts.machine]);
+        let flags = 0x0500_0400;
+        words(
+            &mut file,
+            &[1, 0x0800_0189, segments_at, sections_at, flags],
+        );
+        halves(&mut file, &[52, 32, count as u16, 40, sections, 3]);
         let size = table.len() as u32;
-        words(
-            &mut file,
-            &[
-                PT_LOAD.0,
-                table_at,
-                0x0800_0000,
-                0x0800_0000,
-                size,
-                size,
-                4,
-                4,
-            ],
-        );
-        words(
-            &mut file,
-            &[
-                PT_LOAD.0,
-                code_at,
-                parts.code_at,
-                parts.code_at,
-                64,
-                64,
-                5,
-                4,
-            ],
-        );
-        words(
-            &mut file,
-            &[
-                PT_LOAD.0,
-                code_at,
-                parts.stack.0,
-                parts.stack.0,
-                0,
-                parts.stack.1,
-                6,
-                4,
-            ],
-        );
+        // Place in the file and in memory, sizes in both, flags.
+        for [from, to, stored, held, flags] in [
+            [table_at, 0x0800_0000, size, size, 4],
+            [code_at, parts.code_at, 64, 64, 5],
+            [code_at, parts.stack.0, 0, parts.stack.1, 6],
+        ] {
+            words(
+                &mut file,
+                &[PT_LOAD.0, from, to, to, stored, held, flags, 4],
+            );
+        }
         file.extend_from_slice(&table);
         file.extend_from_slice(&code);
         file.extend_from_slice(names);
         file.extend_from_slice(parts.chip.as_bytes());
-        words(&mut file, &[0; 10]);
-        words(
-            &mut file,
-            &[1, 1, 2, 0x0800_0000, table_at, size, 0, 0, 4, 0],
-        );
-        words(&mut file, &[15, 1, 0, 0, code_at, parts.log, 0, 0, 4, 0]);
-        words(
-            &mut file,
-            &[22, 3, 0, 0, names_at, names.len() as u32, 0, 0, 1, 0],
-        );
+        // Name, kind, flags, address, place in the file, size, alignment.
         let length = parts.chip.len() as u32;
-        if length > 0 {
-            words(&mut file, &[39, 1, 0, 0, chip_at, length, 0, 0, 1, 0]);
-        }
-        if parts.emulated {
-            words(&mut file, &[29, 1, 0, 0, code_at, 1, 0, 0, 1, 0]);
+        for [name, kind, flags, address, at, size, align] in [
+            [0; 7],
+            [1, 1, 2, 0x0800_0000, table_at, size, 4],
+            [15, 1, 0, 0, code_at, parts.log, 4],
+            [22, 3, 0, 0, names_at, names.len() as u32, 1],
+            [39, 1, 0, 0, chip_at, length, 1],
+            [29, 1, 0, 0, code_at, 1, 1],
+        ] {
+            if (name == 39 && length == 0) || (name == 29 && !parts.emulated) {
+                continue;
+            }
+            words(
+                &mut file,
+                &[name, kind, flags, address, at, size, 0, 0, align, 0],
+            );
         }
         file
     }

@@ -17,8 +17,6 @@ impl Unit {
     pub const MILLIMETRES: Self = Self("mm");
     /// Millimetres per second.
     pub const MILLIMETRES_A_SECOND: Self = Self("mm/s");
-    /// Seconds.
-    pub const SECONDS: Self = Self("s");
     /// Velocity unit of the map, amplitude times angular frequency.
     pub const VELOCITY: Self = Self("b·ω");
 

@@ -190,12 +190,7 @@ impl Core {
             Op::Store(width, source, base, place) => {
                 self.accessed = before;
                 let (at, base_after) = self.place(base, place);
-                let size = match width {
-                    Width::Word => 4,
-                    Width::Half | Width::SignedHalf => 2,
-                    Width::Byte | Width::SignedByte => 1,
-                };
-                store(bus, at, size, self.get(source))?;
+                store(bus, width, at, self.get(source))?;
                 self.back(base, base_after);
                 Ok(self.access(1))
             }
@@ -410,12 +405,7 @@ impl Core {
                 let failed = !std::mem::take(&mut self.exclusive);
                 if !failed {
                     let at = self.get(n).wrapping_add(offset.into());
-                    let size = match width {
-                        Width::Word => 4,
-                        Width::Half | Width::SignedHalf => 2,
-                        _ => 1,
-                    };
-                    store(bus, at, size, self.get(t))?;
+                    store(bus, width, at, self.get(t))?;
                 }
                 self.set(d, failed.into());
                 Ok(2)
@@ -727,11 +717,11 @@ fn load(bus: &mut impl Bus, width: Width, at: u32) -> Result<u32, Fault> {
 }
 
 #[inline]
-fn store(bus: &mut impl Bus, at: u32, size: u32, value: u32) -> Result<(), Fault> {
-    let value = match size {
-        1 => value & 0xff,
-        2 => value & 0xffff,
-        _ => value,
+fn store(bus: &mut impl Bus, width: Width, at: u32, value: u32) -> Result<(), Fault> {
+    let (size, value) = match width {
+        Width::Word => (4, value),
+        Width::Half | Width::SignedHalf => (2, value & 0xffff),
+        Width::Byte | Width::SignedByte => (1, value & 0xff),
     };
     bus.store(at, size, value).ok_or(Fault::Access(at))
 }

@@ -34,27 +34,24 @@ impl Core {
     pub(super) fn single(&mut self, operation: Single, d: u8, n: u8, m: u8) -> u32 {
         let [d, n, m] = [d, n, m].map(usize::from);
         let bits = [self.s[d], self.s[n], self.s[m]];
-        let [target, one, two] = bits.map(f32::from_bits);
+        let [_, one, two] = bits.map(f32::from_bits);
         let plain = |result: f32| self.number(result, &bits[1..]);
-        let after = |result: f32, sign: u32| {
-            let product = self.number(one * two, &bits[1..]) ^ sign;
-            (result, product)
-        };
+        let turned = |bits: u32| bits ^ 0x8000_0000;
         let sum = |product: u32, target: u32| {
             let result = f32::from_bits(target) + f32::from_bits(product);
             self.number(result, &[target, product])
         };
-        let turned = |bits: u32| bits ^ 0x8000_0000;
+        let product = plain(one * two);
         let (value, cycles) = match operation {
             Single::Add => (plain(one + two), 1),
             Single::Subtract => (plain(one - two), 1),
-            Single::Multiply => (plain(one * two), 1),
-            Single::NegativeMultiply => (turned(plain(one * two)), 1),
+            Single::Multiply => (product, 1),
+            Single::NegativeMultiply => (turned(product), 1),
             Single::Divide => (plain(one / two), 14),
-            Single::MultiplyAdd => (sum(after(target, 0).1, bits[0]), 3),
-            Single::MultiplySubtract => (sum(after(target, 0x8000_0000).1, bits[0]), 3),
-            Single::NegativeMultiplySubtract => (sum(after(target, 0).1, turned(bits[0])), 3),
-            Single::NegativeMultiplyAdd => (sum(after(target, 0x8000_0000).1, turned(bits[0])), 3),
+            Single::MultiplyAdd => (sum(product, bits[0]), 3),
+            Single::MultiplySubtract => (sum(turned(product), bits[0]), 3),
+            Single::NegativeMultiplySubtract => (sum(product, turned(bits[0])), 3),
+            Single::NegativeMultiplyAdd => (sum(turned(product), turned(bits[0])), 3),
         };
         self.s[d] = value;
         cycles
