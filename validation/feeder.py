@@ -27,6 +27,8 @@ BLOCK_MASS = DENSITY * 4.0 / 3.0 * math.pi * BLOCK_RADIUS**3
 """Mass of a block in kg: it has the form of a ball, and cannot turn."""
 SETTLED = 5.0
 """Time in s from which on shares, speeds and estimates count, as in a scene."""
+MIN_JUMP = 0.01
+"""Jump of a part's velocity in m/s by which a contact between two samples is found."""
 MIN_FLIGHTS = 8
 """Flights in a row that are gear (docs/theory-real-parts.md#t10.1)."""
 
@@ -313,6 +315,7 @@ class EnginePlant:
         self.firsts = np.searchsorted(self.owner_array, np.arange(len(self.parts)))
         self.gaps = [np.zeros(len(self.owner))] * 3
         self.acceleration = np.zeros(len(self.runs))
+        self.brief = np.array([self.runs[t].contact / self.runs[t].frequency < 1.5 * SAMPLE for t in self.members_track])
         self.force_sound = np.array([self.runs[t].sound == "force" for t in self.members_track])
 
     def move(self, x: np.ndarray) -> None:
@@ -358,7 +361,27 @@ class EnginePlant:
                 pull = GRAVITY * math.cos(math.radians(part.run.incline)) + self.acceleration[part.track]
                 part.leave(self.time - SAMPLE - flown, speed + pull * (flown + 0.5 * SAMPLE))
                 self.freed(number)
+        if self.brief.any():
+            self.find_brief(gap)
         self.gaps = [second, first, gap]
+
+    def find_brief(self, gap: np.ndarray) -> None:
+        """Finds contacts that began and ended between two samples, by the jump of the velocity."""
+        third, second, first = self.gaps
+        before, after = (second - third) / SAMPLE, (gap - first) / SAMPLE
+        above = self.brief & (gap > 0.0) & (first > 0.0) & (second > 0.0) & (third > 0.0)
+        jumped = above & (after - before > MIN_JUMP) & (second < -before * SAMPLE)
+        for member in np.nonzero(jumped)[0].tolist():
+            number = self.owner[member]
+            part = self.parts[number]
+            if self.time - part.ended < 4.0 * SAMPLE:
+                continue
+            speed = -float(before[member])
+            late = 2.0 * SAMPLE - float(second[member]) / speed
+            self.sensor.strike(part.track, part.run.ringing * speed, late)
+            part.land(self.time - late, speed)
+            part.leave(self.time - late, float(after[member]))
+            self.freed(number)
 
     def sound_forces(self, gap: np.ndarray) -> None:
         """Rings the tracks by the impulses of the contacts of the last sample but one."""
@@ -390,7 +413,7 @@ def approach(third: float, second: float, first: float, gap: float) -> tuple[flo
 
 
 COLUMNS = (
-    "engine row seed parts engine_share estimated_share estimated_error predicted_share k speed lock_speed "
+    "engine row seed seconds parts engine_share estimated_share estimated_error predicted_share k speed lock_speed "
     "restitution scatter estimated_restitution estimated_scatter contact state ready mass "
     "estimated_mass flow estimated_flow weighed amplitude amplitude_rms estimated_amplitude events"
 ).split()
@@ -430,6 +453,7 @@ def results(engine: str, run: Run, heard: Heard, parts: list[Part], places: list
                 "engine": engine,
                 "row": run.name + (f", {present} parts" if run.windows else ""),
                 "seed": run.seed,
+                "seconds": end - begin,
                 "parts": present,
                 "engine_share": mean([part.gear.share(begin, end) for part in here]),
                 "estimated_share": mean([report["in_gear"] for report in told]),

@@ -10,7 +10,7 @@ import time
 
 import mujoco
 import numpy as np
-from feeder import GRAVITY, SAMPLE, SETTLED, EnginePlant, Heard, Run, loop, results
+from feeder import GRAVITY, SAMPLE, EnginePlant, Heard, Run, loop, results
 from results import write
 
 DENSITY = 2700.0
@@ -87,7 +87,7 @@ class MujocoPlant(EnginePlant):
         down = self.data.xmat[1:, 6:9][self.owner_array]
         self.listen(position[1:, 2][self.owner_array] + (down * self.places).sum(axis=1) - self.radii)
         self.way = position[1:, 0] + self.ratio * x
-        if abs(self.time - SETTLED) < 0.5 * SAMPLE:
+        if abs(self.time - self.parts[0].run.counted()[0][1]) < 0.5 * SAMPLE:
             self.begun = self.way
 
 

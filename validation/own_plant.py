@@ -20,6 +20,7 @@ def simulate(run: Run) -> dict:
         "engine": "kband",
         "row": run.name,
         "seed": run.seed,
+        "seconds": run.duration - SETTLED,
         "parts": run.parts,
         "engine_share": outcome.in_gear,
         "estimated_share": math.nan if outcome.in_gear_estimated is None else outcome.in_gear_estimated,

@@ -118,6 +118,7 @@ def table(row: str, found: list[dict]) -> str:
     lines = [head, "|" + "---|" * (head.count("|") - 1)]
     for engine, name in names:
         own = [one for one in found if one["engine"] == "kband" and one["row"] == name]
+        own = list({one["seed"]: one for one in own}.values())
         there = [one for one in found if one["engine"] == engine and one["row"] == name]
         line = make(name, there, own)
         lines.append(line.replace(f"| {row}: ", "| " + (f"{engine}: " if engine != "YADE" else ""), 1))
