@@ -133,7 +133,7 @@ impl Ranges {
             candidates: 1_000_000,
             least_share: LEAST_SHARE,
             checked: 10,
-            seed: 1,
+            seed: file.scene.seed,
         }
     }
 
