@@ -70,9 +70,10 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value = "10", value_parser = arguments::count(1, 100))]
     checked: usize,
 
-    /// Seed of candidates and scatter: the same seed gives the same bits, on any number of threads.
-    #[arg(long, value_name = "N", default_value = "1", value_parser = arguments::seed)]
-    seed: u64,
+    /// Seed of all that is drawn instead of the scene's: the same seed gives the same bits, on any
+    /// number of threads.
+    #[arg(long, value_name = "N", value_parser = arguments::count(0, 4_294_967_295))]
+    seed: Option<usize>,
 
     #[command(flatten)]
     printed: Printed,
@@ -98,7 +99,7 @@ impl Arguments {
             candidates: self.candidates,
             least_share: self.least_share,
             checked: self.checked,
-            seed: self.seed,
+            seed: scene.seed,
         }
     }
 }
@@ -123,9 +124,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         Some(path) => {
             let name = path.display().to_string();
             let text = file::read_text(path)?;
-            read(&text).map_err(|refusal| at_line(refusal, &text).at(&name))?
+            read(&text, arguments.seed).map_err(|refusal| at_line(refusal, &text).at(&name))?
         }
-        None => read(DEFAULT)?,
+        None => read(DEFAULT, arguments.seed)?,
     };
     let design = Design::search(&file, &arguments.ranges(&file), desk)?;
     let shown = Shown {
@@ -138,8 +139,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-fn read(text: &str) -> Result<SceneFile, Refusal> {
-    let table = scene_table(text)?;
+fn read(text: &str, seed: Option<usize>) -> Result<SceneFile, Refusal> {
+    let mut table = scene_table(text)?;
+    if let Some(seed) = seed {
+        table.insert("seed".into(), toml::Value::Integer(seed as i64));
+    }
     provenance::scene(&table, |section, key| schema::unit(section, key).into());
     SceneFile::from_table(table)
 }

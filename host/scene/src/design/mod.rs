@@ -133,7 +133,7 @@ impl Ranges {
             candidates: 1_000_000,
             least_share: LEAST_SHARE,
             checked: 10,
-            seed: 1,
+            seed: file.scene.seed,
         }
     }
 
@@ -312,6 +312,9 @@ fn today(file: &SceneFile, lot: &Lot, workers: &impl Workers) -> Result<Option<D
     }))
 }
 
+/// A quantity of a feeder: its name, its range, its value, its unit.
+type Coordinate = (&'static str, [f64; 2], fn(&Feeder) -> f64, &'static str);
+
 /// Limits of the drive and ends of the ranges that more than half of the feeders reach.
 fn held_by(settings: &Settings, ranges: &Ranges, feeders: &[Feeder]) -> Vec<String> {
     let most = |reached: &dyn Fn(&Feeder) -> bool| {
@@ -322,7 +325,7 @@ fn held_by(settings: &Settings, ranges: &Ranges, feeders: &[Feeder]) -> Vec<Stri
         .filter(|name| most(&|of| feeder::limit_reached(settings, of) == Some(name)))
         .map(|name| format!("the drive's {name}"))
         .collect();
-    let coordinates: [(&str, [f64; 2], fn(&Feeder) -> f64, &str); 5] = [
+    let coordinates: [Coordinate; 5] = [
         ("frequency", ranges.frequency, |of| of.frequency, "Hz"),
         (
             "angle of throw",
