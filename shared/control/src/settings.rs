@@ -169,6 +169,8 @@ settings! {
     bus_parity = 2.0, 0.0..2.0 "";
     /// Silence of the fieldbus in control after which the drive goes to its safe amplitude; 0: never.
     bus_timeout = 2.0, 0.0..3600.0 "s";
+    /// Length of a part along the track, for parts a minute; 0: not configured.
+    part_length = 0.0, 0.0..10000.0 "mm";
 }
 
 impl Settings {
