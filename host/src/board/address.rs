@@ -97,6 +97,19 @@ impl Address {
             }
             return self.emulate(emulated);
         }
+        self.refuse_emulated_options()?;
+        match &self.on {
+            Some(port) => serial_link(Path::new(port)),
+            None => {
+                let port = serial::only_port()?;
+                eprintln!("the board on {}", port.display());
+                serial_link(&port)
+            }
+        }
+    }
+
+    /// Refuses the options of an emulated board.
+    pub fn refuse_emulated_options(&self) -> Result<(), Refusal> {
         for (option, file) in [
             ("--image", &self.image),
             ("--flash-image", &self.flash_image),
@@ -110,14 +123,7 @@ impl Address {
                 ));
             }
         }
-        match &self.on {
-            Some(port) => serial_link(Path::new(port)),
-            None => {
-                let port = serial::only_port()?;
-                eprintln!("the board on {}", port.display());
-                serial_link(&port)
-            }
-        }
+        Ok(())
     }
 }
 

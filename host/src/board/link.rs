@@ -47,6 +47,7 @@ pub struct Link {
     unreadable: u32,
     unsolicited: VecDeque<Unsolicited>,
     record: Option<Box<dyn Write + Send>>,
+    over: bool,
 }
 
 impl Link {
@@ -82,6 +83,7 @@ impl Link {
             unreadable: 0,
             unsolicited: VecDeque::new(),
             record: None,
+            over: false,
         };
         link.identify()?;
         Ok(link)
@@ -95,6 +97,11 @@ impl Link {
     /// Name, version and build of the board's image.
     pub fn image(&self) -> &str {
         &self.image
+    }
+
+    /// Whether the far end is gone: its port or its emulator.
+    pub fn is_over(&self) -> bool {
+        self.over
     }
 
     /// Version and schema of the link that the board speaks.
@@ -232,7 +239,8 @@ impl Link {
         })?
     }
 
-    fn identify(&mut self) -> Result<(), Refusal> {
+    /// Asks the board again who it is.
+    pub fn identify(&mut self) -> Result<(), Refusal> {
         let mut buffer = [0; MAX_FRAME_BYTES];
         // Not 0, which is a board that starts.
         let question = write_question(&mut buffer, 1)
@@ -322,6 +330,7 @@ impl Link {
                 }
                 Err(RecvTimeoutError::Timeout) => return Ok(None),
                 Err(RecvTimeoutError::Disconnected) => {
+                    self.over = true;
                     return Err(Refusal::new(
                         format!("{} ended", self.name),
                         "look whether the board or the emulator is still there",
