@@ -15,7 +15,7 @@
 #                         fails becomes a scene or a case of the tests.
 #   tests/run.sh --fuzz [SECONDS [TARGET...]]  instead: the search by coverage alone, 60 s for each target (tests/fuzz/run.sh)
 #   tests/run.sh --reproducible  instead: the board's image from two folders with two homes of cargo, the same bits: some minutes
-#   tests/run.sh --features  instead: the desk with every cargo feature (probe, Parquet): a few minutes more
+#   tests/run.sh --features  instead: the desk with every cargo feature (probe, Parquet, MQTT): a few minutes more
 #
 # Prints for each step its name, time and closing lines; the whole output of a step is in
 # target/run/STEP.log, the end of it is printed where the step fails. No step can wait for ever:
@@ -181,6 +181,7 @@ if [ "${1:-}" = --features ]; then
     step "desk with all features" 2400 cargo build --locked --package kband-host --all-features --bin kband
     step "log of the emulated board" 1200 cargo test --locked --package kband-host --features log --test board -- log
     step "probe before an emulated chip" 1200 cargo test --locked --package kband-host --features flash --test probe
+    step "readings and events at a broker" 1200 cargo test --locked --package kband-host --features mqtt --test serve -- mqtt
     step "unit tests with all features" 1200 cargo test --locked --package kband-host --all-features --lib
     finish
 fi

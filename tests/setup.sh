@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Brings what the tests need onto a Debian machine with rustup: the thumb targets, QEMU 9.2 or newer,
-# Chromium with its driver, gcc, valgrind, mbpoll, and Python packages in a folder of their own below
+# Chromium with its driver, gcc, valgrind, mbpoll, libmodbus, mosquitto, and Python packages in a folder of their own below
 # target. Safe to repeat; where all is there it only looks, in about a second.
 #
 #   tests/setup.sh            install what is missing
@@ -93,15 +93,16 @@ install_browser() {
 }
 browser_is_there() { command -v chromedriver >/dev/null && command -v chromium >/dev/null; }
 
-# A compiler and a memory checker for the C interface, and a Modbus master.
+# A compiler and a memory checker for the C interface, Modbus masters, and a broker of MQTT.
 install_tools() {
-    say "installing gcc, valgrind and mbpoll with apt"
+    say "installing gcc, valgrind, mbpoll, libmodbus and mosquitto with apt"
     [ -n "${sources:-}" ] || debian_sources || return 1
-    apt_get 600 install --no-install-recommends gcc libc6-dev valgrind mbpoll
+    apt_get 600 install --no-install-recommends gcc libc6-dev valgrind mbpoll libmodbus-dev mosquitto mosquitto-clients
 }
 tools_are_there() {
     local tool
-    for tool in gcc nm valgrind mbpoll; do command -v "$tool" >/dev/null || return 1; done
+    for tool in gcc nm valgrind mbpoll mosquitto mosquitto_sub; do command -v "$tool" >/dev/null || return 1; done
+    [ -f /usr/include/modbus/modbus.h ]
 }
 
 # Python packages: the copy of the list beside them tells that they are all there.
@@ -155,7 +156,7 @@ if [ "${1:-}" = --check ]; then
     [ -z "$missing" ] || give_up "no Rust target ${missing% }; run tests/setup.sh"
     emulator_is_new_enough || give_up "no QEMU $wanted or newer (qemu-system-arm); run tests/setup.sh"
     browser_is_there || give_up "no chromium and chromedriver; run tests/setup.sh"
-    tools_are_there || give_up "no gcc, nm, valgrind or mbpoll; run tests/setup.sh"
+    tools_are_there || give_up "no gcc, nm, valgrind, mbpoll, libmodbus or mosquitto; run tests/setup.sh"
     python_is_there || give_up "no Python packages in $venv; run tests/setup.sh"
     exit 0
 fi
@@ -176,6 +177,6 @@ fi
 emulator_is_new_enough || install_emulator || give_up "QEMU could not be installed; it is the package qemu-system-arm, $wanted or newer"
 emulator_is_new_enough || give_up "QEMU is $(emulator_version), older than $wanted"
 browser_is_there || install_browser || give_up "Chromium could not be installed; it is the packages chromium and chromium-driver"
-tools_are_there || install_tools || give_up "gcc, valgrind and mbpoll could not be installed"
+tools_are_there || install_tools || give_up "gcc, valgrind, mbpoll, libmodbus and mosquitto could not be installed"
 python_is_there || install_python || give_up "the packages of $python_packages could not be installed"
-say "ready: ${targets[*]}, QEMU $(emulator_version), Chromium, gcc, valgrind, mbpoll, Python packages"
+say "ready: ${targets[*]}, QEMU $(emulator_version), Chromium, gcc, valgrind, mbpoll, libmodbus, mosquitto, Python packages"

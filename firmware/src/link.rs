@@ -18,6 +18,7 @@ use kband_control::wire::{
 use kband_control::{AdcCode, Inputs, PLAN_SLICES, Settings, Signal, StartCause, Target};
 
 use crate::access::LinkLock;
+use crate::bus::answer_over_link;
 use crate::saves::Saves;
 use crate::station::{RecipeRefused, SettingsRefused, Station};
 use crate::store::{Condition, Store, StoreFailed};
@@ -151,6 +152,10 @@ impl<S: Store> Service<S> {
             Incoming::Request { sequence, request } => {
                 let access = lock.access((image.strapped)());
                 let response = match request {
+                    Request::Bus(adu) => {
+                        let read_only = access != Access::Full;
+                        return answer_bus(buffer, sequence, adu, read_only, image, station);
+                    }
                     _ if changes(&request) && access != Access::Full => {
                         Response::Refused(Refusal::ReadOnly(access))
                     }
@@ -248,6 +253,20 @@ impl<S: Store> Service<S> {
     }
 }
 
+/// Answers a request of Modbus; a call of its own keeps the stack small.
+#[inline(never)]
+fn answer_bus<'b>(
+    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    sequence: u8,
+    adu: &[u8],
+    read_only: bool,
+    image: &Image,
+    station: &Station,
+) -> Option<&'b [u8]> {
+    let answer = answer_over_link(station, image.identity, read_only, adu);
+    write_response(buffer, sequence, &Response::Bus(&answer)).ok()
+}
+
 /// Executes a request and returns its response.
 async fn answer<'a>(
     request: &Request<'_>,
@@ -290,7 +309,8 @@ async fn answer<'a>(
         | Request::Unlock(_)
         | Request::Status
         | Request::Simulate { .. }
-        | Request::Samples { .. } => Response::Done,
+        | Request::Samples { .. }
+        | Request::Bus(_) => Response::Done,
         Request::Recipe(number) => Response::Recipe(station.stored_recipe(number)),
         Request::SetRecipe { number, recipe } => {
             response_of_recipe(station.set_recipe(number, recipe.as_ref()))

@@ -130,7 +130,7 @@ mod tests {
         ];
         let settings = Settings {
             restitution_low: 0.01 * f32::from(number),
-            soft_stop: 1.0 + f32::from(number),
+            part_length: 1.0 + f32::from(number),
             ..Settings::default()
         };
         let name = RecipeName::parse(["caps", "12345678901234", "a"][usize::from(number) % 3]);
@@ -163,7 +163,7 @@ mod tests {
         recipes.set(1, Some(&some(1)));
         recipes.0[0][NAME + 1] -= 1;
         let (name, mut recipe) = some(1);
-        recipe.values[5] = Settings::default().soft_stop;
+        recipe.values[6] = Settings::default().part_length;
         assert_eq!(recipes.get(1), Stored::Recipe(name, recipe));
     }
 
@@ -171,7 +171,7 @@ mod tests {
     fn a_recipe_of_a_newer_firmware_is_told_and_kept() {
         let mut recipes = Recipes::default();
         recipes.set(1, Some(&some(1)));
-        for (at, value) in [(NAME, 9), (NAME + 1, 9), (HEAD, 0), (0, 7)] {
+        for (at, value) in [(NAME, 10), (NAME + 1, 9), (HEAD, 0), (0, 7)] {
             let mut newer = recipes.clone();
             newer.0[0][at] = value;
             assert_eq!(newer.get(1), Stored::Newer, "{at}");

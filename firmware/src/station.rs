@@ -5,7 +5,7 @@ use core::cell::{Cell, RefCell};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::feeder::OutOfRange;
-use kband_bus::SaveProgress;
+use kband_bus::{SaveProgress, Server};
 use kband_control::wire::{Access, KeptFault, Record, Status, Stored};
 use kband_control::{
     BusCommand, Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Recipe,
@@ -116,6 +116,8 @@ impl Uptime {
 /// Commands and requests of the fieldbus.
 #[derive(Default)]
 struct BusState {
+    /// The server, for the line of the bus and for the link: one control word, one count.
+    server: RefCell<Server>,
     /// The run bit as written last; `None` before the first.
     run: Cell<Option<bool>>,
     /// Whether the run bit was 0 since the last cycle.
@@ -438,6 +440,11 @@ impl Station {
     /// Whether the fieldbus is in control, and the link reads only.
     pub fn bus_controls(&self) -> bool {
         self.settings.get().bus_controls()
+    }
+
+    /// Works with the server of the fieldbus.
+    pub fn with_bus_server<T>(&self, work: impl FnOnce(&mut Server) -> T) -> T {
+        work(&mut self.bus.server.borrow_mut())
     }
 
     /// Records that a request came over the fieldbus.

@@ -43,14 +43,7 @@ impl<W: Write> Stream<W> {
                 let cells: Vec<String> = row.iter().map(Value::csv).collect();
                 text += &cells.join(",");
             }
-            Format::Json => {
-                let known = self.columns.iter().zip(row);
-                let object: Map<String, Json> = known
-                    .filter(|(_, value)| **value != Value::Missing)
-                    .map(|((column, _), value)| (column.name().to_string(), value.json()))
-                    .collect();
-                text += &Json::Object(object).to_string();
-            }
+            Format::Json => text += &object(&self.columns, row).to_string(),
         }
         text.push('\n');
         match self
@@ -97,6 +90,16 @@ impl<W: Write> Stream<W> {
         }
         line
     }
+}
+
+/// A row as an object, without what is missing.
+pub fn object(columns: &[(Column, usize)], row: &[Value]) -> Json {
+    let known = columns.iter().zip(row);
+    let object: Map<String, Json> = known
+        .filter(|(_, value)| **value != Value::Missing)
+        .map(|((column, _), value)| (column.name().to_string(), value.json()))
+        .collect();
+    Json::Object(object)
 }
 
 #[cfg(test)]

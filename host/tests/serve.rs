@@ -1,9 +1,22 @@
-//! A PLC's way through a simulated feeder behind the registers, over Modbus TCP.
+//! A PLC's way through a simulated feeder, and through the gateway to a board, over Modbus TCP.
+
+#[cfg(feature = "mqtt")]
+#[path = "serve/mqtt.rs"]
+mod mqtt;
+
+mod came;
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
+
+use kband_control::Event;
+use kband_control::wire::{Request, Response};
+use kband_host::board::{Address, Emulated};
+use kband_machines::emulator::Machine;
+use kband_machines::images;
 
 /// Longest wait for a state of the feeder, s; a loaded machine is allowed for.
 const LIMIT: Duration = Duration::from_secs(60);
@@ -52,6 +65,13 @@ impl Served {
             address: address.unwrap_or_else(|| panic!("{line}")).to_string(),
             child,
         }
+    }
+
+    /// The gateway to the emulated board whose flash is in this folder.
+    fn of_board(folder: &Path) -> Self {
+        let flash = folder.join("board.flash");
+        let (image, flash) = (image(), flash.to_str().unwrap());
+        Self::start(&["--on", "qemu", "--image", &image, "--flash-image", flash])
     }
 
     fn end(mut self) -> (ExitStatus, String) {
@@ -213,4 +233,166 @@ fn an_address_that_is_taken_is_refused() {
         words.contains(&address) && words.contains("--modbus"),
         "{words}"
     );
+}
+
+/// The gateway to an emulated board whose bus has this authority and timeout, and the folder of its
+/// flash.
+fn gateway(bus: f32, timeout: f32) -> (Served, tempfile::TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let address = Address {
+        flash_image: Some(folder.path().join("board.flash")),
+        ..Address::of("qemu", Some(Path::new(&image())))
+    };
+    let mut link = address.open(Emulated::AtRest).unwrap();
+    for request in [
+        Request::set("bus_address", 17.0),
+        Request::set("bus_timeout", timeout),
+        Request::set("bus", bus),
+        Request::Save,
+    ] {
+        link.ask(&request, |response| assert_eq!(response, Response::Done))
+            .unwrap();
+    }
+    drop(link);
+    (Served::of_board(folder.path()), folder)
+}
+
+fn image() -> String {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    image.to_str().unwrap().to_string()
+}
+
+#[test]
+fn the_gateway_takes_a_board_to_gear_and_a_silent_bus_is_a_lost_link() {
+    let (served, _folder) = gateway(2.0, 2.0);
+    let mut plc = Master::connect(&served);
+    plc.wait(status::READY_TO_START | status::IN_CONTROL, status::RUNS);
+    plc.write(register::CONTROL, &[0]).unwrap();
+    plc.write(register::KIND, &[1]).unwrap();
+    plc.write(register::CONTROL, &[1]).unwrap();
+    plc.wait(status::RUNS | status::TARGET_MET, status::FAULT);
+    assert!(plc.read(register::SHARE_IN_GEAR) > 5000);
+    // Another client shares the control word; what makes no sense is an exception of the board.
+    let mut other = Master::connect(&served);
+    assert_eq!(other.read(register::CONTROL), 1);
+    assert_eq!(other.write(register::KIND, &[99]), Err(3));
+    assert_eq!(other.ask(&[3, 0xff, 0xff, 0, 1]), Err(2));
+    assert_eq!(other.ask(&[20, 0, 0]), Err(1));
+    // Three times the board's timeout in silence; the emulator may be slower than the clock.
+    let lost = |plc: &mut Master| {
+        (0..8).any(|age| plc.read(1004 + 8 * age) == u16::from(Event::Limited.number()))
+    };
+    assert!(!lost(&mut plc));
+    let end = Instant::now() + LIMIT;
+    while !lost(&mut plc) {
+        assert!(Instant::now() < end);
+        std::thread::sleep(Duration::from_secs(6));
+    }
+    plc.wait(status::RUNS, status::FAULT);
+    plc.write(register::CONTROL, &[0]).unwrap();
+    plc.wait(0, status::RUNS);
+}
+
+#[test]
+fn clients_only_read_through_the_gateway_to_a_board_whose_bus_is_off() {
+    let (served, _folder) = gateway(0.0, 2.0);
+    let mut plc = Master::connect(&served);
+    plc.wait(0, status::IN_CONTROL);
+    assert_eq!(plc.write(register::CONTROL, &[0]), Err(4));
+    assert_eq!(plc.write(100, &[0x4270, 0]), Err(4));
+    assert_eq!(plc.read(100), 0x4248);
+}
+
+#[test]
+fn pymodbus_and_libmodbus_run_a_board_through_the_gateway() {
+    let clients = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/clients");
+    let (served, folder) = gateway(1.0, 60.0);
+    let client = folder.path().join("client");
+    let compiled = Command::new("gcc")
+        .arg("-o")
+        .arg(&client)
+        .arg(clients.join("board.c"))
+        .arg("-lmodbus")
+        .status();
+    assert!(compiled.unwrap().success());
+    let mut python = Command::new(images::target_folder().join("python/venv/bin/python3"));
+    python.arg(clients.join("board.py"));
+    for (mut command, begin) in [
+        (python, "pymodbus: held"),
+        (Command::new(client), "libmodbus: held"),
+    ] {
+        let ran = command.args([&served.address, "17"]).output().unwrap();
+        let said = String::from_utf8_lossy(&ran.stdout);
+        let wrong = String::from_utf8_lossy(&ran.stderr);
+        assert!(said.starts_with(begin), "{said}{wrong}");
+    }
+}
+
+#[test]
+fn a_gateway_without_a_board_is_refused() {
+    for (words, said) in [
+        (&["--on", "/dev/null"][..], "/dev/null"),
+        (&["--image", "none"], "--image"),
+        (&["scene.toml", "--on", "qemu"], "SCENE.toml"),
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_kband"))
+            .arg("serve")
+            .args(words)
+            .args(["--modbus", "127.0.0.1:0"])
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(2), "{words:?}");
+        let wrong = String::from_utf8(output.stderr).unwrap();
+        assert!(wrong.contains(said), "{wrong}");
+    }
+}
+
+/// The way of the manual: docs/registers.md and docs/recipes.md.
+#[test]
+fn a_new_board_is_commissioned_and_runs_recipe_1_again_after_a_power_cut() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = image();
+    let kband = |words: &str| {
+        let board = ["--on", "qemu", "--image", &image];
+        let flash = ["--flash-image", "board.flash"];
+        let words: Vec<&str> = words.split(' ').chain(board).chain(flash).collect();
+        came::run(folder.path(), came::LIMIT, &words).done()
+    };
+    kband("commission line3.html --step found --seconds 1");
+    kband("settings save");
+    let recipe = "recipes = 1\n\n[[recipe]]\nnumber = 1\nname = \"caps\"\n\
+                  target = \"k\"\nvalue = 0.8\n\
+                  restitution_low = 0.18\nrestitution_high = 0.22\nscatter = 0.05\n\
+                  tangential_restitution = 0.3\nsoft_start = 0.5\nsoft_stop = 0.4\n";
+    std::fs::write(folder.path().join("recipes.toml"), recipe).unwrap();
+    kband("recipe import recipes.toml");
+    for setting in ["bus_timeout 60", "bus_address 17", "bus 1"] {
+        kband(&format!("settings set {setting} --save"));
+    }
+    kband("commission line3.html --step left --seconds 1");
+    for _ in 0..2 {
+        let served = Served::of_board(folder.path());
+        let (_, port) = served.address.split_once(':').unwrap();
+        let write = |register: &str, value: &str| {
+            let fixed = [
+                "-m", "tcp", "-p", port, "-a", "17", "-0", "-1", "-q", "-o", "5",
+            ];
+            let ran = Command::new("mbpoll")
+                .args(fixed)
+                .args(["-r", register, "127.0.0.1", value])
+                .output()
+                .unwrap();
+            assert!(ran.status.success(), "{ran:?}");
+        };
+        let mut plc = Master::connect(&served);
+        plc.wait(status::READY_TO_START | status::IN_CONTROL, status::RUNS);
+        assert_eq!(plc.read(8), 0, "the saved target");
+        write("8", "1");
+        write("0", "0");
+        write("0", "1");
+        plc.wait(status::RUNS | status::TARGET_MET, status::FAULT);
+        assert_eq!((plc.read(8), plc.read(register::KIND)), (1, 32));
+        // Its end is that of the emulator: the power cut.
+        drop(served);
+    }
 }

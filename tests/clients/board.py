@@ -2,20 +2,25 @@
 """pymodbus as the master of a board: reads, runs it to a target, changes the target, stops it.
 
     target/python/venv/bin/python3 tests/clients/board.py TERMINAL UNIT
+    target/python/venv/bin/python3 tests/clients/board.py HOST:PORT UNIT
 """
 
 import sys
 import time
 
-from pymodbus.client import ModbusSerialClient
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
 CONTROL, KIND, STATUS, STATE, FIRST_SETTING = 0, 1, 4, 5, 100
-HELD = 1 << 8
+READY, HELD = 1 << 0, 1 << 8
 
-terminal, unit = sys.argv[1], int(sys.argv[2])
+address, unit = sys.argv[1], int(sys.argv[2])
+host, _, port = address.partition(":")
 # A terminal without a line has no parity. The board may still start.
-master = ModbusSerialClient(terminal, baudrate=19200, parity="N", timeout=5, retries=5)
-assert master.connect(), terminal
+if port:
+    master = ModbusTcpClient(host, port=int(port), timeout=5, retries=5)
+else:
+    master = ModbusSerialClient(address, baudrate=19200, parity="N", timeout=5, retries=5)
+assert master.connect(), address
 
 
 def answer(response):
@@ -54,6 +59,7 @@ assert refused.exception_code == 2, refused
 refused = master.write_registers(KIND, [36, 0, 0], device_id=unit)
 assert refused.exception_code == 3, refused
 
+wait(READY, READY)
 write(CONTROL, 0)
 write(KIND, 32, *master.convert_to_registers(0.8, master.DATATYPE.FLOAT32))
 answer(master.write_register(CONTROL, 1, device_id=unit))

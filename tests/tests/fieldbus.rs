@@ -93,6 +93,15 @@ impl Board {
         }
     }
 
+    /// Waits for the first answer, with a master that leaves the line afterwards.
+    fn wait_until_started(&self) {
+        let starts = |_: &u32| {
+            let mut first = mbpoll_command(self, "-r 80 -c 1", &[]);
+            !first.output().is_ok_and(|ran| ran.status.success())
+        };
+        assert!((0..10).take_while(starts).count() < 10);
+    }
+
     /// A master on the line, which then is for it alone.
     fn master(&self) -> Master {
         let mut line = self.line.try_clone().unwrap();
@@ -292,12 +301,7 @@ fn mbpoll_reads_and_runs_the_board() {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let (folder, _) = commissioned(&image, 1.0);
     let board = Board::start(&image, &folder.path().join("board.flash"));
-    // The board starts meanwhile.
-    let starts = |_: &u32| {
-        let mut first = mbpoll_command(&board, "-r 80 -c 1", &[]);
-        !first.output().is_ok_and(|ran| ran.status.success())
-    };
-    assert!((0..10).take_while(starts).count() < 10);
+    board.wait_until_started();
     let version = mbpoll(&board, "-r 80 -c 1", &[]);
     assert!(version.contains("[80]: \t1"), "{version}");
     let frequency = mbpoll(&board, "-t 4:float -B -r 100 -c 1", &[]);
@@ -338,4 +342,26 @@ fn pymodbus_reads_and_runs_the_board() {
         .arg(UNIT.to_string()));
     println!("{said}");
     assert!(said.starts_with("pymodbus: held"), "{said}");
+}
+
+/// The library of C that many masters use.
+#[test]
+fn libmodbus_reads_and_runs_the_board() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let (folder, _) = commissioned(&image, 1.0);
+    let client = folder.path().join("client");
+    let source = kband_tests::root().join("tests/clients/board.c");
+    let compiled = ["-Wall", "-Wextra", "-Werror", "-o"];
+    run(Command::new("gcc")
+        .args(compiled)
+        .arg(&client)
+        .arg(&source)
+        .arg("-lmodbus"));
+    let board = Board::start(&image, &folder.path().join("board.flash"));
+    board.wait_until_started();
+    let said = run(Command::new(client)
+        .arg(&board.terminal)
+        .arg(UNIT.to_string()));
+    println!("{said}");
+    assert!(said.starts_with("libmodbus: held"), "{said}");
 }

@@ -265,8 +265,8 @@ fn requests_take_their_share_of_a_cycle_and_delay_no_sample() {
         .filter_map(|line| line.strip_prefix("request ")?.split_once(": "))
         .map(|(name, counts)| (name, counts.split(' ').nth(2).unwrap().parse().unwrap()))
         .collect();
-    // The identification request, 24 other requests, and two invalid frames.
-    assert_eq!(requests.len(), 27, "{text}");
+    // The identification request, 24 other requests, two of the bus, and two invalid frames.
+    assert_eq!(requests.len(), 29, "{text}");
     let (dearest, most) = *requests.iter().max_by_key(|(_, count)| count).unwrap();
     println!("request of the link: most {most} instructions a cycle ({dearest})");
     // A quarter of a cycle at 50 Hz and 168 MHz.

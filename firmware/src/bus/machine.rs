@@ -10,6 +10,8 @@ use crate::station::{RecipeRefused, SettingsRefused, Station};
 pub struct Registers<'a> {
     pub station: &'a Station,
     pub image: &'static str,
+    /// Whether nothing may be written, whatever the settings say.
+    pub read_only: bool,
 }
 
 impl Machine for Registers<'_> {
@@ -18,7 +20,11 @@ impl Machine for Registers<'_> {
         Seen {
             telemetry: Telemetry::from(&station.report()),
             status: station.status(Access::Full),
-            authority: Authority::of(&station.settings()),
+            authority: if self.read_only {
+                Authority::Read
+            } else {
+                Authority::of(&station.settings())
+            },
             target: station.target(),
             recipe: station.recipe().into(),
             save: station.save_progress(),

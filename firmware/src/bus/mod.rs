@@ -6,8 +6,8 @@ mod machine;
 pub mod uart;
 
 use embassy_futures::select::{Either, select};
+use kband_bus::Answer;
 use kband_bus::rtu::{self, MAX_FRAME_BYTES};
-use kband_bus::{Answer, Server};
 use kband_control::Settings;
 
 pub use line::BusLine;
@@ -72,7 +72,6 @@ pub async fn bus(
     station: &Station,
     image: &'static str,
 ) -> ! {
-    let mut server = Server::default();
     let mut in_use = None;
     let mut frame = [0; MAX_FRAME_BYTES];
     let mut answer = Answer::new();
@@ -87,9 +86,16 @@ pub async fn bus(
             Either::Second(()) => continue,
         };
         let unit = in_use.map_or(rtu::BROADCAST, |config| config.unit);
-        let mut registers = Registers { station, image };
+        let mut registers = Registers {
+            station,
+            image,
+            read_only: false,
+        };
         let request = frame.get(..length).unwrap_or_default();
-        if rtu::answer(&mut server, unit, request, &mut registers, &mut answer) {
+        let answered = station.with_bus_server(|server| {
+            rtu::answer(server, unit, request, &mut registers, &mut answer)
+        });
+        if answered {
             station.record_bus_request();
             if line.send(&answer) {
                 port.start_sending();
@@ -98,6 +104,26 @@ pub async fn bus(
             line.listen();
         }
     }
+}
+
+/// Answers a request that came over the link, of any unit, in the session of the bus; empty without
+/// an answer.
+pub fn answer_over_link(
+    station: &Station,
+    image: &'static str,
+    read_only: bool,
+    adu: &[u8],
+) -> Answer {
+    let mut registers = Registers {
+        station,
+        image,
+        read_only,
+    };
+    let mut answer = Answer::new();
+    if station.with_bus_server(|server| server.answer(adu, &mut registers, &mut answer)) {
+        station.record_bus_request();
+    }
+    answer
 }
 
 #[cfg(test)]

@@ -30,7 +30,6 @@ const SAVE: u16 = 9;
 /// A board with its bus, without a task.
 struct Board {
     station: Station,
-    server: Server,
     enable: bool,
 }
 
@@ -57,7 +56,6 @@ impl Board {
         let controller = Station::controller(&found, start).unwrap();
         Self {
             station: Station::new(&found, start, &controller, exchange, LastWords::EMPTY),
-            server: Server::default(),
             enable: true,
         }
     }
@@ -95,14 +93,12 @@ impl Board {
         let mut registers = Registers {
             station: &self.station,
             image: "kband test",
+            read_only: false,
         };
-        assert!(rtu::answer(
-            &mut self.server,
-            UNIT,
-            &frame,
-            &mut registers,
-            &mut answer
-        ));
+        let answered = self.station.with_bus_server(|server| {
+            rtu::answer(server, UNIT, &frame, &mut registers, &mut answer)
+        });
+        assert!(answered);
         self.station.record_bus_request();
         rtu::check(&answer).unwrap()[1..].to_vec()
     }
@@ -426,6 +422,69 @@ fn the_link_reads_while_the_bus_is_in_control() {
     assert!(board.station.is_writable());
     board.done(&Request::set("bus", 0.0));
     board.done(&Request::set("gain", 2.0));
+}
+
+/// Answer to a request of Modbus over the link, without its unit.
+fn over_the_link(board: &mut crate::link::tests::Board, pdu: &[u8]) -> Vec<u8> {
+    let adu: Vec<u8> = [UNIT].into_iter().chain(pdu.iter().copied()).collect();
+    board.ask(&Request::Bus(&adu), |response| match response {
+        Response::Bus(answer) => answer.get(1..).unwrap_or_default().to_vec(),
+        other => panic!("{other:?}"),
+    })
+}
+
+#[test]
+fn a_request_over_the_link_is_one_of_the_bus() {
+    use crate::link::tests::board_with;
+    let mut board = board_with(Settings {
+        bus: 2.0,
+        bus_address: f32::from(UNIT),
+        bus_timeout: 0.4,
+        link_timeout: 0.0,
+        ..Settings::default()
+    });
+    board.enable = true;
+    assert_eq!(over_the_link(&mut board, &[3, 0, 5, 0, 1]), [3, 2, 0, 0]);
+    assert_eq!(over_the_link(&mut board, &[3, 0, 99, 0, 1]), [0x83, 2]);
+    assert!(over_the_link(&mut board, &[0]).is_empty());
+    // An amplitude of 0 and the run bit; the line of the bus reads the same control word.
+    for control in [0, 1] {
+        let words = [16, 0, 0, 0, 4, 8, 0, control, 0, 33, 0, 0, 0, 0];
+        assert_eq!(over_the_link(&mut board, &words), words[..5]);
+        board.cycle();
+    }
+    assert_eq!(board.station.report().state, State::Starting);
+    let own = board.station.with_bus_server(|server| server.counters());
+    assert_eq!((own.requests, own.exceptions), (4, 1));
+    // Silence of the bus, whatever else comes over the link.
+    let silent = (1..100).find(|_| {
+        board.done(&Request::Alive);
+        let limits = board.station.report().limits;
+        limits.contains(Limits::LINK_LOST)
+    });
+    assert!(matches!(silent, Some(19..=22)), "{silent:?}");
+    over_the_link(&mut board, &[3, 0, 5, 0, 1]);
+    board.cycle();
+    let limits = board.station.report().limits;
+    assert!(!limits.contains(Limits::LINK_LOST));
+}
+
+#[test]
+fn a_locked_link_reads_the_registers_only() {
+    use crate::link::tests::board_with;
+    let mut board = board_with(Settings {
+        bus: 2.0,
+        bus_address: f32::from(UNIT),
+        ..Settings::default()
+    });
+    let pin = Pin::parse("4711").unwrap();
+    board.done(&Request::Lock(Some(pin)));
+    for written in [[6, 0, 0, 0, 0], [6, 0, 8, 0, 0], [6, 0, 1, 0, 1]] {
+        assert_eq!(over_the_link(&mut board, &written), [0x86, 4]);
+    }
+    assert_eq!(over_the_link(&mut board, &[3, 0, 4, 0, 1])[2..], [0, 0]);
+    board.done(&Request::Unlock(pin));
+    assert_eq!(over_the_link(&mut board, &[6, 0, 0, 0, 0]).len(), 5);
 }
 
 #[test]

@@ -111,7 +111,7 @@ const SIMULATE: Request<'static> = Request::Simulate {
 pub(crate) struct Board {
     pub service: Service<Memory>,
     pub station: Station,
-    enable: bool,
+    pub enable: bool,
     /// Mean acceleration, m/s^2.
     mean: f32,
 }
@@ -148,7 +148,7 @@ impl Board {
     }
 
     /// Runs one drive cycle with the track at rest and returns its telemetry.
-    fn cycle(&mut self) -> Option<Vec<u8>> {
+    pub fn cycle(&mut self) -> Option<Vec<u8>> {
         let inputs = Inputs {
             enable: self.enable,
             ..Inputs::default()

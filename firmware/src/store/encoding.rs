@@ -85,6 +85,7 @@ pub fn target_words(target: Target) -> impl Iterator<Item = u32> {
         Target::Speed(speed) => (4, speed.to_bits()),
         Target::Identify => (5, 0),
         Target::Flow(flow) => (8, flow.to_bits()),
+        Target::PartsPerMinute(rate) => (9, rate.to_bits()),
         Target::Gear { order } => (6, u32::from(order)),
         Target::Tones { k, shape } => {
             tones = shape;
@@ -114,6 +115,7 @@ impl Words<'_> {
             4 => Target::Speed(f32::from_bits(number)),
             5 => Target::Identify,
             8 => Target::Flow(f32::from_bits(number)),
+            9 => Target::PartsPerMinute(f32::from_bits(number)),
             6 => Target::Gear {
                 order: u8::try_from(number).ok()?,
             },

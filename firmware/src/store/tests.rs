@@ -164,7 +164,7 @@ fn changed(factor: f32) -> Settings {
     settings
 }
 
-const TARGETS: [Target; 8] = [
+const TARGETS: [Target; 9] = [
     Target::Locked { order: 3 },
     Target::Chaotic,
     Target::K(0.41),
@@ -176,6 +176,7 @@ const TARGETS: [Target; 8] = [
     },
     Target::Identify,
     Target::Gear { order: 2 },
+    Target::PartsPerMinute(120.0),
 ];
 
 #[test]
@@ -472,7 +473,7 @@ fn a_record_of_a_newer_firmware_stays_as_it_is() {
         content[HEAD - 4] += 1;
     });
     let version = record(|content| content[0] += 1);
-    let target = record(|content| content[4] = 9);
+    let target = record(|content| content[4] = 10);
     for content in [unknown, version, target] {
         assert_eq!(loaded(&content), Found::none(Condition::Newer));
     }

@@ -55,6 +55,7 @@ pub struct Link {
     unsolicited: VecDeque<Unsolicited>,
     record: Option<Box<dyn Write + Send>>,
     go_on: Ask,
+    over: bool,
 }
 
 impl Link {
@@ -118,6 +119,7 @@ impl Link {
             unsolicited: VecDeque::new(),
             record: None,
             go_on,
+            over: false,
         };
         link.identify()?;
         Ok(link)
@@ -131,6 +133,11 @@ impl Link {
     /// Name, version and build of the board's image.
     pub fn image(&self) -> &str {
         &self.image
+    }
+
+    /// Whether the far end is gone: its port or its emulator.
+    pub fn is_over(&self) -> bool {
+        self.over
     }
 
     /// Version and schema of the link that the board speaks.
@@ -268,7 +275,8 @@ impl Link {
         })?
     }
 
-    fn identify(&mut self) -> Result<(), Refusal> {
+    /// Asks the board again who it is.
+    pub fn identify(&mut self) -> Result<(), Refusal> {
         let mut buffer = [0; MAX_FRAME_BYTES];
         // Not 0, which is a board that starts.
         let question = write_question(&mut buffer, 1)
@@ -361,6 +369,7 @@ impl Link {
                     }
                 }
                 Err(RecvTimeoutError::Disconnected) => {
+                    self.over = true;
                     return Err(Refusal::new(
                         format!("{} ended", self.name),
                         "look whether the board or the emulator is still there",

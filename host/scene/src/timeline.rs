@@ -18,6 +18,7 @@ pub fn describe(target: Target) -> String {
         Target::Amplitude(b) => format!("amplitude {b} mm"),
         Target::Speed(v) => format!("speed {v} mm/s"),
         Target::Flow(flow) => format!("flow {flow} g/s"),
+        Target::PartsPerMinute(rate) => format!("{rate} parts a minute"),
         Target::Identify => "identification".into(),
         Target::Tones { k, shape } => {
             let words = |name: &str, tone: UpperTone| {

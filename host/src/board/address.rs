@@ -80,6 +80,19 @@ impl Address {
             let files = [&self.image, &self.flash_image, &self.log].map(Option::as_deref);
             return Link::emulate(files, emulated, Box::new(|| Ok(())));
         }
+        self.refuse_emulated_options()?;
+        match &self.on {
+            Some(port) => serial_link(Path::new(port)),
+            None => {
+                let port = serial::only_port()?;
+                eprintln!("the board on {}", port.display());
+                serial_link(&port)
+            }
+        }
+    }
+
+    /// Refuses the options of an emulated board.
+    pub fn refuse_emulated_options(&self) -> Result<(), Refusal> {
         for (option, file) in [
             ("--image", &self.image),
             ("--flash-image", &self.flash_image),
@@ -93,14 +106,7 @@ impl Address {
                 ));
             }
         }
-        match &self.on {
-            Some(port) => serial_link(Path::new(port)),
-            None => {
-                let port = serial::only_port()?;
-                eprintln!("the board on {}", port.display());
-                serial_link(&port)
-            }
-        }
+        Ok(())
     }
 }
 

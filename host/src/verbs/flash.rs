@@ -1,10 +1,14 @@
 //! `kband flash`: firmware onto the board.
 
-use std::path::PathBuf;
+mod backup;
+
+use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
+use self::backup::Backup;
 use crate::arguments::Printed;
+use crate::board::Address;
 use crate::chip::{Chip, Image, OptionBytes, Sector};
 use crate::desk::Desk;
 #[cfg(feature = "flash")]
@@ -21,12 +25,15 @@ const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/feeder";
 /// its vector table is sound. Then the chip on the probe is, while its program runs on. Then the
 /// drive is switched off, the core is stopped, and only then is anything erased, never the sectors
 /// of the settings. Cut at any moment, the board does not start until it is written again.
+///
+/// Where a board answers on its link, its settings and recipes are first written to files of this
+/// folder (settings_before_flash.toml, recipes_before_flash.toml), and compared afterwards.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband flash --dry-run
   kband flash
   kband flash --option-bytes
-  kband flash my-feeder --probe 0483:3748")]
+  kband flash my-feeder --probe 0483:3748 --on /dev/ttyACM0")]
 pub struct Arguments {
     /// The image (ELF); without it, the one that cargo feeder builds here.
     #[arg(value_name = "IMAGE")]
@@ -46,6 +53,11 @@ pub struct Arguments {
     /// Which probe, where several are there.
     #[arg(long, value_name = "VID:PID[:SERIAL]")]
     probe: Option<String>,
+
+    /// Serial port of the board's link, for the files of its settings and recipes; without it, the
+    /// only serial port there is.
+    #[arg(long, value_name = "/dev/PORT")]
+    on: Option<String>,
 
     #[command(flatten)]
     printed: Printed,
@@ -110,8 +122,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if arguments.dry_run {
         report = report.note("nothing was written: --dry-run");
     } else {
+        let backup = back_up(arguments)?;
         write(image, arguments.probe.as_deref(), options, desk)?;
         report = report.note("written, verified, started");
+        if let Some(backup) = backup {
+            report = report.note(compare(backup)?);
+        }
     }
     report
         .json(&json!({
@@ -125,6 +141,47 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         }))?
         .print(arguments.printed.format)?;
     Ok(Exit::Done)
+}
+
+/// Settings and recipes of the board on the link, in files of this folder. Without a port that the
+/// user named, a board that does not answer is none.
+fn back_up(arguments: &Arguments) -> Result<Option<Backup>, Refusal> {
+    let address = Address {
+        on: arguments.on.clone(),
+        ..Address::default()
+    };
+    match Backup::read(&address) {
+        Ok(backup) => {
+            for path in backup.write(Path::new("."))? {
+                eprintln!("wrote {}", path.display());
+            }
+            Ok(Some(backup))
+        }
+        Err(refusal) if arguments.on.is_some() => Err(refusal.then(
+            "nothing was written; leave --on out to write the image without files of the settings",
+        )),
+        Err(_) => {
+            eprintln!("note: no board answers on a link: settings and recipes are in no file");
+            Ok(None)
+        }
+    }
+}
+
+/// Compares the board with what it held before; what was found, in words.
+fn compare(mut backup: Backup) -> Result<&'static str, Refusal> {
+    let unlike = backup.differences().map_err(|refusal| {
+        refusal.then("look at the board, then compare: kband settings list, kband recipe list")
+    })?;
+    if unlike.is_empty() {
+        return Ok("settings, target and recipes are as before");
+    }
+    Err(Refusal::new(
+        format!(
+            "the new image runs, and the board holds something else: {}",
+            unlike.join("; ")
+        ),
+        "kband settings import settings_before_flash.toml --save, and kband recipe import",
+    ))
 }
 
 /// The option bytes that are to be set; refused for a chip whose option bytes are not.

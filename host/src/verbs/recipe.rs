@@ -9,7 +9,7 @@ use serde_json::json;
 use kband_control::wire::{Request, Response, Stored};
 use kband_control::{Recipe, RecipeName, Settings};
 
-use self::page::Entry;
+pub use self::page::{Entry, export};
 use super::status::BoardStatus;
 use super::target;
 use crate::board::{Address, BoardSettings, Emulated, Link};
@@ -22,7 +22,7 @@ use crate::simulate::describe;
 /// List, save, use, delete, export and import the recipes of a board.
 ///
 /// A recipe has a number from 1 to 7 and a name. It holds the target, and the settings of the parts:
-/// restitution, scatter, soft start and soft stop. What belongs to the machine is in no recipe.
+/// restitution, scatter, length, soft start and soft stop. What belongs to the machine is in no recipe.
 /// Saving and deleting need the drive at rest; a recipe may be used while it runs.
 ///
 /// The inputs PC6, PC7 and PC8 of the board select a recipe too: wired to ground they count 1, 2
@@ -210,7 +210,7 @@ fn check(entry: &Entry, settings: &Settings) -> Result<(), Refusal> {
     Ok(())
 }
 
-fn stored(link: &mut Link, number: u8) -> Result<Stored, Refusal> {
+pub(super) fn stored(link: &mut Link, number: u8) -> Result<Stored, Refusal> {
     link.ask(&Request::Recipe(number), |response| match response {
         Response::Recipe(stored) => Ok(stored),
         other => Err(Refusal::new(

@@ -1,16 +1,27 @@
-//! `kband serve`: a simulated feeder behind the registers of a board, on Modbus TCP.
+//! `kband serve`: a simulated feeder or a board behind the registers of a board, on Modbus TCP.
 
+#[cfg_attr(not(feature = "mqtt"), path = "serve/no_broker.rs")]
+mod broker;
 mod drive;
+mod gateway;
+mod mqtt;
 mod network;
+mod simulated;
 
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use kband_bus::Answer;
+
 use self::drive::Drive;
+use self::gateway::Gateway;
+use self::mqtt::Publisher;
 use self::network::{Shared, accept};
+use self::simulated::Simulated;
 use crate::arguments;
+use crate::board::{Address, Said};
 use crate::desk::Desk;
 use crate::file;
 use crate::refusal::{Exit, Refusal};
@@ -21,36 +32,87 @@ const STEP: Duration = Duration::from_millis(5);
 /// Longest time that one step makes up for, after the process was held up.
 const LONGEST_STEP: Duration = Duration::from_millis(200);
 
-/// Simulate a feeder in real time behind the registers of a board, on Modbus TCP.
+/// Serve the registers of a simulated feeder, or with --on those of a board, on Modbus TCP.
 ///
-/// It is the same controller on the same track as in kband simulate, from power-on, with the enable
-/// input given after 0.5 s. So a PLC's program can be tested before there is a machine. Registers and
-/// rules are those of a board: kband registers. Where the scene leaves the bus off, it has the
-/// authority to command and to acknowledge (bus 2). Nothing that is saved outlasts the run.
+/// The simulation is the same controller on the same track as in kband simulate, in real time, from
+/// power-on, with the enable input given after 0.5 s. So a PLC's program can be tested before there
+/// is a machine. Registers and rules are those of a board: kband registers. Where the scene leaves
+/// the bus off, it has the authority to command and to acknowledge (bus 2). Nothing that is saved
+/// outlasts the run.
+///
+/// With --on kband is the gateway to a board: its own server answers, over the link. The settings
+/// bus and bus_address give the authority, as on its serial bus; both share one control word and
+/// bus_timeout. Where strap or PIN make the link read-only, clients only read.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband serve
   kband serve my.toml --modbus 127.0.0.1:1502
   kband serve my.toml --modbus 0.0.0.0:1502 --for 600
+  kband serve --on /dev/ttyACM0
+  kband serve --on /dev/ttyACM0 --mqtt broker.plant:1883 --topic line3/feeder
 
-Modbus TCP has no password: on another address than the loopback everybody on that network may command the simulation. \
+Modbus TCP has no password: on another address than the loopback everybody on that network may command the feeder. \
 Ctrl-C ends it.")]
 pub struct Arguments {
     /// Scene to simulate; without one, the default scene.
-    #[arg(value_name = "SCENE.toml")]
+    #[arg(value_name = "SCENE.toml", conflicts_with = "on")]
     scene: Option<PathBuf>,
+
+    #[command(flatten)]
+    address: Address,
 
     /// Address and port to listen at; port 0 takes a free one.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:1502", value_parser = arguments::socket)]
     modbus: SocketAddr,
+
+    /// Also publish to this MQTT broker: readings once a second, and events.
+    ///
+    /// Messages are JSON with the names of kband monitor: TOPIC/readings and TOPIC/event. TOPIC/status is online or offline, the
+    /// last will. Nothing is received. A broker that is away is tried again each second.
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:1883")]
+    mqtt: Option<String>,
+
+    /// Topic of the messages.
+    #[arg(long, value_name = "TOPIC", default_value = "kband", requires = "mqtt")]
+    topic: String,
 
     /// End by itself after this many seconds.
     #[arg(long = "for", value_name = "SECONDS", value_parser = arguments::within(0.1, 1e6, "s"))]
     limit: Option<f64>,
 }
 
-/// Serves until the time is over or Ctrl-C.
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+/// What answers the clients.
+trait Feeder: Send {
+    /// What it is, for a person.
+    fn name(&self) -> String;
+
+    /// Answers unit, function and data; returns whether there is an answer, which then has the same
+    /// parts.
+    fn answer(&mut self, adu: &[u8], answer: &mut Answer) -> bool;
+
+    /// Works between two requests; `passed` is the time since the last call.
+    ///
+    /// # Errors
+    /// It is gone.
+    fn advance(&mut self, passed: Duration) -> Result<(), Refusal>;
+
+    /// The frequency, the last drive cycle, and the events since the last call.
+    ///
+    /// # Errors
+    /// It is gone.
+    fn news(&mut self) -> Result<Vec<Said>, Refusal>;
+}
+
+/// The feeder that the arguments name.
+fn open(arguments: &Arguments) -> Result<Box<dyn Feeder>, Refusal> {
+    if arguments.address.on.is_some() {
+        let mut gateway = Gateway::open(&arguments.address)?;
+        if let Some(next) = gateway.reads_only()? {
+            eprintln!("note: clients only read: {next}");
+        }
+        return Ok(Box::new(gateway));
+    }
+    arguments.address.refuse_emulated_options()?;
     let file = match &arguments.scene {
         Some(path) => {
             let text = file::read_text(path)?;
@@ -58,14 +120,24 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         }
         None => SceneFile::parse(DEFAULT)?,
     };
-    let drive = Drive::build(&file.scene)?;
+    Ok(Box::new(Simulated::new(Drive::build(&file.scene)?)))
+}
+
+/// Serves until the time is over or Ctrl-C.
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let listener = TcpListener::bind(arguments.modbus).map_err(|error| {
         Refusal::new(
             format!("{}: {error}", arguments.modbus),
             "give another address or port: --modbus 127.0.0.1:1503",
         )
     })?;
-    let shared = Arc::new(Shared::new(drive));
+    let mut publisher = match &arguments.mqtt {
+        Some(address) => Some(Publisher::begin(address, &arguments.topic)?),
+        None => None,
+    };
+    let feeder = open(arguments)?;
+    let name = feeder.name();
+    let shared = Arc::new(Shared::new(feeder));
     let address = accept(listener, &shared).map_err(|error| {
         Refusal::new(
             format!("{}: {error}", arguments.modbus),
@@ -73,7 +145,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         )
     })?;
     println!(
-        "a simulated feeder answers Modbus TCP at {address}, any unit; kband registers lists its registers"
+        "{name} answers Modbus TCP at {address}, any unit; kband registers lists its registers"
     );
     if !address.ip().is_loopback() {
         println!("note: everybody on this network may command it");
@@ -81,16 +153,20 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let limit = arguments.limit.map(Duration::from_secs_f64);
     let begun = Instant::now();
     let mut last = begun;
-    while desk.go_on().is_ok() && limit.is_none_or(|limit| begun.elapsed() < limit) {
+    let mut end = Ok(());
+    while end.is_ok() && desk.go_on().is_ok() && limit.is_none_or(|limit| begun.elapsed() < limit) {
         std::thread::sleep(STEP);
         let now = Instant::now();
         let passed = (now - last).min(LONGEST_STEP);
         last = now;
-        shared.with(|served| served.drive.advance(passed.as_secs_f64()));
+        end = shared.with(|served| {
+            served.feeder.advance(passed)?;
+            let publisher = publisher.as_mut();
+            publisher.map_or(Ok(()), |publisher| publisher.publish(&mut *served.feeder))
+        });
     }
     shared.stop();
-    let (requests, clients) =
-        shared.with(|served| (served.server.counters().requests, served.clients));
+    let (requests, clients) = shared.with(|served| (served.requests, served.clients));
     println!("ended: {requests} requests of {clients} clients");
-    Ok(Exit::Done)
+    end.map(|()| Exit::Done)
 }

@@ -292,7 +292,7 @@ fn list<'a>(
 }
 
 /// The settings as a file to read, change and import.
-fn export(settings: &BoardSettings, link: &Link) -> String {
+pub(super) fn export(settings: &BoardSettings, link: &Link) -> String {
     let mut text = format!(
         "# Settings of a board with kband {}.\n\
          # kband settings import FILE.toml brings them onto a board; a key left out keeps its value.\n\n",

@@ -32,8 +32,8 @@ pub struct Arguments {
     #[arg(value_enum)]
     kind: Option<Kind>,
 
-    /// Its number: drive cycles a flight for gear and order (1 where it is left out), k, mm, or
-    /// mm/s.
+    /// Its number: drive cycles a flight for gear and order (1 where it is left out), k, mm, mm/s, or
+    /// parts a minute.
     #[arg(allow_negative_numbers = true, value_parser = arguments::number)]
     value: Option<f64>,
 
@@ -65,6 +65,9 @@ pub(super) enum Kind {
     /// Grams per second of parts in gear: what leaves the track.
     #[value(name = "g/s")]
     GPerS,
+    /// Parts a minute, touching each other, of the setting part_length.
+    #[value(name = "parts/min")]
+    PartsPerMinute,
     /// Parts in chaos.
     Chaos,
     /// The parts' restitution, by listening.
@@ -117,6 +120,10 @@ impl Kind {
             Self::Mm => Ok(Target::Amplitude(number(" in mm", "0.23")?)),
             Self::MmPerS => Ok(Target::Speed(number(" in mm/s", "88")?)),
             Self::GPerS => Ok(Target::Flow(number(" in g/s", "50")?)),
+            Self::PartsPerMinute => {
+                let rate = number(" of parts a minute", "120")?;
+                Ok(Target::PartsPerMinute(rate))
+            }
             Self::Chaos => alone(Target::Chaotic),
             Self::Identify => alone(Target::Identify),
         }
@@ -125,7 +132,8 @@ impl Kind {
 
 /// Refused where no settings at all take its number, before a port is opened for it.
 fn in_range(target: Target) -> Result<(), Refusal> {
-    // An amplitude is limited by the board's own setting; a flow needs mass and length of its track.
+    // An amplitude is limited by the board's own setting; a flow needs mass and length of its track,
+    // parts a minute their length.
     let limit = Settings::KEYS
         .iter()
         .find(|key| key.name == "amplitude_limit");
@@ -133,6 +141,7 @@ fn in_range(target: Target) -> Result<(), Refusal> {
         amplitude_limit: limit.map_or(f32::INFINITY, |key| key.high),
         track_mass: 1.0,
         track_length: 1.0,
+        part_length: 1.0,
         ..Settings::default()
     };
     kband_control::Controller::build(&settings, target, StartCause::Ordinary)?;
@@ -148,7 +157,9 @@ pub(super) fn check(target: Target, settings: &Settings) -> Result<Option<NoSetp
             "amplitude_limit is {} mm on this board: choose less, or change it (kband settings)",
             settings.amplitude_limit
         )),
-        Target::Flow(_) if Settings::default().get(refused.parameter).is_some() => {
+        Target::Flow(_) | Target::PartsPerMinute(_)
+            if Settings::default().get(refused.parameter).is_some() =>
+        {
             let next = format!("kband settings set {} first", refused.parameter);
             Refusal::from(refused).then(next)
         }
@@ -226,6 +237,11 @@ mod tests {
             (Kind::Mm, Some(0.23), Target::Amplitude(0.23)),
             (Kind::MmPerS, Some(88.0), Target::Speed(88.0)),
             (Kind::GPerS, Some(50.0), Target::Flow(50.0)),
+            (
+                Kind::PartsPerMinute,
+                Some(120.0),
+                Target::PartsPerMinute(120.0),
+            ),
             (Kind::K, Some(0.41), Target::K(0.41)),
             (Kind::Chaos, None, Target::Chaotic),
             (Kind::Identify, None, Target::Identify),

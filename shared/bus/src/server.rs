@@ -11,6 +11,8 @@ impl Server {
     /// has the same parts.
     ///
     /// The caller has compared the unit. A function above 127 is no request: it has no answer.
+    // A board calls it from its bus and from its link: one copy saves 3 KiB of flash.
+    #[inline(never)]
     pub fn answer(&mut self, adu: &[u8], machine: &mut impl Machine, answer: &mut Answer) -> bool {
         answer.clear();
         let (&[unit, function, ..], 2..=MAX_ADU_BYTES) = (adu, adu.len()) else {

@@ -16,6 +16,8 @@ const AMPLITUDE: u16 = 33;
 const SPEED: u16 = 34;
 /// Kind of a target flow in g/s.
 const FLOW: u16 = 35;
+/// Kind of a target in parts a minute.
+const PARTS: u16 = 36;
 /// Kind of the target chaos.
 const CHAOS: u16 = 48;
 
@@ -28,6 +30,7 @@ pub fn encode(target: Target) -> (u16, f32) {
         Target::Amplitude(amplitude) => (AMPLITUDE, amplitude),
         Target::Speed(speed) => (SPEED, speed),
         Target::Flow(flow) => (FLOW, flow),
+        Target::PartsPerMinute(rate) => (PARTS, rate),
         Target::Chaotic => (CHAOS, 0.0),
         Target::Identify | Target::Tones { .. } => (0, 0.0),
     }
@@ -58,6 +61,7 @@ pub fn decode(kind: u16, number: f32) -> Option<Target> {
         AMPLITUDE => Some(Target::Amplitude(number)),
         SPEED => Some(Target::Speed(number)),
         FLOW => Some(Target::Flow(number)),
+        PARTS => Some(Target::PartsPerMinute(number)),
         _ => None,
     }
 }
@@ -76,7 +80,7 @@ mod tests {
                 assert_eq!(encode(target), (kind, number));
             }
         }
-        assert_eq!(known, 8 + 8 + 4 + 1);
+        assert_eq!(known, 8 + 8 + 5 + 1);
         for bad in [f32::NAN, f32::INFINITY] {
             assert!((32..48).all(|kind| decode(kind, bad).is_none()));
         }

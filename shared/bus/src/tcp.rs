@@ -35,21 +35,26 @@ pub fn answer(
     machine: &mut impl Machine,
     answer: &mut Answer,
 ) -> bool {
-    answer.clear();
-    let (Ok(Some(length)), Some((header, adu))) = (
-        frame_length(frame),
-        frame.split_first_chunk::<HEADER_BYTES>(),
-    ) else {
+    let Some(adu) = adu(frame) else {
         server.count_damaged();
+        answer.clear();
         return false;
     };
-    if frame.len() != length {
-        server.count_damaged();
+    server.answer(adu, machine, answer) && wrap(frame, answer)
+}
+
+/// Unit, function and data of a whole frame; `None` where its length is wrong.
+pub fn adu(frame: &[u8]) -> Option<&[u8]> {
+    let (_, adu) = frame.split_first_chunk::<HEADER_BYTES>()?;
+    (frame_length(frame) == Ok(Some(frame.len()))).then_some(adu)
+}
+
+/// Puts the header of an answer to `frame` before unit, function and data; returns false where it
+/// has no room.
+pub fn wrap(frame: &[u8], answer: &mut Answer) -> bool {
+    let Some(header) = frame.first_chunk::<HEADER_BYTES>() else {
         return false;
-    }
-    if !server.answer(adu, machine, answer) {
-        return false;
-    }
+    };
     let used = answer.len();
     if answer.resize(HEADER_BYTES + used, 0).is_err() {
         return false;

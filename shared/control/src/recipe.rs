@@ -9,7 +9,7 @@ use kband::feeder::OutOfRange;
 /// Largest length of a recipe's name, bytes.
 const NAME_BYTES: usize = 14;
 /// Number of settings in a recipe.
-const VALUES: usize = 6;
+const VALUES: usize = 7;
 
 /// Name of a recipe: 1 to 14 printable characters of ASCII.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -83,6 +83,7 @@ impl Recipe {
         "tangential_restitution",
         "soft_start",
         "soft_stop",
+        "part_length",
     ];
 
     /// The recipe of this target and of these settings.
@@ -136,6 +137,7 @@ mod tests {
             restitution_high: 0.6,
             scatter: 0.02,
             soft_start: 1.5,
+            part_length: 12.0,
             ..Settings::default()
         };
         let recipe = Recipe::of(Target::K(0.4), &parts);
@@ -144,6 +146,7 @@ mod tests {
             restitution_high: 0.6,
             scatter: 0.02,
             soft_start: 1.5,
+            part_length: 12.0,
             ..machine
         };
         assert_eq!(recipe.applied_to(&machine), Ok(wanted));

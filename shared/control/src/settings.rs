@@ -172,6 +172,8 @@ settings! {
     bus_timeout = 2.0, 0.0..3600.0 "s";
     /// Duration of an impact, from touching the track until the part is back where it touched it; 0: none.
     contact = 0.0, 0.0..14.0 "ms";
+    /// Length of a part along the track, for parts a minute; 0: not configured.
+    part_length = 0.0, 0.0..10000.0 "mm";
 }
 
 impl Settings {

@@ -56,4 +56,7 @@ pub enum Target {
     /// A mass flow in g/s, above 0: parts in gear, of the order that gives this flow with the parts
     /// on the track.
     Flow(f32),
+    /// Parts a minute, above 0: the lock that conveys touching parts of the setting `part_length`
+    /// at this rate.
+    PartsPerMinute(f32),
 }

@@ -38,6 +38,21 @@ pub fn sample() -> bool {
     true
 }
 
+/// Number of settings that a request of the bus writes at once: all but the bus's own.
+const BUS_SETTINGS: usize = 40;
+
+/// A request of Modbus to write the defaults of [`BUS_SETTINGS`] settings.
+fn write_of_settings() -> [u8; 7 + 4 * BUS_SETTINGS] {
+    let mut adu = [0; 7 + 4 * BUS_SETTINGS];
+    let count = 2 * BUS_SETTINGS as u8;
+    adu[..7].copy_from_slice(&[1, 16, 0, 100, 0, count, 2 * count]);
+    let (values, _) = adu[7..].as_chunks_mut::<4>();
+    for (bytes, value) in values.iter_mut().zip(Settings::default().values()) {
+        *bytes = value.to_be_bytes();
+    }
+    adu
+}
+
 /// One request of each kind, the most expensive of its kind.
 fn requests() -> [(&'static str, Request<'static>); 24] {
     let set = |key, value| Request::Set { key, value };
@@ -140,6 +155,30 @@ pub fn count(
             counted(name, &mut service, frame);
         }
     }
+    // The bus in control, so that its requests reach the settings.
+    let mut set_bus = |service: &mut Service<_>, address, bus| {
+        for request in [
+            Request::set("bus", bus),
+            Request::set("bus_address", address),
+        ] {
+            end_cycle(service, station);
+            if let Ok(frame) = write_request(&mut frame, 1, &request) {
+                take(service, station, frame);
+            }
+        }
+        block_on(service.serve_bus(station));
+    };
+    set_bus(&mut service, 17.0, 2.0);
+    let mut frame = [0; MAX_FRAME_BYTES];
+    for (name, adu) in [
+        ("bus read", &[1, 3, 0, 100, 0, 90][..]),
+        ("bus write", &write_of_settings()),
+    ] {
+        if let Ok(frame) = write_request(&mut frame, 1, &Request::Bus(adu)) {
+            counted(name, &mut service, frame);
+        }
+    }
+    set_bus(&mut service, 0.0, 0.0);
     counted("oversized", &mut service, &[1; 2 * MAX_FRAME_BYTES]);
     let mut corrupt = [1; 250];
     corrupt[249] = 0;

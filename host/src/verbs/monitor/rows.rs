@@ -8,19 +8,65 @@ use kband_control::{Event, Fault, Limits, State, UpperTone};
 use super::watch::Watch;
 use crate::board::{Clock, Said};
 use crate::refusal::Refusal;
-use crate::report::{Format, Value, columns, number, shortest};
+use crate::report::{Column, Format, Value, columns, number, shortest};
 use crate::stream::Stream;
+
+/// Columns of a row, each with its width in the table.
+pub(in crate::verbs) const COLUMNS: [(Column, usize); 1 + BEFORE_THE_EVENT] = [
+    (columns::TIME, 9),
+    (columns::CYCLE, 8),
+    (columns::STATE, 9),
+    (columns::K.digits(4), 8),
+    (columns::B.digits(4), 8),
+    (columns::E.titled("e").digits(3), 5),
+    (columns::TH.digits(3), 8),
+    (columns::E3.titled("e3").digits(3), 5),
+    (columns::TH3.digits(3), 8),
+    (columns::OUTPUT.titled("output").digits(3), 10),
+    (
+        columns::IMPACTS_DETECTED
+            .titled("impacts (1/cycle)")
+            .digits(3),
+        17,
+    ),
+    (columns::PHASE_MEASURED.titled("phase (rad)").digits(3), 11),
+    (columns::CONFIDENCE.digits(2), 10),
+    (columns::IN_GEAR.digits(2), 7),
+    (columns::IN_GEAR_ERROR.digits(1), 13),
+    (columns::IN_GEAR_EXPECTED.titled("expected").digits(2), 8),
+    (columns::GEAR_BAND_LOW.titled("band from").digits(4), 9),
+    (columns::GEAR_BAND_HIGH.titled("to").digits(4), 7),
+    (columns::FLIP_ESTIMATED.titled("margin").digits(2), 6),
+    (columns::TRACE_ESTIMATED.titled("trace").digits(2), 6),
+    (columns::RESTITUTION_ESTIMATED.titled("R").digits(3), 6),
+    (columns::SCATTER_ESTIMATED.titled("s").digits(2), 6),
+    (
+        columns::TO_LOSS_ESTIMATED
+            .titled("to_loss (cycles)")
+            .digits(3),
+        7,
+    ),
+    (columns::MASS_WEIGHED.titled("mass (g)").digits(4), 8),
+    (columns::FLOW_WEIGHED.titled("flow (g/s)").digits(4), 10),
+    (columns::EVENT, 0),
+];
 
 /// What is printed, row by row.
 pub(super) struct Rows {
     stream: Stream<Stdout>,
-    /// Drive frequency in Hz, once received.
-    frequency: Option<f64>,
-    clock: Clock,
+    row: Row,
     /// Number of the next event.
     pub(super) next: u32,
     pub(super) cycles: u64,
     events: u64,
+}
+
+/// Rows of telemetry and events, with the board's time.
+#[derive(Default)]
+pub(in crate::verbs) struct Row {
+    /// Drive frequency in Hz, once received.
+    frequency: Option<f64>,
+    clock: Clock,
 }
 
 /// Columns before that of the event.
@@ -28,48 +74,9 @@ const BEFORE_THE_EVENT: usize = 25;
 
 impl Rows {
     pub(super) fn new(format: Format) -> Self {
-        let columns = [
-            (columns::TIME, 9),
-            (columns::CYCLE, 8),
-            (columns::STATE, 9),
-            (columns::K.digits(4), 8),
-            (columns::B.digits(4), 8),
-            (columns::E.titled("e").digits(3), 5),
-            (columns::TH.digits(3), 8),
-            (columns::E3.titled("e3").digits(3), 5),
-            (columns::TH3.digits(3), 8),
-            (columns::OUTPUT.titled("output").digits(3), 10),
-            (
-                columns::IMPACTS_DETECTED
-                    .titled("impacts (1/cycle)")
-                    .digits(3),
-                17,
-            ),
-            (columns::PHASE_MEASURED.titled("phase (rad)").digits(3), 11),
-            (columns::CONFIDENCE.digits(2), 10),
-            (columns::IN_GEAR.digits(2), 7),
-            (columns::IN_GEAR_ERROR.digits(1), 13),
-            (columns::IN_GEAR_EXPECTED.titled("expected").digits(2), 8),
-            (columns::GEAR_BAND_LOW.titled("band from").digits(4), 9),
-            (columns::GEAR_BAND_HIGH.titled("to").digits(4), 7),
-            (columns::FLIP_ESTIMATED.titled("margin").digits(2), 6),
-            (columns::TRACE_ESTIMATED.titled("trace").digits(2), 6),
-            (columns::RESTITUTION_ESTIMATED.titled("R").digits(3), 6),
-            (columns::SCATTER_ESTIMATED.titled("s").digits(2), 6),
-            (
-                columns::TO_LOSS_ESTIMATED
-                    .titled("to_loss (cycles)")
-                    .digits(3),
-                7,
-            ),
-            (columns::MASS_WEIGHED.titled("mass (g)").digits(4), 8),
-            (columns::FLOW_WEIGHED.titled("flow (g/s)").digits(4), 10),
-            (columns::EVENT, 0),
-        ];
         Self {
-            stream: Stream::new(format, &columns, stdout()),
-            frequency: None,
-            clock: Clock::default(),
+            stream: Stream::new(format, &COLUMNS, stdout()),
+            row: Row::default(),
             next: 0,
             cycles: 0,
             events: 0,
@@ -80,15 +87,14 @@ impl Rows {
     pub(super) fn take(&mut self, said: Said) -> Result<bool, Refusal> {
         match said {
             Said::Setting(key, value) => {
-                if key == "frequency" && value > 0.0 {
-                    self.frequency = Some(f64::from(value));
+                if key == "frequency" {
+                    self.row.set_frequency(value);
                 }
                 Ok(true)
             }
             Said::Telemetry(telemetry) => {
                 self.cycles += 1;
-                let row = self.cycle(&telemetry);
-                self.stream.row(&row)
+                self.stream.row(&self.row.cycle(&telemetry))
             }
             Said::Event(event) => {
                 // Requested twice where an answer was late.
@@ -97,20 +103,13 @@ impl Rows {
                 }
                 self.next = event.number.wrapping_add(1);
                 self.events += 1;
-                self.event(event.cycle, happened(&event))
+                self.stream.row(&self.row.event(&event))
             }
             Said::Started(image) => {
                 self.next = 0;
-                self.clock = Clock::default();
-                self.event(0, format!("the board started: kband {image}"))
+                self.stream.row(&self.row.start(&image))
             }
         }
-    }
-
-    /// Time and number of a cycle.
-    fn when(&self, cycles: u64) -> Vec<Value> {
-        let time = self.frequency.map(|frequency| cycles as f64 / frequency);
-        vec![time.into(), cycles.into()]
     }
 
     /// Prints what is new in a log; whether there is still somebody who reads.
@@ -125,14 +124,44 @@ impl Rows {
         Ok(true)
     }
 
-    fn event(&mut self, cycle: u32, words: String) -> Result<bool, Refusal> {
-        let mut row = self.when(self.clock.then(cycle));
-        row.resize(BEFORE_THE_EVENT, Value::Missing);
-        row.push(words.into());
-        self.stream.row(&row)
+    /// Says how much it was.
+    pub(super) fn close(&self) {
+        eprintln!("{} rows of telemetry, {} events", self.cycles, self.events);
+    }
+}
+
+impl Row {
+    /// Takes the drive's frequency in Hz.
+    pub fn set_frequency(&mut self, frequency: f32) {
+        self.frequency = (frequency > 0.0).then_some(frequency.into());
     }
 
-    fn cycle(&mut self, telemetry: &Telemetry) -> Vec<Value> {
+    /// Time and number of a cycle.
+    fn when(&self, cycles: u64) -> Vec<Value> {
+        let time = self.frequency.map(|frequency| cycles as f64 / frequency);
+        vec![time.into(), cycles.into()]
+    }
+
+    fn words(&self, cycles: u64, words: String) -> Vec<Value> {
+        let mut row = self.when(cycles);
+        row.resize(BEFORE_THE_EVENT, Value::Missing);
+        row.push(words.into());
+        row
+    }
+
+    /// The row of an event.
+    pub fn event(&self, record: &Record) -> Vec<Value> {
+        self.words(self.clock.then(record.cycle), happened(record))
+    }
+
+    /// The row of a board's start with this image; its count begins anew.
+    pub fn start(&mut self, image: &str) -> Vec<Value> {
+        self.clock = Clock::default();
+        self.words(0, format!("the board started: kband {image}"))
+    }
+
+    /// The row of a drive cycle.
+    pub fn cycle(&mut self, telemetry: &Telemetry) -> Vec<Value> {
         let state = State::numbered(telemetry.state);
         let held = held(telemetry);
         // Only where one is made: what noise looks like without one says nothing.
@@ -192,11 +221,6 @@ impl Rows {
             },
         ]);
         row
-    }
-
-    /// Says how much it was.
-    pub(super) fn close(&self) {
-        eprintln!("{} rows of telemetry, {} events", self.cycles, self.events);
     }
 }
 

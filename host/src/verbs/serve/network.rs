@@ -6,23 +6,23 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use kband_bus::{Answer, Server, tcp};
+use kband_bus::{Answer, tcp};
 
-use super::drive::Drive;
+use super::Feeder;
 
 /// Largest number of clients at a time; a further one is closed at once.
 const MAX_CLIENTS: usize = 16;
 /// Time after which a thread looks whether the run is over.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// The feeder and its server, for all clients.
+/// The feeder for all clients.
 pub struct Served {
-    /// The simulated feeder.
-    pub drive: Drive,
-    /// The server: the edges of its control word are those of all clients together.
-    pub server: Server,
+    /// The feeder.
+    pub feeder: Box<dyn Feeder>,
     /// Number of clients so far.
     pub clients: usize,
+    /// Number of requests answered so far.
+    pub requests: usize,
 }
 
 /// What the threads share.
@@ -34,19 +34,19 @@ pub struct Shared {
 
 impl Shared {
     /// Shares a feeder.
-    pub fn new(drive: Drive) -> Self {
+    pub fn new(feeder: Box<dyn Feeder>) -> Self {
         Self {
             served: Mutex::new(Served {
-                drive,
-                server: Server::default(),
+                feeder,
                 clients: 0,
+                requests: 0,
             }),
             connected: AtomicUsize::new(0),
             ended: AtomicBool::new(false),
         }
     }
 
-    /// Works on the feeder and its server, alone.
+    /// Works on the feeder, alone.
     pub fn with<T>(&self, work: impl FnOnce(&mut Served) -> T) -> T {
         work(&mut self.served.lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -111,15 +111,15 @@ fn serve(mut stream: TcpStream, shared: &Shared) -> std::io::Result<()> {
                 break;
             };
             let frame: Vec<u8> = waiting.drain(..length).collect();
+            let Some(adu) = tcp::adu(&frame) else {
+                return Ok(());
+            };
             let answered = shared.with(|served| {
-                let (server, drive) = (&mut served.server, &mut served.drive);
-                let answered = tcp::answer(server, &frame, drive, &mut answer);
-                if answered {
-                    drive.record_request();
-                }
+                let answered = served.feeder.answer(adu, &mut answer);
+                served.requests += usize::from(answered);
                 answered
             });
-            if answered {
+            if answered && tcp::wrap(&frame, &mut answer) {
                 stream.write_all(&answer)?;
             }
         }

@@ -96,8 +96,8 @@ described! {
         "The registers before the readings, and those between the readings and the settings."
         FIXED: Register, FIXED_WORDS;
         ["control word", "", "bit 0: run; bit 7: acknowledge on a rising edge (authority 2); other bits: 0"] => row(CONTROL, Word, Write, Whole(|p| p.control.into()));
-        ["kind of the target", "", "1 to 8: gear of this order; 17 to 24: lock of order 1 to 8; 32: k; 33: amplitude in mm; 34: speed in mm/s; 35: flow in g/s; 36: parts a minute (refused: no counter); 48: chaos; 0: another, set by the desk"] => row(KIND, Word, Write, Whole(|p| target::encode(p.seen.target).0.into()));
-        ["number of the target", "", "of kinds 32 to 35; a new kind of these needs its number in the same request"] => row(NUMBER, Float, Write, Real(|p| target::encode(p.seen.target).1));
+        ["kind of the target", "", "1 to 8: gear of this order; 17 to 24: lock of order 1 to 8; 32: k; 33: amplitude in mm; 34: speed in mm/s; 35: flow in g/s; 36: parts a minute, touching, of the setting part_length; 48: chaos; 0: another, set by the desk"] => row(KIND, Word, Write, Whole(|p| target::encode(p.seen.target).0.into()));
+        ["number of the target", "", "of kinds 32 to 36; a new kind of these needs its number in the same request"] => row(NUMBER, Float, Write, Real(|p| target::encode(p.seen.target).1));
         ["status word", "", "bit 0: ready to start; 1: running; 2: enable input on; 3: fault; 7: limited; 8: target held; 9: bus in control"] => row(4, Word, Read, Whole(|p| p.seen.status_word().into()));
         ["state", "", "0 off, 1 starting, 2 holding, 3 capturing, 4 locked, 5 lost, 6 limiting, 7 fault, 8 stopping"] => row(5, Word, Read, Whole(|p| p.seen.telemetry.state.into()));
         ["fault", "", "number of the fault; 0 for none"] => row(6, Word, Read, Whole(|p| p.seen.telemetry.fault.into()));

@@ -328,6 +328,9 @@ fn a_target_is_written_whole_and_in_its_range() {
     accepted(&mut desk, &with(33, 0.4));
     assert_eq!(desk.target, Target::Amplitude(0.4));
     assert_eq!(ask(&mut desk, &read(1, 3))[2..], with(33, 0.4)[6..]);
+    accepted(&mut desk, &with(36, 120.0));
+    assert_eq!(desk.target, Target::PartsPerMinute(120.0));
+    accepted(&mut desk, &with(33, 0.4));
     // Its number alone; a kind without number alone; the same kind again.
     accepted(&mut desk, &write(2, &float(0.5)));
     assert_eq!(desk.target, Target::Amplitude(0.5));
@@ -340,7 +343,7 @@ fn a_target_is_written_whole_and_in_its_range() {
     for kind in [0, 9, 16, 25, 32, 33, 34, 35, 49, 0xffff] {
         assert_eq!(ask(&mut desk, &write(1, &[kind])), value, "{kind}");
     }
-    for (kind, number) in [(36, 100.0), (32, f32::NAN), (32, f32::INFINITY), (32, 20.0)] {
+    for (kind, number) in [(37, 100.0), (32, f32::NAN), (32, f32::INFINITY), (32, 20.0)] {
         assert_eq!(ask(&mut desk, &with(kind, number)), value, "{kind}");
     }
     // Half a number has no address.

@@ -70,6 +70,10 @@ impl Selection {
             shape: choice.shape,
             speed: match target {
                 Target::Speed(speed) => Some(SpeedSearch::begin(speed)),
+                Target::PartsPerMinute(rate) => {
+                    // Touching parts: each leaves room for the next after its own length.
+                    Some(SpeedSearch::begin(rate * settings.part_length / 60.0))
+                }
                 _ => None,
             },
             gear,

@@ -205,6 +205,23 @@ impl Choice {
                 limit_to_output("target flow", flow, accepts, "above 0 to 1000000 g/s")?;
                 Ok(Self::level(Level::Pending))
             }
+            Target::PartsPerMinute(rate) => {
+                let part_length = settings.part_length;
+                limit_to_output(
+                    "part_length",
+                    part_length,
+                    part_length > 0.0,
+                    "above 0 to 10000 mm with target parts a minute: the length of a part along the track",
+                )?;
+                let accepts = rate > 0.0 && rate <= 1e6;
+                limit_to_output(
+                    "target parts a minute",
+                    rate,
+                    accepts,
+                    "above 0 to 1000000 parts a minute",
+                )?;
+                Ok(Self::level(Level::Pending))
+            }
             Target::Speed(speed) => {
                 limit_to_output(
                     "target speed",
@@ -338,6 +355,13 @@ mod tests {
     }
 
     #[test]
+    fn parts_a_minute_need_the_length_of_a_part() {
+        let target = Target::PartsPerMinute(120.0);
+        let refused = Choice::of_target(target, &Settings::default()).unwrap_err();
+        assert_eq!(refused.parameter, "part_length");
+    }
+
+    #[test]
     fn lock_window_covers_the_phases_of_the_lot() {
         let settings = Settings::default();
         let lock = Choice::lock(1, &settings).unwrap().lock.unwrap();
@@ -365,8 +389,14 @@ mod tests {
             (Target::Amplitude(1.1), "target amplitude"),
             (Target::Amplitude(f32::NAN), "target amplitude"),
             (Target::Speed(f32::INFINITY), "target speed"),
+            (Target::PartsPerMinute(0.0), "target parts a minute"),
+            (Target::PartsPerMinute(f32::NAN), "target parts a minute"),
         ] {
-            let refused = Choice::of_target(target, &Settings::default()).unwrap_err();
+            let settings = Settings {
+                part_length: 10.0,
+                ..Settings::default()
+            };
+            let refused = Choice::of_target(target, &settings).unwrap_err();
             assert_eq!(refused.parameter, parameter);
         }
     }

@@ -887,6 +887,7 @@ fn refused(target: Target, accepted: &'static str) -> OutOfRange {
         Target::Amplitude(b) => ("target amplitude", f64::from(b)),
         Target::Speed(speed) => ("target speed", f64::from(speed)),
         Target::Flow(flow) => ("target flow", f64::from(flow)),
+        Target::PartsPerMinute(rate) => ("target parts a minute", f64::from(rate)),
         Target::Chaotic => ("target chaotic, order of its lock", 1.0),
         Target::Identify => ("target identify, k that it begins at", identify::FIRST_K),
     };

@@ -306,6 +306,23 @@ fn unreachable_speed_is_reported_after_the_search() {
 }
 
 #[test]
+fn parts_a_minute_are_a_speed_over_the_length_of_a_part() {
+    let wanted = driven(Target::Speed(180.0)).0;
+    let settings = Settings {
+        part_length: 12.0,
+        ..*wanted.settings()
+    };
+    // 900 parts of 12 mm in 60 s.
+    let target = Target::PartsPerMinute(900.0);
+    let mut controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+    while !controller.is_setpoint_found() {
+        controller.plan_step();
+    }
+    assert_eq!(controller.order(), wanted.order());
+    assert_eq!(controller.setpoint(), wanted.setpoint());
+}
+
+#[test]
 fn the_amplitude_stays_while_the_lock_for_a_speed_is_sought() {
     let (mut controller, before) = driven(Target::K(0.5));
     assert_eq!(before.state, State::Holding);

@@ -87,6 +87,9 @@ pub enum Request<'a> {
     SaveRecipes,
     /// Uses a recipe, also while the drive runs; 0: the saved target and its parts.
     UseRecipe(u8),
+    /// A request of Modbus, unit, function and data, for the registers of the fieldbus. Without
+    /// full access it only reads.
+    Bus(&'a [u8]),
 }
 
 impl<'a> Request<'a> {
@@ -215,6 +218,8 @@ pub enum Response<'a> {
     Status(Status),
     /// A recipe.
     Recipe(Stored),
+    /// Answer of Modbus: unit, function and data; empty where there is none.
+    Bus(&'a [u8]),
 }
 
 /// A stored recipe.

@@ -28,6 +28,7 @@ fn requests() -> Vec<Request<'static>> {
         Request::Target(Target::Amplitude(0.25)),
         Request::Target(Target::Speed(12.5)),
         Request::Target(Target::Flow(46.75)),
+        Request::Target(Target::PartsPerMinute(120.0)),
         Request::Target(Target::Identify),
         Request::Target(Target::Gear { order: 1 }),
         Request::Target(Target::Tones {
@@ -75,13 +76,14 @@ fn requests() -> Vec<Request<'static>> {
         },
         Request::SaveRecipes,
         Request::UseRecipe(2),
+        Request::Bus(&[1, 3, 0, 5, 0, 1]),
     ]
 }
 
 fn recipe() -> Recipe {
     Recipe {
         target: Target::K(0.41),
-        values: [0.18, 0.22, 0.05, 0.3, 0.5, 0.75],
+        values: [0.18, 0.22, 0.05, 0.3, 0.5, 0.75, 12.0],
     }
 }
 

@@ -1,0 +1,135 @@
+//! Readings and events at mosquitto, which is killed and started again.
+
+use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
+
+use serde_json::Value as Json;
+
+use super::{LIMIT, Master, Served, register, status};
+
+/// A program that ends with the test.
+struct Program(Child);
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn broker(folder: &Path, port: u16) -> Program {
+    let file = folder.join("mosquitto.conf");
+    let text = format!("listener {port} 127.0.0.1\nallow_anonymous true\n");
+    std::fs::write(&file, text).unwrap();
+    let mut command = Command::new("mosquitto");
+    command.arg("-c").arg(file).stderr(Stdio::null());
+    Program(command.spawn().expect("tests/setup.sh installs it"))
+}
+
+/// A subscriber to everything, with what it receives: topic and message.
+fn subscriber(port: u16) -> (Program, Receiver<(String, String)>) {
+    let port = port.to_string();
+    let (sender, received) = channel();
+    let (begun, begin) = channel();
+    // Until the broker listens the subscriber ends at once.
+    for _ in 0..200 {
+        let mut child = Command::new("mosquitto_sub")
+            .args(["-h", "127.0.0.1", "-p", &port, "-v", "-t", "line3/#", "-d"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("tests/setup.sh installs it");
+        let out = BufReader::new(child.stdout.take().unwrap());
+        let program = Program(child);
+        let (sender, begun) = (sender.clone(), begun.clone());
+        std::thread::spawn(move || {
+            for line in out.lines().map_while(Result::ok) {
+                if line.starts_with("Subscribed") {
+                    let _ = begun.send(());
+                } else if line.starts_with("line3/")
+                    && let Some((topic, message)) = line.split_once(' ')
+                {
+                    let _ = sender.send((topic.into(), message.into()));
+                }
+            }
+        });
+        if begin.recv_timeout(Duration::from_millis(300)).is_ok() {
+            return (program, received);
+        }
+    }
+    panic!("mosquitto does not listen");
+}
+
+/// The next message of a topic that fits.
+#[track_caller]
+fn next(received: &Receiver<(String, String)>, topic: &str, fits: impl Fn(&str) -> bool) -> String {
+    loop {
+        let (other, message) = received.recv_timeout(LIMIT).expect(topic);
+        if other == format!("line3/feeder/{topic}") && fits(&message) {
+            return message;
+        }
+    }
+}
+
+#[test]
+fn readings_and_events_survive_a_broker_that_is_killed() {
+    let folder = tempfile::tempdir().unwrap();
+    let free = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = free.local_addr().unwrap().port();
+    drop(free);
+    let first = broker(folder.path(), port);
+    let (reader, received) = subscriber(port);
+    let address = format!("127.0.0.1:{port}");
+    let mut served = Served::start(&["--mqtt", &address, "--topic", "line3/feeder"]);
+    next(&received, "status", |message| message == "online");
+    let reading = |received: &Receiver<_>, state: &str| -> Json {
+        let fits = |message: &str| message.contains(&format!("\"state\":\"{state}\""));
+        serde_json::from_str(&next(received, "readings", fits)).unwrap()
+    };
+    let at_rest = reading(&received, "off");
+    assert_eq!(at_rest["output"], 0.0);
+    let mut plc = Master::connect(&served);
+    plc.wait(status::READY_TO_START, status::RUNS);
+    plc.write(register::CONTROL, &[0]).unwrap();
+    plc.write(register::CONTROL, &[1]).unwrap();
+    next(&received, "event", |message| {
+        message.contains("\"event\":\"started\"")
+    });
+    let running = reading(&received, "holding");
+    assert!(running["b"].as_f64().unwrap() > 0.05, "{running}");
+    assert!(running["cycle"].as_u64() > at_rest["cycle"].as_u64());
+    drop((first, reader));
+    // The clients of Modbus do not notice; an event waits for the broker.
+    plc.write(register::CONTROL, &[0]).unwrap();
+    plc.wait(0, status::RUNS);
+    std::thread::sleep(Duration::from_secs(2));
+    let _second = broker(folder.path(), port);
+    let (_reader, received) = subscriber(port);
+    next(&received, "status", |message| message == "online");
+    next(&received, "event", |message| {
+        message.contains("\"event\":\"stopped\"")
+    });
+    reading(&received, "off");
+    served.child.kill().unwrap();
+    next(&received, "status", |message| message == "offline");
+}
+
+#[test]
+fn the_farewell_of_an_orderly_end_is_offline() {
+    let folder = tempfile::tempdir().unwrap();
+    let free = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = free.local_addr().unwrap().port();
+    drop(free);
+    let _broker = broker(folder.path(), port);
+    let (_reader, received) = subscriber(port);
+    let address = format!("127.0.0.1:{port}");
+    let words = ["--mqtt", &address, "--topic", "line3/feeder", "--for", "3"];
+    let (ended, _) = Served::start(&words).end();
+    assert!(ended.success());
+    next(&received, "status", |message| message == "online");
+    next(&received, "status", |message| message == "offline");
+}
