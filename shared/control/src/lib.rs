@@ -41,9 +41,9 @@ mod state;
 mod supervise;
 mod target;
 
-pub use aim::{NoSetpoint, drive_limits};
 #[cfg(feature = "memo")]
 pub use aim::{ChaosResult, GearPlanned, KickResult};
+pub use aim::{NoSetpoint, drive_limits};
 pub use angle::phase_of;
 pub use angle::{SAMPLE_RATE, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
