@@ -16,6 +16,7 @@ from results import read
 
 GEAR = "| row | runs | share: predicted | own plant | engine | estimated | error, rms | speed | closed form |"
 GEAR += " R | s | contact | READY | ends |"
+TUMBLING = "| row | runs | share: engine | estimated | k | speed in mm/s | R | s | READY | ends |"
 FRICTION = "| row | runs | k | R | speed in the engine | own plant | theory |"
 LOAD = "| row | runs | mass in g | weighed | own plant | flow in g/s | estimated | own plant | amplitude | its rms |"
 LOAD += " as measured |"
@@ -48,6 +49,12 @@ def ratio(found: list[dict], above: str, below: str) -> float:
     return float(a.mean() / b.mean()) if len(a) and len(b) else math.nan
 
 
+def ends(found: list[dict]) -> str:
+    """States or faults in which the runs end."""
+    counts = Counter(row["state"] for row in found)
+    return ", ".join(f"{count} {state}" for state, count in counts.most_common())
+
+
 def gear_row(name: str, found: list[dict], own: list[dict]) -> str:
     errors = [row["estimated_share"] - row["engine_share"] for row in found]
     errors = [error for error in errors if isinstance(error, float) and math.isfinite(error)]
@@ -55,7 +62,6 @@ def gear_row(name: str, found: list[dict], own: list[dict]) -> str:
     share = column(found, "engine_share")
     predicted = column(found, "predicted_share")
     predicted = predicted[predicted > 0.0]
-    ends = Counter(row["state"] for row in found)
     cells = [
         name,
         str(len(found)),
@@ -70,7 +76,23 @@ def gear_row(name: str, found: list[dict], own: list[dict]) -> str:
         shown(column(found, "scatter"), 2),
         f"{100.0 * column(found, 'contact').mean():.1f} %" if len(column(found, "contact")) else "-",
         shown(column(found, "ready"), 2),
-        ", ".join(f"{count} {state}" for state, count in ends.most_common()),
+        ends(found),
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
+def tumbling_row(name: str, found: list[dict], own: list[dict]) -> str:
+    cells = [
+        name,
+        str(len(found)),
+        shown(column(found, "engine_share"), 2),
+        shown(column(found, "estimated_share"), 2),
+        shown(column(found, "k"), 2),
+        shown(column(found, "speed"), 1),
+        shown(column(found, "restitution"), 2),
+        shown(column(found, "scatter"), 2),
+        shown(column(found, "ready"), 2),
+        ends(found),
     ]
     return "| " + " | ".join(cells) + " |"
 
@@ -78,7 +100,7 @@ def gear_row(name: str, found: list[dict], own: list[dict]) -> str:
 def friction_row(name: str, found: list[dict], own: list[dict]) -> str:
     run = next(run for _, run in rows.settings("f") if run.name == name)
     _, e, degrees = run.target["tones"]
-    k, restitution = column(found, "k").mean(), column(found, "restitution").mean()
+    k, restitution = column(found, "k").mean(), run.restitution
     theory = kband.transport(
         k, restitution, friction=run.friction, tones=[(e, math.radians(degrees))]
     )
@@ -86,7 +108,7 @@ def friction_row(name: str, found: list[dict], own: list[dict]) -> str:
         name,
         str(len(found)),
         f"{k:.3f}",
-        f"{restitution:.2f}",
+        f"{restitution:g}",
         f"{column(found, 'speed').mean():.1f} mm/s",
         f"{column(own, 'speed').mean():.1f}",
         f"{1e3 * float(theory.speed):.1f}",
@@ -113,7 +135,7 @@ def load_row(name: str, found: list[dict], own: list[dict]) -> str:
 
 def table(row: str, found: list[dict]) -> str:
     """The table of a row of the validation."""
-    make, head = {"f": (friction_row, FRICTION), "e": (load_row, LOAD)}.get(row, (gear_row, GEAR))
+    make, head = {"c": (tumbling_row, TUMBLING), "f": (friction_row, FRICTION), "e": (load_row, LOAD)}.get(row, (gear_row, GEAR))
     names = dict.fromkeys((one["engine"], one["row"]) for one in found if one["engine"] != "kband")
     lines = [head, "|" + "---|" * (head.count("|") - 1)]
     for engine, name in names:
