@@ -69,6 +69,12 @@ impl Printout {
         self
     }
 
+    /// The printout with these lines below the table to read; empty ones are left out.
+    pub fn notes(self, notes: impl IntoIterator<Item = impl Into<String>>) -> Self {
+        let notes = notes.into_iter().map(Into::into);
+        notes.filter(|note| !note.is_empty()).fold(self, Self::note)
+    }
+
     /// With the columns that do not fit on a screen below the others, as text.
     pub fn folded(mut self) -> Self {
         self.table = self.table.folded();

@@ -45,20 +45,8 @@ impl Shift {
     }
 }
 
-/// Events between two stretches of normal operation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Trouble {
-    /// Parts of the lot with another restitution.
-    Parts,
-    /// The accelerometer drops out for two cycles; no fault.
-    DropOut,
-    /// The accelerometer is lost, and works again a second later.
-    Lost,
-    /// The enable input is withdrawn for some seconds.
-    Pause,
-    /// The link is silent for some seconds.
-    Link,
-}
+/// Name of the event after which the board may report a lost sensor.
+const LOST: &str = "lost sensor";
 
 /// Schedule of the events.
 struct Script {
@@ -79,56 +67,49 @@ impl Script {
         }
     }
 
-    /// The next event if its time has come; its changes become pending.
-    fn trouble(&mut self, now: f64) -> Option<Trouble> {
+    /// Name of the next event if its time has come; its changes become pending.
+    fn trouble(&mut self, now: f64) -> Option<&'static str> {
         if now < self.next || now > self.seconds - 60.0 {
             return None;
         }
         self.next = now + self.random.between(30.0, 120.0);
         let random = &mut self.random;
-        let (trouble, changes) = match random.bits() % 8 {
+        let after = |length: f64| now + length;
+        let (name, changes) = match random.bits() % 8 {
             0..3 => {
                 let part = random.between(0.18, 0.22) as f32;
-                (Trouble::Parts, vec![(now, Change::Restitution(part))])
+                ("other parts", vec![(now, Change::Restitution(part))])
             }
             3..5 => {
-                // At most two cycles, from any begin.
-                let length = random.between(0.01, 0.039);
-                let changes = [(now, true), (now + length, false)];
-                (
-                    Trouble::DropOut,
-                    changes
-                        .map(|(at, lost)| (at, Change::SensorLost(lost)))
-                        .into(),
-                )
+                // At most two cycles, from any begin, which is no fault.
+                let end = after(random.between(0.01, 0.039));
+                let changes = [(now, true), (end, false)];
+                let lose = |(at, lost)| (at, Change::SensorLost(lost));
+                ("short drop-out", changes.map(lose).into())
             }
             5 => {
-                let back = [(now + 2.0, false), (now + 3.0, true)];
-                let back = back.map(|(at, enable)| (at, Change::Enable(enable)));
-                let lost = [(now, true), (now + 1.0, false)];
-                let lost = lost.map(|(at, lost)| (at, Change::SensorLost(lost)));
-                (Trouble::Lost, [lost, back].concat())
+                let changes = [
+                    (now, Change::SensorLost(true)),
+                    (after(1.0), Change::SensorLost(false)),
+                    (after(2.0), Change::Enable(false)),
+                    (after(3.0), Change::Enable(true)),
+                ];
+                (LOST, changes.into())
             }
             6 => {
-                let length = random.between(0.02, 8.0);
-                let changes = [(now, false), (now + length, true)];
-                (
-                    Trouble::Pause,
-                    changes.map(|(at, on)| (at, Change::Enable(on))).into(),
-                )
+                let end = after(random.between(0.02, 8.0));
+                let changes = [(now, Change::Enable(false)), (end, Change::Enable(true))];
+                ("pause", changes.into())
             }
             _ => {
-                let length = random.between(0.5, 8.0);
-                let changes = [(now, false), (now + length, true)];
-                (
-                    Trouble::Link,
-                    changes.map(|(at, on)| (at, Change::Link(on))).into(),
-                )
+                let end = after(random.between(0.5, 8.0));
+                let changes = [(now, Change::Link(false)), (end, Change::Link(true))];
+                ("silent link", changes.into())
             }
         };
         self.due.extend(changes);
         self.due.sort_by(|a, b| b.0.total_cmp(&a.0));
-        Some(trouble)
+        Some(name)
     }
 
     /// The changes that are due now.
@@ -206,16 +187,9 @@ pub fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
             }
             closed.apply(change);
         }
-        if let Some(trouble) = script.trouble(now) {
-            let name = match trouble {
-                Trouble::Parts => "other parts",
-                Trouble::DropOut => "short drop-out",
-                Trouble::Lost => "lost sensor",
-                Trouble::Pause => "pause",
-                Trouble::Link => "silent link",
-            };
+        if let Some(name) = script.trouble(now) {
             *shift.happened.entry(name).or_default() += 1;
-            may_fault = (trouble == Trouble::Lost).then_some(now);
+            may_fault = (name == LOST).then_some(now);
         }
         let moment = closed.cycle();
         now = f64::from(moment.report.cycle) / f64::from(moment.report.frequency);

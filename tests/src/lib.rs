@@ -4,7 +4,6 @@
 pub mod bench;
 pub mod broken;
 pub mod day;
-pub mod desk;
 pub mod exact;
 pub mod footprint;
 pub mod oracle;

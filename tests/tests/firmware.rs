@@ -3,15 +3,12 @@
 
 use std::time::Duration;
 
-use kband_control::wire::{
-    MAX_FRAME_BYTES, Outgoing, Request, Response, SCHEMA, VERSION, write_question,
-};
+use kband_control::wire::{Request, Response};
 use kband_control::{Event, Fault, Settings, StartCause, Target};
 use kband_firmware::trial::{self, Trial};
 use kband_host::board::{Address, Emulated, Link};
 use kband_host::simulate::{DEFAULT, Fidelity, Outcome, SceneFile, Watch, run_on, watched};
 use kband_plant::{ClosedLoop, Moment, Scene};
-use kband_tests::desk::Desk;
 use kband_tests::emulator::{self, Clock, Machine, Options, Output};
 use kband_tests::footprint::footprint;
 use kband_tests::images;
@@ -291,63 +288,6 @@ fn requests_take_their_share_of_a_cycle_and_delay_no_sample() {
         );
         assert!(late <= limit && samples > 500, "{state}: {text}");
     }
-}
-
-#[test]
-fn the_emulated_board_talks_to_the_desk() {
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    let options = Options {
-        word: Some("link"),
-        serial: true,
-        ..Options::default()
-    };
-    let limit = Duration::from_secs(100);
-    let mut desk = Desk::start(emulator::command(&image, options, limit, true));
-    let identified = |wanted: u8| {
-        move |answer: Outgoing<'_>| match answer {
-            Outgoing::Identity { sequence, identity } => {
-                assert_eq!((sequence, identity.version), (wanted, VERSION));
-                assert_eq!(identity.schema, SCHEMA);
-                assert!(identity.image.starts_with("0."), "{identity:?}");
-            }
-            other => panic!("{other:?}"),
-        }
-    };
-    // The board identifies itself at its start and on request.
-    desk.receive(identified(0));
-    // Garbage first; the board finds the request after it.
-    desk.send(b"\0garbage\0\x05ab\0");
-    let mut buffer = [0; MAX_FRAME_BYTES];
-    let question = write_question(&mut buffer, 9).unwrap().to_vec();
-    desk.send(&question);
-    desk.receive(identified(9));
-    desk.ask(&Request::Get("frequency"), |response| match response {
-        Response::Setting(setting) => assert_eq!(setting.value, 50.0),
-        other => panic!("{other:?}"),
-    });
-    let set = Request::set("soft_start", 0.2);
-    desk.ask(&set, |response| assert_eq!(response, Response::Done));
-    desk.ask(&Request::Counters, |response| match response {
-        Response::Counters(counters) => {
-            assert!(
-                counters.requests >= 4 && counters.corrupt >= 1,
-                "{counters:?}"
-            );
-        }
-        other => panic!("{other:?}"),
-    });
-    desk.ask(&Request::Telemetry(1), |response| {
-        assert_eq!(response, Response::Done);
-    });
-    let cycle = |outgoing: Outgoing<'_>| match outgoing {
-        Outgoing::Response {
-            sequence: 0,
-            response: Response::Telemetry(telemetry),
-        } => telemetry.cycle,
-        other => panic!("{other:?}"),
-    };
-    let first = desk.receive(cycle);
-    assert_eq!(desk.receive(cycle), first + 1);
 }
 
 /// Outcome of a scene with its controller on the emulated CPU; it equals the desk's.

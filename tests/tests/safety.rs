@@ -28,6 +28,21 @@ fn run(scene: &Scene, seconds: f64, mut look: impl FnMut(f64, f32, &ClosedLoop))
     largest
 }
 
+/// Runs a scene, whose true displacement must stay within a multiple of its limit.
+fn stays_within(most: f32, scene: &Scene, seconds: f64, name: &str) {
+    let mut fault = None;
+    let largest = run(scene, seconds, |_, _, closed| {
+        fault = fault.or(closed.controller().report().fault);
+    });
+    let share = largest / ceiling(&scene.settings);
+    assert!(
+        share <= most,
+        "{name}: {share:.3} of the limit, {fault:?}: {:?}: {:?}",
+        scene.disturbances,
+        scene.settings
+    );
+}
+
 #[test]
 fn no_sensor_failure_raises_the_amplitude_beyond_its_limit() {
     let mut draw = Draw::new(11);
@@ -35,19 +50,7 @@ fn no_sensor_failure_raises_the_amplitude_beyond_its_limit() {
         let failure = failure(&mut draw);
         let mut scene = failure.scene.clone();
         disturb(&mut scene, failure.changes.iter().copied());
-        let (limit, ready) = (ceiling(&scene.settings), failure.ready);
-        let mut fault = None;
-        let largest = run(&scene, 3.5 * ready, |_, _, closed| {
-            fault = fault.or(closed.controller().report().fault);
-        });
-        assert!(
-            largest <= 1.3 * limit,
-            "{n}: {:.4} mm, limit {:.4} mm, {fault:?}: {:?}: {:?}",
-            1e3 * largest,
-            1e3 * limit,
-            failure.changes,
-            scene.settings
-        );
+        stays_within(1.3, &scene, 3.5 * failure.ready, &n.to_string());
     }
 }
 
@@ -302,19 +305,10 @@ fn a_commissioned_machine_stays_within_its_tolerance() {
         let lost = draw.between(0.2, 1.0);
         let at = f64::from(draw.between(0.0, 1.5)) * ready;
         disturb(&mut scene, [(at, Change::Sensitivity(lost))]);
-        let limit = ceiling(&scene.settings);
-        let mut fault = None;
-        let largest = run(&scene, at + 1.5 * ready + 60.0 / 5.0, |_, _, closed| {
-            fault = fault.or(closed.controller().report().fault);
-        });
         // The undetected loss of the sensor, or the bound from the output's model.
         let most = (1.3_f32 / gain.min(1.0)).min(1.2 * gain.max(1.0)) * 1.1;
-        assert!(
-            largest <= most * limit,
-            "{n}: {:.3} of the limit, gain {gain}, {lost} at {at}: {fault:?}: {:?}",
-            largest / limit,
-            scene.settings
-        );
+        let name = format!("{n}, gain {gain}");
+        stays_within(most, &scene, at + 1.5 * ready + 60.0 / 5.0, &name);
     }
 }
 
@@ -328,19 +322,10 @@ fn no_gain_hides_a_lost_sensitivity_from_the_current() {
         let gain = draw.scale(1.0, 3.0);
         scene.drive.gain = gain * scene.settings.gain;
         scene.sensor.sensitivity = draw.scale(0.8, 1.2) / gain;
-        let limit = ceiling(&scene.settings);
         let ready = settled(&scene.settings)
             + f64::from(scene.settings.quality * 1.5 / scene.settings.frequency);
-        let mut fault = None;
-        let largest = run(&scene, 1.5 * ready, |_, _, closed| {
-            fault = fault.or(closed.controller().report().fault);
-        });
-        assert!(
-            largest <= 1.3 * 1.1 * limit,
-            "{n}: {:.3} of the limit, gain {gain}: {fault:?}: {:?}",
-            largest / limit,
-            scene.settings
-        );
+        let name = format!("{n}, gain {gain}");
+        stays_within(1.3 * 1.1, &scene, 1.5 * ready, &name);
     }
 }
 
@@ -362,16 +347,7 @@ fn no_sensor_failure_raises_a_beating_amplitude_over_its_limit() {
         scene.drive.resonance = settings.resonance;
         scene.drive.gain = settings.gain;
         disturb(&mut scene, failure.changes.iter().copied());
-        let limit = ceiling(&scene.settings);
-        let largest = run(&scene, 3.5 * failure.ready, |_, _, _| {});
-        assert!(
-            largest <= 1.3 * limit,
-            "{n}: {:.4} mm, limit {:.4} mm: {:?}: {:?}",
-            1e3 * largest,
-            1e3 * limit,
-            failure.changes,
-            scene.settings
-        );
+        stays_within(1.3, &scene, 3.5 * failure.ready, &n.to_string());
     }
 }
 

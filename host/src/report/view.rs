@@ -38,6 +38,11 @@ impl<'a, R> Field<'a, R> {
         Self::new(READ, column, value)
     }
 
+    /// A field of the table to read and of CSV.
+    pub fn table<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
+        Self::new(READ | CSV, column, value)
+    }
+
     /// A field of CSV and JSON alone.
     pub fn data<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
         Self::new(CSV | JSON, column, value)
@@ -58,6 +63,12 @@ impl<'a, R> View<'a, R> {
     /// A view of these fields; [`fields!`](crate::report::fields) lists them one a line.
     pub fn of(fields: Vec<Field<'a, R>>) -> Self {
         Self { fields }
+    }
+
+    /// The view with the fields of another behind its own.
+    pub fn and(mut self, other: Self) -> Self {
+        self.fields.extend(other.fields);
+        self
     }
 
     /// The view without a column, where the result has none.
@@ -108,7 +119,7 @@ impl<'a, R> View<'a, R> {
     }
 }
 
-/// Makes a function that gives the [`View`] of a result: after `all`, `read`, `data` or `json` (its
+/// Makes a function that gives the [`View`] of a result: after `all`, `read`, `table`, `data` or `json` (its
 /// forms) come the column, by its name in [`columns`](crate::report::columns), and the value of a row.
 macro_rules! fields {
     ($(#[$doc:meta])* $vis:vis fn $name:ident($row:ident: $of:ty $(, $more:ident: $kind:ty)*) {

@@ -6,7 +6,7 @@ use crate::bench::{Errors, Time, contestants};
 use crate::desk::{Desk, Progress};
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Printout, Table, columns, number};
+use crate::report::{fields, number};
 
 /// Run time against error of every arithmetic of the impact map.
 #[derive(Clone, Debug, clap::Args)]
@@ -49,6 +49,21 @@ struct Line {
     errors: Errors,
 }
 
+fields! {
+    /// Time and errors of a kernel on a workload.
+    fn times(line: Line) {
+        all KERNEL => line.kernel;
+        all WORKLOAD => line.workload;
+        all IMPACT_TIME.digits(4) => line.time.median;
+        all IMPACT_TIME_RANGE.digits(2) => line.time.range;
+        all IMPACT_RATE.digits(3) => 1e9 / line.time.median;
+        all MEDIAN_ERROR.digits(2) => line.errors.median;
+        all P99_ERROR.digits(2) => line.errors.p99;
+        all MAX_ERROR.digits(2) => line.errors.largest;
+        all WRONG_ROOTS => line.errors.wrong_roots;
+    }
+}
+
 /// Measures and prints.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output(arguments.printed.format)?;
@@ -58,31 +73,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         lines.extend(measure(workload, arguments, desk, &progress)?);
     }
     progress.finish();
-    let mut table = Table::new(&[
-        columns::KERNEL,
-        columns::WORKLOAD,
-        columns::IMPACT_TIME.digits(4),
-        columns::IMPACT_TIME_RANGE.digits(2),
-        columns::IMPACT_RATE.digits(3),
-        columns::MEDIAN_ERROR.digits(2),
-        columns::P99_ERROR.digits(2),
-        columns::MAX_ERROR.digits(2),
-        columns::WRONG_ROOTS,
-    ]);
-    for line in &lines {
-        table.push([
-            line.kernel.into(),
-            line.workload.into(),
-            line.time.median.into(),
-            line.time.range.into(),
-            (1e9 / line.time.median).into(),
-            line.errors.median.into(),
-            line.errors.p99.into(),
-            line.errors.largest.into(),
-            line.errors.wrong_roots.into(),
-        ]);
-    }
-    let mut report = Printout::new(table).heading("Run time against error, one core");
+    let mut report = times()
+        .printout(&lines)
+        .heading("Run time against error, one core");
     for (workload, _) in WORKLOADS {
         let time = |kernel: &str| {
             let mut of = lines.iter().filter(|line| line.workload == workload);

@@ -1,5 +1,6 @@
 //! `kband exponent`: Lyapunov exponents.
 
+use kband::feeder::Track;
 use kband::impact::{Kernel, Map, PartState};
 use kband::regime::cascade::Estimate;
 use kband::regime::chaos::ChaoticBand;
@@ -16,7 +17,7 @@ use crate::desk::Desk;
 use crate::ending::{self, Endings, FOLLOWED};
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Printout, Table, Value, columns, number};
+use crate::report::{Printout, columns, fields, number};
 
 /// How fast neighbouring orbits part: Lyapunov exponents, with their statistical error.
 #[derive(Clone, Debug, clap::Args)]
@@ -100,6 +101,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         if let Some(scatter) = arguments.scatter.stream(map.restitution(), n as u64)? {
             let exponent = measure_scattered(&map, start, settings, scatter)?;
             return Ok(Found {
+                k: values[n],
                 exponent,
                 ending: None,
                 second: None,
@@ -122,6 +124,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             false => None,
         };
         Ok(Found {
+            k: values[n],
             second: second(&exponent, arguments.restitution),
             multipliers: lock.map(|lock| lock.multipliers()),
             exponent,
@@ -141,7 +144,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     } else {
         None
     };
-    let report = report(arguments, &values, &found, band)?;
+    let report = report(arguments, &found, band)?;
     report.print(arguments.printed.format)?;
     output.write(&report, || picture(arguments, &values, &found, band))?;
     Ok(Exit::Done)
@@ -189,6 +192,7 @@ fn among(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Expo
 
 /// What was found at one k.
 struct Found {
+    k: f64,
     exponent: Exponent,
     /// Where the orbit ends; `None` where its restitution scatters or is 1.
     ending: Option<Regime>,
@@ -196,6 +200,16 @@ struct Found {
     second: Option<f64>,
     /// Floquet multipliers of the period-1 orbit, where there is one.
     multipliers: Option<Multipliers>,
+}
+
+impl Found {
+    /// Impacts until the part rests.
+    fn rest_after(&self) -> Option<u32> {
+        match self.exponent.dynamics {
+            Dynamics::Rest { after } => Some(after),
+            _ => None,
+        }
+    }
 }
 
 /// The smaller exponent: both add up to 2 ln R, as det J = R^2 psi/psi' and the speeds telescope
@@ -220,9 +234,35 @@ fn words(found: &Found) -> &'static str {
     }
 }
 
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+fields! {
+    /// The exponents at one k, with its amplitude where the track is known.
+    fn exponents(found: Found, track: Option<Track>, followed: usize) {
+        all K => found.k;
+        all B => track.map(|track| 1e3 * track.amplitude(found.k));
+        all EXPONENT.titled("exponent").digits(5) => finite(found.exponent.per_impact.value);
+        all EXPONENT_ERROR.titled("error").digits(2) => finite(found.exponent.per_impact.error);
+        all SECOND_EXPONENT.titled("second").digits(5) => found.second;
+        data EXPONENT_PER_CYCLE => finite(found.exponent.per_cycle.value);
+        data EXPONENT_PER_CYCLE_ERROR => finite(found.exponent.per_cycle.error);
+        data MEAN_FLIGHT => finite(found.exponent.flight);
+        read MOTION => match found.rest_after() {
+            Some(after) => format!("rest after {after}"),
+            None => words(found).into(),
+        };
+        data MOTION => words(found);
+        data REST_AFTER => found.rest_after();
+        all REGIME => found.ending.map(|ending| ending::describe_regime(ending, *followed));
+        data MULTIPLIERS => found.multipliers.map(spelled);
+        data MULTIPLIER_MODULUS => found.multipliers.map(Multipliers::modulus);
+    }
+}
+
 fn report(
     arguments: &Arguments,
-    values: &[f64],
     found: &[Found],
     band: Option<ChaoticBand>,
 ) -> Result<Printout, Refusal> {
@@ -230,73 +270,13 @@ fn report(
         Some(_) => Some(arguments.amplitude.track()?),
         None => None,
     };
-    let mut first = vec![columns::K];
-    first.extend(track.map(|_| columns::B));
-    let mut read = first.clone();
-    read.extend([
-        columns::EXPONENT.titled("exponent").digits(5),
-        columns::EXPONENT_ERROR.titled("error").digits(2),
-        columns::SECOND_EXPONENT.titled("second").digits(5),
-        columns::MOTION,
-        columns::REGIME,
-    ]);
-    let mut full = first;
-    full.extend([
-        columns::EXPONENT.titled("exponent"),
-        columns::EXPONENT_ERROR.digits(2),
-        columns::SECOND_EXPONENT,
-        columns::EXPONENT_PER_CYCLE,
-        columns::EXPONENT_PER_CYCLE_ERROR.digits(2),
-        columns::MEAN_FLIGHT,
-        columns::MOTION,
-        columns::REST_AFTER,
-        columns::REGIME,
-        columns::MULTIPLIERS,
-        columns::MULTIPLIER_MODULUS,
-    ]);
-    let (mut read, mut full) = (Table::new(&read), Table::new(&full));
-    let finite = |value: f64| value.is_finite().then_some(value);
-    for (k, found) in values.iter().zip(found) {
-        let exponent = &found.exponent;
-        let after = match exponent.dynamics {
-            Dynamics::Rest { after } => Some(after),
-            _ => None,
-        };
-        let regime_name = found
-            .ending
-            .map(|ending| ending::describe_regime(ending, arguments.followed()));
-        let motion = match after {
-            Some(after) => format!("rest after {after}"),
-            None => words(found).into(),
-        };
-        let mut row: Vec<Value> = vec![(*k).into()];
-        row.extend(track.map(|track| Value::from(1e3 * track.amplitude(*k))));
-        let mut full_row = row.clone();
-        row.extend([
-            finite(exponent.per_impact.value).into(),
-            finite(exponent.per_impact.error).into(),
-            found.second.into(),
-            motion.into(),
-            regime_name.clone().into(),
-        ]);
-        read.push_row(row);
-        full_row.extend([
-            finite(exponent.per_impact.value).into(),
-            finite(exponent.per_impact.error).into(),
-            found.second.into(),
-            finite(exponent.per_cycle.value).into(),
-            finite(exponent.per_cycle.error).into(),
-            finite(exponent.flight).into(),
-            words(found).into(),
-            after.into(),
-            regime_name.into(),
-            found.multipliers.map(spelled).into(),
-            found.multipliers.map(Multipliers::modulus).into(),
-        ]);
-        full.push_row(full_row);
-    }
-    let json = full.to_json();
-    let mut report = Printout::new(read).heading(format!(
+    let followed = arguments.followed();
+    let view = exponents(&track, &followed);
+    let view = match track {
+        Some(_) => view,
+        None => view.without(columns::B),
+    };
+    let mut report = view.printout(found).heading(format!(
         "R = {}{}, {} impacts after {} to settle; exponents per impact",
         arguments.restitution,
         match arguments.scatter.scatter {
@@ -337,7 +317,7 @@ fn report(
             None => "no chaotic band: below the cascade the parts come to rest".into(),
         });
     }
-    report.csv_of(full).json(&json)
+    Ok(report)
 }
 
 /// Floquet multipliers as words.
@@ -359,13 +339,10 @@ fn picture(
     band: Option<ChaoticBand>,
 ) -> Picture {
     let point = |wanted: &dyn Fn(&str) -> bool| -> Vec<(f64, f64)> {
-        values
-            .iter()
-            .zip(found)
-            .filter(|(_, found)| {
-                wanted(words(found)) && found.exponent.per_impact.value.is_finite()
-            })
-            .map(|(k, found)| (*k, found.exponent.per_impact.value))
+        let shown = found.iter().filter(|found| wanted(words(found)));
+        shown
+            .map(|found| (found.k, found.exponent.per_impact.value))
+            .filter(|(_, exponent)| exponent.is_finite())
             .collect()
     };
     let all = point(&|_| true);
@@ -401,15 +378,14 @@ fn picture(
         }
     }
     panel = panel.level(0.0, "neighbours part above");
-    let multipliers: Vec<(f64, [f64; 2])> = values
+    let multipliers: Vec<(f64, [f64; 2])> = found
         .iter()
-        .zip(found)
-        .filter_map(|(k, found)| {
+        .filter_map(|found| {
             let sizes = match found.multipliers? {
                 Multipliers::Real(larger, smaller) => [larger, smaller],
                 Multipliers::Pair { modulus, angle } => [modulus * angle.cos(); 2],
             };
-            Some((*k, sizes))
+            Some((found.k, sizes))
         })
         .collect();
     Picture::new("Lyapunov exponent over k")

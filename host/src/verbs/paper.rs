@@ -16,7 +16,7 @@ use crate::desk::Desk;
 use crate::file::Destination;
 use crate::picture::Theme;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Printout, Table, columns};
+use crate::report::{Printout, fields};
 
 use engine::{Check, Row};
 
@@ -115,39 +115,30 @@ fn summarize(rows: &[Row]) -> String {
     )
 }
 
-fn report(rows: &[Row]) -> Result<Printout, Refusal> {
-    let mut table = Table::new(&[
-        columns::EQUATION,
-        columns::SUBJECT,
-        columns::PRINTED,
-        columns::RECOMPUTED,
-        columns::VERDICT,
-        columns::RESIDUAL.digits(2),
-        columns::TOLERANCE.digits(2),
-        columns::PRINTED_ERROR.digits(2),
-        columns::CASES,
-        columns::HOLDS,
-    ]);
-    for row in rows {
-        table.push([
-            row.equation.as_str().into(),
-            row.subject.as_str().into(),
-            row.printed.as_str().into(),
-            row.recomputed.as_str().into(),
-            row.verdict.as_str().into(),
-            row.residual.into(),
-            row.tolerance.into(),
-            row.printed_error.into(),
-            row.cases.into(),
-            row.holds.into(),
-        ]);
+fields! {
+    /// A row; its JSON is [`Row`]'s own.
+    fn lines(row: Row) {
+        table EQUATION => row.equation.clone();
+        table SUBJECT => row.subject.clone();
+        table PRINTED => row.printed.clone();
+        table RECOMPUTED => row.recomputed.clone();
+        table VERDICT => row.verdict.clone();
+        table RESIDUAL.digits(2) => row.residual;
+        table TOLERANCE.digits(2) => row.tolerance;
+        table PRINTED_ERROR.digits(2) => row.printed_error;
+        table CASES => row.cases;
+        table HOLDS => row.holds;
     }
+}
+
+fn report(rows: &[Row]) -> Result<Printout, Refusal> {
     let end = match rows.iter().filter(|row| !row.holds).count() {
         0 => "every recomputation agrees with its reference".into(),
         failed => format!("{failed} recomputations DISAGREE with their reference"),
     };
     let cases: u64 = rows.iter().map(|row| row.cases).sum();
-    Printout::new(table)
+    lines()
+        .printout(rows)
         .heading("M.-O. Hongler, J. Figour, Periodic versus chaotic dynamics in vibratory feeders, Helv. Phys. Acta (1989)")
         .note(format!("{}; {cases} cases; {end}", summarize(rows)))
         .json(&rows)

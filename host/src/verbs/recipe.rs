@@ -10,6 +10,7 @@ use kband_control::wire::{Request, Response, Stored};
 use kband_control::{Recipe, RecipeName, Settings};
 
 pub use self::page::{Entry, export};
+use super::settings::check_flash;
 use super::status::BoardStatus;
 use super::target;
 use crate::board::{Address, BoardSettings, Emulated, Link};
@@ -121,11 +122,8 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         arguments.action,
         Action::Save { .. } | Action::Delete { .. } | Action::Import { .. }
     );
-    if saves && address.is_emulated() && address.flash_image.is_none() {
-        return Err(Refusal::new(
-            "the emulated board has no flash to keep recipes in",
-            "name a file for it: --flash-image board.flash",
-        ));
+    if saves {
+        check_flash(address, "recipes")?;
     }
     let state = match arguments.action {
         Action::Use { .. } => Emulated::Running,
@@ -284,8 +282,5 @@ fn list(link: &mut Link, notes: &[String]) -> Result<Printout, Refusal> {
             .collect();
         rows.push(json!({"recipe": number, "name": name, "target": target, "in_use": used, "settings": settings}));
     }
-    let report = notes.iter().fold(Printout::new(table), |report, note| {
-        report.note(note.as_str())
-    });
-    report.json(&rows)
+    Printout::new(table).notes(notes).json(&rows)
 }

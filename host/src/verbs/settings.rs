@@ -9,8 +9,6 @@ mod upper_tone;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use serde_json::json;
-
 use kband_control::wire::Request;
 use kband_scene::toml_table;
 
@@ -20,7 +18,7 @@ use crate::board::{Address, BoardSetting, BoardSettings, Emulated, Link};
 use crate::desk::Desk;
 use crate::file::{self, Destination};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Format, Printout, Table, Value, columns, shortest};
+use crate::report::{Format, Printout, fields, shortest};
 
 /// List, change, keep, export and import the settings of a board.
 ///
@@ -147,11 +145,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             | Action::Import { save: true, .. }
             | Action::Commission { apply: true, .. }
     );
-    if keeps && address.is_emulated() && address.flash_image.is_none() {
-        return Err(Refusal::new(
-            "the emulated board has no flash to keep settings in",
-            "name a file for it: --flash-image board.flash",
-        ));
+    if keeps {
+        check_flash(address, "settings")?;
     }
     if let Action::Commission {
         apply,
@@ -177,11 +172,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut link = address.open(Emulated::AtRest)?;
     let mut settings = BoardSettings::read(&mut link)?;
     match &arguments.action {
-        Action::List => list(settings.iter(), &[])?.print(arguments.format)?,
+        Action::List => list(settings.iter(), &[]).print(arguments.format)?,
         Action::Get { key } => {
             let setting = settings.get(key)?;
             let notes = [setting.meaning().to_string()];
-            list([setting], &notes)?.print(arguments.format)?;
+            list([setting], &notes).print(arguments.format)?;
         }
         Action::Set { key, value, save } => {
             let setting = settings.get(key)?.clone();
@@ -191,18 +186,18 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
                 format!("{key} was {}", setting.value),
                 kept(&mut link, *save, address)?,
             ];
-            list([settings.get(key)?], &notes)?.print(arguments.format)?;
+            list([settings.get(key)?], &notes).print(arguments.format)?;
         }
         Action::Save => {
             let notes = [kept(&mut link, true, address)?];
-            list(settings.iter(), &notes)?.print(arguments.format)?;
+            list(settings.iter(), &notes).print(arguments.format)?;
         }
         Action::Export { .. } => {
             let text = export(&settings, &link);
             if let Some(target) = &target {
                 target.write_bytes(text.as_bytes())?;
                 let note = format!("wrote {}", target.path().display());
-                list(settings.iter(), &[note])?.print(arguments.format)?;
+                list(settings.iter(), &[note]).print(arguments.format)?;
             }
         }
         Action::Import { file, save } => {
@@ -225,7 +220,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
                 ),
                 kept(&mut link, *save, address)?,
             ];
-            list(changed, &notes)?.print(arguments.format)?;
+            list(changed, &notes).print(arguments.format)?;
         }
         // Done above: it needs the drive to run.
         Action::Commission { .. } => {}
@@ -249,46 +244,33 @@ fn kept(link: &mut Link, save: bool, address: &Address) -> Result<String, Refusa
     })
 }
 
-fn list<'a>(
-    settings: impl IntoIterator<Item = &'a BoardSetting>,
-    notes: &[String],
-) -> Result<Printout, Refusal> {
-    let mut table = Table::new(&[
-        columns::KEY,
-        columns::VALUE,
-        columns::UNIT,
-        columns::LOW,
-        columns::HIGH,
-        columns::DEFAULT,
-    ]);
-    let mut rows = Vec::new();
-    for setting in settings {
-        let number = |value: f32| Value::from(shortest(value));
-        table.push([
-            setting.key.as_str().into(),
-            number(setting.value),
-            setting.unit.as_str().into(),
-            number(setting.low),
-            number(setting.high),
-            number(setting.default),
-        ]);
-        rows.push(json!({
-            "key": setting.key,
-            "value": shortest(setting.value),
-            "unit": setting.unit,
-            "low": shortest(setting.low),
-            "high": shortest(setting.high),
-            "default": shortest(setting.default),
-            "meaning": setting.meaning(),
-        }));
+fields! {
+    /// A setting with its range.
+    fn settings(setting: BoardSetting) {
+        all KEY => setting.key.clone();
+        all VALUE => shortest(setting.value);
+        all UNIT => setting.unit.clone();
+        all LOW => shortest(setting.low);
+        all HIGH => shortest(setting.high);
+        all DEFAULT => shortest(setting.default);
+        json MEANING => setting.meaning();
     }
-    let report = notes
-        .iter()
-        .filter(|note| !note.is_empty())
-        .fold(Printout::new(table), |report, note| {
-            report.note(note.as_str())
-        });
-    report.json(&rows)
+}
+
+fn list<'a>(listed: impl IntoIterator<Item = &'a BoardSetting>, notes: &[String]) -> Printout {
+    let listed: Vec<BoardSetting> = listed.into_iter().cloned().collect();
+    settings().printout(&listed).notes(notes)
+}
+
+/// Refused where a change is to be kept by an emulated board without a flash.
+pub(super) fn check_flash(address: &Address, kept: &str) -> Result<(), Refusal> {
+    if address.is_emulated() && address.flash_image.is_none() {
+        return Err(Refusal::new(
+            format!("the emulated board has no flash to keep {kept} in"),
+            "name a file for it: --flash-image board.flash",
+        ));
+    }
+    Ok(())
 }
 
 /// The settings as a file to read, change and import.

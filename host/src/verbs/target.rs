@@ -4,6 +4,7 @@ use clap::ValueEnum;
 use kband_control::wire::Request;
 use kband_control::{NoSetpoint, Settings, StartCause, State, Target};
 
+use super::settings::check_flash;
 use super::status::BoardStatus;
 use crate::arguments::{self, Printed};
 use crate::board::{Address, BoardSettings, Emulated};
@@ -183,11 +184,8 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         in_range(target)?;
     }
     let address = &arguments.address;
-    if arguments.save && address.is_emulated() && address.flash_image.is_none() {
-        return Err(Refusal::new(
-            "the emulated board has no flash to keep a target in",
-            "name a file for it: --flash-image board.flash",
-        ));
+    if arguments.save {
+        check_flash(address, "a target")?;
     }
     let state = if arguments.save {
         Emulated::AtRest

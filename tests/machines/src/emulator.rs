@@ -54,8 +54,6 @@ pub struct Options {
     pub clock: Clock,
     /// Argument of the image on its semihosting command line.
     pub word: Option<&'static str>,
-    /// Whether to keep the serial port's output (USART2 of the Cortex-M4F).
-    pub serial: bool,
 }
 
 impl Default for Options {
@@ -64,7 +62,6 @@ impl Default for Options {
             machine: Machine::CortexM4F,
             clock: Clock::Steady,
             word: None,
-            serial: false,
         }
     }
 }
@@ -76,8 +73,6 @@ pub struct Output {
     pub status: Option<i32>,
     /// Its semihosting output.
     pub text: String,
-    /// Its serial port's output.
-    pub serial: String,
 }
 
 impl Output {
@@ -97,7 +92,7 @@ impl Output {
 /// The command that runs an image for at most `limit`; standard input is empty unless `input`.
 ///
 /// It ends at the limit even where the test that started it is gone.
-pub fn command(image: &Path, options: Options, limit: Duration, input: bool) -> Command {
+fn command(image: &Path, options: Options, limit: Duration) -> Command {
     let mut command = Command::new(root().join("tests/emulator"));
     command.args(["--machine", options.machine.name()]);
     command.args(["--limit", &limit.as_secs_f64().to_string()]);
@@ -109,16 +104,10 @@ pub fn command(image: &Path, options: Options, limit: Duration, input: bool) -> 
             Clock::Instructions => "instructions",
         },
     ]);
-    command.args(["--serial", if options.serial { "stdio" } else { "null" }]);
     if let Some(word) = options.word {
         command.args(["--word", word]);
     }
-    if input {
-        command.arg("--input");
-    } else {
-        command.stdin(Stdio::null());
-    }
-    command.arg(image);
+    command.arg(image).stdin(Stdio::null());
     command
 }
 
@@ -127,12 +116,11 @@ pub fn command(image: &Path, options: Options, limit: Duration, input: bool) -> 
 /// # Panics
 /// There is no emulator; one line names the command that installs it.
 pub fn run(image: &Path, options: Options, limit: Duration) -> Output {
-    // Files instead of pipes: a process that outlives the emulator cannot block the end.
-    let mut text = scratch_file();
-    let mut serial = scratch_file();
-    let mut child = command(image, options, limit, false)
-        .stdout(serial.try_clone().expect("a file handle is copied"))
-        .stderr(text.try_clone().expect("a file handle is copied"))
+    // A file instead of a pipe: a process that outlives the emulator cannot block the end.
+    let mut file = tempfile::tempfile().expect("a temporary file can be made");
+    let mut child = command(image, options, limit)
+        .stdout(Stdio::null())
+        .stderr(file.try_clone().expect("a file handle is copied"))
         .spawn()
         .expect("tests/emulator starts");
     // The emulator's own limit comes first; this one covers a broken `timeout` command.
@@ -149,31 +137,15 @@ pub fn run(image: &Path, options: Options, limit: Duration) -> Output {
         }
         std::thread::sleep(Duration::from_millis(10));
     };
-    let read = |file: &mut std::fs::File| {
-        let mut bytes = Vec::new();
-        file.rewind()
-            .and_then(|()| file.read_to_end(&mut bytes))
-            .expect("the output is read");
-        String::from_utf8_lossy(&bytes).into_owned()
-    };
-    let (text, serial) = (read(&mut text), read(&mut serial));
+    let mut bytes = Vec::new();
+    file.rewind()
+        .and_then(|()| file.read_to_end(&mut bytes))
+        .expect("the output is read");
+    let text = String::from_utf8_lossy(&bytes).into_owned();
     match status {
         Some(127) => panic!("no QEMU (qemu-system-arm) here; run tests/setup.sh"),
         // 124: the limit; 137: killed after it.
-        Some(124 | 137) | None => Output {
-            status: None,
-            text,
-            serial,
-        },
-        Some(status) => Output {
-            status: Some(status),
-            text,
-            serial,
-        },
+        Some(124 | 137) | None => Output { status: None, text },
+        status => Output { status, text },
     }
-}
-
-/// A temporary file without a name; its last handle deletes it.
-fn scratch_file() -> std::fs::File {
-    tempfile::tempfile().expect("a temporary file can be made")
 }

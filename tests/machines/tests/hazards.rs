@@ -79,58 +79,40 @@ fn no_sensor_raises_the_amplitude(kind: Kind) {
     }
 }
 
+/// A loss of sensitivity must be fault 12 at an amplitude of at most `most` mm, `latest` s after it.
+fn is_found(kind: Kind, hazard: &Hazard, most: f64, latest: f64) {
+    let Outcome {
+        largest,
+        fault,
+        after,
+        mut rig,
+        ..
+    } = play(kind, hazard);
+    assert!(largest <= most, "{}: {largest}", hazard.name);
+    assert!(fault.is_some_and(|time| time < latest), "{}", hazard.name);
+    assert!(after < 0.1, "{}: {after}", hazard.name);
+    assert_eq!(rig.kept_fault(0), Some(12), "{}", hazard.name);
+}
+
 /// 45 % of the sensitivity lost, at rest and in the run. Without commissioning the loss is not
 /// detected.
 fn a_commissioned_sensor_that_loses_45_percent_is_found(kind: Kind) {
-    const LOST: Change = Change::Sensitivity(0.55);
-    let at_rest = [plant(AT_REST, LOST)];
-    let running = [plant(2.5, LOST)];
-    // Failure, largest amplitude in mm, latest fault in s after it.
-    for (hazard, most, latest) in [
-        (
-            of_sensitivity("45 % lost at rest, 1 g seen", true, 1.0).acts(at_rest.clone()),
-            0.0,
-            0.25,
-        ),
-        (
-            of_sensitivity("supply at 55 % at rest, nothing of 1 g seen", true, 0.0)
-                .acts([(AT_REST, Act::SensorSupply(0.55))]),
-            0.0,
-            0.25,
-        ),
-        (
-            of_sensitivity("45 % lost at rest, nothing of 1 g seen", true, 0.0).acts(at_rest),
-            0.12,
-            1.0,
-        ),
-        (
-            of_sensitivity("45 % lost while it runs, 1 g seen", true, 1.0).acts(running.clone()),
-            0.52,
-            1.2,
-        ),
-        (
-            of_sensitivity("45 % lost while it runs, nothing seen", true, 0.0)
-                .acts(running.clone()),
-            0.52,
-            1.2,
-        ),
+    let lost = |at: f64| plant(at, Change::Sensitivity(0.55));
+    let supply = (AT_REST, Act::SensorSupply(0.55));
+    let at_rest = lost(AT_REST);
+    let running = lost(2.5);
+    for (name, seen, act, most, latest) in [
+        ("at rest, 1 g seen", 1.0, &at_rest, 0.0, 0.25),
+        ("supply at rest, nothing seen", 0.0, &supply, 0.0, 0.25),
+        ("at rest, nothing seen", 0.0, &at_rest, 0.12, 1.0),
+        ("in the run, 1 g seen", 1.0, &running, 0.52, 1.2),
+        ("in the run, nothing seen", 0.0, &running, 0.52, 1.2),
     ] {
-        let Outcome {
-            largest,
-            fault,
-            after,
-            mut rig,
-            ..
-        } = play(kind, &hazard);
-        assert!(largest <= most, "{}: {largest}", hazard.name);
-        assert!(fault.is_some_and(|time| time < latest), "{}", hazard.name);
-        assert!(after < 0.1, "{}: {after}", hazard.name);
-        assert_eq!(rig.kept_fault(0), Some(12), "{}", hazard.name);
+        let hazard = of_sensitivity(name, true, seen).acts([act.clone()]);
+        is_found(kind, &hazard, most, latest);
     }
-    let outcome = play(
-        kind,
-        &of_sensitivity("45 % lost, not commissioned", false, 0.0).acts(running),
-    );
+    let hazard = of_sensitivity("not commissioned", false, 0.0).acts([running]);
+    let outcome = play(kind, &hazard);
     assert!(
         (0.90..0.93).contains(&outcome.after),
         "it is not found: {}",
@@ -151,21 +133,7 @@ fn the_current_shows_a_loss_of_45_percent_at_any_gain(kind: Kind) {
         let running = of_current("45 % lost while it runs, current measured")
             .acts(changes.map(|change| plant(2.5, change)));
         for (hazard, most) in [(at_rest, 0.12), (running, 0.52)] {
-            let Outcome {
-                largest,
-                fault,
-                after,
-                mut rig,
-                ..
-            } = play(kind, &hazard);
-            assert!(
-                largest <= most * f64::from(gain),
-                "{}: {largest}",
-                hazard.name
-            );
-            assert!(fault.is_some_and(|time| time < 1.2), "{}", hazard.name);
-            assert!(after < 0.1, "{}: {after}", hazard.name);
-            assert_eq!(rig.kept_fault(0), Some(12), "{}", hazard.name);
+            is_found(kind, &hazard, most * f64::from(gain), 1.2);
         }
     }
 }

@@ -6,6 +6,7 @@ use kband_control::State;
 use kband_control::wire::{Request, Telemetry};
 
 use crate::board::{Link, Unsolicited};
+use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 
 /// Time between two questions how far it has come; the board takes them for a sign of life too.
@@ -37,6 +38,36 @@ fn cycle(link: &mut Link) -> Result<Option<Telemetry>, Refusal> {
         Unsolicited::Telemetry(telemetry) => Some(telemetry),
         Unsolicited::Started(_) => None,
     }))
+}
+
+/// The telemetry of cycles from now on, as `take` keeps it, until there is enough or the time is
+/// over. A progress bar counts up to `wanted`.
+pub(super) fn gather(
+    link: &mut Link,
+    desk: &Desk,
+    (name, wanted): (&str, usize),
+    within: Duration,
+    take: impl Fn(&mut Vec<Telemetry>, Telemetry),
+    enough: impl Fn(&[Telemetry]) -> bool,
+) -> Result<Vec<Telemetry>, Refusal> {
+    let progress = Progress::new(name, wanted as u64);
+    let begun = Instant::now();
+    let mut cycles: Vec<Telemetry> = Vec::new();
+    let mut most = 0;
+    link.begin_telemetry(1)?;
+    while begun.elapsed() < within && !enough(&cycles) {
+        desk.go_on()?;
+        for said in link.listen(LOOK)? {
+            if let Unsolicited::Telemetry(telemetry) = said {
+                take(&mut cycles, telemetry);
+            }
+        }
+        progress.advance(cycles.len().saturating_sub(most) as u64);
+        most = most.max(cycles.len());
+        link.tell(&Request::Alive)?;
+    }
+    progress.finish();
+    Ok(cycles)
 }
 
 /// Brings the drive to rest, as settings need it.

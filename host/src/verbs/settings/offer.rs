@@ -56,11 +56,5 @@ pub(super) fn print(
     json: &impl Serialize,
     format: Format,
 ) -> Result<(), Refusal> {
-    notes
-        .iter()
-        .fold(Printout::new(table), |printout, note| {
-            printout.note(note.as_str())
-        })
-        .json(json)?
-        .print(format)
+    Printout::new(table).notes(notes).json(json)?.print(format)
 }

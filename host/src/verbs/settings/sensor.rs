@@ -1,7 +1,7 @@
 //! `kband settings commission --sensor`: what the accelerometer reads at rest and while the drive runs, for the tests at each
 //! start.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use serde_json::json;
 
@@ -9,10 +9,10 @@ use kband::feeder::STANDARD_GRAVITY;
 use kband_control::wire::{Request, Response, Status, Telemetry};
 use kband_control::{Settings, State, Target};
 
-use super::drive::{rest, why_off};
+use super::drive::{gather, rest, why_off};
 use super::offer::{Offer, print};
-use crate::board::{Address, BoardSettings, Emulated, Link, Unsolicited};
-use crate::desk::{Desk, Progress};
+use crate::board::{Address, BoardSettings, Emulated, Link};
+use crate::desk::Desk;
 use crate::refusal::Refusal;
 use crate::report::{Column, Format, Table};
 
@@ -31,8 +31,6 @@ const QUIET_SHARE: f32 = 0.2;
 const MARGIN: f64 = 1.3;
 /// Share by which the gain may be measured otherwise than configured before the user is asked to check the sensor.
 const CHECKED: f64 = 0.1;
-/// Time between two looks at what came.
-const LOOK: Duration = Duration::from_millis(300);
 
 /// Measured gain over the configured one: its mean, and the least and largest of its blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -220,15 +218,23 @@ fn measure(
     within: Duration,
     desk: &Desk,
 ) -> Result<(Ratio, f64), Refusal> {
-    let cycles = follow(link, within, desk);
+    let wanted = BLOCK * BLOCKS;
+    // The last steady ones in a row.
+    let take = |cycles: &mut Vec<Telemetry>, cycle: Telemetry| {
+        if is_steady(&cycle) {
+            cycles.push(cycle);
+        } else {
+            cycles.clear();
+        }
+    };
+    let enough = |cycles: &[Telemetry]| cycles.len() >= wanted;
+    let progress = ("steady cycles", wanted);
+    let cycles = gather(link, desk, progress, within, take, enough);
     link.tell(&Request::Telemetry(0))?;
     let cycles = cycles?;
     let ratio = ratio(known, &cycles).ok_or_else(|| {
         Refusal::new(
-            format!(
-                "the drive did not hold its amplitude for {} cycles",
-                BLOCK * BLOCKS
-            ),
+            format!("the drive did not hold its amplitude for {wanted} cycles"),
             "see with kband monitor what holds it back; give it longer with --within S",
         )
     })?;
@@ -242,33 +248,6 @@ fn measure(
         ));
     }
     Ok((ratio, amplitude / current))
-}
-
-/// The last steady cycles in a row, as many as are needed.
-fn follow(link: &mut Link, within: Duration, desk: &Desk) -> Result<Vec<Telemetry>, Refusal> {
-    let wanted = BLOCK * BLOCKS;
-    let progress = Progress::new("steady cycles", wanted as u64);
-    let begun = Instant::now();
-    let mut cycles: Vec<Telemetry> = Vec::new();
-    let mut most = 0;
-    link.begin_telemetry(1)?;
-    while begun.elapsed() < within && cycles.len() < wanted {
-        desk.go_on()?;
-        for said in link.listen(LOOK)? {
-            if let Unsolicited::Telemetry(telemetry) = said {
-                if is_steady(&telemetry) {
-                    cycles.push(telemetry);
-                } else {
-                    cycles.clear();
-                }
-            }
-        }
-        progress.advance(cycles.len().saturating_sub(most) as u64);
-        most = most.max(cycles.len());
-        link.tell(&Request::Alive)?;
-    }
-    progress.finish();
-    Ok(cycles)
 }
 
 #[cfg(test)]

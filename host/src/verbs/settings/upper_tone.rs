@@ -1,7 +1,7 @@
 //! `kband settings commission --second-tone`, `--third-tone`: what the track answers at twice or
 //! three times the drive's frequency, measured by the board.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use num_complex::Complex64 as Complex;
 use serde_json::json;
@@ -9,10 +9,10 @@ use serde_json::json;
 use kband_control::wire::{Request, Telemetry};
 use kband_control::{Shape, Target, UpperTone};
 
-use super::drive::why_off;
+use super::drive::{gather, why_off};
 use super::offer::{Offer, print};
-use crate::board::{Address, BoardSettings, Emulated, Link, Unsolicited};
-use crate::desk::{Desk, Progress};
+use crate::board::{Address, BoardSettings, Emulated, Link};
+use crate::desk::Desk;
 use crate::refusal::Refusal;
 use crate::report::{Column, Format, Table, columns};
 
@@ -28,8 +28,6 @@ const CYCLES: usize = 50;
 const LATE: usize = 2;
 /// Cycles after which a tone has settled, or was given up.
 const SETTLED: usize = 300;
-/// Time between two looks at what came.
-const LOOK: Duration = Duration::from_millis(300);
 
 /// Which tone above the first is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -197,34 +195,18 @@ fn follow(
     within: Duration,
     desk: &Desk,
 ) -> Result<Vec<Telemetry>, Refusal> {
-    let (name, _, _) = upper.names();
-    let progress = Progress::new(name, SETTLED as u64);
-    let begun = Instant::now();
-    let mut cycles: Vec<Telemetry> = Vec::new();
-    let made = |cycle: &&Telemetry| upper.output(cycle) != [0.0; 2];
     if let Some(off) = why_off(link)? {
         return Err(off);
     }
-    link.begin_telemetry(1)?;
-    while begun.elapsed() < within {
-        desk.go_on()?;
-        let before = cycles.len();
-        for said in link.listen(LOOK)? {
-            if let Unsolicited::Telemetry(telemetry) = said {
-                cycles.push(telemetry);
-            }
-        }
-        progress.advance((cycles.len() - before) as u64);
+    let made = |cycle: &&Telemetry| upper.output(cycle) != [0.0; 2];
+    let enough = |cycles: &[Telemetry]| {
         let count = cycles.iter().filter(made).count();
         // A tone that was given up comes no more.
         let silent = cycles.iter().rev().take_while(|cycle| !made(cycle)).count();
-        if count >= SETTLED || (count >= CYCLES && silent > CYCLES) {
-            break;
-        }
-        link.tell(&Request::Alive)?;
-    }
-    progress.finish();
-    Ok(cycles)
+        count >= SETTLED || (count >= CYCLES && silent > CYCLES)
+    };
+    let (name, _, _) = upper.names();
+    gather(link, desk, (name, SETTLED), within, Vec::push, enough)
 }
 
 #[cfg(test)]

@@ -2,16 +2,31 @@
 
 use std::f64::consts::PI;
 
-use kband::transport::Inelastic;
+use kband::transport::{Inelastic, InelasticFlight};
 use serde_json::json;
 
 use super::{Arguments, Computed, Feeder};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Printout, Table, columns, number};
+use crate::report::{fields, number};
 
 const POINTS: usize = 2001;
+
+/// Phase of launch, flight, and velocity along the track.
+type Flown = (f64, InelasticFlight, f64);
+
+fields! {
+    /// The flights of a dead part.
+    fn flights(flown: Flown) {
+        all LAUNCH => flown.0;
+        all NEXT_LAUNCH => flown.1.next;
+        all FLIGHT => flown.1.flight;
+        all LANDING => flown.1.landing;
+        all REST => flown.1.wait;
+        all VELOCITY => flown.2;
+    }
+}
 
 pub(super) fn computed(
     feeder: Feeder,
@@ -28,49 +43,34 @@ pub(super) fn computed(
             "give a smaller k",
         ));
     };
-    let flights = desk.map("flights", POINTS, |n| {
+    let settings = feeder.settings;
+    let flown = desk.map("flights", POINTS, |n| {
         // From lift-off to where the track stops throwing, both ends left out by a hair.
         let part = (n as f64 + 0.5) / POINTS as f64;
         let launch = lift_off + (PI - 2.0 * lift_off) * part;
-        dead.flight(launch).map(|flight| (launch, flight))
+        let flight = dead.flight(launch)?;
+        let (ratio, incline) = (settings.amplitude_ratio, settings.incline_tangent);
+        let velocity = dead.velocity(flight.flight, ratio, incline);
+        Some((launch, flight, velocity))
     })?;
-    let mut table = Table::new(&[
-        columns::LAUNCH,
-        columns::NEXT_LAUNCH,
-        columns::FLIGHT,
-        columns::LANDING,
-        columns::REST,
-        columns::VELOCITY,
-    ]);
-    let settings = feeder.settings;
-    let mut rows = Vec::new();
-    let (mut straight, mut rested) = (Vec::new(), Vec::new());
-    for (launch, flight) in flights.iter().flatten() {
-        let velocity = dead.velocity(
-            flight.flight,
-            settings.amplitude_ratio,
-            settings.incline_tangent,
-        );
-        table.push([
-            (*launch).into(),
-            flight.next.into(),
-            flight.flight.into(),
-            flight.landing.into(),
-            flight.wait.into(),
-            velocity.into(),
-        ]);
-        rows.push(json!({
-            "launch": launch, "next_launch": flight.next, "flight": flight.flight,
-            "landing": flight.landing, "rest": flight.wait, "velocity": velocity,
-        }));
-        let missing = (*launch, f64::NAN);
-        let point = (*launch, flight.next);
-        straight.push(if flight.wait > 0.0 { missing } else { point });
-        rested.push(if flight.wait > 0.0 { point } else { missing });
-    }
-    let share =
-        rested.iter().filter(|point| point.1.is_finite()).count() as f64 / rows.len().max(1) as f64;
-    let report = Printout::new(table)
+    let flown: Vec<Flown> = flown.into_iter().flatten().collect();
+    let line = |rests: bool| -> Vec<(f64, f64)> {
+        let next = |flight: &InelasticFlight| match (flight.wait > 0.0) == rests {
+            true => flight.next,
+            false => f64::NAN,
+        };
+        let points = flown.iter();
+        points
+            .map(|(launch, flight, _)| (*launch, next(flight)))
+            .collect()
+    };
+    let (straight, rested) = (line(false), line(true));
+    let view = flights();
+    let rows: Vec<_> = flown.iter().map(|flown| view.object(flown)).collect();
+    let share = rested.iter().filter(|point| point.1.is_finite()).count() as f64
+        / flown.len().max(1) as f64;
+    let report = view
+        .printout(&flown)
         .heading(format!(
             "First-return map of dead parts at k = {}",
             number(k, 6)

@@ -12,7 +12,7 @@ use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::picture::{Axis, Fill, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Printout, Table, columns, number};
+use crate::report::{Column, Field, Printout, View, columns, fields, number};
 
 /// What the speed is shown over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -75,37 +75,12 @@ impl Over {
     }
 }
 
-/// The regimes of the paper.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Regime {
-    Sliding,
-    HopAndSlide,
-    Hopping,
-}
-
-impl Regime {
-    fn of(motion: Motion) -> Self {
-        match motion {
-            Motion::Rest => Self::Sliding,
-            Motion::HopAndRest => Self::HopAndSlide,
-            Motion::Hopping => Self::Hopping,
-        }
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Sliding => "S",
-            Self::HopAndSlide => "H-S",
-            Self::Hopping => "H",
-        }
-    }
-
-    fn fill(self) -> Fill {
-        match self {
-            Self::Sliding => Fill::Rest,
-            Self::HopAndSlide => Fill::HopAndRest,
-            Self::Hopping => Fill::Locked,
-        }
+/// The paper's name of a regime, and its fill.
+fn regime(motion: Motion) -> (&'static str, Fill) {
+    match motion {
+        Motion::Rest => ("S", Fill::Rest),
+        Motion::HopAndRest => ("H-S", Fill::HopAndRest),
+        Motion::Hopping => ("H", Fill::Locked),
     }
 }
 
@@ -257,7 +232,6 @@ struct Row {
     value: f64,
     point: Point,
     from_rest: bool,
-    regime: Regime,
     measured: Measured,
 }
 
@@ -266,6 +240,21 @@ impl Row {
     fn speed(&self) -> Option<f64> {
         let mean = self.measured.conveyed.time_mean()?;
         Some(self.point.speed(mean))
+    }
+
+    fn throw(&self) -> f64 {
+        1.0 / self.point.k
+    }
+
+    /// Amplitude normal to the track in mm.
+    fn amplitude(&self) -> f64 {
+        1e3 * self.point.track.amplitude(self.point.k)
+    }
+
+    /// A share of the time; `None` where no time passes.
+    fn share(&self, part: usize) -> Option<f64> {
+        let share = self.shares()[part];
+        share.is_finite().then_some(share)
     }
 
     /// Shares of the time in flight, sliding up, sliding down, lying still.
@@ -315,7 +304,7 @@ pub(super) fn speeds(
             throw: values[n],
             amplitude: 1e3 * point.track.amplitude(point.k),
             speed: measured.conveyed.time_mean().map(|mean| point.speed(mean)),
-            regime: Regime::of(measured.motion).name(),
+            regime: regime(measured.motion).0,
         })
     })
 }
@@ -416,14 +405,15 @@ fn rows(
             value,
             point,
             from_rest: start == Origin::Rest,
-            regime: Regime::of(measured.motion),
             measured,
         };
         let near = |one: Option<f64>, other: Option<f64>| match (one, other) {
             (Some(one), Some(other)) => (one - other).abs() < 1e-6 * (1.0 + one.abs()),
             (one, other) => one == other,
         };
-        let known = |old: &Row| old.regime == row.regime && near(old.speed(), row.speed());
+        let known = |old: &Row| {
+            old.measured.motion == row.measured.motion && near(old.speed(), row.speed())
+        };
         if !rows.iter().any(known) {
             rows.push(row);
         }
@@ -551,62 +541,45 @@ fn words(
     words.join(", ")
 }
 
+fields! {
+    /// The motion of a part, and its speed.
+    fn motions(row: Row) {
+        json K => row.point.k;
+        all FROM_REST => row.from_rest;
+        all REGIME => regime(row.measured.motion).0;
+        all SPEED.digits(5) => row.speed();
+        all VELOCITY.digits(6) => row.measured.conveyed.time_mean();
+        all IN_FLIGHT.digits(3) => row.share(0);
+        all SLIDING_UP.digits(3) => row.share(1);
+        all SLIDING_DOWN.digits(3) => row.share(2);
+        all STILL.digits(3) => row.share(3);
+    }
+}
+
 fn report(
     over: Over,
     rows: &[Row],
     notes: &[(f64, String)],
     words: &str,
 ) -> Result<Printout, Refusal> {
-    let mut columns = vec![over.column()];
-    let others = [Over::Throw, Over::Amplitude];
-    columns.extend(
-        others
-            .iter()
-            .filter(|axis| **axis != over)
-            .map(|axis| axis.column()),
-    );
-    columns.extend([
-        columns::FROM_REST,
-        columns::REGIME,
-        columns::SPEED.digits(5),
-        columns::VELOCITY.digits(6),
-        columns::IN_FLIGHT.digits(3),
-        columns::SLIDING_UP.digits(3),
-        columns::SLIDING_DOWN.digits(3),
-        columns::STILL.digits(3),
+    let axis = |axis: Over, value: fn(&Row) -> f64| {
+        if axis == over {
+            Field::json(axis.column(), value)
+        } else {
+            Field::all(axis.column(), value)
+        }
+    };
+    let view = View::of(vec![
+        Field::table(over.column(), |row: &Row| row.value),
+        Field::json(columns::VALUE, |row: &Row| row.value),
+        axis(Over::Throw, Row::throw),
+        axis(Over::Amplitude, Row::amplitude),
     ]);
-    let mut table = Table::new(&columns);
-    let mut json = Vec::new();
-    for row in rows {
-        let point = &row.point;
-        let (throw, amplitude) = (1.0 / point.k, 1e3 * point.track.amplitude(point.k));
-        let mut cells = vec![row.value.into()];
-        if over != Over::Throw {
-            cells.push(throw.into());
-        }
-        if over != Over::Amplitude {
-            cells.push(amplitude.into());
-        }
-        let velocity = row.measured.conveyed.time_mean();
-        let shares = row.shares();
-        let finite = |share: f64| share.is_finite().then_some(share);
-        cells.extend([
-            row.from_rest.into(),
-            row.regime.name().into(),
-            row.speed().into(),
-            velocity.into(),
-        ]);
-        cells.extend(shares.map(|share| finite(share).into()));
-        table.push_row(cells);
-        json.push(json!({
-            "value": row.value, "throw": throw, "b": amplitude, "k": point.k, "from_rest": row.from_rest,
-            "regime": row.regime.name(), "speed": row.speed(), "velocity": velocity,
-            "in_flight": finite(shares[0]), "sliding_up": finite(shares[1]), "sliding_down": finite(shares[2]),
-            "still": finite(shares[3]),
-        }));
-    }
-    let mut report =
-        Printout::new(table).heading(format!("Conveying speed with friction; {words}"));
+    let view = view.and(motions());
+    let json: Vec<_> = rows.iter().map(|row| view.object(row)).collect();
+    let mut report = view
+        .printout(rows)
+        .heading(format!("Conveying speed with friction; {words}"));
     for (value, words) in notes {
         report = report.note(format!("{words} at {}", number(*value, 6)));
     }
@@ -664,7 +637,7 @@ fn picture(
         } else {
             middle(n)
         };
-        (left, right, rest[n].regime.fill())
+        (left, right, regime(rest[n].measured.motion).1)
     });
     panel = panel.ribbon(stretches.collect(), &FILLS);
     let mut below = Panel::new(
@@ -688,20 +661,14 @@ mod tests {
     use super::*;
 
     fn found(options: &str) -> Vec<Row> {
-        #[derive(clap::Parser)]
-        struct CommandLine {
-            #[command(flatten)]
-            arguments: Arguments,
-        }
-        let words = std::iter::once("transport").chain(options.split_whitespace());
-        let line = <CommandLine as clap::Parser>::try_parse_from(words).unwrap();
-        let feeder = Feeder::build(&line.arguments).unwrap();
-        let over = line.arguments.over.unwrap_or(Over::Throw);
-        let (range, amplitude) = requested_range(&feeder, &line.arguments, over).unwrap();
-        let shape = Shape::of(&line.arguments).unwrap();
+        let arguments = super::super::read(options).unwrap();
+        let feeder = Feeder::build(&arguments).unwrap();
+        let over = arguments.over.unwrap_or(Over::Throw);
+        let (range, amplitude) = requested_range(&feeder, &arguments, over).unwrap();
+        let shape = Shape::of(&arguments).unwrap();
         let at = |value| {
-            let point = Point::at(&feeder, &line.arguments, over, value, amplitude).unwrap();
-            rows(&shape, &line.arguments, value, point).unwrap()
+            let point = Point::at(&feeder, &arguments, over, value, amplitude).unwrap();
+            rows(&shape, &arguments, value, point).unwrap()
         };
         range.values().flat_map(at).collect()
     }
@@ -725,7 +692,7 @@ mod tests {
         ] {
             let rows = found(&format!("{options} --incline 3"));
             let rest = rows.iter().find(|row| row.from_rest).unwrap();
-            assert_eq!(rest.regime, Regime::HopAndSlide, "{options}");
+            assert_eq!(rest.measured.motion, Motion::HopAndRest, "{options}");
             let mean = rest.measured.conveyed.time_mean().unwrap();
             assert!((mean - expected).abs() < within, "{options}: {mean}");
         }
@@ -739,7 +706,7 @@ mod tests {
         let rows = found("--k 0.43 --friction 0.3 --restitution 0.2 --incline 3");
         let hopping = rows
             .iter()
-            .find(|row| row.regime == Regime::Hopping)
+            .find(|row| row.measured.motion == Motion::Hopping)
             .unwrap();
         let lock = Lock::build(0.43, 0.2, 1).unwrap().unwrap();
         let dead = TangentialSettings::on(&hopping.point.track, 0.0);
@@ -825,7 +792,7 @@ mod tests {
             let [flying, up, down, still] = row.shares();
             assert!((flying + up + down + still - 1.0).abs() < 1e-9);
             assert_eq!(
-                row.regime == Regime::Sliding,
+                row.measured.motion == Motion::Rest,
                 row.value <= 1.0,
                 "{}",
                 row.value

@@ -8,7 +8,7 @@ use super::{Arguments, Computed, Feeder, effort, starts};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Printout, Table, columns, number};
+use crate::report::{Printout, fields, number};
 
 const BINS: usize = 120;
 const LAGS: usize = 24;
@@ -140,15 +140,16 @@ impl Found {
     }
 }
 
-fn report(feeder: &Feeder, found: &Found) -> Result<Printout, Refusal> {
-    let mut table = Table::new(&[
-        columns::LAG,
-        columns::AUTOCORRELATION.digits(4),
-        columns::AUTOCORRELATION_ERROR.titled("error").digits(2),
-    ]);
-    for (n, spread) in found.correlation.iter().enumerate() {
-        table.push([(n + 1).into(), spread.mean().into(), spread.error().into()]);
+fields! {
+    /// The autocorrelation of the intervals at each lag.
+    fn correlations(row: (usize, SampleMean)) {
+        all LAG => row.0;
+        all AUTOCORRELATION.digits(4) => row.1.mean();
+        all AUTOCORRELATION_ERROR.titled("error").digits(2) => row.1.error();
     }
+}
+
+fn report(feeder: &Feeder, found: &Found) -> Result<Printout, Refusal> {
     let cycles = |rad: Option<f64>| rad.map(|rad| rad / std::f64::consts::TAU);
     let histogram: Vec<_> = found
         .density()
@@ -158,15 +159,10 @@ fn report(feeder: &Feeder, found: &Found) -> Result<Printout, Refusal> {
             json!({ "interval_low": low, "interval_high": high, "count": count, "density": density })
         })
         .collect();
-    let lags: Vec<_> = found
-        .correlation
-        .iter()
-        .enumerate()
-        .map(|(n, spread)| {
-            json!({ "lag": n + 1, "autocorrelation": spread.mean(), "autocorrelation_error": spread.error() })
-        })
-        .collect();
-    Printout::new(table)
+    let view = correlations();
+    let rows: Vec<(usize, SampleMean)> = (1..).zip(found.correlation.iter().copied()).collect();
+    let lags: Vec<_> = rows.iter().map(|row| view.object(row)).collect();
+    view.printout(&rows)
         .heading(format!(
             "Times between impacts at k = {}, R = {}: {} impacts from {} starts",
             number(found.k, 6),

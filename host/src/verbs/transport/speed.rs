@@ -376,21 +376,12 @@ fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Sensitivity> {
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
-
     use super::fit::fit;
     use super::page::closed_form;
     use super::*;
 
-    #[derive(Parser)]
-    struct CommandLine {
-        #[command(flatten)]
-        arguments: Arguments,
-    }
-
     fn rows_of(line: &str) -> (Feeder, Over, Vec<Row>) {
-        let words = std::iter::once("transport").chain(line.split_whitespace());
-        let arguments = CommandLine::parse_from(words).arguments;
+        let arguments = super::super::read(line).unwrap();
         let feeder = Feeder::build(&arguments).unwrap();
         let over = Over::of(&feeder, &arguments).unwrap();
         let desk = Desk::new(Some(2)).unwrap();
