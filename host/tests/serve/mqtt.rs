@@ -1,11 +1,11 @@
 //! Readings and events at mosquitto, which is killed and started again.
 
 use std::io::{BufRead, BufReader};
-use std::net::TcpListener;
+use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde_json::Value as Json;
 
@@ -21,47 +21,46 @@ impl Drop for Program {
     }
 }
 
+/// A broker that keeps sessions in this folder; it listens on return.
 fn broker(folder: &Path, port: u16) -> Program {
     let file = folder.join("mosquitto.conf");
-    let text = format!("listener {port} 127.0.0.1\nallow_anonymous true\n");
+    let text = format!(
+        "listener {port} 127.0.0.1\nallow_anonymous true\nuser root\npersistence true\n\
+         persistence_location {}/\nautosave_on_changes true\nautosave_interval 1\n",
+        folder.display()
+    );
     std::fs::write(&file, text).unwrap();
     let mut command = Command::new("mosquitto");
     command.arg("-c").arg(file).stderr(Stdio::null());
-    Program(command.spawn().expect("tests/setup.sh installs it"))
+    let program = Program(command.spawn().expect("tests/setup.sh installs it"));
+    let end = Instant::now() + LIMIT;
+    while TcpStream::connect(("127.0.0.1", port)).is_err() {
+        assert!(Instant::now() < end, "mosquitto does not listen");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    program
 }
 
-/// A subscriber to everything, with what it receives: topic and message.
+/// A subscriber to everything, for whom the broker keeps messages, and what it receives: topic and
+/// message.
 fn subscriber(port: u16) -> (Program, Receiver<(String, String)>) {
     let port = port.to_string();
+    let mut child = Command::new("mosquitto_sub")
+        .args(["-h", "127.0.0.1", "-p", &port, "-i", "reader", "-c"])
+        .args(["-q", "1", "-v", "-t", "line3/#"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("tests/setup.sh installs it");
+    let out = BufReader::new(child.stdout.take().unwrap());
     let (sender, received) = channel();
-    let (begun, begin) = channel();
-    // Until the broker listens the subscriber ends at once.
-    for _ in 0..200 {
-        let mut child = Command::new("mosquitto_sub")
-            .args(["-h", "127.0.0.1", "-p", &port, "-v", "-t", "line3/#", "-d"])
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("tests/setup.sh installs it");
-        let out = BufReader::new(child.stdout.take().unwrap());
-        let program = Program(child);
-        let (sender, begun) = (sender.clone(), begun.clone());
-        std::thread::spawn(move || {
-            for line in out.lines().map_while(Result::ok) {
-                if line.starts_with("Subscribed") {
-                    let _ = begun.send(());
-                } else if line.starts_with("line3/")
-                    && let Some((topic, message)) = line.split_once(' ')
-                {
-                    let _ = sender.send((topic.into(), message.into()));
-                }
+    std::thread::spawn(move || {
+        for line in out.lines().map_while(Result::ok) {
+            if let Some((topic, message)) = line.split_once(' ') {
+                let _ = sender.send((topic.into(), message.into()));
             }
-        });
-        if begin.recv_timeout(Duration::from_millis(300)).is_ok() {
-            return (program, received);
         }
-    }
-    panic!("mosquitto does not listen");
+    });
+    (Program(child), received)
 }
 
 /// The next message of a topic that fits.
