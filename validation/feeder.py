@@ -1,6 +1,7 @@
 """The drives, sensors and controllers of many tracks; an engine moves the parts.
 
-A plant gives a converter code for each track (`read`) and takes the outputs that hold until the next sample (`hold`).
+A plant gives a converter code for each track (`read`) and takes the outputs that hold until the
+next sample (`hold`).
 """
 
 import math
@@ -59,7 +60,9 @@ class Run:
     """What rings the track: the onset of an impact, or the force of the contact."""
     ringing: float = 30.0
     windows: tuple[tuple[float, float, float, int], ...] = ()
-    """Start in s, first and last time that counts, and parts on the track; else all parts from `SETTLED` on."""
+    """Start in s, first and last time that counts, and parts on the track; else all parts from
+    `SETTLED` on.
+    """
     track_mass: float = 0.0
     """Mass of a track that recoils, of its normal motion, in kg; 0: it does not."""
     gain: float = 1.0
@@ -192,7 +195,10 @@ class Drive:
         """Moves all tracks by one sample."""
         self.rest = self.static * outputs[:, None]
         off = self.x - self.rest
-        self.x, self.v = self.rest + self.xx * off + self.xv * self.v, self.vx * off + self.vv * self.v
+        self.x, self.v = (
+            self.rest + self.xx * off + self.xv * self.v,
+            self.vx * off + self.vv * self.v,
+        )
 
     def acceleration(self) -> np.ndarray:
         """Acceleration of each track in m/s^2."""
@@ -211,13 +217,17 @@ class Sensor:
         self.turning = 2.0 * math.pi * 1j * self.FREQUENCY - 1.0 / self.DECAY
         self.turn = np.exp(self.turning * SAMPLE)
         self.draws = [np.random.default_rng([run.seed, 2]) for run in runs]
-        self.scale = np.array([run.sensitivity() for run in runs]) * self.SENSITIVITY / GRAVITY * self.VOLT
+        self.scale = (
+            np.array([run.sensitivity() for run in runs]) * self.SENSITIVITY / GRAVITY * self.VOLT
+        )
         self.left, self.noise = 0, np.zeros((self.BLOCK, len(runs)))
 
     def codes(self, acceleration: np.ndarray) -> list[int]:
         """Readings of all tracks, from their acceleration in m/s^2."""
         if self.left == 0:
-            self.noise = np.stack([draw.normal(0.0, self.NOISE, self.BLOCK) for draw in self.draws], axis=1)
+            self.noise = np.stack(
+                [draw.normal(0.0, self.NOISE, self.BLOCK) for draw in self.draws], axis=1
+            )
             self.left = self.BLOCK
         self.left -= 1
         read = acceleration + self.ring.imag + self.noise[self.left]
@@ -263,7 +273,9 @@ class Part:
 
     def __init__(self, run: Run, track: int) -> None:
         self.run, self.track = run, track
-        self.gear = Gear(int(run.target.get("gear", run.target.get("locked", 1))), 1.0 / run.frequency)
+        self.gear = Gear(
+            int(run.target.get("gear", run.target.get("locked", 1))), 1.0 / run.frequency
+        )
         self.longest = (2.0 * run.contact + 0.02) / run.frequency
         self.touching, self.began, self.ended, self.speed = True, 0.0, 0.0, 0.0
         self.contacts: list[tuple[float, float, float, float]] = []
@@ -285,7 +297,8 @@ class Part:
 class EnginePlant:
     """Drives and sensors around the parts of an engine.
 
-    A part has members: the bodies of which it consists. An engine implements `move`, and calls `listen` at each
+    A part has members: the bodies of which it consists. An engine implements `move`, and calls
+    `listen` at each
     sample.
     """
 
@@ -294,7 +307,9 @@ class EnginePlant:
         tones = 2 if any(run.second_tone > 0.0 for run in runs) else 1
         order = 1.0 + np.arange(tones)
         frequency = np.array([run.frequency for run in runs])[:, None] * order
-        gain = np.array([[1e-3 * run.gain, 0.5e-3 if run.second_tone > 0.0 else 0.0][:tones] for run in runs])
+        gain = np.array(
+            [[1e-3 * run.gain, 0.5e-3 if run.second_tone > 0.0 else 0.0][:tones] for run in runs]
+        )
         self.drive = Drive(frequency, QUALITY, gain)
         self.sensor = Sensor(runs)
         self.parts: list[Part] = []
@@ -315,7 +330,12 @@ class EnginePlant:
         self.firsts = np.searchsorted(self.owner_array, np.arange(len(self.parts)))
         self.gaps = [np.zeros(len(self.owner))] * 3
         self.acceleration = np.zeros(len(self.runs))
-        self.brief = np.array([self.runs[t].contact / self.runs[t].frequency < 1.5 * SAMPLE for t in self.members_track])
+        self.brief = np.array(
+            [
+                self.runs[t].contact / self.runs[t].frequency < 1.5 * SAMPLE
+                for t in self.members_track
+            ]
+        )
         self.force_sound = np.array([self.runs[t].sound == "force" for t in self.members_track])
 
     def move(self, x: np.ndarray) -> None:
@@ -335,7 +355,9 @@ class EnginePlant:
         self.move(self.drive.x.sum(axis=1))
 
     def listen(self, gap: np.ndarray) -> None:
-        """Finds the contacts that began or ended, from the gap between each member and its track in m."""
+        """Finds the contacts that began or ended, from the gap between each member and its track
+        in m.
+        """
         third, second, first = self.gaps
         began = np.nonzero((gap <= 0.0) & (first > 0.0))[0]
         for member in began.tolist():
@@ -358,7 +380,10 @@ class EnginePlant:
             if part.touching and (gap[start:end] > 0.0).all() and (first[start:end] > 0.0).all():
                 speed = (gap[member] - first[member]) / SAMPLE
                 flown = min(first[member] / max(speed, 1e-9), SAMPLE)
-                pull = GRAVITY * math.cos(math.radians(part.run.incline)) + self.acceleration[part.track]
+                pull = (
+                    GRAVITY * math.cos(math.radians(part.run.incline))
+                    + self.acceleration[part.track]
+                )
                 part.leave(self.time - SAMPLE - flown, speed + pull * (flown + 0.5 * SAMPLE))
                 self.freed(number)
         if self.brief.any():
@@ -396,7 +421,9 @@ class EnginePlant:
 
 
 def approach(third: float, second: float, first: float, gap: float) -> tuple[float, float]:
-    """Time in s since a contact began within the last sample, and its speed in m/s, from the gaps before it."""
+    """Time in s since a contact began within the last sample, and its speed in m/s, from the gaps
+    before it.
+    """
     speed = (first - gap) / SAMPLE
     flown = first / max(speed, 1e-9)
     if second > 0.0 and third > 0.0:
@@ -413,7 +440,8 @@ def approach(third: float, second: float, first: float, gap: float) -> tuple[flo
 
 
 COLUMNS = (
-    "engine row seed seconds parts engine_share estimated_share estimated_error predicted_share k speed lock_speed "
+    "engine row seed seconds parts engine_share estimated_share estimated_error "
+    "predicted_share k speed lock_speed "
     "restitution scatter estimated_restitution estimated_scatter contact state ready mass "
     "estimated_mass flow estimated_flow weighed amplitude amplitude_rms estimated_amplitude events"
 ).split()
@@ -432,7 +460,9 @@ def mean(values: list[float]) -> float:
     return float(np.mean(values)) if len(values) else math.nan
 
 
-def results(engine: str, run: Run, heard: Heard, parts: list[Part], places: list[np.ndarray]) -> list[dict]:
+def results(
+    engine: str, run: Run, heard: Heard, parts: list[Part], places: list[np.ndarray]
+) -> list[dict]:
     """What came of each window of a run, from the places of its parts in m at the windows' ends."""
     rows = []
     events = [event for report in heard.reports for event in report["events"]]
@@ -443,7 +473,12 @@ def results(engine: str, run: Run, heard: Heard, parts: list[Part], places: list
         told = [report for report in reports if math.isfinite(report["in_gear_error"])]
         here = parts[:present]
         hard = np.array(
-            [c for part in here for c in part.contacts if begin < c[0] < end and c[2] > 0.05 and c[1] < part.longest]
+            [
+                c
+                for part in here
+                for c in part.contacts
+                if begin < c[0] < end and c[2] > 0.05 and c[1] < part.longest
+            ]
         ).reshape(-1, 4)
         kept = hard[:, 3] / hard[:, 2]
         gone = (places[2 * number + 1] - places[2 * number])[:present]
@@ -464,8 +499,12 @@ def results(engine: str, run: Run, heard: Heard, parts: list[Part], places: list
                 "lock_speed": 1e3 * lock_speed(run, restitution),
                 "restitution": restitution,
                 "scatter": float(np.std(kept)) if len(kept) else math.nan,
-                "estimated_restitution": mean([r["restitution"] for r in reports if r["restitution"] is not None]),
-                "estimated_scatter": mean([r["scatter"] for r in reports if r["scatter"] is not None]),
+                "estimated_restitution": mean(
+                    [r["restitution"] for r in reports if r["restitution"] is not None]
+                ),
+                "estimated_scatter": mean(
+                    [r["scatter"] for r in reports if r["scatter"] is not None]
+                ),
                 "contact": mean(hard[:, 1]) * run.frequency,
                 "state": reports[-1]["fault"] or reports[-1]["state"],
                 "ready": mean([float(heard.ready[n]) for n in cycles]),

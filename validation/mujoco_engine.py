@@ -1,6 +1,6 @@
 """MuJoCo as the engine: boxes with edges, and pairs of balls, seen from the tracks that carry them.
 
-    python mujoco_engine.py RUNS.json RESULTS.csv
+python mujoco_engine.py RUNS.json RESULTS.csv
 """
 
 import json
@@ -28,18 +28,24 @@ CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)
 
 
 def geometry(shape: str) -> tuple[str, np.ndarray, float]:
-    """Geometry in MuJoCo's language, its lowest points' places before their radius, and this radius."""
+    """Geometry in MuJoCo's language, its lowest points' places before their radius, and this
+    radius.
+    """
     solid = f'contype="2" conaffinity="1" density="{DENSITY}"'
     if shape == "dumbbell":
         places = np.array([(-DUMBBELL, 0.0, 0.0), (DUMBBELL, 0.0, 0.0)])
-        balls = (f'<geom type="sphere" size="{DUMBBELL}" pos="{x} 0 0" {solid}/>' for x, _, _ in places)
+        balls = (
+            f'<geom type="sphere" size="{DUMBBELL}" pos="{x} 0 0" {solid}/>' for x, _, _ in places
+        )
         return "".join(balls), places, DUMBBELL
     size = SHAPES[shape]
     return f'<geom type="box" size="{size[0]} {size[1]} {size[2]}" {solid}/>', CORNERS * size, 0.0
 
 
 class MujocoPlant(EnginePlant):
-    """Tracks side by side, each in its own frame: what is at rest in it feels the track's acceleration."""
+    """Tracks side by side, each in its own frame: what is at rest in it feels the track's
+    acceleration.
+    """
 
     def __init__(self, runs: list[Run]) -> None:
         super().__init__(runs)
@@ -50,19 +56,24 @@ class MujocoPlant(EnginePlant):
         decay = -math.log(first.restitution) / half
         stiffness, damping = (math.pi / half) ** 2 + decay**2, 2.0 * decay
         xml = [
-            f'<mujoco><option timestep="{SAMPLE / STEPS}" cone="elliptic" iterations="30" tolerance="1e-12" '
+            f'<mujoco><option timestep="{SAMPLE / STEPS}" cone="elliptic" '
+            f'iterations="30" tolerance="1e-12" '
             f'gravity="{-GRAVITY * math.sin(tilt)} 0 {-GRAVITY * math.cos(tilt)}"/>'
             f'<default><geom friction="{first.friction} 0 0" solref="{-stiffness} {-damping}" '
             f'solimp="0.999 0.999 0.00001" condim="3"/></default><worldbody>'
         ]
         members, radii = [], []
         for number, run in enumerate(runs):
-            y, turn = 2.2 * number, float(np.random.default_rng([run.seed, 3]).uniform(0.0, math.pi))
+            y, turn = (
+                2.2 * number,
+                float(np.random.default_rng([run.seed, 3]).uniform(0.0, math.pi)),
+            )
             shape, places, radius = geometry(run.shape)
             height = radius - float(places[:, 2].min())
             xml.append(
                 f'<geom type="box" size="6 1 .05" pos="0 {y} -.05" contype="1" conaffinity="2"/>'
-                f'<body pos="0 {y} {height}" quat="{math.cos(turn)} 0 0 {math.sin(turn)}"><freejoint/>{shape}</body>'
+                f'<body pos="0 {y} {height}" quat="{math.cos(turn)} 0 0 {math.sin(turn)}">'
+                f"<freejoint/>{shape}</body>"
             )
             members.append(places)
             radii += [radius] * len(places)
@@ -85,7 +96,9 @@ class MujocoPlant(EnginePlant):
         for _ in range(STEPS):
             mujoco.mj_step(self.model, self.data)
         down = self.data.xmat[1:, 6:9][self.owner_array]
-        self.listen(position[1:, 2][self.owner_array] + (down * self.places).sum(axis=1) - self.radii)
+        self.listen(
+            position[1:, 2][self.owner_array] + (down * self.places).sum(axis=1) - self.radii
+        )
         self.way = position[1:, 0] + self.ratio * x
         if abs(self.time - self.parts[0].run.counted()[0][1]) < 0.5 * SAMPLE:
             self.begun = self.way
@@ -110,4 +123,7 @@ if __name__ == "__main__":
     with open(given, encoding="utf-8") as file:
         runs = [Run(**run) for run in json.load(file)]
     write(written, simulate(runs))
-    print(f"{len(runs)} runs of {runs[0].duration:g} s: {time.process_time() - began:.0f} s of CPU", flush=True)
+    print(
+        f"{len(runs)} runs of {runs[0].duration:g} s: {time.process_time() - began:.0f} s of CPU",
+        flush=True,
+    )

@@ -1,6 +1,6 @@
 """kband's own plant in the place of an engine.
 
-    python3 own_plant.py RUNS.json RESULTS.csv
+python3 own_plant.py RUNS.json RESULTS.csv
 """
 
 import json
@@ -23,7 +23,9 @@ def simulate(run: Run) -> dict:
         "seconds": run.duration - SETTLED,
         "parts": run.parts,
         "engine_share": outcome.in_gear,
-        "estimated_share": math.nan if outcome.in_gear_estimated is None else outcome.in_gear_estimated,
+        "estimated_share": math.nan
+        if outcome.in_gear_estimated is None
+        else outcome.in_gear_estimated,
         "estimated_error": math.nan if outcome.in_gear_error is None else outcome.in_gear_error,
         "k": float(outcome.trace.k[late].mean()),
         "speed": 1e3 * outcome.speed,
@@ -36,7 +38,9 @@ def simulate(run: Run) -> dict:
         loop, reports = kband.Loop(run.scene()), []
         while not reports or reports[-1].time < run.duration:
             reports.append(loop.cycle())
-        told = [one.report for one in reports if one.time >= SETTLED and one.report.mass is not None]
+        told = [
+            one.report for one in reports if one.time >= SETTLED and one.report.mass is not None
+        ]
         mass = 1e3 * run.parts * BLOCK_MASS
         row |= {
             "mass": mass,

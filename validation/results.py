@@ -24,7 +24,9 @@ def shown(value: object) -> object:
 def read(path: str) -> list[dict]:
     """Rows of a file, numbers as such."""
     with open(path, newline="", encoding="utf-8") as file:
-        return [{name: number(value) for name, value in row.items()} for row in csv.DictReader(file)]
+        return [
+            {name: number(value) for name, value in row.items()} for row in csv.DictReader(file)
+        ]
 
 
 def number(text: str) -> object:

@@ -1,6 +1,6 @@
 """The rows of the validation: what is run, on which engine.
 
-    python3 rows.py FOLDER [--runs N] [ROW]...     writes a file of runs for each scene
+python3 rows.py FOLDER [--runs N] [ROW]...     writes a file of runs for each scene
 """
 
 import argparse
@@ -17,7 +17,9 @@ SHAPES = ("rod", "plate", "cube", "dumbbell")
 
 
 def ways_to_convey() -> Iterator[tuple[str, dict[str, Any], float, float]]:
-    """What the controller is asked for with parts that tumble: name, target, second tone, frequency in Hz."""
+    """What the controller is asked for with parts that tumble: name, target, second tone,
+    frequency in Hz.
+    """
     yield "gear, one tone", {"gear": 1}, 0.0, 50.0
     yield "gear, two tones", {"gear": 1}, 0.25, 50.0
     for b in (0.2, 0.3, 0.4, 0.5, 0.6):
@@ -38,8 +40,9 @@ def settings(row: str) -> Iterator[tuple[str, Run]]:
             for restitution in (0.2, 0.35, 0.5):
                 for target in ("locked", "gear"):
                     name = f"a: {target}, R {restitution:g}, contact {100 * contact:g} %"
-                    yield "yade", Run(
-                        name, 0, 10.0, restitution, target={target: 1}, contact=contact
+                    yield (
+                        "yade",
+                        Run(name, 0, 10.0, restitution, target={target: 1}, contact=contact),
                     )
         for restitution in (0.2, 0.35, 0.5):
             for target in ("locked", "gear"):
@@ -52,7 +55,8 @@ def settings(row: str) -> Iterator[tuple[str, Run]]:
         for restitution in (0.2, 0.3, 0.4, 0.5):
             for scatter in (0.05, 0.10):
                 for tone in (0.0, 0.25):
-                    name = f"b: R {restitution:g}, s {scatter:.2f}, {'two tones' if tone else 'one tone'}"
+                    tones = "two tones" if tone else "one tone"
+                    name = f"b: R {restitution:g}, s {scatter:.2f}, {tones}"
                     yield "yade", Run(name, 0, 14.0, restitution, scatter, second_tone=tone)
     if row == "c":
         for shape in SHAPES:
@@ -75,14 +79,28 @@ def settings(row: str) -> Iterator[tuple[str, Run]]:
     if row == "d":
         for parts, tone in ((6, 0.0), (6, 0.25), (20, 0.25)):
             name = f"d: {parts} parts that touch, {'two tones' if tone else 'one tone'}"
-            yield "yade", Run(name, 0, 12.0, 0.3, 0.05, parts=parts, second_tone=tone, spacing=8.2e-3)
+            yield (
+                "yade",
+                Run(name, 0, 12.0, 0.3, 0.05, parts=parts, second_tone=tone, spacing=8.2e-3),
+            )
     if row == "e":
         for incline, loads in ((3.0, (0.02, 0.05, 0.10, 0.20)), (0.0, (0.10,))):
             for load in loads:
                 name = f"e: parts of {100 * load:g} % of the track, incline {incline:g}"
                 track = 6.0 * BLOCK_MASS / load
-                yield "yade", Run(
-                    name, 0, 12.0, 0.2, 0.02, parts=6, track_mass=track, incline=incline, gain=2.0
+                yield (
+                    "yade",
+                    Run(
+                        name,
+                        0,
+                        12.0,
+                        0.2,
+                        0.02,
+                        parts=6,
+                        track_mass=track,
+                        incline=incline,
+                        gain=2.0,
+                    ),
                 )
     if row == "f":
         for restitution, friction, tones in (
@@ -94,18 +112,26 @@ def settings(row: str) -> Iterator[tuple[str, Run]]:
         ):
             name = f"f: R {restitution:g}, friction {friction:g}, k {tones[0]:g}, e {tones[1]:g}"
             for engine in ("yade", "siconos"):
-                yield engine, Run(
-                    name,
-                    0,
-                    10.0,
-                    restitution,
-                    friction=friction,
-                    target={"tones": tones},
-                    second_tone=0.25,
-                    contact=0.005 if engine == "yade" else 1e-6,
+                yield (
+                    engine,
+                    Run(
+                        name,
+                        0,
+                        10.0,
+                        restitution,
+                        friction=friction,
+                        target={"tones": tones},
+                        second_tone=0.25,
+                        contact=0.005 if engine == "yade" else 1e-6,
+                    ),
                 )
     if row == "g":
-        windows = ((0.0, 6.0, 9.0, 6), (9.0, 14.5, 17.5, 2), (17.5, 19.0, 20.5, 0), (20.5, 26.0, 29.0, 6))
+        windows = (
+            (0.0, 6.0, 9.0, 6),
+            (9.0, 14.5, 17.5, 2),
+            (17.5, 19.0, 20.5, 0),
+            (20.5, 26.0, 29.0, 6),
+        )
         for tone in (0.0, 0.25):
             name = f"g: {'two tones' if tone else 'one tone'}"
             yield "yade", Run(name, 0, 29.0, 0.3, 0.05, parts=6, second_tone=tone, windows=windows)
@@ -120,13 +146,23 @@ def batches(row: str, wanted: int) -> Iterator[tuple[str, list[Run]]]:
     """Engine and runs of each scene of a row, each setting with seeds from 1 on."""
     groups: dict[tuple, list[Run]] = {}
     for engine, run in settings(row):
-        alike = (engine, run.duration, run.contact, run.frequency, run.incline, run.track_mass > 0.0)
+        alike = (
+            engine,
+            run.duration,
+            run.contact,
+            run.frequency,
+            run.incline,
+            run.track_mass > 0.0,
+        )
         if engine == "mujoco":
             alike += (run.restitution, run.friction)
-        # Points without contact time differ by the sensor's noise alone; fixed amplitudes are a search.
+        # Points without contact time differ by the sensor's noise alone; fixed amplitudes are a
+        # search.
         few = engine == "siconos" or (row == "c" and "gear" not in run.target)
         count = min(wanted, 4) if few else wanted
-        groups.setdefault(alike, []).extend(dataclasses.replace(run, seed=1 + n) for n in range(count))
+        groups.setdefault(alike, []).extend(
+            dataclasses.replace(run, seed=1 + n) for n in range(count)
+        )
     for (engine, *_), runs in groups.items():
         scene: list[Run] = []
         for run in runs:

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Runs the controller on engines that nobody here wrote, and writes the tables of docs/engines.md.
-# It is not part of tests/run.sh. On a Debian machine it installs YADE and Siconos with apt, and MuJoCo with pip.
+# It is not part of tests/run.sh. On a Debian machine it installs YADE and Siconos with apt, and
+# MuJoCo with pip.
 #
 #   validation/run.sh                    every row, 20 runs each, on one core
 #   validation/run.sh --runs 3 b g       some rows with fewer runs
@@ -32,9 +33,11 @@ if ! command -v yade >/dev/null || ! /usr/bin/python3 -c 'import siconos.kernel'
 fi
 mkdir -p "$work" "$jobs"
 [ -x "$venv/bin/python" ] || python3 -m venv "$venv"
-"$venv/bin/pip" install --quiet --disable-pip-version-check maturin==1.16.0 mujoco==4.0.0 numpy==2.4.6
+"$venv/bin/pip" install --quiet --disable-pip-version-check \
+    maturin==1.16.0 mujoco==4.0.0 numpy==2.4.6
 rm -rf "$wheels" "$site"
-PATH=$venv/bin:$PATH maturin build --locked --release --manifest-path bindings/python/Cargo.toml --out "$wheels"
+PATH=$venv/bin:$PATH maturin build --locked --release \
+    --manifest-path bindings/python/Cargo.toml --out "$wheels"
 "$venv/bin/pip" install --quiet --no-deps --target "$site" "$wheels"/kband-*.whl
 export PYTHONPATH=$site PYTHONDONTWRITEBYTECODE=1 OMP_NUM_THREADS=1
 
@@ -47,7 +50,9 @@ for row in "${rows[@]}"; do
         case $job in
         # YADE and Siconos are built for Debian's Python.
         *-yade.json) nice -n 10 yade -n -x -j1 validation/yade_engine.py "$job" "$results" ;;
-        *-siconos.json) nice -n 10 /usr/bin/python3 validation/siconos_engine.py "$job" "$results" ;;
+        *-siconos.json)
+            nice -n 10 /usr/bin/python3 validation/siconos_engine.py "$job" "$results"
+            ;;
         *) nice -n 10 "$venv/bin/python" validation/mujoco_engine.py "$job" "$results" ;;
         esac
         "$venv/bin/python" validation/own_plant.py "$job" "$results"

@@ -1,4 +1,5 @@
-"""Siconos as the engine: points with Newton's impact law and Coulomb's friction, contacts of no duration.
+"""Siconos as the engine: points with Newton's impact law and Coulomb's friction, contacts of no
+duration.
 
     /usr/bin/python3 siconos_engine.py RUNS.json RESULTS.csv
 
@@ -20,7 +21,8 @@ STEPS = 2
 
 
 class Point:
-    """A part in the frame of its track: place along it and height, under the frame's acceleration."""
+    """A part in the frame of its track: place along it and height, under the frame's acceleration.
+    """
 
     def __init__(self, run: Run) -> None:
         tilt = math.radians(run.incline)
@@ -41,9 +43,12 @@ class Point:
         )
 
     def step(self, acceleration: float) -> tuple[bool, float, float]:
-        """Moves by one step; whether the track pushed, and the normal velocities before and after."""
+        """Moves by one step; whether the track pushed, and the normal velocities before and after.
+        """
         before = float(self.body.velocity()[1])
-        self.body.setFExtPtr([-self.ratio * acceleration - self.gravity[0], -acceleration - self.gravity[1]])
+        self.body.setFExtPtr(
+            [-self.ratio * acceleration - self.gravity[0], -acceleration - self.gravity[1]]
+        )
         self.simulation.computeOneStep()
         pushed = float(self.contact.lambda_(1)[0]) > 0.0
         self.simulation.nextStep()
@@ -66,7 +71,9 @@ class SiconosPlant(EnginePlant):
         v = self.drive.v.sum(axis=1)
         accelerations = ((v - self.v) / SAMPLE).tolist()
         self.v = v
-        for number, (point, part, acceleration) in enumerate(zip(self.points, self.parts, accelerations)):
+        for number, (point, part, acceleration) in enumerate(
+            zip(self.points, self.parts, accelerations)
+        ):
             for step in range(1, STEPS + 1):
                 pushed, before, after = point.step(acceleration)
                 late = SAMPLE * (STEPS - step + 0.5) / STEPS
@@ -100,4 +107,7 @@ if __name__ == "__main__":
     with open(given, encoding="utf-8") as file:
         runs = [Run(**run) for run in json.load(file)]
     write(written, simulate(runs))
-    print(f"{len(runs)} runs of {runs[0].duration:g} s: {time.process_time() - began:.0f} s of CPU", flush=True)
+    print(
+        f"{len(runs)} runs of {runs[0].duration:g} s: {time.process_time() - began:.0f} s of CPU",
+        flush=True,
+    )

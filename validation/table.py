@@ -1,6 +1,6 @@
 """Writes the tables of docs/engines.md from the results.
 
-    python3 table.py RESULTS PAGE
+python3 table.py RESULTS PAGE
 """
 
 import math
@@ -14,17 +14,19 @@ import numpy as np
 import rows
 from results import read
 
-GEAR = "| row | runs | share: predicted | own plant | engine | estimated | error, rms | speed | closed form |"
-GEAR += " R | s | contact | READY | ends |"
+GEAR = "| row | runs | share: predicted | own plant | engine | estimated | error, rms |"
+GEAR += " speed | closed form | R | s | contact | READY | ends |"
 TUMBLING = "| row | runs | share: engine | estimated | k | speed in mm/s | R | s | READY | ends |"
 FRICTION = "| row | runs | k | R | speed in the engine | own plant | theory |"
-LOAD = "| row | runs | mass in g | weighed | own plant | flow in g/s | estimated | own plant | amplitude | its rms |"
-LOAD += " as measured |"
+LOAD = "| row | runs | mass in g | weighed | own plant | flow in g/s | estimated | own plant |"
+LOAD += " amplitude | its rms | as measured |"
 
 
 def column(found: list[dict], name: str) -> np.ndarray:
     """Finite numbers of a column."""
-    values = [row[name] for row in found if isinstance(row[name], float) and math.isfinite(row[name])]
+    values = [
+        row[name] for row in found if isinstance(row[name], float) and math.isfinite(row[name])
+    ]
     return np.array(values)
 
 
@@ -58,7 +60,9 @@ def ends(found: list[dict]) -> str:
 def gear_row(name: str, found: list[dict], own: list[dict]) -> str:
     errors = [row["estimated_share"] - row["engine_share"] for row in found]
     errors = [error for error in errors if isinstance(error, float) and math.isfinite(error)]
-    error = "-" if not errors else f"{np.mean(errors):+.3f}, {np.sqrt(np.mean(np.square(errors))):.3f}"
+    error = (
+        "-" if not errors else f"{np.mean(errors):+.3f}, {np.sqrt(np.mean(np.square(errors))):.3f}"
+    )
     share = column(found, "engine_share")
     predicted = column(found, "predicted_share")
     predicted = predicted[predicted > 0.0]
@@ -74,7 +78,9 @@ def gear_row(name: str, found: list[dict], own: list[dict]) -> str:
         shown(column(found, "lock_speed"), 1) if len(share) and share.mean() > 0.9 else "-",
         shown(column(found, "restitution"), 2),
         shown(column(found, "scatter"), 2),
-        f"{100.0 * column(found, 'contact').mean():.1f} %" if len(column(found, "contact")) else "-",
+        f"{100.0 * column(found, 'contact').mean():.1f} %"
+        if len(column(found, "contact"))
+        else "-",
         shown(column(found, "ready"), 2),
         ends(found),
     ]
@@ -135,7 +141,11 @@ def load_row(name: str, found: list[dict], own: list[dict]) -> str:
 
 def table(row: str, found: list[dict]) -> str:
     """The table of a row of the validation."""
-    make, head = {"c": (tumbling_row, TUMBLING), "f": (friction_row, FRICTION), "e": (load_row, LOAD)}.get(row, (gear_row, GEAR))
+    make, head = {
+        "c": (tumbling_row, TUMBLING),
+        "f": (friction_row, FRICTION),
+        "e": (load_row, LOAD),
+    }.get(row, (gear_row, GEAR))
     names = dict.fromkeys((one["engine"], one["row"]) for one in found if one["engine"] != "kband")
     lines = [head, "|" + "---|" * (head.count("|") - 1)]
     for engine, name in names:
@@ -143,7 +153,9 @@ def table(row: str, found: list[dict]) -> str:
         own = list({one["seed"]: one for one in own}.values())
         there = [one for one in found if one["engine"] == engine and one["row"] == name]
         line = make(name, there, own)
-        lines.append(line.replace(f"| {row}: ", "| " + (f"{engine}: " if engine != "YADE" else ""), 1))
+        lines.append(
+            line.replace(f"| {row}: ", "| " + (f"{engine}: " if engine != "YADE" else ""), 1)
+        )
     return "\n".join(lines)
 
 

@@ -1,6 +1,7 @@
-"""YADE as the engine: spheres and clumps of spheres on shaken boxes, contacts by Hertz and Mindlin with Tsuji's damping.
+"""YADE as the engine: spheres and clumps of spheres on shaken boxes, contacts by Hertz and Mindlin
+with Tsuji's damping.
 
-    yade -n -x -j1 yade_engine.py RUNS.json RESULTS.csv
+yade -n -x -j1 yade_engine.py RUNS.json RESULTS.csv
 """
 
 import builtins
@@ -43,19 +44,26 @@ SHAPES = {
     "sphere": (BLOCK_RADIUS, [(0.0, 0.0, 0.0)]),
     "dumbbell": (2.5e-3, [(-2.5e-3, 0.0, 0.0), (2.5e-3, 0.0, 0.0)]),
     "rod": (1.5e-3, [(x, 0.0, 0.0) for x in (-3.5e-3, -1.2e-3, 1.2e-3, 3.5e-3)]),
-    "cube": (1.5e-3, [(x, y, z) for x in (-2e-3, 2e-3) for y in (-2e-3, 2e-3) for z in (-2e-3, 2e-3)]),
+    "cube": (
+        1.5e-3,
+        [(x, y, z) for x in (-2e-3, 2e-3) for y in (-2e-3, 2e-3) for z in (-2e-3, 2e-3)],
+    ),
     "plate": (1.5e-3, [(x, y, 0.0) for x in (-3.5e-3, 0.0, 3.5e-3) for y in (-2e-3, 2e-3)]),
 }
 """Radius and centres of the spheres of which a part consists, in m."""
 
 
 def modulus(run: Run, radius: float) -> float:
-    """Young's modulus in Pa that gives a sphere the contact time of a run at the speed of a lock."""
+    """Young's modulus in Pa that gives a sphere the contact time of a run at the speed of a lock.
+    """
     mass = DENSITY * 4.0 / 3.0 * math.pi * radius**3
     speed = GRAVITY / run.frequency / (1.0 + run.restitution)
-    # Duration over (m^2 / (R E^2 v))^(1/5): 2.87 without loss (Hertz); its rise with the loss is measured.
+    # Duration over (m^2 / (R E^2 v))^(1/5): 2.87 without loss (Hertz); its rise with the loss is
+    # measured.
     factor = 2.87 - 0.63 * math.log(run.restitution)
-    effective = mass * math.sqrt((factor * run.frequency / run.contact) ** 5 / (0.5 * radius * speed))
+    effective = mass * math.sqrt(
+        (factor * run.frequency / run.contact) ** 5 / (0.5 * radius * speed)
+    )
     return 2.0 * (1.0 - POISSON**2) * effective
 
 
@@ -107,7 +115,9 @@ class YadePlant(EnginePlant):
 
     def base(self, y: float, material: int) -> int:
         """Adds a track."""
-        return O.bodies.append(utils.box((0, y, -0.01), (6.0, 1.0, 0.01), fixed=True, material=material))
+        return O.bodies.append(
+            utils.box((0, y, -0.01), (6.0, 1.0, 0.01), fixed=True, material=material)
+        )
 
     def surface(self, x: float, y: float, z: float) -> tuple[float, float, float]:
         """A place at the start from its coordinates along, across and normal to the track."""
@@ -123,7 +133,9 @@ class YadePlant(EnginePlant):
         low, c, s = min(z for _, _, z in centres), math.cos(turn), math.sin(turn)
         spheres = [
             utils.sphere(
-                self.surface(x + p * c - q * s, y + p * s + q * c, radius + z - low), radius, material=material
+                self.surface(x + p * c - q * s, y + p * s + q * c, radius + z - low),
+                radius,
+                material=material,
             )
             for p, q, z in centres
         ]
@@ -177,7 +189,9 @@ class YadePlant(EnginePlant):
 
     @staticmethod
     def times(run: Run) -> list[tuple[float, int | None]]:
-        """Times in s at which so many parts are to be on the track, and, with None, their places are kept."""
+        """Times in s at which so many parts are to be on the track, and, with None, their places
+        are kept.
+        """
         due = []
         for start, begin, end, present in run.counted():
             due += [(start, present), (begin, None), (end - 2.0 * SAMPLE, None)]
@@ -188,7 +202,9 @@ class YadePlant(EnginePlant):
         return [n for n, part in enumerate(self.parts) if part.track == track]
 
     def populate(self, track: int, present: int) -> None:
-        """Lifts all but the first parts off a track, and drops missing ones onto it from a millimetre."""
+        """Lifts all but the first parts off a track, and drops missing ones onto it from a
+        millimetre.
+        """
         for order, number in enumerate(self.parts_of(track)):
             body = self.bodies[number]
             parked = number in self.parked
@@ -208,7 +224,8 @@ class YadePlant(EnginePlant):
 class RecoilPlant(YadePlant):
     """Tracks that are bodies on springs, driven by a force and pushed by their parts.
 
-    The world's z is the direction of the throw, in which a track moves. Its configured mass is that of its normal
+    The world's z is the direction of the throw, in which a track moves. Its configured mass is
+    that of its normal
     motion, so that half of it times the square of the normal velocity is its kinetic energy.
     """
 
@@ -271,11 +288,15 @@ class RecoilPlant(YadePlant):
         for swings, x in zip(self.swings, self.x.tolist()):
             swings.append(x)
         p, q = self.normal
-        lifted = np.array([p * place[0] + q * place[2] for place in (member.pos for member in self.members)])
+        lifted = np.array(
+            [p * place[0] + q * place[2] for place in (member.pos for member in self.members)]
+        )
         self.took(lifted - self.radii - self.x[self.members_track])
 
     def weighed(self, track: int, heard: Heard, speed: float) -> dict[str, float]:
-        """True and estimated load, and the amplitude that the controller measures, over the true one."""
+        """True and estimated load, and the amplitude that the controller measures, over the true
+        one.
+        """
         run, part = self.runs[track], self.parts_of(track)
         mass = sum(self.bodies[n].mass for n in part)
         cycles = [n for n, time in enumerate(heard.times) if time >= SETTLED]
@@ -352,7 +373,10 @@ def main() -> None:
     with open(given, encoding="utf-8") as file:
         runs = [Run(**run) for run in json.load(file)]
     write(written, simulate(runs))
-    print(f"{len(runs)} runs of {runs[0].duration:g} s: {time.process_time() - began:.0f} s of CPU", flush=True)
+    print(
+        f"{len(runs)} runs of {runs[0].duration:g} s: {time.process_time() - began:.0f} s of CPU",
+        flush=True,
+    )
 
 
 # YADE runs a script under another name than __main__.

@@ -1,4 +1,6 @@
-"""The loop of validation/ around kband's own plant; the engines themselves run in validation/run.sh."""
+"""The loop of validation/ around kband's own plant; the engines themselves run in
+validation/run.sh.
+"""
 
 import importlib
 import py_compile
