@@ -2,7 +2,7 @@
 //!
 //! Independent impacts on the workloads of `kband bench`, and orbits on one tone and on two: each
 //! impact from the end of the one before, which a CPU cannot overlap. Then what commands are made
-//! of: exponents, shares in gear, cascades. All times are CPU times of the thread.
+//! of: exponents, shares in gear, cascades, drive cycles. All times are CPU times of the thread.
 
 use std::hint::black_box;
 use std::time::Duration;
@@ -15,9 +15,11 @@ use kband::impact::{
 use kband::regime::cascade::Cascade;
 use kband::regime::exponent::{ExponentSettings, measure, measure_together, start_near_lock};
 use kband::regime::gear::shares_from_rest;
+use kband_control::Target;
 use kband_host::bench::baseline::Textbook;
 use kband_host::bench::workload::WORKLOADS;
 use kband_host::bench::{contestants, cpu_time};
+use kband_plant::{EnvelopeLoop, Scene};
 
 /// Launches of a workload.
 const LAUNCHES: usize = 4096;
@@ -131,12 +133,38 @@ fn measurements(criterion: &mut Criterion) {
     group.finish();
 }
 
+/// Drive cycles of the closed loop in gear, with the detection of gear for READY and without, and
+/// at a fixed amplitude.
+fn closed_loop(criterion: &mut Criterion) {
+    const CYCLES: u32 = 250;
+    let mut group = criterion.benchmark_group("closed loop");
+    group.throughput(Throughput::Elements(CYCLES.into()));
+    for (name, target, ready) in [
+        ("gear, READY read", Target::Gear { order: 1 }, true),
+        ("gear, READY unread", Target::Gear { order: 1 }, false),
+        ("fixed amplitude", Target::Amplitude(0.23), true),
+    ] {
+        let scene = Scene {
+            target,
+            ..Scene::default()
+        };
+        let mut closed = EnvelopeLoop::build(&scene).expect("within range");
+        closed.watch_ready(ready);
+        // The plan and the first estimate of the share are done.
+        (0..500).for_each(|_| closed.advance());
+        timed(&mut group, name, || {
+            (0..CYCLES).for_each(|_| closed.advance())
+        });
+    }
+    group.finish();
+}
+
 criterion_group! {
     name = benches;
     config = Criterion::default()
         .sample_size(20)
         .warm_up_time(Duration::from_millis(300))
         .measurement_time(Duration::from_secs(1));
-    targets = independent, orbits, measurements
+    targets = independent, orbits, measurements, closed_loop
 }
 criterion_main!(benches);

@@ -117,9 +117,18 @@ impl<'a> Engine<'a> {
     /// # Errors
     /// A `Refusal` for a scene out of range.
     pub fn build(scene: &Scene, fidelity: Fidelity) -> Result<Self, Refusal> {
+        // A run has no READY output.
         Ok(match fidelity {
-            Fidelity::Envelope => Self(Kind::Envelope(Box::new(EnvelopeLoop::build(scene)?))),
-            Fidelity::Waveform => Whole::Waveform(Box::new(ClosedLoop::build(scene)?)).into(),
+            Fidelity::Envelope => {
+                let mut closed = Box::new(EnvelopeLoop::build(scene)?);
+                closed.watch_ready(false);
+                Self(Kind::Envelope(closed))
+            }
+            Fidelity::Waveform => {
+                let mut closed = Box::new(ClosedLoop::build(scene)?);
+                closed.controller_mut().watch_ready(false);
+                Whole::Waveform(closed).into()
+            }
         })
     }
 

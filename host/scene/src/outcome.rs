@@ -556,14 +556,7 @@ fn arrival(scene: &Scene, part: usize, time: f64) -> f64 {
 
 /// The target at the end of a scene.
 fn last_target(file: &SceneFile) -> Target {
-    let changes = file.scene.disturbances.iter().rev();
-    changes
-        .filter_map(|disturbance| match disturbance.change {
-            Change::Target(target) => Some(target),
-            _ => None,
-        })
-        .next()
-        .unwrap_or(file.scene.target)
+    file.scene.targets().last().unwrap_or(file.scene.target)
 }
 
 /// Order of the gear that a target asks for; 1 where it asks for none.

@@ -1,7 +1,7 @@
 //! Scene files: strict TOML to a checked scene.
 
 use kband::feeder::OutOfRange;
-use kband_control::{Controller, NoSetpoint, Settings, StartCause, affordable_tones};
+use kband_control::{Controller, NoSetpoint, Settings, StartCause, Target, affordable_tones};
 use kband_plant::{Change, DriveModel, Scene};
 use toml::{Table, Value};
 
@@ -270,15 +270,12 @@ impl SceneFile {
             }
         }
         self.scene.check().map_err(named)?;
-        let targets = self.scene.disturbances.iter();
-        let later = targets.filter_map(|disturbance| match disturbance.change {
-            Change::Target(target) => Some(target),
-            _ => None,
-        });
-        for target in std::iter::once(self.scene.target).chain(later) {
+        for target in self.scene.targets() {
             let mut controller =
                 Controller::build(settings, target, self.scene.start).map_err(named)?;
-            while !controller.is_setpoint_found() && controller.plan_step() {}
+            // A search for gear keeps within reach.
+            let searches_gear = matches!(target, Target::Gear { .. } | Target::Flow(_));
+            while !searches_gear && !controller.is_setpoint_found() && controller.plan_step() {}
             within_reach(&controller)?;
         }
         Ok(())
@@ -369,7 +366,6 @@ pub fn table(text: &str) -> Result<Table, Refusal> {
 
 #[cfg(test)]
 mod tests {
-    use kband_control::Target;
     use kband_plant::Disturbance;
 
     use super::*;

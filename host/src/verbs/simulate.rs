@@ -369,7 +369,7 @@ fn tell_many(
 }
 
 /// The controller's runs, and those of an amplitude set from the band alone: for parts in gear that
-/// of the lock, which asks nothing of the scatter.
+/// of the lock, which asks nothing of the scatter. Without a target that kicks both are the same.
 fn many_runs(
     file: &SceneFile,
     count: usize,
@@ -381,8 +381,53 @@ fn many_runs(
     if let Target::Gear { order } = file.scene.target {
         alone.scene.target = Target::Locked { order };
     }
-    Ok([
-        Runs::run("planned kicks", file, count, fidelity, desk)?,
-        Runs::run("band alone", &alone, count, fidelity, desk)?,
-    ])
+    let planned = Runs::run("planned kicks", file, count, fidelity, desk)?;
+    let alone = if alone.scene.targets().any(kicks) {
+        Runs::run("band alone", &alone, count, fidelity, desk)?
+    } else {
+        Runs::new("band alone", planned.runs.clone())
+    };
+    Ok([planned, alone])
+}
+
+/// Whether a target brings the parts onto a lock by kicks.
+fn kicks(target: Target) -> bool {
+    match target {
+        Target::Locked { .. } | Target::Chaotic | Target::Speed(_) => true,
+        Target::K(_)
+        | Target::Amplitude(_)
+        | Target::Identify
+        | Target::Gear { .. }
+        | Target::Tones { .. }
+        | Target::Flow(_) => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_kicks_the_band_alone_has_the_same_runs() {
+        let desk = Desk::new(Some(1)).unwrap();
+        let scene = crate::simulate::DEFAULT;
+        let targets = [
+            "k = 0.43",
+            "amplitude = 0.23",
+            "identify = true",
+            "locked = 1",
+        ];
+        for target in targets {
+            let text = scene.replacen("gear = 1 ", target, 1);
+            let mut file = SceneFile::parse(&text).unwrap();
+            file.duration = 6.0;
+            let mut without = file.clone();
+            without.scene.settings.capture_attempts = 0.0;
+            let fidelity = Fidelity::Envelope;
+            let [planned, alone] = many_runs(&file, 2, fidelity, &desk).unwrap();
+            let expected = Runs::run("band alone", &without, 2, fidelity, &desk).unwrap();
+            assert_eq!(alone, expected, "{target}");
+            assert_eq!(planned.runs == alone.runs, target != "locked = 1");
+        }
+    }
 }

@@ -104,6 +104,8 @@ pub struct Controller {
     swing: TestSwing,
     count: u32,
     measured: Measured,
+    /// Whether READY is read.
+    watches_ready: bool,
 }
 
 /// Measurements of the last cycle.
@@ -166,6 +168,7 @@ impl Controller {
             swing: TestSwing::build(settings, scale.envelope.cycles),
             count: 0,
             measured: Measured::default(),
+            watches_ready: true,
         };
         controller.begin_target();
         Ok(controller)
@@ -326,6 +329,7 @@ impl Controller {
                     step: self.scale.step,
                     stands,
                     contact: self.settings.contact_time(),
+                    detects_gear: self.detects_gear(),
                 };
                 self.listener
                     .cycle(cycle, &heard_with, self.selection.lock(), &tuned, wanted);
@@ -382,6 +386,12 @@ impl Controller {
             },
             events,
         };
+    }
+
+    /// Whether [`Controller::is_ready`] depends on detected gear.
+    fn detects_gear(&self) -> bool {
+        let target = self.selection.target();
+        self.watches_ready && matches!(target, Target::Gear { .. } | Target::Flow(_))
     }
 
     /// Whether every number of the command is finite.

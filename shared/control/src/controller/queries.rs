@@ -199,6 +199,12 @@ impl Controller {
         self.identifier.result()
     }
 
+    /// Sets whether gear is detected for [`Controller::is_ready`], which without it is never true
+    /// for a target of gear or flow. Default: yes.
+    pub fn watch_ready(&mut self, watched: bool) {
+        self.watches_ready = watched;
+    }
+
     /// Sets whether the regime is classified for [`Report::regime`] where the controller does not
     /// need it. Default: yes.
     pub fn watch_regime(&mut self, watched: bool) {

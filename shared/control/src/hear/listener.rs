@@ -118,17 +118,9 @@ impl Listener {
         self.share.cycle(cycle, tuned);
         self.frequency = tuned.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
         self.watch_silence(cycle, tuned);
-        let evidence = self.share.evidence();
-        let one = self.is_one_in_gear(LOST_SINGLE_FLIGHTS);
-        let contradicted = evidence.is_some_and(|evidence| {
-            !(evidence.supports(GEAR_LOST_SHARE) && (evidence.fits() || one))
-        });
-        self.supported = if contradicted {
-            0.0
-        } else {
-            self.supported + 1.0
-        };
-        self.in_gear_detected = self.detect_gear();
+        if tuned.detects_gear {
+            self.update_gear_detection();
+        }
         self.phases.cycle(cycle, count, lead, lock);
         for heard in &cycle.heard {
             let time = (u64::from(count) << 32 | u64::from(heard.phase.bits()))
@@ -157,6 +149,20 @@ impl Listener {
             self.gear.reset();
             self.share.reset();
         }
+    }
+
+    /// Detects gear, and counts the cycles without contradiction by the energy.
+    fn update_gear_detection(&mut self) {
+        let one = self.is_one_in_gear(LOST_SINGLE_FLIGHTS);
+        let contradicted = self.share.evidence().is_some_and(|evidence| {
+            !(evidence.supports(GEAR_LOST_SHARE) && (evidence.fits() || one))
+        });
+        self.supported = if contradicted {
+            0.0
+        } else {
+            self.supported + 1.0
+        };
+        self.in_gear_detected = self.detect_gear();
     }
 
     /// Whether the parts are in gear for more than half of their time, with hysteresis.

@@ -146,6 +146,8 @@ pub struct Tuned {
     pub stands: bool,
     /// Configured duration of an impact.
     pub contact: ContactTime,
+    /// Whether gear is to be detected for READY; only then is the short histogram fitted.
+    pub detects_gear: bool,
 }
 
 type Row = [f32; SECTORS];
@@ -250,6 +252,8 @@ pub struct ShareHearing {
     short_due: f32,
     /// Whether a fit to the short histogram is due.
     checks: bool,
+    /// Whether gear is to be detected for READY.
+    detects_gear: bool,
     evidence: Option<GearEvidence>,
     /// Phase lead used for the fit.
     lead: Phase,
@@ -323,6 +327,7 @@ impl ShareHearing {
             short: Histogram::EMPTY,
             short_due: 0.0,
             checks: false,
+            detects_gear: false,
             evidence: None,
             lead: Phase::ZERO,
             turned: Phase::ZERO,
@@ -422,6 +427,7 @@ impl ShareHearing {
         let short_memory = cycles(SHORT_MEMORY, SHORT_MEMORY_CYCLES);
         self.short.add(&cycle.sectors, noise, short_memory);
         self.short_due += 1.0;
+        self.detects_gear = tuned.detects_gear;
         self.long.add(&cycle.sectors, noise, MEMORY);
         let apart = (tuned.lead - self.turned).bits() as i32;
         self.turned += Phase::from_bits((apart as f32 / self.long.weight) as i32 as u32);
@@ -578,9 +584,10 @@ impl ShareHearing {
         true
     }
 
-    /// Fits the short histogram, after a first fit of the long one.
+    /// Fits the short histogram, after a first fit of the long one, where gear is to be detected.
+    /// Its slice passes in any case: the other searches then run at the same times.
     fn check(&mut self) {
-        if self.evidence.is_none() {
+        if !self.detects_gear || self.evidence.is_none() {
             return;
         }
         let Some(rows) = self.rows(self.rings, self.late) else {

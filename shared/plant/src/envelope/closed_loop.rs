@@ -158,6 +158,11 @@ impl EnvelopeLoop {
         self.plant.watch_displacement(watched);
     }
 
+    /// Sets whether READY is detected, as [`Controller::watch_ready`] does.
+    pub fn watch_ready(&mut self, watched: bool) {
+        self.controller.watch_ready(watched);
+    }
+
     /// Sets the total mass of the parts over that of the track.
     #[cfg(test)]
     pub(crate) fn heap(&mut self, total: f64) {

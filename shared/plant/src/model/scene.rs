@@ -249,6 +249,16 @@ impl Scene {
         }
     }
 
+    /// The target, and those that disturbances set later, as listed.
+    pub fn targets(&self) -> impl Iterator<Item = Target> + '_ {
+        let changes = self.disturbances.iter();
+        let later = changes.filter_map(|disturbance| match disturbance.change {
+            Change::Target(target) => Some(target),
+            _ => None,
+        });
+        core::iter::once(self.target).chain(later)
+    }
+
     /// Whether any part has a mass.
     pub(crate) fn has_mass(&self) -> bool {
         self.masses.iter().any(|mass| *mass > 0.0)

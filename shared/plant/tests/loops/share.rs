@@ -190,3 +190,26 @@ fn share_of_an_unknown_lot_has_a_large_error() {
         );
     }
 }
+
+#[test]
+fn without_a_reader_of_ready_no_other_bit_changes() {
+    for target in [Target::Gear { order: 1 }, Target::K(0.42)] {
+        let scene = Scene {
+            target,
+            ..scene([0.18, 0.22], 0.04, 0.42, 2, 1)
+        };
+        let mut read = EnvelopeLoop::build(&scene).unwrap();
+        let mut unread = read.clone();
+        unread.watch_ready(false);
+        for _ in 0..700 {
+            // As text, in which numbers that are none are equal.
+            let (one, other) = (read.cycle(), unread.cycle());
+            assert_eq!(format!("{one:?}"), format!("{other:?}"));
+        }
+        let estimated = read.controller().estimated_share();
+        assert!(estimated.is_some_and(|share| share.share > 0.5));
+        assert!(read.controller().is_ready());
+        let depends = matches!(target, Target::Gear { .. });
+        assert_eq!(unread.controller().is_ready(), !depends);
+    }
+}

@@ -439,7 +439,11 @@ impl GearPlanner {
     pub fn advance(&mut self, impacts: u32) -> bool {
         let until = self.impacts.saturating_add(impacts);
         while self.impacts < until && !self.is_over() {
-            self.advance_once();
+            if self.running.is_some() {
+                self.advance_run(until);
+            } else {
+                self.advance_once();
+            }
         }
         !self.is_over()
     }
@@ -462,19 +466,34 @@ impl GearPlanner {
         self.impacts as f32 / self.by_tone_count(MAX_IMPACTS) as f32
     }
 
-    /// Computes one impact of the current run, or begins the next run or stage.
-    fn advance_once(&mut self) {
-        self.impacts += 1;
-        if let Some((map, part, run)) = &mut self.running {
-            if part.simulate_flight(map) {
-                let (share, run) = (part.share(), *run);
-                self.running = None;
-                self.record_share(share, &run);
-            } else if self.impacts >= self.by_tone_count(MAX_IMPACTS) {
+    /// Computes impacts of the current run, to its end or to this number of impacts.
+    fn advance_run(&mut self, until: u32) {
+        let until = until.min(self.by_tone_count(MAX_IMPACTS).max(self.impacts + 1));
+        let Some((map, part, run)) = &mut self.running else {
+            return;
+        };
+        // A copy stays in registers.
+        let mut simulated = *part;
+        let mut ended = false;
+        while self.impacts < until && !ended {
+            self.impacts += 1;
+            ended = simulated.simulate_flight(map);
+        }
+        if ended {
+            let run = *run;
+            self.running = None;
+            self.record_share(simulated.share(), &run);
+        } else {
+            *part = simulated;
+            if self.impacts >= self.by_tone_count(MAX_IMPACTS) {
                 self.running = None;
             }
-            return;
         }
+    }
+
+    /// Begins the next run or stage.
+    fn advance_once(&mut self) {
+        self.impacts += 1;
         let ends = self.by_tone_count(STAGE_END_EFFORT);
         let is_stage_over = ends
             .get(self.regions)
