@@ -320,8 +320,8 @@ mod tests {
     fn a_value_out_of_range_names_its_line_and_the_range() {
         let text = export(&recipes(), "0.1.0");
         for (old, new, line, accepted) in [
-            ("number = 2", "number = 8", 19, "from 1 to 7"),
-            ("number = 2", "number = 1", 19, "each number once"),
+            ("number = 2", "number = 8", 20, "from 1 to 7"),
+            ("number = 2", "number = 1", 20, "each number once"),
             ("scatter = 0.07", "scatter = 0.4", 13, "0.0..0.3"),
             (
                 "soft_stop = 0.4",
