@@ -393,7 +393,9 @@ fn many_runs(
 /// Whether a target brings the parts onto a lock by kicks.
 fn kicks(target: Target) -> bool {
     match target {
-        Target::Locked { .. } | Target::Chaotic | Target::Speed(_) => true,
+        Target::Locked { .. } | Target::Chaotic | Target::Speed(_) | Target::PartsPerMinute(_) => {
+            true
+        }
         Target::K(_)
         | Target::Amplitude(_)
         | Target::Identify
