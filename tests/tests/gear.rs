@@ -171,6 +171,12 @@ fn the_ready_lamp_follows_gear_of_one_part_and_of_a_crowd() {
         for (cycles, restitution, lit) in
             [(1000, 0.2, true), (1000, 0.75, false), (1000, 0.2, true)]
         {
+            // Lots change over an empty track: parts that do not fit the lot hold limit 9 until then.
+            closed.apply(Change::Parts(0));
+            for _ in 0..100 {
+                closed.advance();
+            }
+            closed.apply(Change::Parts(parts as u8));
             closed.apply(Change::Restitution(restitution));
             let mut lamp = [0_u32; 2];
             for cycle in 0..cycles {

@@ -90,8 +90,8 @@ fn holds(frequency: f32, k: f32) {
     assert!(u64::from(sample) < DEADLINE, "{sample}");
     let cycle = f64::from(DEADLINE as u32) * 20_000.0 / f64::from(frequency);
     assert!(f64::from(control) < 0.5 * cycle, "{control} of {cycle}");
-    // A save takes 5 ms at rest, in which the control cannot run.
-    let saving = (0.006 * frequency) as u32;
+    // A save takes up to 8 ms at rest, in which the control cannot run.
+    let saving = (0.008 * frequency) as u32;
     assert!(missed <= saving, "{missed} cycles came late");
 }
 

@@ -300,12 +300,13 @@ pub fn orbits(
         let mut row = rows[n].lock().unwrap_or_else(PoisonError::into_inner);
         let ([k, restitution], start) = (launches.track(n), launches.state(n)?);
         let of_row = |refused| Refused::from(refused).at(n);
+        // After the map, whose range of restitution is the narrower one.
         let scatter =
-            Scatter::build(restitution, scatter, stream(seed, n as u64)).map_err(of_row)?;
+            || Scatter::build(restitution, scatter, stream(seed, n as u64)).map_err(of_row);
         if wave.is_sine() {
             let map = Map::build(k, restitution).map_err(of_row)?;
             let orbit = Orbit::new(&map, start)
-                .scattering(scatter)
+                .scattering(scatter()?)
                 .map_err(of_row)?;
             for event in orbit {
                 if !row.take(event) || stop.is_requested() {
@@ -314,7 +315,7 @@ pub fn orbits(
             }
         } else {
             let map = WaveMap::on(wave, k, restitution).map_err(of_row)?;
-            for event in WaveOrbit::new(&map, start).scattering(scatter) {
+            for event in WaveOrbit::new(&map, start).scattering(scatter()?) {
                 if !row.take(event) || stop.is_requested() {
                     return Ok(());
                 }

@@ -44,8 +44,8 @@ def test_a_second_tone_holds_what_one_does_not() -> None:
     np.testing.assert_array_equal(lot.least, lot.parts.min(axis=1))
     with pytest.raises(ValueError, match=r"k\[1\] = -1.0 is refused"):
         kband.gear_share(0.3, 0.05, [0.4, -1.0])
-    with pytest.raises(ValueError, match="accepted: 0..0.3"):
-        kband.gear_share(0.3, 0.5, k)
+    with pytest.raises(ValueError, match="accepted: 0..0.5"):
+        kband.gear_share(0.3, 0.6, k)
 
 
 def test_the_plan_for_gear_is_near_the_best_share() -> None:

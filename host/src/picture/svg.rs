@@ -171,29 +171,12 @@ fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
 
 /// A coordinate with at most two decimals.
 fn short(value: f64) -> String {
-    let hundredths = value * 100.0;
-    let whole = hundredths.round();
-    // Next to a tie the digits of the exact value decide.
-    if hundredths.abs() < 1e9 && (hundredths - whole).abs() < 0.499 {
-        return short_hundredths(whole as i64);
-    }
     let text = format!("{value:.2}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" {
         "0".into()
     } else {
         text.into()
-    }
-}
-
-/// A number of hundredths without trailing zeros.
-fn short_hundredths(hundredths: i64) -> String {
-    let sign = if hundredths < 0 { "-" } else { "" };
-    let (whole, part) = (hundredths.abs() / 100, hundredths.abs() % 100);
-    match (part % 10, part) {
-        (_, 0) => format!("{sign}{whole}"),
-        (0, _) => format!("{sign}{whole}.{}", part / 10),
-        _ => format!("{sign}{whole}.{part:02}"),
     }
 }
 
@@ -224,21 +207,6 @@ fn base64(bytes: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn coordinates_are_rounded_as_the_exact_value_is() {
-        let mut noise = kband::arithmetic::Noise::new(1);
-        for n in 0..20_000_u32 {
-            // Halves of a hundredth too, where the exact value is above or below the tie.
-            let half = f64::from(noise.bits() as i32 >> (n % 32)) * 0.005;
-            for value in [half, half + f64::from(noise.uniform()), -0.0, 0.004, -0.004] {
-                let exact = format!("{value:.2}");
-                let expected = exact.trim_end_matches('0').trim_end_matches('.');
-                let expected = if expected == "-0" { "0" } else { expected };
-                assert_eq!(short(value), expected, "{value}");
-            }
-        }
-    }
 
     #[test]
     fn base64_of_the_vectors_of_rfc_4648() {

@@ -3,8 +3,8 @@
 use kband_control::{Event, Fault, Key, Limits, Settings, State};
 use kband_plant::{DISTURBANCES, PARTS};
 use kband_scene::fields::{
-    CHANGES, CONTROLLER, FLAGS, Field, MASS, OUTPUT_MINIMUM, PLANT, SCATTER, SECTIONS, SENSOR,
-    SENSOR_SETTINGS,
+    ACTUAL_RESTITUTION, CHANGES, CONTROLLER, FLAGS, Field, MASS, OUTPUT_MINIMUM, PLANT, SCATTER,
+    SECTIONS, SENSOR, SENSOR_SETTINGS,
 };
 use kband_scene::{DEFAULT_DURATION, DEFAULT_PART_LENGTH, Fidelity};
 use serde_json::{Map, Value, json};
@@ -102,8 +102,8 @@ fn fields<'a>(fields: impl IntoIterator<Item = &'a Field>) -> Map<String, Value>
         .collect()
 }
 
-fn ratio(meaning: &str) -> Value {
-    json!({"type": "number", "minimum": 0, "maximum": 1, "description": meaning})
+fn ratio(meaning: &str, [low, high]: [f32; 2]) -> Value {
+    json!({"type": "number", "minimum": low, "maximum": high, "description": meaning})
 }
 
 fn pair(meaning: &str, low: Option<f64>, high: Option<f64>) -> Value {
@@ -143,7 +143,8 @@ fn target() -> Value {
 }
 
 fn actual() -> Value {
-    let list = json!({"type": "array", "items": ratio("Restitution of a part (R)."),
+    let simulated = |meaning| ratio(meaning, ACTUAL_RESTITUTION);
+    let list = json!({"type": "array", "items": simulated("Restitution of a part (R)."),
         "minItems": 1, "maxItems": PARTS});
     let count = json!({"type": "integer", "minimum": 1, "maximum": PARTS, "description": "Parts."});
     let drawn = |name: &str, properties: [(&str, Value); 2]| {
@@ -158,11 +159,11 @@ fn actual() -> Value {
     json!({
         "description": "The parts that are simulated.",
         "anyOf": [
-            ratio("Restitution of the one part (R)."),
+            simulated("Restitution of the one part (R)."),
             list,
-            drawn("uniform", [("low", ratio("Low bound.")), ("high", ratio("High bound."))]),
+            drawn("uniform", [("low", simulated("Low bound.")), ("high", simulated("High bound."))]),
             drawn("normal", [
-                ("mean", ratio("Mean.")),
+                ("mean", simulated("Mean.")),
                 ("deviation", json!({"type": "number", "minimum": 0, "maximum": 0.5,
                     "description": "Standard deviation; what falls outside 0..1 is drawn again."})),
             ]),
@@ -176,7 +177,7 @@ fn part() -> Value {
         "restitution".into(),
         json!({
             "description": "Configured restitution of the lot: one value or [low, high] (R).",
-            "anyOf": [ratio("Restitution."), pair("Its interval.", Some(0.0), Some(1.0))],
+            "anyOf": [ratio("Restitution.", [0.0, 1.0]), pair("Its interval.", Some(0.0), Some(1.0))],
         }),
     );
     properties.extend(settings(&["tangential_restitution", "contact"]));

@@ -3,7 +3,7 @@
 use core::f64::consts::TAU;
 
 use super::{Change, ClosedLoop, EnvelopeLoop, Moment, Scene};
-use kband_control::Target;
+use kband_control::{Limits, Target};
 
 /// Cycles before the mass grows, and cycles of the growth; a second.
 const CYCLES_BEFORE: usize = 700;
@@ -110,6 +110,7 @@ fn fallen(most: f64, mut closed: impl Heaped) -> [f64; 2] {
     for _ in 0..cycles {
         let (moment, motion) = closed.run();
         assert_eq!(moment.report.fault, None);
+        assert!(!moment.report.limits.contains(Limits::MISFIT));
         let off = off(&moment, motion);
         worst = worst.max(off.abs());
         squares += off * off;

@@ -96,8 +96,9 @@ const TELLS: f32 = 0.25;
 const MAX_MISFIT: f32 = 0.03;
 /// Factor on the least share in gear of a part of the lot; it covers an amplitude that is off.
 const MIN_CREDIBLE_SHARE: f32 = 0.7;
-/// Drive cycles in a row of a misfit that lasts: two periods of the fit, so that three agree.
-const MIN_MISFIT_CYCLES: f32 = 2.0 * AGAIN as f32;
+/// Drive cycles in a row of a misfit that lasts (2.6 s at 50 Hz). Parts that a hopper drops onto the
+/// track are out of gear for a second.
+const MIN_MISFIT_CYCLES: f32 = 8.0 * AGAIN as f32;
 /// Initial delay of an impact's energy, in samples: two one-pole filters and the rise of the
 /// ringing.
 const LATE: f32 = 2.5;

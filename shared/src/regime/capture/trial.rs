@@ -79,6 +79,7 @@ pub struct TrialRun<K: Kernel> {
     /// Trial in f32, for all computations except the map; the board has no f64 hardware.
     k: f32,
     restitution: f32,
+    contact: f32,
     /// Phase, velocity and cycles per impact of the attracting locked orbit; `None` without one.
     lock: Option<(f32, f32, f32)>,
     envelope: KickEnvelope,
@@ -101,6 +102,7 @@ impl<K: Kernel> TrialRun<K> {
             trial,
             k: trial.k as f32,
             restitution: trial.restitution as f32,
+            contact: trial.contact.radians() as f32,
             lock: Lock::with_contact(trial.k, trial.restitution, trial.order, trial.contact)?
                 .filter(Lock::attracts)
                 .map(|lock| {
@@ -159,7 +161,7 @@ impl<K: Kernel> TrialRun<K> {
             return settled.then_some(Outcome::Missed);
         };
         let mut impact = self.map.impact_single(launch);
-        if !self.trial.contact.is_instant() {
+        if self.contact != 0.0 {
             self.hold(&mut impact);
         }
         let SingleImpact {
@@ -201,7 +203,7 @@ impl<K: Kernel> TrialRun<K> {
     /// Adds the contact to a flight and the launch after it; velocity 0 where the part rests.
     #[inline(never)]
     fn hold(&self, impact: &mut SingleImpact<K::State>) {
-        let contact = self.trial.contact.radians() as f32;
+        let contact = self.contact;
         impact.flight += contact;
         impact.phase += contact;
         if impact.phase >= TAU {
