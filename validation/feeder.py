@@ -27,7 +27,7 @@ DENSITY = 2700.0
 BLOCK_MASS = DENSITY * 4.0 / 3.0 * math.pi * BLOCK_RADIUS**3
 """Mass of a block in kg: it has the form of a ball, and cannot turn."""
 SETTLED = 5.0
-"""Time in s from which on shares, speeds and estimates count, as in a scene."""
+"""Start in s of the time in which shares, speeds and estimates count, as in a scene."""
 MIN_JUMP = 0.01
 """Jump of a part's velocity in m/s by which a contact between two samples is found."""
 MIN_FLIGHTS = 8
