@@ -1,26 +1,24 @@
 #!/usr/bin/env bash
-# Runs every check of the project, each with a time limit; exit status 0 if all passed.
+# Runs the checks of the project; exit status 0 if all passed.
 #
-#   tests/run.sh          everything that a change must pass
-#   tests/run.sh --soak [MILLIONS [SEED]]  instead: the long ones (100 or so many million launches of the impact map in every
-#                         arithmetic, on one tone and on several; a day of simulated operation, and a week of it by its
-#                         envelope; a million frames at the emulated board; every
-#                         mutant; five minutes of search by coverage for each way in). A million launches takes some 4 s of one core on one tone and 5 s on
-#                         several: 1000 of them an hour and an hour and a half.
-#   tests/run.sh --mutants [COUNT [SEED]]  instead: 300 or so many mutants, drawn by a seed that it prints; at least 90 %
-#                         must be caught. It needs cargo-mutants: cargo install --locked cargo-mutants
-#   tests/run.sh --mutants listed [WHICH...]  instead: those of tests/mutants/mutants.toml, of these files or numbers
-#   tests/run.sh --drawn [MINUTES [SEED]]  instead: rounds of drawn scenes, lots, settings, request sequences, power cuts
-#                         and inputs, 30 minutes of them or so many, each round with a new seed that it prints. A seed that
-#                         fails becomes a scene or a case of the tests.
-#   tests/run.sh --fuzz [SECONDS [TARGET...]]  instead: the search by coverage alone, 60 s for each target (tests/fuzz/run.sh)
-#   tests/run.sh --reproducible  instead: the board's image from two folders with two homes of cargo, the same bits: some minutes
-#   tests/run.sh --features  instead: the desk with every cargo feature (probe, Parquet, MQTT): a few minutes more
+#   tests/run.sh                            every check that a change must pass
+#   tests/run.sh --soak [MILLIONS [SEED]]   long runs: 100 million launches of every arithmetic, a day
+#                                           and a week of operation, a million frames on the link, the
+#                                           listed mutants, and 5 minutes of search for each fuzz target
+#   tests/run.sh --mutants [COUNT [SEED]]   300 drawn mutants, of which 90 % must be caught; needs
+#                                           cargo install --locked cargo-mutants
+#   tests/run.sh --mutants listed [WHICH..] the mutants of tests/mutants/mutants.toml
+#   tests/run.sh --drawn [MINUTES [SEED]]   30 minutes of drawn scenes, settings, requests and power cuts;
+#                                           each round prints its seed. A seed that fails becomes a test
+#   tests/run.sh --fuzz [SECONDS [TARGET..]] the search for inputs alone, 60 s for each target
+#   tests/run.sh --reproducible             the image of the board from two folders: the same bits
+#   tests/run.sh --features                 the desk with every cargo feature (probe, Parquet, MQTT)
 #
-# Prints for each step its name, time and closing lines; the whole output of a step is in
-# target/run/STEP.log, the end of it is printed where the step fails. No step can wait for ever:
-# standard input is empty, after the first two steps there is no network, a step that exceeds its
-# limit is killed, and so is whatever a step leaves running.
+# A million launches take 4 s of a core on one tone and 5 s on several: 1000 million take 1 to 2 hours.
+#
+# Each step prints its name, its time and its closing lines. Its whole output is in
+# target/run/STEP.log; the end is printed where the step fails. A step that exceeds its limit is
+# killed, with every process that it started. After the first two steps there is no network.
 set -u
 exec </dev/null
 cd "$(dirname "$0")/.." || exit 1
