@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs the controller on physics engines of other projects, and writes the tables of
-# validation/results/README.md. It is not part of tests/run.sh. On a Debian machine it installs YADE and Siconos with apt, and
-# MuJoCo with pip.
+# validation/results/README.md. It is not part of tests/run.sh. On a Debian machine it installs
+# YADE and Siconos with apt, and MuJoCo with pip.
 #
 #   validation/run.sh                    every row, 20 runs each, on one core
 #   validation/run.sh --runs 3 b g       some rows with fewer runs
