@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Builds the board's image from two folders with two homes of cargo, and compares them: a few minutes.
+# Builds the board's image of the last commit in two folders with two homes of cargo, and compares
+# them. Takes a few minutes.
 #
-#   tests/reproducible.sh [TOOLCHAIN]   TOOLCHAIN such as +kband-thumb; the last commit is built
+#   tests/reproducible.sh [TOOLCHAIN]   TOOLCHAIN such as +kband-thumb
 set -eu
 cd "$(dirname "$0")/.."
 home=${CARGO_HOME:-$HOME/.cargo}
@@ -9,7 +10,7 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 unset CARGO_TARGET_DIR RUSTFLAGS CARGO_ENCODED_RUSTFLAGS
 
-# build FOLDER HOME: the sum of the image of a clone in FOLDER, built with a home of cargo in HOME.
+# build FOLDER HOME: prints the SHA-256 of the image, built in a clone in FOLDER with CARGO_HOME=HOME.
 build() {
     git clone --quiet . "$1"
     mkdir -p "$2"

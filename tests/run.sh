@@ -58,7 +58,8 @@ stop() {
 }
 trap stop INT TERM HUP
 
-# The closing line of every test program that holds tests, with its name; sizes and counts measured.
+# Prints the result line of every test program that holds tests, with its name, and measured sizes
+# and counts.
 closing_lines() {
     awk '/^     Running |^   Doc-tests / { name = $NF; gsub(/.*\/|-[0-9a-f]+\)$/, "", name) }
         /^test result:/ && !/ 0 passed; 0 failed; 0 ignored/ { print "   " name ": " $0 }
@@ -164,7 +165,7 @@ if [ "${1:-}" = --fuzz ]; then
     finish
 fi
 
-# The toolchain that compiles for the targets: rustup's, or Debian's under the name of tests/setup.sh.
+# The toolchain that compiles for the targets: rustup's, or the one that tests/setup.sh built.
 cross=cargo
 compgen -G "$(rustc --print target-libdir --target $thumb)/libcore-*.rlib" >/dev/null || cross='cargo +kband-thumb'
 
@@ -186,11 +187,12 @@ fi
 
 step "format" 60 cargo fmt --all --check
 step "clippy for the desk" 1200 cargo clippy --locked --workspace --exclude kband-python --all-targets -- -D warnings
-# Profile and folder of the images: their build scripts and macros are then compiled once for both.
+# With profile and folder of the images, build scripts and macros are compiled once for both.
 step "clippy for the target" 1200 $cross clippy --config firmware/image.toml --locked --profile firmware --target $thumb \
     --target-dir "$target/emulated" --package kband-firmware --package kband-emulated -- -D warnings
-# What the tests ask for, as they ask for it: one package at a time, or the packages would get each
-# other's features. The second board first: its image lies where the first board's will.
+# The tests need these images, built with the same arguments. One package at a time: together the
+# packages would get each other's features. The second board comes first, because the image of the
+# first one overwrites it.
 image() {
     local name=$1
     shift

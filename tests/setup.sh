@@ -1,18 +1,18 @@
 #!/usr/bin/env bash
-# Brings what the tests need onto a Debian machine with rustup: the thumb targets, QEMU 9.2 or newer,
-# Chromium with its driver, gcc, valgrind, mbpoll, libmodbus, mosquitto, and Python packages in a folder of their own below
-# target. Safe to repeat; where all is there it only looks, in about a second.
+# Installs what the tests need on a Debian machine with rustup: the thumb targets, QEMU 9.2 or newer,
+# Chromium with its driver, gcc, valgrind, mbpoll, libmodbus and mosquitto. Python packages go into a
+# virtual environment below target. Safe to repeat; if nothing is missing it takes about a second.
 #
 #   tests/setup.sh            install what is missing
-#   tests/setup.sh --check    install nothing; exit status 1 and one line where something is missing
+#   tests/setup.sh --check    install nothing; exit status 1 and one line if something is missing
 #
-# No step can wait for ever: standard input is empty and every download has a limit.
+# No step can wait for ever: standard input is empty and every download has a time limit.
 set -u
 exec </dev/null
 cd "$(dirname "$0")/.." || exit 1
 
 targets=(thumbv7em-none-eabihf thumbv6m-none-eabi)
-linked=kband-thumb # the toolchain name of the Debian route; tests/machines/src/images.rs looks for it too
+linked=kband-thumb # toolchain built from Debian's sources; tests/machines/src/images.rs uses it too
 wanted=9.2
 packages=/usr/lib/rustlib
 
@@ -24,7 +24,7 @@ give_up() {
     exit 1
 }
 
-# A toolchain compiles for a target when the target's core library lies where its rustc looks.
+# A toolchain compiles for a target if its folder of libraries has the target's core library.
 compiles_for() {
     local library
     library=$(timeout 20 rustc ${2:+"+$2"} --print target-libdir --target "$1" 2>/dev/null) &&
@@ -49,7 +49,7 @@ emulator_is_new_enough() {
 as_root() {
     if [ "$(id -u)" = 0 ]; then "$@"; else sudo -n --preserve-env=DEBIAN_FRONTEND,NEEDRESTART_SUSPEND "$@"; fi
 }
-# Only Debian's own sources are asked: another maker's unreachable server must not cost minutes.
+# Uses Debian's own sources only: an unreachable server of a third party would cost minutes.
 apt_get() {
     local limit=$1
     shift
@@ -105,7 +105,7 @@ tools_are_there() {
     [ -f /usr/include/modbus/modbus.h ]
 }
 
-# Python packages: the copy of the list beside them tells that they are all there.
+# A copy of the list of Python packages is written after they are all installed.
 python_packages=tests/requirements.txt
 venv=${CARGO_TARGET_DIR:-target}/python/venv
 python_is_there() { cmp -s "$python_packages" "$venv/requirements.txt"; }
@@ -122,8 +122,8 @@ install_python() {
         cp "$python_packages" "$venv/requirements.txt"
 }
 
-# Where rustup cannot download: Debian's compiler builds core and alloc for the targets from
-# Debian's source package, once, and rustup gets to know it under a name of its own.
+# If rustup cannot download: builds core and alloc for the targets once, with Debian's compiler and
+# source package, and links that toolchain into rustup.
 install_targets_from_debian() {
     say "building the targets' core library with Debian's compiler"
     [ -n "${sources:-}" ] || debian_sources || return 1

@@ -36,7 +36,7 @@ MIN_FLIGHTS = 8
 
 @dataclass
 class Run:
-    """One track with its parts: its settings, its truth and its seed."""
+    """One track with its parts: configured and true values, and the seed."""
 
     name: str
     seed: int
@@ -57,7 +57,7 @@ class Run:
     contact: float = 0.005
     """Duration of a contact at the speed of a lock, over the drive's period."""
     sound: str = "onset"
-    """What rings the track: the onset of an impact, or the force of the contact."""
+    """Source of the ringing: the onset of an impact, or the force of the contact."""
     ringing: float = 30.0
     windows: tuple[tuple[float, float, float, int], ...] = ()
     """Start in s, first and last time that counts, and parts on the track; else all parts from
@@ -343,7 +343,7 @@ class EnginePlant:
         raise NotImplementedError
 
     def freed(self, part: int) -> None:
-        """Takes notice that a part has left its track."""
+        """Records that a part has left its track."""
 
     def read(self) -> list[int]:
         self.acceleration = self.drive.acceleration()
@@ -463,7 +463,7 @@ def mean(values: list[float]) -> float:
 def results(
     engine: str, run: Run, heard: Heard, parts: list[Part], places: list[np.ndarray]
 ) -> list[dict]:
-    """What came of each window of a run, from the places of its parts in m at the windows' ends."""
+    """Results of each window of a run, from the places of its parts in m at the windows' ends."""
     rows = []
     events = [event for report in heard.reports for event in report["events"]]
     counts = {event: events.count(event) for event in dict.fromkeys(events)}

@@ -13,7 +13,7 @@ from results import write
 
 
 def simulate(run: Run) -> dict:
-    """What comes of a run in kband's own plant."""
+    """Results of a run in kband's own plant."""
     outcome = kband.simulate(run.scene(), trace=True)
     late = outcome.trace.time >= SETTLED
     row = {

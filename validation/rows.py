@@ -1,4 +1,4 @@
-"""The rows of the validation: what is run, on which engine.
+"""The rows of the validation: settings, engine and seeds of each run.
 
 python3 rows.py FOLDER [--runs N] [ROW]...     writes a file of runs for each scene
 """
@@ -17,7 +17,7 @@ SHAPES = ("rod", "plate", "cube", "dumbbell")
 
 
 def ways_to_convey() -> Iterator[tuple[str, dict[str, Any], float, float]]:
-    """What the controller is asked for with parts that tumble: name, target, second tone,
+    """Targets for parts that tumble: name, target, second tone,
     frequency in Hz.
     """
     yield "gear, one tone", {"gear": 1}, 0.0, 50.0

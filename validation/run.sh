@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Runs the controller on engines that nobody here wrote, and writes the tables of docs/engines.md.
-# It is not part of tests/run.sh. On a Debian machine it installs YADE and Siconos with apt, and
-# MuJoCo with pip.
+# Runs the controller on physics engines of other projects, and writes the tables of
+# validation/results/README.md. It is not part of tests/run.sh. On a Debian machine it installs
+# YADE and Siconos with apt, and MuJoCo with pip.
 #
 #   validation/run.sh                    every row, 20 runs each, on one core
 #   validation/run.sh --runs 3 b g       some rows with fewer runs
@@ -58,4 +58,4 @@ for row in "${rows[@]}"; do
         "$venv/bin/python" validation/own_plant.py "$job" "$results"
     done
 done
-"$venv/bin/python" validation/table.py validation/results docs/engines.md
+"$venv/bin/python" validation/table.py validation/results validation/results/README.md

@@ -1,4 +1,4 @@
-"""Writes the tables of docs/engines.md from the results.
+"""Writes the tables of validation/results/README.md from the results.
 
 python3 table.py RESULTS PAGE
 """

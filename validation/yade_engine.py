@@ -175,7 +175,7 @@ class YadePlant(EnginePlant):
         self.took(heights - self.radii - self.x[self.members_track])
 
     def took(self, gap: np.ndarray) -> None:
-        """Does what is due at a sample, with the gap between each member and its track in m."""
+        """Applies the events due at a sample, with the gap between each member and its track in m."""
         self.listen(gap)
         if self.redraw:
             self.set_restitutions()

@@ -1,14 +1,15 @@
 #!/usr/bin/env bash
-# Searches every way into kband by coverage, with libFuzzer and the address sanitizer.
+# Fuzzes every input of kband, guided by coverage, with libFuzzer and the address sanitizer.
 #
-#   tests/fuzz/run.sh [SECONDS [TARGET...]]   60 seconds for each target; all of them but log, which needs a board's image with a log
+#   tests/fuzz/run.sh [SECONDS [TARGET...]]   60 seconds for each target, by default for all but log,
+#                                             which needs a board's image with a log
 #
-# Prints for each target how many inputs were tried, how many branches they reached and the corpus that they left in
-# target/fuzz/corpus/TARGET; exit status 1 where an input failed: it lies in target/fuzz/failed and runs again with
+# Prints for each target the number of inputs tried, of branches reached, and the size of the corpus in
+# target/fuzz/corpus/TARGET. Exit status 1 if an input failed: it is in target/fuzz/failed. Repeat it:
 #   KBAND_FUZZ=TARGET target/fuzz/x86_64-unknown-linux-gnu/release/fuzz FILE
-# What it found worth keeping goes into the tree by tests/fuzz/keep.py, and is where the next search begins.
-# The compiler is the stable one. -Zsanitizer is the only thing that it has to be talked into; where its runtime is missing the
-# search runs without, and says so.
+# tests/fuzz/keep.py copies new inputs into the tree, where the next search begins.
+# The compiler is the stable one, with RUSTC_BOOTSTRAP for -Zsanitizer only. If the sanitizer's runtime
+# is missing, the search runs without it and says so.
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 seconds=${1:-60}
@@ -28,9 +29,9 @@ if compgen -G "$(rustc --print target-libdir)/librustc*_rt.asan.a" >/dev/null; t
 else
     echo "without the address sanitizer: this compiler has no runtime of it"
 fi
-# Across crates nothing is to be gained here, and it takes long.
+# Link-time optimization would take long and gain nothing here.
 export CARGO_PROFILE_RELEASE_LTO=off
-# Once for the programs that run here while it builds, once for the search: --target keeps them apart.
+# --target keeps the build scripts apart from the instrumented program.
 features=libfuzzer
 case " $* " in *" log "*) features=libfuzzer,log ;; esac
 RUSTFLAGS=$flags cargo build --locked --release --package kband-fuzz --features "$features" --bin fuzz --target "$host" \

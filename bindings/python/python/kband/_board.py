@@ -62,7 +62,7 @@ class Board:
         return self._board.target()
 
     def set_target(self, **target: Any) -> None:
-        """Asks for another target, as in a scene: `gear=1`, `k=0.4`."""
+        """Requests another target, as in a scene: `gear=1`, `k=0.4`."""
         self._board.set_target(target)
 
     def enable(self, on: bool = True) -> None:

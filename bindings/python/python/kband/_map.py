@@ -56,7 +56,8 @@ def impact_map(
     tones: second and third tone of the track, each (e, th): the track moves as
         sin t + e sin(2 t + th) + e3 sin(3 t + th3).
     out: arrays of float64 for phase and speed, of the broadcast shape; they may be the arguments.
-    threads: number of threads, 1..1024, by default one for each core. The bits are the same for any number.
+    threads: number of threads, 1..1024, by default one for each core. Results have the same bits
+        for any number.
 
     The arguments broadcast. Raises ValueError with index, value and accepted range; `out` then
     holds no result.

@@ -76,7 +76,7 @@ class Doublings(NamedTuple):
     chaos_error: float | None
     """Error of that k."""
     complete: bool
-    """Whether as many doublings were found as were asked for."""
+    """Whether the requested number of doublings was found."""
     provenance: Provenance
 
 
