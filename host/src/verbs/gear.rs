@@ -1,7 +1,7 @@
 //! `kband gear`: amplitude and second tone at which parts of scattering restitution stay in gear.
 //!
-//! The method is Monte Carlo simulation on a grid of k and second tone, followed by a selection of
-//! the best points with fresh runs (`survey`). The output is the share of time in gear, 0..1.
+//! The method is Monte Carlo simulation on a grid of k and second tone (`survey`). Fresh runs then
+//! select the best points. The output is the share of time in gear, 0..1.
 
 mod page;
 mod survey;

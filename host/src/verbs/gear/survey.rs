@@ -1,8 +1,8 @@
 //! Share of time in gear, 0..1, over a grid of k and waves, and the best points.
 //!
-//! The method is Monte Carlo simulation with common random numbers. The best points of the map are
-//! selected by fresh runs, and their shares are estimated by fresh runs again: the selection would
-//! bias them upwards (winner's curse).
+//! The method is Monte Carlo simulation with common random numbers. Fresh runs select the best points
+//! of the map. Further fresh runs estimate their shares, because a selection biases the shares of the
+//! selected points upwards (winner's curse).
 
 use kband::feeder::Restitution;
 use kband::impact::{ContactTime, Scatter, Wave, WaveMap};
