@@ -1,8 +1,11 @@
 //! Sampled control of the drive in two tasks: the sample interrupt and the control of each cycle.
 //!
-//! The sample interrupt demodulates the acceleration, in phase and in quadrature to the drive
-//! (docs/glossary.md), and sets the output. It switches the drive off after [`MAX_COMMAND_AGE_CYCLES`]
-//! cycles without a command.
+//! Inputs of the interrupt are the converter's codes and the enable contact, once a sample (50 us).
+//! Its output is the drive signal as a share of full output, -1..1. It demodulates the acceleration
+//! at the drive's frequency (lock-in amplifier: Meade 1983). It switches the drive off after
+//! [`MAX_COMMAND_AGE_CYCLES`] cycles without a command.
+//!
+//! The control gets the demodulated cycle and commands the amplitude of the next.
 
 use embassy_futures::yield_now;
 use kband::arithmetic::Phase;
@@ -24,10 +27,12 @@ pub struct Sampler<S, D> {
     sense: S,
     drive: D,
     exchange: &'static Exchange,
+    /// Roll call of the tasks, on which the watchdog depends.
     roll: &'static Roll,
     enable: Debounce,
     /// Whether the enable input was high at any sample of this cycle.
     enable_was_high: bool,
+    /// Whether the drive may be on.
     on: bool,
     /// Drive cycles since the last command.
     cycles_since_command: u8,
@@ -163,9 +168,9 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
 /// Control task of the drive cycles: control, report, then planning in slices.
 ///
 /// Deadline: one drive cycle (20 ms at 50 Hz). A missed deadline is counted, and the drive keeps
-/// its amplitude for another cycle. After [`MAX_COMMAND_AGE_CYCLES`] cycles without a command the sample
-/// interrupt switches the drive off. Other tasks run between slices of planning; a new cycle ends
-/// the planning.
+/// its amplitude for another cycle. After [`MAX_COMMAND_AGE_CYCLES`] cycles without a command the
+/// sample interrupt switches the drive off. Other tasks run between slices of planning; a new cycle
+/// ends the planning.
 pub async fn control(
     station: &Station,
     exchange: &'static Exchange,
@@ -456,8 +461,8 @@ mod tests {
     }
 
     /// Runs a sampler with one constant command a cycle. Each contact state lasts for the given
-    /// time in ms. Returns whether the drive was off at every sample, and the enable input as handed
-    /// to the control.
+    /// time in ms. Returns whether the drive was off at every sample, and the enable input that the
+    /// control receives.
     fn commanded(amplitude: f32, contacts: &[(Contact, u32)]) -> (bool, EnableCycle) {
         static ROLL: Roll = Roll::of(&[Watched::Samples]);
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
@@ -559,8 +564,8 @@ mod tests {
 
     #[test]
     fn a_control_that_comes_too_late_ends_in_its_fault() {
-        // Each control runs 5.5 cycles late, beyond [`MAX_COMMAND_AGE_CYCLES`]. The report after the delay
-        // carries the fault.
+        // Each control runs 5.5 cycles late, beyond [`MAX_COMMAND_AGE_CYCLES`]. The report after
+        // the delay carries the fault.
         let (reports, off, _) = run(&scene(), 12, 2200);
         let late = |report: &Report| report.fault == Some(Fault::ControlLate);
         assert!(reports.iter().any(late), "{reports:?}");

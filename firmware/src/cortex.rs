@@ -54,8 +54,8 @@ pub fn waiting_faults() -> Option<&'static mut Waiting> {
 /// Message of the image before this reset; the call clears it.
 pub fn take_last_words() -> LastWords {
     cortex_m::interrupt::free(|_| {
-        // SAFETY: interrupts are off and no other reference lives; any bytes are a valid
-        // `LastWords`, which is integers only and judges its content by its checksum.
+        // SAFETY: interrupts are off and no other reference lives. Any bytes are a valid
+        // `LastWords`: it consists of integers, and its checksum validates the content.
         let kept = unsafe { &mut *KEPT.0.get() };
         let words = *kept;
         kept.clear();

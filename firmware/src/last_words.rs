@@ -1,7 +1,7 @@
-//! Last message of the firmware, kept across a reset.
+//! Last message of the firmware, kept across a reset: up to 244 bytes of UTF-8 text.
 //!
 //! The record lies in RAM that the start-up code does not clear. After power-on it is arbitrary: a
-//! record counts only with its mark and a valid checksum.
+//! record counts only with its mark and a valid checksum (FNV-1a: Fowler, Noll and Vo 1991).
 
 use core::fmt;
 
@@ -73,7 +73,8 @@ impl fmt::Write for LastWords {
     }
 }
 
-/// FNV-1a: a few instructions and no table. It detects arbitrary RAM content, not an attack.
+/// FNV-1a of 32 bits: a few instructions and no table. It detects arbitrary RAM content, not an
+/// attack.
 fn checksum(bytes: &[u8]) -> u32 {
     bytes.iter().fold(0x811c_9dc5, |sum, byte| {
         (sum ^ u32::from(*byte)).wrapping_mul(0x0100_0193)
@@ -85,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_read_back_once_and_noise_is_not() {
+    fn kept_words_are_read_and_noise_and_cleared_ones_are_not() {
         let mut words = LastWords::EMPTY;
         assert_eq!(words.read(), None);
         words.keep(format_args!("{} at {}", "index out of range", "lib.rs:7"));

@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recipe_of_a_newer_firmware_is_told_and_kept() {
+    fn a_recipe_of_a_newer_firmware_is_detected_and_kept() {
         let mut recipes = Recipes::default();
         recipes.set(1, Some(&some(1)));
         for (at, value) in [(NAME, 10), (NAME + 1, 9), (HEAD, 0), (0, 7)] {

@@ -124,8 +124,8 @@ struct BusState {
     run_was_off: Cell<bool>,
     /// Whether the acknowledge bit has risen since the last cycle.
     acknowledge: Cell<bool>,
-    /// Whether a request came since the last cycle.
-    heard: Cell<bool>,
+    /// Whether a request arrived since the last cycle.
+    request_received: Cell<bool>,
     save: Cell<SaveProgress>,
     /// Whether neither strap nor PIN keeps the settings.
     writable: Cell<bool>,
@@ -154,7 +154,7 @@ pub struct Station {
     frame_received: Cell<bool>,
     /// Whether the desk withholds the drive's enable.
     withheld: Cell<bool>,
-    /// What the fieldbus commands and requests.
+    /// Commands and requests of the fieldbus.
     bus: BusState,
     recipes: RefCell<Recipes>,
     /// The saved target, with its parts: recipe 0.
@@ -182,7 +182,7 @@ pub struct Station {
 }
 
 impl Station {
-    /// Builds the controller from the stored settings and target. It is large: a call of its own
+    /// Builds the controller from the stored settings and target. It is large: a separate call
     /// keeps the stack small.
     ///
     /// Settings that are missing or damaged start the controller in its fault. The defaults that
@@ -250,7 +250,7 @@ impl Station {
         }
         let desk_heard = self.frame_received.take() || inputs.link_heard;
         let bus = self.bus.take_command();
-        let bus_heard = self.bus.heard.take();
+        let bus_heard = self.bus.request_received.take();
         let controls = self.bus_controls();
         Some(self.control(
             cycle,
@@ -449,7 +449,7 @@ impl Station {
 
     /// Records that a request came over the fieldbus.
     pub fn record_bus_request(&self) {
-        self.bus.heard.set(true);
+        self.bus.request_received.set(true);
     }
 
     /// Takes the run bit of the fieldbus, and whether its acknowledge bit has risen.

@@ -1,7 +1,6 @@
-//! Options shared by the verbs; numbers, ranges and restitutions as a user types them.
+//! Options shared by the verbs, and parsers of numbers, ranges and restitutions.
 //!
-//! The parsers return a message of one line that says what is accepted; clap adds the option and the
-//! value, so that a refusal names key, value and range.
+//! An error of a parser is one line with the accepted range. clap adds the option and the value.
 
 mod amplitude;
 mod look;
@@ -41,13 +40,13 @@ pub struct Drawn {
 }
 
 impl Drawn {
-    /// Where the picture or the numbers will go, checked before anything is computed. With `format`
-    /// as numbers, standard output is no picture.
+    /// The destination of the picture or the numbers, checked before anything is computed. A
+    /// picture on standard output is refused if `format` prints numbers there.
     pub fn output(&self, format: Format) -> Result<Output, Refusal> {
         self.output_with(format, false)
     }
 
-    /// The same for numbers that go out row by row, also as .parquet.
+    /// The same for numbers that are written row by row, also as .parquet.
     pub fn output_of_rows(&self, format: Format) -> Result<Output, Refusal> {
         self.output_with(format, true)
     }
@@ -80,7 +79,7 @@ impl Drawn {
         })
     }
 
-    /// The same, with a picture of that name where no file is named and a table is printed.
+    /// The same; without `--out`, a picture called `name` beside a printed table.
     pub fn output_or(&self, name: &str, format: Format) -> Result<Output, Refusal> {
         if self.out.is_some() || format != Format::Table {
             return self.output(format);
@@ -92,12 +91,12 @@ impl Drawn {
     }
 }
 
-/// Whether a file that begins like this is a picture of kband's.
+/// Whether a file with this beginning is a picture written by kband.
 pub fn own_picture(begin: &str) -> bool {
     begin.starts_with("<svg xmlns") && begin.contains("font-family=\"'DejaVu Sans'")
 }
 
-/// Refuses a picture on standard output where `format` wants numbers there.
+/// Refuses a picture on standard output if `format` prints numbers there.
 pub fn refuse_two_forms(path: &Path, format: Format) -> Result<(), Refusal> {
     if path == Path::new("-") && format != Format::Table {
         return Err(Refusal::new(
@@ -131,8 +130,7 @@ impl Output {
         matches!(self.kind, Some((_, Kind::Numbers(Format::Csv))))
     }
 
-    /// Does `work` with the rows that go into a file of numbers as they come; with none where the
-    /// output is a picture or nothing.
+    /// Calls `work` with the writer of rows; with `None` if the output is a picture or nothing.
     pub fn rows<T>(
         &self,
         columns: &[Column],
@@ -154,8 +152,8 @@ impl Output {
         }
     }
 
-    /// Writes the picture or the numbers of `report`, whole, and says where on standard error;
-    /// nothing without `--out`. The picture is drawn only when it is wanted.
+    /// Writes the whole picture or the numbers of `report`; prints the file's name on standard
+    /// error. Without `--out` it writes nothing and draws no picture.
     pub fn write(
         &self,
         report: &Printout,
@@ -168,7 +166,7 @@ impl Output {
         self.draw(picture)
     }
 
-    /// Writes the picture, if one is wanted, and says where on standard error.
+    /// Writes the picture, if one is wanted; prints the file's name on standard error.
     pub fn draw(&self, picture: impl FnOnce() -> Picture) -> Result<(), Refusal> {
         if let Some((target, Kind::Picture(look))) = &self.kind {
             look.write(target, &picture())?;
@@ -241,7 +239,7 @@ impl ScatterArguments {
         if self.scatter == 0.0 {
             return Ok(None);
         }
-        // Each orbit has a stream of its own: neighbouring numbers give unrelated ones.
+        // Neighbouring numbers give unrelated streams.
         let mut seeds = Noise::new(self.seed.rotate_left(32).wrapping_add(stream));
         let seed = u64::from(seeds.bits()) << 32 | u64::from(seeds.bits());
         Scatter::build(mean, self.scatter, seed).map(Some)
@@ -257,7 +255,7 @@ pub struct NoScatter {
 }
 
 impl NoScatter {
-    /// Refused where something scatters; `why` there is no answer, and what asks instead.
+    /// Refused with scatter; `why` there is no answer, and the `next` step.
     pub fn check(self, why: &str, next: &str) -> Result<(), Refusal> {
         match self.scatter {
             Some(scatter) if scatter > 0.0 => Err(Refusal::value(
@@ -388,8 +386,7 @@ pub fn tone(text: &str) -> Result<Tone, String> {
     }
 }
 
-/// A range `LO..HI[:N]` of `count` values where N is not given, or one value; ends within the
-/// accepted ones.
+/// A parser of one value or a range `LO..HI[:N]`, N = `count` if absent, with ends in `low..=high`.
 pub fn range_or_value(
     accepted: (f64, f64),
     count: usize,

@@ -1,19 +1,19 @@
-//! Why parts are in gear for less of the time than the lot allows: the plan of gear is made again
-//! with one bound lifted at a time, in the order in which a setter should look.
+//! Causes for a share of time in gear below the lot's best, each with its remedy.
 //!
-//! Method: relaxation of one constraint at a time. Each cause states the share in gear that its
-//! remedy is predicted to give.
+//! The method is relaxation of one constraint at a time. The plan of gear is repeated without one
+//! bound of the drive or the lot, in the order in which a setter should check them. The result is
+//! the predicted share in gear, 0..1, and the amplitude in mm.
 
 use kband::regime::gear::GearPlan;
 use kband_control::{Controller, Limits, Settings, StartCause, Target};
 
 use crate::report::number;
 
-/// Share of time in gear, 0..=1, from which parts are said to stay in gear: no cause is searched.
+/// Share of time in gear, 0..=1, from which parts are reported to stay in gear, without causes.
 pub const MIN_SHARE_IN_GEAR: f64 = 0.95;
-/// Least gain of the predicted share for which a remedy is named.
+/// Smallest gain of the predicted share for which a remedy is named.
 const MIN_GAIN: f64 = 0.05;
-/// Second tone that is tried, over the first.
+/// Amplitude of the tried second tone, over the first.
 const SECOND_TONE: f32 = 0.15;
 /// Factor by which the drive is made stronger to lift its output limit.
 const STRONGER: f32 = 10.0;
@@ -27,17 +27,17 @@ impl Cause {
     }
 }
 
-/// The predicted best of a lot on a drive.
+/// The predicted best setpoint of a lot on a drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Best {
     /// Share of time in gear, 0..=1.
     pub share: f64,
-    /// Amplitude b in mm; 0 where no amplitude brings parts into gear.
+    /// Amplitude b in mm; 0 if no amplitude brings parts into gear.
     pub amplitude: f64,
 }
 
 impl Best {
-    /// The best of a lot and an order, as the controller plans it.
+    /// The best setpoint of a lot and an order, as the controller plans it.
     pub fn of(settings: &Settings, order: u8) -> Self {
         plan(settings, order).map_or(Self::default(), |(plan, amplitude)| Self {
             share: f64::from(plan.share),
@@ -46,8 +46,8 @@ impl Best {
     }
 }
 
-/// The controller's plan of gear of an order, and its amplitude b in mm; `None` where the drive
-/// brings no part into gear.
+/// The controller's plan of gear of an order, and its amplitude b in mm; `None` if the drive brings
+/// no part into gear.
 pub fn plan(settings: &Settings, order: u8) -> Option<(GearPlan, f64)> {
     let target = Target::Gear { order };
     let mut controller = Controller::build(settings, target, StartCause::Ordinary).ok()?;
@@ -55,12 +55,12 @@ pub fn plan(settings: &Settings, order: u8) -> Option<(GearPlan, f64)> {
     Some((controller.gear()?, f64::from(controller.setpoint()) * 1e3))
 }
 
-/// One cause, with its remedy and what the remedy gives.
+/// One cause, with its remedy and the predicted effect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cause {
-    /// What holds the parts back, with its numbers, and what to change.
+    /// The cause with its numbers, and the change that removes it.
     pub remedy: String,
-    /// Predicted best with this one change.
+    /// Predicted best setpoint with this one change.
     pub best: Best,
 }
 
@@ -138,8 +138,8 @@ pub fn causes(settings: &Settings, order: u8, now: Best) -> Vec<Cause> {
         .collect()
 }
 
-/// The cause where the controller detects that the parts do not fit the lot; `amplitude` in mm is
-/// what it holds then, without any share in gear.
+/// The cause after the controller has detected that the parts do not fit the lot. `amplitude` in mm
+/// is the held one, without any share in gear.
 pub fn misfit(settings: &Settings, amplitude: f64) -> Cause {
     let Settings {
         restitution_low,
@@ -159,8 +159,8 @@ pub fn misfit(settings: &Settings, amplitude: f64) -> Cause {
     }
 }
 
-/// The causes of one controller, computed again only where settings, order or plan have changed:
-/// they take up to seven plans.
+/// Cache of one controller's causes. They need up to seven plans, so they are computed again only
+/// after a change of settings, order or plan.
 #[derive(Clone, Debug, Default)]
 pub struct CauseCache {
     of: Option<(Settings, u8, Best)>,
@@ -168,8 +168,8 @@ pub struct CauseCache {
 }
 
 impl CauseCache {
-    /// The causes for a target of gear, most likely first; `limits` hold the drive back. None where
-    /// the lot stays in gear, or where there is no plan yet.
+    /// The causes for a target of gear, most likely first; `limits` hold the drive back. Empty if
+    /// the lot stays in gear or no plan exists yet.
     pub fn causes(
         &mut self,
         settings: &Settings,
@@ -294,7 +294,7 @@ mod tests {
         let mut cache = CauseCache::default();
         let first = cache.causes(&weak, 1, now, Limits::NO_SETPOINT);
         assert!(!first.is_empty());
-        // A second look plans nothing: it takes a thousandth of the time.
+        // A second call plans nothing and takes a thousandth of the time.
         let begun = std::time::Instant::now();
         let first_again = cache.causes(&weak, 1, now, Limits::NO_SETPOINT);
         let again = begun.elapsed();

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use crate::refusal::Refusal;
 
-/// What every verb works with: the cores, the progress bar, the wish to stop.
+/// Environment of every verb: the cores, the progress bar, the user's request to stop.
 #[derive(Debug)]
 pub struct Desk {
     stop: Arc<AtomicBool>,
@@ -37,10 +37,10 @@ impl Desk {
         })
     }
 
-    /// Ctrl-C (and SIGTERM) from now on ask the work to stop; a second one stops at once.
+    /// From now on Ctrl-C (or SIGTERM) requests a stop of the work; a second one stops at once.
     pub fn listen_for_interruption(&self) {
         let stop = Arc::clone(&self.stop);
-        // Refused only where a handler is installed already, which then does its own.
+        // It fails only if a handler is installed already, which then stays.
         let _ = ctrlc::set_handler(move || {
             if stop.swap(true, Ordering::SeqCst) {
                 crate::file::remove_unfinished();
@@ -49,7 +49,7 @@ impl Desk {
         });
     }
 
-    /// Refuses once the user asked to stop; work of many steps calls it between them.
+    /// Refuses after a request to stop; work of many steps calls it between them.
     pub fn go_on(&self) -> Result<(), Refusal> {
         if self.stop.load(Ordering::Relaxed) {
             Err(Refusal::interrupted())
@@ -58,8 +58,8 @@ impl Desk {
         }
     }
 
-    /// `work` on each of `0..count` on all cores, results in order. Each result must depend on its
-    /// number alone, which gives the same bits for any number of threads.
+    /// Calls `work` for each of `0..count` on all cores; results are in order. Each result must
+    /// depend on its number alone: then any number of threads gives the same bits.
     pub fn map<T: Send>(
         &self,
         title: &str,
@@ -92,8 +92,8 @@ impl Desk {
         self.map(title, count, work)?.into_iter().collect()
     }
 
-    /// Like [`Desk::try_map`] for work that does some of `0..count` at once, results in order: as many as `together`, or
-    /// fewer where there are threads for them, spread over the whole of it.
+    /// Like [`Desk::try_map`] for work that does several of `0..count` at once, spread over the
+    /// whole range. They are at most `together`, and fewer if there are threads for them.
     pub fn spread<T: Send>(
         &self,
         title: &str,
@@ -118,14 +118,15 @@ impl Desk {
     }
 }
 
-/// Time after which work that goes on is shown: what ends before needs no bar.
+/// Time after which the progress bar appears; shorter work needs none.
 const SHOWN_AFTER: Duration = Duration::from_millis(400);
 
-/// A progress bar on a terminal's standard error, shown within the first second, whether or not a step is done by then.
+/// A progress bar on a terminal's standard error. It appears within the first second, also before
+/// the first step is done.
 #[derive(Debug)]
 pub struct Progress {
     bar: ProgressBar,
-    /// What shows it, and what tells that the work was over before.
+    /// The thread that shows the bar, and the channel that ends it early.
     waiting: Mutex<Option<(Sender<()>, JoinHandle<()>)>>,
 }
 
@@ -135,7 +136,7 @@ impl Progress {
         Self::on(title, length, std::io::stderr().is_terminal())
     }
 
-    /// A bar beside rows on standard output: none where both are on a terminal.
+    /// A bar beside rows on standard output; none if both are on a terminal.
     pub fn beside_rows(title: &str, length: u64) -> Self {
         let shown = std::io::stderr().is_terminal() && !std::io::stdout().is_terminal();
         Self::on(title, length, shown)
@@ -159,7 +160,7 @@ impl Progress {
         }
     }
 
-    /// Counts steps that are done.
+    /// Counts finished steps.
     pub fn advance(&self, steps: u64) {
         self.bar.inc(steps);
     }
@@ -173,7 +174,7 @@ impl Progress {
             .take();
         if let Some((over, shows)) = waiting {
             drop(over);
-            // It cannot panic; and if it did there would be no bar.
+            // It cannot panic; after a panic there would be no bar.
             let _ = shows.join();
         }
         self.bar.finish_and_clear();
@@ -181,13 +182,13 @@ impl Progress {
 }
 
 impl Drop for Progress {
-    /// Work that was refused leaves no bar either.
+    /// Removes the bar after a refusal, too.
     fn drop(&mut self) {
         self.finish();
     }
 }
 
-/// Shows a bar, and goes on showing how long it has been at it.
+/// Shows a bar with the elapsed time.
 fn show(bar: &ProgressBar, title: String) {
     let form = "{prefix} [{wide_bar}] {percent:>3} % {elapsed:>3} so far, {eta:>3} left";
     if let Ok(style) = ProgressStyle::with_template(form) {

@@ -1,4 +1,4 @@
-//! Where an orbit of the exact map ends, and its fill in pictures.
+//! Final regime of an orbit of the exact map, and its fill in pictures.
 
 use kband::regime::classify::Regime;
 

@@ -1,7 +1,8 @@
-//! Files that are written whole or not at all, and never over what the same run reads or writes.
+//! Output files, written whole or not at all, and never over an input or output of the same run.
 //!
-//! A file that the user names takes the place of an older one of that name, and is said to. A file that he did not name is
-//! only written where there is none, or one that kband wrote.
+//! The method is a temporary file in the same folder, renamed when complete (atomic replacement).
+//! A file that the user names replaces an older one, with a message. A file with a default name
+//! replaces only a file that kband wrote.
 
 mod used;
 
@@ -14,10 +15,10 @@ use std::sync::{Mutex, PoisonError};
 use crate::refusal::Refusal;
 use used::Written;
 
-/// Temporary files of this run, removed when it is stopped hard.
+/// Temporary files of this run, removed before a forced stop.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// Whether a result goes to standard output: words then go to standard error.
+/// Whether a result goes to standard output: messages then go to standard error.
 static STANDARD_OUTPUT_TAKEN: AtomicBool = AtomicBool::new(false);
 
 /// Whether a result goes to standard output.
@@ -66,7 +67,7 @@ fn standard(path: &Path) -> Option<&str> {
     }
 }
 
-/// Where a result will go: checked before anything is computed, written at the end.
+/// Destination of a result: checked before anything is computed, written at the end.
 #[derive(Clone, Debug)]
 pub struct Destination {
     path: PathBuf,
@@ -77,7 +78,8 @@ pub struct Destination {
 }
 
 impl Destination {
-    /// The target `path`, or standard output where that is `-` or `-.png`: what the ending says, `ending` without one.
+    /// The target `path`, or standard output for `-` and `-.png`. The ending gives the format;
+    /// without one it is `ending`.
     pub fn output(path: &Path, ending: &str) -> Result<Self, Refusal> {
         let Some(said) = standard(path) else {
             return Self::check(path);
@@ -97,8 +99,8 @@ impl Destination {
         })
     }
 
-    /// The target `path`, refused where its folder is missing, it is itself a folder, or it is a file that
-    /// this run reads or writes elsewhere, by whatever name.
+    /// The target `path`. Refused: a folder, a file in a missing folder, and a file that this run
+    /// reads or writes elsewhere, by any name.
     pub fn check(path: &Path) -> Result<Self, Refusal> {
         if standard(path).is_some() {
             return Err(Refusal::new(
@@ -157,8 +159,8 @@ impl Destination {
         })
     }
 
-    /// The same for a file that nobody named: also refused where one of its name is there that kband did not write, which
-    /// `own` tells by how it begins.
+    /// The same for a default name: also refused if the file exists and kband did not write it.
+    /// `own` decides that by the file's beginning.
     pub fn default_name(path: &Path, own: fn(&str) -> bool, option: &str) -> Result<Self, Refusal> {
         let target = Self::check(path)?;
         if target.replaces {
@@ -178,7 +180,7 @@ impl Destination {
         Ok(target)
     }
 
-    /// That it was written, for the user.
+    /// Message for the user that the file was written.
     pub fn told(&self) -> String {
         if self.standard {
             return "wrote standard output".into();
@@ -187,7 +189,7 @@ impl Destination {
         format!("{what} {}", self.path.display())
     }
 
-    /// Ending of the file name in small letters, without the dot; empty where there is none.
+    /// Ending of the file name in lower case, without the dot; empty without one.
     pub fn ending(&self) -> String {
         self.path
             .extension()
@@ -200,7 +202,7 @@ impl Destination {
         &self.path
     }
 
-    /// Writes the file by `content`: into a temporary file beside it, renamed when complete.
+    /// Writes the file by `content`: into a temporary file in its folder, renamed when complete.
     pub fn write(
         &self,
         content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
@@ -208,10 +210,9 @@ impl Destination {
         self.write_by(|file| content(file).map_err(|error| self.unwritten(&error)))
     }
 
-    /// Writes the file by work that may itself refuse, and gives back what came of the work.
+    /// Writes the file by work that may itself refuse; returns the work's result.
     ///
-    /// A link is followed, and what is no file (a pipe, a device) is written into as it stands: neither is
-    /// replaced.
+    /// A symbolic link is followed. A pipe or a device is written directly. Neither is replaced.
     pub fn write_by<T>(
         &self,
         work: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, Refusal>,
@@ -230,7 +231,7 @@ impl Destination {
             file.flush().map_err(refuse)?;
             return Ok(result);
         }
-        // Where there is a file already, the one that a link leads to.
+        // An existing file is resolved to the target of its links.
         let place = fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
         let name = name_of(&place);
         let temporary =
@@ -267,10 +268,10 @@ impl Destination {
     }
 }
 
-/// Ending of the temporary file in which a result grows; before it stands the number of the process.
+/// Ending of a temporary file, after the number of the process.
 const UNFINISHED_ENDING: &str = ".unfinished";
 
-/// Where a file is read from: `-` is standard input.
+/// The source of an input: standard input for `-`.
 fn source(path: &Path) -> &Path {
     if path == Path::new("-") {
         Path::new("/dev/stdin")
@@ -279,21 +280,21 @@ fn source(path: &Path) -> &Path {
     }
 }
 
-/// Opens a file to read from; `next` says what to give where that fails.
+/// Opens an input; `next` is the next step of the error.
 pub fn open(path: &Path, next: &str) -> Result<File, Refusal> {
     let file = File::open(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
     used::reads(path)?;
     Ok(file)
 }
 
-/// Reads a file whole; `next` says what to give where that fails.
+/// Reads a whole input; `next` is the next step of the error.
 pub fn read(path: &Path, next: &str) -> Result<Vec<u8>, Refusal> {
     let bytes = fs::read(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
     used::reads(path)?;
     Ok(bytes)
 }
 
-/// Reads a text file whole.
+/// Reads a whole text file.
 pub fn read_text(path: &Path) -> Result<String, Refusal> {
     let text = fs::read_to_string(source(path))
         .map_err(|error| Refusal::file(path, &error, "give the path of a readable text file"))?;
@@ -301,8 +302,8 @@ pub fn read_text(path: &Path) -> Result<String, Refusal> {
     Ok(text)
 }
 
-/// Tells of what runs that were killed have left beside `path`. It is not removed: where processes are not
-/// to be seen (another machine writes into the same folder) nobody knows that it is dead.
+/// Reports temporary files that killed runs left beside `path`. It does not remove them: a process
+/// of another machine that writes into the same folder is invisible here.
 fn tell_left_over(path: &Path) {
     for left in left_over(path) {
         eprintln!(
@@ -312,7 +313,7 @@ fn tell_left_over(path: &Path) {
     }
 }
 
-/// Temporary files for `path` whose process is gone.
+/// Temporary files for `path` whose process has ended.
 fn left_over(path: &Path) -> Vec<PathBuf> {
     let processes = Path::new("/proc/self");
     let (Ok(entries), true) = (fs::read_dir(folder(path)), processes.exists()) else {
@@ -335,7 +336,7 @@ fn name_of(path: &Path) -> std::borrow::Cow<'_, str> {
     path.file_name().unwrap_or_default().to_string_lossy()
 }
 
-/// Removes the temporary files of this run; the last act before a hard stop.
+/// Removes the temporary files of this run; the last act before a forced stop.
 pub fn remove_unfinished() {
     for path in unfinished().drain(..) {
         let _ = fs::remove_file(path);
@@ -399,7 +400,7 @@ mod tests {
 
     #[test]
     #[cfg(unix)]
-    fn what_is_no_file_is_written_into_and_stays_what_it_is() {
+    fn a_device_is_written_to_and_not_replaced() {
         use std::os::unix::fs::FileTypeExt;
         let folder = folder_of("pipe");
         let pipe = folder.join("pipe.csv");

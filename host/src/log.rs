@@ -8,11 +8,11 @@ use defmt_decoder::{DecodeError, StreamDecoder, Table};
 
 use crate::refusal::Refusal;
 
-/// What an image can say.
+/// Format strings of an image's log.
 pub struct Words(Table);
 
 impl Words {
-    /// Reads them from an image (ELF).
+    /// Reads the format strings of an image (ELF).
     pub fn read(image: &Path) -> Result<Self, Refusal> {
         let next =
             "give the image that runs on the board, such as the one that cargo feeder builds";
@@ -31,10 +31,10 @@ impl Words {
     }
 }
 
-/// Gives the bytes of a log that were written since the last call.
+/// Returns the bytes of a log since the last call.
 pub type Source = Box<dyn FnMut() -> Result<Vec<u8>, Refusal>>;
 
-/// A log as it is written.
+/// Decoder of a growing log.
 pub struct Log<'a> {
     more: Source,
     record: Option<File>,
@@ -43,7 +43,7 @@ pub struct Log<'a> {
 }
 
 impl<'a> Log<'a> {
-    /// The log that `more` gives piece by piece, written by an image that says `words`.
+    /// The log from `more`, of an image with the format strings `words`.
     pub fn new(more: Source, words: &'a Words) -> Self {
         Self {
             more,
@@ -68,17 +68,17 @@ impl<'a> Log<'a> {
         Ok(Self::new(Box::new(more), words))
     }
 
-    /// Keeps the bytes that come from now on in a file.
+    /// From now on writes the received bytes to a file.
     pub fn record(&mut self, file: File) {
         self.record = Some(file);
     }
 
-    /// Frames so far that could not be read.
+    /// Number of unreadable frames so far.
     pub fn unreadable(&self) -> u64 {
         self.unreadable
     }
 
-    /// The lines that were added since the last call: time, level and words.
+    /// The lines since the last call: time, level and text.
     pub fn lines(&mut self) -> Result<Vec<String>, Refusal> {
         let bytes = (self.more)()?;
         if let Some(record) = &mut self.record {

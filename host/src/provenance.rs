@@ -1,8 +1,8 @@
-//! What a result came from, written into every file and every CSV or JSON on standard output: version, commit, command,
-//! parameters with their units, seed and arithmetic.
+//! Provenance of a result: version, commit, command, parameters with their units, seed, arithmetic.
 //!
-//! A run has one provenance, set once by the command line. It holds nothing that differs between two runs of the same
-//! command: no time, no machine, no number of threads.
+//! Every file and every CSV or JSON on standard output contains it. A run has one provenance, set
+//! once by the command line. It is the same for two runs of one command: it has no time, no
+//! machine, no number of threads.
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -14,12 +14,12 @@ use serde_json::{Map, Value as Json, json};
 
 /// Version of kband.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// The commit that it was built from, with `-dirty` where its sources differed; `unknown` outside a git tree.
+/// The commit of the build, with `-dirty` if the sources differed; `unknown` outside a git tree.
 const COMMIT: &str = env!("KBAND_COMMIT");
 
-/// What each comment line of a CSV begins with.
+/// Begin of each comment line of a CSV.
 pub const COMMENT: &str = "# ";
-/// What the comments of a CSV begin with.
+/// Begin of the first comment of a CSV.
 pub const FIRST: &str = "# kband ";
 
 static RUN: Mutex<Option<Run>> = Mutex::new(None);
@@ -34,7 +34,7 @@ struct Run {
     arithmetic: &'static str,
 }
 
-/// A value that was given or is the default.
+/// A given or default value.
 #[derive(Clone, Debug, PartialEq)]
 struct Parameter {
     name: String,
@@ -55,7 +55,7 @@ impl Parameter {
     }
 }
 
-/// Options that say where a result goes and how it looks, not what it is.
+/// Options of a result's destination and appearance, which do not change its numbers.
 const ASIDE: [&str; 12] = [
     "threads",
     "out",
@@ -71,7 +71,7 @@ const ASIDE: [&str; 12] = [
     "record_log",
 ];
 
-/// Units of values by what the help calls them.
+/// Units of values, by their names in the help.
 const UNITS: [(&str, &str); 11] = [
     ("HZ", "Hz"),
     ("DEG", "degrees"),
@@ -111,7 +111,7 @@ fn chosen(given: &ArgMatches, id: &str) -> Option<String> {
     raw.next().map(|value| value.to_string_lossy().into_owned())
 }
 
-/// Notes the run: its words as they were typed, and its verb with what clap made of them.
+/// Records the run: its words as typed, and its verb with the values that clap parsed.
 pub fn begin(words: impl Iterator<Item = OsString>, verb: &clap::Command, given: &ArgMatches) {
     let words: Vec<String> = words
         .map(|word| word.to_string_lossy().into_owned())
@@ -126,7 +126,7 @@ pub fn begin(words: impl Iterator<Item = OsString>, verb: &clap::Command, given:
     *held() = Some(run);
 }
 
-/// Notes the scene of the run, whole, with the units of its keys by section and key.
+/// Records the whole scene of the run, with the units of its keys by section and key.
 pub fn scene(table: &toml::Table, unit: impl Fn(&str, &str) -> String) {
     let mut flat = Vec::new();
     for (section, value) in table {
@@ -141,7 +141,7 @@ pub fn scene(table: &toml::Table, unit: impl Fn(&str, &str) -> String) {
     }
     let mut held = held();
     let run = held.get_or_insert_default();
-    // 1 where the scene names none.
+    // The default seed is 1.
     let seed = table.get("seed").and_then(toml::Value::as_integer);
     run.seed = Some(seed.unwrap_or(1).into());
     run.scene = flat;
@@ -199,7 +199,7 @@ fn parameters(verb: &clap::Command, given: &ArgMatches) -> Vec<Parameter> {
     found
 }
 
-/// A value as typed: a number where it is one.
+/// A typed value, as a number if it is one.
 fn read(text: &str) -> Json {
     match text {
         "true" => return true.into(),
@@ -215,7 +215,7 @@ fn read(text: &str) -> Json {
     }
 }
 
-/// The words as a shell takes them, without the number of threads, on which no result depends.
+/// The words quoted for a shell, without the number of threads, on which no result depends.
 fn spelled(words: &[String]) -> String {
     let mut spelled = String::from("kband");
     let mut words = words.iter().skip(1);
@@ -258,7 +258,7 @@ pub fn object(units: Map<String, Json>) -> Json {
     fields
 }
 
-/// The provenance as one line of JSON, for pictures and other files that hold words about themselves.
+/// The provenance as one line of JSON, for files with a field of text, such as pictures.
 pub fn line() -> String {
     object(Map::new()).to_string()
 }
@@ -299,7 +299,7 @@ pub fn with(document: Json, units: Map<String, Json>) -> Json {
     Json::Object(whole)
 }
 
-/// A JSON document without its provenance, as it was before [`with`]: for those who compare results of several commands.
+/// A JSON document without its provenance, the inverse of [`with`], for comparing several commands.
 pub fn without(mut document: Json) -> Json {
     if let Json::Object(fields) = &mut document
         && fields.shift_remove("provenance").is_some()
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_put_in_comes_out() {
+    fn provenance_is_removed_as_it_was_added() {
         let list = json!([{"k": 0.4}]);
         let document = json!({"k": 0.4, "rows": [1]});
         for plain in [list, document] {

@@ -1,4 +1,4 @@
-//! Results as a table to read, as CSV and as JSON.
+//! Results as a table for readers, as CSV and as JSON.
 
 pub mod columns;
 mod json_rows;
@@ -57,25 +57,25 @@ impl Printout {
         }
     }
 
-    /// The printout with a line above the table to read.
+    /// The printout with a line above the table for readers.
     pub fn heading(mut self, heading: impl Into<String>) -> Self {
         self.heading = heading.into();
         self
     }
 
-    /// The printout with one more line below the table to read.
+    /// The printout with one more line below the table for readers.
     pub fn note(mut self, note: impl Into<String>) -> Self {
         self.notes.push(note.into());
         self
     }
 
-    /// The printout with these lines below the table to read; empty ones are left out.
+    /// The printout with these lines below the table for readers; empty ones are left out.
     pub fn notes(self, notes: impl IntoIterator<Item = impl Into<String>>) -> Self {
         let notes = notes.into_iter().map(Into::into);
         notes.filter(|note| !note.is_empty()).fold(self, Self::note)
     }
 
-    /// With the columns that do not fit on a screen below the others, as text.
+    /// The printout whose text has the columns that do not fit on a screen below the others.
     pub fn folded(mut self) -> Self {
         self.table = self.table.folded();
         self
@@ -131,7 +131,7 @@ impl Printout {
         }
     }
 
-    /// The table to read, with heading and notes; on a screen no wider than that.
+    /// The table for readers with heading and notes, at most as wide as the screen.
     fn to_text(&self, screen: Option<usize>) -> String {
         let within = |line: &str| screen.map_or(line.to_string(), |screen| wrapped(line, screen));
         let mut parts = Vec::new();
@@ -161,7 +161,7 @@ impl Printout {
         quiet_if_closed(self.write(format, &mut out).and_then(|()| out.flush()))
     }
 
-    /// Writes it whole into a file.
+    /// Writes the whole printout to a file.
     pub fn save(&self, format: Format, target: &Destination) -> Result<(), Refusal> {
         if let (Format::Csv, Some((_, write))) = (format, &self.csv) {
             let mut counted = table::CountedRows::default();
@@ -172,10 +172,10 @@ impl Printout {
     }
 }
 
-/// Rows of a table to read: what has more is no table to read.
+/// Largest number of rows of a table for readers.
 const MAX_ROWS_TO_READ: usize = 50_000;
 
-/// Rows that wait for the widths of their columns.
+/// Rows whose columns have no widths yet.
 struct RowsToRead(Table);
 
 impl Rows for RowsToRead {
@@ -193,9 +193,9 @@ impl Rows for RowsToRead {
     }
 }
 
-/// Prints the rows of `work` on standard output as they come; a table to read, when all are there.
+/// Prints the rows of `work` on standard output one by one; a table for readers after the last row.
 ///
-/// A reader that has gone away is noted, see [`file::reader_is_gone`].
+/// [`file::reader_is_gone`] reports a reader that has gone away.
 pub fn print_rows<T>(
     format: Format,
     columns: &[Column],
@@ -228,12 +228,12 @@ pub fn print_rows<T>(
     Ok(result)
 }
 
-/// States the size of a file that will have more than 100 MB.
+/// Prints the expected size of a file above 100 MB.
 pub fn state_size(target: &Destination, bytes: u64) {
     state_size_of(target.path().display(), bytes);
 }
 
-/// [`state_size`] of anything that bytes go to.
+/// [`state_size`] of any destination.
 pub fn state_size_of(target: impl std::fmt::Display, bytes: u64) {
     if bytes > 100_000_000 {
         let size = bytes / 1_000_000;
@@ -250,7 +250,7 @@ pub(crate) fn units(columns: &[Column]) -> Map<String, Json> {
         .collect()
 }
 
-/// Where words go: standard output, or where a result takes that, standard error.
+/// Destination of messages: standard output, or standard error if a result takes standard output.
 fn words() -> Box<dyn Write> {
     if file::takes_standard_output() {
         Box::new(std::io::stderr().lock())
@@ -266,7 +266,7 @@ pub fn print(text: &str) -> Result<(), Refusal> {
     quiet_if_closed(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
 }
 
-/// Columns of the terminal that words are printed on; none where they go elsewhere.
+/// Columns of the terminal of messages; `None` without a terminal.
 fn screen() -> Option<usize> {
     if file::takes_standard_output() {
         return None;
@@ -281,12 +281,12 @@ fn screen() -> Option<usize> {
     None
 }
 
-/// Fewer columns than these are no screen to lay a table out on.
+/// Smallest number of columns of a screen on which a table is laid out.
 #[cfg(unix)]
 const NARROWEST: u16 = 40;
 
-/// Sentences that are broken between words at a width. Behind a label and its gap they go on below
-/// their begin; columns aligned by several gaps and comments of a scene stay.
+/// Sentences broken between words at a width. After a label and its gap they continue below their
+/// begin. Columns aligned by several gaps and comments of a scene stay.
 fn wrapped(text: &str, screen: usize) -> String {
     let line = |line: &str| {
         let words = line.trim_start();

@@ -161,7 +161,7 @@ fn the_first_run_bit_after_power_on_starts_nothing() {
 }
 
 #[test]
-fn only_authority_two_acknowledges_and_the_run_bit_needs_an_edge() {
+fn only_authority_2_acknowledges_and_run_needs_an_edge() {
     let mut board = Board::new(1.0);
     board.control(0);
     board.control(1);
@@ -308,7 +308,7 @@ fn drawn_writes_start_nothing_without_the_enable_input() {
     }
 }
 
-/// A port that records what the task asks of it.
+/// A port that records the calls of the task.
 #[derive(Clone, Default)]
 struct Port {
     configured: Rc<RefCell<Vec<Option<LineConfig>>>>,
@@ -456,7 +456,7 @@ fn a_request_over_the_link_is_one_of_the_bus() {
     assert_eq!(board.station.report().state, State::Starting);
     let own = board.station.with_bus_server(|server| server.counters());
     assert_eq!((own.requests, own.exceptions), (4, 1));
-    // Silence of the bus, whatever else comes over the link.
+    // The bus is silent; other frames of the link do not count.
     let silent = (1..100).find(|_| {
         board.done(&Request::Alive);
         let limits = board.station.report().limits;
@@ -504,7 +504,7 @@ fn register_8_selects_a_recipe_where_the_bus_is_in_control() {
     assert_eq!(board.write(8, 2)[0], 6);
     assert_eq!((board.word(8), board.station.target()), (2, Target::K(0.5)));
     assert_eq!(board.station.settings().restitution_high, 0.3);
-    // One that is not there: an exception, and the recipe stays.
+    // A missing recipe: an exception, and the recipe in use stays.
     for missing in [1, 8, 0x102] {
         assert_eq!(board.write(8, missing), [0x86, 3]);
     }

@@ -1,4 +1,7 @@
-//! The words and pairs of a record: numbers of four bytes, and settings by the hash of their key.
+//! Binary encoding of a record's parts: 32-bit words, and pairs of a setting's key hash and value.
+//!
+//! Words and values are little endian, values IEEE single precision. The hash of a key is FNV-1a
+//! (Fowler, Noll and Vo 1991), folded to 16 bits.
 
 use kband_control::wire::Pin;
 use kband_control::{Settings, Shape, Target, UpperTone};

@@ -1,4 +1,8 @@
-//! Requests to a board and its answers, each with a time limit.
+//! Requests to a board and its responses, over a serial port or to an emulated board.
+//!
+//! The method is stop-and-wait with sequence numbers. An idempotent request is repeated every 0.5 s
+//! until its response arrives or the time limit of 10 s passes. Telemetry, which a board sends
+//! without a request, is kept in a queue.
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
@@ -17,11 +21,11 @@ use kband_scene::refusal::Refusal;
 
 use crate::{Emulated, emulator, serial};
 
-/// Longest wait for an answer; an emulated board on a busy machine is far below its speed.
+/// Longest wait for a response; an emulated board on a busy machine is far below its speed.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
-/// Time between two questions, where the first was not answered.
+/// Time between a request and its repetition.
 const RETRY_INTERVAL: Duration = Duration::from_millis(500);
-/// Most of what came unsolicited that is kept until somebody looks: over a minute at 50 Hz.
+/// Largest number of queued messages without a request: over a minute at 50 Hz.
 const MAX_UNSOLICITED: usize = 4096;
 
 /// Message that a board sends without a request.
@@ -33,9 +37,9 @@ pub enum Unsolicited {
     Started(String),
 }
 
-/// Asks whether to go on waiting; refuses where the wait is to end.
+/// Called during a wait; a refusal ends the wait.
 pub type Ask = Box<dyn FnMut() -> Result<(), Refusal> + Send>;
-/// Time between two such questions.
+/// Time between two such calls.
 const ASK_INTERVAL: Duration = Duration::from_millis(50);
 
 /// The link to one board. An emulated board ends with it.
@@ -59,8 +63,8 @@ pub struct Link {
 }
 
 impl Link {
-    /// The link to the emulated CPU, which runs `image`, keeps its settings in the file `flash`, and
-    /// writes its log into the file `log`; `go_on` is called while it waits.
+    /// The link to the emulated CPU, which runs `image`. It keeps its settings in the file `flash`
+    /// and its log in the file `log`; `go_on` is called during a wait.
     pub fn emulate(
         [image, flash, log]: [Option<&Path>; 3],
         emulated: Emulated,
@@ -76,7 +80,7 @@ impl Link {
         Self::over("qemu".to_string(), output, input, Some(child), go_on)
     }
 
-    /// The link to the board on a serial port; `go_on` is called while it waits.
+    /// The link to the board on a serial port; `go_on` is called during a wait.
     pub fn open(path: &Path, go_on: Ask) -> Result<Self, Refusal> {
         let output = serial::open(path)?;
         let input = output
@@ -85,7 +89,7 @@ impl Link {
         Self::over(path.display().to_string(), output, input, None, go_on)
     }
 
-    /// The link over what writes to a board and what reads from it; an emulator ends with it.
+    /// The link over a writer to a board and a reader from it; an emulator ends with it.
     fn over(
         name: String,
         output: impl Write + Send + 'static,
@@ -94,7 +98,7 @@ impl Link {
         go_on: Ask,
     ) -> Result<Self, Refusal> {
         let (send, bytes) = channel();
-        // The thread ends with the link's far end, or with the program.
+        // The thread ends with the other end of the link, or with the program.
         std::thread::spawn(move || {
             let mut buffer = [0; 1024];
             while let Ok(count @ 1..) = input.read(&mut buffer) {
@@ -135,7 +139,7 @@ impl Link {
         &self.image
     }
 
-    /// Whether the far end is gone: its port or its emulator.
+    /// Whether the other end is gone: the port or the emulator.
     pub fn is_over(&self) -> bool {
         self.over
     }
@@ -145,12 +149,12 @@ impl Link {
         self.speaks
     }
 
-    /// Frames so far that could not be read.
+    /// Number of unreadable frames so far.
     pub fn unreadable(&self) -> u32 {
         self.unreadable
     }
 
-    /// How the board gets the firmware that belongs to this desk.
+    /// Instruction for the user: how the board gets the firmware that belongs to this desk.
     pub fn fitting_firmware(&self) -> String {
         match self.emulator {
             Some(_) => format!(
@@ -177,8 +181,7 @@ impl Link {
         ))
     }
 
-    /// From now on writes every byte of the board to `record`, behind the frame that says who it
-    /// is.
+    /// From now on writes every byte of the board to `record`, after a frame with its identity.
     pub fn record(&mut self, mut record: impl Write + Send + 'static) -> Result<(), Refusal> {
         let (version, schema) = self.speaks;
         let identity = Identity {
@@ -194,31 +197,31 @@ impl Link {
         Ok(())
     }
 
-    /// Waits no longer than this for an answer from now on.
+    /// Sets the longest wait for a response.
     pub fn wait_at_most(&mut self, patience: Duration) {
         self.patience = patience;
     }
 
-    /// Waits and keeps what comes unsolicited; then what came, the oldest first.
+    /// Waits; returns the messages without a request, oldest first.
     pub fn listen(&mut self, time: Duration) -> Result<Vec<Unsolicited>, Refusal> {
         self.receive(Instant::now() + time, |_| None::<()>)?;
         Ok(self.unsolicited.drain(..).collect())
     }
 
-    /// Asks, and looks at the answer; what is sent unsolicited is passed over.
+    /// Sends a request and passes its response to `look`.
     pub fn ask<T>(
         &mut self,
         request: &Request<'_>,
         look: impl FnOnce(Response<'_>) -> T,
     ) -> Result<T, Refusal> {
-        // 0 is what is sent unsolicited.
+        // 0 is the sequence of messages without a request.
         self.sequence = self.sequence % 255 + 1;
         let wanted = self.sequence;
         let mut buffer = [0; MAX_FRAME_BYTES];
         let frame = write_request(&mut buffer, wanted, request)
             .map_err(|_| Refusal::new("a request is too long for a frame", "shorten its text"))?;
-        // A board drops what is beyond its allowance for a drive cycle, and a link may lose a
-        // frame. What is the same done twice is requested again.
+        // A board drops requests beyond its allowance for a drive cycle, and a link may lose a
+        // frame. Idempotent requests are repeated.
         let again = !matches!(request, Request::Samples { .. } | Request::Simulate { .. });
         let end = Instant::now() + self.patience;
         let mut look = Some(look);
@@ -242,7 +245,7 @@ impl Link {
         Err(self.silent())
     }
 
-    /// Asks for something to be done.
+    /// Sends a command; an error says why the board refused it.
     pub fn tell(&mut self, request: &Request<'_>) -> Result<(), Refusal> {
         let name = self.name.clone();
         self.ask(request, |response| match response {
@@ -275,10 +278,10 @@ impl Link {
         })?
     }
 
-    /// Asks the board again who it is.
+    /// Requests the board's identity again.
     pub fn identify(&mut self) -> Result<(), Refusal> {
         let mut buffer = [0; MAX_FRAME_BYTES];
-        // Not 0, which is a board that starts.
+        // A starting board sends its identity with sequence 0.
         let question = write_question(&mut buffer, 1)
             .map(<[u8]>::to_vec)
             .unwrap_or_default();
@@ -314,7 +317,7 @@ impl Link {
             })
     }
 
-    /// The first frame that `look` finds something in, or none until `end`.
+    /// The first result of `look` over the received frames; `None` without one until `end`.
     fn receive<T>(
         &mut self,
         end: Instant,

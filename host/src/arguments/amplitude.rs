@@ -1,4 +1,4 @@
-//! The amplitude of the track in mm in place of k.
+//! Options for the amplitude of the track in mm in place of k.
 
 use kband::feeder::Track;
 
@@ -33,7 +33,7 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
         Ok(drive.track()?)
     }
 
-    /// k of the one amplitude that was given, or `k`.
+    /// k of the given amplitude, or `k`.
     pub fn or_k(self, k: Option<f64>) -> Result<Option<f64>, Refusal> {
         match self.b {
             Some(range) if range.count > 1 => Err(Refusal::value(
@@ -47,7 +47,7 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
         }
     }
 
-    /// k of each amplitude that was given, in their order, or each of `k`.
+    /// k of each given amplitude, in their order, or each of `k`.
     pub fn or_range(self, k: Option<Range>) -> Result<Option<Vec<f64>>, Refusal> {
         let Some(range) = self.b else {
             return Ok(k.map(|k| k.values().collect()));
@@ -57,7 +57,7 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
         found.map(Some)
     }
 
-    /// `k = 0.43`, and the amplitude where that was given.
+    /// Text such as `k = 0.43`, with the amplitude if it was given.
     pub fn describe(self, k: f64) -> Result<String, Refusal> {
         let k_text = format!("k = {}", number(k, 6));
         if self.b.is_none() {
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_map_does_not_hold_is_refused_with_the_range() {
+    fn amplitudes_out_of_the_maps_range_are_refused_with_it() {
         let refusal = of(500.0, 500.0, 1).or_k(None).unwrap_err().to_string();
         assert!(refusal.contains("0.000068..68 mm"), "{refusal}");
         assert!(of(0.1, 0.2, 3).or_k(None).is_err());

@@ -1,4 +1,4 @@
-//! Which board: the emulated CPU or a serial port, as the user names it.
+//! Address of a board, as the user names it: the emulated CPU or a serial port.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use kband_link::{Emulated, Link, serial};
 use crate::file::Destination;
 use crate::refusal::Refusal;
 
-/// A flash of settings and faults: four pages of 4 KiB, as the emulated board has them.
+/// Bytes of the emulated board's flash for settings and faults: four pages of 4 KiB.
 const FLASH_BYTES: usize = 16_384;
 
 /// The board that a verb talks to.
@@ -64,14 +64,14 @@ impl Address {
         words
     }
 
-    /// Opens the link to the board, which has to speak what this desk speaks.
+    /// Opens the link to the board; refused for another version or schema of the protocol.
     pub fn open(&self, emulated: Emulated) -> Result<Link, Refusal> {
         let link = self.open_any(emulated)?;
         link.speaks_the_same()?;
         Ok(link)
     }
 
-    /// Opens the link to a board of any version, which may only be looked at.
+    /// Opens the link to a board of any version, for reading only.
     pub fn open_any(&self, emulated: Emulated) -> Result<Link, Refusal> {
         if self.is_emulated() {
             if let Some(flash) = &self.flash_image {
@@ -115,7 +115,7 @@ fn serial_link(path: &Path) -> Result<Link, Refusal> {
     Link::open(path, Box::new(|| Ok(())))
 }
 
-/// An erased flash where there is no file yet; a file that is no flash is refused.
+/// Creates an erased flash if the file is missing; refuses a file of another kind.
 fn prepare(flash: &Path) -> Result<(), Refusal> {
     let target = Destination::check(flash)?;
     match flash.metadata() {
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn what_belongs_to_the_emulated_board_is_refused_for_another() {
+    fn options_of_the_emulated_board_are_refused_for_a_port() {
         let address = Address {
             on: Some("/dev/null".into()),
             flash_image: Some("flash.bin".into()),

@@ -1,19 +1,19 @@
-//! Time as a board's cycles count it.
+//! Time of a board: its 32-bit cycle counter, extended to 64 bits.
 
-/// Cycles of a board since it started.
+/// Cycles of a board since its start.
 ///
-/// The board counts in 32 bits, which begin anew after 99 days at 500 Hz and 2.7 years at 50 Hz;
-/// this count goes on from the first reading.
+/// The board's counter of 32 bits wraps after 99 days at 500 Hz and after 2.7 years at 50 Hz. This
+/// count continues over the wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Clock {
     last: Option<(u32, u64)>,
 }
 
-/// Most cycles by which an event may be ahead of the last telemetry.
+/// Largest number of cycles by which an event may be ahead of the last telemetry.
 const MAX_CYCLES_AHEAD: u32 = 100_000;
 
 impl Clock {
-    /// The cycles at the board's count `cycle`, which is now.
+    /// The extended count of the present cycle, which the board counts as `cycle`.
     pub fn now(&mut self, cycle: u32) -> u64 {
         let total = match self.last {
             None => cycle.into(),
@@ -23,8 +23,7 @@ impl Clock {
         total
     }
 
-    /// The cycles at the board's count `cycle` of an event, which lies in the past or a little
-    /// ahead.
+    /// The extended count of an event's cycle, in the past or a little ahead.
     pub fn then(&self, cycle: u32) -> u64 {
         let Some((last, total)) = self.last else {
             return cycle.into();
@@ -33,7 +32,7 @@ impl Clock {
         if ahead <= MAX_CYCLES_AHEAD {
             return total.saturating_add(ahead.into());
         }
-        // What was before the count began anew, unheard, keeps its own count.
+        // An event before the first reading, with a wrap between, keeps the board's count.
         total
             .checked_sub(last.wrapping_sub(cycle).into())
             .unwrap_or(cycle.into())
@@ -45,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_count_goes_on_where_the_boards_begins_anew() {
+    fn the_count_continues_when_the_boards_counter_wraps() {
         let mut clock = Clock::default();
         assert_eq!(clock.then(7), 7);
         let whole = 1 << 32;

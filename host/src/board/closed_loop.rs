@@ -7,14 +7,14 @@ use kband_plant::{Bench, Moment, Plant, Scene};
 
 use crate::refusal::Refusal;
 
-/// Bytes of readings that are sent to the board at once.
+/// Bytes of readings per request to the board.
 const CHUNK_BYTES: usize = 240;
 
 /// The closed loop of a scene with its controller on a board.
 ///
-/// The board gets every reading and runs its own signal path and controller on them. What the drive
-/// does within a cycle was decided when the cycle began, so that the desk computes the outputs
-/// along and the board confirms them, bit for bit, at the end of each cycle with its next decision.
+/// The board gets every reading and runs its own signal path and controller on them. The outputs of
+/// a cycle are fixed at its start, so the desk computes them too. At the end of each cycle the
+/// board confirms them bit for bit, and sends its next decision.
 pub struct BoardLoop {
     link: Link,
     bench: Bench,
@@ -23,7 +23,7 @@ pub struct BoardLoop {
     scene: Scene,
 }
 
-/// Readings of a cycle that are not sent yet, and its outputs, folded.
+/// Unsent readings of a cycle, and the checksum of its outputs.
 struct Run {
     bytes: [u8; CHUNK_BYTES + 8],
     used: usize,

@@ -1,8 +1,8 @@
-//! What a board said, kept in a file and read again.
+//! Recording of a board's messages to a file, and its replay.
 //!
-//! A record is the bytes of the line as they came, behind the frame that says which board it was.
-//! The next frame is found again after any bytes that are none, so that a record that ends or is
-//! damaged anywhere loses what was there and nothing else.
+//! A record is the bytes of the line, after a frame with the board's identity. The reader
+//! resynchronizes at the next frame after damaged bytes. A cut or damaged record therefore loses
+//! only the frames at the damage.
 
 use std::io::Read;
 
@@ -12,29 +12,29 @@ use kband_control::wire::{
 
 use crate::refusal::Refusal;
 
-/// One thing that a board said.
+/// One message of a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Said {
     /// A drive cycle.
     Telemetry(Telemetry),
     /// A record of the event log.
     Event(Record),
-    /// It started anew, running this image.
+    /// The board restarted with this image.
     Started(String),
-    /// A setting has this value.
+    /// Key and value of a setting.
     Setting(String, f32),
 }
 
-/// What else was in a record.
+/// Unusable content of a record.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Remains {
-    /// Frames that could not be read.
+    /// Number of unreadable frames.
     pub unreadable: u64,
-    /// Bytes at the end that no frame ends.
+    /// Number of bytes after the last whole frame.
     pub cut: u64,
 }
 
-/// Reads a record and hands on what was said, until `take` wants no more.
+/// Reads a record and passes its messages to `take`, until that stops.
 pub fn replay(
     mut record: impl Read,
     mut take: impl FnMut(Said) -> Result<bool, Refusal>,
@@ -87,7 +87,7 @@ pub fn replay(
     ))
 }
 
-/// Refused unless it says which board it was, and this desk knows what that board says.
+/// Refused unless the first frame is an identity of this desk's version and schema.
 fn begins(answer: &Outgoing<'_>) -> Result<(), Refusal> {
     match answer {
         Outgoing::Identity { identity, .. }
@@ -207,7 +207,7 @@ mod tests {
                 bad[at] ^= change;
                 let (cycles, remains) = cycles(&bad).unwrap();
                 assert!(cycles.len() >= CYCLES as usize - 2, "byte {at}: {cycles:?}");
-                // A frame that lost its end at the end of the record is not there to be counted.
+                // A frame without its end, at the end of the record, is not counted.
                 let all = cycles.len() as u64 + remains.unreadable + u64::from(remains.cut > 0);
                 assert!(all >= u64::from(CYCLES) - 1, "byte {at}: {remains:?}");
             }
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_record_and_what_is_another_kbands_is_refused() {
+    fn other_files_and_records_of_other_versions_are_refused() {
         let noise: Vec<u8> = (0..100_000_u32)
             .map(|n| (n.wrapping_mul(2_654_435_761) >> 13) as u8)
             .collect();

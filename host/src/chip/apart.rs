@@ -1,4 +1,4 @@
-//! Work with a probe in a thread of its own: a probe may never answer, and what drives it may panic.
+//! Work with a probe in a separate thread: a probe may never answer, and its driver may panic.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
@@ -6,19 +6,19 @@ use std::time::{Duration, Instant};
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 
-/// Longest silence of a probe; the longest erasing of a sector takes 4 s (RM0090, datasheet table 40).
+/// Longest silence of a probe; erasing a sector takes up to 4 s (RM0090, datasheet table 40).
 const SILENCE_TIMEOUT: Duration = Duration::from_secs(20);
-/// Between two looks whether the user asked to stop.
+/// Time between two tests for a stop by the user.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Name of such a thread.
+/// Name of the thread.
 const NAME: &str = "probe";
 
-/// Starts the work; what it says comes by the channel, which closes with it.
+/// Starts the work; its messages arrive by the channel, which closes with it.
 pub fn start<T: Send + 'static>(
     work: impl FnOnce(Sender<T>) + Send + 'static,
 ) -> Result<Receiver<T>, Refusal> {
     let others = std::panic::take_hook();
-    // A panic there is told by the one message of the run.
+    // The run reports a panic of the thread in its one message.
     std::panic::set_hook(Box::new(move |panic| {
         if std::thread::current().name() != Some(NAME) {
             others(panic);
@@ -37,8 +37,7 @@ pub fn start<T: Send + 'static>(
     Ok(said)
 }
 
-/// The next thing that the work says; refused if it says nothing for long, has broken off, or the user asked to
-/// stop.
+/// The next message of the work. Refused after a long silence, an abort, or a stop by the user.
 pub fn next<T>(said: &Receiver<T>, desk: &Desk) -> Result<T, Refusal> {
     let begun = Instant::now();
     loop {
@@ -65,7 +64,7 @@ pub fn next<T>(said: &Receiver<T>, desk: &Desk) -> Result<T, Refusal> {
     }
 }
 
-/// The work ended without a last word.
+/// The refusal for work that ended without a result.
 pub fn broken_off() -> Refusal {
     Refusal::new(
         "the way to the probe broke off",

@@ -1,4 +1,7 @@
-//! An image for the board, read and checked before anything of the board is touched.
+//! An image for the board (ELF), checked before the board is touched.
+//!
+//! Checks: chip, address ranges, RAM with the stack, vector table. The last word of the flash gets
+//! the CRC-32 of everything before it.
 
 use std::ops::Range;
 use std::path::Path;
@@ -14,10 +17,10 @@ use crate::refusal::Refusal;
 /// Builds the board's image.
 const BUILD: &str = "build the board's image with: cargo feeder";
 
-/// Bytes for a place in the flash.
+/// Bytes for an address of the flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Piece {
-    /// Where they go.
+    /// Address of the first byte.
     pub address: u32,
     /// The bytes.
     pub bytes: Vec<u8>,
@@ -76,7 +79,7 @@ impl Image {
                 .map(|(_, found)| found)
         };
         let size = |name: &[u8]| section(name).map(|found| found.sh_size(endian));
-        // It asks a debugger for everything: alone it would hang.
+        // Semihosting needs a debugger: without one it hangs.
         if size(b".emulated").is_some() {
             return Err(Refusal::new("this image is the emulated board's", BUILD));
         }
@@ -148,12 +151,12 @@ impl Image {
         Ok(image)
     }
 
-    /// The chip that it is for.
+    /// The chip of the image.
     pub fn chip(&self) -> &'static Chip {
         self.chip
     }
 
-    /// What goes where in the flash, by address.
+    /// Contents of the flash, in order of address.
     pub fn pieces(&self) -> &[Piece] {
         &self.pieces
     }
@@ -193,7 +196,7 @@ impl Image {
         Some(u32::from_le_bytes([word[0], word[1], word[2], word[3]]))
     }
 
-    /// The stack in RAM; every handler that is named in the image, in Thumb.
+    /// Checks that the stack is in RAM, and that every handler is in the image and in Thumb.
     fn check_vectors(&self) -> Result<(), Refusal> {
         let chip = self.chip;
         let vector = |number: u32| {
@@ -220,7 +223,7 @@ impl Image {
         }
         for number in 1..chip.vectors as u32 {
             let handler = vector(number)?;
-            // Reset, NMI and hard fault have to be there; 0 is an entry that the chip reserves.
+            // Reset, NMI and hard fault must exist; 0 marks a reserved entry.
             let absent = handler == 0 && number > 3;
             if !absent && (handler & 1 == 0 || self.word(handler & !1).is_none()) {
                 return Err(Refusal::value(
@@ -235,8 +238,8 @@ impl Image {
     }
 }
 
-/// Fills the last word of an image, left erased by the build, with the CRC-32 of everything before it. The board checks it
-/// at each start.
+/// Fills the last word of an image with the CRC-32 of everything before it. The build leaves it
+/// erased, and the board checks it at each start.
 fn fill_check(pieces: &mut [Piece], chip: &Chip) -> Result<(), Refusal> {
     let mut flash = Vec::new();
     for piece in &*pieces {
@@ -415,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_word_is_the_check_of_what_is_before_it() {
+    fn the_last_word_is_the_crc_of_the_words_before_it() {
         let image = Image::parse(&elf()).unwrap();
         let flash: Vec<u8> = image
             .pieces()
@@ -448,7 +451,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused_with_what_it_is() {
+    fn an_unfit_image_is_refused_with_its_reason() {
         type Change = fn(&mut Parts);
         let cases: [(Change, &[&str]); 15] = [
             (|parts| parts.machine = 3, &["machine", "3", "40"]),

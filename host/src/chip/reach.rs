@@ -1,4 +1,4 @@
-//! A chip on a debug probe, its memory looked at while its program runs on.
+//! A chip on a debug probe; its memory is read while its program runs on.
 
 use probe_rs::architecture::arm::dp::DpAddress;
 use probe_rs::architecture::arm::sequences::DefaultArmSequence;
@@ -12,12 +12,12 @@ use crate::refusal::Refusal;
 
 /// The register that identifies a chip (RM0090, 38.6.1; RM0440, 47.6.1).
 const IDENTITY: u32 = 0xe004_2000;
-/// What the identity says of the family.
+/// Bits of the identity with the chip's family.
 const FAMILY: u32 = 0xfff;
 
 const WIRES: &str = "check SWDIO, SWCLK, ground and the board's supply";
 
-/// A chip that was reached and is the one that it should be. Nothing but [`Reached::control`] stops its core.
+/// A connected chip of the expected family. Only [`Reached::control`] stops its core.
 pub struct Reached {
     interface: Box<dyn ArmDebugInterface>,
     memory: FullyQualifiedApAddress,
@@ -26,8 +26,8 @@ pub struct Reached {
 }
 
 impl Reached {
-    /// The chip on the probe that is wanted, or on the only one there is; refused unless it is of the
-    /// family, with as much flash.
+    /// The chip on the wanted probe, or on the only one. Refused for another family or another size
+    /// of the flash.
     pub fn by(wanted: Option<&str>, chip: &'static Chip) -> Result<Self, Refusal> {
         let info = find(wanted)?;
         let name = name(&info);
@@ -72,7 +72,7 @@ impl Reached {
         let family = self.word(IDENTITY)? & FAMILY;
         let size = (self.chip.flash.end - self.chip.flash.start) / 1024;
         let mut found = format!("family {family:#05x}");
-        // Another family has something else where this one tells its flash.
+        // Another family has no flash size at this address.
         if family == self.chip.family {
             let mut half = [0; 2];
             self.read(self.chip.flash_size, &mut half)?;
@@ -93,7 +93,7 @@ impl Reached {
         ))
     }
 
-    /// Refused where an option divides the flash otherwise than the image has it.
+    /// Refused if an option byte divides the flash into other sectors than the image assumes.
     fn look_at_division(&mut self) -> Result<(), Refusal> {
         let Some((address, bit)) = self.chip.divided else {
             return Ok(());
@@ -107,7 +107,8 @@ impl Reached {
         ))
     }
 
-    /// Switches the drive off and keeps it off should the core stop; the watchdogs then rest.
+    /// Switches the drive off, and keeps it off while the core is stopped. The watchdogs are frozen
+    /// then.
     pub fn drive_off(&mut self) -> Result<(), Refusal> {
         for (address, bits) in [self.chip.rests, self.chip.stops] {
             let stops = self.word(address)?;
@@ -164,7 +165,7 @@ impl Reached {
         )
     }
 
-    /// The same chip, its core under control: it stops for a moment.
+    /// The same chip under control of the debugger; the core stops for a moment.
     pub fn control(self) -> Result<Session, Refusal> {
         let probe: Probe = self.interface.close();
         probe
@@ -182,7 +183,7 @@ impl Reached {
     }
 }
 
-/// An error of the probe and what caused it.
+/// An error of the probe, with its causes.
 pub(super) fn causes(error: &dyn std::error::Error) -> String {
     let mut words = error.to_string();
     let mut source = error.source();
@@ -201,7 +202,7 @@ fn name(info: &DebugProbeInfo) -> String {
     format!("{:04x}:{:04x}{serial}", info.vendor_id, info.product_id)
 }
 
-/// The probe that is wanted, or the only one there is.
+/// The wanted probe, or the only one.
 fn find(wanted: Option<&str>) -> Result<DebugProbeInfo, Refusal> {
     let lister = Lister::new();
     let all = || lister.list_all();

@@ -1,7 +1,7 @@
 //! The log of a board in its memory: a ring that the board fills and a desk empties.
 //!
-//! The layout is SEGGER's RTT, as defmt-rtt writes it. The ring is asked for in passing: the core runs on, and
-//! a board whose ring is full drops lines and waits for nobody.
+//! The layout is SEGGER's RTT, as defmt-rtt writes it. The desk reads the ring while the core runs
+//! on. A board with a full ring drops lines and does not wait.
 
 use std::ops::Range;
 use std::path::Path;
@@ -18,25 +18,26 @@ use super::reach::Reached;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 
-/// What the image calls it.
+/// Name of the ring's symbol in the image.
 const NAME: &[u8] = b"_SEGGER_RTT";
-/// How it begins in memory.
+/// First bytes of the ring's header in memory.
 const MARK: &[u8] = b"SEGGER RTT\0";
-/// Its head: mark, two counts, the first channel with name, buffer, size, write, read and mode.
+/// Bytes of its header: mark, two counts, the first channel with name, buffer, size, write, read
+/// and mode.
 const HEADER_BYTES: usize = 48;
-/// Where the desk writes how far it has read.
+/// Offset in the header of the read position, which the desk writes.
 const READ_OFFSET: u32 = 40;
-/// No ring is longer.
+/// Largest accepted size of a ring, bytes.
 const LONGEST_RING: u32 = 65_536;
-/// Bytes of the vector table that tell one image from another.
+/// Bytes of the vector table that identify an image.
 const VECTOR_TABLE_BYTES: usize = 392;
 
-/// Time between two looks into the ring, of which a board fills a few hundred bytes a second at most.
+/// Time between two reads of the ring; a board writes at most a few hundred bytes a second.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Follows the log of the board on the probe that is wanted: each call gives what was written since the last.
+/// Follows the log of the board on the wanted probe: each call returns the bytes since the last.
 ///
-/// The image `elf` must be the one that runs there.
+/// The board must run the image `elf`.
 pub fn follow(
     elf: &Path,
     wanted: Option<&str>,
@@ -47,7 +48,7 @@ pub fn follow(
         let mut ring = match Ring::of(&elf, wanted.as_deref()) {
             Ok(ring) => ring,
             Err(refusal) => {
-                // Nobody listens any more: then nobody misses it.
+                // A closed channel has no reader.
                 let _ = sender.send(Err(refusal));
                 return;
             }
@@ -69,7 +70,7 @@ pub fn follow(
     })
 }
 
-/// The ring of a board that runs.
+/// The ring of a running board.
 struct Ring {
     reached: Reached,
     head: u32,
@@ -77,7 +78,7 @@ struct Ring {
 }
 
 impl Ring {
-    /// The ring that the image `elf` has on the chip behind the probe that is wanted.
+    /// The ring of the image `elf` on the chip of the wanted probe.
     fn of(elf: &Path, wanted: Option<&str>) -> Result<Self, Refusal> {
         let image = Image::read(elf)?;
         let chip = image.chip();
@@ -100,7 +101,7 @@ impl Ring {
         })
     }
 
-    /// What was written since the last call; nothing while a board starts.
+    /// The bytes since the last call; none while a board starts.
     fn take(&mut self) -> Result<Vec<u8>, Refusal> {
         let mut head = [0; HEADER_BYTES];
         self.reached.read(self.head, &mut head)?;
@@ -120,8 +121,8 @@ impl Ring {
     }
 }
 
-/// Where the bytes lie that nobody has read, and how far it is read then; `None` where the head is no ring's in
-/// `memory`.
+/// Addresses of the unread bytes, in one part or two, and the read position after them. `None` for
+/// a header of no ring in `memory`.
 fn unread(head: &[u8; HEADER_BYTES], memory: &Range<u32>) -> Option<([Range<u32>; 2], u32)> {
     let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
     let (buffer, size, write, read) = (word(28), word(32), word(36), word(40));
@@ -142,7 +143,7 @@ fn unread(head: &[u8; HEADER_BYTES], memory: &Range<u32>) -> Option<([Range<u32>
     })
 }
 
-/// Where an image has its ring.
+/// Address of an image's ring.
 fn place(elf: &Path) -> Result<u32, Refusal> {
     let next = "build the board's image with: cargo feeder";
     let bytes = crate::file::read(elf, next)?;
@@ -191,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_read_lies_in_one_part_or_in_two() {
+    fn unread_bytes_are_in_one_part_or_in_two() {
         let start = MEMORY.start;
         let parts = |write, read| unread(&head(start, 64, write, read), &MEMORY);
         assert_eq!(parts(5, 5), Some(([start + 5..start + 5, 0..0], 5)));

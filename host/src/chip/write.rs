@@ -14,20 +14,22 @@ use crate::refusal::Refusal;
 
 /// Longest wait for the core to stop.
 const HALT_TIMEOUT: Duration = Duration::from_millis(500);
-/// Stack and entry of the image: erased, no core starts.
+/// Bytes of stack and entry of the image; while they are erased, no core starts.
 const STACK_AND_ENTRY_BYTES: usize = 8;
-/// Looks at a controller until it counts as stuck: with a word, and with the option bytes, whose sector is erased.
+/// Reads of the flash controller's status until it counts as stuck: for a word, and for the option
+/// bytes, whose sector is erased.
 const MAX_STATUS_POLLS: usize = 1_000;
 const LONG_LOOKS: usize = 100_000;
-/// The next step after a run that was cut.
+/// The next step after an interrupted run.
 const AGAIN: &str = "run kband flash again: until it ends well the board does not start, and its settings are untouched";
 
-/// Writes an image through a probe, verifies it and starts it; `written` hears of bytes written.
+/// Writes an image through a probe, verifies it and starts it; `written` receives numbers of
+/// written bytes.
 ///
-/// The chip is identified first, then the drive is switched off, and only then is the core stopped. The
-/// sector with the vector table is erased before all others and its first words are written after all else
-/// was verified: cut at any moment, the board does not start, and its drive stays off. The option bytes, where they are to
-/// be set, come last; a chip that is protected is refused before anything is written.
+/// The order is: identify the chip, switch the drive off, stop the core. The sector of the vector
+/// table is erased first, and its first words are written last, after all else is verified. So an
+/// interrupted board does not start, and its drive stays off. Requested option bytes are set at the
+/// end. A protected chip is refused before anything is written.
 pub fn write(
     image: Image,
     probe: Option<&str>,
@@ -37,9 +39,9 @@ pub fn write(
 ) -> Result<(), Refusal> {
     let probe = probe.map(str::to_owned);
     let said = apart::start(move |sender| {
-        // Nobody listens any more: then nobody misses it.
-        let mut told = |bytes| _ = sender.send(Said::Written(bytes));
-        let end = write_here(&image, probe.as_deref(), options, &mut told);
+        // A closed channel has no reader.
+        let mut report = |bytes| _ = sender.send(Said::Written(bytes));
+        let end = write_here(&image, probe.as_deref(), options, &mut report);
         _ = sender.send(Said::Ended(end));
     })?;
     let mut begun = false;
@@ -55,7 +57,7 @@ pub fn write(
     }
 }
 
-/// What the writing says.
+/// Messages of the writing thread.
 enum Said {
     Written(u64),
     Ended(Result<(), Refusal>),
@@ -94,12 +96,12 @@ fn write_here(
     })
 }
 
-/// The image's first words, and all that is behind them.
+/// The image's first words, and the rest.
 fn parts(image: &Image) -> ([u32; 2], Vec<Piece>) {
     let start = image.chip().flash.start;
     let mut first = [0; 2];
     let mut pieces = image.pieces().to_vec();
-    // An image begins with its vector table, or it would not have been read.
+    // The checks of an image require the vector table at its begin.
     for piece in &mut pieces {
         if piece.address == start && piece.bytes.len() > STACK_AND_ENTRY_BYTES {
             let rest = piece.bytes.split_off(STACK_AND_ENTRY_BYTES);
@@ -115,7 +117,7 @@ fn parts(image: &Image) -> ([u32; 2], Vec<Piece>) {
     (first, pieces)
 }
 
-/// Stops the core, and looks that the drive is off.
+/// Stops the core, and checks that the drive is off.
 fn stop(session: &mut Session, chip: &Chip) -> Result<(), Refusal> {
     let (address, bit) = chip.drives;
     let off = session.core(0).and_then(|mut core| {
@@ -139,8 +141,8 @@ fn unwritten(why: &str) -> Refusal {
     Refusal::new(format!("the flash was not written: {why}"), AGAIN)
 }
 
-/// Writes the first words, stack before entry, by the flash's controller itself: a loader writes a whole page, and some
-/// flashes take no word a second time, not even an erased one over one that is programmed.
+/// Writes the first words, stack before entry, by the flash controller's registers. A loader writes
+/// whole pages, and some flashes accept no second write of a word, not even an erased value.
 fn begin(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refusal> {
     let its = chip.controller;
     let written = session.core(0).and_then(|mut core| {
@@ -171,8 +173,8 @@ fn begin(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refu
     }
 }
 
-/// The status of the controller once it is idle; programming a word takes it 100 us (datasheet of the STM32F405, table
-/// 39; of the STM32G474, table 51), less than a look.
+/// The status of the idle controller. It programs a word in 100 us, less than one read of the
+/// status (datasheets: STM32F405, table 39; STM32G474, table 51).
 fn idle(core: &mut Core<'_>, controller: Controller, looks: usize) -> Result<u32, probe_rs::Error> {
     for _ in 0..looks {
         let status = core.read_word_32(controller.status.into())?;
@@ -183,7 +185,7 @@ fn idle(core: &mut Core<'_>, controller: Controller, looks: usize) -> Result<u32
     Err(probe_rs::Error::Timeout)
 }
 
-/// Refused where the chip is protected: to change its option bytes could erase it, or close it for ever.
+/// Refused for a protected chip: a change of its option bytes could erase it, or lock it for ever.
 fn unprotected(session: &mut Session, options: OptionBytes) -> Result<(), Refusal> {
     let (mask, none) = options.protection;
     let shown = session
@@ -202,7 +204,7 @@ fn unprotected(session: &mut Session, options: OptionBytes) -> Result<(), Refusa
     }
 }
 
-/// Sets the option bytes, all others as they are, and reads them back.
+/// Sets the option bytes, keeps all others, and reads them back.
 fn set(session: &mut Session, chip: &Chip, options: OptionBytes) -> Result<(), Refusal> {
     let register = u64::from(options.register);
     let held = session.core(0).and_then(|mut core| {

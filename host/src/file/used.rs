@@ -1,23 +1,23 @@
-//! The files that this run reads and writes, so that none is written over by accident.
+//! Register of the files that this run reads and writes: no input and no output is overwritten.
 //!
-//! Files are told apart by what they are, not by how they are spelled: `a.csv`, `./a.csv`, a link to it and a
-//! second name of it are one.
+//! A file is identified by its canonical path, or by device and inode. So `a.csv`, `./a.csv`, a
+//! symbolic link and a hard link to it are one file.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use crate::refusal::Refusal;
 
-/// Every file of this process, in the order in which it was named.
+/// Every file of this process, in order of registration.
 static USED: Mutex<Vec<Used>> = Mutex::new(Vec::new());
 
 struct Used {
     place: Place,
-    /// Held by its target where it is written; `None` where it is read.
+    /// Refers to the [`Written`] of an output, and is dead after that; `None` for an input.
     written: Option<Weak<()>>,
 }
 
-/// That a file is about to be written: until every copy of this is dropped.
+/// Reservation of a file for writing, until every copy of this is dropped.
 #[derive(Clone, Debug)]
 pub struct Written(#[expect(dead_code, reason = "it is held, not looked at")] Arc<()>);
 
@@ -25,12 +25,12 @@ pub struct Written(#[expect(dead_code, reason = "it is held, not looked at")] Ar
 #[derive(Debug, PartialEq)]
 struct Place {
     path: PathBuf,
-    /// Device and number of the file where there is one already.
+    /// Device and inode of a file that exists.
     file: Option<(u64, u64)>,
 }
 
 impl Place {
-    /// The place of `path`; `None` for what is no file (a pipe, a device) and cannot be written over.
+    /// The place of `path`; `None` for a pipe or a device, which cannot be overwritten.
     fn of(path: &Path) -> Option<Self> {
         if let Ok(data) = path.metadata() {
             let path = path.canonicalize().ok()?;
@@ -62,7 +62,7 @@ fn identity(_data: &std::fs::Metadata) -> Option<(u64, u64)> {
     None
 }
 
-/// Notes that `path` is read; refused where this run is about to write it.
+/// Registers an input; refused if this run is about to write it.
 pub fn reads(path: &Path) -> Result<(), Refusal> {
     let Some(place) = Place::of(path) else {
         return Ok(());
@@ -78,7 +78,7 @@ pub fn reads(path: &Path) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// Notes that `path` will be written; refused where this run reads it or writes it already.
+/// Registers an output; refused if this run reads it or writes it already.
 pub fn writes(path: &Path) -> Result<Written, Refusal> {
     let held = Arc::new(());
     let written = Some(Arc::downgrade(&held));
@@ -157,7 +157,7 @@ mod tests {
         }
         drop(writes(&folder.path().join("b.csv")).unwrap());
 
-        // Two outputs that are one file by a second name of it.
+        // Two outputs that are hard links to one file.
         let (result, again) = (folder.path().join("r.csv"), folder.path().join("s.csv"));
         fs::write(&result, "").unwrap();
         fs::hard_link(&result, &again).unwrap();
@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     #[cfg(unix)]
-    fn what_is_no_file_may_be_named_twice() {
+    fn a_device_may_be_input_and_output() {
         let null = Path::new("/dev/null");
         let first = writes(null).unwrap();
         let second = writes(null).unwrap();

@@ -1,4 +1,4 @@
-//! The dashboard's look at a board, or at the emulated CPU.
+//! A board, or the emulated CPU, as source of the dashboard.
 
 use std::time::{Duration, Instant};
 
@@ -9,11 +9,11 @@ use super::source::{Assignment, Seen, Source, Wish};
 use crate::board::{BoardSettings, Clock, Link, Unsolicited};
 use crate::refusal::Refusal;
 
-/// Time between two looks into the event log; the board takes them for a sign of life too.
+/// Time between two reads of the event log; to the board they are also signs of life.
 const LOG_POLL_INTERVAL: Duration = Duration::from_millis(200);
-/// Longest wait for an answer: the keys have to go on working.
+/// Longest wait for a response; longer ones would delay the keys.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
-/// Rows of telemetry in a second at most, for the link's rate.
+/// Largest number of telemetry rows per second, for the link's rate.
 const MAX_TELEMETRY_RATE: f32 = 60.0;
 
 /// A board on the link.
@@ -28,7 +28,7 @@ pub struct Board {
 }
 
 impl Board {
-    /// The board at the end of `link`, its telemetry on.
+    /// The board at the end of `link`, with its telemetry switched on.
     pub fn start(mut link: Link) -> Result<Self, Refusal> {
         let settings = BoardSettings::read(&mut link)?.known();
         link.wait_at_most(ANSWER_TIMEOUT);
@@ -60,7 +60,7 @@ impl Board {
         }
     }
 
-    /// What is new in the event log, 64 records at most: what the board keeps.
+    /// New records of the event log; the board keeps at most 64.
     fn log(&mut self) -> Result<Vec<Record>, Refusal> {
         let mut records = Vec::new();
         for _ in 0..64 {
@@ -87,7 +87,7 @@ impl Source for Board {
         self.assignment
     }
 
-    /// The cycles that came; a board keeps its own time.
+    /// The received cycles; a board has its own time.
     fn advance(&mut self, _seconds: f64) -> Result<Vec<Seen>, Refusal> {
         let mut cycles = Vec::new();
         for said in self.link.listen(Duration::ZERO)? {
@@ -132,7 +132,7 @@ impl Source for Board {
 
 impl Drop for Board {
     fn drop(&mut self) {
-        // The board goes on without telemetry, or was gone before.
+        // A failure means that the board has gone.
         let _ = self.link.tell(&Request::Telemetry(0));
     }
 }

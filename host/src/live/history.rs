@@ -1,4 +1,4 @@
-//! What the dashboard remembers of the last half minute.
+//! History of the dashboard: cycles, states and events of the last half minute.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -10,10 +10,10 @@ use super::source::Seen;
 /// Length of the memory in s.
 pub(super) const WINDOW: f64 = 30.0;
 
-/// Events that are remembered, as many as a tall terminal shows.
+/// Largest number of kept events, as many as a tall terminal shows.
 const MAX_EVENTS: usize = 100;
 
-/// Time over which the conveying speed is taken, in s.
+/// Averaging time of the conveying speed, in s.
 const SPEED_INTERVAL: f64 = 1.0;
 
 /// The last half minute of a source.
@@ -28,7 +28,7 @@ pub struct History {
 }
 
 impl History {
-    /// Takes one more cycle.
+    /// Adds a cycle.
     pub fn take(&mut self, seen: Seen) {
         let time = seen.time;
         if seen.telemetry.k.is_finite() {
@@ -59,7 +59,7 @@ impl History {
         while self.k.front().is_some_and(|(then, _)| time - then > WINDOW) {
             self.k.pop_front();
         }
-        // The state that holds at the beginning of the window stays known.
+        // The state at the beginning of the window is kept.
         while self
             .states
             .get(1)
@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_forgets_what_is_older_than_the_window() {
+    fn entries_older_than_the_window_are_dropped() {
         let mut history = History::default();
         for n in 0..5000 {
             history.take(Seen {

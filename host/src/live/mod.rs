@@ -24,22 +24,22 @@ const FRAME_INTERVAL: Duration = Duration::from_millis(50);
 /// Step of k by the keys + and -.
 const K_STEP: f32 = 0.005;
 
-/// How fast it runs, and how long.
+/// Speed and duration of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
     /// Seconds of the source for one second of the clock.
     pub speed: f64,
-    /// Ends by itself after this time.
+    /// Time after which the run ends by itself.
     pub limit: Option<Duration>,
 }
 
-/// The terminal as it was, restored whichever way the dashboard ends; after a panic by the hook
-/// that [`ratatui::try_init`] installs.
+/// Restores the terminal at the end of the dashboard. After a panic the hook of
+/// [`ratatui::try_init`] does that.
 struct Restored;
 
 impl Drop for Restored {
     fn drop(&mut self) {
-        // Twice would put the cursor back over the panic's message.
+        // A second time would put the cursor over the panic's message.
         if !std::thread::panicking() {
             ratatui::restore();
         }
@@ -62,10 +62,10 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
     let (mut last, mut shown) = (begun, screen::Shown::default());
     while desk.go_on().is_ok() && pace.limit.is_none_or(|limit| begun.elapsed() < limit) {
         let now = Instant::now();
-        // A desk that was asleep does not catch up.
+        // After a sleep of the desk, the simulation does not catch up.
         let passed = (now - last).min(4 * FRAME_INTERVAL).as_secs_f64();
         last = now;
-        // While the picture is paused the link is still read, or the board would take it for lost.
+        // During a pause the link is still read; otherwise the board would detect a lost link.
         let seconds = if shown.paused {
             0.0
         } else {
@@ -116,7 +116,7 @@ pub fn run(source: &mut dyn Source, pace: Pace, desk: &Desk) -> Result<(), Refus
     Ok(())
 }
 
-/// What a key asks for.
+/// The request of a key.
 fn wish(letter: char, assignment: &Assignment, history: &History) -> Option<Wish> {
     Some(match letter {
         '1'..='8' => Wish::Target(Target::Locked {

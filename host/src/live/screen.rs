@@ -1,4 +1,4 @@
-//! What the dashboard shows, made for 80 x 24 and any larger terminal.
+//! The dashboard of `kband live`, drawn for a terminal of 80 x 24 characters or more.
 
 use std::f64::consts::TAU;
 
@@ -46,7 +46,7 @@ pub(super) fn draw(
     let [head, body, events, keys] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Min(14),
-        // Half of what is more than 24 lines.
+        // Half of the lines beyond 24.
         Constraint::Length(5 + area.height.saturating_sub(24) / 2),
         Constraint::Length(1),
     ])
@@ -74,7 +74,7 @@ pub(super) fn draw(
     }
 }
 
-/// Advice where the drive is off, else the keys.
+/// Advice if the drive is off, else the keys.
 fn foot(history: &History, assignment: &Assignment) -> Line<'static> {
     match history.now().and_then(|seen| advice(seen, assignment)) {
         Some(advice) => Line::from(vec![
@@ -88,7 +88,7 @@ fn foot(history: &History, assignment: &Assignment) -> Line<'static> {
     }
 }
 
-/// The next step where the drive is off or has no amplitude to go to.
+/// The next step if the drive is off or has no setpoint.
 fn advice(seen: &Seen, assignment: &Assignment) -> Option<String> {
     if let Some(fault) = seen.fault() {
         let number = fault.number();
@@ -198,7 +198,7 @@ fn draw_head(
     frame.render_widget(Paragraph::new(line), area);
 }
 
-/// The band in k that counts for the target: the gear band for gear, else that of the lock.
+/// Band in k of the target: the gear band for a target of gear, else the lock's band.
 fn band_of_target(history: &History, assignment: &Assignment) -> Option<[f64; 2]> {
     if let (Target::Gear { .. }, Some(seen)) = (assignment.target, history.now()) {
         return seen.telemetry.gear_band.map(|ends| ends.map(f64::from));
@@ -207,7 +207,7 @@ fn band_of_target(history: &History, assignment: &Assignment) -> Option<[f64; 2]
     Some([band.low(), band.high()])
 }
 
-/// Range of k that gauge and trace show: the band with as much room beside it, or what was seen.
+/// Range of k of gauge and trace: the band with as much room on either side, or the measured range.
 fn range(history: &History, assignment: &Assignment) -> (f64, f64) {
     if let Some([low, high]) = band_of_target(history, assignment) {
         let room = 0.9 * (high - low);
@@ -336,7 +336,7 @@ fn draw_ribbon(frame: &mut Frame<'_>, area: Rect, history: &History) {
     frame.render_widget(Paragraph::new(line).block(block), area);
 }
 
-/// The letters of all states where there is room for them, else of those in the window.
+/// The letters of all states if there is room for them, else of those in the window.
 fn legend(history: &History, width: u16) -> String {
     let words = |states: &mut dyn Iterator<Item = State>| {
         let of = |state: State| format!("{} {}", look(state).0, state.name());
@@ -354,8 +354,8 @@ fn legend(history: &History, width: u16) -> String {
     }
 }
 
-/// Half of the width and half of the height of a canvas in which a circle is round and has room for
-/// its words: a character is about twice as high as it is wide.
+/// Half of the width and half of the height of a canvas on which a circle is round. A character is
+/// about twice as high as it is wide; there is room for the circle's words.
 fn round(inner: Rect) -> (f64, f64) {
     let ratio = f64::from(inner.width.max(1)) / (2.0 * f64::from(inner.height.max(1)));
     let high = f64::max(1.4, 1.7 / ratio);
@@ -401,7 +401,7 @@ fn draw_clock(frame: &mut Frame<'_>, area: Rect, history: &History, assignment: 
     frame.render_widget(canvas, area);
 }
 
-/// The share of time in gear with its error, or what it is at least.
+/// The share of time in gear with its error, or its lower bound.
 fn in_gear(telemetry: &kband_control::wire::Telemetry) -> String {
     let share = 100.0 * telemetry.in_gear;
     if telemetry.in_gear_error.is_finite() {
@@ -481,7 +481,7 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History, assignment
     );
 }
 
-/// The last events, and over them why parts are out of gear.
+/// The last events, and above them the likeliest cause of parts out of gear.
 fn draw_events(frame: &mut Frame<'_>, area: Rect, history: &History, cause: Option<&Cause>) {
     let title = cause.map_or(" events ".into(), |cause| {
         format!(" events; {} ", cause.short())
@@ -597,7 +597,7 @@ mod tests {
         }
     }
 
-    /// A source that has run for some seconds, and what was seen of it.
+    /// A source that has run for some seconds, and its history.
     fn ran(seconds: f64) -> (Simulation, History) {
         let file = SceneFile::parse(DEFAULT).unwrap();
         let mut source = Simulation::build("the default scene", &file).unwrap();

@@ -1,4 +1,4 @@
-//! Where the dashboard looks: a simulation in real time, or a board.
+//! Source of the dashboard: a simulation in real time, or a board.
 
 use kband::feeder::Restitution;
 use kband::regime::Lock;
@@ -13,33 +13,33 @@ use crate::causes::{Best, Cause, CauseCache};
 use crate::refusal::Refusal;
 use crate::simulate::SceneFile;
 
-/// One drive cycle as the dashboard sees it.
+/// One drive cycle of the dashboard.
 #[derive(Clone, Debug)]
 pub struct Seen {
     /// Time in s since the start.
     pub time: f64,
-    /// What the controller reports.
+    /// Report of the controller.
     pub telemetry: Telemetry,
     /// Phases of the track at the impacts of this cycle, in rad.
     pub strikes: Vec<f64>,
-    /// Mean way of the parts so far in m, where the source measures it.
+    /// Mean distance of the parts so far in m; `None` for a source that does not measure it.
     pub way: Option<f64>,
-    /// What happened in this cycle.
+    /// Events of this cycle.
     pub events: Vec<Event>,
 }
 
 impl Seen {
-    /// What the controller is doing.
+    /// State of the controller.
     pub fn state(&self) -> State {
         State::numbered(self.telemetry.state).unwrap_or_default()
     }
 
-    /// What stopped the drive.
+    /// Fault that stopped the drive.
     pub fn fault(&self) -> Option<Fault> {
         Fault::numbered(self.telemetry.fault)
     }
 
-    /// The likeliest cause of parts out of gear, where gear is the target and its amplitude held.
+    /// The likeliest cause of parts out of gear, if gear is the target and its amplitude is held.
     pub fn cause(&self, assignment: &Assignment, cache: &mut CauseCache) -> Option<Cause> {
         let Target::Gear { order } = assignment.target else {
             return None;
@@ -84,20 +84,20 @@ impl Assignment {
         }
     }
 
-    /// The lot's band of the order that is wanted, of order 1 for another target.
+    /// The lot's band of the wanted order; of order 1 for other targets.
     pub fn band(&self) -> Option<Band> {
         let contact = self.settings.contact_time();
         Band::common_with_contact(self.restitution()?, self.order(), contact).ok()
     }
 
-    /// Reason why no amplitude serves the target, where the settings alone show it.
+    /// Reason why no amplitude serves the target, if it follows from the settings alone.
     pub fn no_setpoint(&self) -> Option<NoSetpoint> {
         let controller =
             Controller::build(&self.settings, self.target, StartCause::Ordinary).ok()?;
         controller.no_setpoint()
     }
 
-    /// Phase at which locked parts of middling restitution strike at this k.
+    /// Strike phase in rad of locked parts of middle restitution at this k.
     pub fn lock_phase(&self, k: f64) -> Option<f64> {
         let (middle, contact) = (self.restitution()?.middle(), self.settings.contact_time());
         let lock = Lock::with_contact(k, middle, self.order(), contact).ok()??;
@@ -113,16 +113,16 @@ impl Assignment {
     }
 }
 
-/// What the user asks for by a key.
+/// Request of the user by a key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wish {
-    /// A target; the one there is already starts the capture anew.
+    /// A target; the present one restarts the capture.
     Target(Target),
     /// The drive on or off.
     Enable(bool),
 }
 
-/// What a dashboard can look at.
+/// A source of cycles for the dashboard.
 pub trait Source {
     /// Its name, for the headline.
     fn name(&self) -> String;
@@ -133,7 +133,7 @@ pub trait Source {
     /// The cycles of the next `seconds` of its time.
     fn advance(&mut self, seconds: f64) -> Result<Vec<Seen>, Refusal>;
 
-    /// Does what the user asks for.
+    /// Carries out a request of the user.
     fn obey(&mut self, wish: Wish) -> Result<(), Refusal>;
 }
 

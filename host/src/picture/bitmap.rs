@@ -1,4 +1,7 @@
-//! Shapes as PNG.
+//! Rasterization of shapes to PNG: anti-aliased paths, glyph outlines as paths, scaled rasters.
+//!
+//! Lengths are in pixels of the sheet. The PNG has two pixels per sheet pixel, or 300 dots per inch
+//! on paper.
 
 use ab_glyph::OutlineCurve;
 use tiny_skia::{
@@ -15,7 +18,7 @@ const PIXELS_PER_SHEET_PIXEL: f64 = 2.0;
 /// Resolution on paper in dots per inch, as journals require.
 const DOTS_PER_INCH: f64 = 300.0;
 
-/// The PNG of shapes on a sheet of this size; `None` only without memory.
+/// The PNG of shapes on a sheet of this size in sheet pixels; `None` if memory is short.
 pub(super) fn png(
     [width, height]: [f64; 2],
     about: &str,
@@ -44,7 +47,7 @@ pub(super) fn png(
                 let mask = match wanted {
                     None => None,
                     Some(rect) => {
-                        if clip.as_ref().is_none_or(|(known, _)| known != rect) {
+                        if clip.as_ref().is_none_or(|(last, _)| last != rect) {
                             let mut mask = Mask::new(sheet.width(), sheet.height())?;
                             mask.fill_path(
                                 &outline(&[rect.corners()], true)?,

@@ -1,9 +1,9 @@
 //! Every column and every field of kband's outputs, with its unit: one name for one quantity in all
 //! verbs.
 //!
-//! A verb has no other columns than these; a number in a JSON document has no other name than these
-//! and [`FIELDS`], which a test holds. No name says its unit: that stands beside it, in a CSV's
-//! header, in a Parquet's `units` and in the `units` of the provenance.
+//! Verbs have only these columns. The numbers of a JSON document have only these names and those of
+//! [`FIELDS`]; a test checks that. A name contains no unit. The unit is in a CSV's header, in a
+//! Parquet's `units`, and in the `units` of the provenance.
 
 use serde_json::{Map, Value as Json};
 
@@ -20,7 +20,7 @@ macro_rules! columns {
         pub const COLUMNS: &[(&str, &str, &str)] = &[$(($name, $unit, $meaning)),*];
     };
     ($($name:literal $unit:literal $meaning:literal,)*) => {
-        /// Name, unit and meaning of what else is in JSON documents.
+        /// Name, unit and meaning of the other fields of JSON documents.
         pub const FIELDS: &[(&str, &str, &str)] = &[$(($name, $unit, $meaning)),*];
     };
 }
@@ -370,7 +370,7 @@ columns! {
     "provenance" "" "Where the result is from.",
 }
 
-/// The units of what a document has, by name.
+/// The units of a document's fields, by name.
 pub(super) fn units_of(document: &Json) -> Map<String, Json> {
     let mut units = Map::new();
     collect(document, &mut units);
@@ -426,7 +426,7 @@ mod tests {
     }
 
     #[test]
-    fn a_document_is_given_the_units_of_what_it_has() {
+    fn a_document_gets_the_units_of_its_fields() {
         let document = serde_json::json!({"rows": [{"b": 0.2, "k": 0.4, "kick": {"hold": 3}}]});
         let units = serde_json::json!({"b": "mm", "hold": "cycles"});
         assert_eq!(Json::Object(units_of(&document)), units);

@@ -1,5 +1,4 @@
-//! Rows as a Parquet file: a column for each, numbers as doubles and words as text, units beside
-//! them.
+//! Rows as a Parquet file: numbers as doubles, words as text, units and provenance as metadata.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -16,17 +15,17 @@ use super::{Column, Rows, Value};
 use crate::provenance;
 use crate::refusal::Refusal;
 
-/// Rows of a group: few enough to wait in memory, many enough to read fast.
+/// Rows of a group: few enough for the memory, many enough for fast reading.
 const ROWS_PER_GROUP: usize = 65_536;
 
-/// The values of a column that wait for their group, and which rows have one.
+/// Values of a column in an unfinished group, and which rows have one.
 enum Waiting {
     Numbers(Vec<f64>, Vec<i16>),
     Words(Vec<ByteArray>, Vec<i16>),
 }
 
-/// Rows that go out as Parquet. Missing values are null; the file's metadata has `units` as a JSON
-/// object of the columns that have one, and `provenance` as one of what the rows came from.
+/// Writer of rows as Parquet. Missing values are null. The file's metadata has the JSON objects
+/// `units` (of the columns that have one) and `provenance`.
 pub(super) struct ParquetRows<'a> {
     writer: SerializedFileWriter<&'a mut (dyn Write + Send)>,
     waiting: Vec<Waiting>,
@@ -168,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_read_with_its_units() {
+    fn written_rows_are_read_with_their_units() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.parquet");
         let mut file = File::create(&path).unwrap();

@@ -1,4 +1,4 @@
-//! Tables: to read, as CSV and as JSON; and rows that go out as they come.
+//! Tables as aligned text, CSV and JSON, and rows that are written one by one.
 
 use std::fmt::Write as _;
 use std::io::Write;
@@ -17,7 +17,7 @@ pub struct Column {
     digits: usize,
     words: bool,
     plain: bool,
-    /// Heading in the table to read, where it is another.
+    /// Heading in the table for readers, if it differs from the name.
     title: Option<&'static str>,
 }
 
@@ -45,7 +45,7 @@ impl Column {
         Self { unit, ..self }
     }
 
-    /// The column with another heading in the table to read; its name stays.
+    /// The column with another heading in the table for readers, under the same name.
     pub const fn titled(self, title: &'static str) -> Self {
         Self {
             title: Some(title),
@@ -53,12 +53,12 @@ impl Column {
         }
     }
 
-    /// The column with this many significant digits in the table to read (else 6).
+    /// The column with this many significant digits in the table for readers (else 6).
     pub const fn digits(self, digits: usize) -> Self {
         Self { digits, ..self }
     }
 
-    /// The column with its bare name as CSV header: for formats that are fixed, and read back.
+    /// The column with its name alone as CSV header, for fixed formats that kband also reads.
     pub const fn plain(self) -> Self {
         Self {
             plain: true,
@@ -66,7 +66,7 @@ impl Column {
         }
     }
 
-    /// The column for words, for forms whose columns have a kind.
+    /// The column for text, for formats with typed columns.
     pub const fn words(self) -> Self {
         Self {
             words: true,
@@ -74,7 +74,7 @@ impl Column {
         }
     }
 
-    /// Whether it holds words.
+    /// Whether it contains text.
     pub fn is_words(&self) -> bool {
         self.words
     }
@@ -84,17 +84,17 @@ impl Column {
         self.name
     }
 
-    /// Its unit; empty for a pure number or words.
+    /// Its unit; empty for a pure number or text.
     pub fn unit(&self) -> &'static str {
         self.unit
     }
 
-    /// The value as this column shows it in a table to read.
+    /// The value as text in the table for readers.
     pub(crate) fn shown(&self, value: &Value) -> String {
         value.read(self.digits)
     }
 
-    /// Its heading in the table to read.
+    /// Its heading in the table for readers.
     pub(crate) fn heading(&self) -> String {
         self.title.map_or_else(|| self.with_unit(), Into::into)
     }
@@ -121,7 +121,7 @@ impl Column {
 pub struct Table {
     columns: Vec<Column>,
     rows: Vec<Vec<Value>>,
-    /// Whether the text that is wider than a screen goes on below.
+    /// Whether columns that do not fit on a screen continue below.
     folded: bool,
 }
 
@@ -137,7 +137,7 @@ impl Table {
         }
     }
 
-    /// With the columns that do not fit on a screen below the others, as text.
+    /// The table whose text has the columns that do not fit on a screen below the others.
     pub fn folded(mut self) -> Self {
         self.folded = true;
         self
@@ -164,7 +164,7 @@ impl Table {
         self.rows.is_empty()
     }
 
-    /// As aligned columns: words to the left, numbers to the right.
+    /// As aligned columns: text to the left, numbers to the right.
     pub fn to_text(&self) -> String {
         self.within(self.folded.then_some(SCREEN_COLUMNS))
     }
@@ -195,7 +195,7 @@ impl Table {
                 Some(block) if screen.is_none_or(|screen| taken(block) + widths[n] <= screen) => {
                     block.push(n);
                 }
-                // Each block says by the first column whose rows they are.
+                // Each block repeats the first column, which identifies the rows.
                 Some(_) => blocks.push(vec![0, n]),
                 None => blocks.push(vec![n]),
             }
@@ -224,7 +224,7 @@ impl Table {
         text
     }
 
-    /// Writes it as CSV: where it came from, units in the header, 17 significant digits.
+    /// Writes it as CSV: provenance, units in the header, 17 significant digits.
     pub fn write_csv(&self, out: &mut dyn Write) -> std::io::Result<()> {
         provenance::write_comments(super::units(&self.columns), out)?;
         let names: Vec<String> = self.columns.iter().map(Column::header).collect();
@@ -240,7 +240,7 @@ impl Table {
         &self.columns
     }
 
-    /// Hands its rows to `rows`, one by one.
+    /// Passes its rows to `rows`, one by one.
     pub fn write_rows(&self, rows: &mut dyn Rows) -> Result<(), Refusal> {
         self.rows.iter().try_for_each(|row| rows.row(row))
     }
@@ -269,13 +269,13 @@ fn write_row(out: &mut dyn Write, row: &[Value]) -> std::io::Result<()> {
     writeln!(out)
 }
 
-/// Where rows go as they come, for more of them than a table should hold.
+/// Receiver of rows one by one, for more of them than a table should hold.
 pub trait Rows {
     /// Takes a row of as many values as there are columns.
     fn row(&mut self, row: &[Value]) -> Result<(), Refusal>;
 }
 
-/// Rows that go out as CSV: where they came from, units in the header, numbers in full.
+/// Writer of rows as CSV: provenance, units in the header, 17 significant digits.
 pub struct CsvRows<'a> {
     out: &'a mut dyn Write,
 }
@@ -297,7 +297,7 @@ impl Rows for CsvRows<'_> {
     }
 }
 
-/// Rows that are counted, not written.
+/// Counter of rows, which writes none.
 #[derive(Default)]
 pub(super) struct CountedRows {
     rows: u64,
@@ -305,7 +305,7 @@ pub(super) struct CountedRows {
     bytes: u64,
 }
 
-/// Number of rows whose bytes are counted; the others are taken to have as many.
+/// Number of rows whose bytes are counted; their mean is assumed for the others.
 const MEASURED_ROWS: u64 = 1000;
 
 impl CountedRows {
@@ -385,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_to_read_is_aligned() {
+    fn the_text_of_a_table_is_aligned() {
         assert_eq!(
             table().to_text(),
             "   k  b (mm)  regime\n 0.1    1.23  locked, r = 1\n0.25       -  rest\n"
@@ -393,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wider_than_a_screen_goes_on_below() {
+    fn columns_beyond_a_screen_continue_below() {
         let name = "a column of some thirty letters";
         let mut wide = Table::new(&[Column::new("k", "")]);
         wide.columns.extend([Column::new(name, ""); 5]);

@@ -1,4 +1,4 @@
-//! The values of a table, and how numbers are written.
+//! The values of a table, and the conversion of numbers to text, CSV and JSON.
 
 use serde_json::Value as Json;
 
@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 pub enum Value {
     /// A measured or computed number.
     Number(f64),
-    /// A number that its shortest digits say in full, such as one that came in single precision.
+    /// A number of single precision, as the double with the same shortest digits.
     Short(f64),
     /// A count.
     Count(u64),
@@ -15,7 +15,7 @@ pub enum Value {
     Text(Box<str>),
     /// Yes or no.
     Flag(bool),
-    /// Nothing: there is no such value here.
+    /// No value.
     Missing,
 }
 
@@ -25,7 +25,7 @@ impl From<f64> for Value {
     }
 }
 
-/// With the digits that it has, not those of its nearest double.
+/// Keeps the shortest digits of the single, not those of its nearest double.
 impl From<f32> for Value {
     fn from(value: f32) -> Self {
         Self::Short(shortest(value))

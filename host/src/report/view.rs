@@ -1,4 +1,6 @@
-//! One description of a result: its fields with their columns, in the forms that have them.
+//! Description of a result by its fields, from which table, CSV and JSON are made.
+//!
+//! A field has a column, a function from the result to its value, and the forms that show it.
 
 use serde_json::Value as Json;
 
@@ -6,14 +8,14 @@ use super::Printout;
 use super::table::{Column, Table};
 use super::value::Value;
 
-/// A form of a result, one bit each.
+/// Forms of a result, one bit each: the table for readers, CSV, JSON.
 const READ: u8 = 1;
 const CSV: u8 = 2;
 const JSON: u8 = 4;
 
-/// A field of a result `R`: its column, and how its value comes of the result.
+/// A field of a result `R`: its column, and the function from the result to its value.
 pub struct Field<'a, R> {
-    /// The forms that have it.
+    /// Bits of the forms that show it.
     forms: u8,
     column: Column,
     value: Box<dyn Fn(&R) -> Value + 'a>,
@@ -33,12 +35,12 @@ impl<'a, R> Field<'a, R> {
         Self::new(READ | CSV | JSON, column, value)
     }
 
-    /// A field of the table to read alone.
+    /// A field of the table for readers alone.
     pub fn read<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
         Self::new(READ, column, value)
     }
 
-    /// A field of the table to read and of CSV.
+    /// A field of the table for readers and of CSV.
     pub fn table<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
         Self::new(READ | CSV, column, value)
     }
@@ -65,13 +67,13 @@ impl<'a, R> View<'a, R> {
         Self { fields }
     }
 
-    /// The view with the fields of another behind its own.
+    /// The view with the fields of another after its own.
     pub fn and(mut self, other: Self) -> Self {
         self.fields.extend(other.fields);
         self
     }
 
-    /// The view without a column, where the result has none.
+    /// The view without a column.
     pub fn without(mut self, column: Column) -> Self {
         self.fields
             .retain(|field| field.column.name() != column.name());
@@ -93,7 +95,7 @@ impl<'a, R> View<'a, R> {
         table
     }
 
-    /// The rows in every form; JSON is the array of them.
+    /// The rows in every form; JSON is an array of objects.
     pub fn printout(&self, rows: &[R]) -> Printout {
         Printout {
             json: Some(rows.iter().map(|row| self.object(row)).collect()),
@@ -113,14 +115,16 @@ impl<'a, R> View<'a, R> {
         self.of_form(CSV).map(|field| field.column).collect()
     }
 
-    /// The values under them, for rows that go out one by one.
+    /// A row's values under these columns, for rows that are written one by one.
     pub fn row(&self, row: &R) -> Vec<Value> {
         self.of_form(CSV).map(|field| (field.value)(row)).collect()
     }
 }
 
-/// Makes a function that gives the [`View`] of a result: after `all`, `read`, `table`, `data` or `json` (its
-/// forms) come the column, by its name in [`columns`](crate::report::columns), and the value of a row.
+/// Defines a function that returns the [`View`] of a result.
+///
+/// Each line has the forms (`all`, `read`, `table`, `data` or `json`), the column by its name in
+/// [`columns`](crate::report::columns), and the value of a row.
 macro_rules! fields {
     ($(#[$doc:meta])* $vis:vis fn $name:ident($row:ident: $of:ty $(, $more:ident: $kind:ty)*) {
         $($form:ident $column:expr => $value:expr;)*

@@ -1,10 +1,10 @@
-//! The keys of a scene that a sweep changes, and the values that they take.
+//! Axes of a sweep: keys of a scene, with their values.
 
 use toml::{Table, Value};
 
 use crate::refusal::Refusal;
 
-/// A key of a scene and the values that it takes.
+/// A key of a scene and its values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axes {
     /// The key with its tables, such as `drive.gain` or `disturbance.1.at`.
@@ -14,7 +14,7 @@ pub struct Axes {
 }
 
 impl Axes {
-    /// `key=a..b:n` or `key=a`, as typed; else what is accepted.
+    /// Parses `key=a..b:n` or `key=a`; the error is the accepted form.
     pub fn parse(text: &str) -> Result<Self, String> {
         Self::read(text).ok_or_else(|| {
             "KEY=VALUE or KEY=LOW..HIGH:COUNT with a COUNT of 1..100000, such as \
@@ -41,7 +41,7 @@ impl Axes {
                 let step = (high - low) / (count.max(2) - 1) as f64;
                 let value = |n: usize| match n {
                     0 => low,
-                    // As it was typed: a rounding beyond it may be out of range.
+                    // The typed value: a rounding beyond it may be out of range.
                     _ if n + 1 == count => high,
                     _ => low + step * n as f64,
                 };
@@ -76,7 +76,7 @@ pub(super) fn set(table: &mut Table, key: &str, value: f64) -> Result<(), Refusa
         inner = match next {
             Value::Table(table) => table,
             Value::Array(list) => {
-                // What follows is the number of a table of the list, from 1.
+                // The next part is the number of a table in the list, from 1.
                 return set_in_list(list, key, part, value, &unknown);
             }
             _ => return Err(unknown(part)),
@@ -103,7 +103,7 @@ fn set_in_list(
     }
 }
 
-/// Puts a number at a key; `None` where the key is a table.
+/// Sets a number at a key; `None` if the key is a table.
 fn put(table: &mut Table, within: Option<&str>, key: &str, value: f64) -> Option<()> {
     if matches!(table.get(key), Some(Value::Table(_))) {
         return None;
@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_ends_of_a_range_are_those_that_were_typed() {
+    fn the_ends_of_a_range_are_the_typed_ones() {
         let axes = Axes::parse("part.restitution=0.1..0.7:7").unwrap();
         assert_eq!(axes.key, "part.restitution");
         assert_eq!((axes.values[0], axes.values[6]), (0.1, 0.7));

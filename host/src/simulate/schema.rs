@@ -1,4 +1,4 @@
-//! The JSON schema of scenes, from the tables that the parser reads by.
+//! The JSON schema of scenes, generated from the parser's tables.
 
 use kband_control::{Event, Fault, Key, Limits, Settings, State};
 use kband_plant::{DISTURBANCES, PARTS};
@@ -9,7 +9,7 @@ use kband_scene::fields::{
 use kband_scene::{DEFAULT_DURATION, DEFAULT_PART_LENGTH, Fidelity};
 use serde_json::{Map, Value, json};
 
-/// Where editors find it, as far as they ask.
+/// Identifier of the schema's dialect.
 const DIALECT: &str = "http://json-schema.org/draft-07/schema#";
 
 fn setting(name: &str) -> Option<&'static Key> {
@@ -25,7 +25,7 @@ fn described(meaning: &str, unit: &str) -> String {
     }
 }
 
-/// An f32's own digits, not those of its nearest double.
+/// The number with the shortest digits of an f32, not those of its nearest double.
 fn short(value: f32) -> Value {
     let text = value.to_string();
     text.parse::<f64>().map_or(Value::Null, Value::from)
@@ -51,7 +51,7 @@ fn of_field(field: &Field) -> Value {
     })
 }
 
-/// The keys of a scene that can be a number, with their sections: what `--sweep` goes over.
+/// The numeric keys of a scene, with their sections, for `--sweep`.
 pub fn keys() -> Vec<String> {
     let schema = schema();
     let number = |value: &Value| {
@@ -65,7 +65,7 @@ pub fn keys() -> Vec<String> {
         if number(value) {
             keys.push(name.clone());
         }
-        // What a scene expects changes nothing in it.
+        // The expectations of a scene change nothing in it.
         let inner = value["properties"].as_object().filter(|_| name != "expect");
         let inner = inner
             .into_iter()
@@ -279,7 +279,7 @@ fn expect() -> Value {
     })
 }
 
-/// The schema of scenes (JSON Schema, draft 7), for editors to complete and check them by.
+/// The schema of scenes (JSON Schema, draft 7), by which editors complete and check them.
 pub fn schema() -> Value {
     let mut properties = Map::new();
     properties.insert(
@@ -370,7 +370,8 @@ mod tests {
     use super::super::{DEFAULT, SceneFile};
     use super::*;
 
-    /// What of an instance the schema does not accept, for the words of JSON Schema used here.
+    /// Adds the parts of an instance that the schema does not accept to `wrong`. It knows the
+    /// keywords of JSON Schema that are used here.
     fn check(schema: &Value, instance: &Value, path: &str, wrong: &mut Vec<String>) {
         let mut refuse = |why: &str| wrong.push(format!("{path}: {why}"));
         for (word, rule) in schema.as_object().expect("a schema is an object") {
@@ -447,7 +448,7 @@ mod tests {
         wrong
     }
 
-    /// The default scene with every key that it only mentions.
+    /// The default scene with its commented keys enabled.
     fn whole() -> String {
         let (given, mentioned) = DEFAULT.split_once("# [plant]").unwrap();
         let mentioned = format!("# [plant]{mentioned}");
@@ -473,7 +474,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_parser_refuses_the_schema_refuses() {
+    fn the_schema_refuses_each_scene_that_the_parser_refuses() {
         for (old, new) in [
             ("incline = 3.0", "inclin = 3.0"),
             ("incline = 3.0", "incline = 61.0"),

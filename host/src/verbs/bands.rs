@@ -1,4 +1,4 @@
-//! `kband bands`: where parts lock, order by order.
+//! `kband bands`: bands of k and amplitude (mm) in which parts lock, order by order.
 
 mod picture;
 mod tones;
@@ -71,7 +71,7 @@ pub struct Arguments {
 const TANGENTIAL_RESTITUTION: f64 = 0.3;
 const AMPLITUDE_RATIO: f64 = 1.5;
 
-/// What parts meet along the track.
+/// Settings of the motion along the track.
 fn along(track: &Track) -> TangentialSettings {
     TangentialSettings {
         amplitude_ratio: AMPLITUDE_RATIO,
@@ -79,13 +79,13 @@ fn along(track: &Track) -> TangentialSettings {
     }
 }
 
-/// Values of k that are tried from rest in each band.
+/// Number of k in each band from which parts start at rest.
 const SAMPLES: u32 = 400;
 
-/// Parts of a lot that are tried from rest at each.
+/// Number of parts of a lot that start from rest at each k.
 const PARTS: u32 = 5;
 
-/// What is known of one order.
+/// Results of one order.
 struct Row {
     order: u32,
     k2: f64,
@@ -208,7 +208,7 @@ impl Row {
         margins.map(|margins| margins.smallest())
     }
 
-    /// Where a part locks that starts from rest, in words.
+    /// Range of k in which parts from rest lock, in words.
     fn reached(&self) -> String {
         match self.reach {
             None => "-".into(),
@@ -226,12 +226,12 @@ fn millimetres(track: &Track, k: f64) -> f64 {
     track.amplitude(k) * 1e3
 }
 
-/// The setpoint of a band, to read.
+/// The setpoint of a band, as text.
 fn setpoint_in_words(k: Option<f64>) -> Value {
     k.map_or("no common band".into(), Value::from)
 }
 
-/// The amplitudes from k1 to k2, to read.
+/// The amplitudes from k1 to k2, as text.
 fn amplitudes(track: &Track, k1: f64, k2: f64) -> String {
     let (low, high) = (millimetres(track, k1), millimetres(track, k2));
     format!("{low:.4}..{high:.4}")

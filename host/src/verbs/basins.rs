@@ -1,4 +1,6 @@
-//! `kband basins`: which start ends in which regime.
+//! `kband basins`: basins of attraction of the regimes, over phase (rad) and velocity (`b w`).
+//!
+//! Every cell's middle is a start that is simulated on the exact map until its regime is decided.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -154,8 +156,8 @@ impl Starts {
     }
 }
 
-/// Where parts end that start in the middles of `side * side` cells of phase 0..2 pi and velocity
-/// 0..`top`, row by row.
+/// Final regimes of starts in the middles of `side * side` cells, row by row. Phases are 0..2 pi,
+/// velocities 0..`top`.
 pub(super) fn ends(
     endings: &Endings,
     side: usize,
@@ -164,8 +166,8 @@ pub(super) fn ends(
 ) -> Result<Vec<Regime>, Refusal> {
     Map::state(0.0, top)?;
     let starts = Starts { side, top };
-    // Long enough that the last orbits, which fly in registers that are not full, are few; and
-    // short enough for any number of threads.
+    // Long blocks keep the registers full except for a few last orbits; short ones suit any number
+    // of threads.
     let rows = (side * side / 64).max(TOGETHER).div_ceil(side);
     let ends = desk.map("basins", side.div_ceil(rows), |task| {
         let all = task * rows..side.min((task + 1) * rows);
@@ -178,7 +180,7 @@ pub(super) fn ends(
     Ok(ends.into_iter().flatten().collect())
 }
 
-/// k, which clap has seen to be given in one way or the other.
+/// k, from `--k` or `--b`; clap requires one of them.
 fn wanted(arguments: &Arguments) -> Result<f64, Refusal> {
     let k = arguments.amplitude.or_k(arguments.k)?;
     Ok(k.unwrap_or(f64::NAN))

@@ -1,4 +1,7 @@
-//! `kband capture`: which kick of the amplitude brings parts from rest onto the locked orbit.
+//! `kband capture`: search for the kick of the amplitude that brings parts from rest into lock.
+//!
+//! It prints the controller's plan, a map of the captured share over factor and length (cycles) of
+//! the kick, and capture rates of random parts.
 
 mod draws;
 mod kicks;
@@ -102,7 +105,7 @@ pub struct Arguments {
     drawn: Drawn,
 }
 
-/// Plans, maps, and draws parts at random.
+/// Prints the plan, the map of kicks and the capture rates.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output(arguments.printed.format)?;
     let task = Task::new(arguments)?;
@@ -115,13 +118,13 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// What is to be captured, by what.
+/// The lot to capture, and the drive.
 struct Task<'a> {
     arguments: &'a Arguments,
     band: Band,
     lot: Lot,
     drive: DriveLag,
-    /// The same drive for another attempt: the parts hop and rest at the target amplitude.
+    /// The same drive for a second or later attempt, which starts at the target amplitude.
     again: DriveLag,
 }
 

@@ -89,7 +89,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// Where each flip lies, and how fast their gaps shrink.
+/// Picture of the flips, and of the ratios of successive gaps.
 fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     let flips = cascade.flips();
     let last = flips.len() as f64 + 0.5;
@@ -142,7 +142,7 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     picture
 }
 
-/// The orbit born at a flip, where it could be followed.
+/// The orbit born at a flip; `None` if the continuation failed.
 fn born(doubled: &[Option<DoubledOrbit>], n: usize) -> Option<DoubledOrbit> {
     doubled.get(n).copied().flatten()
 }

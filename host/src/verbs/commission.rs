@@ -55,10 +55,10 @@ pub struct Arguments {
     printed: Printed,
 }
 
-/// Most rows of telemetry that a step keeps, approximately.
+/// Largest number of telemetry rows in a step, approximately.
 const MAX_ROWS_PER_STEP: f64 = 600.0;
 
-/// Asks the board and writes.
+/// Reads the board and adds a step to the record.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let target = Destination::check(&arguments.record)?;
     let mut record = Record::open(&target)?;
@@ -121,12 +121,12 @@ fn telemetry(
         Ok(())
     })();
     progress.finish();
-    // Off again, whatever came.
+    // Switched off again in any case.
     link.tell(&Request::Telemetry(0))?;
     recorded.map(|()| rows)
 }
 
-/// The rows as the record keeps them, with the time from the first.
+/// The rows of the record, with the time in s from the first.
 fn kept(rows: &[Telemetry], frequency: f64) -> Vec<Json> {
     let first = rows.first().map_or(0, |row| row.cycle);
     let finite = |value: f32| Some(value).filter(|value| value.is_finite()).map(shortest);

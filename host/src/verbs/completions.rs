@@ -1,4 +1,4 @@
-//! `kband completions`: shell completions, of the keys of settings and scenes too.
+//! `kband completions`: shell completions, with the keys of settings and scenes.
 
 use std::sync::LazyLock;
 
@@ -28,7 +28,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// Keys of scenes as `--sweep` takes them.
+/// Keys of scenes for `--sweep`.
 static SCENE_KEYS: LazyLock<Vec<String>> =
     LazyLock::new(|| schema::keys().into_iter().map(|key| key + "=").collect());
 
@@ -37,7 +37,7 @@ fn script(shell: Shell) -> String {
     clap_complete::generate(shell, &mut with_keys(), "kband", &mut script);
     let mut script = String::from_utf8_lossy(&script).into_owned();
     if shell == Shell::Fish {
-        // What clap writes for this shell knows the values of options alone.
+        // The script of clap for this shell completes only the values of options.
         let keys: Vec<&str> = Settings::KEYS.iter().map(|key| key.name).collect();
         script += &format!(
             "complete -c kband -n \"__fish_seen_subcommand_from settings; and __fish_seen_subcommand_from get set\" -f -a \"{}\"\n",
@@ -47,8 +47,8 @@ fn script(shell: Shell) -> String {
     script
 }
 
-/// The command line as a shell is to complete it. Which keys there are is said here alone: what a
-/// user types is read by its verb, which says more of a key that it does not know.
+/// The command line with the keys, for completion only. The verbs parse the keys themselves,
+/// because their messages on unknown keys say more.
 fn with_keys() -> clap::Command {
     let settings = || PossibleValuesParser::new(Settings::KEYS.iter().map(|key| key.name));
     let scenes = SCENE_KEYS.iter().map(String::as_str);

@@ -148,14 +148,14 @@ fn read(text: &str, seed: Option<usize>) -> Result<SceneFile, Refusal> {
     SceneFile::from_table(table)
 }
 
-/// What turns feeders and speeds into what is shown.
+/// Conversion of feeders and speeds to the printed quantities.
 struct Shown {
     gravity: f64,
     part_length: f64,
 }
 
 impl Shown {
-    /// Parts a minute that lie end to end.
+    /// Parts a minute, for parts end to end.
     fn rate(&self, of: Conveyed) -> f64 {
         60.0 * of.speed / self.part_length
     }
@@ -210,7 +210,7 @@ fields! {
     }
 }
 
-/// What the front changes for the scene's own feeder.
+/// Comparison of the front with the scene's own feeder.
 fn comparison(shown: &Shown, design: &Design) -> Option<String> {
     let today = design.today?;
     let closed = today.closed?;

@@ -75,7 +75,7 @@ pub struct Arguments {
     drawn: Drawn,
 }
 
-/// Columns of a range that does not say how many.
+/// Default number of columns of a range.
 const COLUMNS: usize = 1000;
 
 /// What is drawn upwards.

@@ -1,4 +1,4 @@
-//! `kband explain`: what the manual says on a word, with its formula and a number in mm.
+//! `kband explain`: the manual's text on a word, with its formula and an example in mm.
 
 mod manual;
 mod number;
@@ -38,15 +38,15 @@ pub struct Arguments {
     drive: DriveArguments,
 }
 
-/// A word with a paragraph or more of the manual of its own.
+/// A word that the manual explains in a paragraph or more.
 struct Topic {
     name: &'static str,
-    /// What it says in a line.
+    /// Its meaning in a line.
     help: &'static str,
-    /// What else it is called.
+    /// Its synonyms.
     others: &'static [&'static str],
     page: &'static str,
-    /// How the headings of its sections begin.
+    /// Begins of the headings of its sections.
     headings: &'static [&'static str],
 }
 
@@ -120,7 +120,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// What can be explained at length, a line each.
+/// The list of topics, a line each.
 fn topics() -> String {
     let mut text = String::new();
     for Topic { name, help, .. } in TOPICS {
@@ -130,7 +130,7 @@ fn topics() -> String {
     text
 }
 
-/// What the manual says on these words, as Markdown.
+/// The manual's text on these words, as Markdown.
 fn text(words: &[String], example: &Example) -> Result<String, Refusal> {
     if let [kind, number] = words
         && let Ok(number) = number.parse::<u32>()
@@ -139,14 +139,14 @@ fn text(words: &[String], example: &Example) -> Result<String, Refusal> {
     }
     let query = words.join(" ");
     let name = query.trim().to_lowercase().replace('_', " ");
-    // As an option has it: --second-tone.
+    // An option has hyphens: --second-tone.
     let spoken = name.trim_start_matches('-').replace('-', " ");
     explained(query.trim(), &name, example)
         .or_else(|| explained(&spoken, &spoken, example))
         .ok_or_else(|| unknown(query.trim(), &name))
 }
 
-/// The same of a word as it was typed and in lower case, where something explains it.
+/// The explanation of one word, as typed and in lower case; `None` without one.
 fn explained(query: &str, name: &str, example: &Example) -> Option<String> {
     let mut parts: Vec<String> = Vec::new();
     let topic = TOPICS
@@ -184,7 +184,7 @@ fn explained(query: &str, name: &str, example: &Example) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join("\n"))
 }
 
-/// What a column or a field of the outputs holds.
+/// The meaning of a column or a field of the outputs.
 fn output(name: &str) -> Option<String> {
     let (name, unit, meaning) = columns::entry(&name.replace(' ', "_"))?;
     let unit = match *unit {
@@ -194,8 +194,7 @@ fn output(name: &str) -> Option<String> {
     Some(format!("**{name}**: {meaning}{unit}\n"))
 }
 
-/// The words of the glossary that are written so: a symbol as it stands, a term or name in any
-/// case.
+/// The matching words of the glossary: symbols by exact spelling, terms and names in any case.
 fn glossary(query: &str, name: &str) -> Vec<Word> {
     let symbols: Vec<Word> = manual::words()
         .filter(|word| word.symbols.iter().any(|symbol| symbol == query))
@@ -213,7 +212,7 @@ fn glossary(query: &str, name: &str) -> Vec<Word> {
         .collect()
 }
 
-/// A row of the glossary in a sentence.
+/// A row of the glossary as a sentence.
 fn entry(word: &Word) -> String {
     let mut line = format!("**{}**", word.term);
     if !word.symbols.is_empty() {
@@ -252,7 +251,7 @@ fn numbered(kind: &str, number: u32) -> Result<String, Refusal> {
     })
 }
 
-/// The refusal of a word that nothing explains, with those that are most like it.
+/// The refusal of an unknown word, with the most similar ones.
 fn unknown(query: &str, name: &str) -> Refusal {
     let topics: Vec<&str> = TOPICS.iter().map(|topic| topic.name).collect();
     let mut like: Vec<(f64, String)> = manual::words()
@@ -360,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_tools_print_is_explained() {
+    fn every_word_in_the_outputs_is_explained() {
         let states = State::ALL.iter().map(|state| state.name());
         let events = Event::ALL.iter().map(|event| event.name());
         let regimes = crate::ending::FILLS.iter().map(|(_, name)| *name);

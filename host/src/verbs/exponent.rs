@@ -77,7 +77,7 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Impacts for which an orbit is followed to its ending: as far as it is measured.
+    /// Number of impacts in which an orbit's ending is determined: as many as are measured.
     fn followed(&self) -> usize {
         FOLLOWED.max(self.settle + self.impacts)
     }
@@ -150,12 +150,14 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// Orbits among which the impacts are divided where the user gives no start.
+/// Number of orbits among which the impacts are divided, unless the user gives a start.
 const DEFAULT_ORBITS: usize = 8;
 
-/// The exponent of several orbits that begin beside each other. One alone may stay for some 100 000
-/// impacts where it is not what it is in the long run, and its own scatter does not tell (k = 0.34,
-/// R = 0.2); the scatter of several does. Where one comes to rest, that is reported of the first.
+/// The mean exponent of several orbits from neighbouring starts, with the standard error from their
+/// scatter.
+///
+/// One orbit may stay near a transient for some 100 000 impacts (k = 0.34, R = 0.2). Its own
+/// scatter does not show that. If an orbit comes to rest, the first orbit alone is measured.
 fn among(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Exponent, Refusal> {
     let share = ExponentSettings {
         impacts: settings.impacts / DEFAULT_ORBITS as u32,
@@ -190,15 +192,15 @@ fn among(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Expo
     })
 }
 
-/// What was found at one k.
+/// Results at one k.
 struct Found {
     k: f64,
     exponent: Exponent,
-    /// Where the orbit ends; `None` where its restitution scatters or is 1.
+    /// The orbit's final regime; `None` if its restitution scatters or is 1.
     ending: Option<Regime>,
     /// The smaller exponent per impact, of an orbit that never rests.
     second: Option<f64>,
-    /// Floquet multipliers of the period-1 orbit, where there is one.
+    /// Floquet multipliers of the period-1 orbit, if it exists.
     multipliers: Option<Multipliers>,
 }
 
@@ -220,8 +222,8 @@ fn second(exponent: &Exponent, restitution: f64) -> Option<f64> {
     (!rests && value.is_finite()).then_some(value)
 }
 
-/// What the orbit was seen to be. A positive exponent is that of chaos where the orbit ends in
-/// chaos; a transient has one too, until it comes to rest.
+/// Name of the orbit's dynamics. A positive exponent means chaos only if the orbit ends in chaos: a
+/// transient has one too, until it comes to rest.
 fn words(found: &Found) -> &'static str {
     match found.exponent.dynamics {
         Dynamics::Regular => "regular",
@@ -239,7 +241,7 @@ fn finite(value: f64) -> Option<f64> {
 }
 
 fields! {
-    /// The exponents at one k, with its amplitude where the track is known.
+    /// The exponents at one k, and its amplitude if the track is given.
     fn exponents(found: Found, track: Option<Track>, followed: usize) {
         all K => found.k;
         all B => track.map(|track| 1e3 * track.amplitude(found.k));
@@ -402,8 +404,8 @@ fn picture(
         .panels(multipliers_of(values, &multipliers))
 }
 
-/// The real parts of both Floquet multipliers of the period-1 orbit over k, where it exists at
-/// several.
+/// The real parts of both Floquet multipliers of the period-1 orbit over k, if it exists at several
+/// k.
 fn multipliers_of(values: &[f64], found: &[(f64, [f64; 2])]) -> Option<Panel> {
     if found.len() < 2 {
         return None;

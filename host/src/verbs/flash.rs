@@ -1,4 +1,7 @@
-//! `kband flash`: firmware onto the board.
+//! `kband flash`: checks a firmware image (ELF) and writes it onto the board through a debug probe.
+//!
+//! Settings and recipes are saved to files before, and compared after. The output is the list of
+//! flash sectors, with sizes in KiB.
 
 mod backup;
 
@@ -16,7 +19,7 @@ use crate::desk::Progress;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Table, Value, columns};
 
-/// Where `cargo feeder` leaves the board's image.
+/// Path of the board's image as `cargo feeder` builds it.
 const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/feeder";
 
 /// Write the firmware onto the board through a debug probe, verify it and start it.
@@ -143,8 +146,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// Settings and recipes of the board on the link, in files of this folder. Without a port that the
-/// user named, a board that does not answer is none.
+/// Saves settings and recipes of the board on the link to files of this folder. `None` if no board
+/// answers and the user named no port.
 fn back_up(arguments: &Arguments) -> Result<Option<Backup>, Refusal> {
     let address = Address {
         on: arguments.on.clone(),
@@ -167,7 +170,7 @@ fn back_up(arguments: &Arguments) -> Result<Option<Backup>, Refusal> {
     }
 }
 
-/// Compares the board with what it held before; what was found, in words.
+/// Compares the board with its backup; the result in words.
 fn compare(mut backup: Backup) -> Result<&'static str, Refusal> {
     let unlike = backup.differences().map_err(|refusal| {
         refusal.then("look at the board, then compare: kband settings list, kband recipe list")
@@ -184,7 +187,7 @@ fn compare(mut backup: Backup) -> Result<&'static str, Refusal> {
     ))
 }
 
-/// The option bytes that are to be set; refused for a chip whose option bytes are not.
+/// The option bytes to set; refused for a chip whose option bytes kband does not set.
 fn options(chip: &Chip, requested: bool) -> Result<Option<OptionBytes>, Refusal> {
     match (requested, chip.options) {
         (false, _) => Ok(None),
@@ -196,7 +199,7 @@ fn options(chip: &Chip, requested: bool) -> Result<Option<OptionBytes>, Refusal>
     }
 }
 
-/// Neighbouring sectors with which the same is done.
+/// Neighbouring sectors with the same treatment.
 struct Run {
     first: Sector,
     last: Sector,
@@ -222,7 +225,7 @@ impl Run {
     }
 }
 
-/// What an image does with the flash of its chip.
+/// Treatment of each sector of the chip's flash by an image.
 fn runs(image: &Image) -> Vec<Run> {
     let chip: &Chip = image.chip();
     let mut runs: Vec<Run> = Vec::new();

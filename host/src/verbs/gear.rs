@@ -1,5 +1,7 @@
-//! `kband gear`: at which amplitude, and with which second tone, parts of scattering restitution
-//! stay in gear.
+//! `kband gear`: amplitude and second tone at which parts of scattering restitution stay in gear.
+//!
+//! The method is Monte Carlo simulation on a grid of k and second tone (`survey`). Fresh runs then
+//! select the best points. The output is the share of time in gear, 0..1.
 
 mod page;
 mod survey;
@@ -117,13 +119,13 @@ impl Arguments {
     }
 }
 
-/// Amplitudes of the second tone that a search tries.
+/// Number of amplitudes of the second tone in a search.
 const SECOND_TONE_AMPLITUDES: u32 = 5;
 
-/// Angles of the second tone that a search tries, from and to in rad, and how many.
+/// Angles of the second tone in a search: first and last in rad, and their number.
 ///
-/// Of order 1 and with two tones the best of 32 angles around the circle lay at 2.2 to 2.9 rad for
-/// every R (0.2, 0.3, 0.5) and e (0.15, 0.25) that was asked; else the whole circle is tried.
+/// At order 1 with two tones the best of 32 angles around the circle was at 2.2 to 2.9 rad. That
+/// holds for each R of 0.2, 0.3, 0.5 and e of 0.15, 0.25. Otherwise the whole circle is tried.
 fn angles(arguments: &Arguments) -> (f64, f64, u32) {
     if arguments.order == 1 && arguments.third_tone.is_none() {
         (1.9, 3.0, 12)
@@ -174,7 +176,7 @@ fn over_amplitude(b: Range, track: &Track) -> Result<Range, Refusal> {
     })
 }
 
-/// The waves that are tried, that of one tone first.
+/// The waves to try; the sine is the first.
 fn waves(arguments: &Arguments) -> Result<Vec<Wave>, Refusal> {
     let third = arguments.third_tone.unwrap_or_default();
     let mut waves = vec![Wave::sine()];

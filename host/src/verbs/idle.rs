@@ -1,4 +1,4 @@
-//! Options that were given and would do nothing: refused, for whoever gives one expects something of it.
+//! Refusal of options without effect: a user who gives one expects an effect.
 
 use std::path::PathBuf;
 
@@ -7,16 +7,16 @@ use clap::parser::ValueSource;
 
 use crate::refusal::Refusal;
 
-/// Options of some verbs that do nothing in a case.
+/// Options that have no effect in a case.
 struct Idle {
     verbs: &'static [&'static str],
     /// The case.
     case: fn(&Given) -> bool,
-    /// What the case is, as the user said it.
+    /// The case in the user's words.
     said: &'static str,
     /// The options, by their long names.
     options: &'static [&'static str],
-    /// Why they do nothing then.
+    /// The reason.
     why: &'static str,
 }
 
@@ -57,10 +57,10 @@ idle! {
 
 /// Verbs whose `--seed` is that of a scatter alone.
 const SCATTERED: [&str; 5] = ["diagram", "exponent", "gear", "impacts", "transport"];
-/// Verb that draws with or without the name of a file.
+/// Verb that draws also without the name of a file.
 const DRAWS: &str = "simulate";
 
-/// What the user gave to a verb.
+/// The options given to a verb.
 struct Given<'a>(&'a ArgMatches);
 
 impl Given<'_> {
@@ -88,7 +88,7 @@ impl Given<'_> {
     }
 }
 
-/// Refuses the first option of a verb's that would do nothing.
+/// Refuses the first option of a verb without effect.
 pub fn check(verb: &str, matches: &ArgMatches) -> Result<(), Refusal> {
     let given = Given(matches);
     let refuse = |option: &str, said: &str, why: &str| {
@@ -123,7 +123,7 @@ pub fn check(verb: &str, matches: &ArgMatches) -> Result<(), Refusal> {
         );
     }
     let scatter = matches.try_get_one::<f64>("scatter").ok().flatten();
-    // Who says --scatter 0 knows that nothing is drawn.
+    // An explicit --scatter 0 says that nothing is drawn at random.
     let drawn = given.has("scatter") || scatter != Some(&0.0);
     if SCATTERED.contains(&verb) && given.has("seed") && !drawn {
         return refuse("seed", "without --scatter", "nothing is drawn at random");
@@ -145,7 +145,7 @@ mod tests {
             .map(|refusal| refusal.to_string())
     }
 
-    /// What is refused is in tests/wrong_inputs.txt.
+    /// tests/wrong_inputs.txt has the refused ones.
     #[test]
     fn options_that_do_something_are_taken() {
         for line in [

@@ -1,4 +1,6 @@
-//! `kband impacts`: the map itself, impact by impact.
+//! `kband impacts`: the impact map evaluated impact by impact, in a number system of choice.
+//!
+//! A row has phase and flight in rad, and the velocity after the impact in `b w`.
 
 mod portrait;
 pub mod rows;
@@ -128,7 +130,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// What is asked for.
+/// The orbit or the rows to compute.
 struct Task<'a> {
     arguments: &'a Arguments,
     desk: &'a Desk,
@@ -177,12 +179,12 @@ fn in_blocks(block: &mut Block, rows: &[Row<Map>]) -> Vec<Impact<PartState>> {
     let mut impacts = Vec::with_capacity(rows.len());
     for rows in rows.chunks(LANES) {
         for (lane, row) in rows.iter().enumerate() {
-            // There is a lane for every row of a chunk.
+            // Every row of a chunk has a lane.
             let _ = block.put(lane, &row.kernel, row.state);
         }
         block.advance(1);
         for (lane, row) in rows.iter().enumerate() {
-            // A block leaves chatter that it can sum to its caller; here every hop is asked for.
+            // A block leaves summable chatter to its caller; here every hop is computed.
             let impact = block.impact(lane).filter(|impact| impact.flight > 0.0);
             impacts.push(impact.unwrap_or_else(|| row.kernel.impact(row.state)));
             block.clear(lane);
@@ -192,7 +194,7 @@ fn in_blocks(block: &mut Block, rows: &[Row<Map>]) -> Vec<Impact<PartState>> {
 }
 
 impl Task<'_> {
-    /// Computes the impacts and hands them on one by one: memory does not grow with their number.
+    /// Computes the impacts and passes them on one by one: memory does not grow with their number.
     fn fly<K: Kernel>(
         &self,
         build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
@@ -261,7 +263,7 @@ impl Task<'_> {
         mut impacts: impl FnMut(&[Row<K>]) -> Vec<Impact<K::State>>,
     ) -> Result<States, Refusal> {
         let arguments = self.arguments;
-        // clap has seen to it that all four are there.
+        // clap requires all four.
         let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
         let k = given(arguments.amplitude.or_k(arguments.k)?);
         let mut row = [Row {
@@ -282,8 +284,7 @@ impl Task<'_> {
                 }
                 for impact in impacts(&row) {
                     let next = K::observe(impact.next);
-                    // What it cannot hold it cannot fly either; the state itself keeps its last
-                    // bits.
+                    // A state out of the kernel's range ends the orbit; the state keeps its bits.
                     K::state(next.phase, next.velocity).map_err(|refused| {
                         not_held::<K>(refused, "ask for fewer impacts")
                             .at(format!("after impact {n}"))
@@ -302,7 +303,7 @@ impl Task<'_> {
         })
     }
 
-    /// Does `work` with the sink of its rows, about as many as `rows`.
+    /// Calls `work` with the receiver of its rows, about as many as `rows`.
     fn write(
         &self,
         columns: &[Column],
@@ -330,26 +331,26 @@ impl Task<'_> {
     }
 }
 
-/// Where the rows go: standard output, a file, and the picture.
+/// Receiver of the rows: standard output, a file, and the picture.
 struct Sink<'a, 'p, 'f> {
     task: &'a Task<'a>,
     columns: &'a [Column],
-    /// None where its reader has gone away.
+    /// `None` after its reader has gone away.
     printed: Option<&'p mut (dyn Rows + 'p)>,
     file: Option<&'f mut (dyn Rows + 'f)>,
     states: Option<States>,
     count: u64,
-    /// Number of rows that will come.
+    /// Number of rows to come.
     rows: u64,
     /// Bytes so far, printed and in the file.
     bytes: [u64; 2],
     progress: Progress,
 }
 
-/// Rows from which the size of all is estimated.
+/// Number of rows from which the size of all is estimated.
 const MEASURED_ROWS: u64 = 1000;
 
-/// Rows between two tests whether to go on.
+/// Number of rows between two tests for a stop by the user.
 const ROWS_AT_ONCE: u64 = 1024;
 
 impl Sink<'_, '_, '_> {
@@ -379,7 +380,7 @@ impl Sink<'_, '_, '_> {
         Ok(())
     }
 
-    /// States the size of all rows after the first ones.
+    /// Reports the estimated size of all rows after the first ones.
     fn measure(&mut self, row: &[Value]) {
         let form = match self.task.arguments.format {
             Format::Json => "json",

@@ -1,4 +1,7 @@
-//! `kband margins`: gain and phase margin of the amplitude loop.
+//! `kband margins`: gain margin (1) and phase margin (degrees) of the amplitude loop.
+//!
+//! The margins (Nyquist criterion, `kband_control::LoopMargins`) are computed over the detuning,
+//! for seven qualities and three ratios of true to configured gain.
 
 use kband_control::{LoopMargins, Settings};
 
@@ -29,14 +32,14 @@ pub struct Arguments {
 }
 
 const QUALITIES: [f32; 7] = [3.0, 5.0, 10.0, 25.0, 50.0, 100.0, 200.0];
-/// Those that are drawn.
+/// Indices of the qualities that are drawn.
 const DRAWN: [usize; 5] = [0, 2, 3, 4, 6];
 /// True gain over the configured one.
 const GAIN_RATIOS: [f32; 3] = [1.0, 0.5, 2.0];
-/// Margins beyond are drawn there.
+/// Largest drawn gain margin; larger ones are drawn there.
 const MAX_DRAWN_MARGIN: f64 = 100.0;
 
-/// Drive frequency over resonance less 1: -0.2..0.2, dense where the resonance is.
+/// Detunings, -0.2..0.2 (drive frequency over resonance, minus 1), denser near the resonance.
 fn detunings() -> Vec<f32> {
     (-120..=120)
         .map(|n| {
@@ -46,35 +49,35 @@ fn detunings() -> Vec<f32> {
         .collect()
 }
 
-/// Margins over the detuning, with wrong settings of quality and gain.
+/// Margins over the detuning, at one quality and one ratio of true to configured gain.
 struct Line {
     quality: f32,
-    wrong: f32,
+    gain_ratio: f32,
     margins: Vec<(f32, LoopMargins)>,
 }
 
 impl Line {
-    fn of(quality: f32, wrong: f32) -> Result<Self, Refusal> {
+    fn of(quality: f32, gain_ratio: f32) -> Result<Self, Refusal> {
         let margins = detunings().into_iter().map(|detuning| {
             let configured = Settings {
                 quality,
                 frequency: 50.0 * (1.0 + detuning),
                 ..Settings::default()
             };
-            let is = Settings {
-                gain: wrong * configured.gain,
+            let actual = Settings {
+                gain: gain_ratio * configured.gain,
                 ..configured
             };
-            Ok((detuning, LoopMargins::of(&configured, &is)?))
+            Ok((detuning, LoopMargins::of(&configured, &actual)?))
         });
         Ok(Self {
             quality,
-            wrong,
+            gain_ratio,
             margins: margins.collect::<Result<_, Refusal>>()?,
         })
     }
 
-    /// The least of a margin, and the detuning.
+    /// The smallest of one of the margins, and its detuning.
     fn least(&self, margin: impl Fn(&LoopMargins) -> f64) -> (f64, f64) {
         let least = (self.margins.iter())
             .map(|(detuning, margins)| (margin(margins), f64::from(*detuning)))
@@ -83,11 +86,11 @@ impl Line {
     }
 }
 
-/// Prints the least margins and draws all.
+/// Prints the smallest margins and draws all.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output(arguments.printed.format)?;
     let all: Vec<(f32, f32)> = (GAIN_RATIOS.iter())
-        .flat_map(|wrong| QUALITIES.map(|quality| (quality, *wrong)))
+        .flat_map(|ratio| QUALITIES.map(|quality| (quality, *ratio)))
         .collect();
     let lines = desk.try_map("margins", all.len(), |n| Line::of(all[n].0, all[n].1))?;
     let report = report(&lines);
@@ -99,7 +102,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 fields! {
     fn least(line: Line) {
         all QUALITY.digits(3) => f64::from(line.quality);
-        all GAIN_RATIO.titled("gain ratio").digits(2) => f64::from(line.wrong);
+        all GAIN_RATIO.titled("gain ratio").digits(2) => f64::from(line.gain_ratio);
         all GAIN_MARGIN.titled("gain margin").digits(4) => line.least(|margins| margins.gain).0;
         all GAIN_MARGIN_DETUNING.titled("at detuning").digits(3) => line.least(|margins| margins.gain).1;
         all PHASE_MARGIN.titled("phase margin (degrees)").digits(4) => line.least(|margins| margins.phase).0;
@@ -123,9 +126,9 @@ fn picture(lines: &[Line]) -> Picture {
             20.0,
         )
     };
-    let panel = |wrong: f32, axis: Axis, margin: &dyn Fn(&LoopMargins) -> f64| {
+    let panel = |gain_ratio: f32, axis: Axis, margin: &dyn Fn(&LoopMargins) -> f64| {
         let mut panel = Panel::new(detuning(), axis).height(230.0);
-        let shown = lines.iter().filter(|line| line.wrong == wrong);
+        let shown = lines.iter().filter(|line| line.gain_ratio == gain_ratio);
         let shown = shown.filter(|line| DRAWN.iter().any(|n| QUALITIES[*n] == line.quality));
         for (n, line) in shown.enumerate() {
             let points = (line.margins.iter())

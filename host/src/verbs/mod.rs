@@ -1,8 +1,8 @@
 //! The command line: one file per verb.
 //!
-//! A verb is a module with `Arguments` (clap's `Args`; its doc comment is the help, its
-//! `after_help` the example) and `run(arguments, desk) -> Result<Exit, Refusal>`; a line in the
-//! list below gives it its name.
+//! A verb is a module with `Arguments` and `run(arguments, desk) -> Result<Exit, Refusal>`. The
+//! arguments are clap's `Args`: the doc comment is the help, `after_help` the example. A line in
+//! the list below names the verb.
 
 mod bands;
 mod basins;
@@ -162,7 +162,7 @@ pub fn main() -> ExitCode {
         Ok(parsed) => parsed,
         Err(message) => {
             // Help and version go to standard output with status 0, a bad option to standard error
-            // with status 2; there is no one left to tell when that fails.
+            // with status 2. A failure to print has no remedy.
             match refused(&message) {
                 Some(refusal) => eprintln!("{refusal}"),
                 None => {
@@ -192,7 +192,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// What clap refused, in the form of every other refusal; `None` for help and version.
+/// An error of clap in the form of every refusal; `None` for help and version.
 fn refused(message: &clap::Error) -> Option<Refusal> {
     let words = |kind| match message.get(kind) {
         Some(ContextValue::String(word)) if !word.is_empty() => vec![word.as_str()],
@@ -200,7 +200,7 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
         _ => Vec::new(),
     };
     let near = |kind, otherwise: &str| match words(kind).last() {
-        // clap puts the nearest last.
+        // The last suggestion of clap is the nearest.
         Some(near) => format!("did you mean {near}? {otherwise}"),
         None => otherwise.into(),
     };

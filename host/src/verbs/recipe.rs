@@ -103,10 +103,10 @@ fn name(text: &str) -> Result<RecipeName, String> {
     RecipeName::parse(text).ok_or_else(|| format!("accepted: {}", RecipeName::ACCEPTED))
 }
 
-/// Does it.
+/// Carries out the action.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     let address = &arguments.address;
-    // What can be refused without a board is refused first.
+    // Checks that need no board come first.
     let entries = match &arguments.action {
         Action::Import { file } => {
             let text = file::read_text(file)?;
@@ -196,7 +196,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// Refused with the line, where a recipe of a file does not fit the machine with these settings.
+/// Refused with its line if a recipe of a file does not fit the machine with these settings.
 fn check(entry: &Entry, settings: &Settings) -> Result<(), Refusal> {
     let recipe = &entry.recipe;
     let settings = recipe.applied_to(settings).map_err(|refused| {
@@ -221,7 +221,7 @@ pub(super) fn stored(link: &mut Link, number: u8) -> Result<Stored, Refusal> {
 /// A number, and its recipe or none.
 type Change = (u8, Option<(RecipeName, Recipe)>);
 
-/// Changes the recipes of a board and saves them: all of them, or none where one is refused.
+/// Changes the recipes of a board and saves them: all of them, or none if one is refused.
 fn save(link: &mut Link, wanted: &[Change]) -> Result<(), Refusal> {
     let mut before: Vec<Change> = Vec::new();
     for (number, _) in wanted {
@@ -243,7 +243,7 @@ fn save(link: &mut Link, wanted: &[Change]) -> Result<(), Refusal> {
     };
     let done = set(link, wanted).and_then(|()| link.tell(&Request::SaveRecipes));
     if done.is_err() {
-        // A refusal of that would say the same again.
+        // A second refusal would repeat the first.
         let _ = set(link, &before);
     }
     done

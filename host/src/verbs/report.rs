@@ -1,4 +1,4 @@
-//! `kband report`: one page for the browser that shows a feeder.
+//! `kband report`: an interactive page (HTML) of one feeder.
 
 mod data;
 
@@ -54,13 +54,13 @@ pub struct Arguments {
     out: Option<PathBuf>,
 }
 
-/// Where a page goes that nobody named.
+/// Default file of the page.
 const PAGE: &str = "kband-report.html";
 
 /// The figures of the page.
 const FIGURES: &str = include_str!("report/figures.js");
 
-/// Computes, and writes the page.
+/// Computes and writes the page.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let (name, text) = match &arguments.scene {
         Some(path) => (path.display().to_string(), file::read_text(path)?),
@@ -93,7 +93,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 }
 
 impl Arguments {
-    /// The scene's table with what the command line says.
+    /// Replaces values of the scene's table by those of the command line.
     fn adapt(&self, table: &mut toml::Table) {
         let mut put = |section: &str, key: &str, value: Value| {
             if let Some(Value::Table(section)) = table.get_mut(section) {

@@ -29,7 +29,7 @@ use crate::simulate::{DEFAULT, SceneFile};
 
 /// Time between two steps of the simulation.
 const STEP: Duration = Duration::from_millis(5);
-/// Longest time that one step makes up for, after the process was held up.
+/// Longest simulated time of one step, after a pause of the process.
 const LONGEST_STEP: Duration = Duration::from_millis(200);
 
 /// Serve the registers of a simulated feeder, or with --on those of a board, on Modbus TCP.
@@ -81,25 +81,25 @@ pub struct Arguments {
     limit: Option<f64>,
 }
 
-/// What answers the clients.
+/// The feeder that answers the clients.
 trait Feeder: Send {
-    /// What it is, for a person.
+    /// Its name, for the user.
     fn name(&self) -> String;
 
-    /// Answers unit, function and data; returns whether there is an answer, which then has the same
-    /// parts.
+    /// Answers a request of unit, function and data. Returns whether there is an answer, of the
+    /// same parts.
     fn answer(&mut self, adu: &[u8], answer: &mut Answer) -> bool;
 
     /// Works between two requests; `passed` is the time since the last call.
     ///
     /// # Errors
-    /// It is gone.
+    /// The connection to the feeder is lost.
     fn advance(&mut self, passed: Duration) -> Result<(), Refusal>;
 
     /// The frequency, the last drive cycle, and the events since the last call.
     ///
     /// # Errors
-    /// It is gone.
+    /// The connection to the feeder is lost.
     fn news(&mut self) -> Result<Vec<Said>, Refusal>;
 }
 

@@ -126,10 +126,10 @@ enum Action {
     },
 }
 
-/// Does it.
+/// Carries out the action.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let address = &arguments.address;
-    // What can be refused without a board is refused first.
+    // Checks that need no board come first.
     let text = match &arguments.action {
         Action::Import { file, .. } => Some(Imported::read(file)?),
         _ => None,
@@ -228,7 +228,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// Saves, if that is wanted; what becomes of the settings, in words.
+/// Saves, if requested; returns a message on how long the settings last.
 fn kept(link: &mut Link, save: bool, address: &Address) -> Result<String, Refusal> {
     if save {
         link.tell(&Request::Save)?;
@@ -262,7 +262,7 @@ fn list<'a>(listed: impl IntoIterator<Item = &'a BoardSetting>, notes: &[String]
     settings().printout(&listed).notes(notes)
 }
 
-/// Refused where a change is to be kept by an emulated board without a flash.
+/// Refuses saving on an emulated board without a flash.
 pub(super) fn check_flash(address: &Address, kept: &str) -> Result<(), Refusal> {
     if address.is_emulated() && address.flash_image.is_none() {
         return Err(Refusal::new(
@@ -273,7 +273,7 @@ pub(super) fn check_flash(address: &Address, kept: &str) -> Result<(), Refusal> 
     Ok(())
 }
 
-/// The settings as a file to read, change and import.
+/// The settings as a TOML file for export and import.
 pub(super) fn export(settings: &BoardSettings, link: &Link) -> String {
     let mut text = format!(
         "# Settings of a board with kband {}.\n\
@@ -293,7 +293,7 @@ pub(super) fn export(settings: &BoardSettings, link: &Link) -> String {
     text
 }
 
-/// A file of settings, read and found to be numbers.
+/// A parsed file of settings, each a number.
 #[derive(Debug, Default)]
 pub struct Imported(Vec<(String, f64)>);
 

@@ -131,26 +131,26 @@ impl Default for Arguments {
     }
 }
 
-/// Where a picture goes that nobody named.
+/// Default file of the picture.
 const PICTURE: &str = "kband-simulate.svg";
 
-/// Whether a file that begins like this has the rows of a run, or of many.
+/// Whether a file with this beginning has the rows of a run, or of many.
 fn own_rows(begin: &str) -> bool {
     if begin.starts_with(provenance::FIRST) {
         return true;
     }
     let head = begin.lines().next().unwrap_or_default();
-    // As kband 0.1 wrote them before it said where they are from.
+    // The header of kband 0.1, which had no provenance.
     head.starts_with("time (s),amplitude (mm),k,") || head.contains(",kicks,b (mm),k,")
 }
 
-/// Where a trace goes that nobody named.
+/// Default file of the trace.
 const TRACE: &str = "kband-simulate.csv";
 /// Longest single run in s whose trace is written by default: 30 000 rows at 50 Hz.
 const MAX_TRACED_DURATION: f64 = 600.0;
 
 impl Arguments {
-    /// What the command line says instead of the scene.
+    /// Replaces values of the scene by those of the command line.
     fn adapt(&self, file: &mut SceneFile) {
         if let Some(lot) = self.restitution {
             let settings = &mut file.scene.settings;
@@ -164,7 +164,7 @@ impl Arguments {
         }
     }
 
-    /// Fidelity of a single run: a scope needs samples, whatever the scene says.
+    /// Fidelity of a single run: a scope needs samples, also against the scene.
     fn fidelity(&self, file: &SceneFile) -> Result<Fidelity, Refusal> {
         match (self.fidelity, &self.scope) {
             (Some(Fidelity::Envelope), Some(_)) => Err(Refusal::value(
@@ -179,7 +179,7 @@ impl Arguments {
     }
 }
 
-/// What a run came to in plain words, the last line the next step.
+/// The summary of a run in plain words; the last line is the next step.
 pub(super) fn plain_words(outcome: &Outcome) -> Vec<String> {
     let seen = summary::Seen::of(outcome);
     let mut lines = seen.lines();
@@ -338,7 +338,8 @@ fn sweep(
         &arguments.sweep,
         &|file| arguments.adapt(file),
         arguments.runs.unwrap_or(1),
-        // A single run a point is the scene itself; of many each draws its own parts and noise.
+        // A single run per point is the scene itself. Of several, each draws its own parts and
+        // noise.
         arguments.runs.is_some(),
         arguments.fidelity,
         desk,
@@ -348,7 +349,7 @@ fn sweep(
     tell_many(report, &swept.table(), picture, trace, arguments.format)
 }
 
-/// Writes the rows of many runs and prints what they come to.
+/// Writes the rows of many runs and prints their summary.
 fn tell_many(
     report: Printout,
     table: &Table,
@@ -368,8 +369,10 @@ fn tell_many(
     Ok(Exit::Done)
 }
 
-/// The controller's runs, and those of an amplitude set from the band alone: for parts in gear that
-/// of the lock, which asks nothing of the scatter. Without a target that kicks both are the same.
+/// The controller's runs, and those of an amplitude set from the band alone.
+///
+/// For a target of gear that is the band of the lock, which does not depend on the scatter. Without
+/// a target that kicks both are the same.
 fn many_runs(
     file: &SceneFile,
     count: usize,

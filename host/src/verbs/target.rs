@@ -1,4 +1,4 @@
-//! `kband target`: what a board is to do with its parts.
+//! `kband target`: sets or prints the target of a board.
 
 use clap::ValueEnum;
 use kband_control::wire::Request;
@@ -131,7 +131,7 @@ impl Kind {
     }
 }
 
-/// Refused where no settings at all take its number, before a port is opened for it.
+/// Refuses a number that no settings accept, before a port is opened.
 fn in_range(target: Target) -> Result<(), Refusal> {
     // An amplitude is limited by the board's own setting; a flow needs mass and length of its track,
     // parts a minute their length.
@@ -149,8 +149,8 @@ fn in_range(target: Target) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// Refused where the board would refuse it, or its drive does not reach what it needs; why there is
-/// nothing to choose for it, where that is known at once. `settings` are the board's.
+/// Refuses a target that the board would refuse, or that its drive does not reach. Returns the
+/// reason if no setpoint serves it, as far as the board's `settings` show it.
 pub(super) fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>, Refusal> {
     let built = kband_control::Controller::build(settings, target, StartCause::Ordinary);
     let controller = built.map_err(|refused| match target {
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_board_would_refuse_is_refused_with_the_range() {
+    fn a_target_the_board_would_refuse_names_the_range() {
         let settings = Settings::default();
         let message = check(Target::K(-1.0), &settings).unwrap_err().to_string();
         assert!(message.contains("accepted"), "{message}");

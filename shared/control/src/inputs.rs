@@ -36,7 +36,7 @@ impl BusCommand {
     }
 }
 
-/// Inputs of the board in a cycle. Those that the firmware itself makes are not sent.
+/// Inputs of the board in a cycle. The link does not send those that the firmware itself sets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Inputs {
     /// The enable input.

@@ -14,10 +14,10 @@
 //! | `supervise` | the state machine, captures, faults and limits |
 //! | `controller` | [`Controller`]: these folders in the order of one drive cycle |
 //!
-//! Below them are `settings`, `angle`, `saturate`, `target`, `recipe`, `inputs` (per cycle), `state` (the
-//! numbered lists and the state table) and `report` (the result of a cycle).
+//! Below them are `settings`, `angle`, `saturate`, `target`, `recipe`, `inputs` and `report` (per
+//! cycle), and `state` (the numbered lists and the state table).
 //!
-//! The words are those of docs/glossary.md#the-controller.
+//! The terms are defined in docs/glossary.md#the-controller.
 #![no_std]
 #![deny(unsafe_code)]
 

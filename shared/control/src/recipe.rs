@@ -62,7 +62,7 @@ impl TryFrom<[u8; NAME_BYTES]> for RecipeName {
     }
 }
 
-/// Target and settings of one kind of parts. What belongs to the machine is in no recipe.
+/// Target and settings of one kind of parts. A recipe has no settings of the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Recipe {
     /// The target, with its upper tones.

@@ -1,5 +1,9 @@
-//! Contact that takes time: the first-order correction of the impact map
+//! Contact that takes time: the impact map to first order in the contact time
 //! (docs/theory-real-parts.md#t10.6).
+//!
+//! The contact is a linear spring and dashpot (Kelvin-Voigt model). Inputs are restitution, k, and
+//! the state at the touch; the output is the state at the launch. Times are in rad of the drive's
+//! phase, velocities in `b w`.
 
 use core::f64::consts::TAU;
 
@@ -104,7 +108,8 @@ impl ContactTime {
 
 /// Launch speed gained per acceleration and contact time (symbol rho), of a restitution in 0..=1.
 ///
-/// The fit is within 0.009 of the exact gain from R = 0.05 on. That solves a transcendental equation.
+/// A rational fit, from R = 0.05 on within 0.009 of the exact gain, which solves a transcendental
+/// equation.
 #[inline]
 pub(crate) fn speed_gain(restitution: f32) -> f32 {
     let r = restitution;

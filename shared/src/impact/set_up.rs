@@ -110,7 +110,7 @@ impl SetUp {
         }
     }
 
-    /// Squared speed at height 0: least of a tall flight, with a margin for rounding.
+    /// Smallest squared speed at height 0 of a tall flight, with a margin for rounding.
     ///
     /// Above it the speed at every height h exceeds the track's, `sqrt(1 - h^2)`.
     pub fn min_tall_speed_squared(&self) -> Positive {

@@ -1,6 +1,9 @@
 //! The shape of the track's motion: a sine and its second and third harmonic.
 //!
-//! A bound of the second derivative isolates the extrema; safeguarded Newton steps refine them.
+//! Input is amplitude and phase angle of the harmonics. The outputs are displacement and
+//! derivatives at a phase, in `b`, `b w`, `b w^2`, and their extrema over a turn. A bound of the
+//! second derivative isolates the extrema. Safeguarded Newton steps refine them (Press et al.,
+//! Numerical Recipes, section 9.4).
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -67,10 +70,10 @@ pub struct Wave {
     steepest: f64,
 }
 
-/// Number of zeros in a turn: largest for a trigonometric polynomial of three tones.
+/// Largest number of zeros in a turn, of a trigonometric polynomial of three tones.
 pub(super) const MAX_ZEROS: usize = 6;
 
-/// Number of humps in a turn: largest, one between two of the zeros of A - k.
+/// Largest number of humps in a turn: one between two zeros of A - k.
 pub(super) const MAX_HUMPS: usize = MAX_ZEROS / 2;
 
 /// Rounding of a bound of S or S', in b or `b w`.
@@ -149,7 +152,7 @@ impl Wave {
     /// One tone: the sine itself.
     pub const fn sine() -> Self {
         const NO_TONE: Tone = Tone::new(0.0, 0.0);
-        // The same bits as the search in `of`: a plant uses this at every impact.
+        // The same bits as the search in `from_tones`: a plant uses this at every impact.
         Self {
             second: NO_TONE,
             third: NO_TONE,

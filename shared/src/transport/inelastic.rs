@@ -83,8 +83,8 @@ mod tests {
 
     #[test]
     fn inelastic_map_is_the_limit_of_the_full_map() {
-        // Where the track throws at once, a part of small R deviates after one flight by its own
-        // psi, of order R.
+        // If the track throws at once, a part of small R deviates after one flight by its own psi,
+        // of order R.
         for k in [0.2, 0.5, 0.8] {
             let inelastic = Inelastic::build(k).unwrap();
             let nearly = Map::build(k, 1e-7).unwrap();

@@ -77,8 +77,8 @@ impl Ways<'_> {
 /// Simulates parts from rest as [`shares_from_rest`](crate::regime::gear::shares_from_rest), with
 /// their motion along the track by each of up to 64 `laws` of the same wave and k.
 ///
-/// `each` receives the index of a part, its time in gear, and by law its time mean velocity along
-/// the track in `b w`, both over the last three quarters of the time.
+/// `each` receives the index of a part, its time in gear, and for each law its time mean velocity
+/// along the track in `b w`. Both are over the last three quarters of the time.
 ///
 /// ```
 /// use kband::impact::{Scatter, Tangential, TangentialSettings, Wave, WaveMap};

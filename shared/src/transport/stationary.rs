@@ -34,12 +34,10 @@ pub fn impact_mean(
 ///     amplitude_ratio: 1.7,
 ///     phase_lead: 0.6,
 ///     incline_tangent: 0.07,
-/// };
-/// let map = Map::build(0.34, 0.2)?;
-/// let mut seen = (Conveying::new(Tangential::build(0.34, along)?, Contact::new(&map)), PhaseMeans::default());
-/// Orbit::new(&map, Map::state(0.9, 0.36)?).watch(20_000, &mut seen);
-/// let (measured, exact) = (seen.0.conveyed().impact_mean(), seen.1.impact_mean(0.34, 0.2, &along));
-/// // What is left is what the two ends of the run differ by.
+/// }; let map = Map::build(0.34, 0.2)?; let mut seen = (Conveying::new(Tangential::build(0.34,
+/// along)?, Contact::new(&map)), PhaseMeans::default()); Orbit::new(&map, Map::state(0.9,
+/// 0.36)?).watch(20_000, &mut seen); let (measured, exact) = (seen.0.conveyed().impact_mean(),
+/// seen.1.impact_mean(0.34, 0.2, &along)); // The difference comes from the two ends of the run.
 /// assert!((measured.unwrap() - exact.unwrap()).abs() < 1e-3);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```

@@ -78,8 +78,8 @@ pub fn lap(work: &mut dyn FnMut()) -> u32 {
     before.wrapping_sub(SYST::get_current()) & FULL
 }
 
-/// Counts the search for the lock of a speed slice by slice: for the trial's lot, and for a narrow
-/// lot with a band in each order.
+/// Counts the instructions of the search for the lock of a speed, slice by slice. The lots are the
+/// trial's, and a narrow one with a band in each order.
 #[inline(never)]
 fn count_speed(station: &Station) {
     let (settings, target) = (station.settings(), station.target());

@@ -19,7 +19,7 @@ const MAX_RESTITUTION: f64 = 0.7;
 /// The bands of order 1 of one wave: low and high end for each restitution, the widest of each.
 type Bands = Vec<(f64, f64, f64)>;
 
-/// What the picture shows.
+/// Curves of the picture.
 #[derive(Default)]
 pub(super) struct Drawing {
     one_tone: Bands,
@@ -60,7 +60,7 @@ pub(super) fn compute(wave: &Wave, track: &Track, desk: &Desk) -> Result<Drawing
     })
 }
 
-/// Draws them: in mm for who turns the knob, in k for who compares feeders.
+/// Draws the bands in mm, for setting a feeder, and in k, for comparing feeders.
 pub(super) fn draw(
     arguments: &Arguments,
     wave: &Wave,

@@ -13,17 +13,17 @@ use crate::desk::Desk;
 use crate::refusal::Refusal;
 use crate::report::{Printout, fields, number};
 
-/// Values of k that are tried from rest in each band.
+/// Number of k in each band from which parts start at rest.
 const K_SAMPLES: u32 = 60;
 
-/// Impacts after which a part from rest has to be on its lock.
+/// Number of impacts within which a part from rest must lock.
 const MAX_IMPACTS_TO_LOCK: usize = 600;
 
-/// A band of one order and where in it all parts lock from rest.
+/// A band of one order, and its range in which all parts lock from rest.
 struct Row {
     order: u32,
     band: Option<WaveBand>,
-    /// The lowest and the highest k tried at which all do, and the share of those tried.
+    /// Lowest and highest tried k at which all parts lock from rest, and the share of such k.
     from_rest: Option<([f64; 2], f64)>,
 }
 
@@ -98,7 +98,7 @@ fn name(bifurcation: Bifurcation) -> &'static str {
 }
 
 impl Row {
-    /// A quantity of the band, where there is one.
+    /// A quantity of the band; `None` without a band.
     fn of<T>(&self, quantity: impl Fn(&WaveBand) -> T) -> Option<T> {
         self.band.as_ref().map(quantity)
     }
@@ -113,7 +113,7 @@ impl Row {
         self.of(|band| 100.0 * (band.setpoint() / band.low.k - 1.0))
     }
 
-    /// Where parts lock that start from rest, in words.
+    /// Range of k in which parts from rest lock, in words.
     fn reached(&self) -> String {
         match self.from_rest {
             None => "nowhere".into(),
@@ -125,7 +125,7 @@ impl Row {
     }
 }
 
-/// The lot on its track, with the tones of that.
+/// The lot on its track, with the track's tones.
 struct Feeder<'a> {
     lot: Restitution,
     track: &'a Track,

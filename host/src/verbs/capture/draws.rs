@@ -1,4 +1,8 @@
-//! Capture rates of parts drawn at random.
+//! Capture rates of a lot by Monte Carlo simulation.
+//!
+//! Restitution and relative error of the amplitude are uniform within the lot's ranges. Each part
+//! is simulated on the exact map: without a kick, then with the plan's kicks until one captures it.
+//! The results are shares of the parts, 0..1.
 
 use kband::impact::Map;
 use kband::regime::capture::{Kick, Plan, Trial};
@@ -8,11 +12,11 @@ use super::part::captures;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 
-/// Capture rates of parts drawn at random.
+/// Shares of captured parts, 0..1.
 pub(super) struct Rates {
     /// Without a kick.
     pub(super) alone: f64,
-    /// After each attempt.
+    /// After each attempt, earlier attempts included.
     pub(super) by_attempt: Vec<f64>,
 }
 
@@ -53,7 +57,8 @@ impl Rates {
     }
 }
 
-/// Uniform numbers in 0..1 that depend on seed and run alone (SplitMix64).
+/// Uniform numbers in 0..1 that depend on seed and run alone (SplitMix64: Steele, Lea and Flood
+/// 2014).
 pub(super) struct Random(pub(super) u64);
 
 impl Random {

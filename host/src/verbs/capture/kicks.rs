@@ -1,4 +1,4 @@
-//! The map of kicks: which share of a lot each of them captures.
+//! The map of kicks: share of a lot, 0..1, that each kick captures, by simulation.
 
 use kband::impact::Map;
 use kband::regime::capture::{Kick, KickSettings, Plan};
@@ -15,8 +15,8 @@ pub(super) struct Kicks {
     pub(super) factors: Vec<f64>,
     /// Cycles of hold, or of descent after `hold`.
     pub(super) lengths: Vec<u16>,
-    /// Shape of the kicks: where `Some`, lengths are descents after this hold that end at this
-    /// share of the way from the target to the factor.
+    /// Shape of the kicks. `Some`: a hold of this length, then a descent to this share of the way
+    /// from the target to the factor.
     pub(super) slow: Option<(u16, f32)>,
     pub(super) shares: Vec<f64>,
     pub(super) best: Option<Widest>,
@@ -32,7 +32,7 @@ pub(super) struct Widest {
     pub(super) length_margin: f64,
 }
 
-/// Lengths in a map.
+/// Number of lengths in a map.
 pub(super) const LENGTHS: usize = 48;
 
 impl Kicks {
@@ -95,8 +95,7 @@ impl Kicks {
         })
     }
 
-    /// Every kick of the map with the share that it captures; one that the drive cannot give
-    /// captures none, and is not among them.
+    /// Every kick of the map with its captured share, without those beyond the drive's limit.
     pub(super) fn cells(&self) -> Vec<(KickSettings, f64)> {
         let shares = self.shares.iter().enumerate();
         shares
@@ -104,8 +103,8 @@ impl Kicks {
             .collect()
     }
 
-    /// The cell with most cells around it, as a square in steps of the map, that capture nine
-    /// tenths of what the best does; beyond the edge of the map nothing is known.
+    /// The middle of the largest square of cells that capture at least 0.9 of the best share. The
+    /// square lies inside the map.
     pub(super) fn widest(&self) -> Option<Widest> {
         let columns = self.lengths.len();
         let rows = self.factors.len();

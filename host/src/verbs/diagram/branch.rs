@@ -1,4 +1,8 @@
-//! The impacts of every column, and where along the columns period 1 attracts.
+//! Branches of the bifurcation diagram: the impacts of every column, from each kind of start.
+//!
+//! A column is a pair of k and restitution. A branch starts every column from rest, or at the final
+//! state of the column before: continuation upwards or downwards. Bisection locates the columns
+//! between which the period-1 orbits attract. Heights are velocities in `b w`, or phases in rad.
 
 use std::f64::consts::{PI, TAU};
 
@@ -16,7 +20,7 @@ use crate::picture::Fill;
 use crate::refusal::Refusal;
 
 impl Branch {
-    /// The stretches of one ending, as first and last column.
+    /// Runs of neighbouring columns with one ending: first and last column.
     pub(super) fn regimes(&self) -> Vec<(usize, usize, Ending)> {
         let mut regimes: Vec<(usize, usize, Ending)> = Vec::new();
         for (n, column) in self.columns.iter().enumerate() {
@@ -35,13 +39,13 @@ pub(super) struct Branch {
     pub(super) columns: Vec<Struck>,
 }
 
-/// The impacts of one column, and what they are part of.
+/// The impacts of one column, and its ending.
 pub(super) struct Struck {
     pub(super) impacts: Impacts,
     pub(super) ending: Ending,
 }
 
-/// What a column is.
+/// How a column ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Ending {
     /// A regime, decided over a number of impacts.
@@ -51,8 +55,8 @@ pub(super) enum Ending {
 }
 
 impl Ending {
-    /// Whether a column beside another is named with it: of one regime, or in gear within the same
-    /// tenth.
+    /// Whether neighbouring columns have one name: the same regime, or shares in gear that round to
+    /// the same tenth.
     fn is_one_with(self, other: Self) -> bool {
         let tenth = |gear: InGear| (gear.order, (10.0 * gear.share).round() as u32);
         match (self, other) {
@@ -72,7 +76,7 @@ impl Ending {
         }
     }
 
-    /// Its fill; what scatters has none.
+    /// Its fill; `None` with scattering restitution.
     pub(super) fn fill(self) -> Option<Fill> {
         match self {
             Self::Regime(regime, _) => Some(ending::fill(regime)),
@@ -89,7 +93,7 @@ pub(super) struct Stretch {
     pub(super) high: f64,
 }
 
-/// What is flown in each column.
+/// The columns to simulate.
 pub(super) struct Flown<'a> {
     pub(super) arguments: &'a Arguments,
     /// k and restitution of each column.
@@ -103,8 +107,8 @@ impl Flown<'_> {
         Impacts::new(states, period, count, self.keep, height)
     }
 
-    /// All branches: a followed one is one task, as each column needs the one before it; those from
-    /// rest are a task each column.
+    /// All branches. A followed branch is one task, because each column needs the one before it;
+    /// from rest each column is a task.
     pub(super) fn follow(
         &self,
         starts: &[ColumnStart],
@@ -120,7 +124,7 @@ impl Flown<'_> {
                 ColumnStart::Up | ColumnStart::Down => tasks.push((*start, 0)),
             }
         }
-        // Threads begin at either end: each finds a long one there.
+        // Threads take tasks from both ends: the long tasks are there.
         tasks.sort_by_key(|(start, _)| match start {
             ColumnStart::Up => 0,
             ColumnStart::Rest => 1,
@@ -182,7 +186,7 @@ impl Flown<'_> {
         })
     }
 
-    /// The impacts of one column whose restitution scatters, and in which gear they are.
+    /// The impacts of one column whose restitution scatters, and their gear.
     fn column_in_gear(
         &self,
         map: &Map,
@@ -221,7 +225,7 @@ impl Observer for Landings {
     }
 }
 
-/// How high a state is drawn: its velocity, or its phase.
+/// Ordinate of a state in the diagram: velocity in `b w`, or phase in rad, -pi..pi.
 pub(super) fn height(velocity: bool, state: PartState) -> f64 {
     match velocity {
         true => state.velocity,
@@ -231,8 +235,9 @@ pub(super) fn height(velocity: bool, state: PartState) -> f64 {
     }
 }
 
-/// Where along the columns the period-1 orbits of the first orders attract, each edge located by
-/// bisection between two columns.
+/// Stretches of columns in which the period-1 orbits of orders 1 to 5 attract.
+///
+/// Bisection between two columns locates each edge.
 pub(super) fn bands(over: Over, values: &[f64]) -> Vec<Stretch> {
     let mut bands = Vec::new();
     for order in 1..=5 {

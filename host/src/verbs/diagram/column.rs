@@ -1,5 +1,7 @@
-//! The impacts of one column, and what of them is kept: no more than is printed or drawn, as
-//! columns may be many.
+//! The impacts of one column of a diagram, reduced to the printed or drawn data.
+//!
+//! Cycle detection in the last bit of the state (Brent 1980) ends the simulation of an orbit that
+//! repeats. Heights are in `b w` or rad.
 
 use std::sync::Arc;
 
@@ -8,14 +10,14 @@ use kband::regime::classify::Regime;
 
 use crate::ending::{Endings, SEEN, Seen};
 
-/// What of the impacts is kept.
+/// Kept data of the impacts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Keep {
-    /// How many they are.
+    /// Their number.
     Count,
-    /// How high each is drawn.
+    /// Their heights in the diagram.
     Heights,
-    /// All of them.
+    /// All states.
     States,
 }
 
@@ -23,7 +25,7 @@ pub(super) enum Keep {
 #[derive(Clone, Debug)]
 pub(super) struct Impacts {
     pub(super) count: usize,
-    /// Lowest and highest that is drawn; none where there are none.
+    /// Lowest and highest drawn height; `None` without impacts.
     pub(super) span: Option<(f64, f64)>,
     kept: Kept,
 }
@@ -31,9 +33,9 @@ pub(super) struct Impacts {
 #[derive(Clone, Debug)]
 enum Kept {
     Count,
-    /// Heights and how many impacts have them.
+    /// Heights, with their numbers of impacts.
     Heights(Arc<[(f32, u32)]>),
-    /// The first ones, up to the end of the first period where they repeat.
+    /// The first states; those of a repeating orbit end after its first period.
     States {
         states: Vec<PartState>,
         period: Option<usize>,
@@ -41,7 +43,8 @@ enum Kept {
 }
 
 impl Impacts {
-    /// Of `count` impacts the first, the last `period` of which repeat where they are fewer.
+    /// From the first states of `count` impacts. If there are fewer states, the last `period` of
+    /// them repeat.
     pub(super) fn new(
         states: Vec<PartState>,
         period: Option<usize>,
@@ -62,7 +65,7 @@ impl Impacts {
         Self { count, span, kept }
     }
 
-    /// All of them in turn, where they were kept.
+    /// All states in order; none if they were not kept.
     pub(super) fn states(&self) -> impl Iterator<Item = PartState> + '_ {
         let (states, period) = match &self.kept {
             Kept::States { states, period } => (states.as_slice(), period.unwrap_or(1)),
@@ -75,7 +78,7 @@ impl Impacts {
         })
     }
 
-    /// How high they are drawn, and how many at each height.
+    /// Drawn heights, with their numbers of impacts.
     pub(super) fn heights(&self, height: impl Fn(PartState) -> f64) -> Arc<[(f32, u32)]> {
         match &self.kept {
             Kept::Count => Arc::new([]),
@@ -102,26 +105,28 @@ fn heights_of(
         .collect()
 }
 
-/// The impacts of one column that were flown, and what they are.
+/// Simulated impacts of one column, and their regime.
 pub(super) struct Flown {
-    /// The first of them.
+    /// The first states.
     pub(super) states: Vec<PartState>,
-    /// How many of the last of these repeat.
+    /// Number of the last states that repeat.
     pub(super) period: Option<usize>,
-    /// How many all of them are.
+    /// Number of all impacts.
     pub(super) count: usize,
     /// Regime, decided over [`classified_impacts`] impacts.
     pub(super) regime: Regime,
 }
 
-/// Impacts over which the regime of a column is decided, from those that settle and are drawn.
+/// Number of impacts that decide the regime of a column, from the numbers of settling and drawn
+/// ones.
 pub(super) fn classified_impacts(settle: usize, impacts: usize) -> usize {
     (settle + impacts).max(SEEN)
 }
 
-/// The impacts of one column after `settle` others, from `state` or from rest where it is `None`;
-/// `state` is left where they end, `None` where the part rests for ever. An orbit that is back at a
-/// state to the last bit repeats what followed it, so that nothing is flown twice. The
+/// Simulates `impacts` impacts of one column after `settle` others, from `state`, or from rest for
+/// `None`. The final state replaces `state`, `None` after a rest for ever.
+///
+/// An orbit that returns to a state in every bit repeats from there and is not simulated again. The
 /// same impacts classify the column.
 pub(super) fn flown(
     endings: &Endings,
@@ -136,7 +141,7 @@ pub(super) fn flown(
     let mut seen = Seen::new(endings, classified_impacts(settle, impacts));
     let total = settle + impacts;
     let mut struck = Vec::with_capacity(impacts.min(SEEN));
-    // A state kept at powers of two of the count leaves every transient behind (Brent).
+    // A state kept at powers of two of the count is beyond every transient (Brent 1980).
     let (mut kept, mut kept_at): (Option<PartState>, usize) = (None, 0);
     let mut period = None;
     let mut cycle: Vec<Impact<PartState>> = Vec::new();
@@ -167,7 +172,7 @@ pub(super) fn flown(
     }
     let closed = period.filter(|period| cycle.len() == *period);
     let regime = match closed {
-        // It is seen again and again.
+        // The orbit repeats.
         Some(_) => {
             let mut again = cycle.iter().cycle();
             while seen.ending().is_none()
@@ -177,7 +182,7 @@ pub(super) fn flown(
             }
             seen.ending()
         }
-        // Fewer impacts may be drawn than the decision needs.
+        // The decision may need more impacts than are drawn.
         None => {
             while seen.ending().is_none()
                 && let Some(event) = orbit.next()
@@ -189,7 +194,7 @@ pub(super) fn flown(
     };
     let regime = regime.unwrap_or(Regime::Rest);
     let Some(period) = closed else {
-        // All are flown, or it rests for ever.
+        // All impacts are simulated, or the part rests for ever.
         *state = struck.last().copied().filter(|_| count == total);
         return Flown {
             count: struck.len(),
@@ -198,7 +203,7 @@ pub(super) fn flown(
             regime,
         };
     };
-    // Impact n beyond `count` is that of the cycle which follows its last.
+    // Impacts beyond `count` continue the cycle after its last impact.
     let mut beyond = (count.max(settle)..total).map(|n| cycle[(n - count) % period].next);
     while struck.len() < period {
         match beyond.next() {
@@ -222,7 +227,7 @@ mod tests {
 
     use super::*;
 
-    /// The impacts, each flown.
+    /// The impacts, each simulated.
     fn each_flown(map: &Map, state: Option<PartState>, total: usize) -> Vec<PartState> {
         let orbit = match state {
             Some(state) => Orbit::new(map, state),
@@ -236,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_repeats_is_what_would_be_flown() {
+    fn repeated_impacts_equal_simulated_ones() {
         let start = PartState {
             phase: 0.4,
             velocity: 0.5,

@@ -72,7 +72,7 @@ impl Over {
     }
 }
 
-/// Which of the three options is the range, and that range.
+/// The range among the three options, and its quantity.
 pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
     let restitution = arguments.restitution.unwrap_or(Range {
         low: 0.2,

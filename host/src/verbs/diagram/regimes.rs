@@ -13,10 +13,10 @@ use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, columns, number};
 
-/// Most points of a map: some minutes on one core.
+/// Largest number of points of a map: some minutes on one core.
 const MAX_MAP_POINTS: usize = 250_000;
 
-/// Where parts end, over k and restitution.
+/// Final regimes over k and restitution.
 pub(super) struct Map {
     k: Range,
     restitution: Range,
@@ -24,7 +24,7 @@ pub(super) struct Map {
     ends: [Vec<Regime>; 2],
 }
 
-/// How parts start: the words are those of tables and headings.
+/// Starts of the parts, as named in tables and headings.
 const STARTS: [(&str, &str); 2] = [
     ("rest", "from rest"),
     (
@@ -57,7 +57,7 @@ impl Map {
         })
     }
 
-    /// The fills that occur, in the order of a legend, with how often.
+    /// The occurring fills in the order of a legend, with their numbers.
     fn counts(&self, start: usize) -> Vec<(Fill, &'static str, usize)> {
         let count = |wanted: Fill| {
             let ends = self.ends[start].iter();
@@ -175,7 +175,7 @@ fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
     let range = |low, high, count| Range { low, high, count };
     let k = arguments.k.unwrap_or(range(0.1, 0.8, 200));
     let restitution = arguments.restitution.unwrap_or(range(0.0, 0.9, 150));
-    // A range that does not say how many has as many as fit.
+    // A range without a number gets as many values as fit.
     let fitted = |range: Range, most: usize| match range.count {
         COLUMNS if k.count.saturating_mul(restitution.count) > MAX_MAP_POINTS => Range {
             count: most.max(2),

@@ -1,8 +1,8 @@
-//! Where the manual says something: its pages, sections, tables of words.
+//! Look-up in the manual: its pages, sections, and tables of words.
 
 macro_rules! pages {
     ($($name:literal)*) => {
-        /// The pages that are searched, by their names.
+        /// The searched pages, by name.
         pub const PAGES: &[(&str, &str)] =
             &[$(($name, include_str!(concat!("../../../../docs/", $name)))),*];
     };
@@ -24,13 +24,13 @@ pages! {
 pub struct Word {
     /// Its symbols, as in formulas.
     pub symbols: Vec<String>,
-    /// What it is called.
+    /// The term.
     pub term: String,
     /// Its unit; empty for a pure notion.
     pub unit: String,
     /// Its names in the sources and in machine-readable output.
     pub names: Vec<String>,
-    /// What it means, as Markdown.
+    /// Its meaning, as Markdown.
     pub meaning: String,
 }
 
@@ -79,7 +79,7 @@ fn quoted(cell: &str) -> Vec<String> {
     cell.split('`').skip(1).step_by(2).map(Into::into).collect()
 }
 
-/// The section behind an anchor: that of `<a id=...>`, or of a heading by its words.
+/// The section after an anchor: `<a id=...>`, or the slug of a heading.
 fn anchored(page: &str, anchor: &str) -> Option<String> {
     let mark = format!("<a id=\"{anchor}\"></a>");
     let heading = match page.split_once(&mark) {
@@ -100,7 +100,7 @@ fn slug(heading: &str) -> String {
     kept.map(|c| if c == ' ' { '-' } else { c }).collect()
 }
 
-/// The sections whose headings begin so, each up to the next heading.
+/// The sections whose headings begin with `heading`, each up to the next heading.
 pub fn sections(page: &str, heading: &str) -> Vec<String> {
     let mut sections: Vec<String> = Vec::new();
     let mut within = false;
@@ -130,7 +130,7 @@ pub fn numbers(heading: &str) -> String {
     numbers.join(", ")
 }
 
-/// The fault or limit that is called so.
+/// The section of the fault or limit of this name.
 pub fn fault_or_limit(name: &str) -> Option<String> {
     let faults = page("faults.md")?;
     let heading = faults.lines().find(|line| {
@@ -142,7 +142,7 @@ pub fn fault_or_limit(name: &str) -> Option<String> {
     sections(faults, heading).into_iter().next()
 }
 
-/// What is said of a state or a regime: its paragraph's sentences after its name in bold.
+/// The text on a state or a regime: the sentences after its name in bold.
 pub fn state(name: &str) -> Option<String> {
     let faults = page("faults.md")?;
     let states = sections(faults, "## States").concat() + &sections(faults, "## Regimes").concat();
@@ -156,7 +156,7 @@ pub fn state(name: &str) -> Option<String> {
     None
 }
 
-/// What is said of an event of the log: its row.
+/// The text on an event of the log: its row.
 pub fn event(name: &str) -> Option<String> {
     let events = sections(page("faults.md")?, "## Events").concat();
     let row = events.lines().find_map(|line| {

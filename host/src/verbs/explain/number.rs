@@ -1,4 +1,4 @@
-//! What a word is worth on a feeder: its formula, and a number in millimetres.
+//! Value of a quantity on a feeder: its formula, and a number in millimetres.
 
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::TangentialSettings;
@@ -8,7 +8,7 @@ use kband::transport::locked;
 
 use crate::report::number;
 
-/// The feeder that the numbers are of.
+/// The feeder of the numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Example {
     /// Its track.
@@ -23,7 +23,7 @@ const AMPLITUDE_RATIO: f64 = 1.5;
 const TANGENTIAL_RESTITUTION: f64 = 0.0;
 
 impl Example {
-    /// The formula of `term` and what it gives here, where it has one.
+    /// The formula of `term` and its value here; `None` without a formula.
     pub fn of(&self, term: &str) -> Option<String> {
         let band = Band::common(self.lot, 1).ok();
         let (formula, here) = self.quantity(term, band)?;

@@ -1,4 +1,5 @@
-//! Settings, target and recipes of a board, in files before its firmware changes, and compared after.
+//! Backup of a board's settings, target and recipes before a change of its firmware, and comparison
+//! after it.
 
 use std::path::{Path, PathBuf};
 
@@ -11,13 +12,13 @@ use crate::refusal::Refusal;
 use crate::simulate::describe;
 use crate::verbs::{recipe, settings};
 
-/// What a board held, as its link reads it.
+/// Settings, target and recipes of a board before the change, with its link.
 pub struct Backup {
     link: Link,
     held: Held,
 }
 
-/// What a board holds.
+/// Settings, target and recipes of a board.
 struct Held {
     settings: BoardSettings,
     target: Target,
@@ -36,7 +37,7 @@ impl Held {
         })
     }
 
-    /// What `self` holds otherwise than `before`, in words.
+    /// Differences of `self` from `before`, in words.
     fn differences(&self, before: &Self) -> Vec<String> {
         let mut found = Vec::new();
         for old in before.settings.iter() {
@@ -63,7 +64,7 @@ impl Backup {
     /// Reads a board.
     ///
     /// # Errors
-    /// No board answers that speaks what this desk speaks.
+    /// No board of this desk's version and schema answers.
     pub fn read(address: &Address) -> Result<Self, Refusal> {
         let mut link = address.open(Emulated::AtRest)?;
         let held = Held::read(&mut link)?;
@@ -100,10 +101,10 @@ impl Backup {
             .collect()
     }
 
-    /// What the board holds otherwise now, in words; empty where it holds the same.
+    /// Differences of the board from its backup, in words; empty if it is unchanged.
     ///
     /// # Errors
-    /// The board does not answer, or speaks something else.
+    /// The board does not answer, or has another version or schema.
     pub fn differences(&mut self) -> Result<Vec<String>, Refusal> {
         self.link.identify()?;
         self.link.speaks_the_same()?;
@@ -112,7 +113,7 @@ impl Backup {
     }
 }
 
-/// A name in `folder` that no file has.
+/// An unused name in `folder`.
 fn unused(folder: &Path, name: &str) -> PathBuf {
     let path = |number: u32| match number {
         1 => folder.join(format!("{name}_before_flash.toml")),

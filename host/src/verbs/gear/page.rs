@@ -10,15 +10,15 @@ use crate::picture::{Axis, Grid, Panel, Picture, Unit};
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, Value, columns, number};
 
-/// What a point takes of the drive.
+/// Requirements of a point on the drive.
 struct Price {
     /// Amplitude in mm.
     amplitude: f64,
     /// Largest acceleration normal to the track in g.
     peak: f64,
-    /// Force at twice the frequency over that at it: on one resonance, and far below any; and at
-    /// three times it.
+    /// Force of the second tone over that of the first: on a resonance, and far above any.
     force: [f64; 2],
+    /// The same for the third tone.
     third: [f64; 2],
 }
 
@@ -29,8 +29,8 @@ fn price(arguments: &Arguments, point: &Point) -> Result<Price, Refusal> {
     Ok(Price {
         amplitude: 1e3 * amplitude,
         peak: track.acceleration(amplitude) * point.wave.peak_acceleration(),
-        // A resonator resists by |1 - (w/w0)^2|: 3 at twice its frequency, 8 at three times it, 1/Q
-        // at it. A mass by w^2.
+        // The dynamic stiffness of a resonator is |1 - (w/w0)^2|: 1/Q at resonance, 3 at twice and
+        // 8 at three times it. That of a mass grows as w^2.
         force: [3.0 * arguments.quality * e, 4.0 * e],
         third: [8.0 * arguments.quality * e3, 9.0 * e3],
     })

@@ -1,4 +1,8 @@
-//! The share of time in gear over a grid, and the points of it that are best.
+//! Share of time in gear, 0..1, over a grid of k and waves, and the best points.
+//!
+//! The method is Monte Carlo simulation with common random numbers. Fresh runs select the best points
+//! of the map. Further fresh runs estimate their shares, because a selection biases the shares of the
+//! selected points upwards (winner's curse).
 
 use kband::feeder::Restitution;
 use kband::impact::{ContactTime, Scatter, Wave, WaveMap};
@@ -9,7 +13,7 @@ use super::Arguments;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 
-/// The parts that are followed.
+/// The simulated parts.
 pub(super) struct Followed {
     pub restitutions: Vec<f64>,
     scatter: f64,
@@ -17,13 +21,12 @@ pub(super) struct Followed {
     runs: usize,
     periods: f64,
     seed: u64,
-    /// k in the middle of the band of constant restitution, where there is one.
+    /// k in the middle of the band of constant restitution, if there is a band.
     middle: Option<f64>,
     contact: ContactTime,
 }
 
-/// Stages of the search, each with runs of its own: of the whole map, of the best points of it, of
-/// those named.
+/// Stages of the search, each with fresh runs: the whole map, its best points, the named points.
 #[derive(Clone, Copy)]
 enum Stage {
     Map,
@@ -42,7 +45,7 @@ impl Stage {
     }
 }
 
-/// What the parts of a lot do at one point.
+/// Shares in gear of a lot's parts at one point.
 #[derive(Clone, Debug)]
 pub(super) struct Shares(pub Vec<Share>);
 
@@ -52,7 +55,7 @@ impl Shares {
         self.0.iter().map(Share::share).sum::<f64>() / self.0.len() as f64
     }
 
-    /// That of the part that is in gear least.
+    /// Smallest share of a part.
     pub fn least(&self) -> f64 {
         self.0.iter().map(Share::share).fold(1.0, f64::min)
     }
@@ -64,26 +67,26 @@ impl Shares {
     }
 }
 
-/// A point that is named.
+/// A named point.
 pub(super) struct Point {
     pub wave: Wave,
     pub k: f64,
     pub shares: Shares,
 }
 
-/// The whole map and the points named.
+/// The whole map and the named points.
 pub(super) struct Survey {
     pub lot: Followed,
     pub k: Vec<f64>,
     pub waves: Vec<Wave>,
-    /// Mean share of each wave at each k, wave by wave, and the least of a part.
+    /// Mean and smallest share of the parts for each wave at each k, wave by wave.
     pub map: Vec<[f64; 2]>,
     pub one_tone: Point,
     pub two_tones: Option<Point>,
     pub band_middle: Option<Point>,
 }
 
-/// Points of the map that are tried again, for each number of tones.
+/// Number of points of the map that are run again, for each number of tones.
 const TRIED_AGAIN: usize = 16;
 
 impl Followed {
@@ -143,8 +146,8 @@ impl Followed {
         })
     }
 
-    /// Follows every part at one point. A seed belongs to part, run and stage: points are compared
-    /// under the same draws.
+    /// Simulates every part at one point. The seed depends on part, run and stage only, so points
+    /// are compared under the same draws (common random numbers).
     fn follow(&self, wave: &Wave, k: f64, stage: Stage) -> Result<Shares, Refusal> {
         let runs = self.runs * stage.effort();
         let mut scatters = Vec::with_capacity(runs * self.restitutions.len());
@@ -164,13 +167,13 @@ impl Followed {
         Ok(Shares(shares))
     }
 
-    /// Drive periods over which each part of a named point was watched.
+    /// Observed drive periods of each part at a named point.
     pub fn watched(&self) -> f64 {
         0.75 * self.periods * (self.runs * Stage::Verdict.effort()) as f64
     }
 }
 
-/// k in the middle of the lot's common band, where there is one.
+/// k in the middle of the lot's common band, if there is a band.
 fn middle_of_band(
     lot: Restitution,
     order: u32,
@@ -187,7 +190,7 @@ fn middle_of_band(
 pub(in crate::verbs) struct InGearOf(Followed);
 
 impl InGearOf {
-    /// So many parts of the lot, its ends among them, in so many runs each.
+    /// A number of parts of the lot, with both ends, in a number of runs each.
     pub fn new(
         lot: Restitution,
         parts: usize,
@@ -204,7 +207,7 @@ impl InGearOf {
         Self(Followed { contact, ..self.0 })
     }
 
-    /// Mean over the parts, and that of the part that is in gear least.
+    /// Mean and smallest share of the parts.
     pub fn at(&self, wave: &Wave, k: f64) -> Result<[f64; 2], Refusal> {
         let shares = self.0.follow(wave, k, Stage::Map)?;
         Ok([shares.mean(), shares.least()])
@@ -300,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn a_second_tone_holds_what_one_does_not() {
+    fn a_second_tone_holds_parts_that_one_tone_loses() {
         let desk = Desk::new(Some(2)).unwrap();
         let k: Vec<f64> = (0..16).map(|n| 0.30 + 0.02 * f64::from(n)).collect();
         let found = Survey::run(lot(&[0.3], 0.05), &k, &waves(), &desk).unwrap();

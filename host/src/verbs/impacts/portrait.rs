@@ -6,7 +6,7 @@ use super::Arguments;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::report::number;
 
-/// Most states that are drawn.
+/// Largest number of drawn states.
 const MAX_DRAWN: usize = 1 << 17;
 
 /// Phase and velocity of the state after each impact, or after every 2nd, 4th... of many.
@@ -41,7 +41,7 @@ impl States {
     }
 }
 
-/// The phase portrait: the state after each impact, as large as it fits.
+/// The phase portrait: the state after each impact, with axes that fit the states.
 pub(super) fn portrait(arguments: &Arguments, drive_text: &str, states: States) -> Picture {
     let States {
         kept: mut states,
@@ -59,7 +59,7 @@ pub(super) fn portrait(arguments: &Arguments, drive_text: &str, states: States) 
         .fold(f64::INFINITY, |low, state| low.min(state.1));
     let fastest = states.iter().fold(0.0_f64, |high, state| high.max(state.1));
     let room = 0.05 * (fastest - slowest);
-    // Where the velocities reach far down, 0 is among them.
+    // The axis includes 0 unless all velocities are far above.
     let foot = if slowest > 0.3 * fastest {
         slowest - room
     } else {
@@ -95,8 +95,9 @@ pub(super) fn portrait(arguments: &Arguments, drive_text: &str, states: States) 
         .panel(panel.markers("impacts", 0, states))
 }
 
-/// The stretch of phases that holds all states with a little room, its start at or below 0 where it
-/// holds 0: the turn without its widest gap, or the whole turn where no gap is wider than a third of it.
+/// Interval of phases with all states and a margin. It starts at or below 0 if it contains 0.
+///
+/// It is the turn without its widest gap, or the whole turn if no gap is wider than a third of it.
 fn occupied(states: &[(f64, f64)]) -> (f64, f64) {
     let mut phases: Vec<f64> = states.iter().map(|state| state.0.rem_euclid(TAU)).collect();
     phases.sort_by(f64::total_cmp);

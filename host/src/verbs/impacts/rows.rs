@@ -18,15 +18,16 @@ pub struct Row<K: Kernel> {
     pub state: K::State,
 }
 
-/// What a file has.
+/// Rows of a checked file.
 pub struct Survey {
     /// Number of rows.
     pub rows: u64,
-    /// How many of them the arithmetic does not hold, and what it says of the first.
+    /// Number of rows out of the arithmetic's range, and the refusal of the first.
     pub left: Option<(u64, Refusal)>,
 }
 
-/// A launch that an arithmetic cannot hold; `next` is what to do instead of choosing another.
+/// The refusal of a launch out of an arithmetic's range; `next` is the alternative to another
+/// arithmetic.
 pub(super) fn not_held<K: Kernel>(refused: OutOfRange, next: &str) -> Refusal {
     Refusal::value(
         refused.parameter,
@@ -36,17 +37,17 @@ pub(super) fn not_held<K: Kernel>(refused: OutOfRange, next: &str) -> Refusal {
     )
 }
 
-/// What to do about a row that is refused.
+/// Next step after a refused row.
 const NEXT: &str = "correct or remove this row";
 
-/// A file of launches that is read twice: once to check every row, once to fly them.
+/// A file of launches. It is read twice: to check every row, and to compute them.
 pub(super) struct LaunchFile<'a> {
     path: &'a Path,
     file: File,
 }
 
 impl<'a> LaunchFile<'a> {
-    /// Opens a file; what can be read only once, such as a pipe, is copied to the disk.
+    /// Opens a file; a pipe, which can be read only once, is copied to the disk.
     pub fn open(path: &'a Path) -> Result<Self, Refusal> {
         let refuse = |error: std::io::Error| unread(path, &error);
         let mut file = file::open(path, READABLE)?;
@@ -80,7 +81,7 @@ fn unread(path: &Path, error: &std::io::Error) -> Refusal {
     Refusal::file(path, error, READABLE)
 }
 
-/// Hands `each` the line number and the values `k, restitution, phase, velocity` of every row.
+/// Calls `each` with the line number and the values `k, restitution, phase, velocity` of every row.
 ///
 /// `go_on` gets the bytes read since its last call.
 fn each_row(
@@ -159,8 +160,8 @@ fn launch<K: Kernel>(
     Ok(Row { kernel, state })
 }
 
-/// Checks all rows. The first that is no launch at all is refused with its line and column; a launch
-/// that only this arithmetic cannot hold is counted.
+/// Checks all rows. The first invalid launch is refused with its line and column. Launches out of
+/// this arithmetic's range alone are counted.
 ///
 /// `go_on` gets the bytes read since its last call, and may refuse to.
 pub fn check_rows<K: Kernel>(
@@ -201,8 +202,8 @@ pub fn check_rows<K: Kernel>(
     }
 }
 
-/// Hands `each` the launches of a file that was checked, some at a time; `None` where the
-/// arithmetic does not hold one.
+/// Calls `each` with the launches of a checked file, some at a time; `None` for one out of the
+/// arithmetic's range.
 pub fn fly_rows<K: Kernel>(
     path: &Path,
     reader: impl BufRead,
@@ -253,11 +254,12 @@ mod tests {
         };
         fly_rows(path, text.as_bytes(), Hybrid::build, each).unwrap();
         assert_eq!(held, [false, true, false]);
-        // Where nothing is left, it is refused.
+        // A file without any usable row is refused.
         let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n";
         let none = check(text);
         assert!(none.is_err_and(|refusal| refusal.to_string().contains("0..60")));
-        // A k that no arithmetic takes: the widest range, and no other arithmetic to choose.
+        // For a k out of every range, the message has the widest range and names no other
+        // arithmetic.
         for (k, expected) in [
             (
                 0.0005,

@@ -1,4 +1,4 @@
-//! The log of a board beside its telemetry.
+//! The log of a board, printed beside its telemetry.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::refusal::Refusal;
 /// A log that is printed as it grows.
 pub(super) struct Watch {
     log: Log<'static>,
-    /// Removed with this.
+    /// Temporary file, removed at the end.
     temporary: Option<PathBuf>,
 }
 
@@ -20,7 +20,7 @@ impl Watch {
         Log::open(file, words(elf)?).map(Self::of)
     }
 
-    /// The log of the board on the probe that is wanted, running the image `elf`.
+    /// The log of the board on the wanted probe, which runs the image `elf`.
     #[cfg(feature = "flash")]
     pub(super) fn probed(elf: &Path, wanted: Option<&str>, desk: &Desk) -> Result<Self, Refusal> {
         let words = words(elf)?;
@@ -28,7 +28,7 @@ impl Watch {
         Ok(Self::of(Log::new(Box::new(more), words)))
     }
 
-    /// Refused: the way to a probe was not built in.
+    /// Refused: kband was built without support for probes.
     #[cfg(not(feature = "flash"))]
     pub(super) fn probed(_: &Path, _: Option<&str>, _: &Desk) -> Result<Self, Refusal> {
         Err(Refusal::new(
@@ -37,8 +37,7 @@ impl Watch {
         ))
     }
 
-    /// A log that an emulated board is to write, running the image `elf`; and the file to write it
-    /// into.
+    /// The log of an emulated board with the image `elf`, and the file that it will be written to.
     pub(super) fn emulated(elf: &Path) -> Result<(Self, PathBuf), Refusal> {
         let name = format!("kband-{}.defmt", std::process::id());
         let file = std::env::temp_dir().join(name);
@@ -57,23 +56,23 @@ impl Watch {
         }
     }
 
-    /// Keeps what is written from now on in a file.
+    /// From now on writes the received bytes to a file.
     pub(super) fn record(&mut self, file: File) {
         self.log.record(file);
     }
 
-    /// The lines that were added since the last call.
+    /// The lines since the last call.
     pub(super) fn lines(&mut self) -> Result<Vec<String>, Refusal> {
         self.log.lines()
     }
 
-    /// Frames so far that could not be read.
+    /// Number of unreadable frames so far.
     pub(super) fn unreadable(&self) -> u64 {
         self.log.unreadable()
     }
 }
 
-/// What the image `elf` says; one image a run of the program: it lives as long.
+/// Format strings of the image `elf`. A run has one image, so they live until its end.
 fn words(elf: &Path) -> Result<&'static Words, Refusal> {
     Ok(Box::leak(Box::new(Words::read(elf)?)))
 }
@@ -81,7 +80,7 @@ fn words(elf: &Path) -> Result<&'static Words, Refusal> {
 impl Drop for Watch {
     fn drop(&mut self) {
         if let Some(file) = &self.temporary {
-            // Gone already is as good.
+            // A missing file is no failure.
             let _ = std::fs::remove_file(file);
         }
     }

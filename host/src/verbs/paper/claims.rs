@@ -1,4 +1,8 @@
-//! Claims of the text: chaos, its place, and its surroundings.
+//! Claims of the text of Hongler & Figour 1989 on chaos and its neighbourhood, each recomputed.
+//!
+//! A check simulates the exact map and compares with a reference or a bound; the ledger (`engine`)
+//! keeps the largest deviation of each row. Methods are Lyapunov exponents, Monte Carlo runs, and
+//! continuation of the period doublings. Units are those of the map: b, `b w`, rad.
 
 use std::f64::consts::TAU;
 

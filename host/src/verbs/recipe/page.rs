@@ -1,4 +1,4 @@
-//! Recipes as a file to read, change and import.
+//! Recipes as a TOML file for export and import.
 
 use std::fmt::Write as _;
 
@@ -33,7 +33,7 @@ impl Entry {
     /// The recipes of a text.
     ///
     /// # Errors
-    /// Names the line, and what is accepted.
+    /// Names the line and the accepted values.
     pub fn parse(text: &str) -> Result<Vec<Self>, Refusal> {
         let table = kband_scene::toml_table(text, NEXT)?;
         let lines = lines(text);
@@ -137,7 +137,7 @@ fn refused(
     Refusal::value(key, value, accepted, NEXT).at(format!("line {}", line(lines, key)))
 }
 
-/// The value of a key, refused with its line where it is missing or not accepted.
+/// The value of a key, refused with its line if it is missing or not accepted.
 fn value<T>(
     item: &toml::Value,
     lines: &[(String, usize)],
@@ -153,7 +153,7 @@ fn value<T>(
     read.ok_or_else(|| refused(lines, key, said, accepted))
 }
 
-/// The target of a recipe: a word and a number, as `kband target` takes them, or upper tones.
+/// The target of a recipe: a word and a number, as for `kband target`, or upper tones.
 fn target(item: &toml::Value, lines: &[(String, usize)]) -> Result<Target, Refusal> {
     let words = Kind::value_variants().iter().filter_map(|kind| {
         let value = kind.to_possible_value()?;
@@ -244,7 +244,7 @@ pub fn export(recipes: &[(u8, RecipeName, Recipe)], image: &str) -> String {
     text
 }
 
-/// For each recipe of a text the lines of its keys, and first its own line.
+/// Line numbers for each recipe of a text: its own, then those of its keys.
 fn lines(text: &str) -> Vec<Vec<(String, usize)>> {
     let mut all: Vec<Vec<(String, usize)>> = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_exported_is_imported() {
+    fn exported_recipes_are_imported_unchanged() {
         let text = export(&recipes(), "0.1.0");
         let read = Entry::parse(&text).unwrap();
         let read: Vec<_> = read
@@ -302,7 +302,7 @@ mod tests {
     #[test]
     fn a_file_that_is_cut_at_any_byte_is_refused() {
         let text = export(&recipes(), "0.1.0");
-        // Behind the last value only a comment is lost.
+        // After the last value there is only a comment.
         let end = text.rfind('#').unwrap();
         for length in 0..end {
             let Err(refusal) = Entry::parse(&text[..length]) else {

@@ -1,4 +1,6 @@
-//! What the sliders of the page go over, computed before.
+//! Numbers of the interactive page: bands, gear map, basins and speeds over the sliders' values.
+//!
+//! Units are those of the map (b, `b w`, rad), speeds in mm/s.
 
 use std::f64::consts::TAU;
 
@@ -18,39 +20,39 @@ use crate::simulate::{Outcome, STATE_FILLS, kin, state_fill};
 use crate::verbs::gear::InGearOf;
 use crate::verbs::{basins, transport};
 
-/// Restitutions over which the bands are shown: 0..0.7 in steps that a lot is given in.
+/// Number of restitutions in the diagram of bands, 0..0.7 in steps of 0.005.
 const RESTITUTIONS: usize = 141;
 const RESTITUTION_STEP: f64 = 0.005;
-/// Orders whose bands are shown.
+/// Largest order in the diagram of bands.
 const ORDERS: u32 = 3;
-/// Amplitudes of the gear map, the lot's parts that are followed, their runs, drive periods of a
-/// run.
+/// Number of amplitudes of the gear map, of parts of the lot, of their runs, and of drive periods
+/// of a run.
 const GEAR_PLACES: usize = 41;
 const GEAR_PARTS: usize = 5;
 const GEAR_RUNS: usize = 8;
 const GEAR_PERIODS: f64 = 250.0;
-/// The second tone that is shown where the drive says nothing of one.
+/// The second tone of the page if the drive has none.
 const SECOND_TONE: Tone = Tone {
     amplitude: 0.15,
     angle: 2.356,
 };
-/// Maps of basins, cells along a side of each, velocity at their upper edge in `b w`.
+/// Number of maps of basins, of cells along a side, and velocity at the upper edge in `b w`.
 const BASIN_MAPS: usize = 21;
 const BASIN_SIDE: usize = 80;
 const BASIN_VELOCITY: f64 = 3.0;
-/// Impacts after which a start counts as undecided: a twentieth of what `kband basins` waits for,
-/// as the page has 130 000 starts.
+/// Impacts after which a start counts as undecided: a twentieth of those of `kband basins`, because
+/// the page has 130 000 starts.
 const BASIN_IMPACTS: usize = FOLLOWED / 20;
 /// Throw numbers at which the speed is computed.
 const THROWS: &str = "0.3..3.5:81";
-/// Frictions over which the speed is shown.
+/// Frictions at which the speed is computed.
 const FRICTIONS: [f64; 10] = [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0];
-/// Scatters over which gear is shown.
+/// Scatters at which the gear map is computed.
 const SCATTERS: [f64; 8] = [0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.15];
-/// Most impacts that are drawn of a run.
+/// Largest number of drawn impacts of a run.
 const MAX_DRAWN_IMPACTS: usize = 1500;
 
-/// The feeder that the page shows.
+/// The feeder of the page.
 #[derive(Clone, Debug)]
 pub(super) struct Feeder {
     track: Track,
@@ -170,15 +172,15 @@ pub(super) fn all(feeder: &Feeder, outcome: &Outcome, desk: &Desk) -> Result<Jso
     }))
 }
 
-/// The bands of single restitutions in k, which belong to no drive.
+/// The bands of single restitutions in k, which do not depend on the drive.
 fn bands() -> Result<Json, Refusal> {
     let restitution = |n: usize| (n as f64 * RESTITUTION_STEP * 1e3).round() / 1e3;
     let mut orders = Vec::new();
     for order in 1..=ORDERS {
         let (mut low, mut high) = (Vec::new(), Vec::new());
         for n in 0..RESTITUTIONS {
-            // Each edge by itself: a lot's band goes from the flip of its liveliest part to the
-            // birth of its deadest.
+            // Separate edges: a lot's band is from the flip of its liveliest part to the birth of
+            // its deadest.
             low.push(band::flip(restitution(n), order)?);
             high.push(band::first_return_edge(restitution(n), order)?);
         }
@@ -190,7 +192,7 @@ fn bands() -> Result<Json, Refusal> {
     }))
 }
 
-/// Ascending values with one more among them, and its place.
+/// Ascending values with one value inserted, and its index.
 fn with(values: &[f64], one: f64) -> (Vec<f64>, usize) {
     let mut values = values.to_vec();
     let place = values.partition_point(|value| *value < one - 1e-6);
@@ -417,7 +419,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_shortened_and_stay_what_they_are() {
+    fn shortened_numbers_keep_six_digits() {
         assert_eq!(short(0.123_456_789), 0.123_457);
         assert_eq!(short(-98_765.432_1), -98_765.4);
         assert_eq!((short(0.0), short(50.0), short(3.0)), (0.0, 50.0, 3.0));

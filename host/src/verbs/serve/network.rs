@@ -1,4 +1,4 @@
-//! Modbus TCP: a thread that listens, and one for each client.
+//! Modbus TCP server: one thread accepts connections, and each client has its own.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -10,9 +10,9 @@ use kband_bus::{Answer, tcp};
 
 use super::Feeder;
 
-/// Largest number of clients at a time; a further one is closed at once.
+/// Largest number of simultaneous clients; a further connection is closed at once.
 const MAX_CLIENTS: usize = 16;
-/// Time after which a thread looks whether the run is over.
+/// Time between two tests of a thread for the end of the run.
 const PATIENCE: Duration = Duration::from_millis(100);
 
 /// The feeder for all clients.
@@ -25,7 +25,7 @@ pub struct Served {
     pub requests: usize,
 }
 
-/// What the threads share.
+/// State shared by the threads.
 pub struct Shared {
     served: Mutex<Served>,
     connected: AtomicUsize,
@@ -46,7 +46,7 @@ impl Shared {
         }
     }
 
-    /// Works on the feeder, alone.
+    /// Calls `work` with exclusive access to the feeder.
     pub fn with<T>(&self, work: impl FnOnce(&mut Served) -> T) -> T {
         work(&mut self.served.lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -61,7 +61,7 @@ impl Shared {
     }
 }
 
-/// Accepts clients in a thread of its own; the address that it listens at.
+/// Accepts clients in a separate thread; returns the local address.
 pub fn accept(listener: TcpListener, shared: &Arc<Shared>) -> std::io::Result<SocketAddr> {
     let address = listener.local_addr()?;
     listener.set_nonblocking(true)?;
@@ -74,7 +74,7 @@ pub fn accept(listener: TcpListener, shared: &Arc<Shared>) -> std::io::Result<So
                     shared.with(|served| served.clients += 1);
                     let shared = Arc::clone(&shared);
                     std::thread::spawn(move || {
-                        // A client that breaks off is gone; the others stay.
+                        // A lost client does not affect the others.
                         let _ = serve(stream, &shared);
                         shared.connected.fetch_sub(1, Ordering::Relaxed);
                     });
@@ -87,7 +87,7 @@ pub fn accept(listener: TcpListener, shared: &Arc<Shared>) -> std::io::Result<So
     Ok(address)
 }
 
-/// Answers one client until it closes, sends what is no frame, or the run is over.
+/// Answers one client until it closes, sends an invalid frame, or the run is over.
 fn serve(mut stream: TcpStream, shared: &Shared) -> std::io::Result<()> {
     stream.set_nonblocking(false)?;
     stream.set_read_timeout(Some(PATIENCE))?;

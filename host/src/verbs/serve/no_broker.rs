@@ -1,12 +1,13 @@
-//! Without the feature `mqtt` there is no connection to a broker.
+//! The client of an MQTT broker without the feature `mqtt`: the interface of `broker`, which
+//! refuses every connection.
 
 use crate::refusal::Refusal;
 
-/// No client.
+/// A client that cannot exist.
 pub enum Broker {}
 
 impl Broker {
-    /// Refused.
+    /// Always refused; the message names the feature to build with.
     pub fn begin(_host: &str, _port: u16, _status: String) -> Result<Self, Refusal> {
         Err(Refusal::new(
             "this kband was built without MQTT",
@@ -14,7 +15,7 @@ impl Broker {
         ))
     }
 
-    /// Never called: there is no client.
+    /// Never called, because no client exists.
     pub fn send(&self, _topic: &str, _at_least_once: bool, _message: String) -> bool {
         match *self {}
     }

@@ -1,4 +1,7 @@
-//! `kband settings commission`: the restitution of the parts, heard by the board.
+//! `kband settings commission`: the restitution of the parts, estimated by the board.
+//!
+//! The board estimates it from the chatter of the parts (`kband_control::identify`). The result is
+//! an interval of restitution, 0..1, for the settings of the lot.
 
 use std::time::{Duration, Instant};
 
@@ -14,13 +17,13 @@ use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 use crate::report::{Format, Table, columns, shortest};
 
-/// Half of the narrowest interval offered: what the identification is good for.
+/// Half-width of the narrowest offered interval: the accuracy of the identification.
 const NARROWEST: f32 = 0.02;
-/// Hops on which a result stands, for the progress bar.
+/// Number of hops of a result, for the progress bar.
 const HOPS: u64 = 64;
 
-/// Lets the board listen to its parts, and prints the interval of restitution that it offers; with
-/// `apply` the board takes and keeps it.
+/// Starts the identification on the board, and prints the offered interval of restitution. With
+/// `apply` the board uses and saves it.
 pub(super) fn run(
     address: &Address,
     apply: bool,
@@ -33,7 +36,7 @@ pub(super) fn run(
     let held = link.held()?;
     link.tell(&Request::Target(Target::Identify))?;
     let found = listen(&mut link, Duration::from_secs_f64(within), desk);
-    // Found or not, the board goes on with the target that it had.
+    // With or without a result, the board returns to its target.
     link.tell(&Request::Target(held))?;
     let found = found?;
     let (low, high) = offered(&found);
@@ -127,16 +130,16 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, 
     ))
 }
 
-/// The interval that is offered, in hundredths, outwards.
+/// The offered interval, rounded outwards to hundredths.
 fn offered(found: &Identified) -> (f32, f32) {
     let half = (2.0 * found.deviation).max(NARROWEST);
-    // What lies a rounding error above a hundredth is that hundredth.
+    // A value within rounding above a hundredth counts as that hundredth.
     let low = ((found.restitution - half) * 100.0 + 1e-3).floor() / 100.0;
     let high = ((found.restitution + half) * 100.0 - 1e-3).ceil() / 100.0;
     (low.max(0.0), high.min(1.0))
 }
 
-/// The interval as settings: where it lies above the present one, its upper end goes first.
+/// The interval as settings. If it is above the present one, its upper end is set first.
 fn in_order(low: f32, high: f32, high_now: f32) -> Offer {
     if low <= high_now {
         Offer {
@@ -156,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_interval_offered_holds_what_was_found() {
+    fn the_offered_interval_contains_the_estimate() {
         for (restitution, deviation, low, high) in [
             (0.4, 0.005, 0.38, 0.42),
             (0.403, 0.02, 0.36, 0.45),

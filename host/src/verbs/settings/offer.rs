@@ -1,4 +1,4 @@
-//! What a measurement of the board offers as settings: taken by the board, or by hand.
+//! Settings from a measurement of the board, set by `--apply` or by hand.
 
 use serde::Serialize;
 
@@ -10,15 +10,15 @@ use crate::board::{Address, BoardSettings, Link};
 use crate::refusal::Refusal;
 use crate::report::{Format, Printout, Table};
 
-/// Settings that a measurement offers, in an order in which the board takes them.
+/// Settings from a measurement, in an order that the board accepts.
 pub(super) struct Offer {
     pub keys: Vec<&'static str>,
     pub values: Vec<f32>,
 }
 
 impl Offer {
-    /// With `apply` has the board take and keep them; what became of them, or how to take them by
-    /// hand.
+    /// With `apply` sets and saves them on the board. Returns a message with the result, or with
+    /// the commands to set them by hand.
     pub fn conclude(
         &self,
         link: &mut Link,
@@ -49,7 +49,7 @@ impl Offer {
     }
 }
 
-/// Prints what was measured, with notes below it.
+/// Prints the measurement, with notes below it.
 pub(super) fn print(
     table: Table,
     notes: &[String],

@@ -1,5 +1,7 @@
-//! `kband settings commission --sensor`: what the accelerometer reads at rest and while the drive runs, for the tests at each
-//! start.
+//! `kband settings commission --sensor`: settings of the tests of the accelerometer at each start.
+//!
+//! It averages the reading at rest (V) and the ratio of measured to configured gain while the drive
+//! runs. The results are sensor_rest, gain, their tolerances, and current_gain.
 
 use std::time::Duration;
 
@@ -16,23 +18,27 @@ use crate::desk::Desk;
 use crate::refusal::Refusal;
 use crate::report::{Column, Format, Table};
 
-/// Readings at rest that are averaged, and the time between two of them.
+/// Number of averaged readings at rest, and time between two of them.
 const RESTS: u32 = 20;
 const PAUSE: Duration = Duration::from_millis(50);
-/// Cycles of an average while the drive runs, and how many averages there are.
+/// Cycles of an average while the drive runs, and number of averages.
 const BLOCK: usize = 16;
 const BLOCKS: usize = 8;
-/// Largest distance of a steady amplitude from its setpoint, as a share of it: a load scatters single cycles.
+/// Largest relative deviation of a steady amplitude from its setpoint: a load scatters single
+/// cycles.
 const STEADY: f32 = 0.1;
-/// k at which the track throws no part, and largest amplitude over the hard limits where the gain is measured.
+/// k at which the track throws no part, and largest amplitude over the hard limits, while the gain
+/// is measured.
 const QUIET_K: f32 = 1.3;
 const QUIET_SHARE: f32 = 0.2;
-/// Factor for what changes after commissioning: sensitivity by 5 %, and by a quarter the drive as it warms up and is loaded.
+/// Factor for changes after commissioning: 5 % of the sensitivity, and a quarter of the gain of a
+/// warm, loaded drive.
 const MARGIN: f64 = 1.3;
-/// Share by which the gain may be measured otherwise than configured before the user is asked to check the sensor.
+/// Relative deviation of the measured gain from the configured one above which the user should
+/// check the sensor.
 const CHECKED: f64 = 0.1;
 
-/// Measured gain over the configured one: its mean, and the least and largest of its blocks.
+/// Measured gain over the configured one: mean, smallest and largest of its blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Ratio {
     mean: f64,
@@ -70,7 +76,7 @@ fn strength(settings: &Settings) -> f64 {
     f64::from(settings.gain) * 1e-3 * response(settings)
 }
 
-/// The ratio over the last steady cycles; `None` where they are too few.
+/// The ratio over the last steady cycles; `None` for too few.
 fn ratio(settings: &Settings, cycles: &[Telemetry]) -> Option<Ratio> {
     let last = cycles.get(cycles.len().checked_sub(BLOCK * BLOCKS)?..)?;
     let sum = |block: &[Telemetry], value: fn(&Telemetry) -> f32| -> f64 {
@@ -88,7 +94,7 @@ fn ratio(settings: &Settings, cycles: &[Telemetry]) -> Option<Ratio> {
     })
 }
 
-/// Whether the drive stands at its setpoint, nothing holding it back.
+/// Whether the amplitude is at its setpoint, without a limit.
 fn is_steady(cycle: &Telemetry) -> bool {
     let settled = [State::Holding, State::Locked].map(State::number);
     settled.contains(&cycle.state)
@@ -96,8 +102,8 @@ fn is_steady(cycle: &Telemetry) -> bool {
         && (cycle.amplitude - cycle.setpoint).abs() < STEADY * cycle.setpoint
 }
 
-/// Measures the accelerometer at rest and while the drive runs, and prints the settings that the tests at each start need;
-/// with `apply` the board takes and keeps them.
+/// Measures the accelerometer at rest and while the drive runs, and prints the settings of the
+/// tests at each start. With `apply` the board uses and saves them.
 pub(super) fn run(
     address: &Address,
     apply: bool,
@@ -120,7 +126,7 @@ pub(super) fn run(
     }
     rest(&mut link)?;
     let mean = average(&mut link, desk, |status| status.mean);
-    // Measured or not, the board goes on as before.
+    // With or without a result, the board continues as before.
     link.tell(&Request::Enable(true))?;
     let mean = mean?;
     let within = Duration::from_secs_f64(within);
@@ -211,7 +217,7 @@ fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f6
     Ok(sum / f64::from(RESTS))
 }
 
-/// The ratio at the target that the board holds, and the amplitude in m per ampere there.
+/// The ratio at the board's target, and the amplitude in m per ampere there.
 fn measure(
     link: &mut Link,
     known: &Settings,
@@ -219,7 +225,7 @@ fn measure(
     desk: &Desk,
 ) -> Result<(Ratio, f64), Refusal> {
     let wanted = BLOCK * BLOCKS;
-    // The last steady ones in a row.
+    // The last steady cycles in a row.
     let take = |cycles: &mut Vec<Telemetry>, cycle: Telemetry| {
         if is_steady(&cycle) {
             cycles.push(cycle);

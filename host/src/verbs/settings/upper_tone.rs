@@ -1,5 +1,8 @@
-//! `kband settings commission --second-tone`, `--third-tone`: what the track answers at twice or
-//! three times the drive's frequency, measured by the board.
+//! `kband settings commission --second-tone`, `--third-tone`: response of the track at twice or
+//! three times the drive's frequency.
+//!
+//! The board adds a small tone to the output. The response is the ratio of the track's tone to the
+//! output's, averaged over cycles: gain in mm at full output, lag in degrees.
 
 use std::time::Duration;
 
@@ -18,18 +21,18 @@ use crate::report::{Column, Format, Table, columns};
 
 /// k of the trial: the track throws no part.
 const K: f32 = 1.3;
-/// Tones of the trial, where the drive affords as much.
+/// Amplitude of the trial's tones over the first, if the drive affords as much.
 const RATIO: f32 = 0.05;
-/// Phases of them in rad: where the map wants them.
+/// Phases of the second and third tone in rad, as the map prefers them.
 const PHASES: [f32; 2] = [2.356, 5.3];
-/// Cycles over which the response is averaged.
+/// Number of cycles over which the response is averaged.
 const CYCLES: usize = 50;
-/// Cycles from an output to the reading that shows it.
+/// Delay in cycles from an output to its reading.
 const LATE: usize = 2;
-/// Cycles after which a tone has settled, or was given up.
+/// Number of cycles after which a tone has settled or was given up.
 const SETTLED: usize = 300;
 
-/// Which tone above the first is measured.
+/// The measured tone above the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Upper {
     /// That at twice the frequency.
@@ -39,7 +42,7 @@ pub(super) enum Upper {
 }
 
 impl Upper {
-    /// Its name, and the settings of what it may be and of what the track answers.
+    /// Its name, the setting of its largest amplitude, and the settings of the track's response.
     fn names(self) -> (&'static str, &'static str, [&'static str; 2]) {
         match self {
             Self::Second => ("second tone", "second_tone", ["second_gain", "second_lag"]),
@@ -47,7 +50,7 @@ impl Upper {
         }
     }
 
-    /// The tone in the output in a cycle: cosine and sine part.
+    /// The output's tone in a cycle: cosine and sine part.
     fn output(self, telemetry: &Telemetry) -> [f32; 2] {
         let [second, third] = telemetry.overtones;
         match self {
@@ -56,7 +59,7 @@ impl Upper {
         }
     }
 
-    /// The tone of the track in a cycle, against the output's phase, in m.
+    /// The track's tone in a cycle, relative to the output's phase, in m.
     fn seen(self, telemetry: &Telemetry) -> Complex {
         let (tone, times) = match self {
             Self::Second => (telemetry.shape.second, 2.0),
@@ -68,18 +71,18 @@ impl Upper {
     }
 }
 
-/// The track's answer at a multiple of the frequency.
+/// The track's response at a multiple of the frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Answer {
     /// Track amplitude for full output in mm.
     gain: f64,
     /// Lag of the track in degrees.
     lag: f64,
-    /// Standard deviation of a cycle's answer, over the answer.
+    /// Standard deviation of a cycle's response, over the response.
     scatter: f64,
 }
 
-/// The answer in the last cycles in which there was such a tone; `None` where they are too few.
+/// The response in the last cycles with the tone; `None` for too few.
 fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
     let pairs: Vec<(Complex, Complex)> = cycles
         .windows(LATE + 1)
@@ -106,8 +109,8 @@ fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
     })
 }
 
-/// Has the board make a small tone above the first and prints what the track answered; with `apply`
-/// the board takes and keeps it.
+/// Lets the board make a small tone above the first, and prints the track's response. With `apply`
+/// the board uses and saves it.
 pub(super) fn run(
     upper: Upper,
     address: &Address,
@@ -201,7 +204,7 @@ fn follow(
     let made = |cycle: &&Telemetry| upper.output(cycle) != [0.0; 2];
     let enough = |cycles: &[Telemetry]| {
         let count = cycles.iter().filter(made).count();
-        // A tone that was given up comes no more.
+        // An abandoned tone does not return.
         let silent = cycles.iter().rev().take_while(|cycle| !made(cycle)).count();
         count >= SETTLED || (count >= CYCLES && silent > CYCLES)
     };

@@ -12,7 +12,7 @@ use crate::refusal::Refusal;
 use crate::report::{Printout, Table, Value, columns, number};
 use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, SETTLED, describe, words};
 
-/// Smallest second tone that is one, over the first.
+/// Smallest amplitude of a second tone, over the first, that counts as one.
 const LEAST: f64 = 0.01;
 
 /// Files of a single run.
@@ -328,7 +328,7 @@ fn describe_expected_share(outcome: &Outcome) -> Option<String> {
     ))
 }
 
-/// What one change of drive or lot would give, where parts do not stay in gear.
+/// The predicted effect of one change of drive or lot, if parts do not stay in gear.
 fn list_causes(seen: &Seen) -> Vec<String> {
     let causes = causes::describe(seen.causes());
     if causes.is_empty() {
@@ -368,7 +368,7 @@ fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
     } else if let (State::Locked, Regime::Doubled { order, doublings }) =
         (last.state, measured.regime)
     {
-        // The phases stay where the lock has them, and take turns there.
+        // The phases stay near the lock's and alternate there.
         format!(
             "estimated        at the lock of order {order}, {} phases in turn (confidence {})",
             1_u64 << doublings,
@@ -444,7 +444,7 @@ fn describe_lock_phase(outcome: &Outcome) -> Vec<String> {
     let silent = last
         .regime
         .is_some_and(|found| found.regime == Regime::Rest);
-    // Impacts measured only now and then are no lock to the controller.
+    // The controller detects no lock from rare impacts.
     let faint = matches!(last.state, State::Holding | State::Capturing)
         && last
             .regime

@@ -1,5 +1,6 @@
-//! A single run in plain words: what the track and the parts do, how far from losing it, and what
-//! to do next.
+//! Summary of a single run: motion of the track and the parts, margin to the loss, next step.
+//!
+//! Amplitudes are in mm, speeds in mm/s, rates in parts a minute, times in s.
 
 use kband::regime::classify::Regime;
 use kband_control::{Fault, Identification, Limits, State, Target};
@@ -8,16 +9,16 @@ use crate::causes::{Best, Cause, MIN_SHARE_IN_GEAR, causes, misfit};
 use crate::report::number;
 use crate::simulate::Outcome;
 
-/// Relative difference of two amplitudes that changes nothing a setter would see.
+/// Relative difference below which two amplitudes count as equal: a setter sees no change.
 const SAME_AMPLITUDE: f64 = 0.03;
-/// Share of the time in the air below which parts are said to hop and rest.
+/// Share of the time in the air below which parts are reported to hop and rest.
 const MIN_TIME_IN_AIR: f64 = 0.9;
 
-/// Margin in amplitude below which it is called thin: less than what a warm coil or a neighbour's
-/// hand on the bowl change.
+/// Relative margin of the amplitude below which it is called thin. A warm coil or a hand on the
+/// bowl changes more.
 const THIN_MARGIN: f64 = 0.01;
 
-/// What the summary is made of.
+/// Quantities of the summary.
 #[derive(Clone, Debug)]
 pub(super) struct Seen {
     /// Amplitude in mm, and the track's peak acceleration over gravity.
@@ -31,35 +32,35 @@ pub(super) struct Seen {
     no_setpoint: Option<String>,
     identification: Identification,
     parts: usize,
-    /// Parts that lie at rest at the end.
+    /// Number of parts at rest at the end.
     resting: usize,
     k: f64,
     order: u32,
     /// Share of time in gear, for parts that scatter.
     in_gear: Option<f64>,
-    /// The predicted best of the lot, where parts do not stay in gear.
+    /// The predicted best setpoint of the lot, if parts do not stay in gear.
     best: Option<Best>,
-    /// Why the lot is out of gear at its best.
+    /// Causes why the lot is out of gear at its best setpoint.
     causes: Vec<Cause>,
-    /// Share of the time that the parts are in the air.
+    /// Share of the time in the air.
     in_air: f64,
-    /// Seconds in gear until it is lost.
+    /// Time in gear until its loss, in s.
     loss: Option<f64>,
     locked: bool,
-    /// Whether successive flights are measured to differ in turn.
+    /// Whether successive flights alternate, as measured.
     doubled: bool,
     regime: String,
-    /// In mm/s, upwards positive.
+    /// Conveying speed in mm/s, upwards positive.
     speed: f64,
     /// Length of a part along the track in mm; parts touch each other.
     part_length: f64,
-    /// Of a lock, in amplitude, relative.
+    /// Margin of the lock, relative to the amplitude.
     margin: Option<f64>,
-    /// Restitution and scatter as options of the verbs.
+    /// Restitution and scatter, written as options of the verbs.
     lot: String,
     scatter: f32,
     strays: bool,
-    /// What the run could last for a target that takes longer, in s.
+    /// Proposed duration in s of a run for a target that takes longer.
     longer: f64,
 }
 
@@ -191,7 +192,7 @@ impl Seen {
         ))
     }
 
-    /// What parts out of gear do.
+    /// Motion of parts out of gear.
     fn motion(&self) -> String {
         let air = number(100.0 * self.in_air, 2);
         if self.in_air <= 0.0 {
@@ -205,7 +206,7 @@ impl Seen {
         }
     }
 
-    /// What is wrong with a configured amplitude, and the one to choose.
+    /// The fault of a configured amplitude, and the one to choose.
     fn misplaced(&self, best: Best) -> Option<String> {
         let ratio = self.amplitude / best.amplitude;
         if best.share < 0.5 || (ratio - 1.0).abs() < SAME_AMPLITUDE {
@@ -247,7 +248,7 @@ impl Seen {
         }
     }
 
-    /// What to do next, for every state, limit and result.
+    /// The next step, for every state, limit and result.
     fn next(&self) -> String {
         if let Some(fault) = self.fault {
             return format!(

@@ -1,4 +1,11 @@
-//! Speed of parts that rub on the track: from contact all the time (S) over hop and slide (H-S) to
+//! `kband transport` with friction: conveying speed in mm/s and shares of time over one axis.
+//!
+//! The axis is the throw number, the amplitude (mm), the incline or phase lead (degrees), or the
+//! friction. Each value is an event-driven simulation with Coulomb friction
+//! (docs/theory-real-parts.md#t10.4), from rest and from every attracting lock. Bisection locates
+//! reversals of the speed; golden-section search (Kiefer 1953) finds the best phase lead.
+//!
+//! Regimes have the names of Hongler & Figour 1989: always in contact (S), hop and slide (H-S),
 //! hopping (H).
 
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};

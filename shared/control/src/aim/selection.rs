@@ -136,10 +136,11 @@ impl Selection {
         self.misfit
     }
 
-    /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes the k
-    /// at which a part thrown from rest flies one drive period, `1/sqrt(1 + pi^2)` = 0.303: the throw
-    /// number 3.3, up to which conveyors are designed. Parts whose restitution scatters widely travel
-    /// fastest about there (docs/theory-real-parts.md#t10.1). It stays within the drive's reach.
+    /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes the
+    /// k at which a part thrown from rest flies one drive period, `1/sqrt(1 + pi^2)` = 0.303. That
+    /// is the throw number 3.3, up to which conveyors are designed. Parts of widely scattered
+    /// restitution are fastest near it (docs/theory-real-parts.md#t10.1). The drive's reach limits
+    /// it.
     pub fn set_misfit(&mut self, settings: &Settings, scale: &Scale) {
         self.misfit = true;
         let k = 1.0 / square_root_single(1.0 + PI * PI);

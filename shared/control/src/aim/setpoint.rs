@@ -169,8 +169,8 @@ impl Choice {
                 Ok(Self::level(Level::Amplitude(b * 1e-3)))
             }
             Target::Flow(flow) => {
-                // Parts are weighed by the power that they absorb on a track of known mass with one
-                // tone.
+                // The power that parts absorb gives their mass, on a track of configured mass with
+                // one tone.
                 let Settings {
                     track_mass,
                     track_length,

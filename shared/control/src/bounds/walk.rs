@@ -1,4 +1,4 @@
-//! Random walk through the accepted settings.
+//! Random walk through the accepted settings, the input of property-based tests of the limits.
 
 use super::Settings;
 use kband::arithmetic::Noise;

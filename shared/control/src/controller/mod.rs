@@ -191,9 +191,9 @@ impl Controller {
         Ok(())
     }
 
-    /// Takes the target and the settings of a recipe, as [`Controller::set_target`] takes a target.
+    /// Sets target and settings of a recipe, as [`Controller::set_target`] sets a target.
     ///
-    /// The error names what is out of range; target and settings then stay.
+    /// The error names the number out of range; target and settings then stay.
     pub fn use_recipe(&mut self, recipe: &Recipe) -> Result<(), OutOfRange> {
         let settings = recipe.applied_to(&self.settings)?;
         self.selection = self.select(recipe.target, &settings)?;
@@ -207,7 +207,8 @@ impl Controller {
         Ok(())
     }
 
-    /// Whether [`Controller::use_recipe`] takes a recipe; the error names what is out of range.
+    /// Whether [`Controller::use_recipe`] accepts a recipe; the error names the number out of
+    /// range.
     pub fn check_recipe(&self, recipe: &Recipe) -> Result<(), OutOfRange> {
         let settings = recipe.applied_to(&self.settings)?;
         self.select(recipe.target, &settings).map(|_| ())
@@ -310,7 +311,7 @@ impl Controller {
                     .control_under_load(motion.first, struck, reference, most)
                     .unwrap_or_else(|| [self.amplitude.cycle(measured, reference, most), 0.0]);
                 let wanted = self.machine.listens_for_chaos();
-                let heard_with = DriveState {
+                let drive_state = DriveState {
                     count: self.count,
                     lead,
                     order: self.order().unwrap_or(1),
@@ -323,16 +324,16 @@ impl Controller {
                 let tuned = Tuned {
                     lot: self.selection.lot(&self.settings),
                     lead,
-                    order: heard_with.order,
-                    k: heard_with.k,
-                    shape: heard_with.shape,
+                    order: drive_state.order,
+                    k: drive_state.k,
+                    shape: drive_state.shape,
                     step: self.scale.step,
                     stands,
                     contact: self.settings.contact_time(),
                     detects_gear: self.detects_gear(),
                 };
                 self.listener
-                    .cycle(cycle, &heard_with, self.selection.lock(), &tuned, wanted);
+                    .cycle(cycle, &drive_state, self.selection.lock(), &tuned, wanted);
                 self.follow_resonance(measured);
                 self.control_tones(&motion, &mut events);
             }
@@ -403,7 +404,7 @@ impl Controller {
             && numbers.all(|part| part.is_finite())
     }
 
-    /// Estimates the parts' load. Gives the track's motion along sine and cosine of the output's
+    /// Estimates the parts' load. Returns the track's motion along sine and cosine of the output's
     /// phase, in m, corrected for the impacts that the demodulator blanks.
     fn estimate_load(&mut self, cycle: &Cycle, sine: f32, cosine: f32) -> [f32; 2] {
         if self.meter.is_none() {
@@ -815,7 +816,7 @@ impl Controller {
         }
     }
 
-    /// Plans gear anew where the parts have changed.
+    /// Plans gear anew if the parts have changed.
     fn retune_gear(&mut self) {
         if self.machine.settled() {
             self.selection.retune(
@@ -908,8 +909,8 @@ fn refused(target: Target, accepted: &'static str) -> OutOfRange {
     }
 }
 
-/// The estimator of gear: for the configured lot, or for any restitution where the identification
-/// is to estimate it.
+/// The estimator of gear: for the configured lot, or for any restitution if the identification
+/// estimates it.
 fn build_gear_estimator(settings: &Settings, any: bool) -> GearEstimator {
     let Settings {
         restitution_low,

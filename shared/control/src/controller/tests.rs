@@ -9,7 +9,7 @@ mod lockout;
 mod table;
 
 #[test]
-fn the_parts_are_heard_beyond_the_last_count_of_cycles() {
+fn regimes_are_detected_after_the_cycle_counter_wraps() {
     let target = Target::Locked { order: 1 };
     let mut controller =
         Controller::build(&Settings::default(), target, StartCause::Ordinary).unwrap();
@@ -127,10 +127,9 @@ fn a_drive_that_is_held_off_stops_without_a_ramp() {
     assert_eq!(cycle(&mut controller, false).state, State::Starting);
 }
 
-/// Any number of a cycle may be no number, or too large for a converter. From that cycle on there
-/// is no output, and the fault is 13. No number of the report is NaN. After the acknowledgement the
-/// drive starts as before.
-/// report is NaN. After the fault is acknowledged the drive starts as before.
+/// Any number of a cycle may be NaN, or too large for a converter. From that cycle on the output is
+/// off, and the fault is 13. No number of the report is NaN. After the acknowledgement the drive
+/// starts as before.
 #[test]
 fn nan_reading_stops_the_drive_and_is_forgotten() {
     type Spoil = fn(&mut Cycle, f32);

@@ -11,7 +11,8 @@
 //! reference through the inverse of the turning envelope, over the estimated gain. Estimating the
 //! gain, by exponential forgetting, is then the only feedback: an integral loop.
 //!
-//! `margins` computes the stability margins of both loops.
+//! Input per cycle is the measured amplitude (m) and the reference (m); the output is the drive
+//! signal as a share of full output, 0..1. `margins` computes the stability margins of both loops.
 
 use num_complex::Complex32 as Complex;
 
@@ -74,7 +75,9 @@ struct Tuning {
     forgetting: f32,
     /// Share of the full envelope above which the gain is estimated.
     min_envelope: f32,
+    /// Largest output, as a share of full output.
     max_output: f32,
+    /// Configured track amplitude at full output, in m.
     nominal: f32,
     /// Minimum duration of a soft start in cycles.
     min_start: f32,
@@ -151,15 +154,16 @@ impl AmplitudeLoop {
             / settings.resonance;
         let nominal = settings.gain * 1e-3 * envelope.response;
         let inverse = Inverse::of_pole(envelope.pole);
-        let across = (Complex::new(1.0, 0.0) - envelope.pole).inv().im.abs();
-        let (learning, telling, shortest) = if envelope.first_order {
+        // Lag of the envelope's phase, in cycles.
+        let phase_lag = (Complex::new(1.0, 0.0) - envelope.pole).inv().im.abs();
+        let (forgetting, min_envelope, min_start) = if envelope.first_order {
             (GAIN_FORGETTING, MIN_ENVELOPE_FOR_GAIN, MIN_START_CYCLES)
         } else {
             (
                 1.0 / (GAIN_TIME_CONSTANT_RATIO * (DEAD_TIME_CYCLES + envelope.cycles)),
                 MIN_ENVELOPE_FOR_GAIN.min(2.0 * min_amplitude(settings) / nominal),
                 MIN_DETUNED_START_CYCLES
-                    .max(START_OVER_PHASE_LAG * across)
+                    .max(START_OVER_PHASE_LAG * phase_lag)
                     .max(START_OVER_INVERSE_OUTPUT * inverse.scale),
             )
         };
@@ -168,11 +172,11 @@ impl AmplitudeLoop {
                 keep: libm::expf(-1.0 / cycles),
                 integral: 1.0 / cycles,
                 proportional: cycles / CLOSED_LOOP_CYCLES,
-                forgetting: learning,
-                min_envelope: telling,
+                forgetting,
+                min_envelope,
                 max_output: settings.output_maximum,
                 nominal,
-                min_start: shortest,
+                min_start,
             },
             envelope,
             inverse,
@@ -316,8 +320,8 @@ impl AmplitudeLoop {
     fn estimate_gain(&mut self, measured: f32) {
         let Tuning {
             nominal,
-            forgetting: learning,
-            min_envelope: telling,
+            forgetting,
+            min_envelope,
             ..
         } = self.tuning;
         let (before, driven) = (self.model, self.output[1]);
@@ -327,18 +331,18 @@ impl AmplitudeLoop {
         } else {
             absolute(self.envelope.mean(before, driven))
         };
-        if explained > telling {
+        if explained > min_envelope {
             let seen = measured / explained;
             let seen = saturate(seen, nominal / GAIN_RANGE, nominal * GAIN_RANGE);
             let apart = seen - self.gain;
             let weight =
                 if self.envelope.first_order && apart.abs() < GAIN_DEVIATION_FOR_MEAN * self.gain {
-                    learning
+                    forgetting
                 } else {
-                    (1.0 / (self.estimated_cycles + 1.0)).max(learning)
+                    (1.0 / (self.estimated_cycles + 1.0)).max(forgetting)
                 };
             self.gain += weight * apart;
-            self.estimated_cycles = (self.estimated_cycles + 1.0).min(1.0 / learning);
+            self.estimated_cycles = (self.estimated_cycles + 1.0).min(1.0 / forgetting);
         }
     }
 
@@ -378,13 +382,13 @@ impl AmplitudeLoop {
         let Tuning {
             proportional,
             integral,
-            forgetting: learning,
+            forgetting,
             ..
         } = self.tuning;
         if self.envelope.first_order {
             [proportional, integral, 0.0]
         } else {
-            [0.0, 0.0, learning]
+            [0.0, 0.0, forgetting]
         }
     }
 

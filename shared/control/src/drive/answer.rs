@@ -20,7 +20,7 @@ pub struct Response {
 impl Response {
     /// The response of the configured drive.
     pub fn at(settings: &Settings) -> Self {
-        let told = |gain: f32, lag: f32, frequency: f32| {
+        let response = |gain: f32, lag: f32, frequency: f32| {
             if gain > 0.0 {
                 let lag = lag * (PI / 180.0);
                 Complex::new(libm::cosf(lag), -libm::sinf(lag)) * (gain * 1e-3)
@@ -31,8 +31,8 @@ impl Response {
         let once = settings.frequency;
         Self {
             upper: [
-                told(settings.second_gain, settings.second_lag, 2.0 * once),
-                told(settings.third_gain, settings.third_lag, 3.0 * once),
+                response(settings.second_gain, settings.second_lag, 2.0 * once),
+                response(settings.third_gain, settings.third_lag, 3.0 * once),
             ],
         }
     }

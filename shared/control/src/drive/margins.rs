@@ -80,24 +80,24 @@ fn length(z: Complex) -> f64 {
 }
 
 impl LoopMargins {
-    /// Margins of the loop built for the settings `told`, on the drive `is`; `gain` and `resonance`
-    /// may differ. The error names a setting out of range.
+    /// Margins of the loop built for the settings `configured`, on the drive `actual`, whose `gain`
+    /// and `resonance` may differ. The error names a setting out of range.
     ///
     /// At the resonance it is the PI loop at the configured gain, before it was estimated. Off the
     /// resonance the gain estimate is the only feedback. Its loop is an integral gain times the
     /// difference of drive and model, which is zero for a correctly configured drive. The margins
     /// are those of the loop without the model.
-    pub fn of(told: &Settings, is: &Settings) -> Result<Self, OutOfRange> {
-        let control = AmplitudeLoop::build(told)?;
-        is.check()?;
-        let plant = Plant::of(is);
+    pub fn of(configured: &Settings, actual: &Settings) -> Result<Self, OutOfRange> {
+        let control = AmplitudeLoop::build(configured)?;
+        actual.check()?;
+        let plant = Plant::of(actual);
         let strength = |settings: &Settings| f64::from(settings.gain) * steady(settings);
-        let wrong = strength(is) / strength(told);
-        let [proportional, integral, learning] = control.gains().map(f64::from);
+        let wrong = strength(actual) / strength(configured);
+        let [proportional, integral, forgetting] = control.gains().map(f64::from);
         let open = |turned: Complex| {
             let sum = turned - 1.0;
-            let control = if learning > 0.0 {
-                learning / sum
+            let control = if forgetting > 0.0 {
+                forgetting / sum
             } else {
                 wrong * proportional * (1.0 + integral / sum)
             };
@@ -108,16 +108,19 @@ impl LoopMargins {
 
     /// Margins of the loop off the resonance with its model, on a drive of another resonance than
     /// configured; `None` for a first-order loop. The error names a setting out of range.
-    pub fn of_detuned(told: &Settings, is: &Settings) -> Result<Option<Self>, OutOfRange> {
-        let control = AmplitudeLoop::build(told)?;
-        is.check()?;
-        let (plant, model) = (Plant::of(is), Plant::of(told));
-        let [.., learning] = control.gains().map(f64::from);
+    pub fn of_detuned(
+        configured: &Settings,
+        actual: &Settings,
+    ) -> Result<Option<Self>, OutOfRange> {
+        let control = AmplitudeLoop::build(configured)?;
+        actual.check()?;
+        let (plant, model) = (Plant::of(actual), Plant::of(configured));
+        let [.., forgetting] = control.gains().map(f64::from);
         let open = |turned: Complex| {
-            let left = turned - 1.0 + learning;
-            learning * (plant.at(turned) - model.at(turned)) / left
+            let left = turned - 1.0 + forgetting;
+            forgetting * (plant.at(turned) - model.at(turned)) / left
         };
-        let found = (learning > 0.0).then(|| {
+        let found = (forgetting > 0.0).then(|| {
             let [first, second] = [plant, model].map(|of| Self::around(open, of.pole));
             Self {
                 gain: first.gain.min(second.gain),
@@ -254,12 +257,14 @@ mod tests {
     fn detuned_loop_keeps_margins_at_a_wrong_resonance() {
         let mut least = [f64::INFINITY; 3];
         for quality in [5.0, 25.0, 100.0, 200.0] {
-            for told in detunings().step_by(5) {
-                for is in detunings().step_by(7) {
-                    let (told, mut is) = (drive(quality, told), drive(quality, is));
-                    is.resonance *= told.frequency / is.frequency;
-                    is.frequency = told.frequency;
-                    let Some(found) = LoopMargins::of_detuned(&told, &is).unwrap() else {
+            for assumed in detunings().step_by(5) {
+                for true_one in detunings().step_by(7) {
+                    let configured = drive(quality, assumed);
+                    let mut actual = drive(quality, true_one);
+                    actual.resonance *= configured.frequency / actual.frequency;
+                    actual.frequency = configured.frequency;
+                    let found = LoopMargins::of_detuned(&configured, &actual).unwrap();
+                    let Some(found) = found else {
                         continue;
                     };
                     let found = [found.gain, found.phase, found.distance];

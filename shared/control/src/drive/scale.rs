@@ -52,8 +52,8 @@ pub struct Scale {
     pub envelope: Envelope,
     /// Share of the envelope's size that survives a cycle, 0..1.
     keep: f32,
-    /// Amplitude at full output and the drive's frequency, in m. Where the frequency tracks the
-    /// resonance, it is the one there.
+    /// Amplitude at full output and the drive's frequency, in m; at the resonance if the frequency
+    /// tracks it.
     pub full_amplitude: f32,
     /// Amplitude per ampere of the drive's current, likewise, in m/A; 0 where it is not
     /// commissioned.

@@ -199,23 +199,26 @@ mod tests {
     #[test]
     fn a_shape_is_what_was_measured() {
         for n in 0..48 {
-            let told = [
+            let expected = [
                 UpperTone::new(0.01 * (n % 25) as f32 + 0.01, 0.13 * n as f32 - 3.1),
                 UpperTone::new(0.002 * (n % 17) as f32 + 0.01, 3.1 - 0.11 * n as f32),
             ];
             let lead = 0.7 * n as f32;
             let turned = |angle: f32| Complex::new(libm::cosf(angle), libm::sinf(angle)) * 2.3e-4;
             let tone = |n: usize| {
-                let UpperTone { ratio, phase } = told[n];
+                let UpperTone { ratio, phase } = expected[n];
                 turned(phase + (n + 2) as f32 * lead) * ratio
             };
             let motion = TrackMotion {
                 first: turned(lead),
                 upper: [tone(0), tone(1)],
             };
-            for (seen, told) in motion.shape().tones().into_iter().zip(told) {
-                assert!((seen.ratio - told.ratio).abs() < 1e-6);
-                assert!((seen.phase - told.phase).abs() < 2e-4, "{seen:?} {told:?}");
+            for (seen, expected) in motion.shape().tones().into_iter().zip(expected) {
+                assert!((seen.ratio - expected.ratio).abs() < 1e-6);
+                assert!(
+                    (seen.phase - expected.phase).abs() < 2e-4,
+                    "{seen:?} {expected:?}"
+                );
             }
         }
     }

@@ -57,9 +57,9 @@ pub fn affordable_tones(settings: &Settings, k: f32) -> [f32; UPPER] {
     let amplitude = scale.amplitude(k);
     let mut room = settings.output_maximum - amplitude / scale.full_amplitude;
     let answers = Response::at(settings).upper.map(absolute);
-    let told = [settings.second_tone, settings.third_tone];
+    let configured = [settings.second_tone, settings.third_tone];
     let mut affords = [0.0; UPPER];
-    for ((affords, answer), told) in affords.iter_mut().zip(answers).zip(told) {
+    for ((affords, answer), configured) in affords.iter_mut().zip(answers).zip(configured) {
         let most = room * answer / amplitude;
         // No amplitude (k infinite) leaves no reference for a tone: none.
         *affords = if most.is_nan() {
@@ -67,7 +67,7 @@ pub fn affordable_tones(settings: &Settings, k: f32) -> [f32; UPPER] {
         } else {
             most.clamp(0.0, 0.5)
         };
-        room -= told * amplitude / answer;
+        room -= configured * amplitude / answer;
     }
     affords
 }
@@ -93,7 +93,7 @@ impl Tones {
     /// Builds the loops at rest. The error names a tone that the drive cannot make even where the
     /// track only just throws parts (k = 1).
     pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
-        let told = [settings.second_tone, settings.third_tone];
+        let configured = [settings.second_tone, settings.third_tone];
         let names = [
             (
                 "second_tone",
@@ -105,8 +105,10 @@ impl Tones {
             ),
         ];
         let affords = affordable_tones(settings, 1.0);
-        for (((name, accepted), told), affords) in names.into_iter().zip(told).zip(affords) {
-            accept(name, f64::from(told), told <= affords, accepted)?;
+        for (((name, accepted), configured), affords) in
+            names.into_iter().zip(configured).zip(affords)
+        {
+            accept(name, f64::from(configured), configured <= affords, accepted)?;
         }
         let [second, third] = Response::at(settings).upper;
         Ok(Self {
@@ -181,16 +183,16 @@ impl Tones {
         self.loops.iter().all(ToneLoop::arrived)
     }
 
-    /// Advances one cycle. Which tones were found to deviate from the configured response, reported
-    /// once each.
-    pub fn cycle(&mut self, asked: &ToneInputs) -> [bool; UPPER] {
-        if asked.wanted != self.shape {
-            self.shape = asked.wanted;
+    /// Advances one cycle. The result marks the tones that deviate from the configured response;
+    /// each is reported once.
+    pub fn cycle(&mut self, inputs: &ToneInputs) -> [bool; UPPER] {
+        if inputs.wanted != self.shape {
+            self.shape = inputs.wanted;
             self.peaks = self.shape.peaks();
         }
-        let TrackMotion { first, upper } = asked.motion;
+        let TrackMotion { first, upper } = inputs.motion;
         let long = absolute(first);
-        self.share = self.left(asked, long);
+        self.share = self.left(inputs, long);
         let short = self.short;
         let mut news = [false; UPPER];
         let wanted = self.shape.tones();
@@ -202,17 +204,17 @@ impl Tones {
                 *news = !short && tone.estimate_response(first, seen);
             }
         }
-        self.watch(asked, long);
+        self.watch(inputs, long);
         // Below the smallest usable amplitude the first tone gives no phase reference.
-        let told = (long > asked.least).then_some(long);
+        let reference = (long > inputs.least).then_some(long);
         let mut all = 0.0;
         for (tone, output) in self.loops.iter_mut().zip(&mut self.output) {
             if tone.allowed() {
-                *output = tone.advance(first, told);
+                *output = tone.advance(first, reference);
                 all += absolute(*output);
             }
         }
-        let room = asked.room.max(0.0);
+        let room = inputs.room.max(0.0);
         self.short = all > room;
         let mut made = self.share;
         if self.short {
@@ -232,14 +234,17 @@ impl Tones {
     /// Share of the wanted tones within the hard limits.
     ///
     /// max |S| and max |S''| are convex in the tones, and 1 without any: a chord bounds them.
-    fn left(&self, asked: &ToneInputs, first: f32) -> f32 {
+    fn left(&self, inputs: &ToneInputs, first: f32) -> f32 {
         let wanted = |(tone, shape): (&ToneLoop, UpperTone)| tone.within(shape.ratio) > 0.0;
         if !self.loops.iter().zip(self.shape.tones()).any(wanted) {
             return 1.0;
         }
-        let amplitude = first.max(asked.reference);
+        let amplitude = first.max(inputs.reference);
         let mut share = 1.0_f32;
-        let limits = [self.amplitude_limit, self.acceleration_limit / asked.square];
+        let limits = [
+            self.amplitude_limit,
+            self.acceleration_limit / inputs.square,
+        ];
         for (peak, limit) in self.peaks.into_iter().zip(limits) {
             let (room, needed) = (limit / amplitude - 1.0, peak - 1.0);
             if needed > 0.0 && needed > room {
@@ -250,10 +255,10 @@ impl Tones {
     }
 
     /// Gives the upper tones up where they accelerate the track beyond the hard limit.
-    fn watch(&mut self, asked: &ToneInputs, first: f32) {
+    fn watch(&mut self, inputs: &ToneInputs, first: f32) {
         let mut excess = 0.0_f32;
         for ((tone, wanted), seen) in
-            (self.loops.iter().zip(self.shape.tones())).zip(asked.motion.phasors())
+            (self.loops.iter().zip(self.shape.tones())).zip(inputs.motion.phasors())
         {
             if wanted.ratio > 0.0 && !tone.is_silent() {
                 excess = excess.max(absolute(seen) / wanted.ratio);
@@ -263,7 +268,7 @@ impl Tones {
             return;
         }
         let peak = 1.0 + (self.peaks[1] - 1.0) * excess;
-        let alone = first * asked.square;
+        let alone = first * inputs.square;
         if alone * peak > MAX_ACCELERATION_RATIO * self.acceleration_limit
             && alone <= self.acceleration_limit
         {

@@ -1,8 +1,8 @@
-//! Detects a sensor that misses impacts: parts that the track throws must strike, at a predicted
-//! loudness.
+//! Detector of a sensor that misses impacts.
 //!
-//! Thresholds on rate and loudness start counters of successive cycles, with hysteresis between
-//! silence and detection.
+//! The map predicts that thrown parts strike, and at which speed (m/s). Inputs per cycle are these
+//! speeds, the noise (m/s^2), the ratio of detected to due impacts, and their concentration, 0..1.
+//! Thresholds on rate and predicted loudness start counters of successive cycles, with hysteresis.
 
 /// Minimum height of an impact's ringing over its speed, in 1/s: a third of a bare track's.
 const MIN_RINGING_PER_SPEED: f32 = 10.0;

@@ -95,8 +95,8 @@ impl Limits {
     /// begins.
     pub const DEAF: Self = Self(1 << 8);
 
-    /// 9: the parts do not fit the lot that gear is planned for; the amplitude is the one that conveys
-    /// parts of widely scattered restitution best.
+    /// 9: the parts do not fit the lot that gear is planned for. The amplitude is the best one for
+    /// parts of widely scattered restitution.
     pub const MISFIT: Self = Self(1 << 9);
 
     /// Every limit, in the order of their numbers.

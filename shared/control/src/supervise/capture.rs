@@ -1,9 +1,12 @@
 //! Capture: kicks that bring parts onto the wanted orbit, one attempt after the other
 //! (docs/theory-capture.md#t7.3).
 //!
-//! A token bucket limits the rate of kicks. A kick and its test need 80 cycles, in which the parts
-//! are thrown higher and conveyed worse. Kicks cannot hold parts that are lost more often than
-//! every hundred seconds.
+//! Inputs per cycle are the plan of kicks, whether the lock is detected, and whether the amplitude
+//! has settled. The outputs are the amplitude over the setpoint (1) and an event.
+//!
+//! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks. A kick and its
+//! test need 80 cycles, in which the parts are thrown higher and conveyed worse. Kicks cannot hold
+//! parts that are lost more often than every hundred seconds.
 
 use kband::regime::capture::{Kick, Plan};
 
@@ -28,7 +31,7 @@ pub enum Stage {
     Ready,
     /// In the kick's n-th cycle.
     Kicking(Kick, u32),
-    /// Testing for the lock after a kick, for n cycles.
+    /// Testing for the lock after a kick; number of cycles with a settled amplitude so far.
     Judging(u32),
 }
 
@@ -42,7 +45,7 @@ pub struct Capture {
     stage: Stage,
     attempts: u8,
     allowed: u8,
-    /// Kicks in the token bucket, and the gain of it per cycle.
+    /// Kicks in the token bucket, and kicks gained per cycle.
     tokens: f32,
     tokens_per_cycle: f32,
 }
@@ -198,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_that_misses_more_than_one_part_in_twenty_is_uncertain() {
+    fn plan_that_captures_less_than_95_percent_is_uncertain() {
         for (low, high, sure) in [(0.18, 0.22, true), (0.48, 0.52, false)] {
             let plan = plan(low, high);
             let share = plan.best().unwrap().share();

@@ -1,5 +1,8 @@
 //! Fault detector: signs of a fault in the sensor's readings, each debounced.
 //!
+//! Inputs per cycle are the converter's range, the measured amplitude (m) and lead (rad), and their
+//! predictions. The outputs are a fault, and whether the reading is untrusted.
+//!
 //! Method: limit checks on measured signals and on residuals against a model of the drive
 //! (Isermann, Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is
 //! detected by counting reversals with hysteresis.
@@ -90,8 +93,8 @@ impl ReversalCounter {
     /// Adds a cycle's amplitude and its standard error, in m. Whether the amplitude oscillates.
     fn cycle(&mut self, measured: f32, reference: f32, ceiling: f32, error: f32) -> bool {
         // A reference that is not a number restarts the count.
-        let stands = (reference - self.reference).abs() <= REFERENCE_CHANGE * self.reference;
-        if !stands || reference <= 0.0 {
+        let unchanged = (reference - self.reference).abs() <= REFERENCE_CHANGE * self.reference;
+        if !unchanged || reference <= 0.0 {
             *self = Self {
                 reference,
                 extreme: measured,
@@ -488,7 +491,7 @@ mod tests {
 
     #[test]
     fn halved_ratio_is_implausible_at_any_gain() {
-        for (told, changed, found) in [
+        for (usual_ratio, changed, found) in [
             (1.0, 0.5, true),
             (1.0, 2.0, true),
             (1.0, 0.6, false),
@@ -499,12 +502,12 @@ mod tests {
         ] {
             let mut usual = RatioEstimate::default();
             for _ in 0..200 {
-                assert_eq!(usual.check(told * 1e-4, 1e-4, 2.5), (false, false));
+                assert_eq!(usual.check(usual_ratio * 1e-4, 1e-4, 2.5), (false, false));
             }
             // As long as a fault takes to be detected, and longer.
             let suspected =
                 (0..100).all(|_| usual.check(changed * 1e-4, 1e-4, 2.5) != (false, false));
-            assert_eq!(suspected, found, "{told} {changed}");
+            assert_eq!(suspected, found, "{usual_ratio} {changed}");
         }
         // A change as slow as warming up is no fault.
         let mut usual = RatioEstimate::default();

@@ -35,8 +35,8 @@ pub struct Interlock {
     stopped_by_link: bool,
     /// Whether the fieldbus was in control in the last cycle.
     bus_controls: bool,
-    /// Whether the run bit was 0 since the last cause that ends its effect: power-on, a fault, an
-    /// enable input or a link that withdrew the drive.
+    /// Whether the run bit was 0 since the last event that cancels it: power-on, a fault, or an
+    /// enable withdrawn by input or link.
     run_was_off: bool,
 }
 

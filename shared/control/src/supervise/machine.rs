@@ -21,8 +21,8 @@ const LOCK_CONFIDENCE: f32 = 0.9;
 /// Confidence, 0..1, below which a lock is doubted: of period-doubled parts half the impacts are
 /// outside the lock's window.
 const LOST_CONFIDENCE: f32 = 0.6;
-/// Cycles of doubt in a row that lose the lock: most of the memory, so that no single gap counts
-/// twice.
+/// Cycles of doubt in a row that lose the lock: most of the memory of 16, so that no single gap
+/// counts twice.
 const LOST_CYCLES: u8 = 10;
 /// Cycles in a row near the setpoint that reach it: the dead time is two, so the third shows the
 /// effect of the first.
@@ -31,6 +31,7 @@ const SETPOINT_CYCLES: u8 = 3;
 const REGIME_CONFIDENCE: f32 = 0.5;
 /// Cycles in lock before the glide to chaos: three times the memory of the phase statistics.
 const LOCK_CYCLES_BEFORE_GLIDE: u32 = 50;
+
 /// Progress on the way to chaos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Glide {
@@ -38,12 +39,12 @@ enum Glide {
     None,
     /// The lock comes first.
     Lock,
-    /// The amplitude glides.
+    /// The amplitude moves from the lock's to that of chaos.
     Gliding,
-    /// The amplitude is reached.
+    /// The amplitude of chaos is reached.
     Arrived {
         /// Whether chaos was detected.
-        heard: bool,
+        detected: bool,
     },
 }
 
@@ -115,7 +116,9 @@ pub enum Decision {
 pub struct StateMachine {
     state: State,
     interlock: Interlock,
+    /// Cycles in this state.
     in_state: u32,
+    /// Cycles in a row at the setpoint, and in a row with a doubted lock.
     arrived: u8,
     doubts: u8,
     /// Whether every permitted kick has failed for the present target.
@@ -181,7 +184,7 @@ impl StateMachine {
 
     /// Whether the wanted chaos is detected.
     pub fn in_chaos(&self) -> bool {
-        self.state == State::Holding && self.glide == Glide::Arrived { heard: true }
+        self.state == State::Holding && self.glide == Glide::Arrived { detected: true }
     }
 
     /// Whether the amplitude glides from a lock to chaos.
@@ -425,16 +428,16 @@ impl StateMachine {
     fn glide_on(&mut self, seen: &Observation<'_>, events: &mut Events) -> Decision {
         match self.glide {
             Glide::Gliding if seen.near => {
-                self.glide = Glide::Arrived { heard: false };
+                self.glide = Glide::Arrived { detected: false };
                 return Decision::ForgetImpacts;
             }
-            Glide::Arrived { heard } => {
+            Glide::Arrived { detected } => {
                 let sure = seen
                     .regime
                     .filter(|verdict| verdict.confidence >= REGIME_CONFIDENCE);
                 match sure.map(|verdict| verdict.regime) {
-                    Some(Regime::Chaotic) if !heard => {
-                        self.glide = Glide::Arrived { heard: true };
+                    Some(Regime::Chaotic) if !detected => {
+                        self.glide = Glide::Arrived { detected: true };
                         events.push(Event::Chaotic);
                     }
                     Some(Regime::Rest | Regime::HopAndRest { .. }) => {

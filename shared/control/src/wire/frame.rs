@@ -1,4 +1,9 @@
-//! Encoding and decoding of frames (docs/link.md).
+//! Encoding of requests and responses into frames, and decoding of a frame's content
+//! (docs/link.md).
+//!
+//! The content is version, schema (low 16 bits), sequence, the message in postcard, and a CRC-32.
+//! Consistent overhead byte stuffing (COBS: Cheshire and Baker 1999) removes its zeros, and a zero
+//! ends the frame. `receiver` finds the frames in a stream of bytes and undoes the stuffing.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,9 +11,11 @@ use super::message::{Request, Response};
 use super::receiver::{MAX_FRAME_BYTES, Unreadable};
 use super::{SCHEMA, VERSION};
 
-/// Largest number of bytes inside a frame; COBS adds one in 254.
+/// Largest content of a frame, in bytes with its CRC: COBS adds two, the final zero one.
 const MAX_INSIDE_BYTES: usize = MAX_FRAME_BYTES - 3;
+/// Bytes before the message: version, two of the schema, sequence.
 const HEAD_BYTES: usize = 4;
+/// Bytes of the CRC.
 const CHECK_BYTES: usize = 4;
 /// Version of the identity request and its response.
 const IDENTIFY: u8 = 0;

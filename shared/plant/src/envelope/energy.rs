@@ -2,6 +2,10 @@
 //!
 //! The squares of a decaying oscillation over whole samples are a geometric series. The signal path
 //! sums them sample by sample.
+//!
+//! Input is the complex height of each ringing (m/s^2) at its first sample: amplitude and phase of
+//! a decaying oscillation. The output is the sum of squared residuals, in (m/s^2)^2, of each of 32
+//! sectors. As on the board, a quarter of the sectors is handed over per cycle.
 
 use core::f64::consts::TAU;
 

@@ -1,4 +1,8 @@
 //! Motion of the track within a cycle, for the simulation of the parts.
+//!
+//! The solution of the drive is evaluated in closed form at any time of the cycle. Times are in
+//! steps of 2^-32 turns of the output, phases and delays in rad. Lift-off of a resting part is
+//! where the track's acceleration rises through k (docs/theory-impacts.md#t4.2).
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 

@@ -1,5 +1,6 @@
-//! Scene: the true plant, its differences from the controller's settings, and its disturbances over
-//! time.
+//! Scene: the true plant, the controller's settings and target, and the disturbances over time.
+//!
+//! It is the input of both simulations. [`Scene::check`] names the first parameter out of range.
 
 use heapless::Vec;
 
@@ -30,12 +31,12 @@ pub struct DriveModel {
     /// Track amplitude in mm at full output at twice the drive's frequency; 0: the response of the
     /// resonance alone.
     pub second_gain: f32,
-    /// Lag of the track behind the output there, in degrees.
+    /// Lag of the track behind the output at twice the drive's frequency, in degrees.
     pub second_lag: f32,
     /// Track amplitude in mm at full output at three times the drive's frequency; 0: the response
     /// of the resonance alone.
     pub third_gain: f32,
-    /// Lag of the track behind the output there, in degrees.
+    /// Lag of the track behind the output at three times the drive's frequency, in degrees.
     pub third_lag: f32,
     /// Quality factor of the modes above the resonance.
     pub second_quality: f32,
@@ -99,7 +100,7 @@ impl Default for SensorModel {
     }
 }
 
-/// A disturbance.
+/// A change of the plant, its inputs or the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
     /// The enable input.
@@ -234,7 +235,8 @@ impl Scene {
         f64::from(mass) * 1e-3 / f64::from(self.drive.mass)
     }
 
-    /// Acceleration in m/s^2 that the accelerometer's axis sees at rest, as the settings have it from commissioning.
+    /// Acceleration in m/s^2 along the accelerometer's axis at rest, from the settings at
+    /// commissioning.
     pub(crate) fn rest(&self) -> f32 {
         let Settings {
             sensitivity,
@@ -451,8 +453,10 @@ impl Scene {
     }
 }
 
-/// Ringing that a force spread over a contact leaves of that of an impulse, for the periods of the
-/// ringing in a contact: the spectrum of half a sine, 0.79 at half a period, 1/3 at one, 0 at 1.5.
+/// Ringing after a contact over the ringing after an impulse, for a contact of so many periods of
+/// the ringing.
+///
+/// The force is half a sine. Its spectrum gives 0.79 at half a period, 1/3 at one, 0 at 1.5.
 fn ringing_share(periods: f32) -> f32 {
     let double = 2.0 * periods;
     let off = 1.0 - double * double;

@@ -42,7 +42,7 @@ pub struct ClosedLoop {
     bench: Bench,
     /// Target at the start of the board.
     target: Target,
-    /// Commands of a fieldbus in the next cycle, and whether it was heard.
+    /// Commands of a fieldbus in the next cycle, and whether a request arrived.
     bus: Option<(BusCommand, bool)>,
 }
 
@@ -150,8 +150,8 @@ impl ClosedLoop {
         self.bus = Some((command, heard));
     }
 
-    /// Sets new settings, as a board at rest does. The error names what is out of range; nothing
-    /// changes then.
+    /// Sets new settings, as a board at rest does. The error names the parameter out of range; the
+    /// settings then stay.
     pub fn configure(&mut self, settings: &Settings) -> Result<(), OutOfRange> {
         let signal = Signal::build(settings)?;
         let (target, interlock) = (self.controller.target(), self.controller.interlock());
@@ -210,7 +210,7 @@ mod tests {
     /// Simultaneous impacts ring together. The ringing of 24 parts would add 4.7 % to the amplitude
     /// at 800 Hz, and 1.5 % at 2.4 kHz.
     #[test]
-    fn what_many_parts_ring_is_no_amplitude_in_either_fidelity() {
+    fn ringing_of_many_parts_adds_no_amplitude() {
         for (frequency, count) in [(800.0, 1), (800.0, 6), (800.0, 24), (2400.0, 24)] {
             let mut scene = Scene {
                 target: Target::Locked { order: 1 },

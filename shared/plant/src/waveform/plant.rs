@@ -23,8 +23,8 @@ use kband_control::{AdcCode, SAMPLE_RATE, Shape, UPPER, phase_step};
 /// chatter is summed long before.
 const EVENTS_PER_SAMPLE: usize = 16;
 
-/// Sensitivity of the current sensor in V/A where the settings have none: the emulated board gets
-/// its settings later.
+/// Sensitivity of the current sensor in V/A if the settings have none: the emulated board gets its
+/// settings later.
 const CURRENT_SENSITIVITY: f32 = 0.3;
 
 /// The simulated feeder.
@@ -45,7 +45,7 @@ pub struct Plant {
     contact: ContactTime,
     /// Acceleration in m/s^2 that the sensor's axis sees at rest.
     rest: f32,
-    /// The parts, where none of them has a mass.
+    /// The parts, if none has mass.
     parts: Vec<Part, PARTS>,
     /// The parts, if any has mass.
     massive: Vec<MassivePart, PARTS>,
@@ -417,7 +417,7 @@ impl Plant {
         self.hopper.place(now, count, arrive);
     }
 
-    /// A change of the hopper: what waits falls within so many seconds.
+    /// Drops the waiting parts of the hopper within this number of seconds.
     pub(crate) fn dump(&mut self, seconds: f32) {
         let turns =
             f64::from(seconds) * f64::from(SAMPLE_RATE) * f64::from(self.step) / Phase::TURN;

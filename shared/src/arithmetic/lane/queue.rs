@@ -54,8 +54,8 @@ impl Queue {
         self.count = kept;
     }
 
-    /// The lanes by registers of `width`, and how many of each register count; one that is not full
-    /// repeats its last lane, to the same result.
+    /// The lanes by registers of `width`, and the number of valid lanes of each. A partly filled
+    /// register repeats its last lane, with the same result.
     #[inline(always)]
     pub fn registers(
         &mut self,

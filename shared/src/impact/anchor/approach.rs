@@ -71,12 +71,11 @@ impl Approach {
 /// Number of steps after which the search replaces the approach, which bounds the time.
 const MAX_STEPS: u32 = 6;
 
-/// Ratio of `b2 u0` to the squared slope: largest at the last step of a final approach. At so
-/// simple a root a third-order step leaves a thousandth of itself. `Flight::MAX_LAST_STEP` bounds
-/// the error.
+/// Largest ratio of `b2 u0` to the squared slope at the last step of a final approach. There a
+/// third-order step leaves a thousandth of itself. `Flight::MAX_LAST_STEP` bounds the error.
 const MAX_CURVATURE_RATIO: f32 = 0.1;
 
-/// Distance from launch in rad: largest loss over the steps of a final approach. Where the part
+/// Largest loss of distance from launch, in rad, over the steps of a final approach. If the part
 /// moves nearly parallel to the track, one step can lead a thousand rad away and the next back.
 const MAX_DISTANCE_LOSS: f32 = 2e-6;
 

@@ -13,7 +13,7 @@ use crate::arithmetic::square_root_single;
 // The thresholds below choose between two ways to the same impact. Their cost was measured over
 // 200 000 launches per set: velocities 0..3, near lift-off, and nearly touching a hump.
 
-/// Flight time in rad: longest start from the cubic near launch, which is inaccurate beyond.
+/// Longest flight time in rad that starts from the cubic near launch, which is inaccurate beyond.
 const MAX_START_FROM_LAUNCH: f32 = 4.0;
 
 /// Share of `a1^2` by which the cubic's discriminant may be negative: omitted terms may make its
@@ -23,11 +23,11 @@ pub(super) const MAX_NEGATIVE_DISCRIMINANT: f32 = 0.06;
 /// Flight time in rad up to which one correction covers the next two terms.
 const MAX_CORRECTED_FLIGHT: f32 = 1.0;
 
-/// Share of `a1^2`: least discriminant for the correction, which divides by its root. The slope is
+/// Smallest discriminant, over `a1^2`, for the correction, which divides by its root. The slope is
 /// then at least a seventh of `a1`.
 const MIN_DISCRIMINANT_RATIO: f32 = 0.02;
 
-/// Squared speed at height 0: least for an approach from the fall. Below it the parabola hardly
+/// Smallest squared speed at height 0 for an approach from the fall. Below it the parabola hardly
 /// reaches the middle of the stroke.
 pub(super) const MIN_FALL_SPEED_SQUARED: f32 = 0.1;
 
@@ -35,7 +35,7 @@ pub(super) const MIN_FALL_SPEED_SQUARED: f32 = 0.1;
 /// the hump after the next and the error of the crossing of height 0.
 pub(super) const MAX_FALL_BEYOND_TURN: f32 = 0.5;
 
-/// Where the first impact of a low flight may be.
+/// A possible first impact of a low flight.
 pub(crate) enum Candidate {
     /// A short hop: flight in rad and arrival speed, both final.
     Hop { flight: f32, arrival: f32 },

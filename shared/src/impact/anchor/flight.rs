@@ -58,7 +58,7 @@ pub(super) trait Track {
     fn k(&self) -> f32;
     fn half_k(&self) -> f32;
     fn inverse(&self) -> f32;
-    /// Squared speed at height 0: least of a tall flight.
+    /// Smallest squared speed at height 0 of a tall flight.
     fn min_tall_speed_squared(&self) -> f32;
     /// The track at a node, from f32.
     fn at(&self, node: i32) -> Motion;
@@ -84,7 +84,7 @@ pub(crate) trait Flight {
     fn node_of(phase: u32, x: f32) -> (i32, f32) {
         node_of(phase, x)
     }
-    /// Step in rad: longest last step of an approach.
+    /// Longest last step of an approach, in rad.
     const MAX_LAST_STEP: f32;
     /// Arrival speed below which a graze may be within rounding.
     const MAX_GRAZING_SPEED: f32;

@@ -66,7 +66,7 @@ pub struct Hybrid {
 }
 
 const MAX_FIXED_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::from_constant(MAX_VELOCITY);
-/// Arrival velocity in `b w`: largest possible. A launch at the top arrives at most 2 faster.
+/// Largest arrival velocity in `b w`. A launch at the top arrives at most 2 faster.
 const MAX_ARRIVAL_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::from_constant(MAX_VELOCITY + 3.0);
 
 impl Hybrid {

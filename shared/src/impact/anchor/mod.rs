@@ -1,17 +1,16 @@
 //! The kernels for a CPU with a single-precision FPU, and the search for the first impact that they
 //! share, anchored on table nodes.
 //!
-//! The flight time at which the height `u` is evaluated is free, so it is chosen such that the
-//! phase falls on a node of the sine table: sine and cosine there are table constants, the
-//! reduction modulo 2 pi is a mask, and the local expansion
-//! `u(D + d) = u0 + u1 d - k d^2/2 + S (1 - cos d) + C (d - sin d)` has all its derivatives for
-//! free.
+//! The flight time at which the height `u` is evaluated is free. It is chosen such that the phase
+//! falls on a node of the sine table. There sine and cosine are table constants, and the reduction
+//! modulo 2 pi is a mask. All derivatives of the local expansion
+//! `u(D + d) = u0 + u1 d - k d^2/2 + S (1 - cos d) + C (d - sin d)` follow from them.
 //!
-//! Which root is the first is decided in closed form. With `y` the ballistic parabola and
-//! `u = y - sin`: `u` is convex where `sin > k` (the hump, from `arcsin k` to `pi - arcsin k`) and
-//! concave elsewhere, and at both ends of a hump `sin = k` exactly. So the segment that holds the
-//! root follows from `y` alone, unless an earlier hump pokes through the parabola, which a closed
-//! test on its ends and middle decides in nearly every case, a one-dimensional minimum in the rest.
+//! A closed form isolates the first root of `u = y - sin`, where `y` is the ballistic parabola. `u`
+//! is convex on the hump, where `sin > k` (from `arcsin k` to `pi - arcsin k`), and concave
+//! elsewhere. At both ends of a hump `sin = k` exactly, so the segment of the root follows from `y`
+//! alone. An earlier hump may poke through the parabola. A closed test on its ends and middle
+//! decides that in nearly every case, a one-dimensional minimum in the rest.
 mod approach;
 mod candidate;
 mod flight;

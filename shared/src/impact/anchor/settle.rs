@@ -8,22 +8,21 @@ use super::flight::{Flight, Local, abs, larger, root, smaller};
 // The constants choose between two ways to the same impact, measured over 420 000 launches. Within
 // the ranges of docs/tuning.md none more is wrong, at most 2 more are flagged.
 
-/// Distance from a node in rad: largest for its expansion, whose remainder `d^5/120` is below
-/// 2e-10.
+/// Largest distance from a node in rad for its expansion, whose remainder `d^5/120` is below 2e-10.
 const MAX_NODE_DISTANCE: f32 = 0.03;
 
-/// Step in rad: longest of the careful way. Only nearly triple roots need longer ones, and they are
-/// flagged.
+/// Longest step in rad of the careful method. Only nearly triple roots need longer ones, and they
+/// are flagged.
 const MAX_STEP: f32 = 0.02;
 
-/// Ratio of `b2 u0` to the squared slope, and last step in rad: largest for Chebyshev's method. It
-/// leaves `2 MAX_CURVATURE_RATIO^2` of the step, 1.6e-8 rad.
+/// Largest ratio of `b2 u0` to the squared slope, and largest last step in rad, for Chebyshev's
+/// method. It leaves `2 MAX_CURVATURE_RATIO^2` of the step, 1.6e-8 rad.
 const MAX_CURVATURE_RATIO: f32 = 2e-3;
 
-/// Ratio of the cubic correction to Cauchy's step: largest that is applied.
+/// Largest applied ratio of the cubic correction to Cauchy's step.
 const MAX_CUBIC_CORRECTION: f32 = 0.25;
 
-/// Step in rad: longest last step of Cauchy's. The remaining error is its square over the roots'
+/// Longest last step of Cauchy's method, in rad. The remaining error is its square over the roots'
 /// distance.
 const MAX_LAST_STEP: f32 = 2e-4;
 

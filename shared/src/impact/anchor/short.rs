@@ -32,19 +32,17 @@ fn deflated(launch: &Launch, x: f32) -> (f32, f32) {
 /// Share of `a1^2`: discriminant below which the minimum of `u/d` separates two short roots.
 pub(super) const MAX_DOUBLE_ROOT_DISCRIMINANT: f32 = 0.2;
 
-/// Time in rad of the minimum between two short roots: largest; beyond it heights keep enough
-/// digits.
+/// Latest time in rad of the minimum between two short roots; beyond it heights keep enough digits.
 const MAX_VALLEY_TIME: f32 = 0.08;
 
 /// Rounding of `u/d` per `b w` of velocity: some 3 roundings of f32, 1.2e-7 each.
 const QUOTIENT_ROUNDING: f32 = 4e-7;
 
-/// Ratio of `w b2` to `w1^2`: largest at which a third-order step converges. It leaves that ratio
+/// Largest ratio of `w b2` to `w1^2` at which a third-order step converges. It leaves that ratio
 /// squared, 1e-4 of the step.
 pub(super) const MAX_QUOTIENT_CURVATURE_RATIO: f32 = 1e-2;
 
-/// Ratio of the last third-order step to the flight: largest. It leaves its cube, an f32's
-/// rounding.
+/// Largest ratio of the last third-order step to the flight. It leaves its cube, an f32's rounding.
 pub(super) const MAX_LAST_STEP_RATIO: f32 = 4e-3;
 
 /// Result of the cubic near launch.

@@ -17,7 +17,7 @@ pub(crate) struct SineTrack {
     pub(super) excess: f32,
     pub(super) lift_off_cosine: f32,
     pub(super) hump_length: f32,
-    /// Squared speed at height 0: least of a tall flight.
+    /// Smallest squared speed at height 0 of a tall flight.
     pub(super) min_tall_speed_squared: f32,
     /// Slope down to a hump's begin: steepest for the cubic bound of [`SineTrack::clears`].
     pub(super) skim: f32,

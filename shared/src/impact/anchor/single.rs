@@ -59,7 +59,7 @@ pub struct Single {
     restitution: f32,
 }
 
-/// Launch velocity in `b w`: largest accepted.
+/// Largest accepted launch velocity in `b w`.
 pub(super) const MAX_VELOCITY: f64 = 60.0;
 
 impl Single {

@@ -13,30 +13,30 @@ use super::settle::down_crossing;
 // The thresholds decide which steps are accepted. They were measured over 200 000 launches per set:
 // velocities 0..3, near lift-off, and nearly touching a hump. See docs/tuning.md.
 
-/// Slope in `b w`: least for Householder's step; slower arrivals use the safeguarded search. It
+/// Smallest slope in `b w` for Householder's step; slower arrivals use the safeguarded search. It
 /// affects cost only.
 const MIN_SLOPE: f32 = 0.01;
 
-/// Ratio of `b2 u0` to the squared slope: largest for Householder's step. From a quarter on the
+/// Largest ratio of `b2 u0` to the squared slope for Householder's step. From a quarter on the
 /// parabola has no root.
 const MAX_CURVATURE_RATIO: f32 = 0.15;
 
 /// Distance in rad by which a step may leave the bracket: rounding of the bracket's ends in f32.
 const BRACKET_ROUNDING: f32 = 1e-4;
 
-/// Step in rad: longest last one. The nodes next to the root settle the remaining error.
+/// Longest last step in rad. The nodes next to the root settle the remaining error.
 const MAX_LAST_STEP: f32 = 0.15;
 
 /// Squared root of the discriminant from which the cubic correction of Cauchy's step is small.
 const MIN_CORRECTED_ROOT: f32 = 1e-3;
 
-/// Ratio of the correction to the step: largest that is applied.
+/// Largest applied ratio of the correction to the step.
 const MAX_CUBIC_CORRECTION: f32 = 0.5;
 
-/// Ratio of Cauchy's last step to the discriminant's root: largest.
+/// Largest ratio of Cauchy's last step to the discriminant's root.
 const MAX_CAUCHY_STEP_RATIO: f32 = 0.1;
 
-/// Change of time in rad: a step below it is the last.
+/// Change of time in rad below which a step is the last.
 const MIN_TIME_CHANGE: f32 = 2e-3;
 
 /// Width in rad: a narrower bracket counts as the root.

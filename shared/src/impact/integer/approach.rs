@@ -20,7 +20,7 @@ pub(super) struct StepsFrom {
 const SPACING: Fixed<17> = Fixed::<17>::from_constant(node::SPACING);
 /// Nodes in a radian.
 const NODES_PER_RADIAN: Fixed<6> = Fixed::<6>::from_constant(node::COUNT as f64 / TAU);
-/// Step in rad: longest last one; after it settling uses all digits.
+/// Longest last step in rad; after it settling uses all digits.
 const MAX_LAST_STEP: Fixed<16> = Fixed::<16>::from_constant(0.03967);
 
 /// The node nearest to a time in turns, and its distance in rad from that time.

@@ -11,7 +11,7 @@ pub(super) const MAX_GRAZING_SPEED: Fixed<26> = Fixed::<26>::from_constant(1.0 /
 pub(super) const MAX_SHORT_FLIGHT: i64 = (Phase::STEPS_PER_RADIAN / 16.0) as i64;
 /// Half a rad in steps of a phase.
 pub(super) const HALF_RADIAN: i64 = 8 * MAX_SHORT_FLIGHT;
-/// Distance from a node in rad: largest for its expansion. It slightly exceeds the node spacing and
+/// Largest distance from a node in rad for its expansion. It slightly exceeds the node spacing and
 /// stays within the 2^-5 range of the powers.
 pub(super) const MAX_NODE_DISTANCE: Fixed<34> = Fixed::<34>::floor_of_constant(1.0 / 40.0);
 /// Node spacing in rad.
@@ -42,7 +42,7 @@ pub(super) struct Constants {
     pub half_turn_fall: Fixed<48, i64>,
     /// 1 / (2 pi k).
     pub inverse: Fixed<24, u32>,
-    /// Squared speed at height 0: least of a tall flight.
+    /// Smallest squared speed at height 0 of a tall flight.
     pub min_tall_speed_squared: Fixed<27>,
     /// Restitution, 1 as 1 - 2^-32.
     pub restitution: Fixed<32, u32>,

@@ -4,7 +4,7 @@
 use super::ballistic::Ballistic;
 use crate::arithmetic::fixed::{Fixed, Reciprocal, high, wide, wide_signed};
 
-/// Flight time in rad: longest short hop.
+/// Longest flight time in rad of a short hop.
 const MAX_SHORT_HOP: Fixed<34> = Fixed::<34>::from_constant(1.0 / 16.0);
 
 /// The flight near launch, with the height `d (2 psi - d G) / 2`.

@@ -9,7 +9,7 @@ use crate::impact::kernel::{Impact, Kernel, PartState};
 use crate::impact::scatter::Scatter;
 use crate::impact::wave::in_turn;
 
-/// Mean restitution: smallest one that can scatter.
+/// Smallest mean restitution that can scatter.
 const MIN_SCATTERED_RESTITUTION: f64 = 1e-6;
 
 /// The next event of a part.

@@ -1,13 +1,17 @@
-//! The first impact of a flight on a track of several tones.
+//! The first impact of a flight on a track of several tones: the first root of the gap `u = y - S`.
 //!
-//! At a hump's edge the push equals k, and the gap is `y - S` with S precomputed: no trigonometry.
-//! The earliest edge with a gap below zero ends the stretch that holds the impact. That is the
-//! concave stretch before a hump, or the hump itself. It has one root there if the tangents clear
-//! every earlier hump whose ends the flight passes above. A tall flight and a very short one need
-//! no edge.
+//! Input is a launch: phase in rad, and velocity in `b w`. The outputs are the flight and the phase
+//! in rad, the arrival speed in `b w`, and whether the result is certain. Without certainty
+//! `search` decides.
 //!
-//! The root is found by Householder's method of order 4 (Householder 1970), with Cauchy's step as
-//! fallback.
+//! Convexity isolates the root. The gap is convex on a hump, where the push `A` exceeds k, and
+//! concave elsewhere. At the humps' edges S is precomputed, without trigonometry. The earliest edge
+//! with `u < 0` ends the stretch of the impact: the hump itself, or the concave stretch before it.
+//! The root there is the first one if the flight clears every earlier hump. The tangents at both
+//! ends of a hump bound the gap from below. Tall flights and very short ones need no edge.
+//!
+//! The root is found by Householder's method of order 4 (Householder 1970). The fallback is
+//! Cauchy's step, the root of the second-order Taylor polynomial (Traub 1964).
 
 use core::f64::consts::TAU;
 
@@ -24,7 +28,7 @@ use crate::impact::double::short::MAX_SHORT_HOP;
 use crate::impact::double::step::{Landing, householder, in_turn};
 use crate::impact::wave::motion;
 
-/// Arrival speed in `b w` below which the search decides: near a triple root steps end anywhere.
+/// Arrival speed in `b w` below which the search decides: near a triple root the steps diverge.
 const MIN_ARRIVAL_SPEED: f64 = 0.01;
 
 /// Number of turns whose humps are visited one by one; the search takes longer flights.
@@ -32,9 +36,12 @@ const MAX_TURNS: u32 = 8;
 
 /// The stretch of the track that holds the impact, with exactly one root of the gap.
 struct Stretch<L: Lane> {
+    /// First estimate of the root, in rad after launch.
     start: L,
+    /// Ends, in rad after launch.
     low: L,
     high: L,
+    /// Lanes in which the first impact is certainly in it.
     certain: L::Mask,
 }
 
@@ -439,10 +446,10 @@ fn approach<L: Lane, const N: usize>(track: &Track, launch: &Launch<L>, d: L) ->
     (node.distance, node.distance + step, zero.below(f))
 }
 
-/// Step in rad of the highest tone: from a shorter one the last step follows.
+/// Largest step, in rad of the highest tone, after which the last step follows.
 const MAX_LAST_APPROACH_STEP: f64 = 0.7;
 
-/// Number of steps towards an impact: largest.
+/// Largest number of steps towards an impact.
 const MAX_APPROACHES: u32 = 4;
 
 /// The last step, by Householder's method of order 4 (convergence of order 5).
@@ -485,6 +492,6 @@ fn take_householder_step<L: Lane, const N: usize>(
     (landing, settled)
 }
 
-/// Newton step in rad of the highest tone, up to which the last step leaves an error below
+/// Largest Newton step, in rad of the highest tone, for which the last step leaves an error below
 /// rounding.
 const MAX_LAST_NEWTON_STEP: f64 = 2e-4;

@@ -108,8 +108,8 @@ impl WaveMap {
         }
     }
 
-    /// The next contact of a part with this mean restitution: an impact with the velocity of an
-    /// elastic part, or rest where a chatter's closed form is exact to f64.
+    /// The next contact of a part with this mean restitution. It is an impact with the velocity of
+    /// an elastic part, or rest if a chatter's closed form is exact to f64.
     pub fn hop(&self, restitution: f64, state: PartState) -> Hop {
         self.hop_within(ChatterLimits::EXACT, restitution, state)
     }

@@ -535,8 +535,8 @@ mod tests {
         sum.share()
     }
 
-    /// With contacts of 2 % of the cycle, in f64 and in the f32 of the plan, where the contact time
-    /// changes the share by up to 0.27.
+    /// Contacts of 2 % of the cycle, in f64 and in the f32 of the plan. They change the share by up
+    /// to 0.27.
     #[test]
     fn shares_with_contact_are_those_of_the_integrated_contact() {
         let contact = ContactTime::build(0.02 * TAU).unwrap();

@@ -91,12 +91,13 @@ impl StrikeProfile {
         self.periods[0].iter().sum::<f32>() / self.losses.iter().sum::<f32>().max(1.0)
     }
 
-    /// Smallest credible share of time in gear of a part of the lot over a number of drive periods,
-    /// 0..=1: three standard deviations below the mean of its group, least of all groups.
+    /// Lower bound of a part's share of time in gear over a number of drive periods, 0..=1. It is
+    /// three standard deviations below the mean of a group, the smallest of all groups.
     ///
-    /// In gear and out of it alternate as a two-state Markov process, whose share over a time `T` has
-    /// the variance `2 p (1 - p) t/T` with the correlation time `t = p d` for the mean duration `d` out
-    /// of gear. It is 0 while a part may still wait for its first capture (one in a thousand).
+    /// A part goes in and out of gear as a two-state Markov process. Its share over a time `T` has
+    /// the variance `2 p (1 - p) t/T`. The correlation time is `t = p d`, with the mean duration
+    /// `d` out of gear. The bound is 0 while a part may still wait for its first capture (one in a
+    /// thousand).
     pub fn least_share(&self, periods: f32) -> f32 {
         (0..GROUPS).fold(1.0, |least, group| {
             let [within, without] = self.periods.map(|periods| periods[group]);

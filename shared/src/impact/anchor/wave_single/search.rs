@@ -34,16 +34,16 @@ const HEIGHT_ROUNDING_PER_RADIAN: f32 = 4e-6;
 /// part.
 const MAX_LEVEL_HALF_PULL: f32 = 1e-7;
 
-/// Flight time in rad: longest start from the quadratic near launch. Beyond it the track's later
-/// turns dominate.
+/// Longest flight time in rad that starts from the quadratic near launch. Beyond it the track's
+/// later turns dominate.
 const MAX_START_FROM_LAUNCH: f32 = 2.0;
 
 /// First guess in rad for a part that the track throws and whose parabola soon falls through
 /// height 0. The track has sunk by then, so the part meets it later.
 const FIRST_GUESS_AFTER_THROW: f32 = 2.0;
 
-/// Time in rad from launch to a hump's begin: least for passing the hump without a search. Earlier
-/// heights lose digits.
+/// Smallest time in rad from launch to a hump's begin at which a hump is passed without a search.
+/// Earlier heights lose digits.
 const MIN_TIME_TO_HUMP: f32 = 0.2;
 
 /// Flight time in rad up to which the quadratic near launch gives the start.
@@ -253,7 +253,7 @@ pub(super) fn search(
 
 /// Whether an arrival at `speed` may lie outside its bracket.
 ///
-/// Where the gap is nearly flat a step can lead anywhere, even back to launch.
+/// If the gap is nearly flat, a step can lead anywhere, even back to launch.
 #[inline(always)]
 pub(super) fn has_left(bracket: &Bracket, steps: i64, speed: f32) -> bool {
     const BRACKET_ROUNDING: f32 = 1e-3;
