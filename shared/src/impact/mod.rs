@@ -48,8 +48,6 @@ pub use kernel::{HybridState, Impact, Kernel, Landing, PartState, SingleImpact};
 pub use orbit::AlongLaw;
 pub use orbit::LIFT_OFF_DELAY;
 pub use orbit::Release;
-#[cfg(test)]
-pub(crate) use orbit::Shortcuts;
 pub use orbit::{Along, ContactMotion, Friction, FrictionSettings};
 pub use orbit::{Contact, Count, Growth, Observer, Orbit, OrbitEvent, StopReason, Tangent};
 pub use orbit::{Tangential, TangentialSettings, WaveOrbit};

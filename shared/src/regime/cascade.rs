@@ -10,7 +10,6 @@ use heapless::Vec;
 
 use super::band;
 use super::lock::{Lock, Multipliers, accept_order, accept_restitution, wrap_phase};
-use super::spread;
 use super::wave_band::{Bifurcation, WaveBands};
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{Impact, Kernel, Map, PartState, Tangent, Wave, WaveMap};
@@ -500,7 +499,7 @@ impl Continuation {
         let step = |state: PartState, covariance: [[f64; 2]; 2]| {
             let impact = map.impact(state);
             let jacobian = map.tangent(state, &impact)?.jacobian;
-            let mut then = spread::propagate_covariance(jacobian, covariance);
+            let mut then = propagate_covariance(jacobian, covariance);
             then[1][1] += impact.next.velocity * impact.next.velocity;
             Some((impact.next, then))
         };
@@ -509,7 +508,7 @@ impl Continuation {
         for _ in 0..self.impacts {
             (state, covariance) = step(state, covariance)?;
         }
-        let mut covariance = spread::solve_lyapunov(around.jacobian, covariance);
+        let mut covariance = solve_lyapunov(around.jacobian, covariance);
         let mut state = start;
         let mut phases: Vec<(f64, f64), { 1 << MAX_DOUBLINGS }> = Vec::new();
         for _ in 0..self.impacts {
@@ -574,6 +573,41 @@ struct ReturnMap {
     jacobian: [[f64; 2]; 2],
     /// Derivative of the end point by k.
     by_k: [f64; 2],
+}
+
+/// `J S J^T`.
+fn propagate_covariance(jacobian: [[f64; 2]; 2], covariance: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    product(product(jacobian, covariance), transposed(jacobian))
+}
+
+/// Solves the discrete Lyapunov equation `S = J S J^T + Q` for a contracting J by doubling (R. A.
+/// Smith, SIAM J. Appl. Math. 16 (1968) 198).
+fn solve_lyapunov(jacobian: [[f64; 2]; 2], added: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    let (mut sum, mut power) = (added, jacobian);
+    // Each round doubles the number of summed terms; at most 2^40.
+    for _ in 0..40 {
+        let added = propagate_covariance(power, sum);
+        if added[0][0] <= 1e-17 * sum[0][0] && added[1][1] <= 1e-17 * sum[1][1] {
+            break;
+        }
+        for (row, added) in sum.iter_mut().zip(added) {
+            row[0] += added[0];
+            row[1] += added[1];
+        }
+        power = product(power, power);
+    }
+    sum
+}
+
+fn product([[a, b], [c, d]]: [[f64; 2]; 2], [[e, f], [g, h]]: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    [
+        [a * e + b * g, a * f + b * h],
+        [c * e + d * g, c * f + d * h],
+    ]
+}
+
+fn transposed([[a, b], [c, d]]: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    [[a, c], [b, d]]
 }
 
 #[cfg(test)]

@@ -419,9 +419,6 @@ impl AlongLaw for Friction {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::double::Map;
-    use crate::impact::kernel::Kernel;
-    use crate::impact::orbit::{Orbit, OrbitEvent};
     use core::f64::consts::TAU;
 
     fn settings(eta: f64, mu: f64, degrees: f64) -> FrictionSettings {
@@ -572,71 +569,6 @@ mod tests {
             cases += usize::from(motion.forward > 0.0 && motion.backward > 0.0);
         }
         assert!(cases > 10, "{cases}");
-    }
-
-    /// While a part slides in one direction, v' + c mu u' is independent of the contact force.
-    #[test]
-    fn what_friction_and_impact_share_is_conserved() {
-        let mut runs = 0;
-        for n in 0..300 {
-            let part = |m: i32| f64::from(n * m % 101) / 101.0;
-            let along = FrictionSettings {
-                sticking: 0.1 + 0.2 * part(5),
-                sliding: 0.1 + 0.2 * part(5),
-                amplitude_ratio: 0.5 + 2.0 * part(7),
-                phase_lead: 2.0 * part(11) - 1.0,
-                incline_tangent: 0.2 * part(13) - 0.1,
-            };
-            let (k, mu) = (0.3 + 0.6 * part(17), along.sliding);
-            let friction = Friction::build(k, along).unwrap();
-            let map = Map::build(k, 0.1 + 0.7 * part(19)).unwrap();
-            let contact = Contact::new(&map);
-            let start = Map::state(6.0 * part(23), 0.3 + part(29)).unwrap();
-            // Fast enough to keep its direction for a while.
-            let c = if n % 2 == 0 { 1.0 } else { -1.0 };
-            let mut velocity = 30.0 * c;
-            let mut before = start;
-            let mut clock = 0.0;
-            let mut shared = velocity + c * mu * start.velocity;
-            let mut orbit = Orbit::new(&map, start);
-            for _ in 0..30 {
-                let (phase, d, u) = match orbit.next() {
-                    Some(OrbitEvent::Impact(impact)) => {
-                        velocity = friction.move_in_flight(before, &impact, velocity).1;
-                        (before.phase, impact.flight, impact.next.velocity)
-                    }
-                    Some(OrbitEvent::Rest { chatter, .. }) => {
-                        velocity = friction
-                            .move_in_chatter(&contact, before, chatter, velocity)
-                            .velocity;
-                        (before.phase, chatter, 0.0)
-                    }
-                    Some(OrbitEvent::LiftOff { wait, .. }) => {
-                        velocity = friction
-                            .move_in_contact(before.phase, wait, velocity)
-                            .velocity;
-                        (before.phase, wait, 0.0)
-                    }
-                    None => break,
-                };
-                if velocity * c <= 0.0 {
-                    break;
-                }
-                // v'' + c mu u'' without a contact force.
-                let pushes = friction.free.plus(c * mu, &friction.normal);
-                shared += pushes.velocity(phase, d);
-                clock += d;
-                let now = velocity + c * mu * u;
-                // 1e-9: the closure of a chatter, and the phases of some 30 events.
-                assert!(
-                    (now - shared).abs() < 1e-9 * (1.0 + clock),
-                    "{n}: {now} {shared}"
-                );
-                before = orbit.state();
-                runs += 1;
-            }
-        }
-        assert!(runs > 4000, "{runs}");
     }
 
     #[test]
