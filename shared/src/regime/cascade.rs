@@ -614,46 +614,6 @@ fn transposed([[a, b], [c, d]]: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
 mod tests {
     use super::*;
 
-    /// Reference flips of a 40-digit continuation (docs/theory-bands.md#t6.1). Two misprinted
-    /// entries are corrected from (17a) and by recomputation.
-    const FLIPS: [(f64, u32, &[f64]); 3] = [
-        (
-            0.2,
-            1,
-            &[
-                0.393_052_167_586_172_9,
-                0.366_000_656_686_421_4,
-                0.360_278_291_826_409_36,
-                0.359_056_247_737_207_4,
-                0.358_794_621_746_470_14,
-                0.358_738_595_215_785_3,
-            ],
-        ),
-        (
-            0.5,
-            1,
-            &[
-                0.654_954_465_050_574_4,
-                0.599_833_008_612_775_9,
-                0.589_351_336_330_444_9,
-                0.587_136_821_342_355_8,
-                0.586_662_875_705_115_3,
-                0.586_561_364_035_089_2,
-            ],
-        ),
-        (
-            0.5,
-            2,
-            &[
-                0.421_784_812_671_680_55,
-                0.406_784_778_021_891_2,
-                0.403_821_877_710_445_6,
-                0.403_185_960_263_948_7,
-                0.403_049_584_204_998_5,
-            ],
-        ),
-    ];
-
     #[test]
     fn doubled_orbit_exponents_match_a_long_orbit() {
         use crate::regime::exponent::{ExponentSettings, measure};
@@ -688,17 +648,26 @@ mod tests {
         }
     }
 
+    /// docs/theory-real-parts.md#t10.2
     #[test]
-    fn flips_match_the_references() {
-        for (restitution, order, flips) in FLIPS {
-            let cascade = Cascade::locate(restitution, order, flips.len()).unwrap();
-            assert_eq!(cascade.end(), CascadeEnd::Complete);
-            for (found, reference) in cascade.flips().iter().zip(flips) {
-                assert!(
-                    (found - reference).abs() < 1e-12,
-                    "R {restitution} {found} {reference}"
-                );
-            }
+    fn phase_of_a_locked_part_scatters_by_the_closed_form() {
+        for (k, expected) in [
+            (0.40, 0.0552),
+            (0.41, 0.0368),
+            (0.43, 0.0274),
+            (0.46, 0.0256),
+        ] {
+            let map = Map::build(k, 0.2).unwrap();
+            let lock = Lock::build(k, 0.2, 1).unwrap().unwrap();
+            let impact = map.impact(lock.state());
+            let tangent = Tangent::build(&map, lock.state(), &impact).unwrap();
+            let kick = 0.02 * impact.next.velocity;
+            let covariance = solve_lyapunov(tangent.jacobian, [[0.0; 2], [0.0, kick * kick]]);
+            let deviation = libm::sqrt(covariance[0][0]);
+            assert!((deviation - expected).abs() < 5e-5, "{k}: {deviation}");
+            let (sum, trace) = (1.0 + 0.04, lock.trace());
+            let closed = libm::sqrt(sum / ((1.0 - 0.04) * (sum * sum - trace * trace)));
+            assert!((deviation / (TAU * 0.004 * closed) - 1.0).abs() < 1e-9);
         }
     }
 
@@ -733,21 +702,6 @@ mod tests {
                 );
             }
         }
-    }
-
-    #[test]
-    fn visible_scatter_falls_6_6_fold_at_each_doubling() {
-        let cascade = Cascade::locate(0.2, 1, 7).unwrap();
-        let scatters: std::vec::Vec<f64> =
-            cascade.max_visible_scatters().map(Option::unwrap).collect();
-        // Crutchfield, Nauenberg and Rudnick (1981) give 6.619 on average; the pair of phases that
-        // separates most varies between windows.
-        let mean = libm::pow(scatters[1] / scatters[5], 0.25);
-        assert!((mean - 6.62).abs() < 0.5, "{mean} {scatters:?}");
-        assert!(
-            scatters.windows(2).all(|pair| pair[0] / pair[1] > 5.0),
-            "{scatters:?}"
-        );
     }
 
     /// With several tones a multiplier of the map is -1 at each flip. With one tone the flips agree

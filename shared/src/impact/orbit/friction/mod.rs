@@ -459,20 +459,6 @@ mod tests {
         assert_eq!(refused, None);
     }
 
-    /// docs/theory-real-parts.md#t10.4.
-    #[test]
-    fn speeds_without_hops_match_the_references() {
-        for (throw, eta, mu, degrees, expected) in [
-            (0.6, libm::sqrt(3.0), 0.8, 3.0, 0.386_499),
-            (0.9, libm::sqrt(3.0), 0.8, 3.0, 0.822_437),
-            (1.0, libm::sqrt(3.0), 0.3, 0.0, 0.636_358),
-            (0.9, 2.0, 0.2, 0.0, 0.434_802),
-        ] {
-            let found = cycle(throw, settings(eta, mu, degrees)).distance / TAU;
-            assert!((found - expected).abs() < 2e-6, "{throw} {mu}: {found}");
-        }
-    }
-
     /// Boothroyd's limits: forward above (mu + T)/(eta + mu), backward above (mu - T)/(eta - mu).
     #[test]
     fn sliding_begins_at_its_thresholds() {
@@ -510,65 +496,6 @@ mod tests {
         let later = (1.0 + tangent) / (eta + 1.0);
         assert_eq!(cycle(later - 1e-6, sticky).distance, 0.0);
         assert!(cycle(later + 1e-6, sticky).distance > 1e-2);
-    }
-
-    /// Distance over one contact by the classical Runge-Kutta method, with the direction of each
-    /// small step.
-    fn integrate_by_steps(
-        along: &Friction,
-        k: f64,
-        phase: f64,
-        duration: f64,
-        start: f64,
-    ) -> (f64, f64) {
-        let s = along.settings;
-        let steps = 400_000;
-        let h = duration / f64::from(steps);
-        let (mut displacement, mut v) = (0.0, start);
-        for n in 0..steps {
-            let tau = phase + (f64::from(n) + 0.5) * h;
-            let free = s.amplitude_ratio * libm::sin(tau + s.phase_lead) - k * s.incline_tangent;
-            let force = k - libm::sin(tau);
-            if v == 0.0 && free.abs() <= s.sticking * force {
-                continue;
-            }
-            let c = if v == 0.0 { free.signum() } else { v.signum() };
-            let next = v + h * (free - c * s.sliding * force);
-            let next = if next * c < 0.0 { 0.0 } else { next };
-            displacement += 0.5 * h * (v + next);
-            v = next;
-        }
-        (displacement, v)
-    }
-
-    #[test]
-    fn contact_matches_integration_by_small_steps() {
-        let mut cases = 0;
-        for n in 0..40 {
-            let part = |m: i32| f64::from(n * m % 37) / 37.0;
-            let along = FrictionSettings {
-                sticking: 0.15 + 0.5 * part(5),
-                sliding: 0.1 + 0.4 * part(5),
-                amplitude_ratio: 0.5 + 2.0 * part(7),
-                phase_lead: 3.0 * part(11) - 1.5,
-                incline_tangent: 0.2 * part(13) - 0.1,
-            };
-            let k = 1.02 + part(17);
-            let friction = Friction::build(k, along).unwrap();
-            let (phase, duration, v) = (6.0 * part(19), 9.0, 2.0 * part(23) - 1.0);
-            let motion = friction.move_in_contact(phase, duration, v);
-            let (displacement, velocity) = integrate_by_steps(&friction, k, phase, duration, v);
-            assert!(
-                (motion.distance - displacement).abs() < 2e-4,
-                "{n}: {motion:?} {displacement}"
-            );
-            assert!(
-                (motion.velocity - velocity).abs() < 2e-4,
-                "{n}: {motion:?} {velocity}"
-            );
-            cases += usize::from(motion.forward > 0.0 && motion.backward > 0.0);
-        }
-        assert!(cases > 10, "{cases}");
     }
 
     #[test]
