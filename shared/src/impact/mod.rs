@@ -12,7 +12,7 @@
 //! |---|---|---|---|
 //! | [`Map`] | f64, desk | `double/{first,tall,short,low}.rs` | `double/search.rs` |
 //! | `WaveMap` | f64, two or three tones | `wave_map/first.rs` | `wave_map/search.rs` |
-//! | `batch::Block` | many f64 orbits | `batch/{in_place,gathered}.rs` | `double/first.rs` |
+//! | `batch::Block` | many f64 orbits | `batch/mod.rs` | `double/first.rs` |
 //! | [`Hybrid`] | CPU with f32: the board | `anchor/{hybrid,candidate}.rs` | `anchor/search.rs` |
 //! | [`Single`] | f32, pictures | `anchor/{single,candidate}.rs` | `anchor/search.rs` |
 //! | `WaveSingle` | f32, two or three tones | `anchor/wave_single/search.rs` | |
@@ -48,8 +48,6 @@ pub use kernel::{HybridState, Impact, Kernel, Landing, PartState, SingleImpact};
 pub use orbit::AlongLaw;
 pub use orbit::LIFT_OFF_DELAY;
 pub use orbit::Release;
-#[cfg(test)]
-pub(crate) use orbit::Shortcuts;
 pub use orbit::{Along, ContactMotion, Friction, FrictionSettings};
 pub use orbit::{Contact, Count, Growth, Observer, Orbit, OrbitEvent, StopReason, Tangent};
 pub use orbit::{Tangential, TangentialSettings, WaveOrbit};

@@ -440,56 +440,18 @@ mod tests {
 
     #[test]
     fn computed_orbits_are_classified() {
+        let locked = |order| Regime::Locked { order };
+        let doubled = |order, doublings| Regime::Doubled { order, doublings };
         for (k, restitution, order, regime) in [
-            (0.43, 0.2, 1, Regime::Locked { order: 1 }),
-            (0.23, 0.2, 2, Regime::Locked { order: 2 }),
-            (0.157, 0.2, 3, Regime::Locked { order: 3 }),
-            (0.75, 0.5, 1, Regime::Locked { order: 1 }),
-            (
-                0.38,
-                0.2,
-                1,
-                Regime::Doubled {
-                    order: 1,
-                    doublings: 1,
-                },
-            ),
-            (
-                0.363,
-                0.2,
-                1,
-                Regime::Doubled {
-                    order: 1,
-                    doublings: 2,
-                },
-            ),
-            (
-                0.3596,
-                0.2,
-                1,
-                Regime::Doubled {
-                    order: 1,
-                    doublings: 3,
-                },
-            ),
-            (
-                0.35889,
-                0.2,
-                1,
-                Regime::Doubled {
-                    order: 1,
-                    doublings: 4,
-                },
-            ),
-            (
-                0.41,
-                0.5,
-                2,
-                Regime::Doubled {
-                    order: 2,
-                    doublings: 1,
-                },
-            ),
+            (0.43, 0.2, 1, locked(1)),
+            (0.23, 0.2, 2, locked(2)),
+            (0.157, 0.2, 3, locked(3)),
+            (0.75, 0.5, 1, locked(1)),
+            (0.38, 0.2, 1, doubled(1, 1)),
+            (0.363, 0.2, 1, doubled(1, 2)),
+            (0.3596, 0.2, 1, doubled(1, 3)),
+            (0.35889, 0.2, 1, doubled(1, 4)),
+            (0.41, 0.5, 2, doubled(2, 1)),
             (0.35, 0.2, 1, Regime::Chaotic),
             (0.34, 0.2, 1, Regime::Chaotic),
             (0.582, 0.5, 1, Regime::Chaotic),

@@ -376,29 +376,6 @@ mod tests {
         .unwrap()
     }
 
-    #[test]
-    fn exponents_match_the_references() {
-        // Reference values with an error of 0.003 (docs/theory-reference.md#t11.3), plus four
-        // standard errors of this run.
-        for (k, restitution, reference) in [
-            (0.358, 0.2, 0.0778),
-            (0.355, 0.2, 0.0522),
-            (0.35, 0.2, 0.3622),
-            (0.34, 0.2, 0.5020),
-            (0.586, 0.5, 0.0860),
-        ] {
-            let found = exponent(k, restitution, 100_000);
-            let Estimate { value, error } = found.per_impact;
-            assert!(error < 0.01, "{k}: {found:?}");
-            assert!(
-                (value - reference).abs() < 0.003 + 4.0 * error,
-                "{k}: {found:?}"
-            );
-            assert_eq!(found.dynamics, Dynamics::Chaotic, "{k}: {found:?}");
-            assert!((found.per_cycle.value * found.flight / value - 1.0).abs() < 1e-12);
-        }
-    }
-
     /// The spread of runs agrees with their standard errors. Batches of correlated impacts would
     /// give too small an error.
     #[test]

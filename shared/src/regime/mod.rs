@@ -11,7 +11,6 @@ pub mod gear;
 mod lock;
 pub mod reach;
 mod series;
-pub mod spread;
 pub mod wave_band;
 
 pub use lock::{Lock, MAX_ORDER, Multipliers};

@@ -185,20 +185,6 @@ mod tests {
         );
     }
 
-    #[test]
-    fn locked_part_has_one_interval_and_no_correlation() {
-        let map = Map::build(0.43, 0.2).unwrap();
-        let mut orbit = Orbit::new(&map, Map::state(0.457, 0.45).unwrap());
-        orbit.watch(300, &mut ());
-        let mut intervals = Intervals::<8, 2>::new(6.0, 7.0, core::f64::consts::TAU);
-        orbit.watch(500, &mut intervals);
-        assert!((intervals.mean().unwrap() - core::f64::consts::TAU).abs() < 1e-13);
-        assert_eq!(
-            (intervals.autocorrelation(1), intervals.bins()[2]),
-            (None, 500)
-        );
-    }
-
     /// Chaotic flights are no renewal process (docs/theory-transport.md#t8.7): the lag-1
     /// correlation differs from 0 by many standard errors. Its sign depends on the regime.
     #[test]

@@ -122,9 +122,7 @@ fn incline_loss(order: u32, k: f64, settings: &TangentialSettings) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Contact, ContactTime, Kernel, Map, Orbit, Tangential};
-    use crate::regime::band;
-    use crate::transport::Conveying;
+    use crate::impact::ContactTime;
 
     /// Against the distance of one period, summed over steps of flight and contact.
     #[test]
@@ -167,15 +165,6 @@ mod tests {
         }
     }
 
-    const LOCKS: [(f64, f64, u32); 6] = [
-        (0.43, 0.2, 1),
-        (0.23, 0.2, 2),
-        (0.55, 0.3, 1),
-        (0.75, 0.5, 1),
-        (0.45, 0.5, 2),
-        (1.2, 0.8, 1),
-    ];
-
     fn settings(phase_lead: f64, incline_tangent: f64) -> TangentialSettings {
         TangentialSettings {
             restitution: 0.3,
@@ -194,68 +183,6 @@ mod tests {
             let sum: f64 = parts.map(|r| velocity_in_phase(2, 0.4, r, &settings)).sum();
             let mean = mean_velocity_in_phase(2, 0.4, lot, &settings);
             assert!((mean - sum / 2000.0).abs() < 1e-6, "{low} {high}: {mean}");
-        }
-    }
-
-    #[test]
-    fn closed_form_matches_the_simulated_speed() {
-        for (k, restitution, order) in LOCKS {
-            for phase_lead in [-1.0, 0.0, 0.7, 2.5] {
-                let settings = settings(phase_lead, 0.05);
-                let map = Map::build(k, restitution).unwrap();
-                let lock = Lock::build(k, restitution, order).unwrap().unwrap();
-                let tangential = Tangential::build(k, settings).unwrap();
-                let mut conveying = Conveying::new(tangential, Contact::new(&map));
-                let mut orbit = Orbit::new(&map, lock.state());
-                orbit.watch(100, &mut conveying);
-                conveying.restart();
-                orbit.watch(50, &mut conveying);
-                let conveyed = conveying.conveyed();
-                let expected = velocity(&lock, k, &settings);
-                // The transient has decayed to 0.3^100; phases on a stable orbit have an error of
-                // 1e-14.
-                assert!((conveyed.time_mean().unwrap() - expected).abs() < 1e-12);
-                assert!((conveyed.impact_mean().unwrap() - expected).abs() < 1e-12);
-                // Just after an impact the velocity is -2 pi r k tan(alpha) Rt/(1 - Rt).
-                let rt = settings.restitution;
-                let launch = -2.0 * PI * f64::from(order) * k * 0.05 * rt / (1.0 - rt);
-                assert!((conveying.velocity() - launch).abs() < 1e-12);
-            }
-        }
-    }
-
-    #[test]
-    fn in_phase_velocity_is_proportional_to_k() {
-        for (k, restitution, order) in LOCKS {
-            let lock = Lock::build(k, restitution, order).unwrap().unwrap();
-            let flat = settings(0.0, 0.05);
-            let in_phase = velocity_in_phase(order, k, restitution, &flat);
-            assert!((velocity(&lock, k, &flat) - in_phase).abs() < 1e-14);
-            let half = velocity_in_phase(order, 0.5 * k, restitution, &flat);
-            assert!((in_phase - 2.0 * half).abs() < 1e-14);
-            for phase_lead in [-0.5, 0.0, 0.4] {
-                let tangent = critical_slope(&lock, k, &settings(phase_lead, 0.0));
-                let steep = settings(phase_lead, tangent);
-                assert!(velocity(&lock, k, &steep).abs() < 1e-14);
-            }
-            let tangent = critical_slope_in_phase(restitution, &flat);
-            assert!((critical_slope(&lock, k, &flat) - tangent).abs() < 1e-14);
-        }
-    }
-
-    #[test]
-    fn bound_is_the_velocity_at_birth() {
-        for restitution in [0.0, 0.2, 0.5, 0.9] {
-            for order in [1, 2, 5] {
-                let k1 = band::birth(restitution, order).unwrap();
-                let settings = settings(0.0, 0.03);
-                let there = velocity_in_phase(order, k1, restitution, &settings);
-                let bound = bound(restitution, &settings);
-                assert!((there - bound).abs() < 1e-13, "{restitution} {order}");
-                let critical = critical_slope_in_phase(restitution, &settings);
-                let printed = 1.5 * (1.0 - 0.03 / critical);
-                assert!((bound - printed).abs() < 1e-13);
-            }
         }
     }
 }

@@ -41,57 +41,6 @@ impl Sensitivity {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Kernel, Map, Tangential, TangentialSettings};
-    use crate::transport::{Effort, Motion, Origin, SampleMean, measure};
-
-    const SETTINGS: TangentialSettings = TangentialSettings {
-        restitution: 0.3,
-        amplitude_ratio: 2.0,
-        phase_lead: 0.0,
-        incline_tangent: 0.02,
-    };
-
-    fn sensitivity(
-        low: f64,
-        high: f64,
-        restitution: f64,
-        start: (f64, f64),
-        impacts: u64,
-    ) -> Sensitivity {
-        let at = |k: f64| {
-            let map = Map::build(k, restitution).unwrap();
-            let tangential = Tangential::build(k, SETTINGS).unwrap();
-            let spread = SampleMean::from_values((0..8).map(|n| {
-                let state = Map::state(start.0 + 1e-3 * f64::from(n), start.1).unwrap();
-                let effort = Effort {
-                    settle: 300,
-                    impacts,
-                };
-                let run = measure(&map, tangential, Origin::Hop(state), effort, &mut ());
-                assert_eq!(run.motion, Motion::Hopping);
-                run.conveyed.time_mean().unwrap()
-            }));
-            (k, spread.mean().unwrap(), spread.error().unwrap())
-        };
-        Sensitivity::between(at(low), at(high)).unwrap()
-    }
-
-    #[test]
-    fn locked_speed_is_independent_of_the_amplitude() {
-        let lock = sensitivity(0.42, 0.44, 0.2, (0.457, 0.45), 200);
-        // W is proportional to k within the rounding of phases.
-        assert!(lock.value.abs() < 1e-9 && lock.error < 1e-9, "{lock:?}");
-    }
-
-    #[test]
-    fn chaotic_speed_is_proportional_to_the_amplitude() {
-        let chaos = sensitivity(0.035, 0.07, 0.9, (0.4, 4.0), 6000);
-        // Reference of a long run: 1.000 +- 0.002.
-        assert!(
-            chaos.error < 0.05 && (chaos.value - 1.0).abs() < 5.0 * chaos.error + 0.01,
-            "{chaos:?}"
-        );
-    }
 
     #[test]
     fn powers_of_k_give_their_exponent() {

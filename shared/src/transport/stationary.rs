@@ -112,65 +112,6 @@ pub fn mean_velocity(k: f64, restitution: f64, mean_interval: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Contact, Impact, Kernel, Map, Observer, Orbit, PartState, Tangential};
-    use crate::transport::Conveying;
-
-    struct Launches(f64);
-
-    impl Observer for Launches {
-        fn impact(&mut self, launch: PartState, _: &Impact<PartState>) {
-            self.0 += launch.velocity;
-        }
-    }
-
-    /// The terms that the derivation sets to zero are telescoping sums. Their remainder depends on
-    /// both ends of the run only.
-    #[test]
-    fn residual_equals_the_end_terms() {
-        for (k, restitution) in [
-            (0.05, 0.9),
-            (0.1, 0.95),
-            (0.02, 0.95),
-            (0.43, 0.2),
-            (0.34, 0.2),
-        ] {
-            let settings = TangentialSettings {
-                restitution: 0.3,
-                amplitude_ratio: 2.0,
-                phase_lead: 0.0,
-                incline_tangent: 0.05,
-            };
-            let map = Map::build(k, restitution).unwrap();
-            let tangential = Tangential::build(k, settings).unwrap();
-            let mut conveying = Conveying::new(tangential, Contact::new(&map));
-            let mut orbit = Orbit::new(&map, Map::state(0.5, 0.45).unwrap());
-            orbit.watch(50, &mut conveying);
-            // A run with a rest, which wide chaos has now and then, has no impact mean.
-            let mut residuals = 0;
-            for _ in 0..10 {
-                conveying.restart();
-                let mut launches = Launches(0.0);
-                orbit.watch(1000, &mut (&mut conveying, &mut launches));
-                let conveyed = conveying.conveyed();
-                let Some(interval) = conveyed.mean_interval() else {
-                    continue;
-                };
-                let exact = impact_mean(k, restitution, &settings, interval).unwrap();
-                // Bounds: psi below 2.5 R/(1-R), phi below (2 eta + k d tan alpha) Rt/(1-Rt) < 3.
-                // The remainder is twice their sum over the number of impacts, with eta = 2.
-                let ends = 4.0 * (5.0 + 2.5 * restitution / (1.0 - restitution)) / 1000.0;
-                let residual = conveyed.impact_mean().unwrap() - exact;
-                assert!(
-                    residual.abs() < ends,
-                    "k {k} R {restitution}: {residual:e} {ends:e}"
-                );
-                let launched = launches.0 / 1000.0 - mean_velocity(k, restitution, interval);
-                assert!(launched.abs() < ends, "k {k} R {restitution}: {launched:e}");
-                residuals += 1;
-            }
-            assert!(residuals >= 5, "k {k} R {restitution} hops");
-        }
-    }
 
     #[test]
     fn impact_mean_is_none_out_of_phase() {

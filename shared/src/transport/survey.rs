@@ -192,7 +192,6 @@ fn measure_until_steady<A: Along>(
 mod tests {
     use super::*;
     use crate::impact::{Kernel, Tangential, TangentialSettings};
-    use crate::transport::{SampleMean, locked};
 
     /// Parameters of the paper's section on chaotic conveying (docs/theory-transport.md#t8.2).
     const CHAOTIC_SETTINGS: TangentialSettings = TangentialSettings {
@@ -201,48 +200,6 @@ mod tests {
         phase_lead: 0.0,
         incline_tangent: 0.05,
     };
-
-    fn runs(
-        k: f64,
-        restitution: f64,
-        settings: TangentialSettings,
-        impacts: u64,
-    ) -> [Measured; 12] {
-        let map = Map::build(k, restitution).unwrap();
-        let tangential = Tangential::build(k, settings).unwrap();
-        core::array::from_fn(|n| {
-            let n = n as f64;
-            let start = Map::state(0.5 + 0.5 * n, 1.0 + 0.37 * n).unwrap();
-            let effort = Effort {
-                settle: 300,
-                impacts,
-            };
-            measure(&map, tangential, Origin::Hop(start), effort, &mut ())
-        })
-    }
-
-    #[test]
-    fn chaotic_time_mean_exceeds_impact_mean_and_bound() {
-        let runs = runs(0.05, 0.9, CHAOTIC_SETTINGS, 8000);
-        assert!(runs.iter().all(|run| run.motion == Motion::Hopping));
-        let per_time =
-            SampleMean::from_values(runs.iter().filter_map(|run| run.conveyed.time_mean()));
-        let per_impact =
-            SampleMean::from_values(runs.iter().filter_map(|run| run.conveyed.impact_mean()));
-        for (spread, printed, rounding) in [(per_impact, 0.0463, 5e-5), (per_time, 0.272, 5e-4)] {
-            let (mean, error) = (spread.mean().unwrap(), spread.error().unwrap());
-            // Values as printed in docs/theory-transport.md#t8.2, within 6 standard errors of 12
-            // runs.
-            assert!(
-                (mean - printed).abs() < rounding + 6.0 * error,
-                "{mean} +- {error}"
-            );
-            assert!(error < 0.05 * mean, "{mean} +- {error}");
-        }
-        let bound = locked::bound(0.9, &CHAOTIC_SETTINGS);
-        assert!(per_time.mean().unwrap() > bound + 6.0 * per_time.error().unwrap());
-        assert!(per_impact.mean().unwrap() < bound);
-    }
 
     #[test]
     fn motions_are_classified() {

@@ -149,26 +149,6 @@ impl Lane for Avx2 {
         (Self(sine), Self(cosine))
     }
     #[inline(always)]
-    fn node_at(rounded: &[f64], at: usize) -> (Self, Self) {
-        let [a, b, c, d] = *hide_from_compiler(&rounded[at..at + Self::WIDTH]);
-        // SAFETY: the CPU has AVX2, see the module; a pair is as long as the loaded vector.
-        unsafe {
-            let (a, b) = (_mm_loadu_pd(pair(a)), _mm_loadu_pd(pair(b)));
-            let (c, d) = (_mm_loadu_pd(pair(c)), _mm_loadu_pd(pair(d)));
-            let even = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), c);
-            let odd = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(b), d);
-            (
-                Self(_mm256_unpacklo_pd(even, odd)),
-                Self(_mm256_unpackhi_pd(even, odd)),
-            )
-        }
-    }
-    #[inline(always)]
-    fn is_same_node(rounded: Self, other: Self) -> Mask {
-        // SAFETY: the CPU has AVX2, see the module.
-        Mask(unsafe { _mm256_castsi256_pd(_mm256_cmpeq_epi64(rounded.index(), other.index())) })
-    }
-    #[inline(always)]
     fn within_turn(rounded: Self) -> (Self, Self) {
         // An integer below 2^52 with the exponent bits of 2^52 is 2^52 plus itself.
         const INTEGER_OFFSET: f64 = 4_503_599_627_370_496.0;
@@ -185,32 +165,10 @@ impl Lane for Avx2 {
         }
     }
     #[inline(always)]
-    fn mask(bits: u32) -> Mask {
-        // SAFETY: the CPU has AVX2, see the module.
-        Mask(unsafe {
-            let each = _mm256_setr_epi64x(1, 2, 4, 8);
-            let set = _mm256_and_si256(_mm256_set1_epi64x(i64::from(bits)), each);
-            _mm256_castsi256_pd(_mm256_cmpeq_epi64(set, each))
-        })
-    }
-    #[inline(always)]
     fn load(values: &[f64], at: usize) -> Self {
         let values = &values[at..at + Self::WIDTH];
         // SAFETY: the CPU has AVX2, see the module; the slice is as long as a register.
         Self(unsafe { _mm256_loadu_pd(values.as_ptr()) })
-    }
-    #[inline(always)]
-    fn store(self, values: &mut [f64], at: usize) {
-        let values = &mut values[at..at + Self::WIDTH];
-        // SAFETY: the CPU has AVX2, see the module; the slice is as long as a register.
-        unsafe { _mm256_storeu_pd(values.as_mut_ptr(), self.0) };
-    }
-    #[inline(always)]
-    fn store_where(self, mask: Mask, values: &mut [f64], at: usize) {
-        // Without this barrier the compiler merges load and store into masked stores. A block of
-        // tall flights then takes a sixth longer on an AMD EPYC.
-        let last = Self::load(hide_from_compiler::<4>(&values[at..at + Self::WIDTH]), 0);
-        Self::select(mask, self, last).store(values, at);
     }
     #[inline(always)]
     fn pick(column: &Column, numbers: [u8; MAX_LANES]) -> Self {
@@ -258,24 +216,4 @@ pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
         let bd = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(b), d);
         (_mm256_unpacklo_pd(ac, bd), _mm256_unpackhi_pd(ac, bd))
     }
-}
-
-/// The same numbers, hidden from the compiler. It would extract them from a register, which costs
-/// more than loading each.
-#[inline(always)]
-fn hide_from_compiler<const N: usize>(numbers: &[f64]) -> &[f64; N] {
-    assert!(numbers.len() == N);
-    let mut first = numbers.as_ptr().cast::<[f64; N]>();
-    // SAFETY: there is no instruction; the pointer is unchanged, and there are as many numbers.
-    unsafe {
-        core::arch::asm!("/* {0} */", inout(reg) first, options(pure, readonly, nostack, preserves_flags));
-        &*first
-    }
-}
-
-/// Sine and cosine, in this order, of the node of this [`ROUNDING_OFFSET`](super::ROUNDING_OFFSET)
-/// sum.
-#[inline(always)]
-fn pair(rounded: f64) -> *const f64 {
-    node::SINE_COSINE_DOUBLE[rounded.to_bits() as usize % node::COUNT].as_ptr()
 }

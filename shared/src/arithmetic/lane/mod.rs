@@ -10,8 +10,6 @@ pub(crate) mod queue;
 #[allow(unsafe_code)]
 pub(crate) mod simd;
 mod single;
-#[cfg(target_arch = "x86_64")]
-pub(crate) mod twice;
 
 use core::f64::consts::TAU;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -22,7 +20,7 @@ use super::node;
 /// sum.
 pub(crate) const ROUNDING_OFFSET: f64 = 6_755_399_441_055_744.0;
 
-/// Lanes of the widest register, or two side by side.
+/// Bytes of a register of lane numbers; as many lanes as a register may have.
 pub(crate) const MAX_LANES: usize = 8;
 
 /// Number of lanes of a column.
@@ -83,27 +81,11 @@ pub(crate) trait Lane:
     }
     /// Sine and cosine at the node whose index is in the low bits of a [`ROUNDING_OFFSET`] sum.
     fn node(rounded: Self) -> (Self, Self);
-    /// [`Lane::node`] for the sums from index `at` on.
-    #[inline(always)]
-    fn node_at(rounded: &[f64], at: usize) -> (Self, Self) {
-        Self::node(Self::load(rounded, at))
-    }
-    /// Whether two [`ROUNDING_OFFSET`] sums have the same node of a turn.
-    fn is_same_node(rounded: Self, other: Self) -> Self::Mask;
     /// Phase of that node within its turn as a sum: its index times [`node::SPACING_HIGH`], and
     /// times [`node::SPACING_LOW`].
     fn within_turn(rounded: Self) -> (Self, Self);
-    /// True in each lane whose bit is set.
-    fn mask(bits: u32) -> Self::Mask;
     /// Loads one value per lane from index `at` on.
     fn load(values: &[f64], at: usize) -> Self;
-    /// Stores the lanes to the place of [`Lane::load`].
-    fn store(self, values: &mut [f64], at: usize);
-    /// Stores the lanes selected by the mask to the place of [`Lane::load`].
-    #[inline(always)]
-    fn store_where(self, mask: Self::Mask, values: &mut [f64], at: usize) {
-        Self::select(mask, self, Self::load(values, at)).store(values, at);
-    }
     /// Values of a column at the first of these indices.
     fn pick(column: &Column, numbers: [u8; MAX_LANES]) -> Self;
     /// Bytes at these positions.
@@ -157,19 +139,6 @@ impl<L: Lane> Node<L> {
         }
     }
 
-    /// [`sine_cosine`] of a phase in 0..2 pi, reusing this node's values if it is the nearest one.
-    /// Lanes outside `which` are undefined.
-    #[inline(always)]
-    pub fn sine_cosine(&self, phase: L, which: L::Mask) -> (L, L) {
-        let rounded = node_sum(phase);
-        let same = L::is_same_node(rounded, self.rounded);
-        if L::any(!same & which) {
-            sine_cosine_from_node(phase, rounded, L::node(rounded))
-        } else {
-            sine_cosine_from_node(phase, rounded, (self.sine, self.cosine))
-        }
-    }
-
     /// Phase `offset` after the node, in 0..2 pi; `offset` is at most a node spacing.
     #[inline(always)]
     pub fn phase(&self, offset: L) -> L {
@@ -208,26 +177,17 @@ impl<L: Lane> Arc<L> {
     }
 }
 
+/// [`ROUNDING_OFFSET`] sum with the index of the node nearest to `phase`.
+#[inline(always)]
+fn node_sum<L: Lane>(phase: L) -> L {
+    phase * L::splat(node::COUNT as f64 / TAU) + L::splat(ROUNDING_OFFSET)
+}
+
 /// Sine and cosine of `phase` in 0..2 pi; error at most 1.7e-16.
 #[inline(always)]
 pub(crate) fn sine_cosine<L: Lane>(phase: L) -> (L, L) {
     let rounded = node_sum(phase);
-    sine_cosine_from_node(phase, rounded, L::node(rounded))
-}
-
-/// [`ROUNDING_OFFSET`] sum with the index of the node nearest to `phase`.
-#[inline(always)]
-pub(crate) fn node_sum<L: Lane>(phase: L) -> L {
-    phase * L::splat(node::COUNT as f64 / TAU) + L::splat(ROUNDING_OFFSET)
-}
-
-/// Sine and cosine of `phase` in 0..2 pi from those of the nearest node.
-#[inline(always)]
-pub(crate) fn sine_cosine_from_node<L: Lane>(
-    phase: L,
-    rounded: L,
-    (sine, cosine): (L, L),
-) -> (L, L) {
+    let (sine, cosine) = L::node(rounded);
     let count = rounded - L::splat(ROUNDING_OFFSET);
     let arc = Arc::new(
         (phase - count * L::splat(node::SPACING_HIGH)) - count * L::splat(node::SPACING_LOW),

@@ -60,26 +60,13 @@ impl Lane for f64 {
         (sine.unpaired(), cosine.unpaired())
     }
     #[inline(always)]
-    fn is_same_node(rounded: Self, other: Self) -> Mask {
-        let differ = (rounded.to_bits() ^ other.to_bits()) % node::COUNT as u64;
-        decision::below(0.0 - f64::from(u8::from(differ == 0)), 0.0)
-    }
-    #[inline(always)]
     fn within_turn(rounded: Self) -> (Self, Self) {
         let [high, low] = node::NODE_PHASES[rounded.to_bits() as usize % node::COUNT];
         (high, low)
     }
     #[inline(always)]
-    fn mask(bits: u32) -> Mask {
-        decision::mask(bits)
-    }
-    #[inline(always)]
     fn load(values: &[f64], at: usize) -> Self {
         values[at]
-    }
-    #[inline(always)]
-    fn store(self, values: &mut [f64], at: usize) {
-        values[at] = self;
     }
     #[inline(always)]
     fn pick(column: &Column, numbers: [u8; MAX_LANES]) -> Self {
@@ -139,12 +126,6 @@ mod decision {
     }
 
     #[inline(always)]
-    pub(super) fn mask(bits: u32) -> Mask {
-        // SAFETY: every x86-64 has SSE2.
-        Mask(unsafe { _mm_castsi128_pd(_mm_set_epi64x(0, -i64::from(bits & 1))) })
-    }
-
-    #[inline(always)]
     pub(super) fn select(mask: Mask, yes: f64, no: f64) -> f64 {
         // SAFETY: every x86-64 has SSE2.
         unsafe {
@@ -185,11 +166,6 @@ mod decision {
     #[inline(always)]
     pub(super) fn below(a: f64, b: f64) -> Mask {
         a < b
-    }
-
-    #[inline(always)]
-    pub(super) fn mask(bits: u32) -> Mask {
-        bits & 1 == 1
     }
 
     #[inline(always)]

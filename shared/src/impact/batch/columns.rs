@@ -65,58 +65,10 @@ impl Columns {
         self.flight.0[lane]
     }
 
-    /// The launches of a register of neighbouring lanes.
+    /// Phase and velocity of these lanes.
     #[inline(always)]
-    pub fn launch_at<L: Lane>(&self, at: usize) -> Launch<L> {
-        Launch {
-            phase: L::load(&self.phase.0, at),
-            velocity: L::load(&self.velocity.0, at),
-            sine: L::load(&self.sine.0, at),
-            cosine: L::load(&self.cosine.0, at),
-        }
-    }
-
-    /// The launches of a register of neighbouring lanes.
-    ///
-    /// Computes and stores sine and cosine for the lanes of `which`.
-    #[inline(always)]
-    pub fn begin_at<L: Lane>(&mut self, at: usize, which: L::Mask) -> Launch<L> {
-        let Launch {
-            phase, velocity, ..
-        } = self.launch_at::<L>(at);
-        let launch = Launch::new(phase, velocity);
-        launch.sine.store_where(which, &mut self.sine.0, at);
-        launch.cosine.store_where(which, &mut self.cosine.0, at);
-        launch
-    }
-
-    /// k of a register of neighbouring lanes: the only track constant of a tall flight after its
-    /// crossing.
-    #[inline(always)]
-    pub fn track_at<L: Lane>(&self, at: usize) -> Track<L> {
-        let k = L::load(&self.k.0, at);
-        Track {
-            k,
-            per_k: L::load(&self.per_k.0, at),
-            lift_off: L::load(&self.lift_off.0, at),
-            lift_off_cosine: Track::lift_off_cosine(k),
-        }
-    }
-
-    /// The restitutions of a register of neighbouring lanes.
-    #[inline(always)]
-    pub fn restitution_at<L: Lane>(&self, at: usize) -> L {
-        L::load(&self.restitution.0, at)
-    }
-
-    /// Stores the landings of the lanes of `which` in a register of neighbouring lanes.
-    #[inline(always)]
-    pub fn land_at<L: Lane>(&mut self, at: usize, which: L::Mask, flight: L, next: &Launch<L>) {
-        flight.store_where(which, &mut self.flight.0, at);
-        next.phase.store_where(which, &mut self.phase.0, at);
-        next.velocity.store_where(which, &mut self.velocity.0, at);
-        next.sine.store_where(which, &mut self.sine.0, at);
-        next.cosine.store_where(which, &mut self.cosine.0, at);
+    pub fn states<L: Lane>(&self, lanes: [u8; MAX_LANES]) -> [L; 2] {
+        [&self.phase, &self.velocity].map(|column| L::pick(&column.0, lanes))
     }
 
     /// The launches of these lanes.
@@ -148,21 +100,29 @@ impl Columns {
         L::pick(&self.restitution.0, lanes)
     }
 
-    /// Stores the landings of these lanes.
+    /// Stores the landings of the lanes whose bits are set.
     #[inline(always)]
-    pub fn land<L: Lane>(&mut self, lanes: [u8; MAX_LANES], flight: L, next: &Launch<L>) {
-        scatter(flight, &mut self.flight, lanes);
-        scatter(next.phase, &mut self.phase, lanes);
-        scatter(next.velocity, &mut self.velocity, lanes);
-        scatter(next.sine, &mut self.sine, lanes);
-        scatter(next.cosine, &mut self.cosine, lanes);
-    }
-}
-
-#[inline(always)]
-fn scatter<L: Lane>(values: L, column: &mut Aligned<LANES>, lanes: [u8; MAX_LANES]) {
-    let values = values.to_array();
-    for (lane, value) in lanes.into_iter().zip(values).take(L::WIDTH) {
-        column.0[usize::from(lane)] = value;
+    pub fn land<L: Lane>(
+        &mut self,
+        lanes: [u8; MAX_LANES],
+        bits: u32,
+        flight: L,
+        next: &Launch<L>,
+    ) {
+        let landings = [
+            (flight, &mut self.flight),
+            (next.phase, &mut self.phase),
+            (next.velocity, &mut self.velocity),
+            (next.sine, &mut self.sine),
+            (next.cosine, &mut self.cosine),
+        ];
+        for (values, column) in landings {
+            let values = values.to_array();
+            for (m, (lane, value)) in lanes.into_iter().zip(values).enumerate().take(L::WIDTH) {
+                if bits >> m & 1 == 1 {
+                    column.0[usize::from(lane)] = value;
+                }
+            }
+        }
     }
 }

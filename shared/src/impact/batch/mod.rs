@@ -1,28 +1,25 @@
 //! Many orbits at a time: blocks of SIMD lanes, each with its own k and restitution.
 //!
 //! Every lane gives the bits of [`Map`], whatever its neighbours and the CPU: the source is the
-//! same over one or eight f64. Lanes fly in place while at least half of a register fly
-//! [tall](super::double::tall). The others are gathered by kind of flight, so all lanes of a
-//! register take the same path. A group of registers passes each stage together, which hides
-//! latency.
+//! same over one or four f64. Lanes are gathered by kind of flight, so all lanes of a register take
+//! the same path.
 
 mod columns;
-mod gathered;
-mod in_place;
 mod lanes;
 mod plan;
-mod stages;
 
-use crate::arithmetic::lane::Lane;
 use crate::arithmetic::lane::queue::Queue;
 use crate::arithmetic::lane::simd::Simd;
+use crate::arithmetic::lane::{Lane, MAX_LANES};
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::double::Map;
+use crate::impact::double::first::first_impact;
+use crate::impact::double::launch::Launch;
+use crate::impact::double::step::Landing;
+use crate::impact::double::{Map, low, short, tall};
 use crate::impact::kernel::{Impact, PartState};
 use columns::Columns;
 use lanes::Set;
-use plan::Plan;
-use stages::Stages;
+use plan::{Kind, Plan};
 
 pub use lanes::LANES;
 
@@ -52,17 +49,12 @@ pub struct Block {
     resting: Set,
     /// Lanes whose last impact grazes.
     grazing: Set,
-    /// The next lanes to fly, and those of the last impact.
-    plans: [Plan; 2],
-    /// Whether the second plan is the next one.
-    second_is_next: bool,
+    /// The next flights.
+    plan: Plan,
     /// Lanes without a plan; only their state is set.
     unplanned: Set,
     /// Planned lanes whose orbit was removed.
     removed: Set,
-    /// Lanes to plan.
-    unsorted: Queue,
-    stages: Stages,
 }
 
 impl Default for Block {
@@ -84,12 +76,9 @@ impl Block {
             filled: Set::EMPTY,
             resting: Set::EMPTY,
             grazing: Set::EMPTY,
-            plans: [Plan::EMPTY; 2],
-            second_is_next: false,
+            plan: Plan::EMPTY,
             unplanned: Set::EMPTY,
             removed: Set::EMPTY,
-            unsorted: Queue::EMPTY,
-            stages: Stages::EMPTY,
         }
     }
 
@@ -99,19 +88,17 @@ impl Block {
     /// `OutOfRange` for a lane that does not exist.
     pub fn put(&mut self, lane: usize, map: &Map, state: PartState) -> Result<(), OutOfRange> {
         accept("lane", lane as f64, lane < LANES, "0..255")?;
-        self.remove_lane(lane);
+        self.clear(lane);
         self.columns.put(lane, map.track(), map.restitution());
-        self.start(lane, state);
+        self.columns.start(lane, state.phase, state.velocity);
+        self.filled.put(lane, true);
+        self.grazing.put(lane, false);
+        self.unplanned.put(lane, true);
         Ok(())
     }
 
-    /// Empties a lane.
+    /// Empties a lane. A flying lane leaves its plan before the next impact.
     pub fn clear(&mut self, lane: usize) {
-        self.remove_lane(lane);
-    }
-
-    /// Removes a lane. A flying lane leaves its plan before the next impact.
-    fn remove_lane(&mut self, lane: usize) {
         let planned = self.filled.contains(lane)
             && !self.resting.contains(lane)
             && !self.unplanned.contains(lane);
@@ -121,13 +108,6 @@ impl Block {
         self.unplanned.put(lane, false);
         self.filled.put(lane, false);
         self.resting.put(lane, false);
-    }
-
-    fn start(&mut self, lane: usize, state: PartState) {
-        self.columns.start(lane, state.phase, state.velocity);
-        self.filled.put(lane, true);
-        self.grazing.put(lane, false);
-        self.unplanned.put(lane, true);
     }
 
     /// The state of a lane's orbit; `None` without an orbit.
@@ -159,7 +139,7 @@ impl Block {
     /// Advances every orbit that does not rest by this many impacts.
     pub fn advance(&mut self, impacts: u32) {
         if self.removed != Set::EMPTY {
-            self.plans[usize::from(self.second_is_next)].leave_out(&self.removed);
+            self.plan.leave_out(&self.removed);
             self.removed = Set::EMPTY;
         }
         match self.simd {
@@ -173,74 +153,139 @@ impl Block {
 /// Advances every orbit that does not rest by this many impacts.
 #[inline(always)]
 fn advance<L: Lane>(block: &mut Block, impacts: u32) {
+    begin::<L>(block);
     let Block {
         columns,
         resting,
         grazing,
-        plans: [first, second],
-        second_is_next,
-        unplanned,
-        unsorted,
-        stages,
+        plan: next,
         ..
     } = block;
-    let (mut next, mut now) = if *second_is_next {
-        (second, first)
-    } else {
-        (first, second)
-    };
-    if *unplanned != Set::EMPTY {
-        begin::<L>(columns, next, resting, unplanned, unsorted);
-        *unplanned = Set::EMPTY;
-    }
+    let mut now = Plan::EMPTY;
     for _ in 0..impacts {
-        core::mem::swap(&mut now, &mut next);
-        next.clear();
+        core::mem::swap(&mut now, next);
         *grazing = Set::EMPTY;
-        in_place::advance::<L>(columns, stages, now, next, unsorted);
-        gathered::advance::<L>(columns, stages, now, next, resting, grazing);
-        sort::<L>(columns, next, resting, unsorted);
+        for kind in Kind::ALL {
+            let mut open = Queue::EMPTY;
+            let queue = &mut now.0[kind as usize];
+            for register in queue.registers(L::WIDTH) {
+                fly::<L>(columns, next, resting, grazing, &mut open, kind, register);
+            }
+            queue.clear();
+            if kind == Kind::Low {
+                now.0[Kind::NearHump as usize] = open;
+            }
+        }
     }
-    *second_is_next ^= impacts % 2 == 1;
 }
 
 /// Plans the first flights of lanes with only a state.
 #[inline(always)]
-fn begin<L: Lane>(
+fn begin<L: Lane>(block: &mut Block) {
+    let mut queue = Queue::EMPTY;
+    for at in (0..LANES).step_by(MAX_LANES) {
+        queue.push_bits(at, block.unplanned.bits(at, MAX_LANES));
+    }
+    for (lanes, count) in queue.registers(L::WIDTH) {
+        let [phase, velocity] = block.columns.states(lanes);
+        let launch = Launch::<L>::new(phase, velocity);
+        let all = (1 << count) - 1;
+        block.columns.land(lanes, all, L::splat(0.0), &launch);
+        let (track, restitution) = (block.columns.track(lanes), block.columns.restitution(lanes));
+        block
+            .plan
+            .sort(&mut block.resting, &track, restitution, &launch, lanes, all);
+    }
+    block.unplanned = Set::EMPTY;
+}
+
+/// One impact of the lanes of a register, of which `count` are valid, and their next plan.
+///
+/// Lanes of a low flight whose stretch is not certain are added to `open` instead.
+#[inline(always)]
+fn fly<L: Lane>(
     columns: &mut Columns,
     next: &mut Plan,
     resting: &mut Set,
-    unplanned: &Set,
-    unsorted: &mut Queue,
+    grazing: &mut Set,
+    open: &mut Queue,
+    kind: Kind,
+    (lanes, count): ([u8; MAX_LANES], usize),
 ) {
-    for at in (0..LANES).step_by(L::WIDTH) {
-        let bits = unplanned.bits(at, L::WIDTH);
-        if bits != 0 {
-            let launch = columns.begin_at::<L>(at, L::mask(bits));
-            let tall = L::bits(launch.is_tall(&columns.track_at(at))) & bits;
-            next.add_tall(at, L::WIDTH, tall);
-            unsorted.push_bits(at, bits & !tall);
+    let (track, launch) = (columns.track::<L>(lanes), columns.launch::<L>(lanes));
+    let restitution = columns.restitution::<L>(lanes);
+    let all = (1 << count) - 1;
+    let (mut landing, certain, uncertain_stretch) = match kind {
+        Kind::Tall => (tall::landing(&track, &launch), all, 0),
+        Kind::Short => {
+            let (landing, certain) = short::landing(&track, &launch, short::guess(&track, &launch));
+            (landing, L::bits(certain), 0)
         }
+        Kind::Once | Kind::Low => {
+            let stretch = if kind == Kind::Once {
+                low::find_single_stretch(&track, &launch)
+            } else {
+                low::find_stretch(&track, &launch)
+            };
+            let estimate = low::approach(&track, &launch, &stretch);
+            let (landing, certain) = low::landing(&track, &launch, &stretch, &estimate);
+            let certain_stretch = L::bits(stretch.certain);
+            (landing, L::bits(certain), all & !certain_stretch)
+        }
+        Kind::NearHump => {
+            let (landing, certain) = low::land_near_hump(&track, &launch);
+            (landing, L::bits(certain), 0)
+        }
+    };
+    let landed = all & !uncertain_stretch;
+    if landed & !certain != 0 {
+        landing = decide(columns, grazing, &landing, landed & !certain, lanes);
     }
-    sort::<L>(columns, next, resting, unsorted);
+    let after = Launch::new(landing.phase, restitution * landing.arrival);
+    if uncertain_stretch == 0 {
+        // The lanes behind the last valid one repeat it.
+        columns.land(lanes, u32::MAX, landing.flight, &after);
+    } else {
+        open.push_chosen::<L>(lanes, uncertain_stretch);
+        columns.land(lanes, landed, landing.flight, &after);
+    }
+    next.sort(resting, &track, restitution, &after, lanes, landed);
 }
 
-/// Plans the next flights of a queue's lanes, and empties it.
+/// The landings of a register, with those of the lanes in `bits` found one by one.
 #[inline(always)]
-fn sort<L: Lane>(columns: &Columns, next: &mut Plan, resting: &mut Set, unsorted: &mut Queue) {
-    for register in unsorted.registers(L::WIDTH) {
-        let (lanes, _) = register;
-        let launch = columns.launch::<L>(lanes);
-        let restitution = columns.restitution(lanes);
-        next.sort(
-            resting,
-            &columns.track(lanes),
-            restitution,
-            &launch,
-            register,
-        );
+fn decide<L: Lane>(
+    columns: &Columns,
+    grazing: &mut Set,
+    landing: &Landing<L>,
+    bits: u32,
+    lanes: [u8; MAX_LANES],
+) -> Landing<L> {
+    let mut landings = [landing.flight, landing.phase, landing.arrival].map(L::to_array);
+    for (m, lane) in lanes.into_iter().enumerate().take(L::WIDTH) {
+        let all = [lane; MAX_LANES];
+        if bits >> m & 1 == 1
+            && let Some((found, grazes)) = first_impact(&columns.track(all), &columns.launch(all))
+        {
+            for (values, value) in
+                landings
+                    .iter_mut()
+                    .zip([found.flight, found.phase, found.arrival])
+            {
+                // A register that is not full repeats its last lane.
+                for (place, other) in values.iter_mut().zip(lanes) {
+                    *place = if other == lane { value } else { *place };
+                }
+            }
+            grazing.put(lane.into(), grazes);
+        }
     }
-    unsorted.clear();
+    let [flight, phase, arrival] = landings.map(|values| L::load(&values, 0));
+    Landing {
+        flight,
+        phase,
+        arrival,
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -248,12 +293,11 @@ fn sort<L: Lane>(columns: &Columns, next: &mut Plan, resting: &mut Set, unsorted
 mod x86 {
     use super::{Block, advance};
     use crate::arithmetic::lane::avx2::Avx2;
-    use crate::arithmetic::lane::twice::Twice;
 
     pub(super) fn advance_avx2(block: &mut Block, impacts: u32) {
         #[target_feature(enable = "avx2,popcnt,bmi1,bmi2")]
         fn inner(block: &mut Block, impacts: u32) {
-            advance::<Twice<Avx2>>(block, impacts);
+            advance::<Avx2>(block, impacts);
         }
         // SAFETY: a block of this width exists only where the CPU has AVX2 and counts bits.
         unsafe { inner(block, impacts) }

@@ -1,6 +1,6 @@
 //! Plan of the next flights: lanes by kind of flight.
 
-use super::lanes::{Flags, Set};
+use super::lanes::Set;
 use crate::arithmetic::lane::queue::Queue;
 use crate::arithmetic::lane::{Lane, MAX_LANES};
 use crate::impact::double::launch::{Launch, Track};
@@ -12,73 +12,36 @@ pub(super) enum Kind {
     Short,
     Once,
     Low,
+    /// Low flights that barely clear a hump; no flight is planned so.
+    NearHump,
 }
 
 impl Kind {
-    pub const ALL: [Self; 4] = [Self::Tall, Self::Short, Self::Once, Self::Low];
+    pub const ALL: [Self; 5] = [
+        Self::Tall,
+        Self::Short,
+        Self::Once,
+        Self::Low,
+        Self::NearHump,
+    ];
 }
 
-/// The lanes that fly next.
+/// The lanes that fly next, by [`Kind`].
 #[derive(Clone, Debug)]
-pub(super) struct Plan {
-    /// Tall lanes from registers of several neighbouring lanes.
-    tall: Set,
-    /// Tall lanes from single lanes or from gathered registers.
-    gathered: Flags,
-    /// The other lanes by [`Kind`], and the gathered tall ones.
-    pub queues: [Queue; 4],
-}
+pub(super) struct Plan(pub [Queue; Kind::ALL.len()]);
 
 impl Plan {
-    pub const EMPTY: Self = Self {
-        tall: Set::EMPTY,
-        gathered: Flags::EMPTY,
-        queues: [Queue::EMPTY; 4],
-    };
-
-    pub fn clear(&mut self) {
-        self.tall = Set::EMPTY;
-        self.gathered = Flags::EMPTY;
-        for queue in &mut self.queues {
-            queue.clear();
-        }
-    }
-
-    /// Adds tall lanes by their bits, `width` lanes from `at` on; `at` is a multiple of `width`.
-    #[inline(always)]
-    pub fn add_tall(&mut self, at: usize, width: usize, bits: u32) {
-        if width == 1 {
-            self.gathered.put([at as u8; MAX_LANES], 1, bits);
-        } else {
-            self.tall.add(at, bits);
-        }
-    }
-
-    /// The tall ones of the `width` lanes from `at` on, one bit each; `at` is a multiple of
-    /// `width`.
-    #[inline(always)]
-    pub fn tall_bits(&self, at: usize, width: usize) -> u32 {
-        let gathered = self.gathered.bits(at, width);
-        if width == 1 {
-            gathered
-        } else {
-            self.tall.bits(at, width) | gathered
-        }
-    }
+    pub const EMPTY: Self = Self([Queue::EMPTY; Kind::ALL.len()]);
 
     /// Removes lanes without an orbit.
     pub fn leave_out(&mut self, removed: &Set) {
-        for lane in removed.iter() {
-            self.tall.put(lane, false);
-            self.gathered.clear(lane);
-        }
-        for queue in &mut self.queues {
+        for queue in &mut self.0 {
             queue.retain(|lane| !removed.contains(lane));
         }
     }
 
-    /// Plans the flights of the first `count` lanes of a register; resting lanes are added to
-    /// `resting`.
+    /// Plans the flights of the lanes of a register whose bits are in `all`; resting lanes are
+    /// added to `resting`.
     #[inline(always)]
     pub fn sort<L: Lane>(
         &mut self,
@@ -86,11 +49,10 @@ impl Plan {
         track: &Track<L>,
         restitution: L,
         launch: &Launch<L>,
-        (lanes, count): ([u8; MAX_LANES], usize),
+        lanes: [u8; MAX_LANES],
+        all: u32,
     ) {
-        let all = (1 << count) - 1;
-        let tall = L::bits(launch.is_tall(track));
-        self.gathered.put(lanes, L::WIDTH, tall);
+        let tall = L::bits(launch.is_tall(track)) & all;
         let left = all & !tall;
         let mut rests = L::bits(launch.may_chatter_out(track)) & left;
         if rests != 0 {
@@ -104,7 +66,8 @@ impl Plan {
         let left = left & !rests;
         let short = L::bits(launch.is_short(track)) & left;
         let once = L::bits(launch.meets_once(track)) & left & !short;
-        let [_, shorts, onces, lows] = &mut self.queues;
+        let [talls, shorts, onces, lows, _] = &mut self.0;
+        talls.push_chosen::<L>(lanes, tall);
         shorts.push_chosen::<L>(lanes, short);
         onces.push_chosen::<L>(lanes, once);
         lows.push_chosen::<L>(lanes, left & !(short | once));

@@ -79,24 +79,6 @@ impl<L: Lane> Launch<L> {
         Self::with_sine_cosine(phase, velocity, sine_cosine(phase))
     }
 
-    /// The launch of a state, given its nearest table node: the node's sum, sine and cosine.
-    #[inline(always)]
-    pub fn with_node(phase: L, velocity: L, rounded: L, node: (L, L)) -> Self {
-        let near = crate::arithmetic::lane::sine_cosine_from_node(phase, rounded, node);
-        Self::with_sine_cosine(phase, velocity, near)
-    }
-
-    /// The launch of a state after an impact near `node`, in the lanes of `which`.
-    #[inline(always)]
-    pub fn near_node(
-        phase: L,
-        velocity: L,
-        node: &crate::arithmetic::lane::Node<L>,
-        which: L::Mask,
-    ) -> Self {
-        Self::with_sine_cosine(phase, velocity, node.sine_cosine(phase, which))
-    }
-
     #[inline(always)]
     pub(super) fn with_sine_cosine(phase: L, velocity: L, (sine, cosine): (L, L)) -> Self {
         Self {

@@ -190,7 +190,7 @@ impl<L: Lane> Stretch<L> {
 
     /// The [`ROUNDING_OFFSET`] sum of the node nearest to the start.
     #[inline(always)]
-    pub(crate) fn node(&self, launch: &Launch<L>) -> L {
+    fn node(&self, launch: &Launch<L>) -> L {
         let per_node = L::splat(node::COUNT as f64 / TAU);
         (self.start * per_node + launch.phase * per_node) + L::splat(ROUNDING_OFFSET)
     }
@@ -398,27 +398,8 @@ pub(crate) fn approach<L: Lane>(
     launch: &Launch<L>,
     stretch: &Stretch<L>,
 ) -> LandingEstimate<L> {
-    approach_from(track, launch, stretch.node(launch))
-}
-
-/// [`approach`] from the node of the [`ROUNDING_OFFSET`] sum.
-#[inline(always)]
-pub(super) fn approach_from<L: Lane>(
-    track: &Track<L>,
-    launch: &Launch<L>,
-    rounded: L,
-) -> LandingEstimate<L> {
-    approach_on(track, launch, rounded, L::node(rounded))
-}
-
-/// [`approach_from`], given that node's sine and cosine.
-#[inline(always)]
-pub(crate) fn approach_on<L: Lane>(
-    track: &Track<L>,
-    launch: &Launch<L>,
-    rounded: L,
-    (sine, cosine): (L, L),
-) -> LandingEstimate<L> {
+    let rounded = stretch.node(launch);
+    let (sine, cosine) = L::node(rounded);
     // An error of 1e-12 is small enough here.
     let distance = (rounded - L::splat(ROUNDING_OFFSET)) * L::splat(node::SPACING) - launch.phase;
     let v = launch.rise();
@@ -430,7 +411,7 @@ pub(crate) fn approach_on<L: Lane>(
 
 /// Landing of a low flight from a time close to it; the mask marks certified first impacts.
 ///
-/// Lanes whose last step is too long repeat it.
+/// Lanes of a certain stretch whose last step is too long repeat it.
 #[inline(always)]
 pub(crate) fn landing<L: Lane>(
     track: &Track<L>,
@@ -438,42 +419,10 @@ pub(crate) fn landing<L: Lane>(
     stretch: &Stretch<L>,
     estimate: &LandingEstimate<L>,
 ) -> (Landing<L>, L::Mask) {
-    repeat_last_step(
-        track,
-        || *launch,
-        stretch,
-        take_chebyshev_step(track, launch, estimate),
-    )
-}
-
-/// [`landing`], given the gap near it.
-#[inline(always)]
-pub(crate) fn landing_near<L: Lane>(
-    track: &Track<L>,
-    launch: impl FnOnce() -> Launch<L>,
-    stretch: &Stretch<L>,
-    near: &GapNearImpact<L>,
-) -> (Landing<L>, L::Mask) {
-    repeat_last_step(
-        track,
-        launch,
-        stretch,
-        take_chebyshev_step_near(track, near),
-    )
-}
-
-/// Repeats the last step in the lanes of a certain stretch where it was too long.
-#[inline(always)]
-fn repeat_last_step<L: Lane>(
-    track: &Track<L>,
-    launch: impl FnOnce() -> Launch<L>,
-    stretch: &Stretch<L>,
-    (mut landing, mut settled): (Landing<L>, L::Mask),
-) -> (Landing<L>, L::Mask) {
+    let (mut landing, mut settled) = take_chebyshev_step(track, launch, estimate);
     if L::any(!settled & stretch.certain) {
-        let launch = launch();
-        let estimate = LandingEstimate::after_launch(&launch, landing.flight);
-        let (again, then) = take_chebyshev_step(track, &launch, &estimate);
+        let estimate = LandingEstimate::after_launch(launch, landing.flight);
+        let (again, then) = take_chebyshev_step(track, launch, &estimate);
         landing = landing.or(settled, again);
         settled = settled | then;
     }
@@ -481,7 +430,7 @@ fn repeat_last_step<L: Lane>(
     (landing, settled & stretch.contains(&landing))
 }
 
-/// Landing, mask and stretch of a low flight that barely clears a hump or barely touches it.
+/// Landing of a low flight that barely clears a hump or barely touches it.
 ///
 /// Nearly every flight whose [`stretch`] is not certain is of this kind. The mask marks certified
 /// first impacts.
@@ -489,11 +438,10 @@ fn repeat_last_step<L: Lane>(
 pub(crate) fn land_near_hump<L: Lane>(
     track: &Track<L>,
     launch: &Launch<L>,
-) -> (Landing<L>, L::Mask, Stretch<L>) {
+) -> (Landing<L>, L::Mask) {
     let stretch = find_stretch_over::<L, true>(track, launch);
     let estimate = approach(track, launch, &stretch);
-    let (landing, certain) = landing(track, launch, &stretch, &estimate);
-    (landing, certain, stretch)
+    landing(track, launch, &stretch, &estimate)
 }
 
 /// Landing of a low flight that [`landing`] cannot certify, with up to eight steps.
@@ -554,15 +502,7 @@ fn take_chebyshev_step<L: Lane>(
     launch: &Launch<L>,
     estimate: &LandingEstimate<L>,
 ) -> (Landing<L>, L::Mask) {
-    take_chebyshev_step_near(track, &GapNearImpact::new(track, launch, estimate))
-}
-
-/// [`settle`], given the gap.
-#[inline(always)]
-pub(super) fn take_chebyshev_step_near<L: Lane>(
-    track: &Track<L>,
-    near: &GapNearImpact<L>,
-) -> (Landing<L>, L::Mask) {
+    let near = GapNearImpact::new(track, launch, estimate);
     let per_slope = L::splat(1.0) / near.slope;
     let newton = (near.value * per_slope).unpaired();
     let curvature = near.sine - track.k;
@@ -616,7 +556,7 @@ mod tests {
             if f64::any(certified) || f64::any(find_stretch(&track, &launch).certain) {
                 continue;
             }
-            let (landing, certain, _) = land_near_hump(&track, &launch);
+            let (landing, certain) = land_near_hump(&track, &launch);
             // The search decides arrivals that are too slow for steps.
             if !f64::any(certain) {
                 continue;
@@ -654,7 +594,7 @@ mod tests {
                 continue;
             }
             open += 1;
-            let (landing, certain, _) = land_near_hump(&track, &launch);
+            let (landing, certain) = land_near_hump(&track, &launch);
             if !f64::any(certain) {
                 continue;
             }

@@ -150,51 +150,8 @@ impl<L: Lane> GapNearImpact<L> {
     /// At `estimate`.
     #[inline(always)]
     pub fn new(track: &Track<L>, launch: &Launch<L>, estimate: &LandingEstimate<L>) -> Self {
-        Self::with_node_sum(track, launch, estimate, estimate.next_node_sum())
-    }
-
-    /// The gap from the results of another stage.
-    ///
-    /// The order is `back`, the node's sum and distance, `x`, `value`, `slope`, `sine`, `cosine`.
-    /// No later step uses the node's own sine and cosine, so those fields hold the track's.
-    #[inline(always)]
-    pub fn from_stage([back, rounded, distance, x, value, slope, sine, cosine]: [L; 8]) -> Self {
-        Self {
-            node: Node {
-                sine,
-                cosine,
-                distance,
-                rounded,
-            },
-            back,
-            x,
-            value,
-            slope,
-            sine,
-            cosine,
-        }
-    }
-
-    /// [`GapNearImpact::new`], given the sum of the node next to the impact.
-    #[inline(always)]
-    pub(super) fn with_node_sum(
-        track: &Track<L>,
-        launch: &Launch<L>,
-        estimate: &LandingEstimate<L>,
-        rounded: L,
-    ) -> Self {
-        Self::with_node(track, launch, estimate, rounded, L::node(rounded))
-    }
-
-    /// [`GapNearImpact::with_node_sum`], given that node's sine and cosine too.
-    #[inline(always)]
-    pub fn with_node(
-        track: &Track<L>,
-        launch: &Launch<L>,
-        estimate: &LandingEstimate<L>,
-        rounded: L,
-        (node_sine, node_cosine): (L, L),
-    ) -> Self {
+        let rounded = estimate.next_node_sum();
+        let (node_sine, node_cosine) = L::node(rounded);
         let (half, back) = (track.half(), estimate.back);
         let x = (estimate.rounded - rounded) * L::splat(node::SPACING) - back;
         let count = estimate.rounded - L::splat(ROUNDING_OFFSET);
@@ -239,17 +196,6 @@ impl<L: Lane> GapNearImpact<L> {
     pub fn finish(&self, track: &Track<L>) -> Landing<L> {
         let mut landing = self.finish_unturned(track);
         landing.phase = in_turn(landing.phase);
-        landing
-    }
-
-    /// [`GapNearImpact::finish`] for the lanes of `which`: the phases of the others may lie
-    /// anywhere.
-    #[inline(always)]
-    pub fn finish_only(&self, track: &Track<L>, which: L::Mask) -> Landing<L> {
-        let mut landing = self.finish_unturned(track);
-        if L::any(landing.phase.below(L::splat(0.0)) & which) {
-            landing.phase = in_turn(landing.phase);
-        }
         landing
     }
 

@@ -31,25 +31,17 @@ impl<L: Lane> Launch<L> {
 
 /// Where the ball falls through height 0, and how fast.
 #[derive(Clone, Copy)]
-pub(crate) struct Crossing<L> {
+struct Crossing<L> {
     /// Phase in node spacings, counted through all turns.
-    pub nodes: L,
+    nodes: L,
     /// Speed downwards.
-    pub speed: L,
-}
-
-impl<L: Lane> Crossing<L> {
-    /// The [`ROUNDING_OFFSET`] sum of the nearest node.
-    #[inline(always)]
-    pub(crate) fn node_sum(&self) -> L {
-        self.nodes + L::splat(ROUNDING_OFFSET)
-    }
+    speed: L,
 }
 
 /// The crossing of height 0 of a tall flight, to 2e-8 of the flight (24 bits of a rough square
 /// root).
 #[inline(always)]
-pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossing<L> {
+fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossing<L> {
     let per_node = L::splat(node::COUNT as f64 / TAU);
     let v = launch.rise();
     let speed = launch.speed_squared_at_zero(track).rough_sqrt();
@@ -61,19 +53,9 @@ pub(crate) fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossin
 
 /// Landing within 1.4e-3 rad, by one step of Householder's method of order 4.
 #[inline(always)]
-pub(crate) fn approach<L: Lane>(track: &Track<L>, crossing: &Crossing<L>) -> LandingEstimate<L> {
-    let rounded = crossing.node_sum();
-    approach_from(track, crossing, rounded, L::node(rounded))
-}
-
-/// [`approach`], given the node next to the crossing.
-#[inline(always)]
-pub(crate) fn approach_from<L: Lane>(
-    track: &Track<L>,
-    crossing: &Crossing<L>,
-    rounded: L,
-    (sine, cosine): (L, L),
-) -> LandingEstimate<L> {
+fn approach<L: Lane>(track: &Track<L>, crossing: &Crossing<L>) -> LandingEstimate<L> {
+    let rounded = crossing.nodes + L::splat(ROUNDING_OFFSET);
+    let (sine, cosine) = L::node(rounded);
     let past = ((rounded - L::splat(ROUNDING_OFFSET)) - crossing.nodes) * L::splat(node::SPACING);
     // Relative to the crossing nothing cancels. Gravity adds less than 1e-4 to the fall within
     // `past`.
@@ -85,7 +67,7 @@ pub(crate) fn approach_from<L: Lane>(
 
 /// The end of a tall flight.
 #[inline(always)]
-pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> Landing<f64> {
+pub(crate) fn landing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Landing<L> {
     let estimate = approach(track, &crossing(track, launch));
     GapNearImpact::new(track, launch, &estimate).finish(track)
 }

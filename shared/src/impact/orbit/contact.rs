@@ -1,6 +1,6 @@
 //! Contact of the part with the track: chatter, rest and lift-off (docs/theory-impacts.md#t4).
 
-use core::f64::consts::{FRAC_PI_2, PI, TAU};
+use core::f64::consts::{PI, TAU};
 
 use crate::arithmetic::lane::Lane;
 use crate::feeder::OutOfRange;
@@ -120,27 +120,6 @@ impl Contact {
         // others.
         let thrown = past == 0.0 || past < (PI - 2.0 * lift_off) * (1.0 - 1e-9);
         Some(if thrown { 0.0 } else { TAU - past })
-    }
-
-    /// [`Contact::wait`] by polling the track every 1/256 turn.
-    ///
-    /// It measures the time that the jump saves and proves that the jump changes nothing.
-    pub(super) fn wait_by_polling(&self, phase: f64) -> Option<f64> {
-        const POLLING_STEP: f64 = TAU / 256.0;
-        if libm::sin(phase) >= self.track.k {
-            return self.wait(phase);
-        }
-        for n in 0..257 {
-            let (from, to) = (f64::from(n) * POLLING_STEP, f64::from(n + 1) * POLLING_STEP);
-            let crest = in_turn(FRAC_PI_2 - phase - from) < POLLING_STEP && self.track.k < 1.0;
-            if crest || libm::sin(phase + to) >= self.track.k {
-                // The crossing lies in this polled step; its exact phase is arcsin k.
-                return self
-                    .wait(phase)
-                    .map(|wait| if wait <= to { wait } else { to });
-            }
-        }
-        None
     }
 }
 
@@ -299,7 +278,6 @@ mod tests {
             for step in 0..512 {
                 let phase = f64::from(step) * TAU / 512.0;
                 let wait = contact.wait(phase).unwrap();
-                assert_eq!(contact.wait_by_polling(phase), Some(wait), "{k} {phase}");
                 assert!((0.0..TAU).contains(&wait));
                 if wait == 0.0 {
                     assert!(libm::sin(phase) > k - 1e-15);
@@ -310,6 +288,6 @@ mod tests {
             }
         }
         let heavy = Contact::build(1.0, 0.5).unwrap();
-        assert_eq!((heavy.wait(1.0), heavy.wait_by_polling(1.0)), (None, None));
+        assert_eq!(heavy.wait(1.0), None);
     }
 }

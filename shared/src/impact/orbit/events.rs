@@ -33,39 +33,6 @@ pub enum OrbitEvent {
     },
 }
 
-/// Shortcuts of an orbit. None changes a bit of it; tests switch each off to prove that.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Shortcuts {
-    /// A part at rest jumps to lift-off; off: poll the track until it throws the part.
-    pub rest_jump: bool,
-    /// The flight after lift-off depends on k only and is computed once; off: every time.
-    pub release: bool,
-    /// [`Orbit::watch`] ends at the second lift-off, where the orbit repeats; off: go on with the
-    /// same events.
-    pub repeat: bool,
-}
-
-#[cfg(test)]
-impl Shortcuts {
-    /// No shortcut.
-    pub const NONE: Self = Self {
-        rest_jump: false,
-        release: false,
-        repeat: false,
-    };
-}
-
-impl Default for Shortcuts {
-    /// Every shortcut.
-    fn default() -> Self {
-        Self {
-            rest_jump: true,
-            release: true,
-            repeat: true,
-        }
-    }
-}
-
 /// Why [`Orbit::watch`] stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopReason {
@@ -99,7 +66,6 @@ pub enum StopReason {
 pub struct Orbit<'a, K: Kernel<State = PartState> = Map> {
     kernel: &'a K,
     contact: Contact,
-    shortcuts: Shortcuts,
     state: PartState,
     stage: Stage,
     /// The release of the part, once computed.
@@ -140,7 +106,6 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
         Self {
             kernel,
             contact,
-            shortcuts: Shortcuts::default(),
             state: start,
             stage: Stage::Hopping,
             release: None,
@@ -197,13 +162,6 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
         impact
     }
 
-    /// This orbit with the shortcuts of `shortcuts` only.
-    #[cfg(test)]
-    pub(crate) fn with(mut self, shortcuts: Shortcuts) -> Self {
-        self.shortcuts = shortcuts;
-        self
-    }
-
     /// The state after the last event.
     pub fn state(&self) -> PartState {
         self.state
@@ -228,7 +186,7 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
                 Some(OrbitEvent::LiftOff { wait, phase }) => {
                     observer.lift_off(wait, phase);
                     lift_offs += 1;
-                    if lift_offs == 2 && self.shortcuts.repeat && self.scatter.is_none() {
+                    if lift_offs == 2 && self.scatter.is_none() {
                         return StopReason::Repeats;
                     }
                 }
@@ -240,7 +198,7 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
     /// The release of the part; `None` where the kernel finds no flight, for k within rounding
     /// of 1.
     fn find_release(&mut self) -> Option<Release<PartState>> {
-        if !self.shortcuts.release || self.release.is_none() {
+        if self.release.is_none() {
             self.release = Release::build(self.kernel, self.contact.lift_off()?, 0.0);
         }
         self.release
@@ -254,11 +212,7 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
     }
 
     fn lift_off(&mut self) -> Option<OrbitEvent> {
-        let wait = if self.shortcuts.rest_jump {
-            self.contact.wait(self.state.phase)?
-        } else {
-            self.contact.wait_by_polling(self.state.phase)?
-        };
+        let wait = self.contact.wait(self.state.phase)?;
         self.state = self.find_release()?.launch;
         self.stage = Stage::Released;
         Some(OrbitEvent::LiftOff {
@@ -302,10 +256,6 @@ mod tests {
     use super::super::observe::Count;
     use super::*;
 
-    fn events(map: &Map, start: PartState, shortcuts: Shortcuts, count: usize) -> Vec<OrbitEvent> {
-        Orbit::new(map, start).with(shortcuts).take(count).collect()
-    }
-
     #[test]
     #[expect(
         clippy::excessive_precision,
@@ -343,51 +293,11 @@ mod tests {
         }
     }
 
-    /// Each shortcut alone, and all of them, against none: the same events, bit for bit.
-    #[test]
-    fn shortcuts_change_no_bit() {
-        for (k, restitution) in [
-            (0.9, 0.5),
-            (0.43, 0.2),
-            (0.3, 0.1),
-            (0.7, 0.0),
-            (0.999, 0.3),
-        ] {
-            let map = Map::build(k, restitution).unwrap();
-            for start in 0..12 {
-                let start = Map::state(0.55 * f64::from(start), 0.1 * f64::from(start)).unwrap();
-                let plain = events(&map, start, Shortcuts::NONE, 300);
-                for shortcuts in [
-                    Shortcuts::default(),
-                    Shortcuts {
-                        rest_jump: true,
-                        ..Shortcuts::NONE
-                    },
-                    Shortcuts {
-                        release: true,
-                        ..Shortcuts::NONE
-                    },
-                ] {
-                    assert_eq!(
-                        events(&map, start, shortcuts, 300),
-                        plain,
-                        "k {k} R {restitution}"
-                    );
-                }
-            }
-        }
-    }
-
-    /// [`Shortcuts::repeat`] omits only repeated events.
     #[test]
     fn orbit_repeats_after_its_second_lift_off() {
         for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.6, 0.1), (0.7, 0.0)] {
             let map = Map::build(k, restitution).unwrap();
-            let all: Vec<OrbitEvent> = Orbit::from_rest(&map)
-                .with(Shortcuts::NONE)
-                .skip(1)
-                .take(4000)
-                .collect();
+            let all: Vec<OrbitEvent> = Orbit::from_rest(&map).skip(1).take(4000).collect();
             let cycle = all
                 .iter()
                 .position(|event| matches!(event, OrbitEvent::LiftOff { .. }))
@@ -396,16 +306,10 @@ mod tests {
             for (n, event) in all.iter().enumerate() {
                 assert_eq!(*event, all[n % cycle], "k {k} R {restitution} event {n}");
             }
-            let (mut short, mut long) = (Count::default(), Count::default());
-            assert_eq!(
-                Orbit::from_rest(&map).watch(4000, &mut short),
-                StopReason::Repeats
-            );
-            assert!(short.impacts < 100 && short.lift_offs == 2);
-            let full = Orbit::from_rest(&map)
-                .with(Shortcuts::NONE)
-                .watch(4000, &mut long);
-            assert_eq!((full, long.impacts), (StopReason::Counted, 4000));
+            let mut count = Count::default();
+            let ended = Orbit::from_rest(&map).watch(4000, &mut count);
+            assert_eq!((ended, count.lift_offs), (StopReason::Repeats, 2));
+            assert!(count.impacts < 100);
         }
     }
 
@@ -417,7 +321,6 @@ mod tests {
         assert_eq!(orbit.watch(u64::MAX, &mut count), StopReason::RestsForEver);
         assert_eq!((count.rests, count.lift_offs), (1, 0));
         assert_eq!(Orbit::from_rest(&map).next(), None);
-        assert_eq!(Orbit::from_rest(&map).with(Shortcuts::NONE).next(), None);
 
         // docs/theory-reference.md#t11.4: hopping above k = 1.
         let map = Map::build(1.2, 0.8).unwrap();

@@ -13,8 +13,6 @@ mod wave_orbit;
 pub use along::AlongLaw;
 pub use along::{Along, ContactMotion};
 pub use contact::Contact;
-#[cfg(test)]
-pub(crate) use events::Shortcuts;
 pub use events::{Orbit, OrbitEvent, StopReason};
 pub use friction::{Friction, FrictionSettings};
 pub use observe::{Count, Observer};

@@ -419,9 +419,6 @@ impl AlongLaw for Friction {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::double::Map;
-    use crate::impact::kernel::Kernel;
-    use crate::impact::orbit::{Orbit, OrbitEvent};
     use core::f64::consts::TAU;
 
     fn settings(eta: f64, mu: f64, degrees: f64) -> FrictionSettings {
@@ -462,20 +459,6 @@ mod tests {
         assert_eq!(refused, None);
     }
 
-    /// docs/theory-real-parts.md#t10.4.
-    #[test]
-    fn speeds_without_hops_match_the_references() {
-        for (throw, eta, mu, degrees, expected) in [
-            (0.6, libm::sqrt(3.0), 0.8, 3.0, 0.386_499),
-            (0.9, libm::sqrt(3.0), 0.8, 3.0, 0.822_437),
-            (1.0, libm::sqrt(3.0), 0.3, 0.0, 0.636_358),
-            (0.9, 2.0, 0.2, 0.0, 0.434_802),
-        ] {
-            let found = cycle(throw, settings(eta, mu, degrees)).distance / TAU;
-            assert!((found - expected).abs() < 2e-6, "{throw} {mu}: {found}");
-        }
-    }
-
     /// Boothroyd's limits: forward above (mu + T)/(eta + mu), backward above (mu - T)/(eta - mu).
     #[test]
     fn sliding_begins_at_its_thresholds() {
@@ -513,130 +496,6 @@ mod tests {
         let later = (1.0 + tangent) / (eta + 1.0);
         assert_eq!(cycle(later - 1e-6, sticky).distance, 0.0);
         assert!(cycle(later + 1e-6, sticky).distance > 1e-2);
-    }
-
-    /// Distance over one contact by the classical Runge-Kutta method, with the direction of each
-    /// small step.
-    fn integrate_by_steps(
-        along: &Friction,
-        k: f64,
-        phase: f64,
-        duration: f64,
-        start: f64,
-    ) -> (f64, f64) {
-        let s = along.settings;
-        let steps = 400_000;
-        let h = duration / f64::from(steps);
-        let (mut displacement, mut v) = (0.0, start);
-        for n in 0..steps {
-            let tau = phase + (f64::from(n) + 0.5) * h;
-            let free = s.amplitude_ratio * libm::sin(tau + s.phase_lead) - k * s.incline_tangent;
-            let force = k - libm::sin(tau);
-            if v == 0.0 && free.abs() <= s.sticking * force {
-                continue;
-            }
-            let c = if v == 0.0 { free.signum() } else { v.signum() };
-            let next = v + h * (free - c * s.sliding * force);
-            let next = if next * c < 0.0 { 0.0 } else { next };
-            displacement += 0.5 * h * (v + next);
-            v = next;
-        }
-        (displacement, v)
-    }
-
-    #[test]
-    fn contact_matches_integration_by_small_steps() {
-        let mut cases = 0;
-        for n in 0..40 {
-            let part = |m: i32| f64::from(n * m % 37) / 37.0;
-            let along = FrictionSettings {
-                sticking: 0.15 + 0.5 * part(5),
-                sliding: 0.1 + 0.4 * part(5),
-                amplitude_ratio: 0.5 + 2.0 * part(7),
-                phase_lead: 3.0 * part(11) - 1.5,
-                incline_tangent: 0.2 * part(13) - 0.1,
-            };
-            let k = 1.02 + part(17);
-            let friction = Friction::build(k, along).unwrap();
-            let (phase, duration, v) = (6.0 * part(19), 9.0, 2.0 * part(23) - 1.0);
-            let motion = friction.move_in_contact(phase, duration, v);
-            let (displacement, velocity) = integrate_by_steps(&friction, k, phase, duration, v);
-            assert!(
-                (motion.distance - displacement).abs() < 2e-4,
-                "{n}: {motion:?} {displacement}"
-            );
-            assert!(
-                (motion.velocity - velocity).abs() < 2e-4,
-                "{n}: {motion:?} {velocity}"
-            );
-            cases += usize::from(motion.forward > 0.0 && motion.backward > 0.0);
-        }
-        assert!(cases > 10, "{cases}");
-    }
-
-    /// While a part slides in one direction, v' + c mu u' is independent of the contact force.
-    #[test]
-    fn what_friction_and_impact_share_is_conserved() {
-        let mut runs = 0;
-        for n in 0..300 {
-            let part = |m: i32| f64::from(n * m % 101) / 101.0;
-            let along = FrictionSettings {
-                sticking: 0.1 + 0.2 * part(5),
-                sliding: 0.1 + 0.2 * part(5),
-                amplitude_ratio: 0.5 + 2.0 * part(7),
-                phase_lead: 2.0 * part(11) - 1.0,
-                incline_tangent: 0.2 * part(13) - 0.1,
-            };
-            let (k, mu) = (0.3 + 0.6 * part(17), along.sliding);
-            let friction = Friction::build(k, along).unwrap();
-            let map = Map::build(k, 0.1 + 0.7 * part(19)).unwrap();
-            let contact = Contact::new(&map);
-            let start = Map::state(6.0 * part(23), 0.3 + part(29)).unwrap();
-            // Fast enough to keep its direction for a while.
-            let c = if n % 2 == 0 { 1.0 } else { -1.0 };
-            let mut velocity = 30.0 * c;
-            let mut before = start;
-            let mut clock = 0.0;
-            let mut shared = velocity + c * mu * start.velocity;
-            let mut orbit = Orbit::new(&map, start);
-            for _ in 0..30 {
-                let (phase, d, u) = match orbit.next() {
-                    Some(OrbitEvent::Impact(impact)) => {
-                        velocity = friction.move_in_flight(before, &impact, velocity).1;
-                        (before.phase, impact.flight, impact.next.velocity)
-                    }
-                    Some(OrbitEvent::Rest { chatter, .. }) => {
-                        velocity = friction
-                            .move_in_chatter(&contact, before, chatter, velocity)
-                            .velocity;
-                        (before.phase, chatter, 0.0)
-                    }
-                    Some(OrbitEvent::LiftOff { wait, .. }) => {
-                        velocity = friction
-                            .move_in_contact(before.phase, wait, velocity)
-                            .velocity;
-                        (before.phase, wait, 0.0)
-                    }
-                    None => break,
-                };
-                if velocity * c <= 0.0 {
-                    break;
-                }
-                // v'' + c mu u'' without a contact force.
-                let pushes = friction.free.plus(c * mu, &friction.normal);
-                shared += pushes.velocity(phase, d);
-                clock += d;
-                let now = velocity + c * mu * u;
-                // 1e-9: the closure of a chatter, and the phases of some 30 events.
-                assert!(
-                    (now - shared).abs() < 1e-9 * (1.0 + clock),
-                    "{n}: {now} {shared}"
-                );
-                before = orbit.state();
-                runs += 1;
-            }
-        }
-        assert!(runs > 4000, "{runs}");
     }
 
     #[test]
