@@ -104,6 +104,16 @@ impl ContactTime {
     pub fn gain(self, restitution: f64) -> f64 {
         f64::from(speed_gain(restitution as f32)) * self.radians
     }
+
+    /// `q c`: velocity along the track in `b w` gained by an acceleration along it of `b w^2`.
+    ///
+    /// Friction holds the part to the track until the force ends. Then it flies, for a share q of
+    /// the contact.
+    pub fn gain_along(self, restitution: f64) -> f64 {
+        let r = restitution;
+        let free = (1.0 - r) / (1.0 + 3.45 * r + 0.7 * libm::sqrt(r));
+        free * self.radians
+    }
 }
 
 /// Launch speed gained per acceleration and contact time (symbol rho), of a restitution in 0..=1.
@@ -181,6 +191,18 @@ pub(crate) mod spring {
             phase: f64,
             speed: f64,
         ) -> Option<(PartState, f64)> {
+            self.launch_watched(track, k, phase, speed, |_, _, _| {})
+        }
+
+        /// [`Spring::launch`]; `watch` gets the phase, duration and mean force of each step.
+        pub(crate) fn launch_watched(
+            &self,
+            track: &impl Fn(f64) -> [f64; 3],
+            k: f64,
+            phase: f64,
+            speed: f64,
+            mut watch: impl FnMut(f64, f64, f64),
+        ) -> Option<(PartState, f64)> {
             let step = self.duration / 400.0;
             let pull = |time: f64| k - track(phase + time)[2];
             let force = |u: f64, v: f64| -self.stiffness * u - self.damping * v;
@@ -203,8 +225,13 @@ pub(crate) mod spring {
                 if after <= 0.0 {
                     let part = before / (before - after);
                     (u, v) = (u + part * (next.0 - u), v + part * (next.1 - v));
-                    return self.fly_free(track, k, phase, time + part * step, [u, v]);
+                    watch(phase + time, part * step, 0.5 * before);
+                    time += part * step;
+                    let (launch, duration) = self.fly_free(track, k, phase, time, [u, v])?;
+                    watch(phase + time, duration - time, 0.0);
+                    return Some((launch, duration));
                 }
+                watch(phase + time, step, 0.5 * (before + after));
                 (u, v) = next;
                 time += step;
             }

@@ -207,6 +207,12 @@ impl Wave {
             .fold(0.0, |highest, [_, push]| highest.max(push))
     }
 
+    /// Acceleration of a free part relative to the track without gravity, `-S''` in `b w^2`, at a
+    /// phase in rad.
+    pub fn push(&self, phase: f64) -> f64 {
+        self.motion(phase)[2]
+    }
+
     /// Displacement S, velocity S', upward push A = -S'' and A' at a phase in rad, each
     /// within 4e-15.
     pub(crate) fn motion(&self, phase: f64) -> [f64; 4] {

@@ -13,7 +13,8 @@ use crate::regime::Lock;
 /// All flights are equal, so time mean and impact mean agree.
 ///
 /// With a contact time (docs/theory-real-parts.md#t10.6) it is the mean over flight and contact; the
-/// velocity relative to the track changes evenly during the contact.
+/// velocity relative to the track changes evenly during the contact. It grows where the track
+/// accelerates the part along itself after the contact's force has ended.
 pub fn velocity(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
     if !lock.contact().is_instant() {
         return velocity_with_contact(lock, k, settings);
@@ -34,10 +35,14 @@ fn velocity_with_contact(lock: &Lock, k: f64, settings: &TangentialSettings) -> 
     let flight = period - contact;
     let [launch, strike] = [lock.state().phase, lock.strike_phase()].map(|t| t + phase_lead);
     let down = k * incline_tangent;
-    let arrival = (eta * (libm::cos(launch) - libm::cos(strike)) - down * flight) / (1.0 - rt);
-    let flown = (rt * arrival + eta * libm::cos(launch) - 0.5 * down * flight) * flight
+    let gain = lock.contact().gain_along(lock.restitution());
+    let gained = gain * (eta * libm::sin(launch) - down);
+    let change = eta * (libm::cos(launch) - libm::cos(strike)) - down * flight;
+    let arrival = (change + gained) / (1.0 - rt);
+    let departure = rt * arrival + gained;
+    let flown = (departure + eta * libm::cos(launch) - 0.5 * down * flight) * flight
         - eta * (libm::sin(strike) - libm::sin(launch));
-    (flown + 0.5 * (1.0 + rt) * arrival * contact) / period
+    (flown + 0.5 * (arrival + departure) * contact) / period
 }
 
 /// Velocity at gamma = 0 without the phase (equation 21), in units of `b w`:
@@ -122,47 +127,90 @@ fn incline_loss(order: u32, k: f64, settings: &TangentialSettings) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::ContactTime;
+    use crate::impact::spring::Spring;
+    use crate::impact::{Contact, ContactTime, Kernel, Map, Orbit, PartState, Tangential};
+    use crate::regime::band;
+    use crate::transport::Conveying;
 
-    /// Against the distance of one period, summed over steps of flight and contact.
+    /// Mean velocity along the track in periods 40 to 60 of a part that starts on `lock`, with
+    /// Coulomb friction in an integrated contact of a linear spring and dashpot.
+    fn integrated_velocity(lock: &Lock, along: &TangentialSettings, friction: f64) -> f64 {
+        let (k, contact) = (lock.k(), lock.contact().radians());
+        let map = Map::build(k, 1.0).unwrap();
+        let spring = Spring::new(lock.restitution(), contact);
+        let track = |phase: f64| [libm::sin(phase), libm::cos(phase), libm::sin(phase)];
+        let push = |phase: f64| {
+            let shaken = along.amplitude_ratio * libm::sin(phase + along.phase_lead);
+            shaken - k * along.incline_tangent
+        };
+        let tangential = Tangential::build(k, *along).unwrap();
+        let (mut state, mut velocity) = (lock.state(), 0.0);
+        let (mut time, mut travelled) = (0.0, 0.0);
+        for period in 0..60 {
+            if period == 40 {
+                (time, travelled) = (0.0, 0.0);
+            }
+            let impact = map.impact(state);
+            let moved = tangential.distance(state, &impact, velocity);
+            velocity =
+                tangential.velocity_after_impact(state, &impact, velocity) / along.restitution;
+            let strike = impact.next.phase;
+            let mut slid = 0.0;
+            let (launch, duration) = spring
+                .launch_watched(
+                    &track,
+                    k,
+                    strike,
+                    impact.next.velocity,
+                    |phase, step, force| {
+                        let free = velocity + step * push(phase + 0.5 * step);
+                        let held = step * friction * force;
+                        let next = free - free.clamp(-held, held);
+                        slid += 0.5 * step * (velocity + next);
+                        velocity = next;
+                    },
+                )
+                .unwrap();
+            travelled += moved + slid;
+            time += impact.flight + duration;
+            state = PartState::new(launch.phase % (2.0 * PI), launch.velocity);
+        }
+        travelled / time
+    }
+
+    /// Level and inclined tracks, in phase and led, with friction 0.2 to 0.5.
     #[test]
-    fn velocity_with_contact_is_the_mean_over_a_period() {
-        const STEPS: u32 = 4000;
-        for (k, restitution, order) in [(0.43, 0.2, 1), (0.55, 0.3, 1), (0.23, 0.2, 2)] {
-            for (phase_lead, incline) in [(0.0, 0.05), (0.4, -0.1)] {
-                let along = settings(phase_lead, incline);
-                let locked = |c: f64| {
-                    let contact = ContactTime::build(c).unwrap();
-                    Lock::with_contact(k, restitution, order, contact)
-                        .unwrap()
-                        .unwrap()
-                };
-                let short = velocity(&locked(1e-9), k, &along);
-                assert!((short - velocity(&locked(0.0), k, &along)).abs() < 1e-7);
-                let lock = locked(0.1);
-                let flight = 2.0 * PI * f64::from(order) - 0.1;
-                let (launch, step) = (lock.state().phase, flight / f64::from(STEPS));
-                let mut start = 0.0;
-                let mut travelled = 0.0;
-                // The velocity after the contact converges by 0.3 a period.
-                for _ in 0..40 {
-                    let mut relative = start;
-                    travelled = 0.0;
-                    for n in 0..STEPS {
-                        let phase = launch + phase_lead + (f64::from(n) + 0.5) * step;
-                        let push =
-                            along.amplitude_ratio * libm::sin(phase) - k * along.incline_tangent;
-                        travelled += (relative + 0.5 * push * step) * step;
-                        relative += push * step;
-                    }
-                    start = along.restitution * relative;
-                    travelled += 0.05 * (relative + start);
+    fn velocity_with_contact_is_that_of_an_integrated_contact() {
+        let mut worst = [0.0_f64; 3];
+        for (k, restitution, order) in [
+            (0.43, 0.2, 1),
+            (0.46, 0.2, 1),
+            (0.56, 0.35, 1),
+            (0.7, 0.5, 1),
+            (0.23, 0.2, 2),
+        ] {
+            for (percent, worst) in [0.25, 1.0, 2.0].into_iter().zip(&mut worst) {
+                let contact = ContactTime::build(percent * 0.02 * PI).unwrap();
+                let lock = Lock::with_contact(k, restitution, order, contact);
+                let lock = lock.unwrap().unwrap();
+                for (phase_lead, incline, friction) in
+                    [(0.0, 0.0, 0.2), (0.0, 0.05, 0.3), (0.3, -0.05, 0.5)]
+                {
+                    let mut along = settings(phase_lead, incline);
+                    let exact = integrated_velocity(&lock, &along, friction);
+                    // Friction that holds the part keeps nothing of its velocity.
+                    along.restitution = 0.0;
+                    let error = velocity(&lock, k, &along) / exact - 1.0;
+                    std::println!("{k} {restitution} {percent} {phase_lead}: {error:.5}");
+                    *worst = worst.max(libm::fabs(error));
                 }
-                let expected = travelled / (flight + 0.1);
-                let found = velocity(&lock, k, &along);
-                assert!((found - expected).abs() < 1e-5, "{k} {found} {expected}");
             }
         }
+        std::println!("{worst:?}");
+        assert!(
+            worst[0] < 5e-4 && worst[1] < 2e-3 && worst[2] < 5e-3,
+            "{worst:?}"
+        );
     }
 
     fn settings(phase_lead: f64, incline_tangent: f64) -> TangentialSettings {

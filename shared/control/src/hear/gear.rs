@@ -514,6 +514,11 @@ impl GearEstimator {
         self.thrown.arrival
     }
 
+    /// Phase of that landing in rad; `None` where the track throws none.
+    pub fn landing_phase_from_rest(&self) -> Option<f32> {
+        (self.thrown.arrival > 0.0).then_some(self.thrown.phase)
+    }
+
     /// Whether a lock may strike at a phase of the track (rad): the track must rise and decelerate
     /// (docs/theory-bands.md#t5.1). The tolerance for late stamps is [`STAMP_ERROR`].
     pub fn may_lock_at(&self, phase: f32) -> bool {

@@ -7,7 +7,7 @@ use super::margin::GearMargin;
 use super::phases::PhaseStatistics;
 use super::share::{GearEvidence, GearShare, ShareHearing, Tuned};
 use super::signal::Cycle;
-use crate::angle::SAMPLE_RATE;
+use crate::angle::{SAMPLE_RATE, phase_of, radians_of};
 use crate::hear::LockWindow;
 use kband::arithmetic::Phase;
 use kband::feeder::OutOfRange;
@@ -38,6 +38,9 @@ const LOST_SINGLE_FLIGHTS: f32 = 0.9;
 const MIN_SUPPORTED_CYCLES: f32 = 24.0;
 /// Minimum time without contradiction, in s.
 const MIN_SUPPORTED_SECONDS: f32 = 0.4;
+/// Largest error of the mean stamped phase of landings from rest, in rad: that of a lock, and the
+/// resolution of its phase.
+const MAX_LANDING_ERROR: f32 = 0.15;
 /// Minimum time without an impact for an empty track, in s.
 const EMPTY_SECONDS: f32 = 1.0;
 /// Minimum time without an impact for an empty track, in flights of the gear.
@@ -131,7 +134,7 @@ impl Listener {
         self.classifier.cycle(count);
         if count.is_multiple_of(CLASSIFICATION_PERIOD_CYCLES) && (self.always_classifies || wanted)
         {
-            self.regime = Some(self.correct_verdict(self.classifier.verdict()));
+            self.regime = Some(self.correct_verdict(self.classifier.verdict(), lock));
         }
     }
 
@@ -207,16 +210,26 @@ impl Listener {
         self.gear.share() > level && self.gear.may_lock_at(self.phases.phase())
     }
 
-    /// Corrects a verdict of lock at a phase without any lock: parts hop, chatter undetected and
-    /// rest.
-    fn correct_verdict(&self, verdict: Verdict) -> Verdict {
-        match verdict.regime {
-            Regime::Locked { order } if !self.gear.may_lock_at(self.phases.phase()) => Verdict {
-                regime: Regime::HopAndRest { cycles: order },
-                ..verdict
-            },
-            _ => verdict,
+    /// Corrects a verdict of parts in gear at a mean phase where they land from rest, or where gear
+    /// repels: they hop, chatter undetected and rest.
+    fn correct_verdict(&self, verdict: Verdict, lock: Option<&LockWindow>) -> Verdict {
+        let phase = self.phases.phase();
+        let within = |middle: Phase, width: f32| radians_of(phase_of(phase) - middle).abs() < width;
+        let locks = lock.is_some_and(|lock| within(lock.phase, lock.width));
+        let landing = self.gear.landing_phase_from_rest();
+        let lands = landing.is_some_and(|at| within(phase_of(at), MAX_LANDING_ERROR));
+        if self.gear.may_lock_at(phase) && (locks || !lands) {
+            return verdict;
         }
+        let regime = match verdict.regime {
+            Regime::Locked { order } => Regime::HopAndRest { cycles: order },
+            Regime::Doubled { order, doublings } => Regime::HopAndRest {
+                cycles: order << doublings,
+            },
+            Regime::Chaotic => Regime::Undecided,
+            other => other,
+        };
+        Verdict { regime, ..verdict }
     }
 
     /// Margin of one part to the loss of gear; `None` with too few impacts, and for several parts.

@@ -7,6 +7,10 @@
 //! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks. A kick and its
 //! test need 80 cycles, in which the parts are thrown higher and conveyed worse. Kicks cannot hold
 //! parts that are lost more often than every hundred seconds.
+//!
+//! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks of
+//! parts outside the lot. Its hypotheses are that a kick misses a part with the probability of the
+//! plan, or always. The likelihood of the first one is the product of those probabilities.
 
 use kband::regime::capture::{Kick, Plan};
 
@@ -19,6 +23,10 @@ const MIN_CAPTURED_SHARE: f64 = 0.95;
 const KICKS_PER_HOUR: f32 = 40.0;
 /// Largest number of saved kicks: two complete captures in a row.
 const MAX_SAVED_KICKS: f32 = 20.0;
+
+/// Largest probability that the kicks miss parts of the lot, at which parts count as outside it:
+/// the false alarm rate.
+const MAX_MISS_PROBABILITY: f64 = 1e-3;
 
 /// Stage of a capture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,9 +53,22 @@ pub struct Capture {
     stage: Stage,
     attempts: u8,
     allowed: u8,
+    /// Probability of the plan that kicks miss as often as they did.
+    miss_probability: f64,
     /// Kicks in the token bucket, and kicks gained per cycle.
     tokens: f32,
     tokens_per_cycle: f32,
+}
+
+/// The wanted lock, as detected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DetectedLock {
+    /// Of all parts.
+    All,
+    /// Of most parts.
+    Most,
+    /// Of few parts or none: the evidence of a kick that missed.
+    Few,
 }
 
 /// Event of the capture in a cycle.
@@ -64,7 +85,8 @@ pub enum CaptureEvent {
     Ended,
     /// The wanted lock is detected.
     Captured,
-    /// The attempts are used up: those of this capture, or those of the hour.
+    /// The attempts are used up: those of this capture, or those of the hour. Or kicks missed that
+    /// parts of the lot would not.
     Failed,
 }
 
@@ -76,6 +98,7 @@ impl Capture {
             stage: Stage::Idle,
             attempts: 0,
             allowed,
+            miss_probability: 1.0,
             tokens: MAX_SAVED_KICKS,
             tokens_per_cycle: KICKS_PER_HOUR / (3600.0 * pace),
         }
@@ -83,7 +106,7 @@ impl Capture {
 
     /// Begins a capture with all its attempts.
     pub fn begin(&mut self) {
-        self.attempts = 0;
+        (self.attempts, self.miss_probability) = (0, 1.0);
         self.stage = Stage::Planning;
     }
 
@@ -110,12 +133,12 @@ impl Capture {
         }
     }
 
-    /// Advances one cycle. `plan` is the result of the search for kicks. `locked`: the wanted lock
-    /// is detected. `settled`: the amplitude is back at the setpoint.
+    /// Advances one cycle. `plan` is the result of the search for kicks. `lock` is the detected
+    /// lock. `settled`: the amplitude is back at the setpoint.
     pub fn cycle(
         &mut self,
         plan: Option<&Plan>,
-        locked: bool,
+        lock: DetectedLock,
         settled: bool,
     ) -> Option<CaptureEvent> {
         match self.stage {
@@ -141,7 +164,7 @@ impl Capture {
                     Some(CaptureEvent::Ended)
                 }
             }
-            Stage::Judging(_) if locked && settled => {
+            Stage::Judging(_) if lock == DetectedLock::All && settled => {
                 self.stage = Stage::Idle;
                 Some(CaptureEvent::Captured)
             }
@@ -149,14 +172,21 @@ impl Capture {
                 self.stage = Stage::Judging(cycle + u32::from(settled));
                 None
             }
-            Stage::Judging(_) => self.next(plan),
+            Stage::Judging(_) => {
+                if let (DetectedLock::Few, Some(plan)) = (lock, plan) {
+                    let attempt = u32::from(self.attempts).saturating_sub(1);
+                    self.miss_probability *= plan.miss_probability(attempt);
+                }
+                self.next(plan)
+            }
         }
     }
 
     fn next(&mut self, plan: Option<&Plan>) -> Option<CaptureEvent> {
         let kick = plan
             .and_then(|plan| plan.attempt(u32::from(self.attempts)))
-            .filter(|_| self.attempts < self.allowed && self.tokens >= 1.0);
+            .filter(|_| self.attempts < self.allowed && self.tokens >= 1.0)
+            .filter(|_| self.miss_probability > MAX_MISS_PROBABILITY);
         let Some(kick) = kick else {
             self.stage = Stage::Idle;
             return Some(CaptureEvent::Failed);
@@ -200,6 +230,35 @@ mod tests {
         }
     }
 
+    /// Kicks until the capture fails, where each leaves `lock`.
+    fn kicks(plan: &Plan, lock: DetectedLock) -> u8 {
+        let mut capture = Capture::new(8, 50.0);
+        capture.begin();
+        for _ in 0..10_000 {
+            if capture.cycle(Some(plan), lock, true) == Some(CaptureEvent::Failed) {
+                return capture.attempts();
+            }
+        }
+        panic!("a capture ends");
+    }
+
+    #[test]
+    fn kicks_end_once_their_misses_are_improbable() {
+        for (low, high, most) in [(0.18, 0.22, 3), (0.48, 0.52, 8)] {
+            let plan = plan(low, high);
+            let mut misses = (0..8).scan(1.0, |product, attempt| {
+                *product *= plan.miss_probability(attempt);
+                Some(*product)
+            });
+            let stop = misses
+                .position(|product| product <= 1e-3)
+                .map_or(8, |n| n as u8 + 1);
+            assert_eq!(kicks(&plan, DetectedLock::Few), stop, "{low} {plan:?}");
+            assert!((2..=most).contains(&stop), "{low}: {stop}");
+            assert_eq!(kicks(&plan, DetectedLock::Most), 8, "{low}");
+        }
+    }
+
     #[test]
     fn plan_that_captures_less_than_95_percent_is_uncertain() {
         for (low, high, sure) in [(0.18, 0.22, true), (0.48, 0.52, false)] {
@@ -208,7 +267,7 @@ mod tests {
             assert!((0.35..0.95).contains(&share) != sure, "{low}: {share}");
             let mut capture = Capture::new(8, 50.0);
             capture.begin();
-            let event = capture.cycle(Some(&plan), false, true);
+            let event = capture.cycle(Some(&plan), DetectedLock::Few, true);
             assert_eq!(event, Some(CaptureEvent::Planned { sure }), "{low}");
         }
     }

@@ -4,7 +4,7 @@
 //! of the confidence enters the lock; a lower one leaves it, if it lasts for some cycles in a row.
 //! The permitted transitions are the table of `control/state/transition.rs`.
 
-use super::capture::{Capture, CaptureEvent};
+use super::capture::{Capture, CaptureEvent, DetectedLock};
 use super::interlock::Interlock;
 use crate::aim::ChaosResult;
 use crate::inputs::Inputs;
@@ -351,7 +351,10 @@ impl StateMachine {
                     self.enter(State::Capturing);
                 }
             }
-            State::Capturing => match self.capture.cycle(seen.plan, locked, near) {
+            State::Capturing => match self
+                .capture
+                .cycle(seen.plan, detected_lock(confidence), near)
+            {
                 None => {}
                 Some(CaptureEvent::Planned { sure: true }) => events.push(Event::KickPlanned),
                 Some(CaptureEvent::Planned { sure: false }) => events.push(Event::KickUncertain),
@@ -466,6 +469,17 @@ impl StateMachine {
             events.push(Event::LockLost);
         }
         decision
+    }
+}
+
+/// The lock that a confidence detects.
+fn detected_lock(confidence: f32) -> DetectedLock {
+    if confidence >= LOCK_CONFIDENCE {
+        DetectedLock::All
+    } else if confidence >= LOST_CONFIDENCE {
+        DetectedLock::Most
+    } else {
+        DetectedLock::Few
     }
 }
 

@@ -1,6 +1,6 @@
 //! Laws of the parts' motion along the track (docs/theory-transport.md#t8.1).
 
-use kband::impact::{FrictionSettings, TangentialSettings};
+use kband::impact::{FrictionSettings, TangentialSettings, Wave};
 
 /// Law of the parts' motion along the track.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,4 +10,28 @@ pub enum Law {
     Restitution(TangentialSettings),
     /// Coulomb friction with sliding.
     Friction(FrictionSettings),
+}
+
+impl Law {
+    /// Acceleration of a free part along the track relative to it, in `b w^2`, at a phase in rad on
+    /// a track with this k; `None` is a sine.
+    pub fn push(&self, wave: Option<&Wave>, k: f64, phase: f64) -> f64 {
+        let (ratio, lead, incline) = match *self {
+            Self::Restitution(TangentialSettings {
+                amplitude_ratio,
+                phase_lead,
+                incline_tangent,
+                ..
+            })
+            | Self::Friction(FrictionSettings {
+                amplitude_ratio,
+                phase_lead,
+                incline_tangent,
+                ..
+            }) => (amplitude_ratio, phase_lead, incline_tangent),
+        };
+        let phase = phase + lead;
+        let shaken = wave.map_or_else(|| libm::sin(phase), |wave| wave.push(phase));
+        ratio * shaken - k * incline
+    }
 }

@@ -292,6 +292,10 @@ impl Part {
             state = track.contact.launch(kept, state, k, track.wave);
             let radians = track.contact.radians();
             time += (radians / TAU * Phase::TURN) as u64;
+            let push = track
+                .law
+                .map_or(0.0, |law| law.push(track.wave, k, state.phase));
+            self.along += track.contact.gain_along(kept) * push * amplitude * track.angular;
             self.displacement += 0.5 * (along + self.along) * radians / track.angular;
             if state.velocity == 0.0 {
                 self.motion = Motion::Chattering { until: time };

@@ -2,6 +2,7 @@
 
 mod answers;
 mod bounds;
+mod capture;
 mod commissioned;
 mod contact;
 mod drives;

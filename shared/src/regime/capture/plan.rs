@@ -144,14 +144,22 @@ impl Plan {
     /// Kick for attempt number `attempt`, counted from 0. Attempts cycle through the kept kicks;
     /// each further cycle holds the kick one drive cycle longer, so no attempt repeats.
     pub fn attempt(&self, attempt: u32) -> Option<Kick> {
-        let kept = self.ranked.len() as u32;
-        let turn = attempt.checked_rem(kept)?;
-        let mut settings = self.ranked.get(turn as usize)?.kick.settings();
+        let mut settings = self.scored(attempt)?.kick.settings();
         settings.hold = settings
             .hold
-            .saturating_add((attempt / kept).min(1000) as u16)
+            .saturating_add((attempt / self.ranked.len() as u32).min(1000) as u16)
             .min(10_000);
         Kick::build(settings).ok()
+    }
+
+    /// Probability that attempt number `attempt` misses a part of the lot, 0..1; 1 without a kick.
+    pub fn miss_probability(&self, attempt: u32) -> f64 {
+        1.0 - self.scored(attempt).map_or(0.0, |kept| kept.expected())
+    }
+
+    fn scored(&self, attempt: u32) -> Option<&ScoredKick> {
+        let turn = attempt.checked_rem(self.ranked.len() as u32)?;
+        self.ranked.get(turn as usize)
     }
 }
 
