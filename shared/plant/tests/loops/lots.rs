@@ -1,8 +1,10 @@
-//! READY of lots that are drawn at random, and of lots whose parts change or leave: when it may be on, and how soon it is off.
+//! READY and the estimated share of random lots, and of lots whose parts change or leave.
 //!
 //! `KBAND_LOTS` and `KBAND_SEED` say how many random lots are run, and which.
 
 use core::f64::consts::TAU;
+use std::sync::OnceLock;
+
 use kband::arithmetic::Noise;
 
 use kband::feeder::STANDARD_GRAVITY;
@@ -115,44 +117,94 @@ fn count(watches: &mut [GearWatch], strikes: &[Strike]) {
     }
 }
 
-#[test]
-fn ready_is_off_where_no_part_is_in_gear() {
-    let number = |name: &str, otherwise: u64| {
-        std::env::var(name).map_or(otherwise, |value| value.parse().expect("a whole number"))
-    };
-    let (lots, seed) = (number("KBAND_LOTS", 40), number("KBAND_SEED", 1));
-    let (mut out_of_gear, mut ready_in_gear, mut wrong) = (0_u32, 0_u32, Vec::new());
+/// A window of a run: the true share in gear, the cycles of READY, and the estimate at the end.
+struct Window {
+    lot: u64,
+    fidelity: usize,
+    number: u32,
+    share: f64,
+    ready: u32,
+    estimate: Option<[f64; 2]>,
+}
+
+/// Number of random lots, from the environment.
+fn lots() -> u64 {
+    number("KBAND_LOTS", 40)
+}
+
+fn number(name: &str, otherwise: u64) -> u64 {
+    std::env::var(name).map_or(otherwise, |value| value.parse().expect("a whole number"))
+}
+
+/// The windows of the first `lots` random lots in both fidelities, every other one with a finer
+/// sensor. `wrong` is the error of the configured restitution, up or down.
+fn windows(lots: u64, wrong: f32) -> Vec<Window> {
+    let seed = number("KBAND_SEED", 1);
+    let mut all = Vec::new();
     for lot in 0..lots {
-        let (scene, order) = random_lot(seed, lot);
+        let (mut scene, order) = random_lot(seed, lot);
+        let settings = &mut scene.settings;
+        let up = lot % 4 < 2 || settings.restitution_low < wrong;
+        let wrong = if up { wrong } else { -wrong };
+        if lot % 2 == 1 {
+            settings.sensitivity = 0.06;
+        }
+        settings.restitution_low += wrong;
+        settings.restitution_high += wrong;
         for (fidelity, mut closed) in Loop::both(&scene).into_iter().enumerate() {
             let mut watches =
                 std::vec![GearWatch::build(u32::from(order)).unwrap(); scene.parts.len()];
-            for window in 0..WINDOWS {
-                let [begin, end] = [window, window + 1].map(|n| f64::from(n * WINDOW) * TAU);
+            for number in 0..WINDOWS {
+                let [begin, end] = [number, number + 1].map(|n| f64::from(n * WINDOW) * TAU);
                 watches.iter_mut().for_each(|watch| watch.begin(begin));
-                let mut on = 0;
+                let (mut ready, mut estimate) = (0, None);
                 for _ in 0..WINDOW {
-                    let (_, strikes, ready) = closed.cycle();
+                    let (Moment { report, .. }, strikes, is_ready) = closed.cycle();
                     count(&mut watches, &strikes);
-                    on += u32::from(ready);
+                    ready += u32::from(is_ready);
+                    let last = [report.in_gear, report.in_gear_error].map(f64::from);
+                    estimate = Some(last).filter(|[_, error]| error.is_finite());
                 }
                 let shares = watches.iter().map(|watch| watch.share(end).share());
-                let share = shares.sum::<f64>() / scene.parts.len() as f64;
-                if share < OUT_OF_GEAR {
-                    out_of_gear += 1;
-                    if on > 0 {
-                        wrong.push((lot, fidelity, window, share, on));
-                    }
-                } else if share > 0.7 && on > 0 {
-                    ready_in_gear += 1;
-                }
+                all.push(Window {
+                    lot,
+                    fidelity,
+                    number,
+                    share: shares.sum::<f64>() / scene.parts.len() as f64,
+                    ready,
+                    estimate,
+                });
             }
+        }
+    }
+    all
+}
+
+/// The windows of the lots as configured, run once for all tests.
+fn configured() -> &'static [Window] {
+    static ALL: OnceLock<Vec<Window>> = OnceLock::new();
+    ALL.get_or_init(|| windows(lots(), 0.0))
+}
+
+#[test]
+fn ready_is_off_where_no_part_is_in_gear() {
+    let (mut out_of_gear, mut ready_in_gear, mut wrong) = (0_u32, 0_u32, Vec::new());
+    for window in configured() {
+        let Window { share, ready, .. } = *window;
+        if share < OUT_OF_GEAR {
+            out_of_gear += 1;
+            if ready > 0 {
+                wrong.push((window.lot, window.fidelity, window.number, share, ready));
+            }
+        } else if share > 0.7 && ready > 0 {
+            ready_in_gear += 1;
         }
     }
     assert!(
         wrong.is_empty(),
         "lot, fidelity, window, share, cycles: {wrong:?}"
     );
+    let lots = lots();
     assert!(
         u64::from(out_of_gear) > lots,
         "{out_of_gear} of {lots} lots"
@@ -162,6 +214,62 @@ fn ready_is_off_where_no_part_is_in_gear() {
         lots < 40 || u64::from(ready_in_gear) * 20 > lots,
         "{ready_in_gear} of {lots} lots"
     );
+}
+
+/// Shares of the reported estimates within 1, 2 and 3 of their errors; and the number of lots among
+/// them.
+///
+/// The first window is left out: the amplitude settles in it. Windows of a lot depend on each
+/// other, so the lots count as trials.
+fn coverage(windows: &[Window]) -> ([f64; 3], f64) {
+    let settled = windows.iter().filter(|window| window.number > 0);
+    let reported: Vec<(u64, f64, f64)> = settled
+        .filter_map(|window| {
+            let [estimate, error] = window.estimate?;
+            Some((window.lot, estimate - window.share, error))
+        })
+        .collect();
+    let count = reported.len() as f64;
+    let within = [1.0, 2.0, 3.0].map(|errors| {
+        let covers = |(_, apart, error): &&(u64, f64, f64)| apart.abs() <= errors * error;
+        reported.iter().filter(covers).count() as f64 / count
+    });
+    let mean = reported.iter().map(|(_, apart, _)| apart).sum::<f64>() / count;
+    let square = reported
+        .iter()
+        .map(|(_, apart, _)| apart * apart)
+        .sum::<f64>()
+        / count;
+    let mut lots: Vec<u64> = reported.iter().map(|(lot, ..)| *lot).collect();
+    lots.dedup();
+    println!(
+        "{count} estimates of {} lots: within 1, 2, 3 errors {within:.3?}, bias {mean:.3}, \
+         rms {:.3}",
+        lots.len(),
+        square.sqrt()
+    );
+    (within, lots.len() as f64)
+}
+
+#[test]
+fn reported_errors_cover_the_true_share() {
+    let (within, lots) = coverage(configured());
+    assert!(lots > 0.2 * self::lots() as f64, "{lots} lots");
+    for (found, due) in within.into_iter().zip([0.683, 0.954, 0.997]) {
+        // Three standard deviations of a binomial count, and one lot.
+        let most = 3.0 * (due * (1.0 - due) / lots).sqrt() + 1.0 / lots;
+        assert!(
+            (found - due).abs() <= most,
+            "{found} for {due} of {lots} lots"
+        );
+    }
+}
+
+#[test]
+fn reported_errors_cover_the_share_of_a_wrong_lot() {
+    let (within, lots) = coverage(&windows(lots() / 2, 0.1));
+    let least = 0.9 - 3.0 * (0.9 * 0.1 / lots).sqrt();
+    assert!(within[2] >= least, "{} of {lots} lots", within[2]);
 }
 
 /// Lots 541 and 660 of seed 9001: the sensor's gain is 1.24 times the configured one, and all parts land together and rest.
