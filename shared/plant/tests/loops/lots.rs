@@ -8,44 +8,15 @@ use kband::arithmetic::Noise;
 use kband::feeder::STANDARD_GRAVITY;
 use kband::regime::gear::GearWatch;
 use kband_control::{Limits, Target};
-use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene, Strike};
+use kband_plant::{Change, ClosedLoop, Disturbance, Moment, Scene};
+
+use super::fidelity::{Loop, record};
 
 /// Drive cycles of a window in which the true share in gear is counted, and windows of a run.
 const WINDOW: u32 = 512;
 const WINDOWS: u32 = 3;
 /// True share in gear in a window below which READY must not be on.
 const OUT_OF_GEAR: f64 = 0.05;
-
-/// Either fidelity.
-pub(super) enum Loop {
-    Envelope(Box<EnvelopeLoop>),
-    Waveform(Box<ClosedLoop>),
-}
-
-impl Loop {
-    pub(super) fn both(scene: &Scene) -> [Self; 2] {
-        [
-            Self::Envelope(Box::new(EnvelopeLoop::build(scene).unwrap())),
-            Self::Waveform(Box::new(ClosedLoop::build(scene).unwrap())),
-        ]
-    }
-
-    /// A drive cycle: the moment, its impacts and READY.
-    pub(super) fn cycle(&mut self) -> (Moment, Vec<Strike>, bool) {
-        match self {
-            Self::Envelope(closed) => {
-                let moment = closed.cycle();
-                let strikes = closed.strikes().to_vec();
-                (moment, strikes, closed.controller().is_ready())
-            }
-            Self::Waveform(closed) => {
-                let moment = closed.cycle();
-                let strikes = closed.plant().strikes().to_vec();
-                (moment, strikes, closed.controller().is_ready())
-            }
-        }
-    }
-}
 
 pub(super) fn between(noise: &mut Noise, low: f64, high: f64) -> f64 {
     low + (high - low) * f64::from(noise.uniform())
@@ -102,19 +73,6 @@ pub(super) fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
     (scene, order)
 }
 
-/// Counts the strikes of a cycle.
-fn count(watches: &mut [GearWatch], strikes: &[Strike]) {
-    for strike in strikes {
-        let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
-        let flight = f64::from(strike.flight) * TAU;
-        let watch = &mut watches[usize::from(strike.part)];
-        if strike.rested {
-            watch.add_rest(landed - flight);
-        }
-        watch.add_landing(landed, flight);
-    }
-}
-
 #[test]
 fn ready_is_off_where_no_part_is_in_gear() {
     let number = |name: &str, otherwise: u64| {
@@ -133,7 +91,7 @@ fn ready_is_off_where_no_part_is_in_gear() {
                 let mut on = 0;
                 for _ in 0..WINDOW {
                     let (_, strikes, ready) = closed.cycle();
-                    count(&mut watches, &strikes);
+                    record(&mut watches, &strikes);
                     on += u32::from(ready);
                 }
                 let shares = watches.iter().map(|watch| watch.share(end).share());
@@ -370,10 +328,7 @@ fn nothing_is_reported_while_deaf() {
         }
         assert!(deaf > 7800, "{deaf}");
         // The limit hides the estimate; the estimate itself has no order 2 either.
-        let share = match &closed {
-            Loop::Envelope(closed) => closed.controller().estimated_share(),
-            Loop::Waveform(closed) => closed.controller().estimated_share(),
-        };
+        let share = closed.controller().estimated_share();
         assert!(share.unwrap().share < 0.3, "{share:?}");
     }
 }

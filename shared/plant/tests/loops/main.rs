@@ -5,6 +5,7 @@ mod bounds;
 mod commissioned;
 mod contact;
 mod drives;
+mod fidelity;
 mod held;
 mod identification;
 mod lots;
