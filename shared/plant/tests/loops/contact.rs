@@ -7,7 +7,9 @@ use kband::regime::Lock;
 use kband::regime::gear::{GearWatch, Share, shares_with_contact};
 use kband::transport::locked;
 use kband_control::{Limits, State, Target};
-use kband_plant::{ClosedLoop, EnvelopeLoop, Moment, Scene, Strike};
+use kband_plant::{Moment, Scene};
+
+use super::fidelity::{Loop, record};
 
 /// Contact in ms at 50 Hz, 2 % of the cycle.
 const CONTACT: f32 = 0.4;
@@ -15,29 +17,6 @@ const CONTACT: f32 = 0.4;
 fn with_contact(mut scene: Scene, contact: f32) -> Scene {
     (scene.contact, scene.settings.contact) = (contact, contact);
     scene
-}
-
-/// One of the two plants under the controller.
-enum Loop {
-    Envelope(Box<EnvelopeLoop>),
-    Waveform(Box<ClosedLoop>),
-}
-
-impl Loop {
-    fn build(scene: &Scene, waveform: bool) -> Self {
-        if waveform {
-            Self::Waveform(Box::new(ClosedLoop::build(scene).unwrap()))
-        } else {
-            Self::Envelope(Box::new(EnvelopeLoop::build(scene).unwrap()))
-        }
-    }
-
-    fn cycle(&mut self) -> (Moment, std::vec::Vec<Strike>) {
-        match self {
-            Self::Envelope(closed) => (closed.cycle(), closed.strikes().to_vec()),
-            Self::Waveform(closed) => (closed.cycle(), closed.plant().strikes().to_vec()),
-        }
-    }
 }
 
 #[test]
@@ -55,7 +34,7 @@ fn parts_lock_at_the_predicted_phase() {
         let (mut apart, mut shift, mut stamped, mut count) = ([0.0, 0.0_f64], 0.0, 0.0, 0);
         let (mut begun, mut ended) = (closed.cycle().0, closed.cycle().0);
         for cycle in 0..2500 {
-            let (moment, strikes) = closed.cycle();
+            let (moment, strikes, _) = closed.cycle();
             let report = moment.report;
             if cycle < 2000 {
                 begun = moment;
@@ -169,16 +148,8 @@ fn share_in_gear_is_the_predicted_one() {
                         .iter_mut()
                         .for_each(|watch| watch.begin(cycle as f64 * TAU));
                 }
-                let (Moment { report, .. }, strikes) = closed.cycle();
-                for strike in strikes {
-                    let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
-                    let flight = f64::from(strike.flight) * TAU;
-                    let watch = &mut watches[usize::from(strike.part)];
-                    if strike.rested {
-                        watch.add_rest(landed - flight);
-                    }
-                    watch.add_landing(landed, flight);
-                }
+                let (Moment { report, .. }, strikes, _) = closed.cycle();
+                record(&mut watches, &strikes);
                 if cycle >= SETTLED && report.in_gear_error.is_finite() {
                     heard += f64::from(report.in_gear);
                     heard_cycles += 1.0;

@@ -10,44 +10,15 @@ use kband::arithmetic::Noise;
 use kband::feeder::STANDARD_GRAVITY;
 use kband::regime::gear::GearWatch;
 use kband_control::{Limits, Target};
-use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene, Strike};
+use kband_plant::{Change, ClosedLoop, Disturbance, Moment, Scene};
+
+use super::fidelity::{Loop, record};
 
 /// Drive cycles of a window in which the true share in gear is counted, and windows of a run.
 const WINDOW: u32 = 512;
 const WINDOWS: u32 = 3;
 /// True share in gear in a window below which READY must not be on.
 const OUT_OF_GEAR: f64 = 0.05;
-
-/// Either fidelity.
-pub(super) enum Loop {
-    Envelope(Box<EnvelopeLoop>),
-    Waveform(Box<ClosedLoop>),
-}
-
-impl Loop {
-    pub(super) fn both(scene: &Scene) -> [Self; 2] {
-        [
-            Self::Envelope(Box::new(EnvelopeLoop::build(scene).unwrap())),
-            Self::Waveform(Box::new(ClosedLoop::build(scene).unwrap())),
-        ]
-    }
-
-    /// A drive cycle: the moment, its impacts and READY.
-    pub(super) fn cycle(&mut self) -> (Moment, Vec<Strike>, bool) {
-        match self {
-            Self::Envelope(closed) => {
-                let moment = closed.cycle();
-                let strikes = closed.strikes().to_vec();
-                (moment, strikes, closed.controller().is_ready())
-            }
-            Self::Waveform(closed) => {
-                let moment = closed.cycle();
-                let strikes = closed.plant().strikes().to_vec();
-                (moment, strikes, closed.controller().is_ready())
-            }
-        }
-    }
-}
 
 pub(super) fn between(noise: &mut Noise, low: f64, high: f64) -> f64 {
     low + (high - low) * f64::from(noise.uniform())
@@ -57,8 +28,8 @@ fn log_between(noise: &mut Noise, low: f64, high: f64) -> f64 {
     libm::exp(between(noise, libm::log(low), libm::log(high)))
 }
 
-/// A feeder of 20 to 300 Hz with 1 to 12 parts of R 0.1 to 0.6 and s 0.02 to 0.10, for gear of order 1 or 2; the sensor's gain is 0.7 to
-/// 1.4 of the configured one, in a quarter of the lots exactly that.
+/// A feeder of 20 to 300 Hz with 1 to 12 parts of R 0.1 to 0.6 and s 0.02 to 0.10, for gear of order
+/// 1 or 2. The sensor's gain is 0.7 to 1.4 of the configured one, in a quarter of the lots equal.
 pub(super) fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
     let noise = &mut Noise::new(seed.wrapping_mul(1_000_003).wrapping_add(number));
     let order = 1 + (noise.bits() % 2) as u8;
@@ -104,19 +75,6 @@ pub(super) fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
     (scene, order)
 }
 
-/// Counts the strikes of a cycle.
-fn count(watches: &mut [GearWatch], strikes: &[Strike]) {
-    for strike in strikes {
-        let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
-        let flight = f64::from(strike.flight) * TAU;
-        let watch = &mut watches[usize::from(strike.part)];
-        if strike.rested {
-            watch.add_rest(landed - flight);
-        }
-        watch.add_landing(landed, flight);
-    }
-}
-
 /// A window of a run: the true share in gear, the cycles of READY, and the estimate at the end.
 struct Window {
     lot: u64,
@@ -160,7 +118,7 @@ fn windows(lots: u64, wrong: f32) -> Vec<Window> {
                 let (mut ready, mut estimate) = (0, None);
                 for _ in 0..WINDOW {
                     let (Moment { report, .. }, strikes, is_ready) = closed.cycle();
-                    count(&mut watches, &strikes);
+                    record(&mut watches, &strikes);
                     ready += u32::from(is_ready);
                     let last = [report.in_gear, report.in_gear_error].map(f64::from);
                     estimate = Some(last).filter(|[_, error]| error.is_finite());
@@ -478,10 +436,7 @@ fn nothing_is_reported_while_deaf() {
         }
         assert!(deaf > 7800, "{deaf}");
         // The limit hides the estimate; the estimate itself has no order 2 either.
-        let share = match &closed {
-            Loop::Envelope(closed) => closed.controller().estimated_share(),
-            Loop::Waveform(closed) => closed.controller().estimated_share(),
-        };
+        let share = closed.controller().estimated_share();
         assert!(share.unwrap().share < 0.3, "{share:?}");
     }
 }

@@ -6,6 +6,7 @@ mod capture;
 mod commissioned;
 mod contact;
 mod drives;
+mod fidelity;
 mod held;
 mod identification;
 mod lots;

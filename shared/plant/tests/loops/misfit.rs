@@ -5,7 +5,8 @@ use kband::arithmetic::Noise;
 use kband_control::{Limits, State, Target};
 use kband_plant::{Change, Disturbance, Scene};
 
-use super::lots::{Loop, between, random_lot};
+use super::fidelity::Loop;
+use super::lots::{between, random_lot};
 
 /// Seconds from the setpoint within which such parts are detected.
 const WITHIN: f64 = 10.0;

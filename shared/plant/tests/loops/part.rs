@@ -7,6 +7,8 @@ use kband::regime::gear::GearWatch;
 use kband_control::{GearMargin, Target};
 use kband_plant::{EnvelopeLoop, Scene};
 
+use super::fidelity::record;
+
 /// True and estimated share in gear, cycles with a detected lock, and the last margin.
 struct Heard {
     truth: f64,
@@ -43,14 +45,7 @@ fn listen(restitution: f32, scatter: f32, k: f32, runs: u64) -> Heard {
             if cycle == SETTLED {
                 watch.begin(cycle as f64 * TAU);
             }
-            for strike in closed.strikes() {
-                let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
-                let flight = f64::from(strike.flight) * TAU;
-                if strike.rested {
-                    watch.add_rest(landed - flight);
-                }
-                watch.add_landing(landed, flight);
-            }
+            record(core::slice::from_mut(&mut watch), closed.strikes());
             if cycle >= SETTLED {
                 let share = f64::from(report.in_gear) / (CYCLES - SETTLED) as f64;
                 all.heard += share / runs as f64;

@@ -4,7 +4,9 @@ use core::f64::consts::TAU;
 
 use kband::regime::gear::GearWatch;
 use kband_control::Target;
-use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Scene};
+use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene};
+
+use super::fidelity::{Loop, record};
 
 /// Parts of a lot, evenly over it, at a fixed k.
 fn scene(lot: [f32; 2], scatter: f32, k: f32, parts: usize, seed: u64) -> Scene {
@@ -37,8 +39,7 @@ struct Told {
 fn listen(scene: &Scene, waveform: bool) -> Told {
     const CYCLES: usize = 3000;
     const SETTLED: usize = 250;
-    let mut envelope = EnvelopeLoop::build(scene).unwrap();
-    let mut whole = ClosedLoop::build(scene).unwrap();
+    let mut closed = Loop::build(scene, waveform);
     let parts = scene.parts.len();
     let mut watches = std::vec![GearWatch::build(1).unwrap(); parts];
     let mut told = Told {
@@ -53,20 +54,8 @@ fn listen(scene: &Scene, waveform: bool) -> Told {
                 .iter_mut()
                 .for_each(|watch| watch.begin(cycle as f64 * TAU));
         }
-        let (report, strikes) = if waveform {
-            (whole.cycle().report, whole.plant().strikes())
-        } else {
-            (envelope.cycle().report, envelope.strikes())
-        };
-        for strike in strikes {
-            let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
-            let flight = f64::from(strike.flight) * TAU;
-            let watch = &mut watches[usize::from(strike.part)];
-            if strike.rested {
-                watch.add_rest(landed - flight);
-            }
-            watch.add_landing(landed, flight);
-        }
+        let (Moment { report, .. }, strikes, _) = closed.cycle();
+        record(&mut watches, &strikes);
         if cycle >= SETTLED {
             if report.in_gear_error.is_finite() {
                 told.heard += f64::from(report.in_gear);
