@@ -1,15 +1,24 @@
-//! Tells the crate which commit it is built from.
+//! Tells the crate which commit it is built from, and makes its table of columns.
 
-use std::env;
 use std::path::{Path, PathBuf};
+use std::{env, fs};
 
+#[path = "build/columns.rs"]
+mod columns;
 #[path = "build/commit.rs"]
 mod commit;
 
+/// The table of the columns of all outputs.
+const COLUMNS: &str = "src/report/columns.tsv";
+
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    println!("cargo::rerun-if-changed=build/commit.rs");
+    println!("cargo::rerun-if-changed=build");
+    println!("cargo::rerun-if-changed={COLUMNS}");
     let folder = env::var_os("CARGO_MANIFEST_DIR").map_or_else(PathBuf::new, PathBuf::from);
+    let table = fs::read_to_string(folder.join(COLUMNS)).expect("the table of columns is read");
+    let out = env::var_os("OUT_DIR").map_or_else(PathBuf::new, PathBuf::from);
+    fs::write(out.join("columns.rs"), columns::source(&table)).expect("its constants are written");
     // A build for tests is made anew with every change of a source; it would be with every commit as well.
     if env::var_os("PROFILE").is_some_and(|profile| profile == "debug") {
         println!("cargo::rustc-env=KBAND_COMMIT=unknown (a build for tests)");

@@ -18,10 +18,10 @@ pub struct Stream<W> {
 
 impl<W: Write> Stream<W> {
     /// A stream of rows with these columns, each so many characters wide in the table to read.
-    pub fn new(format: Format, columns: &[(Column, usize)], out: W) -> Self {
+    pub fn new(format: Format, columns: Vec<(Column, usize)>, out: W) -> Self {
         Self {
             format,
-            columns: columns.to_vec(),
+            columns,
             begun: false,
             out,
         }
@@ -108,9 +108,9 @@ mod tests {
     use crate::report::columns;
 
     fn printed(format: Format) -> String {
-        let columns = [(columns::TIME, 8), (columns::STATE, 9)];
+        let columns = vec![(columns::TIME, 8), (columns::STATE, 9)];
         let mut out = Vec::new();
-        let mut stream = Stream::new(format, &columns, &mut out);
+        let mut stream = Stream::new(format, columns, &mut out);
         assert!(stream.row(&[0.02.into(), "off".into()]).unwrap());
         assert!(stream.row(&[0.04.into(), Value::Missing]).unwrap());
         String::from_utf8(out).unwrap()

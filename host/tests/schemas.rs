@@ -254,7 +254,7 @@ fn check(folder: &Path, results: &BTreeMap<&str, Vec<&str>>, more: &[&str]) {
         let mut names = BTreeSet::new();
         unknown(&schema, &mut names);
         if !names.is_empty() {
-            wrong.push(format!("{name}: not in report/columns.rs: {names:?}"));
+            wrong.push(format!("{name}: not in report/columns.tsv: {names:?}"));
         }
         for (words, document) in &documents {
             let mut found = Vec::new();

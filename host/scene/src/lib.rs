@@ -30,7 +30,7 @@ pub use engine::{Engine, Fidelity, Glance, Lot};
 pub use expect::Expectation;
 pub use outcome::{GoOn, Outcome, cycles, words};
 pub use parts::{Distribution, Kin, kin};
-pub use record::{Happened, Record, SETTLED, Sketch, Struck, Take, Watch};
+pub use record::{Curve, Happened, Record, SETTLED, Sketch, Struck, Take, Watch};
 pub use scene::{
     DEFAULT, DEFAULT_DURATION, DEFAULT_PART_LENGTH, SceneFile, at_line, table, toml_table,
     within_reach,

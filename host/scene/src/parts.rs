@@ -4,7 +4,7 @@ use kband::arithmetic::Noise;
 use kband_plant::{PARTS, Scene};
 use toml::Value;
 
-use super::fields::{ACTUAL_RESTITUTION, MASS, SCATTER};
+use super::fields::{ACTUAL_RESTITUTION, Field, MASS, SCATTER};
 use super::section::{Section, number};
 use crate::refusal::Refusal;
 
@@ -159,55 +159,44 @@ pub(crate) fn read_scatter(
     value: &Value,
     scene: &mut Scene,
 ) -> Result<(), Refusal> {
-    let [low, high] = SCATTER.range;
-    let accepted = format!(
-        "{low}..{high}, the standard deviation of restitution from impact to impact, or a list of one for each of the {} \
-         parts; ordinary parts have 0.03 to 0.15, bodies that tumble 0.27 to 0.52",
-        scene.parts.len()
-    );
-    let deviation = |item| {
-        number(item)
-            .map(|s| s as f32)
-            .filter(|s| (low..=high).contains(s))
-            .ok_or_else(|| part.refuse(SCATTER.key, item, &accepted))
-    };
-    scene.scatter = match value {
-        Value::Array(list) if list.len() == scene.parts.len() => {
-            list.iter().map(deviation).collect::<Result<_, _>>()?
-        }
-        Value::Array(_) => return Err(part.refuse(SCATTER.key, value, &accepted)),
-        one => {
-            let one = deviation(one)?;
-            scene.parts.iter().map(|_| one).collect()
-        }
-    };
+    let what = ", the standard deviation of restitution from impact to impact,";
+    let examples = "; ordinary parts have 0.03 to 0.15, bodies that tumble 0.27 to 0.52";
+    scene.scatter = one_or_each(part, &SCATTER, value, scene.parts.len(), [what, examples])?;
     Ok(())
 }
 
 /// Reads `part.mass` into the scene: one number for all parts, or one for each.
 pub(crate) fn read_masses(part: &Section, value: &Value, scene: &mut Scene) -> Result<(), Refusal> {
-    let [low, high] = MASS.range;
-    let accepted = format!(
-        "{low}..{high} g, or a list of one for each of the {} parts",
-        scene.parts.len()
-    );
-    let mass = |item| {
-        number(item)
-            .map(|mass| mass as f32)
-            .filter(|mass| (low..=high).contains(mass))
-            .ok_or_else(|| part.refuse(MASS.key, item, &accepted))
-    };
-    scene.masses = match value {
-        Value::Array(list) if list.len() == scene.parts.len() => {
-            list.iter().map(mass).collect::<Result<_, _>>()?
-        }
-        Value::Array(_) => return Err(part.refuse(MASS.key, value, &accepted)),
-        one => {
-            let one = mass(one)?;
-            scene.parts.iter().map(|_| one).collect()
-        }
-    };
+    scene.masses = one_or_each(part, &MASS, value, scene.parts.len(), [" g,", ""])?;
     Ok(())
+}
+
+/// One number for all parts, or a list of one for each; `words` come behind the accepted range and
+/// at the end of a refusal.
+fn one_or_each<T: FromIterator<f32>>(
+    part: &Section,
+    field: &Field,
+    value: &Value,
+    parts: usize,
+    [behind, end]: [&str; 2],
+) -> Result<T, Refusal> {
+    let [low, high] = field.range;
+    let accepted =
+        format!("{low}..{high}{behind} or a list of one for each of the {parts} parts{end}");
+    let read = |item| {
+        number(item)
+            .map(|number| number as f32)
+            .filter(|number| (low..=high).contains(number))
+            .ok_or_else(|| part.refuse(field.key, item, &accepted))
+    };
+    match value {
+        Value::Array(list) if list.len() == parts => list.iter().map(read).collect(),
+        Value::Array(_) => Err(part.refuse(field.key, value, &accepted)),
+        one => {
+            let one = read(one)?;
+            Ok((0..parts).map(|_| one).collect())
+        }
+    }
 }
 
 /// Reads `part.hopper` into the scene: how many of the parts wait in the hopper.

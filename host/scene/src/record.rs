@@ -71,6 +71,16 @@ pub struct Happened {
     pub report: Report,
 }
 
+impl Happened {
+    /// Its name; of a fault its number and name.
+    pub fn words(&self) -> String {
+        match (self.event, self.report.fault) {
+            (Event::Faulted, Some(fault)) => format!("fault {}: {}", fault.number(), fault.name()),
+            (event, _) => event.name().into(),
+        }
+    }
+}
+
 /// The record of a run.
 #[derive(Clone, Debug)]
 pub struct Record {
@@ -313,7 +323,7 @@ const MAX_SKETCH_IMPACTS: usize = 4096;
 
 /// A curve as the lowest and highest point of each stretch.
 #[derive(Clone, Debug, Default)]
-struct Curve {
+pub struct Curve {
     points: Vec<(f64, f64)>,
     /// Points of this stretch, and the lowest and highest of them.
     count: usize,
@@ -347,7 +357,8 @@ impl Curve {
         self.count = 0;
     }
 
-    fn drawn(&self) -> Vec<(f64, f64)> {
+    /// The points, those of the stretch that has begun included.
+    pub fn drawn(&self) -> Vec<(f64, f64)> {
         let mut whole = self.clone();
         whole.end_stretch();
         whole.points
@@ -372,13 +383,18 @@ pub struct Struck {
 pub struct Sketch {
     stretch: usize,
     within: usize,
-    amplitude: Curve,
-    reference: Curve,
-    k: Curve,
-    in_gear: Curve,
-    /// Mass on the track as weighed, and flow; not a number where there is none.
-    mass: Curve,
-    flow: Curve,
+    /// Amplitude b over time, in m.
+    pub amplitude: Curve,
+    /// Its reference over time, in m.
+    pub reference: Curve,
+    /// k over time.
+    pub k: Curve,
+    /// Estimated share of time in gear, over time.
+    pub in_gear: Curve,
+    /// Mass on the track as weighed over time, in g; not a number where it is not.
+    pub mass: Curve,
+    /// Flow as weighed over time, in g/s; not a number where it is not.
+    pub flow: Curve,
     /// References of the last two cycles: each is for the cycle after next.
     ahead: [f32; 2],
     states: Vec<(f64, State)>,
@@ -477,36 +493,6 @@ impl Sketch {
     /// Time at the end in s.
     pub fn time(&self) -> f64 {
         self.time
-    }
-
-    /// Amplitude b over time, in m.
-    pub fn amplitude(&self) -> Vec<(f64, f64)> {
-        self.amplitude.drawn()
-    }
-
-    /// Its reference over time, in m.
-    pub fn reference(&self) -> Vec<(f64, f64)> {
-        self.reference.drawn()
-    }
-
-    /// k over time.
-    pub fn k(&self) -> Vec<(f64, f64)> {
-        self.k.drawn()
-    }
-
-    /// Estimated share of time in gear, over time.
-    pub fn in_gear(&self) -> Vec<(f64, f64)> {
-        self.in_gear.drawn()
-    }
-
-    /// Mass on the track as weighed over time, in g; not a number where it is not.
-    pub fn mass(&self) -> Vec<(f64, f64)> {
-        self.mass.drawn()
-    }
-
-    /// Flow as weighed over time, in g/s; not a number where it is not.
-    pub fn flow(&self) -> Vec<(f64, f64)> {
-        self.flow.drawn()
     }
 
     /// The states one after the other, each with the time from which it was held.

@@ -112,7 +112,8 @@ impl Value {
 
 /// `value` in this many significant digits, as C's `%g`: trailing zeros dropped, an exponent only
 /// below 1e-5 or where the digits do not reach the point. 17 digits read back to the same f64.
-pub fn number(value: f64, digits: usize) -> String {
+pub fn number(value: impl Into<f64>, digits: usize) -> String {
+    let value = value.into();
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
     }

@@ -48,7 +48,10 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
             .map(|(time, b)| (time, b * 1e3))
             .collect()
     };
-    let (b, reference) = (in_mm(sketch.amplitude()), in_mm(sketch.reference()));
+    let (b, reference) = (
+        in_mm(sketch.amplitude.drawn()),
+        in_mm(sketch.reference.drawn()),
+    );
     let highest = b
         .iter()
         .chain(&reference)
@@ -81,15 +84,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         // Several kicks in a row would write over each other; a fault is never left out.
         let apart = at - last > 0.035 * end || happened.event == Event::Faulted;
         if telling(happened.event) && apart {
-            let fault = happened
-                .report
-                .fault
-                .filter(|_| happened.event == Event::Faulted);
-            let words = fault.map_or_else(
-                || happened.event.name().to_string(),
-                |fault| format!("fault {}: {}", fault.number(), fault.name()),
-            );
-            amplitude = amplitude.mark(at, words);
+            amplitude = amplitude.mark(at, happened.words());
             last = at;
         }
     }
@@ -99,7 +94,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let seen = [Some(k_last), band.map(|band| band.high())];
     let seen = seen.into_iter().flatten().filter(|k| k.is_finite());
     let top = seen.reduce(f64::max).map_or(2.0, |highest| 1.6 * highest);
-    let mut k = sketch.k();
+    let mut k = sketch.k.drawn();
     for point in &mut k {
         if point.1 >= top {
             point.1 = f64::NAN;
@@ -193,7 +188,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         let mut gear =
             Panel::new(time(), share)
                 .height(140.0)
-                .line("estimated", 0, sketch.in_gear());
+                .line("estimated", 0, sketch.in_gear.drawn());
         if let Some(share) = outcome.in_gear() {
             gear = gear.level(share, "true, mean");
         }
@@ -204,7 +199,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         let length = f64::from(settings.track_length);
         if settings.track_mass > 0.0 && length > 0.0 {
             let truth = outcome.mass() * outcome.speed() * 1e3 / length;
-            picture = picture.panel(flow(outcome, sketch.flow(), truth, time()));
+            picture = picture.panel(flow(outcome, sketch.flow.drawn(), truth, time()));
         }
     }
     Some(picture)
@@ -219,7 +214,7 @@ fn mass(outcome: &Outcome, sketch: &Sketch, time: Axis) -> Panel {
         truth.push((from, mass));
     }
     truth.extend(truth.last().map(|last| (sketch.time(), last.1)));
-    let weighed = sketch.mass();
+    let weighed = sketch.mass.drawn();
     let highest = highest(truth.iter().chain(&weighed));
     let mass = Axis::new("mass on the track", Unit::new("g"), 0.0, 1.15 * highest);
     let panel = Panel::new(time, mass).height(140.0).line("true", 1, truth);

@@ -8,7 +8,7 @@ use kband_scene::{Distribution, Fidelity, Outcome, SceneFile, Watch};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::Refusal;
-use crate::report::{Column, Table, Value, columns, fields};
+use crate::report::{Table, columns, fields};
 
 /// What came of one run.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,41 +41,22 @@ pub struct Run {
     pub speed: f64,
 }
 
-/// Columns of a run.
-pub const COLUMNS: [Column; 13] = [
-    columns::RUN,
-    columns::RESTITUTION,
-    columns::SENSOR_SENSITIVITY,
-    columns::REACHED,
-    columns::KICKS,
-    columns::B,
-    columns::K,
-    columns::IN_GEAR,
-    columns::IN_GEAR_ESTIMATED,
-    columns::IN_GEAR_COVERAGE,
-    columns::SPEED,
-    columns::STATE.words(),
-    columns::REGIME.words(),
-];
-
-impl Run {
-    /// Its row, number `n`.
-    pub fn row(&self, n: usize) -> [Value; COLUMNS.len()] {
-        [
-            n.into(),
-            f64::from(self.restitution).into(),
-            f64::from(self.sensitivity).into(),
-            self.reached.into(),
-            u32::from(self.attempts).into(),
-            (self.amplitude * 1e3).into(),
-            Some(self.k).filter(|k| k.is_finite()).into(),
-            self.in_gear.into(),
-            self.in_gear_estimated.into(),
-            self.in_gear_coverage.into(),
-            (self.speed * 1e3).into(),
-            self.state.name().into(),
-            self.regime.as_str().into(),
-        ]
+fields! {
+    /// A run and its number.
+    pub fn rows(of: (usize, Run)) {
+        all RUN => of.0;
+        all RESTITUTION => f64::from(of.1.restitution);
+        all SENSOR_SENSITIVITY => f64::from(of.1.sensitivity);
+        all REACHED => of.1.reached;
+        all KICKS => u32::from(of.1.attempts);
+        all B => of.1.amplitude * 1e3;
+        all K => Some(of.1.k).filter(|k| k.is_finite());
+        all IN_GEAR => of.1.in_gear;
+        all IN_GEAR_ESTIMATED => of.1.in_gear_estimated;
+        all IN_GEAR_COVERAGE => of.1.in_gear_coverage;
+        all SPEED => of.1.speed * 1e3;
+        all STATE.words() => of.1.state.name();
+        all REGIME.words() => of.1.regime.clone();
     }
 }
 
@@ -229,13 +210,14 @@ fn wanted(target: Target) -> State {
 
 /// The runs as a table, one row each.
 pub fn table(all: &[Runs]) -> Table {
+    let view = rows();
     let mut columns = vec![columns::CONTROL.words()];
-    columns.extend(COLUMNS);
+    columns.extend(view.columns());
     let mut table = Table::new(&columns);
     for runs in all {
         for (n, run) in runs.runs.iter().enumerate() {
             let mut row = vec![runs.name.into()];
-            row.extend(run.row(n));
+            row.extend(view.row(&(n, run.clone())));
             table.push_row(row);
         }
     }

@@ -1,4 +1,4 @@
-//! The JSON schema of scenes, generated from the parser's tables.
+//! The JSON schema of scenes: a template in JSON, filled from the parser's tables.
 
 use kband_control::{Event, Fault, Key, Limits, Settings, State};
 use kband_plant::{DISTURBANCES, PARTS};
@@ -9,8 +9,8 @@ use kband_scene::fields::{
 use kband_scene::{DEFAULT_DURATION, DEFAULT_PART_LENGTH, Fidelity};
 use serde_json::{Map, Value, json};
 
-/// Identifier of the schema's dialect.
-const DIALECT: &str = "http://json-schema.org/draft-07/schema#";
+/// The schema, in which `"@name"` stands for a value and the key `"@name"` for several properties.
+const TEMPLATE: &str = include_str!("scene.schema.json");
 
 fn setting(name: &str) -> Option<&'static Key> {
     Settings::KEYS.iter().find(|key| key.name == name)
@@ -76,272 +76,103 @@ pub fn keys() -> Vec<String> {
     keys
 }
 
-fn object(properties: Map<String, Value>, required: &[&str], description: &str) -> Value {
-    let mut object = json!({
-        "type": "object",
-        "description": description,
-        "additionalProperties": false,
-        "properties": properties,
-    });
-    if !required.is_empty() {
-        object["required"] = json!(required);
-    }
-    object
-}
-
-fn settings(names: &[&str]) -> Map<String, Value> {
-    let keys = names.iter().filter_map(|name| setting(name));
-    keys.map(|key| (key.name.to_string(), of_setting(key)))
-        .collect()
-}
-
-fn fields<'a>(fields: impl IntoIterator<Item = &'a Field>) -> Map<String, Value> {
-    let fields = fields.into_iter();
-    fields
-        .map(|field| (field.key.to_string(), of_field(field)))
-        .collect()
-}
-
-fn ratio(meaning: &str, [low, high]: [f32; 2]) -> Value {
-    json!({"type": "number", "minimum": low, "maximum": high, "description": meaning})
-}
-
-fn pair(meaning: &str, low: Option<f64>, high: Option<f64>) -> Value {
-    let mut number = json!({"type": "number"});
-    if let (Some(low), Some(high)) = (low, high) {
-        number = json!({"type": "number", "minimum": low, "maximum": high});
-    }
-    json!({"type": "array", "items": number, "minItems": 2, "maxItems": 2, "description": meaning})
-}
-
-fn target() -> Value {
-    let properties = json!({
-        "locked": {"type": "integer", "minimum": 1, "maximum": 8,
-            "description": "Locked parts: drive cycles for each impact."},
-        "gear": {"type": "integer", "minimum": 1, "maximum": 8,
-            "description": "Parts in gear for as much of the time as their scatter allows: drive cycles per flight."},
-        "chaotic": {"const": true, "description": "Chaotic parts."},
-        "k": {"type": "number", "minimum": 0.02, "maximum": 10,
-            "description": "k, the pull over the track's acceleration."},
-        "amplitude": {"type": "number", "minimum": 0, "maximum": 100,
-            "description": "Normal amplitude of the track, in mm."},
-        "speed": {"type": "number", "description": "Conveying speed, in mm/s."},
-        "flow": {"type": "number", "exclusiveMinimum": 0, "maximum": 1e6,
-            "description": "Parts in gear, in g/s; needs track_mass and track_length."},
-        "tones": {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3,
-            "description": "k, amplitude of the second tone over the first (e, 0..0.5), its phase in degrees; and both of a third."},
-        "identify": {"const": true, "description": "Restitution by listening to the parts' chatter."},
-    });
-    json!({
-        "type": "object",
-        "description": "What is wanted of the parts: exactly one key.",
-        "additionalProperties": false,
-        "minProperties": 1,
-        "maxProperties": 1,
-        "properties": properties,
-    })
-}
-
-fn actual() -> Value {
-    let simulated = |meaning| ratio(meaning, ACTUAL_RESTITUTION);
-    let list = json!({"type": "array", "items": simulated("Restitution of a part (R)."),
-        "minItems": 1, "maxItems": PARTS});
-    let count = json!({"type": "integer", "minimum": 1, "maximum": PARTS, "description": "Parts."});
-    let drawn = |name: &str, properties: [(&str, Value); 2]| {
-        let mut all = Map::new();
-        all.insert("count".into(), count.clone());
-        all.insert("distribution".into(), json!({"const": name}));
-        let keys = [properties[0].0, properties[1].0];
-        all.extend(properties.map(|(key, value)| (key.to_string(), value)));
-        let required = ["count", "distribution", keys[0], keys[1]];
-        object(all, &required, "Parts drawn by the scene's seed.")
+/// The properties that a name of the template stands for.
+fn properties(name: &str) -> Map<String, Value> {
+    let of_settings = |names: &[&'static str]| -> Map<String, Value> {
+        let keys = names.iter().filter_map(|name| setting(name));
+        keys.map(|key| (key.name.into(), of_setting(key))).collect()
     };
-    json!({
-        "description": "The parts that are simulated.",
-        "anyOf": [
-            simulated("Restitution of the one part (R)."),
-            list,
-            drawn("uniform", [("low", simulated("Low bound.")), ("high", simulated("High bound."))]),
-            drawn("normal", [
-                ("mean", simulated("Mean.")),
-                ("deviation", json!({"type": "number", "minimum": 0, "maximum": 0.5,
-                    "description": "Standard deviation; what falls outside 0..1 is drawn again."})),
-            ]),
-        ],
-    })
-}
-
-fn part() -> Value {
-    let mut properties = Map::new();
-    properties.insert(
-        "restitution".into(),
-        json!({
-            "description": "Configured restitution of the lot: one value or [low, high] (R).",
-            "anyOf": [ratio("Restitution.", [0.0, 1.0]), pair("Its interval.", Some(0.0), Some(1.0))],
-        }),
-    );
-    properties.extend(settings(&["tangential_restitution", "contact"]));
-    let friction = json!({"type": "number", "minimum": 0, "maximum": 10});
-    properties.insert(
-        "friction".into(),
-        json!({
-            "description": "Friction of parts on the track: one coefficient, or [sliding, sticking]; in place of tangential_restitution.",
-            "anyOf": [friction, {"type": "array", "items": friction, "minItems": 2, "maxItems": 2}],
-        }),
-    );
-    properties.insert("actual".into(), actual());
-    let scatter = of_field(&SCATTER);
-    properties.insert(
-        SCATTER.key.into(),
-        json!({
-            "description": SCATTER.meaning,
-            "anyOf": [scatter, {"type": "array", "items": scatter, "minItems": 1, "maxItems": PARTS,
-                "description": "One for each part."}],
-        }),
-    );
-    let mass = of_field(&MASS);
-    properties.insert(
-        MASS.key.into(),
-        json!({
-            "description": MASS.meaning,
-            "anyOf": [mass, {"type": "array", "items": mass, "minItems": 1, "maxItems": PARTS,
-                "description": "One for each part."}],
-        }),
-    );
-    properties.insert(
-        "hopper".into(),
-        json!({"type": "integer", "minimum": 0, "maximum": PARTS,
-            "description": "How many of the parts, from the last, wait in the hopper for a disturbance \"dump\"."}),
-    );
-    properties.insert(
-        "length".into(),
-        json!({"type": "number", "minimum": 0.1, "maximum": 1000, "default": DEFAULT_PART_LENGTH,
-            "description": "Length of a part along the track, in mm, for parts a minute."}),
-    );
-    object(properties, &["restitution"], "The parts.")
-}
-
-fn disturbance() -> Value {
-    let mut properties = Map::new();
-    properties.insert(
-        "at".into(),
-        json!({"type": "number", "minimum": 0, "description": "Time from the start, in s."}),
-    );
-    properties.extend(fields(CHANGES.iter().map(|(field, _)| field)));
-    properties.insert(
-        "parts".into(),
-        json!({"type": "integer", "minimum": 0, "maximum": PARTS,
-            "description": "How many of the parts are on the track from then on, counted from the first: others leave it, missing ones come onto it."}),
-    );
-    for &(key, meaning, _) in FLAGS {
-        let flag = json!({"type": "boolean", "description": meaning});
-        properties.insert(key.into(), flag);
+    let of_fields = |fields: &mut dyn Iterator<Item = &Field>| -> Map<String, Value> {
+        let pair = |field: &Field| (field.key.into(), of_field(field));
+        fields.map(pair).collect()
+    };
+    match name {
+        "sensor" => {
+            let mut all = of_settings(&SENSOR_SETTINGS);
+            all.extend(of_fields(&mut SENSOR.iter().map(|(field, _)| field)));
+            all
+        }
+        "controller" => of_settings(&CONTROLLER),
+        "plant" => of_fields(&mut PLANT.iter().map(|(field, _)| field)),
+        "changes" => of_fields(&mut CHANGES.iter().map(|(field, _)| field)),
+        "flags" => {
+            let flag = |meaning| json!({"type": "boolean", "description": meaning});
+            let pair = |&(key, meaning, _): &(&str, _, _)| (key.into(), flag(meaning));
+            FLAGS.iter().map(pair).collect()
+        }
+        section => of_settings(section_of(section).0),
     }
-    properties.insert("target".into(), target());
-    let mut one = object(properties, &["at"], "What happens: a time and one change.");
-    one["minProperties"] = json!(2);
-    one["maxProperties"] = json!(2);
-    json!({
-        "type": "array",
-        "maxItems": DISTURBANCES,
-        "items": one,
-        "description": "What happens in time.",
-    })
 }
 
-fn expect() -> Value {
-    let names = |all: Vec<&'static str>| json!({"enum": all});
-    let states = names(State::ALL.iter().map(|state| state.name()).collect());
-    let mut faults: Vec<&str> = vec!["none"];
-    faults.extend(Fault::ALL.iter().map(|fault| fault.name()));
-    let events = names(Event::ALL.iter().map(|event| event.name()).collect());
-    let limits = names(Limits::ALL.iter().map(|limit| limit.name()).collect());
-    let properties = json!({
-        "state": states,
-        "fault": names(faults),
-        "events": {"type": "array", "items": events,
-            "description": "Every event, in the order of time."},
-        "limits": {"type": "array", "items": limits,
-            "description": "What holds the drive back at the end."},
-        "regime": {"type": "string", "description": "What the parts do at the end, in words."},
-        "k": pair("k at the end, lowest and highest.", None, None),
-        "speed": pair("Conveying speed at the end, lowest and highest, in mm/s.", None, None),
-        "in_gear": pair("Share of time in gear from 5 s on, lowest and highest.", Some(0.0), Some(1.0)),
-        "restitution": pair("Restitution identified, lowest and highest.", None, None),
-        "within": {"type": "number", "exclusiveMinimum": 0,
-            "description": "Time within which the state must be reached, in s."},
-    });
-    json!({
-        "type": "object",
-        "description": "What must come of it: exit status 1 where it does not.",
-        "additionalProperties": false,
-        "properties": properties,
-    })
+/// The settings of a section, and how many of them are required.
+fn section_of(name: &str) -> (&'static [&'static str], usize) {
+    let found = SECTIONS.into_iter().find(|(section, ..)| *section == name);
+    found.map_or((&[], 0), |(_, keys, required)| (keys, required))
+}
+
+/// The value that a name of the template stands for.
+fn value(name: &str, template: &Value) -> Value {
+    let field = |name: &str| match name {
+        "mass" => MASS,
+        "scatter" => SCATTER,
+        _ => OUTPUT_MINIMUM,
+    };
+    match name.split_once(' ').unwrap_or((name, "")) {
+        ("setting", key) => setting(key).map_or(Value::Null, of_setting),
+        ("field", key) => of_field(&field(key)),
+        ("meaning", key) => field(key).meaning.into(),
+        ("required", section) => {
+            let (keys, required) = section_of(section);
+            json!(keys[..required])
+        }
+        ("actual", end) => json!(ACTUAL_RESTITUTION[usize::from(end == "high")]),
+        ("part", _) => DEFAULT_PART_LENGTH.into(),
+        ("parts", _) => PARTS.into(),
+        ("disturbances", _) => DISTURBANCES.into(),
+        ("duration", _) => DEFAULT_DURATION.into(),
+        ("fidelities", _) => json!(Fidelity::ALL.map(Fidelity::name)),
+        ("fidelity", _) => Fidelity::default().name().into(),
+        ("states", _) => State::ALL.iter().map(|state| state.name()).collect(),
+        ("faults", _) => {
+            let names = Fault::ALL.iter().map(|fault| fault.name());
+            std::iter::once("none").chain(names).collect()
+        }
+        ("events", _) => Event::ALL.iter().map(|event| event.name()).collect(),
+        ("limits", _) => Limits::ALL.iter().map(|limit| limit.name()).collect(),
+        ("target", _) => template["properties"]["target"].clone(),
+        _ => Value::Null,
+    }
+}
+
+/// A part of the template with its names replaced.
+fn filled(part: &Value, template: &Value) -> Value {
+    match part {
+        Value::String(text) => match text.strip_prefix('@') {
+            Some(name) => value(name, template),
+            None => part.clone(),
+        },
+        Value::Array(list) => list.iter().map(|part| filled(part, template)).collect(),
+        Value::Object(entries) => {
+            let mut all = Map::new();
+            for (key, part) in entries {
+                match key.strip_prefix('@') {
+                    Some(name) => all.extend(properties(name)),
+                    None => {
+                        all.insert(key.clone(), filled(part, template));
+                    }
+                }
+            }
+            all.into()
+        }
+        other => other.clone(),
+    }
 }
 
 /// The schema of scenes (JSON Schema, draft 7), by which editors complete and check them.
 pub fn schema() -> Value {
-    let mut properties = Map::new();
-    properties.insert(
-        "duration".into(),
-        json!({"type": "number", "minimum": 0.1, "maximum": 86_400, "default": DEFAULT_DURATION,
-            "description": "Duration, in s."}),
-    );
-    properties.insert(
-        "seed".into(),
-        json!({"type": "integer", "minimum": 0, "default": 1,
-            "description": "Seed of all noise and random parts."}),
-    );
-    properties.insert(
-        "start".into(),
-        json!({"enum": ["ordinary", "power-on", "reset", "refused", "repeated", "image-damaged"], "default": "ordinary",
-            "description": "Why the controller starts."}),
-    );
-    properties.insert(
-        "fidelity".into(),
-        json!({"enum": Fidelity::ALL.map(Fidelity::name), "default": Fidelity::default().name(),
-            "description": "From cycle to cycle in closed form, or every sample."}),
-    );
-    for (name, keys, required) in SECTIONS {
-        let words = format!("The configured {name}.");
-        let mut inner = settings(keys);
-        if name == "drive" {
-            inner.extend(fields([&OUTPUT_MINIMUM]));
-        }
-        properties.insert(name.into(), object(inner, &keys[..required], &words));
-    }
-    properties.insert("part".into(), part());
-    let mut sensor = settings(&SENSOR_SETTINGS);
-    sensor.extend(fields(SENSOR.iter().map(|(field, _)| field)));
-    properties.insert("sensor".into(), object(sensor, &[], "The accelerometer."));
-    properties.insert(
-        "controller".into(),
-        object(
-            settings(&CONTROLLER),
-            &[],
-            "Further settings of the controller.",
-        ),
-    );
-    properties.insert(
-        "plant".into(),
-        object(
-            fields(PLANT.iter().map(|(field, _)| field)),
-            &[],
-            "Where the plant differs from the settings of the controller.",
-        ),
-    );
-    properties.insert("target".into(), target());
-    properties.insert("disturbance".into(), disturbance());
-    properties.insert("expect".into(), expect());
-    let required = ["track", "part", "drive", "target"];
-    let mut schema = object(
-        properties,
-        &required,
-        "One feeder, its target, and its disturbances over time.",
-    );
-    schema["$schema"] = json!(DIALECT);
-    schema["title"] = json!("kband scene");
-    schema
+    // A template that is no JSON gives no schema, which the tests notice.
+    let template = serde_json::from_str(TEMPLATE).unwrap_or_default();
+    filled(&template, &template)
 }
 
 /// Unit of a key in a section of a scene; `–` for a pure number.

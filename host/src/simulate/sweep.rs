@@ -168,12 +168,13 @@ impl Sweep {
     /// One row for each run.
     pub fn table(&self) -> Rows {
         let mut columns = self.key_columns();
-        columns.extend(runs::COLUMNS);
+        let view = runs::rows();
+        columns.extend(view.columns());
         let mut table = Rows::new(&columns);
         for point in &self.points {
             for (n, run) in point.runs.runs.iter().enumerate() {
                 let mut row: Vec<Cell> = point.values.iter().map(|value| (*value).into()).collect();
-                row.extend(run.row(n));
+                row.extend(view.row(&(n, run.clone())));
                 table.push_row(row);
             }
         }

@@ -389,8 +389,7 @@ mod tests {
             "percent",
             "crawl",
         ];
-        let written = columns::COLUMNS.iter().chain(columns::FIELDS);
-        let written = written.map(|(name, ..)| *name);
+        let written = columns::ENTRIES.iter().map(|(name, ..)| *name);
         for name in states
             .chain(events)
             .chain(regimes)

@@ -57,40 +57,25 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     let condition = Condition::ask(&mut link)?;
     match condition.test {
         Some(test) => {
-            let verdict =
-                |good: bool, bad: &str| if good { "good".into() } else { bad.to_string() };
-            row(
-                "sensor",
-                verdict(
-                    test.sensor,
-                    "not at zero acceleration: check its cable, sensor_zero and sensitivity",
-                ),
-            );
+            let set_up = &test.set_up;
+            let either = |is: bool, yes: &str, no: &str| if is { yes } else { no }.to_string();
+            let bad = "not at zero acceleration: check its cable, sensor_zero and sensitivity";
+            row("sensor", either(test.sensor, "good", bad));
             row("settings", settings_in_words(test.settings).into());
             row("stack never used", format!("{} bytes", test.stack_free));
             row("late cycles", test.missed.to_string());
-            row(
-                "brown-out reset",
-                match test.set_up.brown_out {
-                    0 => "off: kband flash --option-bytes sets level 3".into(),
-                    level => format!("below {} V", f32::from(level) * 1e-3),
-                },
-            );
-            row(
-                "watchdog",
-                if test.set_up.watchdog {
-                    "starts with the power".into()
-                } else {
-                    "starts with the program".into()
-                },
-            );
-            if test.set_up.sample > 0 {
+            let brown_out = match set_up.brown_out {
+                0 => "off: kband flash --option-bytes sets level 3".into(),
+                level => format!("below {} V", f32::from(level) * 1e-3),
+            };
+            row("brown-out reset", brown_out);
+            let [power, program] = ["starts with the power", "starts with the program"];
+            row("watchdog", either(set_up.watchdog, power, program));
+            if set_up.sample > 0 {
+                let (sample, control) = (set_up.sample, set_up.control);
                 row(
                     "core cycles",
-                    format!(
-                        "sample {}, control {} at most",
-                        test.set_up.sample, test.set_up.control
-                    ),
+                    format!("sample {sample}, control {control} at most"),
                 );
             }
         }

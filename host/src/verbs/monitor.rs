@@ -18,7 +18,7 @@ use crate::file::{self, Destination};
 use crate::refusal::{Exit, Refusal};
 use crate::report::Format;
 use rows::Rows;
-pub(super) use rows::{COLUMNS, Row};
+pub(super) use rows::{Row, columns};
 use watch::Watch;
 
 /// Time between two looks into the event log; the board takes them for a sign of life too.

@@ -28,7 +28,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         columns::QUANTITY.words(),
         columns::UNIT.words(),
         columns::FORM.words(),
-        columns::WRITTEN.words(),
+        columns::WRITABLE.words(),
         columns::MEANING.words(),
     ])
     .folded();

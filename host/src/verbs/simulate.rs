@@ -27,7 +27,7 @@ use crate::simulate::{
 /// The firmware's control loop against the impact map, for one scene [the default verb].
 ///
 /// Prints what happened and what came of it, draws it, and writes the trace of every drive cycle.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug, Default, clap::Args)]
 #[command(after_help = "Examples:
   kband simulate
   kband simulate --print-scene > my.toml
@@ -105,30 +105,6 @@ pub struct Arguments {
     /// Form of the result on standard output.
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
-}
-
-impl Default for Arguments {
-    /// The default scene, as bare `kband` runs it.
-    fn default() -> Self {
-        Self {
-            scene: None,
-            print_scene: false,
-            schema: false,
-            fidelity: None,
-            restitution: None,
-            duration: None,
-            runs: None,
-            seed: None,
-            sweep: Vec::new(),
-            on: None,
-            image: None,
-            out: None,
-            trace: None,
-            scope: None,
-            look: LookArguments::default(),
-            format: Format::Table,
-        }
-    }
 }
 
 /// Default file of the picture.

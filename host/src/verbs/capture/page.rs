@@ -9,15 +9,11 @@ use crate::refusal::Refusal;
 use crate::report::{Printout, Table, columns, number};
 
 fn spelled(kick: KickSettings) -> String {
-    let mut words = format!(
-        "factor {} for {} cycles",
-        number(kick.factor.into(), 4),
-        kick.hold
-    );
+    let mut words = format!("factor {} for {} cycles", number(kick.factor, 4), kick.hold);
     if kick.descent > 0 {
         words.push_str(&format!(
             ", falling to {} within {} more",
-            number(kick.release.into(), 4),
+            number(kick.release, 4),
             kick.descent
         ));
     }

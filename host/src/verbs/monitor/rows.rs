@@ -8,48 +8,69 @@ use kband_control::{Event, Fault, Limits, State, UpperTone};
 use super::watch::Watch;
 use crate::board::{Clock, Said};
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Value, columns, number, shortest};
+use crate::report::{Column, Format, Value, fields, number, shortest};
 use crate::stream::Stream;
 
-/// Columns of a row, each with its width in the table.
-pub(in crate::verbs) const COLUMNS: [(Column, usize); 1 + BEFORE_THE_EVENT] = [
-    (columns::TIME, 9),
-    (columns::CYCLE, 8),
-    (columns::STATE, 9),
-    (columns::K.digits(4), 8),
-    (columns::B.digits(4), 8),
-    (columns::E.titled("e").digits(3), 5),
-    (columns::TH.digits(3), 8),
-    (columns::E3.titled("e3").digits(3), 5),
-    (columns::TH3.digits(3), 8),
-    (columns::OUTPUT.titled("output").digits(3), 10),
-    (
-        columns::IMPACTS_DETECTED
-            .titled("impacts (1/cycle)")
-            .digits(3),
-        17,
-    ),
-    (columns::PHASE_MEASURED.titled("phase (rad)").digits(3), 11),
-    (columns::CONFIDENCE.digits(2), 10),
-    (columns::IN_GEAR.digits(2), 7),
-    (columns::IN_GEAR_ERROR.digits(1), 13),
-    (columns::IN_GEAR_EXPECTED.titled("expected").digits(2), 8),
-    (columns::GEAR_BAND_LOW.titled("band from").digits(4), 9),
-    (columns::GEAR_BAND_HIGH.titled("to").digits(4), 7),
-    (columns::FLIP_ESTIMATED.titled("margin").digits(2), 6),
-    (columns::TRACE_ESTIMATED.titled("trace").digits(2), 6),
-    (columns::RESTITUTION_ESTIMATED.titled("R").digits(3), 6),
-    (columns::SCATTER_ESTIMATED.titled("s").digits(2), 6),
-    (
-        columns::TO_LOSS_ESTIMATED
-            .titled("to_loss (cycles)")
-            .digits(3),
-        7,
-    ),
-    (columns::MASS_WEIGHED.titled("mass (g)").digits(4), 8),
-    (columns::FLOW_WEIGHED.titled("flow (g/s)").digits(4), 10),
-    (columns::EVENT, 0),
+/// Widths of the columns in the table.
+const WIDTHS: [usize; 1 + BEFORE_THE_EVENT] = [
+    9, 8, 9, 8, 8, 5, 8, 5, 8, 10, 17, 11, 10, 7, 13, 8, 9, 7, 6, 6, 6, 6, 7, 8, 10, 0,
 ];
+
+/// A drive cycle: its time where the frequency is known, its number, and its telemetry.
+type Cycle = (Option<f64>, u64, Telemetry);
+
+fields! {
+    /// A row of telemetry; rows of events have time, number and event alone.
+    fn cycles(of: Cycle) {
+        all TIME => of.0;
+        all CYCLE => of.1;
+        all STATE => State::numbered(of.2.state).map_or("unknown", State::name);
+        // At rest k is beyond all bounds.
+        all K.digits(4) => Some(of.2.k).filter(|k| *k < 1e4).map(shortest);
+        all B.digits(4) => shortest(of.2.amplitude) * 1e3;
+        all E.titled("e").digits(3) => tone(&of.2, 0).map(|tone| shortest(tone.ratio));
+        all TH.digits(3) => tone(&of.2, 0).map(|tone| shortest(tone.phase));
+        all E3.titled("e3").digits(3) => tone(&of.2, 1).map(|tone| shortest(tone.ratio));
+        all TH3.digits(3) => tone(&of.2, 1).map(|tone| shortest(tone.phase));
+        all OUTPUT.titled("output").digits(3) => shortest(of.2.output);
+        all IMPACTS_DETECTED.titled("impacts (1/cycle)").digits(3) => shortest(of.2.rate);
+        all PHASE_MEASURED.titled("phase (rad)").digits(3) => shortest(of.2.phase);
+        all CONFIDENCE.digits(2) => shortest(of.2.confidence);
+        all IN_GEAR.digits(2) => shortest(of.2.in_gear);
+        all IN_GEAR_ERROR.digits(1) =>
+            Some(of.2.in_gear_error).filter(|error| error.is_finite()).map(shortest);
+        all IN_GEAR_EXPECTED.titled("expected").digits(2) =>
+            Some(of.2.expected_in_gear).filter(|share| *share > 0.0).map(shortest);
+        all GEAR_BAND_LOW.titled("band from").digits(4) =>
+            of.2.gear_band.map(|[low, _]| shortest(low));
+        all GEAR_BAND_HIGH.titled("to").digits(4) => of.2.gear_band.map(|[_, high]| shortest(high));
+        all FLIP_ESTIMATED.titled("margin").digits(2) =>
+            of.2.margin.map(|margin| shortest(margin.flip));
+        all TRACE_ESTIMATED.titled("trace").digits(2) =>
+            of.2.margin.map(|margin| shortest(margin.trace));
+        all RESTITUTION_ESTIMATED.titled("R").digits(3) =>
+            of.2.margin.map(|margin| shortest(margin.restitution));
+        all SCATTER_ESTIMATED.titled("s").digits(2) =>
+            of.2.margin.map(|margin| shortest(margin.scatter));
+        all TO_LOSS_ESTIMATED.titled("to_loss (cycles)").digits(3) =>
+            of.2.margin.map(|margin| shortest(margin.to_loss));
+        all MASS_WEIGHED.titled("mass (g)").digits(4) => of.2.load.map(|load| shortest(load.mass));
+        all FLOW_WEIGHED.titled("flow (g/s)").digits(4) =>
+            of.2.load.filter(|load| load.flow != 0.0).map(|load| shortest(load.flow));
+        all EVENT => held(&of.2);
+    }
+}
+
+/// An upper tone, where one is made: noise without one says nothing.
+fn tone(telemetry: &Telemetry, n: usize) -> Option<UpperTone> {
+    let shape = telemetry.shape;
+    (telemetry.overtones[n] != [0.0; 2]).then_some([shape.second, shape.third][n])
+}
+
+/// Columns of a row, each with its width in the table.
+pub(in crate::verbs) fn columns() -> Vec<(Column, usize)> {
+    cycles().columns().into_iter().zip(WIDTHS).collect()
+}
 
 /// What is printed, row by row.
 pub(super) struct Rows {
@@ -75,7 +96,7 @@ const BEFORE_THE_EVENT: usize = 25;
 impl Rows {
     pub(super) fn new(format: Format) -> Self {
         Self {
-            stream: Stream::new(format, &COLUMNS, stdout()),
+            stream: Stream::new(format, columns(), stdout()),
             row: Row::default(),
             next: 0,
             cycles: 0,
@@ -136,14 +157,13 @@ impl Row {
         self.frequency = (frequency > 0.0).then_some(frequency.into());
     }
 
-    /// Time and number of a cycle.
-    fn when(&self, cycles: u64) -> Vec<Value> {
-        let time = self.frequency.map(|frequency| cycles as f64 / frequency);
-        vec![time.into(), cycles.into()]
+    /// Time of a cycle.
+    fn time(&self, cycles: u64) -> Option<f64> {
+        self.frequency.map(|frequency| cycles as f64 / frequency)
     }
 
     fn words(&self, cycles: u64, words: String) -> Vec<Value> {
-        let mut row = self.when(cycles);
+        let mut row = vec![self.time(cycles).into(), cycles.into()];
         row.resize(BEFORE_THE_EVENT, Value::Missing);
         row.push(words.into());
         row
@@ -162,81 +182,21 @@ impl Row {
 
     /// The row of a drive cycle.
     pub fn cycle(&mut self, telemetry: &Telemetry) -> Vec<Value> {
-        let state = State::numbered(telemetry.state);
-        let held = held(telemetry);
-        // Only where one is made: what noise looks like without one says nothing.
-        let made = |n: usize, tone: UpperTone| (telemetry.overtones[n] != [0.0; 2]).then_some(tone);
-        let [second, third] = [
-            made(0, telemetry.shape.second),
-            made(1, telemetry.shape.third),
-        ];
-        let cycles = self.clock.now(telemetry.cycle);
-        let mut row = self.when(cycles);
-        row.extend([
-            state.map_or("unknown", |state| state.name()).into(),
-            // At rest k is beyond all bounds.
-            Some(telemetry.k).filter(|k| *k < 1e4).map(shortest).into(),
-            (shortest(telemetry.amplitude) * 1e3).into(),
-            second.map(|tone| shortest(tone.ratio)).into(),
-            second.map(|tone| shortest(tone.phase)).into(),
-            third.map(|tone| shortest(tone.ratio)).into(),
-            third.map(|tone| shortest(tone.phase)).into(),
-            shortest(telemetry.output).into(),
-            shortest(telemetry.rate).into(),
-            shortest(telemetry.phase).into(),
-            shortest(telemetry.confidence).into(),
-            shortest(telemetry.in_gear).into(),
-            Some(telemetry.in_gear_error)
-                .filter(|error| error.is_finite())
-                .map(shortest)
-                .into(),
-            Some(telemetry.expected_in_gear)
-                .filter(|share| *share > 0.0)
-                .map(shortest)
-                .into(),
-            telemetry.gear_band.map(|[low, _]| shortest(low)).into(),
-            telemetry.gear_band.map(|[_, high]| shortest(high)).into(),
-            telemetry.margin.map(|margin| shortest(margin.flip)).into(),
-            telemetry.margin.map(|margin| shortest(margin.trace)).into(),
-            (telemetry.margin)
-                .map(|margin| shortest(margin.restitution))
-                .into(),
-            telemetry
-                .margin
-                .map(|margin| shortest(margin.scatter))
-                .into(),
-            telemetry
-                .margin
-                .map(|margin| shortest(margin.to_loss))
-                .into(),
-            telemetry.load.map(|load| shortest(load.mass)).into(),
-            (telemetry.load)
-                .filter(|load| load.flow != 0.0)
-                .map(|load| shortest(load.flow))
-                .into(),
-            if held.is_empty() {
-                Value::Missing
-            } else {
-                held.into()
-            },
-        ]);
-        row
+        let number = self.clock.now(telemetry.cycle);
+        cycles().row(&(self.time(number), number, *telemetry))
     }
 }
 
-/// Fault and limits of a cycle in words.
-fn held(telemetry: &Telemetry) -> String {
+/// Fault and limits of a cycle in words, where there are any.
+fn held(telemetry: &Telemetry) -> Option<String> {
     let fault = Fault::numbered(telemetry.fault)
         .map(|fault| format!("fault {}: {}", fault.number(), fault.name()));
     let limits = Limits::ALL
         .iter()
         .filter(|limit| limit.bits() & telemetry.limits != 0);
     let limits = limits.map(|limit| format!("limit {}: {}", limit.number(), limit.name()));
-    fault
-        .into_iter()
-        .chain(limits)
-        .collect::<Vec<_>>()
-        .join("; ")
+    let held: Vec<String> = fault.into_iter().chain(limits).collect();
+    (!held.is_empty()).then(|| held.join("; "))
 }
 
 fn happened(record: &Record) -> String {
@@ -251,12 +211,12 @@ fn happened(record: &Record) -> String {
             format!("{name}: {} (fault {})", fault.name(), fault.number())
         }
         (Some(Event::Weighed), _) if record.flow == 0.0 => {
-            format!("{name}: {} g", number(record.mass.into(), 3))
+            format!("{name}: {} g", number(record.mass, 3))
         }
         (Some(Event::Weighed), _) => format!(
             "{name}: {} g, {} g/s",
-            number(record.mass.into(), 3),
-            number(record.flow.into(), 3)
+            number(record.mass, 3),
+            number(record.flow, 3)
         ),
         _ => name,
     }

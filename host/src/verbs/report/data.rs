@@ -7,7 +7,6 @@ use std::f64::consts::TAU;
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::{ContactTime, Tone, Wave};
 use kband::regime::band::{self, Band};
-use kband_control::Event;
 use serde_json::{Map, Value as Json, json};
 
 use crate::desk::Desk;
@@ -371,17 +370,7 @@ fn run(outcome: &Outcome) -> Json {
         .collect();
     let events: Vec<Json> = outcome
         .events()
-        .map(|happened| {
-            let fault = happened
-                .report
-                .fault
-                .filter(|_| happened.event == Event::Faulted);
-            let words = fault.map_or_else(
-                || happened.event.name().to_string(),
-                |fault| format!("fault {}: {}", fault.number(), fault.name()),
-            );
-            json!([short(happened.time), words])
-        })
+        .map(|happened| json!([short(happened.time), happened.words()]))
         .collect();
     let impacts = sketch.impacts();
     let stride = impacts.len().div_ceil(MAX_DRAWN_IMPACTS).max(1);
@@ -401,10 +390,10 @@ fn run(outcome: &Outcome) -> Json {
         .collect();
     json!({
         "duration_s": short(end),
-        "amplitude_mm": pairs(sketch.amplitude(), 1e3),
-        "reference_mm": pairs(sketch.reference(), 1e3),
-        "k": pairs(sketch.k(), 1.0),
-        "in_gear_estimated": pairs(sketch.in_gear(), 1.0),
+        "amplitude_mm": pairs(sketch.amplitude.drawn(), 1e3),
+        "reference_mm": pairs(sketch.reference.drawn(), 1e3),
+        "k": pairs(sketch.k.drawn(), 1.0),
+        "in_gear_estimated": pairs(sketch.in_gear.drawn(), 1.0),
         "in_gear_true": outcome.in_gear().map(short),
         "lock_phase_rad": outcome.expected_phase().filter(|_| outcome.last().shape.is_sine()).map(short),
         "states": ribbon,

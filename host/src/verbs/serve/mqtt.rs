@@ -11,7 +11,7 @@ use crate::board::Said;
 use crate::refusal::Refusal;
 use crate::report::Value;
 use crate::stream;
-use crate::verbs::monitor::{COLUMNS, Row};
+use crate::verbs::monitor::{Row, columns};
 
 /// Time between two readings.
 const INTERVAL: Duration = Duration::from_secs(1);
@@ -92,7 +92,7 @@ impl Publisher {
 }
 
 fn object(row: &[Value]) -> Json {
-    stream::object(&COLUMNS, row)
+    stream::object(&columns(), row)
 }
 
 /// Host and port of an address.

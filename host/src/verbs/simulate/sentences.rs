@@ -322,9 +322,9 @@ fn describe_expected_share(outcome: &Outcome) -> Option<String> {
     Some(format!(
         "                 {} expected of restitution {}..{} that scatters by {}{source}",
         number(expected, 3),
-        number(f64::from(low), 3),
-        number(f64::from(high), 3),
-        number(f64::from(scatter), 2)
+        number(low, 3),
+        number(high, 3),
+        number(scatter, 2)
     ))
 }
 
@@ -372,13 +372,13 @@ fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
         format!(
             "estimated        at the lock of order {order}, {} phases in turn (confidence {})",
             1_u64 << doublings,
-            number(f64::from(measured.confidence), 2)
+            number(measured.confidence, 2)
         )
     } else {
         format!(
             "estimated        {} (confidence {})",
             words(measured.regime),
-            number(f64::from(measured.confidence), 2)
+            number(measured.confidence, 2)
         )
     })
 }
@@ -388,15 +388,15 @@ fn describe_identification(outcome: &Outcome) -> Option<String> {
     let found = outcome.identified()?;
     Some(format!(
         "restitution      {} identified{}, standard error {}, {} hops at k {}",
-        number(f64::from(found.restitution), 3),
+        number(found.restitution, 3),
         if found.scatter > 0.0 {
-            format!(", scattering by {}", number(f64::from(found.scatter), 2))
+            format!(", scattering by {}", number(found.scatter, 2))
         } else {
             String::new()
         },
-        number(f64::from(found.deviation), 1),
+        number(found.deviation, 1),
         found.hops,
-        number(f64::from(found.k), 3)
+        number(found.k, 3)
     ))
 }
 
@@ -405,11 +405,11 @@ fn describe_margin(outcome: &Outcome) -> Option<String> {
     let margin = outcome.last().margin?;
     Some(format!(
         "estimated margin {} to the flip (trace {}), R {} +- {} scattering by {}; gear lost after {} cycles or more",
-        number(f64::from(margin.flip), 2),
-        number(f64::from(margin.trace), 2),
-        number(f64::from(margin.restitution), 3),
-        number(f64::from(margin.error), 1),
-        number(f64::from(margin.scatter), 2),
+        number(margin.flip, 2),
+        number(margin.trace, 2),
+        number(margin.restitution, 3),
+        number(margin.error, 1),
+        number(margin.scatter, 2),
         margin.to_loss.round()
     ))
 }
@@ -422,13 +422,13 @@ fn describe_load(outcome: &Outcome) -> Vec<String> {
         let flow = if load.flow == 0.0 {
             String::new()
         } else {
-            format!(", {} g/s", number(f64::from(load.flow), 3))
+            format!(", {} g/s", number(load.flow, 3))
         };
         lines.push(format!(
             "weighed          {} g on the track ({} g are) at {} mm/s{flow}",
-            number(f64::from(load.mass), 3),
+            number(load.mass, 3),
             number(outcome.mass(), 3),
-            number(f64::from(load.speed), 3),
+            number(load.speed, 3),
         ));
     } else if outcome.file().scene.settings.track_mass > 0.0
         && f64::from(last.shape.second.ratio) >= LEAST
@@ -460,7 +460,7 @@ fn describe_lock_phase(outcome: &Outcome) -> Vec<String> {
         let measured = if silent {
             "not measured".into()
         } else {
-            format!("measured {} rad", number(f64::from(last.phase), 3))
+            format!("measured {} rad", number(last.phase, 3))
         };
         lines.push(format!(
             "lock phase       {} rad, {measured}{expected}",

@@ -280,7 +280,7 @@ impl Seen {
         }
         match self.identification {
             Identification::Found(found) if self.target == Target::Identify => {
-                let r = number(f64::from(found.restitution), 3);
+                let r = number(found.restitution, 3);
                 return format!(
                     "the parts rebound with R = {r}: set part.restitution to an interval about it, and [target] gear = 1"
                 );

@@ -100,124 +100,71 @@ impl BoardStatus {
     pub(in crate::verbs) fn printout(&self) -> Result<Printout, Refusal> {
         let mut table = Table::new(&[columns::ITEM, columns::VALUE]);
         let mut row = |item: &str, value: String| table.push([item.into(), value.into()]);
-        let Telemetry {
-            amplitude,
-            setpoint,
-            k,
-            output,
-            ..
-        } = self.telemetry;
-        let state = self.state().map_or("unknown", State::name);
+        let (status, telemetry) = (&self.status, &self.telemetry);
+        let moving = f64::from(telemetry.amplitude) > RESTING_AMPLITUDE;
+        let or_rest = |value: String| if moving { value } else { "-".into() };
+        let mm = |metres: f32| format!("{} mm", number(f64::from(metres) * 1e3, 4));
+        let either = |is: bool, yes: &str, no: &str| if is { yes } else { no }.to_string();
         row("board", self.name.clone());
-        row("state", state.into());
+        row("state", self.state().map_or("unknown", State::name).into());
         if let Some(fault) = self.fault() {
-            row(
-                "fault",
-                format!("{} (fault {})", fault.name(), fault.number()),
-            );
+            let fault = format!("{} (fault {})", fault.name(), fault.number());
+            row("fault", fault);
         }
         for limit in self.limits() {
-            row(
-                "held back by",
-                format!("{} (limit {})", limit.name(), limit.number()),
-            );
+            let limit = format!("{} (limit {})", limit.name(), limit.number());
+            row("held back by", limit);
         }
         row("target", describe(self.target));
-        row("ready", if self.status.ready { "on" } else { "off" }.into());
-        row(
-            "enable input",
-            if self.status.inputs.enable {
-                "given"
-            } else {
-                "not given"
-            }
-            .into(),
-        );
-        row(
-            "enable of the desk",
-            if self.status.permitted {
-                "given"
-            } else {
-                "withdrawn: kband enable"
-            }
-            .into(),
-        );
+        row("ready", either(status.ready, "on", "off"));
+        let enabled = either(status.inputs.enable, "given", "not given");
+        row("enable input", enabled);
+        let permitted = either(status.permitted, "given", "withdrawn: kband enable");
+        row("enable of the desk", permitted);
         for (input, active) in self.alarms() {
-            row(input, if active { "ACTIVE" } else { "no" }.into());
+            row(input, either(active, "ACTIVE", "no"));
         }
+        let mean = number(status.mean, 3);
         row(
             "mean acceleration",
-            format!(
-                "{} m/s^2 (sensor_zero: about 0)",
-                number(f64::from(self.status.mean), 3)
-            ),
+            format!("{mean} m/s^2 (sensor_zero: about 0)"),
         );
-        let moving = f64::from(amplitude) > RESTING_AMPLITUDE;
-        let or_rest = |value: String| if moving { value } else { "-".into() };
-        row(
-            "amplitude",
-            or_rest(format!("{} mm", number(f64::from(amplitude) * 1e3, 4))),
-        );
-        row(
-            "setpoint",
-            format!("{} mm", number(f64::from(setpoint) * 1e3, 4)),
-        );
-        row("k", or_rest(number(f64::from(k), 4)));
-        row(
-            "output",
-            format!("{} %", number(f64::from(output) * 100.0, 3)),
-        );
+        row("amplitude", or_rest(mm(telemetry.amplitude)));
+        row("setpoint", mm(telemetry.setpoint));
+        row("k", or_rest(number(telemetry.k, 4)));
+        let output = number(f64::from(telemetry.output) * 100.0, 3);
+        row("output", format!("{output} %"));
         row(
             "impacts detected",
-            format!("{} a cycle", number(f64::from(self.telemetry.rate), 3)),
+            format!("{} a cycle", number(telemetry.rate, 3)),
         );
-        row(
-            "in gear estimated",
-            number(f64::from(self.telemetry.in_gear), 2),
-        );
-        if let Some([low, high]) = self.telemetry.gear_band {
-            let ends = [low, high].map(|k| number(f64::from(k), 4));
-            row("gear band", format!("k {}", ends.join(" .. ")));
+        row("in gear estimated", number(telemetry.in_gear, 2));
+        if let Some([low, high]) = telemetry.gear_band {
+            let [low, high] = [low, high].map(|k| number(k, 4));
+            row("gear band", format!("k {low} .. {high}"));
         }
-        if let Some(margin) = self.telemetry.margin {
-            row(
-                "margin to the flip",
-                format!(
-                    "{} (trace {})",
-                    number(f64::from(margin.flip), 2),
-                    number(f64::from(margin.trace), 2)
-                ),
-            );
-            row(
-                "estimated restitution",
-                format!(
-                    "{} +- {}, scattering by {}",
-                    number(f64::from(margin.restitution), 3),
-                    number(f64::from(margin.error), 1),
-                    number(f64::from(margin.scatter), 2)
-                ),
-            );
-            row(
-                "gear is lost after",
-                format!("{} cycles", number(f64::from(margin.to_loss), 2)),
-            );
+        if let Some(margin) = telemetry.margin {
+            let (flip, trace) = (number(margin.flip, 2), number(margin.trace, 2));
+            row("margin to the flip", format!("{flip} (trace {trace})"));
+            let (restitution, error) = (number(margin.restitution, 3), number(margin.error, 1));
+            let scatter = number(margin.scatter, 2);
+            let estimated = format!("{restitution} +- {error}, scattering by {scatter}");
+            row("estimated restitution", estimated);
+            let lost = format!("{} cycles", number(margin.to_loss, 2));
+            row("gear is lost after", lost);
         }
-        if let Some(load) = self.telemetry.load {
+        if let Some(load) = telemetry.load {
+            let flow = match load.flow {
+                0.0 => String::new(),
+                flow => format!(", {} g/s", number(flow, 3)),
+            };
+            let (mass, speed) = (number(load.mass, 3), number(load.speed, 3));
             row(
                 "parts on the track",
-                format!(
-                    "{} g at {} mm/s{}",
-                    number(f64::from(load.mass), 3),
-                    number(f64::from(load.speed), 3),
-                    if load.flow == 0.0 {
-                        String::new()
-                    } else {
-                        format!(", {} g/s", number(f64::from(load.flow), 3))
-                    }
-                ),
+                format!("{mass} g at {speed} mm/s{flow}"),
             );
         }
-        row("time since its start", format!("{} s", self.status.seconds));
+        row("time since its start", format!("{} s", status.seconds));
         for cause in causes::describe(&self.causes) {
             row("predicted", cause);
         }
