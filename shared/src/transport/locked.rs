@@ -128,9 +128,7 @@ fn incline_loss(order: u32, k: f64, settings: &TangentialSettings) -> f64 {
 mod tests {
     use super::*;
     use crate::impact::spring::Spring;
-    use crate::impact::{Contact, ContactTime, Kernel, Map, Orbit, PartState, Tangential};
-    use crate::regime::band;
-    use crate::transport::Conveying;
+    use crate::impact::{ContactTime, Kernel, Map, PartState, Tangential};
 
     /// Mean velocity along the track in periods 40 to 60 of a part that starts on `lock`, with
     /// Coulomb friction in an integrated contact of a linear spring and dashpot.
