@@ -195,12 +195,6 @@ impl Choice {
                     second_tone == 0.0,
                     "0 with target flow: parts are weighed on a track of one tone",
                 )?;
-                limit_to_output(
-                    "contact",
-                    settings.contact,
-                    settings.contact == 0.0,
-                    "0 with target flow: parts are weighed as striking in no time",
-                )?;
                 let accepts = flow > 0.0 && flow <= 1e6;
                 limit_to_output("target flow", flow, accepts, "above 0 to 1000000 g/s")?;
                 Ok(Self::level(Level::Pending))
@@ -298,17 +292,13 @@ mod tests {
     use kband::feeder::Restitution;
 
     #[test]
-    fn targets_without_a_contact_time_are_refused() {
+    fn target_without_a_contact_time_is_refused() {
         let settings = Settings {
             contact: 0.4,
-            track_mass: 10.0,
-            track_length: 500.0,
             ..Settings::default()
         };
-        for target in [Target::Chaotic, Target::Flow(1.0)] {
-            let refused = Choice::of_target(target, &settings).unwrap_err();
-            assert_eq!(refused.parameter, "contact");
-        }
+        let refused = Choice::of_target(Target::Chaotic, &settings).unwrap_err();
+        assert_eq!(refused.parameter, "contact");
         let locked = Choice::of_target(Target::Locked { order: 1 }, &settings).unwrap();
         let instant = Choice::of_target(Target::Locked { order: 1 }, &Settings::default());
         let [lock, before] = [locked, instant.unwrap()].map(|choice| choice.lock.unwrap());

@@ -245,7 +245,7 @@ impl Controller {
         self.listener.gear = build_gear_estimator(&self.settings, identifies);
         self.listener.clear();
         if identifies {
-            self.identifier.begin();
+            self.identifier.begin(self.settings.contact_time());
         } else {
             self.identifier.stop();
         }
@@ -583,7 +583,7 @@ impl Controller {
                 if self.selection.target() == Target::Identify
                     && self.selection.no_setpoint().is_none()
                 {
-                    self.identifier.begin();
+                    self.identifier.begin(self.settings.contact_time());
                     self.selection.set_k(identify::FIRST_K);
                 }
                 if self.resonance.is_tracking() && self.sweep_amplitude() > 0.0 {

@@ -4,7 +4,7 @@
 
 use core::f32::consts::TAU;
 
-use kband::impact::{Hybrid, Kernel, LIFT_OFF_DELAY, Release};
+use kband::impact::{ContactTime, Hybrid, Kernel, LIFT_OFF_DELAY, Release};
 
 /// Largest number of predicted impacts; further ones are too faint for detection.
 pub const IMPACTS: usize = 16;
@@ -24,7 +24,7 @@ pub struct Chatter {
 impl Chatter {
     /// Predicts the chatter at k and this restitution; `None` where the part is not thrown.
     #[inline(never)]
-    pub fn of(k: f64, restitution: f32) -> Option<Self> {
+    pub fn of(k: f64, restitution: f32, contact: ContactTime) -> Option<Self> {
         let restitution = restitution.max(1e-3);
         let map = Hybrid::build(k, f64::from(restitution)).ok()?;
         if k >= 1.0 {
@@ -42,8 +42,20 @@ impl Chatter {
         for slot in &mut impacts {
             let speed = Hybrid::observe(impact.next).velocity as f32 / first;
             *slot = (time, speed);
-            impact = map.impact(impact.next);
-            let flight = impact.flight as f32;
+            let mut launch = impact.next;
+            let mut held = 0.0;
+            if !contact.is_instant() {
+                let struck = Hybrid::observe(launch);
+                let left = contact.launch(f64::from(restitution), struck, k, None);
+                held = contact.radians() as f32;
+                launch = Hybrid::state(left.phase, left.velocity).ok()?;
+                if left.velocity == 0.0 {
+                    rest = time + held;
+                    break;
+                }
+            }
+            impact = map.impact(launch);
+            let flight = impact.flight as f32 + held;
             time += flight;
             if time > TAU {
                 break;
@@ -86,7 +98,7 @@ mod tests {
     fn chatter_follows_the_map_to_rest() {
         for (k, restitution, interval) in [(0.6, 0.3, 0.579), (0.75, 0.6, 0.654), (0.5, 0.2, 0.601)]
         {
-            let chatter = Chatter::of(k, restitution).unwrap();
+            let chatter = Chatter::of(k, restitution, ContactTime::INSTANT).unwrap();
             // Intervals from an independent root search in double precision, to the digits given.
             let (second, _) = chatter.impacts()[1];
             assert!(
@@ -95,7 +107,11 @@ mod tests {
             );
             assert!(chatter.rests());
         }
-        assert!(!Chatter::of(0.45, 0.3).unwrap().rests());
-        assert_eq!(Chatter::of(1.0, 0.3), None);
+        assert!(
+            !Chatter::of(0.45, 0.3, ContactTime::INSTANT)
+                .unwrap()
+                .rests()
+        );
+        assert_eq!(Chatter::of(1.0, 0.3, ContactTime::INSTANT), None);
     }
 }

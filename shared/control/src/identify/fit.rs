@@ -14,6 +14,7 @@ use super::chatter::{Chatter, IMPACTS};
 use super::train::{Explained, Pulse, SampledRinging, correlate_with_drive, fit_train};
 use crate::hear::{HANDED, Layout, PLACES};
 use kband::arithmetic::Phase;
+use kband::impact::ContactTime;
 
 /// Time from the beginning of a fold to the expected first landing, in rad.
 pub const LANDING_OFFSET: f32 = 0.5;
@@ -107,6 +108,8 @@ pub struct Fit {
     per_radian: f32,
     normal_gravity: f32,
     k: f64,
+    /// Duration of an impact.
+    contact: ContactTime,
     /// Lowest restitution of the grid, and its step.
     lowest: f32,
     apart: f32,
@@ -137,6 +140,7 @@ impl Fit {
         per_radian: 1.0,
         normal_gravity: 0.0,
         k: 1.0,
+        contact: ContactTime::INSTANT,
         lowest: MIN_RESTITUTION,
         apart: 0.0,
         stage: Stage::Done,
@@ -151,6 +155,19 @@ impl Fit {
         leak: None,
     };
 
+    /// Comparison without any fold, of parts whose impacts take this time.
+    pub fn with_contact(contact: ContactTime) -> Self {
+        Self {
+            contact,
+            ..Self::NEW
+        }
+    }
+
+    /// Duration of an impact.
+    pub fn contact(&self) -> ContactTime {
+        self.contact
+    }
+
     /// Sets the grid: restitutions of parts that rest each cycle at the first k but not at the
     /// second.
     pub fn set_grid(&mut self, (rest, astray): (f64, f64)) {
@@ -158,7 +175,7 @@ impl Fit {
             let (mut low, mut high) = (0.0, 1.0);
             for _ in 0..7 {
                 let middle = 0.5 * (low + high);
-                if Chatter::of(k, middle).is_some_and(|chatter| chatter.rests()) {
+                if Chatter::of(k, middle, self.contact).is_some_and(|chatter| chatter.rests()) {
                     low = middle;
                 } else {
                     high = middle;
@@ -189,7 +206,11 @@ impl Fit {
         self.best = None;
         self.left = [f32::INFINITY; GRID_POINTS];
         self.onset = LANDING_OFFSET * self.per_radian;
-        let deadest = Chatter::of(self.k, self.lowest.max(MIN_INTERVAL_RESTITUTION));
+        let deadest = Chatter::of(
+            self.k,
+            self.lowest.max(MIN_INTERVAL_RESTITUTION),
+            self.contact,
+        );
         let interval = deadest.map_or(0.0, |chatter| chatter.impacts()[1].0 * self.per_radian);
         self.alone = interval.max(ALONE);
         self.stage = match self.ringing {
@@ -302,7 +323,7 @@ impl Fit {
             n % ONSETS_PER_RESTITUTION,
         );
         let onset = self.onset + 0.5 * (f32::from(shift) - 1.0);
-        if let Some(chatter) = Chatter::of(self.k, self.tried(index)) {
+        if let Some(chatter) = Chatter::of(self.k, self.tried(index), self.contact) {
             let train = self.train(&chatter, onset);
             let explained = fit_train(self.places(), self.layout.stride, ringing, true, &train);
             if let Some(left) = self.left.get_mut(index) {
@@ -387,7 +408,7 @@ impl Fit {
     /// Relative bias of the measured amplitude by the impacts' ringing, which lowers the measured
     /// k.
     fn leak(&self, restitution: f32, best: &Best) -> f32 {
-        let Some(chatter) = Chatter::of(self.k, restitution) else {
+        let Some(chatter) = Chatter::of(self.k, restitution, self.contact) else {
             return 0.0;
         };
         let samples = self.layout.places as u32 * self.layout.stride;
@@ -489,7 +510,7 @@ mod tests {
         let per_radian = 20_000.0 / (TAU * 50.0);
         let chatters: Vec<_> = restitutions
             .iter()
-            .map(|&restitution| Chatter::of(k, restitution).unwrap())
+            .map(|&restitution| Chatter::of(k, restitution, ContactTime::INSTANT).unwrap())
             .collect();
         let mut heard = |n: i32| {
             let time = n as f32;
@@ -559,11 +580,13 @@ mod tests {
     fn error_of_k_moves_the_landing_within_the_search() {
         let highest = |k: f64| {
             let tried = (0..1000).map(|n| n as f32 * 1e-3);
-            let rests = |r: &f32| Chatter::of(k, *r).is_some_and(|chatter| chatter.rests());
+            let rests = |r: &f32| {
+                Chatter::of(k, *r, ContactTime::INSTANT).is_some_and(|chatter| chatter.rests())
+            };
             tried.filter(rests).fold(0.0, f32::max)
         };
         for k in [0.45, 0.55, 0.65, 0.75, 0.85] {
-            let landing = |k| Chatter::of(k, 0.5).unwrap().landing;
+            let landing = |k| Chatter::of(k, 0.5, ContactTime::INSTANT).unwrap().landing;
             let moved = landing(k) - landing(1.015 * k);
             assert!(
                 (0.3 * MAX_LANDING_SHIFT..MAX_LANDING_SHIFT).contains(&moved),

@@ -22,6 +22,7 @@ use crate::angle::phase_of;
 use crate::hear::{Cycle, GearMargin};
 use crate::hear::{HANDED, Layout};
 use kband::arithmetic::Phase;
+use kband::impact::ContactTime;
 
 /// k of the first level: a part of R = 0.84 still rests each cycle there.
 pub const FIRST_K: f64 = 0.87;
@@ -257,9 +258,10 @@ impl Identifier {
         }
     }
 
-    /// Begins an identification at [`FIRST_K`].
-    pub fn begin(&mut self) {
+    /// Begins an identification at [`FIRST_K`], of parts whose impacts take this time.
+    pub fn begin(&mut self, contact: ContactTime) {
         *self = Self::new();
+        self.fit = Fit::with_contact(contact);
         self.result = Identification::Listening { hops: 0 };
     }
 
@@ -408,7 +410,7 @@ impl Identifier {
             self.stage = Stage::Checking(0);
             return Step::Going;
         }
-        match (self.first, Chatter::of(self.k, 0.5)) {
+        match (self.first, Chatter::of(self.k, 0.5, self.fit.contact())) {
             (None, _) => self.stage = Stage::Listening(0, 0),
             (Some(first), None) => return self.set_level(first),
             (Some(_), Some(chatter)) => {
@@ -439,7 +441,8 @@ impl Identifier {
     /// Number of impacts while a part that rests each cycle would fly.
     fn astray(&self, cycle: &Cycle, lead: Phase) -> u8 {
         let lift_off = libm::asin(self.k) as f32;
-        let landing = Chatter::of(self.k, 0.5).map_or(TAU, |chatter| chatter.landing);
+        let landing =
+            Chatter::of(self.k, 0.5, self.fit.contact()).map_or(TAU, |chatter| chatter.landing);
         let in_air = landing - BEFORE_LANDING - (lift_off - BEFORE_LIFT_OFF);
         let since = phase_of(lift_off - BEFORE_LIFT_OFF);
         let astray = cycle.heard.iter().filter(|heard| {
@@ -533,7 +536,7 @@ impl Identifier {
     /// Parts that rest land together: their amplitudes add, and the energy is n^2. Parts in gear
     /// strike one by one, and the energy is n.
     fn estimate_parts(&self, driven: &Driven, restitution: f32) -> Option<f32> {
-        let chatter = Chatter::of(self.first?, restitution)?;
+        let chatter = Chatter::of(self.first?, restitution, self.fit.contact())?;
         let trained: f32 = chatter
             .impacts()
             .iter()
@@ -591,7 +594,7 @@ mod tests {
     use super::*;
 
     fn rests(k: f64, restitution: f32) -> bool {
-        Chatter::of(k, restitution).is_some_and(|chatter| chatter.rests())
+        Chatter::of(k, restitution, ContactTime::INSTANT).is_some_and(|chatter| chatter.rests())
     }
 
     #[test]
@@ -601,7 +604,12 @@ mod tests {
         // 5 % of k moves the second impact by about half a period of the default ringing, 0.065 rad
         // at 50 Hz.
         for (k, restitution) in [(0.45, 0.1), (0.56, 0.3), (0.85, 0.8)] {
-            let second = |k| Chatter::of(k, restitution).unwrap().impacts()[1].0;
+            let second = |k| {
+                Chatter::of(k, restitution, ContactTime::INSTANT)
+                    .unwrap()
+                    .impacts()[1]
+                    .0
+            };
             let moved = second(k) - second(k * (1.0 + FOLD_K_RANGE));
             assert!((0.05..0.12).contains(&moved), "{restitution}: {moved}");
         }
@@ -611,16 +619,16 @@ mod tests {
     fn result_stays_until_the_next_identification() {
         let mut identifier = Identifier::new();
         assert_eq!(identifier.result(), Identification::Idle);
-        identifier.begin();
+        identifier.begin(ContactTime::INSTANT);
         assert!(identifier.is_running());
         identifier.stop();
         assert_eq!(identifier.result(), Identification::Idle);
-        identifier.begin();
+        identifier.begin(ContactTime::INSTANT);
         let done = Identification::NotFound(Unidentified::Unlike);
         assert_eq!(identifier.end(done), Step::Done(false));
         identifier.stop();
         assert_eq!(identifier.result(), done);
-        identifier.begin();
+        identifier.begin(ContactTime::INSTANT);
         assert!(identifier.is_running());
     }
 }

@@ -42,7 +42,11 @@ fn final_k_is_just_above_the_end_of_rest() {
 }
 
 fn heard(parts: &[f32], seed: u64, sensor: SensorModel) -> Identification {
-    let scene = Scene {
+    identified(&scene(parts, seed, sensor))
+}
+
+fn scene(parts: &[f32], seed: u64, sensor: SensorModel) -> Scene {
+    Scene {
         target: Target::Identify,
         parts: parts.iter().copied().collect(),
         settings: Settings {
@@ -53,8 +57,11 @@ fn heard(parts: &[f32], seed: u64, sensor: SensorModel) -> Identification {
         sensor,
         seed,
         ..Scene::default()
-    };
-    let mut closed = ClosedLoop::build(&scene).unwrap();
+    }
+}
+
+fn identified(scene: &Scene) -> Identification {
+    let mut closed = ClosedLoop::build(scene).unwrap();
     for _ in 0..LONGEST {
         match closed.cycle().report.identification {
             Identification::Idle | Identification::Listening { .. } => {}
@@ -62,6 +69,19 @@ fn heard(parts: &[f32], seed: u64, sensor: SensorModel) -> Identification {
         }
     }
     panic!("an identification ends");
+}
+
+/// Impacts of 1 % of the cycle: without the setting `R` 0.5 is found as 0.518.
+#[test]
+fn impacts_that_take_time_are_identified() {
+    for (restitution, seed) in [(0.15, 1), (0.3, 2), (0.5, 3)] {
+        let mut scene = scene(&[restitution], seed, SensorModel::default());
+        (scene.contact, scene.settings.contact) = (0.2, 0.2);
+        let Identification::Found(found) = identified(&scene) else {
+            panic!("R {restitution} was not found");
+        };
+        assert!((found.restitution - restitution).abs() < 0.01, "{found:?}");
+    }
 }
 
 #[test]

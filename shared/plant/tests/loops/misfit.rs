@@ -89,6 +89,40 @@ fn tumbling_bodies_are_detected_and_conveyed_faster() {
     }
 }
 
+/// Random feeders of 20 to 180 Hz whose impacts the sensor hears. The misses have two or three parts.
+#[test]
+fn tumbling_bodies_are_detected_at_any_frequency() {
+    let (mut found, mut missed) = (0, Vec::new());
+    for number in 0..60 {
+        let (mut scene, order) = random_lot(3, number);
+        if order != 1 {
+            continue;
+        }
+        let mut noise = Noise::new(number);
+        let [median, scatter] =
+            [(-0.36, 0.33), (0.27, 0.5)].map(|(a, b)| between(&mut noise, a, b));
+        scene
+            .parts
+            .iter_mut()
+            .for_each(|part| *part = median as f32);
+        scene
+            .scatter
+            .iter_mut()
+            .for_each(|part| *part = scatter as f32);
+        let off = f64::from(scene.settings.amplitude_error);
+        scene.sensor.sensitivity = between(&mut noise, 1.0 - off, 1.0 + off) as f32;
+        let [mut closed, _] = Loop::both(&scene);
+        let after = detected(&mut closed, WITHIN);
+        let (moment, ..) = closed.cycle();
+        if after.is_some() {
+            found += 1;
+        } else if !moment.report.limits.contains(Limits::DEAF) {
+            missed.push(number);
+        }
+    }
+    assert_eq!((found, missed), (22, vec![11, 36, 50]));
+}
+
 #[test]
 fn parts_of_the_lot_always_fit() {
     let mut fitting = 0;
