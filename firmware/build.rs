@@ -15,18 +15,19 @@ _stack_start = ADDR(.stack) + SIZEOF(.stack);
 /// has the plant and its counters on it.
 const STACKS: [(&str, u32); 2] = [("feeder", 55 << 10), ("virtual_feeder", 76 << 10)];
 
-/// Limits for the board's image: flash below the settings of any board, and RAM, stack included.
+/// Limits for the board's image: flash from its code on, and RAM, stack included.
 /// The linker refuses a larger image. The emulated image has more: it includes the plant.
 const BUDGET: &str = "\
 ASSERT(__sheap - ORIGIN(RAM) <= 88K, \"kband: stack and static data exceed 88 KiB of RAM\");
-ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 312K, \"kband: the image exceeds 312 KiB of flash\");
+ASSERT(__sidata + (__edata - __sdata) - _stext <= 312K, \"kband: the image exceeds 312 KiB of flash\");
 ";
 
-/// Bounds of the range that the board checks at its start, and a word behind it for its CRC-32.
-/// `kband flash` writes that word.
+/// Bounds of the ranges that the board checks at its start, vector table and program, and a word
+/// behind them for their CRC-32. `kband flash` writes that word.
 const CHECKED: &str = "\
 SECTIONS { .check : ALIGN(4) { _image_end = .; LONG(0xffffffff) } > FLASH } INSERT AFTER .gnu.sgstubs;
 _image_start = ORIGIN(FLASH);
+_vectors_end = ADDR(.vector_table) + SIZEOF(.vector_table);
 ";
 
 /// Marks the emulated board's image. Without a debugger it would hang at its first semihosting

@@ -59,7 +59,7 @@ pub trait Chip {
     /// take well below 50 us.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime);
 
-    /// Opens the settings in at least two pages at the end of the flash, which no image reaches.
+    /// Opens the settings and the faults in four pages of the flash, which no image reaches.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed>;
 
     /// Flags of the last reset; the call clears them.

@@ -170,6 +170,11 @@ impl Survey {
         self.slots[bank] = slots;
     }
 
+    /// Whether a record was ever completed in a bank that has its mark.
+    fn has_begun(&self) -> bool {
+        self.newest.is_some() || (0..2).any(|bank| self.marked[bank] && self.spoilt[bank] > 0)
+    }
+
     /// Whether the bank's erasure was completed and it holds no record.
     fn is_erased(&self, bank: usize) -> bool {
         self.marked[bank] && self.used[bank] == 1
@@ -254,6 +259,19 @@ impl<const SLOT: usize> Journal<SLOT> {
     ) -> Result<Self, StoreFailed> {
         const { assert!(OLD > OVERHEAD && OLD < SLOT) };
         Self::open(flash, range, keep, OLD)
+    }
+
+    /// A journal that is only read: two pages of `bank` bytes from `start` on, with slots of `OLD`
+    /// bytes or of the present size.
+    pub(crate) fn reading<const OLD: usize>(start: u32, bank: u32) -> Self {
+        const { assert!(OLD > OVERHEAD && OLD < SLOT) };
+        Self {
+            start,
+            bank,
+            keep: 1,
+            old_slot: OLD,
+            survey: None,
+        }
     }
 
     fn open<F: NorFlash>(
@@ -386,6 +404,12 @@ impl<const SLOT: usize> Journal<SLOT> {
             Ok(()) => Newest::Whole,
             Err(_) => Newest::Spoilt,
         }
+    }
+
+    /// Whether a record was ever stored, by what is known of the banks. Data of another program are
+    /// none.
+    pub(crate) fn has_begun(&self) -> bool {
+        self.survey.is_none_or(|survey| survey.has_begun())
     }
 
     /// Whether the newest record is valid and has this content.

@@ -1,7 +1,7 @@
 //! Rate limit of saves (token bucket), so that the flash does not wear out.
 
 /// Largest number of saves in a burst, and of saves given back an hour. At this rate the smallest
-/// memory, 40 000 saves, lasts 27 days, and that of the STM32F405 4 years.
+/// memory, 40 000 saves, lasts 27 days, and that of the STM32F405 7 months.
 const MAX_SAVES_PER_HOUR: u8 = 60;
 /// Time after which another save is allowed, s.
 const SAVE_INTERVAL_S: u32 = 3600 / MAX_SAVES_PER_HOUR as u32;

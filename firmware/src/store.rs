@@ -120,6 +120,8 @@ pub trait Store {
 pub struct Records<F, W> {
     flash: F,
     settings: Journal<SLOT>,
+    /// Where an older image had the settings. It is read until a record is stored in `settings`.
+    older: Option<Journal<SLOT>>,
     faults: Journal<FAULT_SLOT>,
     waiting: W,
     supply_settled: fn() -> bool,
@@ -140,11 +142,42 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
     ) -> Result<Self, StoreFailed> {
         Ok(Self {
             settings: Journal::converting::<{ version_3::SLOT }, _>(&flash, settings, 1)?,
+            older: None,
             faults: Journal::new(&flash, faults, KEPT_FAULTS)?,
             flash,
             waiting,
             supply_settled,
         })
+    }
+
+    /// Reads the settings from two pages of `page` bytes from `start` on, where an older image had
+    /// them, until a record is stored here.
+    pub fn reading_from(self, start: u32, page: u32) -> Self {
+        Self {
+            older: Some(Journal::reading::<{ version_3::SLOT }>(start, page)),
+            ..self
+        }
+    }
+
+    /// State of the newest record, from what is known of the pages; its content is copied to
+    /// `content`.
+    async fn newest(&mut self, content: &mut [u8; CONTENT]) -> Newest {
+        let newest = self.settings.last(&mut self.flash, content).await;
+        self.or_older(newest, content).await
+    }
+
+    /// `newest`, or the state of the newest record of an older image, if there is one and none was
+    /// stored here.
+    async fn or_older(&mut self, newest: Newest, content: &mut [u8; CONTENT]) -> Newest {
+        match &mut self.older {
+            Some(older) if !self.settings.has_begun() => {
+                match older.last(&mut self.flash, content).await {
+                    Newest::Nothing => newest,
+                    older => older,
+                }
+            }
+            _ => newest,
+        }
     }
 
     /// Stores a record with this content, unless the newest has it already.
@@ -172,7 +205,8 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
 impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
     async fn load(&mut self) -> Found {
         let mut content = [0; CONTENT];
-        match self.settings.newest(&mut self.flash, &mut content).await {
+        let newest = self.settings.newest(&mut self.flash, &mut content).await;
+        match self.or_older(newest, &mut content).await {
             Newest::Nothing => Found::none(Condition::Never),
             Newest::Spoilt => Found::none(Condition::Lost),
             Newest::Whole => decode_settings(&content).unwrap_or_else(Found::none),
@@ -186,7 +220,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
         pin: Option<Pin>,
     ) -> Result<(), StoreFailed> {
         let mut content = [0; CONTENT];
-        let newest = self.settings.last(&mut self.flash, &mut content).await;
+        let newest = self.newest(&mut content).await;
         if newest != Newest::Whole || !record::has_recipes(&content) {
             content.fill(0);
         }
@@ -196,7 +230,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
 
     async fn recipes(&mut self) -> Recipes {
         let mut content = [0; CONTENT];
-        let newest = self.settings.last(&mut self.flash, &mut content).await;
+        let newest = self.newest(&mut content).await;
         if newest == Newest::Whole && record::has_recipes(&content) {
             Recipes::of(&content[record::SIZE..])
         } else {
@@ -206,7 +240,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
 
     async fn save_recipes(&mut self, recipes: &Recipes) -> Result<(), StoreFailed> {
         let mut content = [0; CONTENT];
-        let newest = self.settings.last(&mut self.flash, &mut content).await;
+        let newest = self.newest(&mut content).await;
         let found = match newest {
             Newest::Whole => decode_settings(&content).ok(),
             _ => None,

@@ -4,6 +4,7 @@
 mod came;
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -44,19 +45,24 @@ fn feeder() -> PathBuf {
 /// that its first fault goes to: 2 s at most.
 const ERASED: f64 = 2.5;
 
+/// Offsets of the settings and faults in the flash.
+fn settings() -> Range<usize> {
+    let [start, end] = [STM32F405RG.settings.start, STM32F405RG.settings.end]
+        .map(|at| (at - STM32F405RG.flash.start) as usize);
+    start..end
+}
+
 /// A board in operation: an older image drives the bridge, settings are kept.
 fn board() -> Chip {
     let mut chip = Chip::default();
-    let settings = (STM32F405RG.settings.start - STM32F405RG.flash.start) as usize;
-    chip.flash_mut()[..0x2_0000].fill(OLDER);
-    chip.flash_mut()[settings..].fill(SETTINGS);
+    chip.flash_mut()[..0x6_0000].fill(OLDER);
+    chip.flash_mut()[settings()].fill(SETTINGS);
     assert!(chip.is_driven());
     chip
 }
 
 fn settings_are_kept(chip: &Chip) -> bool {
-    let settings = (STM32F405RG.settings.start - STM32F405RG.flash.start) as usize;
-    chip.flash()[settings..]
+    chip.flash()[settings()]
         .iter()
         .all(|byte| *byte == SETTINGS)
 }

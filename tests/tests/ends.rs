@@ -5,9 +5,10 @@ use std::sync::OnceLock;
 
 use kband_control::Target;
 use kband_control::wire::{Kept, Request, Response};
+use kband_tests::chip::Hang;
 use kband_tests::chip::clocks::Cause;
+use kband_tests::chip::kind::Kind;
 use kband_tests::chip::world::Seen;
-use kband_tests::chip::{Hang, flash};
 use kband_tests::images::{self, feeder};
 use kband_tests::rig::{Act, Rig};
 
@@ -183,8 +184,8 @@ fn a_board_does_not_start_by_itself() {
 fn damaged_settings_never_drive() {
     let mut rig = commissioned();
     rig.run(0.5);
-    // The first slot is the bank's mark.
-    let settings = 0x080c_0000 + 256 - flash::START as usize;
+    // The bank's mark is before the first record.
+    let settings = Kind::default().facts().settings + 32;
     assert_eq!(rig.kept(), Kept::InUse);
     for bit in [0, 3 * 8 + 1, 60 * 8, 110 * 8 + 5, 242 * 8] {
         let mut rig = rig.clone();

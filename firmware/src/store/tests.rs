@@ -14,8 +14,10 @@ use std::vec::Vec;
 
 /// Page size of the STM32G474, bytes.
 const SMALL: usize = 2 * 1024;
-/// Sector size of the STM32F405, bytes.
-const LARGE: usize = 128 * 1024;
+/// Page size of the STM32F405, bytes.
+const LARGE: usize = 16 * 1024;
+/// Size of its pages of settings in older images, bytes.
+const OLDER: usize = 128 * 1024;
 /// Number of four-byte words in a record; an erasure clears a page word by word.
 const WORDS: usize = SLOT / 4;
 
@@ -284,8 +286,8 @@ fn a_cut_after_any_word_leaves_old_or_new() {
     }
     // The sector is full: the next record begins the other one, and the full one is erased after
     // it.
-    for before in [1, 129, 130, 131] {
-        let erasure = (WORDS..LARGE / 4).step_by(797);
+    for before in [1, 15, 16, 17] {
+        let erasure = (WORDS..LARGE / 4).step_by(97);
         let all = (0..=WORDS).chain(erasure).chain([2 * LARGE]);
         assert_eq!(cuts::<LARGE>(before, all), 0, "{before}");
     }
@@ -373,7 +375,7 @@ fn years<const PAGE: usize>(most_erasures: u32) {
 fn thirty_thousand_saves_wear_no_page_out() {
     // The endurance of a page is 10 000 erasures.
     years::<SMALL>(9_500);
-    years::<LARGE>(150);
+    years::<LARGE>(1_100);
 }
 
 /// What a record with this content is loaded as.
@@ -600,9 +602,86 @@ fn a_cut_conversion_leaves_old_or_new() {
         nor.weak[1] = true;
         conversion_cuts(&nor, 0..=2 * page + WORDS + 8);
     }
-    let erasure = (WORDS..LARGE / 4).step_by(797);
-    let all = (0..=WORDS + 8).chain(erasure).chain([2 * LARGE]);
-    conversion_cuts(&version_3::<LARGE>(511), all);
+}
+
+/// Memory on a chip whose older image had its settings in pages behind the present ones.
+fn moved(nor: Nor<SMALL>) -> Records<Nor<SMALL>, Waiting> {
+    records(nor).reading_from(4 * SMALL as u32, OLDER as u32)
+}
+
+/// A flash with the bytes `left` in the present pages, behind them settings of an older image.
+fn with_older_settings(left: u8, older: &Nor<OLDER>) -> Nor<SMALL> {
+    let mut nor = Nor::new();
+    nor.bytes.fill(left);
+    nor.bytes.extend(&older.bytes[..2 * OLDER]);
+    nor
+}
+
+#[test]
+fn settings_elsewhere_hold_until_a_save_at_any_cut() {
+    let mut present = records(Nor::<OLDER>::new());
+    block_on(present.save(&changed(0.95), Target::K(0.4), Pin::parse("0420"))).unwrap();
+    block_on(present.save_recipes(&some_recipes(3))).unwrap();
+    for (left, older) in [
+        (0xff, present.flash),
+        (0x46, version_3::<OLDER>(300)),
+        (0, version_3::<OLDER>(511)),
+    ] {
+        let nor = with_older_settings(left, &older);
+        let mut before = moved(nor.clone());
+        let old = block_on(before.load());
+        let recipes = block_on(before.recipes());
+        assert_eq!(
+            (old.condition, old.pin),
+            (Condition::Whole, Pin::parse("0420"))
+        );
+        let new = Found {
+            settings: changed(0.99),
+            added: 0,
+            ..old
+        };
+        let (mut olds, mut news) = (0, 0);
+        // Two erasures with their marks, and the record between them.
+        for power in 0..=2 * (SMALL / 4 + 5) + WORDS {
+            let mut cut = moved(nor.powered(power));
+            let saved = block_on(cut.save(&new.settings, new.target, new.pin)).is_ok();
+            let mut again = moved(cut.flash.powered(usize::MAX));
+            let found = block_on(again.load());
+            assert!(found == new || found == old && !saved, "{power}: {found:?}");
+            assert_eq!(block_on(again.recipes()), recipes, "{power}");
+            olds += u32::from(found == old);
+            news += u32::from(found == new);
+            block_on(again.save(&new.settings, new.target, new.pin)).unwrap();
+            assert_eq!(block_on(moved(again.flash).load()), new);
+        }
+        assert!(olds > 0 && news > 0, "{olds}, {news}");
+    }
+}
+
+#[test]
+fn without_settings_elsewhere_those_here_count() {
+    for (left, condition) in [(0xff, Condition::Never), (0, Condition::Lost)] {
+        let nor = with_older_settings(left, &Nor::new());
+        assert_eq!(block_on(moved(nor).load()), Found::none(condition));
+    }
+    // The newest record elsewhere is damaged.
+    let mut older = version_3::<OLDER>(7);
+    older.bytes[7 * version_3::SLOT + 40] ^= 1;
+    let found = block_on(moved(with_older_settings(0xff, &older)).load());
+    assert_eq!(found, Found::none(Condition::Lost));
+}
+
+#[test]
+fn a_damaged_record_is_not_replaced_by_an_older_place() {
+    let nor = with_older_settings(0xff, &version_3::<OLDER>(300));
+    let mut store = moved(nor);
+    block_on(store.save(&changed(0.99), TARGETS[0], None)).unwrap();
+    for bit in 8 * 32..8 * (32 + SLOT - 8) {
+        let mut nor = store.flash.clone();
+        nor.bytes[bit / 8] ^= 1 << (bit % 8);
+        let found = block_on(moved(nor).load());
+        assert_eq!(found, Found::none(Condition::Lost), "bit {bit}");
+    }
 }
 
 #[test]

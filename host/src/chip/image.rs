@@ -107,8 +107,8 @@ impl Image {
             if !bytes.is_empty() {
                 let address = segment.p_paddr(endian);
                 let lies = span(address, bytes.len() as u32)?;
-                let free = chip.flash.start..chip.settings.start;
-                if !within(&lies, &free) {
+                let free = lies.end <= chip.settings.start || chip.settings.end <= lies.start;
+                if !within(&lies, &chip.flash) || !free {
                     return Err(outside("is stored at", &lies, chip));
                 }
                 pieces.push(Piece {
@@ -242,10 +242,14 @@ impl Image {
 /// erased, and the board checks it at each start.
 fn fill_check(pieces: &mut [Piece], chip: &Chip) -> Result<(), Refusal> {
     let mut flash = Vec::new();
+    let mut end = chip.flash.start;
     for piece in &*pieces {
-        // Between two pieces the flash is erased.
-        flash.resize((piece.address - chip.flash.start) as usize, 0xff);
+        // Between two pieces the flash is erased, or holds the settings, which are not checked.
+        if !(end..piece.address).contains(&chip.settings.start) {
+            flash.resize(flash.len() + (piece.address - end) as usize, 0xff);
+        }
         flash.extend_from_slice(&piece.bytes);
+        end = piece.address + piece.bytes.len() as u32;
     }
     let place = pieces
         .last_mut()
@@ -291,8 +295,14 @@ fn outside(does: &str, range: &Range<u32>, chip: &Chip) -> Refusal {
         format!("a part that {does}"),
         format!("{:#010x}..{:#010x}", range.start, range.end),
         format!(
-            "flash {:#010x}..{:#010x} (behind it lie the settings), RAM {:#010x}..{:#010x} of the {}",
-            chip.flash.start, chip.settings.start, chip.memory.start, chip.memory.end, chip.name
+            "flash {:#010x}..{:#010x} of the {}, without {:#010x}..{:#010x} of its settings, RAM {:#010x}..{:#010x}",
+            chip.flash.start,
+            chip.flash.end,
+            chip.name,
+            chip.settings.start,
+            chip.settings.end,
+            chip.memory.start,
+            chip.memory.end
         ),
         BUILD,
     )
@@ -430,6 +440,24 @@ mod tests {
     }
 
     #[test]
+    fn the_check_leaves_out_the_settings_within_an_image() {
+        let near = Image::parse(&elf()).unwrap();
+        let apart = elf_with(|parts| {
+            parts.code_at = 0x0802_0000;
+            parts.vectors[1..7].fill(0x0802_0001);
+            parts.vectors[8..].fill(0);
+        });
+        let apart = Image::parse(&apart).unwrap();
+        let [table, code] = apart.pieces() else {
+            panic!("two pieces");
+        };
+        let (before, check) = code.bytes.split_last_chunk().unwrap();
+        let checked = [&table.bytes, before].concat();
+        assert_eq!(u32::from_le_bytes(*check), crc32(&checked));
+        assert_ne!(near.pieces()[1].bytes, code.bytes);
+    }
+
+    #[test]
     fn an_image_is_for_the_chip_that_it_names() {
         let longer = |parts: &mut Parts| {
             parts.vectors.resize(118, 0);
@@ -455,7 +483,10 @@ mod tests {
         type Change = fn(&mut Parts);
         let cases: [(Change, &[&str]); 15] = [
             (|parts| parts.machine = 3, &["machine", "3", "40"]),
-            (|parts| parts.code_at = 0x0807_fff0, &["0x0807", "settings"]),
+            (
+                |parts| parts.code_at = 0x0800_3ff0,
+                &["0x08003ff0", "settings"],
+            ),
             (
                 |parts| parts.code_at = 0x1fff_0000,
                 &["0x1fff0000", "flash"],
@@ -524,7 +555,8 @@ mod tests {
                 if let Ok(image) = Image::parse(&bad) {
                     for piece in image.pieces() {
                         let end = piece.address + piece.bytes.len() as u32;
-                        assert!(0x0800_0000 <= piece.address && end <= 0x0808_0000);
+                        assert!(0x0800_0000 <= piece.address && end <= 0x0810_0000);
+                        assert!(end <= 0x0800_4000 || 0x0802_0000 <= piece.address);
                     }
                 }
             }

@@ -93,7 +93,7 @@ pub const STM32F405RG: Chip = Chip {
     build: "cargo feeder",
     flash: 0x0800_0000..0x0810_0000,
     sectors: &[(4, 16), (1, 64), (7, 128)],
-    settings: 0x0808_0000..0x0810_0000,
+    settings: 0x0800_4000..0x0802_0000,
     memory: 0x2000_0000..0x2002_0000,
     vectors: 98,
     family: 0x413,
@@ -199,7 +199,7 @@ mod tests {
             assert_eq!(sectors.last().unwrap().range.end, chip.flash.end);
             let settings: Vec<&Sector> = sectors
                 .iter()
-                .filter(|sector| sector.range.start >= chip.settings.start)
+                .filter(|sector| chip.settings.contains(&sector.range.start))
                 .collect();
             assert_eq!(settings.len(), 4, "{}", chip.name);
             assert_eq!(settings[0].range.start, chip.settings.start);

@@ -112,7 +112,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         .note(format!(
             "flash            {} bytes of {}",
             image.size(),
-            chip.settings.start - chip.flash.start
+            chip.flash.len() - chip.settings.len()
         ))
         .note(format!(
             "RAM              {} bytes of {memory}, the stack included",
@@ -231,7 +231,7 @@ fn runs(image: &Image) -> Vec<Run> {
     let mut runs: Vec<Run> = Vec::new();
     for sector in chip.sectors() {
         let bytes = image.bytes_in(&sector);
-        let what = if sector.range.start >= chip.settings.start {
+        let what = if chip.settings.contains(&sector.range.start) {
             "settings and faults, left alone"
         } else if bytes > 0 {
             "erased and written"

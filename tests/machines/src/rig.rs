@@ -396,9 +396,15 @@ pub fn chip_of(kind: Kind, image: &Path) -> Chip {
         && data.ends_with(&[0xff; 4])
     {
         let check = (address - flash::START) as usize + data.len() - 4;
-        let sum = crc32(&chip.flash()[..check]);
+        let sum = image_check(kind, chip.flash(), check);
         chip.flash_mut()[check..check + 4].copy_from_slice(&sum.to_le_bytes());
     }
     chip.board.supplied = false;
     chip
+}
+
+/// Checksum of the image whose program ends at the offset `end` of the flash.
+pub fn image_check(kind: Kind, flash: &[u8], end: usize) -> u32 {
+    let gap = &kind.facts().gap;
+    crc32(&[&flash[..gap.start], &flash[gap.end..end]].concat())
 }

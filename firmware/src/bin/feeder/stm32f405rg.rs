@@ -161,19 +161,17 @@ impl Chip for Board {
         (Adc::new(converter), SampleTime::CYCLES28)
     }
 
-    /// Settings in the last two sectors of 128 KiB, faults in the two before them.
+    /// Settings in sectors 1 and 2, faults in sectors 3 and 4. Older images had the settings in
+    /// sectors 10 and 11.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
-        let region = Flash::new_blocking(flash)
-            .into_blocking_regions()
-            .bank1_region3;
-        let (end, page) = (region.0.size, region.0.erase_size);
-        Records::new(
-            Sectors(region),
-            end - 2 * page..end,
-            end - 4 * page..end - 2 * page,
+        let records = Records::new(
+            Sectors(Flash::new_blocking(flash)),
+            0..2 * flash::PAGE,
+            2 * flash::PAGE..4 * flash::PAGE,
             waiting_faults().ok_or(StoreFailed::Memory)?,
             supply_settled,
-        )
+        )?;
+        Ok(records.reading_from(flash::OLDER_SETTINGS, flash::OLDER_PAGE))
     }
 
     fn signs() -> ResetFlags {

@@ -3,6 +3,8 @@
 //! Both have the same core, timers, ports, CRC unit and watchdogs. Each peripheral's own registers
 //! are in its file; this table has the rest.
 
+use std::ops::Range;
+
 /// A chip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
@@ -46,9 +48,14 @@ pub struct Facts {
     pub window_prescaler: u32,
     /// Spread of the independent watchdog's oscillator, Hz.
     pub watchdog_clock: [f64; 2],
-    /// Size of an erasable sector at the flash's end, bytes. The last two are for the settings, the
-    /// two before them for the faults.
+    /// Offsets of the sectors of settings and faults in the flash.
+    pub kept: Range<usize>,
+    /// Offset of the settings in the flash.
+    pub settings: usize,
+    /// Size of a sector of the settings, bytes; there are two.
     pub settings_sector: usize,
+    /// Offsets of the flash between vector table and program.
+    pub gap: Range<usize>,
     /// Size of a word that is programmed at once, bytes.
     pub flash_word: usize,
 }
@@ -73,7 +80,10 @@ const STM32F405: Facts = Facts {
     window_prescaler: 3 << 7,
     // DS8626, table 40.
     watchdog_clock: [17e3, 47e3],
-    settings_sector: 128 * 1024,
+    kept: 0x4000..0x2_0000,
+    settings: 0x4000,
+    settings_sector: 16 * 1024,
+    gap: 4 * 98..0x2_0000,
     flash_word: 4,
 };
 
@@ -102,7 +112,10 @@ const STM32G474: Facts = Facts {
     window_prescaler: 7 << 11,
     // DS12288, LSI oscillator characteristics.
     watchdog_clock: [29.5e3, 34e3],
+    kept: 0x7_e000..0x8_0000,
+    settings: 0x7_f000,
     settings_sector: 2 * 1024,
+    gap: 4 * 118..4 * 118,
     flash_word: 8,
 };
 

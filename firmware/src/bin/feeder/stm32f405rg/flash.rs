@@ -1,21 +1,26 @@
 //! Flash sectors for settings and faults, and the flash accelerator.
 //!
-//! The chip has one flash bank: during an erasure of up to 2 s it cannot fetch from any sector.
-//! Code in RAM waits for the end, with interrupts off, and feeds the window watchdog; the drive is
-//! off.
+//! Sectors 1 to 4 are pages of 16 KiB; the last three quarters of sector 4 stay unused. The chip has
+//! one flash bank: during an erasure of up to 1.1 s it cannot fetch from any sector. Code in RAM
+//! waits for the end, with interrupts off, and feeds the window watchdog; the drive is off.
 
-use embassy_stm32::flash::{Bank1Region3, Blocking, Error};
+use embassy_stm32::flash::{Blocking, Error, Flash};
 use embassy_stm32::pac;
-use embedded_storage::nor_flash::{NorFlash as _, ReadNorFlash as _};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use kband_firmware::stm32::{erase_page, program_words};
 
 use super::supply_settled;
 
-/// Number of the first sector of 128 KiB.
-const FIRST: u32 = 5;
-/// Size of these sectors, bytes.
-const SIZE: u32 = 128 * 1024;
+/// Size of a page, bytes.
+pub const PAGE: u32 = 16 * 1024;
+/// Number of pages.
+const PAGES: u32 = 4;
+/// Number of the sector of the first page. Its offset in the flash is one page.
+const FIRST: u32 = 1;
+/// Size of a page of the settings of older images, bytes.
+pub const OLDER_PAGE: u32 = 128 * 1024;
+/// Offset of their first page from the first page here, bytes: sector 10.
+pub const OLDER_SETTINGS: u32 = 6 * OLDER_PAGE - FIRST * PAGE;
 
 /// Lowest revision of the chip with a working flash prefetch: 1, 2, Y, Z (ES0182).
 const FETCHES_AHEAD: u16 = 0x1001;
@@ -26,7 +31,7 @@ const STATUS: *const u32 = 0x4002_3c0c as *const u32;
 const CONTROL: *mut u32 = 0x4002_3c10 as *mut u32;
 /// Control bit: erase a sector.
 const ERASE_SECTOR: u32 = 1 << 1;
-/// Parallelism of 32 bits, which halves the 4 s of 8 bits (DS8626, flash memory programming). It
+/// Parallelism of 32 bits, which halves the time of 8 bits (DS8626, flash memory programming). It
 /// needs a supply of 2.7 V, which the supply monitor ensures.
 const BY_WORDS: u32 = 2 << 8;
 
@@ -40,8 +45,8 @@ pub fn read_ahead() {
     });
 }
 
-/// The sectors of 128 KiB.
-pub struct Sectors(pub Bank1Region3<'static, Blocking>);
+/// The flash from the first page on.
+pub struct Sectors(pub Flash<'static, Blocking>);
 
 impl ErrorType for Sectors {
     type Error = Error;
@@ -51,28 +56,27 @@ impl ReadNorFlash for Sectors {
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Error> {
-        self.0.read(offset, bytes)
+        self.0.blocking_read(FIRST * PAGE + offset, bytes)
     }
 
     fn capacity(&self) -> usize {
-        self.0.capacity()
+        (PAGES * PAGE) as usize
     }
 }
 
 impl NorFlash for Sectors {
     const WRITE_SIZE: usize = 4;
-    const ERASE_SIZE: usize = SIZE as usize;
+    const ERASE_SIZE: usize = PAGE as usize;
 
     /// Refused while the bridge is closed or the supply is low.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
-        if !from.is_multiple_of(SIZE) || !to.is_multiple_of(SIZE) {
+        if !from.is_multiple_of(PAGE) || !to.is_multiple_of(PAGE) {
             return Err(Error::Unaligned);
         }
-        let end = self.0.capacity() as u32;
-        if from > to || to > end {
+        if from > to || to > PAGES * PAGE {
             return Err(Error::Size);
         }
-        for sector in from / SIZE..to / SIZE {
+        for sector in from / PAGE..to / PAGE {
             let page = ERASE_SECTOR | BY_WORDS | (FIRST + sector) << 3;
             // SAFETY: the registers are this chip's.
             if !unsafe { erase_page(STATUS, CONTROL, page, supply_settled, unlock) } {
@@ -84,8 +88,11 @@ impl NorFlash for Sectors {
 
     /// Stops at the word at which the supply is low.
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
+        if offset as usize + bytes.len() > self.capacity() {
+            return Err(Error::Size);
+        }
         program_words::<4, _>(bytes, supply_settled, Error::Prog, |at, word| {
-            self.0.write(offset + at, word)
+            self.0.blocking_write(FIRST * PAGE + offset + at, word)
         })
     }
 }
