@@ -321,6 +321,10 @@ mod tests {
                 "# actual = [0.2]",
                 "actual = { count = 2, distribution = \"normal\", mean = 0.2 }",
             ),
+            (
+                "# actual = [0.2]",
+                "actual = { count = 2, distribution = \"uniform\", low = -0.2, high = 0.2 }",
+            ),
             ("noise = 0.15", "noise = -1.0"),
             ("soft_start = 0.4", "soft_start = 0.0"),
         ] {
