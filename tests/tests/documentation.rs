@@ -449,6 +449,26 @@ fn sentences_of_the_manual_are_short() {
 }
 
 #[test]
+fn tuned_constants_are_in_the_files_that_the_table_names() {
+    let text = fs::read_to_string(root().join("docs/tuning.md")).expect("the page is read");
+    let mut constants = 0;
+    for row in text.lines().filter(|line| line.starts_with("| `")) {
+        let mut cells = row.split(" | ");
+        let names = cells.next().expect("a cell of names");
+        let file = cells.next().expect("a cell of a file").trim_matches('`');
+        let source = fs::read_to_string(root().join(file)).expect(file);
+        for name in names.split('`').skip(1).step_by(2) {
+            assert!(
+                source.contains(&format!("const {name}: ")),
+                "{name} in {file}"
+            );
+            constants += 1;
+        }
+    }
+    assert!(constants > 100, "{constants}");
+}
+
+#[test]
 fn parts_of_the_manual_keep_their_length() {
     let docs = root().join("docs");
     let summary = fs::read_to_string(docs.join("SUMMARY.md")).expect("the summary is read");
