@@ -3,7 +3,7 @@
 //! The detector's filters are linear, so the residual of a ringing is a geometric series. Its
 //! running median is modelled as the quantile of noise, the drive's leakage and ringing.
 
-use core::f64::consts::TAU;
+use core::f64::consts::{PI, TAU};
 use core::marker::PhantomData;
 
 use num_complex::Complex64 as Complex;
@@ -55,6 +55,9 @@ pub struct OnsetModel<O = StandardOnset> {
     /// Share of time in which ringing hides the noise, with exponential forgetting over some
     /// cycles.
     hidden: f64,
+    /// Share of time by which ringing on the drive's leakage exceeds the median more than the leakage
+    /// alone.
+    raised: f64,
     /// Start of a ringing within a sample: `e^(ringing n/8)`.
     onset: [Complex; START_SHARES + 1],
     /// Powers of the decay of a ringing, and of the detector's memory, over whole samples.
@@ -103,6 +106,8 @@ struct Ring {
     /// Number of its samples that the memory contains.
     known: usize,
     memory: f64,
+    /// Residual of the drive's own acceleration at its first sample.
+    leak: Complex,
     /// Threshold of a loud residual, and of a blanked one, in m/s^2.
     loud: f64,
     least: f64,
@@ -117,6 +122,7 @@ impl Ring {
         under: Complex::new(0.0, 0.0),
         known: RESIDUAL_SAMPLES,
         memory: 0.0,
+        leak: Complex::new(0.0, 0.0),
         loud: 0.0,
         least: f64::INFINITY,
         out: NO_SAMPLE,
@@ -277,6 +283,7 @@ impl<O: OnsetConstants> OnsetModel<O> {
             filling: -HIDDEN_SHARE_FORGETTING / ringing.re,
             tuning: Tuning::new(ringing, 0.0, O::CORNER),
             hidden: 0.0,
+            raised: 0.0,
             onset: core::array::from_fn(|n| exp(ringing * (n as f64 / START_SHARES as f64))),
             decay: Powers::new(ringing),
             oblivion: Powers::new(forgetting.into()),
@@ -313,14 +320,15 @@ impl<O: OnsetConstants> OnsetModel<O> {
         // numerical integration.
         let square = swing * swing;
         let alone = QUARTILE + square * (0.14 + (0.86 - QUARTILE) * square);
-        // Solves P(|n| > m) = (1/2 - q)/(1 - q) for m within 1/50. A sine gives less, because it
-        // does not exceed its peak.
+        // Solves P(|n| > m) = (1/2 - q)/(1 - q) for m within 1/50.
         let hidden = self.hidden.min(0.4);
-        let of_noise = 0.787 + hidden * (0.287 + 5.44 * hidden);
-        let of_sine = 0.80 + 0.33 * hidden;
+        let of_noise = hidden * (0.787 + hidden * (0.287 + 5.44 * hidden));
         // The interpolation is within 1/20 of numerical integration.
         let sine = (2.5 * swing - 1.5).max(0.0);
-        rms * (alone + hidden * (of_noise + (of_sine - of_noise) * sine))
+        // A sine exceeds its RMS times `sqrt 2 sin(pi/4 + pi q/2)` for a share 1/2 - q of the time.
+        let raised = 0.5 * PI * self.raised.clamp(-0.4, 0.4);
+        let of_sine = libm::sin(raised) + libm::cos(raised) - 1.0;
+        rms * (alone + of_noise + (of_sine - of_noise) * sine)
     }
 
     /// Residual of the drive's acceleration; argument and result are complex amplitudes of the
@@ -378,6 +386,7 @@ impl<O: OnsetConstants> OnsetModel<O> {
         } = background;
         let began = self.start_of(share) * height;
         self.energy.strike(sample, began);
+        self.raised += HIDDEN_SHARE_FORGETTING * self.excess(&self.last, sample);
         let (under, memory) = self.last.left(self, sample);
         let loud = Self::THRESHOLD * median;
         let mut ring = Ring {
@@ -386,6 +395,7 @@ impl<O: OnsetConstants> OnsetModel<O> {
             under,
             known: 0,
             memory,
+            leak,
             loud,
             least: O::LOUD * loud,
             out: NO_SAMPLE,
@@ -416,9 +426,40 @@ impl<O: OnsetConstants> OnsetModel<O> {
         self.last = ring;
         if !quiet {
             let rings = height * self.share / median;
-            self.hidden += hiding(logarithm(rings.max(1.0) as f32)) * self.filling;
+            let lasts = hiding(logarithm(rings.max(1.0) as f32));
+            self.hidden += lasts * self.filling;
         }
         (heard, sum)
+    }
+
+    /// Net increase, in samples, of the time in which the residual exceeds the median, by the ringing
+    /// after an impact until a sample, on the drive's leakage. The phase of the ringing counts as
+    /// random.
+    fn excess(&self, ring: &Ring, until: u64) -> f64 {
+        const STEPS: usize = 12;
+        let Ring { mut leak, loud, .. } = *ring;
+        let median = loud / Self::THRESHOLD;
+        if leak.norm_sqr() <= median * median {
+            return 0.0;
+        }
+        let mut height = libm::sqrt((ring.began + ring.under).norm_sqr()) * self.share;
+        // Down to a tenth of the median.
+        let lasts = libm::log((10.0 * height / median).max(1.0)) / -self.ringing.re;
+        let lasts = lasts.min(until.saturating_sub(ring.sample) as f64);
+        let each = lasts / STEPS as f64;
+        let step = turn(0.5 * self.tuning.theta * each);
+        let decay = libm::exp(0.5 * self.ringing.re * each);
+        (leak, height) = (leak * step, height * decay);
+        let mut sum = 0.0;
+        for _ in 0..STEPS {
+            // Probability that a sine of random phase exceeds a level.
+            let over = |level: f64| 0.5 - libm::asin((level / height).clamp(-1.0, 1.0)) / PI;
+            let alone = if leak.re.abs() > median { 1.0 } else { 0.0 };
+            sum += over(median - leak.re) + over(median + leak.re) - alone;
+            leak *= step * step;
+            height *= decay * decay;
+        }
+        sum * each
     }
 
     /// Sum of the unblanked part of a ringing. All ringing is blanked from the first loud sample
@@ -488,7 +529,9 @@ impl<O: OnsetConstants> OnsetModel<O> {
 
     /// Ends a cycle of this many samples.
     pub fn pass(&mut self, samples: u32) {
-        self.hidden *= (1.0 - f64::from(samples) * HIDDEN_SHARE_FORGETTING).max(0.0);
+        let keep = (1.0 - f64::from(samples) * HIDDEN_SHARE_FORGETTING).max(0.0);
+        self.hidden *= keep;
+        self.raised *= keep;
     }
 }
 
