@@ -640,9 +640,10 @@ mod tests {
         assert!(slow.is_empty() && fast.is_empty());
     }
 
-    /// Number of detections of 500 impacts at a phase of a drive of 100 Hz: by the detector and by
-    /// the closed form. `swing` is the drive's acceleration in m/s^2.
-    fn on_a_swing(height: f32, phase: f64, swing: f64) -> [u32; 2] {
+    /// Number of detections of 500 impacts at a phase of a drive of 100 Hz, and median at the end: by
+    /// the detector and by the closed form. `swing` is the drive's acceleration, `sigma` the RMS of
+    /// the noise, both in m/s^2.
+    fn on_a_swing(height: f32, phase: f64, swing: f64, sigma: f32) -> ([u32; 2], [f64; 2]) {
         let theta = TAU / 200.0;
         let mut detector = OnsetDetector::new(0.01);
         let mut ringing = Ringing::new(2400.0, 1e-3);
@@ -650,7 +651,7 @@ mod tests {
         fast.tune(theta);
         let mut noise = [Noise::new(3), Noise::new(4)];
         let swing = Complex::new(swing, 0.0);
-        let rms = fast.residual(0.15);
+        let rms = fast.residual(f64::from(sigma));
         let leaked = fast.leaked(swing);
         let square = rms * rms + 0.5 * leaked.norm_sqr();
         let swinging = 0.5 * leaked.norm_sqr() / square;
@@ -674,14 +675,24 @@ mod tests {
                 heard[1] += u32::from(found.is_some() && sample >= 20_000);
             }
             let drive = (swing * turned).re as f32;
-            let reading = drive + ringing.acceleration() + 0.15 * noise[0].gauss();
+            let reading = drive + ringing.acceleration() + sigma * noise[0].gauss();
             heard[0] += u32::from(detector.sample(reading).is_some() && sample >= 20_000);
             ringing.step();
             if sample % 200 == 199 {
                 fast.pass(200);
             }
         }
-        heard
+        let median = f64::from(detector.noise()) * QUARTILE;
+        (heard, [median, fast.median(libm::sqrt(square), swinging)])
+    }
+
+    #[test]
+    fn ringing_on_a_sine_moves_the_median_alike_in_both() {
+        for n in 0..8 {
+            let phase = 0.1 + 0.75 * f64::from(n);
+            let (_, [slow, fast]) = on_a_swing(2.5, phase, 25.0, 0.02);
+            assert!((fast / slow - 1.0).abs() < 0.05, "{phase}: {slow} {fast}");
+        }
     }
 
     #[test]
@@ -691,7 +702,8 @@ mod tests {
                 // Height of an impact with half of the detections.
                 let mut thresholds = [lowest; 2];
                 for n in 0..9 {
-                    let heard = on_a_swing((lowest + step * f64::from(n)) as f32, phase, swing);
+                    let height = lowest + step * f64::from(n);
+                    let (heard, _) = on_a_swing(height as f32, phase, swing, 0.15);
                     for (threshold, heard) in thresholds.iter_mut().zip(heard) {
                         *threshold += step * (1.0 - f64::from(heard) / 500.0);
                     }
