@@ -3,7 +3,7 @@
 //! The detector's filters are linear, so the residual of a ringing is a geometric series. Its
 //! running median is modelled as the quantile of noise, the drive's leakage and ringing.
 
-use core::f64::consts::TAU;
+use core::f64::consts::{PI, TAU};
 use core::marker::PhantomData;
 
 use num_complex::Complex64 as Complex;
@@ -55,6 +55,9 @@ pub struct OnsetModel<O = StandardOnset> {
     /// Share of time in which ringing hides the noise, with exponential forgetting over some
     /// cycles.
     hidden: f64,
+    /// Share of time by which ringing on the drive's leakage exceeds the median more than the leakage
+    /// alone.
+    raised: f64,
     /// Start of a ringing within a sample: `e^(ringing n/8)`.
     onset: [Complex; START_SHARES + 1],
     /// Powers of the decay of a ringing, and of the detector's memory, over whole samples.
@@ -103,6 +106,8 @@ struct Ring {
     /// Number of its samples that the memory contains.
     known: usize,
     memory: f64,
+    /// Residual of the drive's own acceleration at its first sample.
+    leak: Complex,
     /// Threshold of a loud residual, and of a blanked one, in m/s^2.
     loud: f64,
     least: f64,
@@ -117,6 +122,7 @@ impl Ring {
         under: Complex::new(0.0, 0.0),
         known: RESIDUAL_SAMPLES,
         memory: 0.0,
+        leak: Complex::new(0.0, 0.0),
         loud: 0.0,
         least: f64::INFINITY,
         out: NO_SAMPLE,
@@ -277,6 +283,7 @@ impl<O: OnsetConstants> OnsetModel<O> {
             filling: -HIDDEN_SHARE_FORGETTING / ringing.re,
             tuning: Tuning::new(ringing, 0.0, O::CORNER),
             hidden: 0.0,
+            raised: 0.0,
             onset: core::array::from_fn(|n| exp(ringing * (n as f64 / START_SHARES as f64))),
             decay: Powers::new(ringing),
             oblivion: Powers::new(forgetting.into()),
@@ -313,14 +320,15 @@ impl<O: OnsetConstants> OnsetModel<O> {
         // numerical integration.
         let square = swing * swing;
         let alone = QUARTILE + square * (0.14 + (0.86 - QUARTILE) * square);
-        // Solves P(|n| > m) = (1/2 - q)/(1 - q) for m within 1/50. A sine gives less, because it
-        // does not exceed its peak.
+        // Solves P(|n| > m) = (1/2 - q)/(1 - q) for m within 1/50.
         let hidden = self.hidden.min(0.4);
-        let of_noise = 0.787 + hidden * (0.287 + 5.44 * hidden);
-        let of_sine = 0.80 + 0.33 * hidden;
+        let of_noise = hidden * (0.787 + hidden * (0.287 + 5.44 * hidden));
         // The interpolation is within 1/20 of numerical integration.
         let sine = (2.5 * swing - 1.5).max(0.0);
-        rms * (alone + hidden * (of_noise + (of_sine - of_noise) * sine))
+        // A sine exceeds its RMS times `sqrt 2 sin(pi/4 + pi q/2)` for a share 1/2 - q of the time.
+        let raised = 0.5 * PI * self.raised.clamp(-0.4, 0.4);
+        let of_sine = libm::sin(raised) + libm::cos(raised) - 1.0;
+        rms * (alone + of_noise + (of_sine - of_noise) * sine)
     }
 
     /// Residual of the drive's acceleration; argument and result are complex amplitudes of the
@@ -378,6 +386,7 @@ impl<O: OnsetConstants> OnsetModel<O> {
         } = background;
         let began = self.start_of(share) * height;
         self.energy.strike(sample, began);
+        self.raised += HIDDEN_SHARE_FORGETTING * self.excess(&self.last, sample);
         let (under, memory) = self.last.left(self, sample);
         let loud = Self::THRESHOLD * median;
         let mut ring = Ring {
@@ -386,6 +395,7 @@ impl<O: OnsetConstants> OnsetModel<O> {
             under,
             known: 0,
             memory,
+            leak,
             loud,
             least: O::LOUD * loud,
             out: NO_SAMPLE,
@@ -416,9 +426,40 @@ impl<O: OnsetConstants> OnsetModel<O> {
         self.last = ring;
         if !quiet {
             let rings = height * self.share / median;
-            self.hidden += hiding(logarithm(rings.max(1.0) as f32)) * self.filling;
+            let lasts = hiding(logarithm(rings.max(1.0) as f32));
+            self.hidden += lasts * self.filling;
         }
         (heard, sum)
+    }
+
+    /// Net increase, in samples, of the time in which the residual exceeds the median, by the ringing
+    /// after an impact until a sample, on the drive's leakage. The phase of the ringing counts as
+    /// random.
+    fn excess(&self, ring: &Ring, until: u64) -> f64 {
+        const STEPS: usize = 12;
+        let Ring { mut leak, loud, .. } = *ring;
+        let median = loud / Self::THRESHOLD;
+        if leak.norm_sqr() <= median * median {
+            return 0.0;
+        }
+        let mut height = libm::sqrt((ring.began + ring.under).norm_sqr()) * self.share;
+        // Down to a tenth of the median.
+        let lasts = libm::log((10.0 * height / median).max(1.0)) / -self.ringing.re;
+        let lasts = lasts.min(until.saturating_sub(ring.sample) as f64);
+        let each = lasts / STEPS as f64;
+        let step = turn(0.5 * self.tuning.theta * each);
+        let decay = libm::exp(0.5 * self.ringing.re * each);
+        (leak, height) = (leak * step, height * decay);
+        let mut sum = 0.0;
+        for _ in 0..STEPS {
+            // Probability that a sine of random phase exceeds a level.
+            let over = |level: f64| 0.5 - libm::asin((level / height).clamp(-1.0, 1.0)) / PI;
+            let alone = if leak.re.abs() > median { 1.0 } else { 0.0 };
+            sum += over(median - leak.re) + over(median + leak.re) - alone;
+            leak *= step * step;
+            height *= decay * decay;
+        }
+        sum * each
     }
 
     /// Sum of the unblanked part of a ringing. All ringing is blanked from the first loud sample
@@ -488,7 +529,9 @@ impl<O: OnsetConstants> OnsetModel<O> {
 
     /// Ends a cycle of this many samples.
     pub fn pass(&mut self, samples: u32) {
-        self.hidden *= (1.0 - f64::from(samples) * HIDDEN_SHARE_FORGETTING).max(0.0);
+        let keep = (1.0 - f64::from(samples) * HIDDEN_SHARE_FORGETTING).max(0.0);
+        self.hidden *= keep;
+        self.raised *= keep;
     }
 }
 
@@ -597,9 +640,10 @@ mod tests {
         assert!(slow.is_empty() && fast.is_empty());
     }
 
-    /// Number of detections of 500 impacts at a phase of a drive of 100 Hz: by the detector and by
-    /// the closed form. `swing` is the drive's acceleration in m/s^2.
-    fn on_a_swing(height: f32, phase: f64, swing: f64) -> [u32; 2] {
+    /// Number of detections of 500 impacts at a phase of a drive of 100 Hz, and median at the end: by
+    /// the detector and by the closed form. `swing` is the drive's acceleration, `sigma` the RMS of
+    /// the noise, both in m/s^2.
+    fn on_a_swing(height: f32, phase: f64, swing: f64, sigma: f32) -> ([u32; 2], [f64; 2]) {
         let theta = TAU / 200.0;
         let mut detector = OnsetDetector::new(0.01);
         let mut ringing = Ringing::new(2400.0, 1e-3);
@@ -607,7 +651,7 @@ mod tests {
         fast.tune(theta);
         let mut noise = [Noise::new(3), Noise::new(4)];
         let swing = Complex::new(swing, 0.0);
-        let rms = fast.residual(0.15);
+        let rms = fast.residual(f64::from(sigma));
         let leaked = fast.leaked(swing);
         let square = rms * rms + 0.5 * leaked.norm_sqr();
         let swinging = 0.5 * leaked.norm_sqr() / square;
@@ -631,14 +675,24 @@ mod tests {
                 heard[1] += u32::from(found.is_some() && sample >= 20_000);
             }
             let drive = (swing * turned).re as f32;
-            let reading = drive + ringing.acceleration() + 0.15 * noise[0].gauss();
+            let reading = drive + ringing.acceleration() + sigma * noise[0].gauss();
             heard[0] += u32::from(detector.sample(reading).is_some() && sample >= 20_000);
             ringing.step();
             if sample % 200 == 199 {
                 fast.pass(200);
             }
         }
-        heard
+        let median = f64::from(detector.noise()) * QUARTILE;
+        (heard, [median, fast.median(libm::sqrt(square), swinging)])
+    }
+
+    #[test]
+    fn ringing_on_a_sine_moves_the_median_alike_in_both() {
+        for n in 0..8 {
+            let phase = 0.1 + 0.75 * f64::from(n);
+            let (_, [slow, fast]) = on_a_swing(2.5, phase, 25.0, 0.02);
+            assert!((fast / slow - 1.0).abs() < 0.05, "{phase}: {slow} {fast}");
+        }
     }
 
     #[test]
@@ -648,7 +702,8 @@ mod tests {
                 // Height of an impact with half of the detections.
                 let mut thresholds = [lowest; 2];
                 for n in 0..9 {
-                    let heard = on_a_swing((lowest + step * f64::from(n)) as f32, phase, swing);
+                    let height = lowest + step * f64::from(n);
+                    let (heard, _) = on_a_swing(height as f32, phase, swing, 0.15);
                     for (threshold, heard) in thresholds.iter_mut().zip(heard) {
                         *threshold += step * (1.0 - f64::from(heard) / 500.0);
                     }
