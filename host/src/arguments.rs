@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use kband::arithmetic::Noise;
 use kband::feeder::{OutOfRange, Restitution, STANDARD_GRAVITY, Track, TrackSettings};
-use kband::impact::{Scatter, Tone, Wave};
+use kband::impact::{ContactTime, Scatter, Tone, Wave};
 
 use crate::file::Destination;
 use crate::picture::Picture;
@@ -219,6 +219,38 @@ pub struct DriveArguments {
     /// Incline of the track in degrees, positive where parts climb.
     #[arg(long, value_name = "DEG", default_value = "3", value_parser = within(-60.0, 60.0, "degrees"))]
     pub incline: f64,
+}
+
+/// Impacts that take time.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct ContactArguments {
+    /// Duration of an impact in ms, from touching the track until the part is back where it touched
+    /// it, up to 7 % of a drive cycle.
+    #[arg(long, value_name = "MS", default_value = "0", value_parser = within(0.0, 70.0, "ms"))]
+    pub contact: f64,
+}
+
+impl ContactArguments {
+    /// The duration in the phase of a drive of this frequency.
+    pub fn time(self, frequency: f64) -> Result<ContactTime, Refusal> {
+        ContactTime::from_milliseconds(self.contact, frequency).map_err(|refused| {
+            Refusal::value(
+                "--contact",
+                refused.value,
+                refused.accepted,
+                "give a shorter contact or a lower --frequency",
+            )
+        })
+    }
+
+    /// `, contacts of 0.4 ms`; nothing for impacts in no time.
+    pub fn words(self) -> String {
+        if self.contact > 0.0 {
+            format!(", contacts of {} ms", self.contact)
+        } else {
+            String::new()
+        }
+    }
 }
 
 /// Restitution that scatters from impact to impact.

@@ -3,15 +3,17 @@
 mod picture;
 mod tones;
 
+use std::f64::consts::TAU;
+
 use kband::feeder::{Restitution, Track, throw_number};
-use kband::impact::{TangentialSettings, Tone, Wave};
+use kband::impact::{ContactTime, TangentialSettings, Tone, Wave};
 use kband::regime::band::{Band, BandError};
 use kband::regime::cascade::{Cascade, Estimate};
 use kband::regime::gear::GearPlan;
 use kband::regime::reach::Reach;
 use kband_control::Settings;
 
-use crate::arguments::{self, Drawn, DriveArguments, Printed};
+use crate::arguments::{self, ContactArguments, Drawn, DriveArguments, Printed};
 use crate::causes;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
@@ -55,6 +57,9 @@ pub struct Arguments {
     /// Third tone, E3 sin(3 t + TH3).
     #[arg(long, value_name = "E3,TH3", value_parser = arguments::tone)]
     third_tone: Option<Tone>,
+
+    #[command(flatten)]
+    contact: ContactArguments,
 
     #[command(flatten)]
     drive: DriveArguments,
@@ -106,11 +111,20 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         arguments.third_tone.unwrap_or_default(),
     )?;
     let output = arguments.drawn.output(arguments.printed.format)?;
+    let contact = arguments.contact.time(arguments.drive.frequency)?;
     let report = if wave.is_sine() {
         let rows = desk.try_map("bands", arguments.orders, |n| {
-            row(arguments.restitution, arguments.scatter, n as u32 + 1)
+            let (lot, order) = (arguments.restitution, n as u32 + 1);
+            row(lot, arguments.scatter, order, contact)
         })?;
-        report(arguments, &track, &rows)
+        report(arguments, &track, &rows, contact)
+    } else if !contact.is_instant() {
+        return Err(Refusal::value(
+            "--contact",
+            arguments.contact.contact,
+            "0 with a second or third tone",
+            "leave out the tones, or ask kband gear, which has both",
+        ));
     } else {
         tones::report_of(arguments, &wave, &track, desk)?
     };
@@ -127,8 +141,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 }
 
 /// Settings of a drive that bounds no plan, for a lot.
-fn unbounded(lot: Restitution, scatter: f64) -> Settings {
+fn unbounded(lot: Restitution, scatter: f64, contact: ContactTime) -> Settings {
+    let frequency = f64::from(Settings::default().frequency);
     Settings {
+        contact: (1e3 * contact.radians() / (TAU * frequency)) as f32,
         restitution_low: lot.low() as f32,
         restitution_high: lot.high() as f32,
         scatter: scatter as f32,
@@ -139,8 +155,13 @@ fn unbounded(lot: Restitution, scatter: f64) -> Settings {
     }
 }
 
-fn row(lot: Restitution, scatter: Option<f64>, order: u32) -> Result<Row, Refusal> {
-    let (band, k2, k1, allowing) = match Band::common(lot, order) {
+fn row(
+    lot: Restitution,
+    scatter: Option<f64>,
+    order: u32,
+    contact: ContactTime,
+) -> Result<Row, Refusal> {
+    let (band, k2, k1, allowing) = match Band::common_with_contact(lot, order, contact) {
         Ok(band) => (Some(band), band.low(), band.high(), None),
         Err(BandError::Empty(none)) => (
             None,
@@ -150,7 +171,12 @@ fn row(lot: Restitution, scatter: Option<f64>, order: u32) -> Result<Row, Refusa
         ),
         Err(BandError::OutOfRange(refusal)) => return Err(refusal.into()),
     };
+    // Both follow impacts in no time.
+    let instant = contact.is_instant();
     let chaos = |restitution| -> Result<Option<Estimate>, Refusal> {
+        if !instant {
+            return Ok(None);
+        }
         Ok(Cascade::locate(restitution, order, 7)?.k_infinity())
     };
     let last_chaos = chaos(lot.low())?;
@@ -166,7 +192,7 @@ fn row(lot: Restitution, scatter: Option<f64>, order: u32) -> Result<Row, Refusa
             .map(|n| lot.low() + (lot.high() - lot.low()) * f64::from(n) / f64::from(PARTS - 1))
             .collect()
     };
-    let reach = match band {
+    let reach = match band.filter(|_| instant) {
         Some(band) => Some(Reach::measure(
             band.low(),
             band.high(),
@@ -176,7 +202,7 @@ fn row(lot: Restitution, scatter: Option<f64>, order: u32) -> Result<Row, Refusa
         )?),
         None => None,
     };
-    let plan = |scatter| causes::plan(&unbounded(lot, scatter), order as u8);
+    let plan = |scatter| causes::plan(&unbounded(lot, scatter, contact), order as u8);
     Ok(Row {
         gear: scatter.and_then(plan).map(|(plan, _)| plan),
         order,
@@ -285,7 +311,7 @@ fn who(lot: Restitution) -> String {
     }
 }
 
-fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Printout {
+fn report(arguments: &Arguments, track: &Track, rows: &[Row], contact: ContactTime) -> Printout {
     let lot = arguments.restitution;
     let mut view = shown(track);
     if arguments.scatter.is_none() {
@@ -301,13 +327,19 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row]) -> Printout {
         }
     }
     let mut report = view.printout(rows).folded().heading(format!(
-        "{}, {} Hz, incline {} degrees; the setpoint has the largest margin in amplitude",
+        "{}, {} Hz, incline {} degrees{}; the setpoint has the largest margin in amplitude",
         who(lot),
         arguments.drive.frequency,
-        arguments.drive.incline
+        arguments.drive.incline,
+        arguments.contact.words()
     ));
+    if !contact.is_instant() {
+        report = report.note(
+            "Chaos edge and what is reached from rest are known for impacts in no time only.",
+        );
+    }
     for row in rows {
-        if let Err(BandError::Empty(none)) = Band::common(lot, row.order) {
+        if let Err(BandError::Empty(none)) = Band::common_with_contact(lot, row.order, contact) {
             report = report.note(none.to_string());
         }
     }
@@ -331,20 +363,30 @@ mod tests {
     #[test]
     fn rows_hold_the_references() {
         let single = Restitution::single(0.2).unwrap();
-        let first = row(single, None, 1).unwrap();
+        let first = row(single, None, 1, ContactTime::INSTANT).unwrap();
         // docs/theory-bands.md#t5.2, docs/theory-capture.md#t7.2
         assert!((first.k2 - 0.393_052).abs() < 1e-6 && (first.k1 - 0.477_465).abs() < 1e-6);
         let chaos = first.first_chaos.unwrap();
         assert!((chaos.value - 0.358_723_3).abs() < 1e-7 && chaos.error < 1e-8);
         let edge = first.reach.unwrap().edge.unwrap();
         assert!((0.4105..0.4122).contains(&edge));
-        assert!(row(single, None, 2).unwrap().reach.unwrap().edge.is_none());
+        assert!(
+            row(single, None, 2, ContactTime::INSTANT)
+                .unwrap()
+                .reach
+                .unwrap()
+                .edge
+                .is_none()
+        );
     }
 
     #[test]
     fn gear_is_planned_as_the_controller_plans_it() {
         let lot = Restitution::interval(0.35, 0.45).unwrap();
-        let gear = row(lot, Some(0.04), 1).unwrap().gear.unwrap();
+        let gear = row(lot, Some(0.04), 1, ContactTime::INSTANT)
+            .unwrap()
+            .gear
+            .unwrap();
         let feeder = Settings {
             frequency: 60.0,
             resonance: 60.0,
@@ -366,9 +408,36 @@ mod tests {
         assert!(gear.band[0] < gear.k && gear.k < gear.band[1]);
     }
 
+    /// Contacts of 2 % of the cycle move setpoint and gear; a scene's settings give the same plan.
+    #[test]
+    fn bands_of_impacts_that_take_time_are_their_own() {
+        let lot = Restitution::interval(0.28, 0.32).unwrap();
+        let rows = [0.0, 0.4].map(|contact| {
+            let contact = ContactTime::from_milliseconds(contact, 50.0).unwrap();
+            row(lot, Some(0.04), 1, contact).unwrap()
+        });
+        let [before, after] = rows.each_ref().map(|row| row.setpoint().unwrap());
+        assert!((after / before - 1.0).abs() > 0.01, "{before} {after}");
+        assert!(rows[1].reach.is_none() && rows[1].first_chaos.is_none());
+        let feeder = Settings {
+            contact: 0.4,
+            ..unbounded(lot, 0.04, ContactTime::INSTANT)
+        };
+        let [instant, timed] = rows.map(|row| row.gear.unwrap());
+        let (plan, _) = causes::plan(&feeder, 1).unwrap();
+        assert_eq!((plan.k, plan.share), (timed.k, timed.share));
+        assert!(instant.k != timed.k, "{timed:?}");
+    }
+
     #[test]
     fn an_empty_band_has_its_bounds() {
-        let found = row(Restitution::interval(0.1, 0.3).unwrap(), None, 1).unwrap();
+        let found = row(
+            Restitution::interval(0.1, 0.3).unwrap(),
+            None,
+            1,
+            ContactTime::INSTANT,
+        )
+        .unwrap();
         assert!(found.band.is_none() && found.reach.is_none());
         let (high, low) = found.allowing.unwrap();
         assert!(0.1 < high && high < 0.3 && 0.1 < low && low < 0.3);

@@ -12,7 +12,7 @@ use kband::feeder::{Restitution, Track};
 use kband::impact::{ContactTime, Tone, Wave};
 use kband::regime::band;
 
-use crate::arguments::{self, Drawn, DriveArguments, Printed, Range};
+use crate::arguments::{self, ContactArguments, Drawn, DriveArguments, Printed, Range};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 pub(super) use survey::InGearOf;
@@ -74,10 +74,8 @@ pub struct Arguments {
     #[arg(long, value_name = "Q", default_value = "25", value_parser = arguments::within(1.0, 1000.0, ""))]
     quality: f64,
 
-    /// Duration of an impact in ms, from touching the track until the part is back where it touched
-    /// it, up to 7 % of a drive cycle.
-    #[arg(long, value_name = "MS", default_value = "0", value_parser = arguments::within(0.0, 70.0, "ms"))]
-    contact: f64,
+    #[command(flatten)]
+    contact: ContactArguments,
 
     /// Restitutions of a lot that are tried, its ends among them.
     #[arg(long, value_name = "N", default_value = "5", value_parser = arguments::count(2, 101))]
@@ -108,14 +106,7 @@ pub struct Arguments {
 impl Arguments {
     /// Duration of an impact in the drive's phase.
     fn contact(&self) -> Result<ContactTime, Refusal> {
-        ContactTime::from_milliseconds(self.contact, self.drive.frequency).map_err(|refused| {
-            Refusal::value(
-                "--contact",
-                refused.value,
-                refused.accepted,
-                "give a shorter contact or a lower --frequency",
-            )
-        })
+        self.contact.time(self.drive.frequency)
     }
 }
 

@@ -157,11 +157,7 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
             arguments.order,
             number(arguments.scatter, 6),
             number(arguments.drive.frequency, 6),
-            if arguments.contact > 0.0 {
-                format!(", contacts of {} ms", number(arguments.contact, 6))
-            } else {
-                String::new()
-            }
+            arguments.contact.words()
         ))
         .note(format!(
             "Each part was watched for {} periods at each of these points.",
