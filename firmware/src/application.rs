@@ -208,7 +208,7 @@ pub async fn control(
             while exchange.bus.is_waiting() && !exchange.has_waiting_cycle() {
                 yield_now().await;
             }
-            if exchange.has_waiting_cycle() || !station.plan_step() {
+            if exchange.has_waiting_cycle() || !station.plan_own_step() {
                 break;
             }
             roll.check_in(Watched::Cycle);

@@ -378,6 +378,12 @@ impl Station {
         self.controller.borrow_mut().plan_step()
     }
 
+    /// As [`Station::plan_step`], for the board's own cycles: none during a simulation, whose cycles
+    /// run their own slices. A slice more would make its plan ready a cycle early.
+    pub fn plan_own_step(&self) -> bool {
+        self.simulated.get().is_none() && self.plan_step()
+    }
+
     /// Whether the target is met.
     pub fn ready(&self) -> bool {
         self.controller.borrow().is_ready() && !self.recipe_is_refused.get()

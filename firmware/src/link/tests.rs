@@ -630,6 +630,8 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     let mut signal = Signal::build(&scene.settings).unwrap();
     let mut before = 0;
     for n in 0..100 {
+        // A cycle of the board that began before the simulation plans nothing more.
+        assert!(!board.station.plan_own_step(), "cycle {n}");
         // Too few readings for a cycle, and an invalid reading after a valid one: neither is
         // accepted.
         board.refused(&samples(&[4; 3], Some(bench.inputs())), Refusal::OutOfStep);
