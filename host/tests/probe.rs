@@ -103,7 +103,7 @@ fn what_was_written_boots_answers_the_desk_and_logs() {
     let words = ["monitor", "--elf", elf, "--probe", &name, "--duration", "2"];
     let said = kband(folder.path(), &words).done();
     assert!(said.contains(", started by "), "{said}");
-    assert!(!probe.chip().was_lost(), "it faulted");
+    assert!(!probe.chip().has_stopped(), "it faulted");
     // The same flash under power, on a track: it answers over its link.
     let chip = probe.chip().clone();
     let mut rig = Rig::with(chip, &Scene::default());
@@ -112,7 +112,7 @@ fn what_was_written_boots_answers_the_desk_and_logs() {
     // meanwhile the board receives nothing.
     rig.run(ERASED);
     assert_eq!(rig.resets().len(), 1);
-    rig.ask(&Request::SelfTest, |response| {
+    rig.request(&Request::SelfTest, |response| {
         assert!(matches!(response, Response::SelfTest(test) if test.sensor));
     });
 }
@@ -154,7 +154,7 @@ fn option_bytes_are_never_set_on_a_protected_chip() {
     // meanwhile the board receives nothing.
     rig.run(ERASED);
     assert_eq!(rig.resets().len(), 1);
-    rig.ask(&Request::SelfTest, |response| {
+    rig.request(&Request::SelfTest, |response| {
         let reports = |test: kband_control::wire::SelfTest| {
             test.set_up.brown_out == 2830 && test.set_up.watchdog
         };

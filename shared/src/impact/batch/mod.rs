@@ -86,6 +86,7 @@ impl Block {
     ///
     /// # Errors
     /// `OutOfRange` for a lane that does not exist.
+    #[inline]
     pub fn put(&mut self, lane: usize, map: &Map, state: PartState) -> Result<(), OutOfRange> {
         accept("lane", lane as f64, lane < LANES, "0..255")?;
         self.clear(lane);
@@ -98,6 +99,7 @@ impl Block {
     }
 
     /// Empties a lane. A flying lane leaves its plan before the next impact.
+    #[inline]
     pub fn clear(&mut self, lane: usize) {
         let planned = self.filled.contains(lane)
             && !self.resting.contains(lane)
@@ -111,6 +113,7 @@ impl Block {
     }
 
     /// The state of a lane's orbit; `None` without an orbit.
+    #[inline]
     pub fn state(&self, lane: usize) -> Option<PartState> {
         self.filled.contains(lane).then(|| {
             let [phase, velocity] = self.columns.state(lane);
@@ -119,6 +122,7 @@ impl Block {
     }
 
     /// The last impact of a lane's orbit, with flight 0 before the first; `None` without an orbit.
+    #[inline]
     pub fn impact(&self, lane: usize) -> Option<Impact<PartState>> {
         self.state(lane).map(|next| Impact {
             flight: self.columns.flight(lane),
@@ -132,6 +136,7 @@ impl Block {
     ///
     /// It waits until it is cleared or replaced. [`Block::advance`] checks a lane at its begin and
     /// after each impact.
+    #[inline]
     pub fn rests(&self, lane: usize) -> bool {
         self.resting.contains(lane)
     }
