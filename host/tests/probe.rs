@@ -252,9 +252,9 @@ fn another_chip_is_neither_stopped_nor_written() {
 #[test]
 fn a_flash_that_does_not_take_the_image_is_found_out() {
     let (folder, path) = (folder(), feeder());
-    for address in [0x0800_0004, 0x0800_2000] {
+    for (address, bits) in [(0x0800_0004, 0x4000_0200), (0x0802_2000, u32::MAX)] {
         let mut chip = board();
-        chip.wear(address, 0x0000_0200 | 0x4000_0000);
+        chip.wear(address, bits);
         let probe = Probe::before(chip);
         let came = kband(
             folder.path(),
