@@ -4,8 +4,11 @@
 #   docs/numbers.sh --check  only says which are no longer what the commands say
 set -eu
 cd "$(dirname "$0")/.."
-accept=1
-[ "${1:-}" = --check ] && accept=0
+case ${1-} in
+    '') accept=1 ;;
+    --check) accept=0 ;;
+    *) echo "docs/numbers.sh: takes --check or nothing" >&2; exit 2 ;;
+esac
 export KBAND_ACCEPT=$accept
 # One after another: they write into the same pages.
 cargo test --quiet --release -p kband-host --test tables -- --include-ignored --test-threads 1

@@ -146,9 +146,9 @@ settings! {
     third_gain = 0.25, 0.0..100.0 "mm";
     /// Lag of the track behind the output at three times the drive frequency.
     third_lag = 90.0, -180.0..180.0 "degrees";
-    /// Mass that swings with the track (symbol M), for weighing the parts and for holding the amplitude under them; 0: not told.
+    /// Mass that swings with the track (symbol M), 1 + eta^2 times its kilograms, for weighing the parts and for holding the amplitude under them; 0: unknown.
     track_mass = 0.0, 0.0..100000.0 "kg";
-    /// Length of the track on which parts are, for grams per second; 0: not told.
+    /// Length of the track on which parts are, for grams per second; 0: unknown.
     track_length = 0.0, 0.0..100000.0 "mm";
     /// Mean voltage of the accelerometer at rest, as measured at commissioning; 0: not measured, and not tested.
     sensor_rest = 0.0, 0.0..5.0 "V";
