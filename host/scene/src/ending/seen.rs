@@ -24,6 +24,7 @@ pub struct Seen<'a> {
     /// Whether it may be extended once.
     again: bool,
     ending: Option<Regime>,
+    gear: Option<u32>,
 }
 
 impl<'a> Seen<'a> {
@@ -37,6 +38,7 @@ impl<'a> Seen<'a> {
             thrown: None,
             again: true,
             ending: None,
+            gear: None,
         }
     }
 
@@ -44,6 +46,12 @@ impl<'a> Seen<'a> {
     pub fn ending(&self) -> Option<Regime> {
         self.ending
             .or((self.left == 0).then_some(Regime::Undecided))
+    }
+
+    /// Order of the gear in which the part is chaotic. If that gear does not hold it
+    /// ([`Endings::holds`]), the chaos may be a transient.
+    pub fn gear(&self) -> Option<u32> {
+        self.gear
     }
 
     /// Takes the next event.
@@ -76,9 +84,10 @@ impl<'a> Seen<'a> {
         self.left -= 1;
         self.time += impact.flight;
         let mut said = self.followed.take(self.endings, impact);
+        self.gear = None;
         if let Said::Asks(order) = said {
-            self.endings.holds(order);
-            said = self.followed.weighed(self.endings);
+            self.gear = Some(order);
+            said = Said::Ends(Regime::Chaotic);
         }
         self.ending = match said {
             Said::Ends(Regime::Chaotic | Regime::Undecided) if self.followed.settles() => {
@@ -113,7 +122,10 @@ mod tests {
                 break;
             }
         }
-        seen.ending().unwrap_or(Regime::Rest)
+        match seen.gear() {
+            Some(order) if !endings.holds(order) => Regime::Undecided,
+            _ => seen.ending().unwrap_or(Regime::Rest),
+        }
     }
 
     #[test]
@@ -131,7 +143,8 @@ mod tests {
                 doublings: 1
             }
         );
-        assert_eq!(from_rest(0.34, 0.2), Regime::Chaotic);
+        assert_eq!(from_rest(0.35, 0.2), Regime::Chaotic);
+        assert_eq!(from_rest(0.337, 0.2), Regime::Undecided);
     }
 
     #[test]

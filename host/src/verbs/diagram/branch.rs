@@ -4,6 +4,7 @@
 //! state of the column before: continuation upwards or downwards. Bisection locates the columns
 //! between which the period-1 orbits attract. Heights are velocities in `b w`, or phases in rad.
 
+use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
 use kband::impact::{Impact, Map, Observer, Orbit, PartState, Scatter, StopReason};
@@ -15,7 +16,7 @@ use super::column::{self, Impacts, Keep};
 use super::over::Over;
 use super::{Arguments, ColumnStart, Show};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, Gears, InGear};
+use crate::ending::{self, Endings, Gears, InGear, TOGETHER};
 use crate::picture::Fill;
 use crate::refusal::Refusal;
 
@@ -43,6 +44,7 @@ pub(super) struct Branch {
 pub(super) struct Struck {
     pub(super) impacts: Impacts,
     pub(super) ending: Ending,
+    gear: Option<u32>,
 }
 
 /// How a column ends.
@@ -160,7 +162,38 @@ impl Flown<'_> {
                 branch.columns.extend(columns);
             }
         }
+        self.separate_transients(&tracks, &mut branches, desk)?;
         Ok(branches)
+    }
+
+    /// Chaos in a gear that does not hold may be a transient. The gears are tried side by side.
+    fn separate_transients(
+        &self,
+        tracks: &[Endings],
+        branches: &mut [Branch],
+        desk: &Desk,
+    ) -> Result<(), Refusal> {
+        let columns = branches
+            .iter()
+            .flat_map(|branch| branch.columns.iter().enumerate());
+        let gears: BTreeSet<(usize, u32)> = columns
+            .filter_map(|(column, struck)| Some((column, struck.gear?)))
+            .collect();
+        let gears: Vec<_> = gears.into_iter().collect();
+        desk.spread("diagram", gears.len(), TOGETHER, |places| {
+            ending::hold(tracks, &places.iter().map(|n| gears[*n]).collect());
+            Ok(vec![(); places.len()])
+        })?;
+        for branch in branches {
+            for (struck, track) in branch.columns.iter_mut().zip(tracks) {
+                if let (Some(order), Ending::Regime(regime, _)) = (struck.gear, &mut struck.ending)
+                    && !track.holds(order)
+                {
+                    *regime = Regime::Undecided;
+                }
+            }
+        }
+        Ok(())
     }
 
     fn column(
@@ -183,6 +216,7 @@ impl Flown<'_> {
         Ok(Struck {
             impacts: self.impacts(flown.states, flown.period, flown.count),
             ending: Ending::Regime(flown.regime, column::classified_impacts(settle, impacts)),
+            gear: flown.gear,
         })
     }
 
@@ -211,6 +245,7 @@ impl Flown<'_> {
         Ok(Struck {
             impacts: self.impacts(struck.0, None, count),
             ending: Ending::InGear(gears.longest().filter(|_| !rests)),
+            gear: None,
         })
     }
 }

@@ -115,6 +115,8 @@ pub(super) struct Flown {
     pub(super) count: usize,
     /// Regime, decided over [`classified_impacts`] impacts.
     pub(super) regime: Regime,
+    /// Order of the gear on which chaos depends ([`Seen::gear`]).
+    pub(super) gear: Option<u32>,
 }
 
 /// Number of impacts that decide the regime of a column, from the numbers of settling and drawn
@@ -193,6 +195,7 @@ pub(super) fn flown(
         }
     };
     let regime = regime.unwrap_or(Regime::Rest);
+    let gear = seen.gear();
     let Some(period) = closed else {
         // All impacts are simulated, or the part rests for ever.
         *state = struck.last().copied().filter(|_| count == total);
@@ -201,6 +204,7 @@ pub(super) fn flown(
             states: struck,
             period: None,
             regime,
+            gear,
         };
     };
     // Impacts beyond `count` continue the cycle after its last impact.
@@ -218,6 +222,7 @@ pub(super) fn flown(
         period,
         count: impacts,
         regime,
+        gear,
     }
 }
 
