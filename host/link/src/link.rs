@@ -230,7 +230,7 @@ impl Link {
     }
 
     /// Sends a request of an update and passes its answer to `look`.
-    pub fn ask_update<T>(
+    pub(crate) fn ask_update<T>(
         &mut self,
         request: &UpdateRequest<'_>,
         look: impl FnOnce(UpdateAnswer<'_>) -> T,

@@ -6,27 +6,27 @@ use std::path::{Path, PathBuf};
 use kband_control::wire::Stored;
 use kband_control::{Recipe, Target};
 
-use crate::board::{Address, BoardSettings, Emulated, Link};
+use crate::board::{BoardSettings, Link};
 use crate::file::Destination;
 use crate::refusal::Refusal;
 use crate::simulate::describe;
 use crate::verbs::{recipe, settings};
 
-/// Settings, target and recipes of a board before the change, with its link.
-pub struct Backup {
-    link: Link,
-    held: Held,
-}
-
 /// Settings, target and recipes of a board.
-struct Held {
+pub struct Backup {
+    image: String,
     settings: BoardSettings,
     target: Target,
     recipes: Vec<Stored>,
 }
 
-impl Held {
-    fn read(link: &mut Link) -> Result<Self, Refusal> {
+impl Backup {
+    /// Reads a board.
+    ///
+    /// # Errors
+    /// The board does not answer, or has another version or schema.
+    pub fn read(link: &mut Link) -> Result<Self, Refusal> {
+        link.speaks_the_same()?;
         let settings = BoardSettings::read(link)?;
         let target = link.held()?;
         let recipes = (1..=Recipe::COUNT).map(|number| recipe::stored(link, number));
@@ -34,11 +34,12 @@ impl Held {
             settings,
             target,
             recipes: recipes.collect::<Result<_, _>>()?,
+            image: link.image().into(),
         })
     }
 
-    /// Differences of `self` from `before`, in words.
-    fn differences(&self, before: &Self) -> Vec<String> {
+    /// Differences of `self` from `before`, in words; empty if it is unchanged.
+    pub fn differences(&self, before: &Self) -> Vec<String> {
         let mut found = Vec::new();
         for old in before.settings.iter() {
             match self.settings.iter().find(|now| now.key == old.key) {
@@ -58,66 +59,41 @@ impl Held {
         }
         found
     }
-}
-
-impl Backup {
-    /// Reads a board.
-    ///
-    /// # Errors
-    /// No board of this desk's version and schema answers.
-    pub fn read(address: &Address) -> Result<Self, Refusal> {
-        let mut link = address.open(Emulated::AtRest)?;
-        let held = Held::read(&mut link)?;
-        Ok(Self { link, held })
-    }
 
     /// Writes the files of settings and of recipes to `folder`, for `kband settings import` and
-    /// `kband recipe import`. None overwrites another.
+    /// `kband recipe import`. Their names end with `_before_` and `change`; none overwrites another.
     ///
     /// # Errors
     /// The folder cannot be written to.
-    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, Refusal> {
+    pub fn write(&self, folder: &Path, change: &str) -> Result<Vec<PathBuf>, Refusal> {
         let recipes: Vec<_> = (1..)
-            .zip(&self.held.recipes)
+            .zip(&self.recipes)
             .filter_map(|(number, stored)| match stored {
                 Stored::Recipe(name, recipe) => Some((number, *name, *recipe)),
                 Stored::None | Stored::Newer => None,
             })
             .collect();
-        let mut texts = vec![(
-            "settings",
-            settings::export(&self.held.settings, &self.link),
-        )];
+        let mut texts = vec![("settings", settings::export(&self.settings, &self.image))];
         if !recipes.is_empty() {
-            texts.push(("recipes", recipe::export(&recipes, self.link.image())));
+            texts.push(("recipes", recipe::export(&recipes, &self.image)));
         }
         texts
             .iter()
             .map(|(name, text)| {
-                let path = unused(folder, name);
+                let path = unused(folder, &format!("{name}_before_{change}"));
                 Destination::check(&path)?.write_bytes(text.as_bytes())?;
+                eprintln!("wrote {}", path.display());
                 Ok(path)
             })
             .collect()
-    }
-
-    /// Differences of the board from its backup, in words; empty if it is unchanged.
-    ///
-    /// # Errors
-    /// The board does not answer, or has another version or schema.
-    pub fn differences(&mut self) -> Result<Vec<String>, Refusal> {
-        self.link.identify()?;
-        self.link.speaks_the_same()?;
-        let now = Held::read(&mut self.link)?;
-        Ok(now.differences(&self.held))
     }
 }
 
 /// An unused name in `folder`.
 fn unused(folder: &Path, name: &str) -> PathBuf {
     let path = |number: u32| match number {
-        1 => folder.join(format!("{name}_before_flash.toml")),
-        _ => folder.join(format!("{name}_before_flash_{number}.toml")),
+        1 => folder.join(format!("{name}.toml")),
+        _ => folder.join(format!("{name}_{number}.toml")),
     };
     (1..)
         .map(path)
@@ -133,17 +109,21 @@ mod tests {
     use kband_machines::images;
 
     use super::*;
+    use crate::board::{Address, Emulated};
 
     #[test]
     fn a_board_is_compared_with_what_it_held_before() {
         let folder = tempfile::tempdir().unwrap();
         let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-        let mut backup = Backup::read(&Address::of("qemu", Some(&image))).unwrap();
-        let written = backup.write(folder.path()).unwrap();
+        let address = Address::of("qemu", Some(&image));
+        let mut link = address.open(Emulated::AtRest).unwrap();
+        let before = Backup::read(&mut link).unwrap();
+        let written = before.write(folder.path(), "update").unwrap();
+        assert!(written[0].ends_with("settings_before_update.toml"));
         let text = std::fs::read_to_string(&written[0]).unwrap();
         assert!(text.contains("frequency = 50"), "{text}");
         assert_eq!(written.len(), 1, "it has no recipes");
-        assert_eq!(backup.differences(), Ok(vec![]));
+        assert!(before.differences(&before).is_empty());
         let parts = RecipeName::parse("parts").unwrap();
         let recipe = Recipe::of(Target::K(0.5), &Settings::default());
         for request in [
@@ -154,9 +134,9 @@ mod tests {
                 recipe: Some((parts, recipe)),
             },
         ] {
-            backup.link.tell(&request).unwrap();
+            link.tell(&request).unwrap();
         }
-        let unlike = backup.differences().unwrap();
+        let unlike = Backup::read(&mut link).unwrap().differences(&before);
         assert_eq!(unlike[0], "gain was 1, is 2");
         assert!(unlike[1].ends_with("is k = 0.5"), "{unlike:?}");
         assert_eq!(unlike[2..], ["recipe 3 differs"]);
@@ -166,9 +146,9 @@ mod tests {
     fn no_file_is_overwritten() {
         let folder = tempfile::tempdir().unwrap();
         let first = unused(folder.path(), "settings");
-        assert!(first.ends_with("settings_before_flash.toml"));
+        assert!(first.ends_with("settings.toml"));
         std::fs::write(&first, "").unwrap();
         let second = unused(folder.path(), "settings");
-        assert!(second.ends_with("settings_before_flash_2.toml"));
+        assert!(second.ends_with("settings_2.toml"));
     }
 }
