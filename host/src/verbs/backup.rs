@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use kband_control::wire::Stored;
+use kband_control::wire::{Request, Response, Stored};
 use kband_control::{Recipe, Target};
 
 use crate::board::{BoardSettings, Link};
@@ -18,6 +18,8 @@ pub struct Backup {
     settings: BoardSettings,
     target: Target,
     recipes: Vec<Stored>,
+    /// Number of the recipe in use; 0 for none.
+    recipe: u8,
 }
 
 impl Backup {
@@ -34,30 +36,42 @@ impl Backup {
             settings,
             target,
             recipes: recipes.collect::<Result<_, _>>()?,
+            recipe: link.ask(&Request::Status, |response| match response {
+                Response::Status(status) => status.recipe,
+                _ => 0,
+            })?,
             image: link.image().into(),
         })
     }
 
-    /// Differences of `self` from `before`, in words; empty if it is unchanged.
-    pub fn differences(&self, before: &Self) -> Vec<String> {
+    /// Selects the recipe that was in use, and compares a board with this backup. Returns the
+    /// differences in words.
+    ///
+    /// # Errors
+    /// The board does not answer, or has another version or schema.
+    pub fn differences(&self, link: &mut Link) -> Result<Vec<String>, Refusal> {
+        if self.recipe > 0 {
+            link.tell(&Request::UseRecipe(self.recipe))?;
+        }
+        let board = Self::read(link)?;
         let mut found = Vec::new();
-        for old in before.settings.iter() {
-            match self.settings.iter().find(|now| now.key == old.key) {
+        for old in self.settings.iter() {
+            match board.settings.iter().find(|now| now.key == old.key) {
                 Some(now) if now.value.to_bits() == old.value.to_bits() => {}
                 Some(now) => found.push(format!("{} was {}, is {}", old.key, old.value, now.value)),
                 None => found.push(format!("{} is gone", old.key)),
             }
         }
-        if self.target != before.target {
-            let [was, is] = [before.target, self.target].map(describe);
+        if board.target != self.target {
+            let [was, is] = [self.target, board.target].map(describe);
             found.push(format!("the target was {was}, is {is}"));
         }
-        for (number, (old, now)) in (1..).zip(before.recipes.iter().zip(&self.recipes)) {
+        for (number, (old, now)) in (1..).zip(self.recipes.iter().zip(&board.recipes)) {
             if old != now {
                 found.push(format!("recipe {number} differs"));
             }
         }
-        found
+        Ok(found)
     }
 
     /// Writes the files of settings and of recipes to `folder`, for `kband settings import` and
@@ -103,7 +117,6 @@ fn unused(folder: &Path, name: &str) -> PathBuf {
 
 #[cfg(test)]
 mod tests {
-    use kband_control::wire::Request;
     use kband_control::{RecipeName, Settings};
     use kband_machines::emulator::Machine;
     use kband_machines::images;
@@ -123,7 +136,7 @@ mod tests {
         let text = std::fs::read_to_string(&written[0]).unwrap();
         assert!(text.contains("frequency = 50"), "{text}");
         assert_eq!(written.len(), 1, "it has no recipes");
-        assert!(before.differences(&before).is_empty());
+        assert_eq!(before.differences(&mut link), Ok(vec![]));
         let parts = RecipeName::parse("parts").unwrap();
         let recipe = Recipe::of(Target::K(0.5), &Settings::default());
         for request in [
@@ -136,7 +149,7 @@ mod tests {
         ] {
             link.tell(&request).unwrap();
         }
-        let unlike = Backup::read(&mut link).unwrap().differences(&before);
+        let unlike = before.differences(&mut link).unwrap();
         assert_eq!(unlike[0], "gain was 1, is 2");
         assert!(unlike[1].ends_with("is k = 0.5"), "{unlike:?}");
         assert_eq!(unlike[2..], ["recipe 3 differs"]);

@@ -173,11 +173,10 @@ fn back_up(arguments: &Arguments) -> Result<Option<(Link, Backup)>, Refusal> {
 
 /// Compares the board with its backup; the result in words.
 fn compare(mut link: Link, before: &Backup) -> Result<&'static str, Refusal> {
-    let now = link.identify().and_then(|()| Backup::read(&mut link));
-    let now = now.map_err(|refusal| {
+    let unlike = link.identify().and_then(|()| before.differences(&mut link));
+    let unlike = unlike.map_err(|refusal| {
         refusal.then("look at the board, then compare: kband settings list, kband recipe list")
     })?;
-    let unlike = now.differences(before);
     if unlike.is_empty() {
         return Ok("settings, target and recipes are as before");
     }

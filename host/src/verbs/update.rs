@@ -248,7 +248,7 @@ fn confirm(
     unlock(link, pin)?;
     let mut compared = "its settings were not compared";
     if let (Some(before), Ok(())) = (before, link.speaks_the_same()) {
-        let unlike = Backup::read(link)?.differences(before);
+        let unlike = before.differences(link)?;
         if !unlike.is_empty() {
             return Err(Refusal::new(
                 format!("the board holds something else: {}", unlike.join("; ")),

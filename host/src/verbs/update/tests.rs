@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use kband::arithmetic::Noise;
 use kband_control::wire::{
     Identity, Incoming, MAX_FRAME_BYTES, Receiver, Refusal as Refused, Response, SCHEMA, SelfTest,
-    Setting, Stored, UpdateAnswer, UpdateRefusal, VERSION, read_request, write_identity,
+    Setting, Status, Stored, UpdateAnswer, UpdateRefusal, VERSION, read_request, write_identity,
     write_response, write_update_answer,
 };
 use kband_control::{Settings, Target};
@@ -46,8 +46,9 @@ struct Board {
     /// Frame before which the board loses 256 bytes, and one before which it restarts.
     forgets: Option<usize>,
     restarts: Option<usize>,
-    /// Target after the update.
+    /// Target after the update, and recipe in use.
     new_target: Target,
+    recipe: u8,
     /// Whether the new image does not start.
     fails: bool,
     /// Number of received bytes at which the line ends.
@@ -79,6 +80,7 @@ impl Board {
             forgets: None,
             restarts: None,
             new_target: target,
+            recipe: 0,
             fails: false,
             cut: usize::MAX,
             received: 0,
@@ -125,7 +127,7 @@ impl Board {
             .to_vec()
     }
 
-    fn answer(&self, request: &Request<'_>) -> Response<'static> {
+    fn answer(&mut self, request: &Request<'_>) -> Response<'static> {
         match *request {
             Request::Setting(number) => match Settings::KEYS.get(usize::from(number)) {
                 Some(key) => Response::Setting(Setting {
@@ -141,6 +143,14 @@ impl Board {
             },
             Request::Held => Response::Held(self.target),
             Request::Recipe(_) => Response::Recipe(Stored::None),
+            Request::UseRecipe(number) => {
+                (self.recipe, self.target) = (number, Target::K(0.41));
+                Response::Done
+            }
+            Request::Status => Response::Status(Status {
+                recipe: self.recipe,
+                ..Status::default()
+            }),
             Request::SelfTest if self.running => Response::Refused(Refused::Running),
             Request::SelfTest => Response::SelfTest(SelfTest {
                 settings: self.kept,
@@ -188,7 +198,7 @@ impl Board {
         if matches!(request, UpdateRequest::End(_)) && answer == UpdateAnswer::Done {
             if !self.on_trial && !self.fails {
                 self.previous = std::mem::replace(&mut self.image, self.slot.clone());
-                self.target = self.new_target;
+                (self.target, self.recipe) = (self.new_target, 0);
                 self.on_trial = true;
             }
             self.unlocked = false;
@@ -372,6 +382,19 @@ fn a_board_is_updated_compared_and_confirmed() {
     let settings = plant.folder.path().join("settings_before_update.toml");
     let settings = std::fs::read_to_string(settings).unwrap();
     assert!(settings.contains("frequency = 50"), "{settings}");
+}
+
+#[test]
+fn a_recipe_in_use_is_used_again_after_an_update() {
+    let plant = Plant::new();
+    let mut board = Board {
+        recipe: 1,
+        new_target: Target::K(0.5),
+        ..plant.board()
+    };
+    plant.update(&mut board, GOOD, None).unwrap();
+    assert_eq!((board.on_trial, board.recipe), (false, 1));
+    assert_eq!(board.target, Target::K(0.41));
 }
 
 #[test]
