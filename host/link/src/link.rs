@@ -162,7 +162,9 @@ impl Link {
                 "build the image that belongs to this desk, {}",
                 emulator::BUILD
             ),
-            None => "flash the firmware that belongs to this desk (kband flash)".into(),
+            None => {
+                "flash the firmware that belongs to this desk (kband flash or kband update)".into()
+            }
         }
     }
 

@@ -23,6 +23,7 @@ const PIN: &str = "4711";
 #[derive(Clone, Debug)]
 struct Board {
     name: &'static str,
+    size: u32,
     schema: u32,
     key: Option<[u8; 32]>,
     pin: Option<Pin>,
@@ -61,6 +62,7 @@ impl Board {
         let target = Target::K(0.41);
         Self {
             name: "stm32f405rg",
+            size: 0x6_0000,
             schema: SCHEMA,
             key: Some(key),
             pin: None,
@@ -176,7 +178,7 @@ impl Board {
         let answer = match *request {
             UpdateRequest::State => UpdateAnswer::State {
                 board: self.name,
-                size: 0x6_0000,
+                size: self.size,
                 has_key: self.key.is_some(),
                 on_trial: self.on_trial,
             },
@@ -231,7 +233,7 @@ impl Board {
             UpdateRequest::Begin { board, length } => {
                 let refusals = [
                     (board != self.name, OtherBoard),
-                    (length % 4 != 0 || length > 0x6_0000, Length),
+                    (length % 4 != 0 || length > self.size, Length),
                     (self.on_trial, OnTrial),
                     (self.key.is_none(), NoKey),
                 ];
@@ -449,7 +451,8 @@ fn a_refused_update_leaves_the_old_image() {
         board
     };
     let files = plant.files();
-    let cases: [(fn(&mut Board), &[&str]); 6] = [
+    let cases: [(fn(&mut Board), &[&str]); 7] = [
+        (|board| board.size = 0, &["no slot", "kband flash"]),
         (
             |board| board.running = true,
             &["running its drive", "enable input"],
