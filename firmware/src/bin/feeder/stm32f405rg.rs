@@ -33,6 +33,13 @@ const HIGHEST_LEVEL: u8 = 7;
 /// EXTI line of the supply monitor.
 const SUPPLY_LINE: usize = 16;
 
+/// The loader, at the begin of the flash: the chip starts it, and it starts this program.
+#[used]
+#[unsafe(link_section = ".loader")]
+static LOADER: [u8; LOADER_BYTES.len()] = *LOADER_BYTES;
+const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")).len()] =
+    include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin"));
+
 static SUPPLY: Supply = Supply::new();
 
 /// Whether the supply is below the monitor's level.
