@@ -12,8 +12,9 @@ use kband::feeder::OutOfRange;
 use kband_bus::SaveProgress;
 use kband_control::wire::{
     Access, Counters, Identity, Incoming, Kept, MAX_FRAME_BYTES, Pin, Receiver, Refusal, Request,
-    Response, SCHEMA, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, VERSION, fold_output,
-    read_reading, read_request, write_identity, write_response,
+    Response, SCHEMA, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, UpdateAnswer,
+    UpdateRefusal, VERSION, fold_output, read_reading, read_request, write_identity,
+    write_response, write_update_answer,
 };
 use kband_control::{AdcCode, Inputs, PLAN_SLICES, Settings, Signal, StartCause, Target};
 
@@ -148,6 +149,10 @@ impl<S: Store> Service<S> {
                     image: image.identity,
                 };
                 write_identity(buffer, sequence, &identity)
+            }
+            Incoming::Update { sequence, .. } => {
+                let refused = UpdateAnswer::Refused(UpdateRefusal::NoSlot);
+                write_update_answer(buffer, sequence, &refused)
             }
             Incoming::Request { sequence, request } => {
                 let access = lock.access((image.strapped)());

@@ -118,7 +118,7 @@ impl Board {
                 }
                 true
             }
-            Outgoing::Identity { .. } => true,
+            Outgoing::Identity { .. } | Outgoing::Update { .. } => true,
         }
     }
 }
