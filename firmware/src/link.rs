@@ -12,9 +12,8 @@ use kband::feeder::OutOfRange;
 use kband_bus::SaveProgress;
 use kband_control::wire::{
     Access, Counters, Identity, Incoming, Kept, MAX_FRAME_BYTES, Pin, Receiver, Refusal, Request,
-    Response, SCHEMA, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, UpdateAnswer,
-    UpdateRefusal, VERSION, fold_output, read_reading, read_request, write_identity,
-    write_response, write_update_answer,
+    Response, SCHEMA, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, VERSION, fold_output,
+    read_reading, read_request, write_identity, write_response, write_update_answer,
 };
 use kband_control::{AdcCode, Inputs, PLAN_SLICES, Settings, Signal, StartCause, Target};
 
@@ -23,6 +22,7 @@ use crate::bus::answer_over_link;
 use crate::saves::Saves;
 use crate::station::{RecipeRefused, SettingsRefused, Station};
 use crate::store::{Condition, Store, StoreFailed};
+use crate::update::{Slot, Update};
 
 /// Number of requests answered in a drive cycle. The dearest request takes 81 196 instructions
 /// (counted). Thirty-two take 2.6 of the 3.36 million core cycles at 50 Hz.
@@ -60,6 +60,8 @@ pub struct Image {
     pub line_rate: u32,
     /// Whether the strap that makes the link read-only is wired to ground.
     pub strapped: fn() -> bool,
+    /// The slot for an update; `None` on a board without one.
+    pub slot: Option<Slot>,
 }
 
 /// The board's side of the link.
@@ -71,6 +73,7 @@ pub struct Service<S> {
     allowance: u8,
     saves: Saves,
     lock: LinkLock,
+    update: Update,
     telemetry_interval: u16,
     cycles_since_telemetry: u16,
     simulation: Option<Simulation>,
@@ -97,6 +100,7 @@ impl<S: Store> Service<S> {
             allowance: MAX_REQUESTS_PER_CYCLE,
             saves: Saves::default(),
             lock: LinkLock::new(pin),
+            update: Update::new(image.slot),
             telemetry_interval: 0,
             cycles_since_telemetry: 0,
             simulation: None,
@@ -119,6 +123,7 @@ impl<S: Store> Service<S> {
             allowance,
             saves,
             lock,
+            update,
             telemetry_interval: every,
             simulation,
             buffer,
@@ -150,9 +155,12 @@ impl<S: Store> Service<S> {
                 };
                 write_identity(buffer, sequence, &identity)
             }
-            Incoming::Update { sequence, .. } => {
-                let refused = UpdateAnswer::Refused(UpdateRefusal::NoSlot);
-                write_update_answer(buffer, sequence, &refused)
+            Incoming::Update { sequence, request } => {
+                let strapped = (image.strapped)();
+                let answer = update
+                    .answer(&request, lock, strapped, station, store)
+                    .await;
+                write_update_answer(buffer, sequence, &answer)
             }
             Incoming::Request { sequence, request } => {
                 let access = lock.access((image.strapped)());
@@ -245,6 +253,7 @@ impl<S: Store> Service<S> {
     /// Ends a drive cycle; returns the telemetry frame if one is due.
     pub fn tick(&mut self, station: &Station) -> Option<&[u8]> {
         self.allowance = MAX_REQUESTS_PER_CYCLE;
+        self.update.tick(station);
         if self.telemetry_interval == 0 {
             return None;
         }
@@ -590,6 +599,7 @@ async fn send_answer(line: &mut impl Line, frame: &[u8]) -> bool {
 ///
 /// The service is borrowed: an async function keeps two copies of an argument taken by value.
 pub async fn link(service: &mut Service<impl Store>, mut line: impl Line, station: &Station) -> ! {
+    service.update.begin_trial(station);
     station.set_recipes(service.store.recipes().await);
     if let Some(frame) = service.hello() {
         line.send(frame);

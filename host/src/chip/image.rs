@@ -1,7 +1,7 @@
 //! An image for the board (ELF), checked before the board is touched.
 //!
 //! Checks: chip, address ranges, RAM with the stack, vector table. The last word of the flash gets
-//! the CRC-32 of everything before it.
+//! the CRC-32 of the program before it.
 
 use std::ops::Range;
 use std::path::Path;
@@ -275,14 +275,16 @@ impl Image {
     }
 }
 
-/// Fills the last word of an image with the CRC-32 of everything before it. The build leaves it
+/// Fills the last word of an image with the CRC-32 of the program before it. The build leaves it
 /// erased, and the board checks it at each start.
 fn fill_check(pieces: &mut [Piece], chip: &Chip) -> Result<(), Refusal> {
     let mut flash = Vec::new();
     let mut end = chip.flash.start;
     for piece in &*pieces {
-        // Between two pieces the flash is erased, or holds the settings, which are not checked.
-        if !(end..piece.address).contains(&chip.settings.start) {
+        // A loader before the settings is not checked: an update does not replace it.
+        if (end..piece.address).contains(&chip.settings.start) {
+            flash.clear();
+        } else {
             flash.resize(flash.len() + (piece.address - end) as usize, 0xff);
         }
         flash.extend_from_slice(&piece.bytes);
@@ -522,7 +524,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_check_leaves_out_the_settings_within_an_image() {
+    fn the_check_leaves_out_a_loader_before_the_settings() {
         let near = Image::parse(&elf()).unwrap();
         let apart = elf_with(|parts| {
             parts.code_at = 0x0802_0000;
@@ -530,12 +532,11 @@ pub(crate) mod tests {
             parts.vectors[8..].fill(0);
         });
         let apart = Image::parse(&apart).unwrap();
-        let [table, code] = apart.pieces() else {
+        let [_, code] = apart.pieces() else {
             panic!("two pieces");
         };
         let (before, check) = code.bytes.split_last_chunk().unwrap();
-        let checked = [&table.bytes, before].concat();
-        assert_eq!(u32::from_le_bytes(*check), crc32(&checked));
+        assert_eq!(u32::from_le_bytes(*check), crc32(before));
         assert_ne!(near.pieces()[1].bytes, code.bytes);
     }
 

@@ -22,6 +22,7 @@ const IMAGE: Image = Image {
     set_up: SetUp::default,
     line_rate: 11_520,
     strapped: || false,
+    slot: None,
 };
 
 struct Board {
