@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
+use object::{Object, ObjectSegment};
+
 /// The stack is at the bottom of the RAM: an overflow faults instead of overwriting data.
 const LAYOUT: &str = "\
 SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += kband_stack; } > RAM } INSERT BEFORE .data;
@@ -15,24 +17,26 @@ _stack_start = ADDR(.stack) + SIZEOF(.stack);
 /// has the plant and its counters on it.
 const STACKS: [(&str, u32); 2] = [("feeder", 55 << 10), ("virtual_feeder", 76 << 10)];
 
-/// Limits for the board's image: flash from its code on, and RAM, stack included.
+/// Limits for the board's image: flash without the loader, and RAM, stack included.
 /// The linker refuses a larger image. The emulated image has more: it includes the plant.
 const BUDGET: &str = "\
 ASSERT(__sheap - ORIGIN(RAM) <= 88K, \"kband: stack and static data exceed 88 KiB of RAM\");
-ASSERT(__sidata + (__edata - __sdata) - _stext <= 312K, \"kband: the image exceeds 312 KiB of flash\");
+ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 328K, \"kband: the image exceeds 328 KiB of flash\");
 ";
 
-/// Bounds of the ranges that the board checks at its start, vector table and program, and a word
-/// behind them for their CRC-32. `kband flash` writes that word.
+/// Bounds of the program that the board checks at its start, and a word behind it for its CRC-32.
+/// `kband flash` writes that word.
 const CHECKED: &str = "\
 SECTIONS { .check : ALIGN(4) { _image_end = .; LONG(0xffffffff) } > FLASH } INSERT AFTER .gnu.sgstubs;
 _image_start = ORIGIN(FLASH);
-_vectors_end = ADDR(.vector_table) + SIZEOF(.vector_table);
 ";
 
 /// Marks the emulated board's image. Without a debugger it would hang at its first semihosting
 /// call.
 const EMULATED: &str = "SECTIONS { .emulated 0 (INFO) : { BYTE(1) } }\n";
+
+/// First address of the flash.
+const FLASH: u64 = 0x0800_0000;
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
@@ -66,6 +70,10 @@ fn main() {
     for (image, stack) in STACKS {
         println!("cargo:rustc-link-arg-bin={image}=--defsym=kband_stack={stack}");
     }
+    if board == "stm32f405rg" {
+        build_loader(&out);
+        println!("cargo:rustc-link-arg-bin=feeder=--defsym=kband_slot=1");
+    }
     println!("cargo:rustc-link-arg-bin=feeder=-Tbudget.x");
     println!("cargo:rustc-link-arg-bin=feeder=-Tchip.x");
     println!("cargo:rustc-link-arg-bin=feeder=-Tchecked.x");
@@ -93,6 +101,34 @@ fn board() -> String {
             boards.join("|")
         ),
     }
+}
+
+/// Builds the loader with this build's toolchain, in a folder of its own, as `loader.bin` of `out`.
+fn build_loader(out: &Path) {
+    let target = env::var("TARGET").expect("cargo sets TARGET");
+    let folder = out.join("loader");
+    let mut cargo = Command::new(env::var_os("CARGO").expect("cargo sets CARGO"));
+    // The wrapper of the compiler is named from the workspace on.
+    cargo.current_dir("..");
+    cargo.args(["build", "--quiet", "--locked", "--profile", "firmware"]);
+    cargo.args(["--package", "kband-loader", "--bin", "loader"]);
+    cargo
+        .args(["--target", &target, "--target-dir"])
+        .arg(&folder);
+    // A check of the sources compiles nothing.
+    cargo.env_remove("RUSTC_WORKSPACE_WRAPPER");
+    assert!(cargo.status().is_ok_and(|status| status.success()));
+    let loader = fs::read(folder.join(target).join("firmware/loader")).expect("it was built");
+    let loader = object::File::parse(&*loader).expect("an ELF file");
+    let mut bytes: Vec<u8> = Vec::new();
+    for segment in loader.segments() {
+        let data = segment.data().expect("a segment's bytes");
+        if !data.is_empty() {
+            bytes.resize((segment.address() - FLASH) as usize, 0xff);
+            bytes.extend(data);
+        }
+    }
+    fs::write(out.join("loader.bin"), bytes).expect("OUT_DIR is writable");
 }
 
 /// Section with the name of the chip, which the programmer of the image checks.

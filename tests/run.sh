@@ -189,7 +189,7 @@ step "format" 60 cargo fmt --all --check
 step "clippy for the desk" 1200 cargo clippy --locked --workspace --exclude kband-python --all-targets -- -D warnings
 # With profile and folder of the images, build scripts and macros are compiled once for both.
 step "clippy for the target" 1200 $cross clippy --config firmware/image.toml --locked --profile firmware --target $thumb \
-    --target-dir "$target/emulated" --package kband-firmware --package kband-emulated -- -D warnings
+    --target-dir "$target/emulated" --package kband-firmware --package kband-loader --package kband-emulated -- -D warnings
 # The tests need these images, built with the same arguments. One package at a time: together the
 # packages would get each other's features. The second board comes first, because the image of the
 # first one overwrites it.

@@ -14,6 +14,7 @@ use kband_control::wire::SetUp;
 
 use crate::start::ResetFlags;
 use crate::store::{Store, StoreFailed};
+use crate::update::Slot;
 
 /// A chip whose clocks run.
 pub struct Started {
@@ -61,6 +62,11 @@ pub trait Chip {
 
     /// Opens the settings and the faults in four pages of the flash, which no image reaches.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed>;
+
+    /// The slot for an update; `restart` restarts the board.
+    fn slot(_restart: fn()) -> Option<Slot> {
+        None
+    }
 
     /// Flags of the last reset; the call clears them.
     fn signs() -> ResetFlags;

@@ -40,5 +40,6 @@ pub mod stm32;
 pub mod store;
 pub mod supply;
 pub mod trial;
+pub mod update;
 pub mod waiting;
 pub mod watch;

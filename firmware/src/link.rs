@@ -13,7 +13,7 @@ use kband_bus::SaveProgress;
 use kband_control::wire::{
     Access, Counters, Identity, Incoming, Kept, MAX_FRAME_BYTES, Pin, Receiver, Refusal, Request,
     Response, SCHEMA, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, VERSION, fold_output,
-    read_reading, read_request, write_identity, write_response,
+    read_reading, read_request, write_identity, write_response, write_update_answer,
 };
 use kband_control::{AdcCode, Inputs, PLAN_SLICES, Settings, Signal, StartCause, Target};
 
@@ -22,6 +22,7 @@ use crate::bus::answer_over_link;
 use crate::saves::Saves;
 use crate::station::{RecipeRefused, SettingsRefused, Station};
 use crate::store::{Condition, Store, StoreFailed};
+use crate::update::{Slot, Update};
 
 /// Number of requests answered in a drive cycle. The dearest request takes 81 196 instructions
 /// (counted). Thirty-two take 2.6 of the 3.36 million core cycles at 50 Hz.
@@ -59,6 +60,8 @@ pub struct Image {
     pub line_rate: u32,
     /// Whether the strap that makes the link read-only is wired to ground.
     pub strapped: fn() -> bool,
+    /// The slot for an update; `None` on a board without one.
+    pub slot: Option<Slot>,
 }
 
 /// The board's side of the link.
@@ -70,6 +73,7 @@ pub struct Service<S> {
     allowance: u8,
     saves: Saves,
     lock: LinkLock,
+    update: Update,
     telemetry_interval: u16,
     cycles_since_telemetry: u16,
     simulation: Option<Simulation>,
@@ -96,6 +100,7 @@ impl<S: Store> Service<S> {
             allowance: MAX_REQUESTS_PER_CYCLE,
             saves: Saves::default(),
             lock: LinkLock::new(pin),
+            update: Update::new(image.slot),
             telemetry_interval: 0,
             cycles_since_telemetry: 0,
             simulation: None,
@@ -118,6 +123,7 @@ impl<S: Store> Service<S> {
             allowance,
             saves,
             lock,
+            update,
             telemetry_interval: every,
             simulation,
             buffer,
@@ -148,6 +154,13 @@ impl<S: Store> Service<S> {
                     image: image.identity,
                 };
                 write_identity(buffer, sequence, &identity)
+            }
+            Incoming::Update { sequence, request } => {
+                let strapped = (image.strapped)();
+                let answer = update
+                    .answer(&request, lock, strapped, station, store)
+                    .await;
+                write_update_answer(buffer, sequence, &answer)
             }
             Incoming::Request { sequence, request } => {
                 let access = lock.access((image.strapped)());
@@ -240,6 +253,7 @@ impl<S: Store> Service<S> {
     /// Ends a drive cycle; returns the telemetry frame if one is due.
     pub fn tick(&mut self, station: &Station) -> Option<&[u8]> {
         self.allowance = MAX_REQUESTS_PER_CYCLE;
+        self.update.tick(station);
         if self.telemetry_interval == 0 {
             return None;
         }
@@ -585,6 +599,7 @@ async fn send_answer(line: &mut impl Line, frame: &[u8]) -> bool {
 ///
 /// The service is borrowed: an async function keeps two copies of an argument taken by value.
 pub async fn link(service: &mut Service<impl Store>, mut line: impl Line, station: &Station) -> ! {
+    service.update.begin_trial(station);
     station.set_recipes(service.store.recipes().await);
     if let Some(frame) = service.hello() {
         line.send(frame);

@@ -154,6 +154,8 @@ pub struct Station {
     frame_received: Cell<bool>,
     /// Whether the desk withholds the drive's enable.
     withheld: Cell<bool>,
+    /// Time since the start, s, until which an update keeps the drive off.
+    kept_off_until: Cell<Option<u32>>,
     /// Commands and requests of the fieldbus.
     bus: BusState,
     recipes: RefCell<Recipes>,
@@ -218,6 +220,7 @@ impl Station {
             }),
             frame_received: Cell::new(false),
             withheld: Cell::new(false),
+            kept_off_until: Cell::new(None),
             bus: BusState::default(),
             recipes: RefCell::new(Recipes::default()),
             saved_parts: Cell::new(Recipe::of(found.target, &found.settings)),
@@ -255,7 +258,7 @@ impl Station {
         Some(self.control(
             cycle,
             Inputs {
-                withheld: self.withheld.get(),
+                withheld: self.withheld.get() || self.is_kept_off(inputs.enable),
                 bus: controls.then_some(bus),
                 link_heard: if controls { bus_heard } else { desk_heard },
                 ..inputs
@@ -418,7 +421,7 @@ impl Station {
     pub fn status(&self, access: Access) -> Status {
         Status {
             inputs: self.inputs.get(),
-            permitted: !self.withheld.get(),
+            permitted: !self.withheld.get() && self.kept_off_until.get().is_none(),
             access,
             ready: self.ready(),
             mean: self.mean.get(),
@@ -441,6 +444,27 @@ impl Station {
     /// Withholds the drive's enable, or releases it.
     pub fn withhold(&self, withheld: bool) {
         self.withheld.set(withheld);
+    }
+
+    /// Whether the drive is at rest and cannot start: its enable input is off, or an update keeps it
+    /// off. Never so while the desk simulates a plant.
+    pub fn is_out_of_use(&self) -> bool {
+        let cannot_start = !self.inputs.get().enable || self.kept_off_until.get().is_some();
+        self.at_rest() && cannot_start && self.simulated.get().is_none()
+    }
+
+    /// Keeps the drive off until this time since the start, s, and from then on until the enable
+    /// input is off.
+    pub fn keep_off_until(&self, seconds: u32) {
+        self.kept_off_until.set(Some(seconds));
+    }
+
+    /// Whether an update keeps the drive off, with this level of the enable input.
+    fn is_kept_off(&self, enable: bool) -> bool {
+        let until = self.kept_off_until.get();
+        let kept = until.filter(|until| enable || self.seconds() < *until);
+        self.kept_off_until.set(kept);
+        kept.is_some()
     }
 
     /// Whether the fieldbus is in control, and the link reads only.

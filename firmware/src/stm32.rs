@@ -583,23 +583,16 @@ const CRC_RESET: u32 = 1;
 pub fn image_is_whole() -> bool {
     unsafe extern "C" {
         static _image_start: u32;
-        static _vectors_end: u32;
-        static _stext: u32;
         static _image_end: u32;
     }
     pac::RCC.ahb1enr().modify(|clocks| clocks.set_crcen(true));
     let end = &raw const _image_end;
     let mut word = &raw const _image_start;
-    let gap = &raw const _vectors_end;
     // SAFETY: registers that nothing else uses, and the words of the flash between the linker's
     // bounds of the image. The unit takes the highest bit first, CRC-32 the lowest.
     unsafe {
         write_volatile(CRC_CONTROL, CRC_RESET);
         while word < end {
-            // Settings may lie between the vector table and the program.
-            if word == gap {
-                word = &raw const _stext;
-            }
             write_volatile(CRC_DATA, read_volatile(word).reverse_bits());
             word = word.add(1);
         }

@@ -102,6 +102,14 @@ pub trait Store {
     /// A loss of power leaves the previous record or the new one.
     fn save_recipes(&mut self, recipes: &Recipes) -> impl Future<Output = Result<(), StoreFailed>>;
 
+    /// Loads the public key of updates, where one was saved.
+    fn key(&mut self) -> impl Future<Output = Option<[u8; 32]>>;
+
+    /// Saves the public key of updates, with all else that was saved last.
+    ///
+    /// A loss of power leaves the previous record or the new one.
+    fn save_key(&mut self, key: &[u8; 32]) -> impl Future<Output = Result<(), StoreFailed>>;
+
     /// Whether the supply is good enough to program the flash.
     fn supply_is_good(&self) -> bool;
 
@@ -180,6 +188,14 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         }
     }
 
+    /// The settings of the newest record, whose content is copied to `content`.
+    async fn whole(&mut self, content: &mut [u8; CONTENT]) -> Result<Found, StoreFailed> {
+        match self.newest(content).await {
+            Newest::Whole => decode_settings(content).map_err(|_| StoreFailed::NoSettings),
+            _ => Err(StoreFailed::NoSettings),
+        }
+    }
+
     /// Stores a record with this content, unless the newest has it already.
     async fn keep(&mut self, content: &[u8; CONTENT]) -> Result<(), StoreFailed> {
         if self.settings.holds(&mut self.flash, content).await {
@@ -224,7 +240,8 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
         if newest != Newest::Whole || !record::has_recipes(&content) {
             content.fill(0);
         }
-        encode_settings(&mut content, settings, target, pin);
+        let key = record::key(&content);
+        encode_settings(&mut content, settings, target, pin, key);
         self.keep(&content).await
     }
 
@@ -240,16 +257,27 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
 
     async fn save_recipes(&mut self, recipes: &Recipes) -> Result<(), StoreFailed> {
         let mut content = [0; CONTENT];
-        let newest = self.newest(&mut content).await;
-        let found = match newest {
-            Newest::Whole => decode_settings(&content).ok(),
-            _ => None,
-        };
-        let Some(found) = found else {
-            return Err(StoreFailed::NoSettings);
-        };
-        encode_settings(&mut content, &found.settings, found.target, found.pin);
+        let found = self.whole(&mut content).await?;
+        let key = record::key(&content);
+        encode_settings(&mut content, &found.settings, found.target, found.pin, key);
         content[record::SIZE..].copy_from_slice(recipes.bytes());
+        self.keep(&content).await
+    }
+
+    async fn key(&mut self) -> Option<[u8; 32]> {
+        let mut content = [0; CONTENT];
+        let newest = self.newest(&mut content).await;
+        record::key(&content).filter(|_| newest == Newest::Whole)
+    }
+
+    async fn save_key(&mut self, key: &[u8; 32]) -> Result<(), StoreFailed> {
+        let mut content = [0; CONTENT];
+        let found = self.whole(&mut content).await?;
+        if !record::has_recipes(&content) {
+            content.fill(0);
+        }
+        let key = Some(*key);
+        encode_settings(&mut content, &found.settings, found.target, found.pin, key);
         self.keep(&content).await
     }
 

@@ -848,6 +848,7 @@ impl Commissioned {
                         kband_control::wire::write_identity(&mut buffer, sequence, &identity);
                     answers.extend_from_slice(frame.unwrap());
                 }
+                Incoming::Update { .. } => panic!("no update here"),
                 Incoming::Request { sequence, request } => {
                     self.answer(sequence, &request, &mut answers)
                 }

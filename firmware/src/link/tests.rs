@@ -26,6 +26,7 @@ pub(crate) struct Memory {
     recipes: Recipes,
     faults: Vec<KeptFault>,
     supply_good: bool,
+    key: Option<[u8; 32]>,
 }
 
 impl Memory {
@@ -35,6 +36,7 @@ impl Memory {
             recipes: Recipes::default(),
             faults: Vec::new(),
             supply_good: true,
+            key: None,
         }
     }
 }
@@ -72,6 +74,15 @@ impl Store for Memory {
         Ok(())
     }
 
+    async fn key(&mut self) -> Option<[u8; 32]> {
+        self.key
+    }
+
+    async fn save_key(&mut self, key: &[u8; 32]) -> Result<(), StoreFailed> {
+        self.key = Some(*key);
+        Ok(())
+    }
+
     fn supply_is_good(&self) -> bool {
         self.supply_good
     }
@@ -101,6 +112,7 @@ const IMAGE: Image = Image {
     set_up: SetUp::default,
     line_rate: 11_520,
     strapped: || false,
+    slot: None,
 };
 
 const SIMULATE: Request<'static> = Request::Simulate {
@@ -134,13 +146,17 @@ impl Board {
     }
 
     fn started(found: Found, start: StartCause) -> Self {
+        Self::of(IMAGE, found, start)
+    }
+
+    fn of(image: Image, found: Found, start: StartCause) -> Self {
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
         let mut words = LastWords::EMPTY;
         words.keep(format_args!("panic at lib.rs:7"));
         let controller = Station::controller(&found, start).unwrap();
         let station = Station::new(&found, start, &controller, exchange, words);
         Self {
-            service: Service::new(IMAGE, Memory::of(found), found.pin),
+            service: Service::new(image, Memory::of(found), found.pin),
             station,
             enable: false,
             mean: 0.0,
@@ -208,6 +224,7 @@ fn open<T>(frame: &[u8], look: impl FnOnce(u8, Response<'_>) -> T) -> T {
 
 mod interlock;
 mod recipes;
+mod update;
 
 #[test]
 fn settings_are_read_changed_and_saved_at_rest() {

@@ -1,4 +1,4 @@
-//! The bytes of a record: settings, target and PIN.
+//! The bytes of a record: settings, target, PIN and the public key of updates.
 //!
 //! A record names each setting by a hash of its key. A key that the record lacks gets its default:
 //! the default of a key that is added must not change what the drive does. A key that this firmware
@@ -10,15 +10,17 @@
 //! | 8 | kind and number of the target |
 //! | 16 | ratio and phase of the target's upper tones |
 //! | 4 | the PIN, 0 for none |
-//! | 4 | number of settings |
+//! | 4 | number of pairs |
 //! | 6 each | hash of a key, and its value |
+//!
+//! The public key of updates is in eight pairs of its own, each with four of its bytes.
 //!
 //! The recipes ([`crate::recipes`]) are at the record's end.
 
 use kband_control::wire::Pin;
 use kband_control::{Settings, Target};
 
-use super::encoding::{COUNT, HASHES, PAIR, Words, pairs, put, put_pairs, target_words};
+use super::encoding::{COUNT, HASHES, PAIR, Words, hash, pairs, put, put_pairs, target_words};
 use super::{CONTENT, Condition, Found, version_3};
 use crate::recipes;
 
@@ -29,18 +31,31 @@ const VERSION: u32 = 4;
 const LAST_VERSION: u32 = 0xffff;
 /// Size of a record's content before the settings, bytes.
 pub const HEAD: usize = 36;
-/// Size of settings, target and PIN, bytes: 61 settings, 16 more than there are.
+/// Size of settings, target, PIN and key, bytes: 61 pairs, 8 more than there are.
 pub const SIZE: usize = CONTENT - recipes::SIZE;
+/// Hashes of the names of the words of the public key of updates; a record has all or none.
+pub const KEY_HASHES: [u16; 8] = [
+    hash("update_key_0"),
+    hash("update_key_1"),
+    hash("update_key_2"),
+    hash("update_key_3"),
+    hash("update_key_4"),
+    hash("update_key_5"),
+    hash("update_key_6"),
+    hash("update_key_7"),
+];
 
+const _: () = assert!(HEAD + PAIR * (COUNT + KEY_HASHES.len()) <= SIZE);
 // `Found::added` has a bit for each setting.
-const _: () = assert!(HEAD + PAIR * COUNT <= SIZE && COUNT <= u64::BITS as usize);
+const _: () = assert!(COUNT <= u64::BITS as usize);
 
-/// Encodes settings, target and PIN at the begin of a record.
+/// Encodes settings, target, PIN and public key of updates at the begin of a record.
 pub fn encode_settings(
     content: &mut [u8; CONTENT],
     settings: &Settings,
     target: Target,
     pin: Option<Pin>,
+    key: Option<[u8; 32]>,
 ) {
     let (own, _) = content.split_at_mut(SIZE);
     own.fill(0);
@@ -48,9 +63,33 @@ pub fn encode_settings(
     let words = [VERSION]
         .into_iter()
         .chain(target_words(target))
-        .chain([pin.map_or(0, Pin::number), COUNT as u32]);
-    put(head, words);
-    put_pairs(pairs, HASHES.into_iter().zip(settings.values()));
+        .chain([pin.map_or(0, Pin::number)]);
+    let count = COUNT + key.map_or(0, |_| KEY_HASHES.len());
+    let key = key.unwrap_or_default();
+    let (key, _) = key.as_chunks();
+    let key = key.iter().copied().map(f32::from_le_bytes);
+    put(head, words.chain([count as u32]));
+    let values = HASHES.into_iter().zip(settings.values());
+    put_pairs(
+        pairs,
+        values.chain(KEY_HASHES.into_iter().zip(key)).take(count),
+    );
+}
+
+/// The public key of updates in a record of this version.
+pub fn key(content: &[u8; CONTENT]) -> Option<[u8; 32]> {
+    let mut words = Words(&content[HEAD - 4..SIZE]);
+    let count = words.next().filter(|_| has_recipes(content))? as usize;
+    let mut key = [0; 32];
+    let (rooms, _) = key.as_chunks_mut();
+    let mut left = rooms.len();
+    for (hash, value) in pairs(words.0, count)? {
+        if let Some(word) = KEY_HASHES.iter().position(|known| *known == hash) {
+            rooms[word] = value.to_le_bytes();
+            left = left.checked_sub(1)?;
+        }
+    }
+    (left == 0).then_some(key)
 }
 
 /// Whether a record has recipes behind its settings, where this firmware has them.
@@ -82,6 +121,9 @@ fn decode_pairs(mut words: Words<'_>) -> Result<Found, Condition> {
     let mut settings = Settings::default();
     let mut added = u64::MAX >> (u64::BITS as usize - COUNT);
     for (hash, value) in pairs(words.0, count).ok_or(Condition::Lost)? {
+        if KEY_HASHES.contains(&hash) {
+            continue;
+        }
         let known = HASHES.iter().position(|known| *known == hash);
         let number = known.ok_or(Condition::Newer)?;
         let key = Settings::KEYS.get(number).ok_or(Condition::Newer)?;

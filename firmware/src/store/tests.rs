@@ -2,7 +2,7 @@
 //! sizes.
 
 use super::encoding::{COUNT, HASHES, PAIR, hash};
-use super::record::HEAD;
+use super::record::{HEAD, KEY_HASHES};
 use super::*;
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{
@@ -391,7 +391,13 @@ fn loaded(content: &[u8; CONTENT]) -> Found {
 /// A record of the defaults, changed.
 fn record(change: impl FnOnce(&mut [u8; CONTENT])) -> [u8; CONTENT] {
     let mut content = [0; CONTENT];
-    encode_settings(&mut content, &Settings::default(), Target::Chaotic, None);
+    encode_settings(
+        &mut content,
+        &Settings::default(),
+        Target::Chaotic,
+        None,
+        None,
+    );
     change(&mut content);
     content
 }
@@ -431,10 +437,10 @@ fn invalid_settings_are_reported_as_lost() {
 
 #[test]
 fn the_hashes_of_all_keys_differ() {
-    let mut hashes = HASHES.to_vec();
+    let mut hashes = [&HASHES[..], &KEY_HASHES].concat();
     hashes.sort_unstable();
     hashes.dedup();
-    assert_eq!(hashes.len(), COUNT);
+    assert_eq!(hashes.len(), COUNT + KEY_HASHES.len());
     // Check value of FNV-1a in 32 bits: "a" is 0xe40c292c.
     assert_eq!(hash("a"), 0xe40c ^ 0x292c);
 }
@@ -444,7 +450,8 @@ fn a_key_that_the_record_lacks_gets_its_default() {
     let settings = changed(0.9);
     for (number, key) in Settings::KEYS.iter().enumerate() {
         let mut content = [0; CONTENT];
-        encode_settings(&mut content, &settings, Target::K(0.4), Pin::parse("1234"));
+        let pin = Pin::parse("1234");
+        encode_settings(&mut content, &settings, Target::K(0.4), pin, None);
         // The last setting takes the place of this one.
         let last = HEAD + PAIR * (COUNT - 1);
         content.copy_within(last..last + PAIR, HEAD + PAIR * number);
@@ -720,11 +727,16 @@ fn some_recipes(number: u8) -> Recipes {
 }
 
 #[test]
-fn recipes_and_settings_are_saved_without_each_other() {
+fn settings_recipes_and_key_are_saved_without_each_other() {
     let mut store = records(Nor::<SMALL>::new());
     assert_eq!(block_on(store.recipes()), Recipes::default());
     let none = block_on(store.save_recipes(&some_recipes(1)));
     assert_eq!(none, Err(StoreFailed::NoSettings));
+    let none = block_on(store.save_key(&[1; 32]));
+    assert_eq!(none, Err(StoreFailed::NoSettings));
+    assert_eq!(block_on(store.key()), None);
+    // Among them the bits of a signalling NaN.
+    let key = |n: u8| core::array::from_fn(|at| if at < 4 { [1, 0, 0xa0, 0x7f][at] } else { n });
     for n in 1..9 {
         let pin = Pin::parse("0420").filter(|_| n % 2 == 0);
         let settings = changed(0.9 + 0.01 * f32::from(n));
@@ -738,7 +750,10 @@ fn recipes_and_settings_are_saved_without_each_other() {
             }
         );
         block_on(store.save_recipes(&some_recipes(n))).unwrap();
+        assert_eq!(block_on(store.key()), (n > 1).then(|| key(n - 1)));
+        block_on(store.save_key(&key(n))).unwrap();
         store = records(store.flash);
+        assert_eq!(block_on(store.key()), Some(key(n)));
         let found = block_on(store.load());
         assert_eq!((found.settings, found.pin), (settings, pin));
         assert_eq!(found.condition, Condition::Whole);

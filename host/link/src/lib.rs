@@ -7,12 +7,14 @@
 //! | [`serial`] | serial ports |
 //! | `link` | requests to a board and its answers, each with a time limit |
 //! | `settings` | the settings of a board |
+//! | `update` | an update of its firmware |
 
 pub mod emulator;
 mod link;
 pub mod serial;
 mod settings;
 mod tether;
+mod update;
 
 pub use emulator::Emulated;
 pub use link::{Ask, Link, Unsolicited};

@@ -14,7 +14,8 @@ use std::time::{Duration, Instant};
 use kband_control::Target;
 use kband_control::wire::{
     Access, Identity, MAX_FRAME_BYTES, Outgoing, Receiver, Refusal as Refused, Request, Response,
-    SCHEMA, Telemetry, VERSION, read_answer, write_identity, write_question, write_request,
+    SCHEMA, Telemetry, UpdateAnswer, UpdateRequest, VERSION, read_answer, write_identity,
+    write_question, write_request, write_update_request,
 };
 
 use kband_scene::refusal::Refusal;
@@ -161,7 +162,9 @@ impl Link {
                 "build the image that belongs to this desk, {}",
                 emulator::BUILD
             ),
-            None => "flash the firmware that belongs to this desk (kband flash)".into(),
+            None => {
+                "flash the firmware that belongs to this desk (kband flash or kband update)".into()
+            }
         }
     }
 
@@ -214,17 +217,54 @@ impl Link {
         request: &Request<'_>,
         look: impl FnOnce(Response<'_>) -> T,
     ) -> Result<T, Refusal> {
-        // 0 is the sequence of messages without a request.
-        self.sequence = self.sequence % 255 + 1;
-        let wanted = self.sequence;
+        let sequence = self.next_sequence();
         let mut buffer = [0; MAX_FRAME_BYTES];
-        let frame = write_request(&mut buffer, wanted, request)
-            .map_err(|_| Refusal::new("a request is too long for a frame", "shorten its text"))?;
-        // A board drops requests beyond its allowance for a drive cycle, and a link may lose a
-        // frame. Idempotent requests are repeated.
+        let frame = write_request(&mut buffer, sequence, request).map_err(|_| too_long())?;
         let again = !matches!(request, Request::Samples { .. } | Request::Simulate { .. });
-        let end = Instant::now() + self.patience;
         let mut look = Some(look);
+        self.exchange(frame, again, |answer| match answer {
+            Outgoing::Response {
+                sequence: same,
+                response,
+            } if same == sequence => look.take().map(|look| look(response)),
+            _ => None,
+        })
+    }
+
+    /// Sends a request of an update and passes its answer to `look`.
+    pub(crate) fn ask_update<T>(
+        &mut self,
+        request: &UpdateRequest<'_>,
+        look: impl FnOnce(UpdateAnswer<'_>) -> T,
+    ) -> Result<T, Refusal> {
+        let sequence = self.next_sequence();
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        let frame = write_update_request(&mut buffer, sequence, request).map_err(|_| too_long())?;
+        let mut look = Some(look);
+        self.exchange(frame, true, |answer| match answer {
+            Outgoing::Update {
+                sequence: same,
+                answer,
+            } if same == sequence => look.take().map(|look| look(answer)),
+            _ => None,
+        })
+    }
+
+    /// Sequence of the next request; 0 is that of messages without a request.
+    fn next_sequence(&mut self) -> u8 {
+        self.sequence = self.sequence % 255 + 1;
+        self.sequence
+    }
+
+    /// Sends a frame until `look` finds its answer. A board drops requests beyond its allowance
+    /// for a drive cycle, and a link may lose a frame: `again` repeats an idempotent request.
+    fn exchange<T>(
+        &mut self,
+        frame: &[u8],
+        again: bool,
+        mut look: impl FnMut(Outgoing<'_>) -> Option<T>,
+    ) -> Result<T, Refusal> {
+        let end = Instant::now() + self.patience;
         while Instant::now() < end {
             self.send(frame)?;
             let until = if again {
@@ -232,13 +272,7 @@ impl Link {
             } else {
                 end
             };
-            let found = self.receive(until, |answer| match answer {
-                Outgoing::Response { sequence, response } if sequence == wanted => {
-                    look.take().map(|look| look(response))
-                }
-                _ => None,
-            })?;
-            if let Some(found) = found {
+            if let Some(found) = self.receive(until, &mut look)? {
                 return Ok(found);
             }
         }
@@ -294,7 +328,7 @@ impl Link {
                         (identity.version, identity.schema),
                         identity.image.to_string(),
                     )),
-                    Outgoing::Response { .. } => None,
+                    Outgoing::Response { .. } | Outgoing::Update { .. } => None,
                 })?;
             if let Some((speaks, image)) = identity {
                 (self.speaks, self.image) = (speaks, image);
@@ -402,6 +436,10 @@ impl Link {
             "look whether the board runs kband, and whether its send and receive lines are crossed",
         )
     }
+}
+
+fn too_long() -> Refusal {
+    Refusal::new("a request is too long for a frame", "shorten its text")
 }
 
 fn unrecorded(error: std::io::Error) -> Refusal {

@@ -103,7 +103,7 @@ fn begins(answer: &Outgoing<'_>) -> Result<(), Refusal> {
             ),
             "replay it with the kband that recorded it",
         )),
-        Outgoing::Response { .. } => Err(Refusal::new(
+        Outgoing::Response { .. } | Outgoing::Update { .. } => Err(Refusal::new(
             "the record does not begin with which board it was",
             "give the path of a file that kband monitor --record wrote",
         )),
@@ -116,7 +116,7 @@ fn said(answer: Outgoing<'_>) -> Option<Said> {
             sequence: 0,
             identity,
         } => Some(Said::Started(identity.image.into())),
-        Outgoing::Identity { .. } => None,
+        Outgoing::Identity { .. } | Outgoing::Update { .. } => None,
         Outgoing::Response { response, .. } => match response {
             Response::Telemetry(telemetry) => Some(Said::Telemetry(telemetry)),
             Response::Event(Some(event)) => Some(Said::Event(event)),

@@ -1,7 +1,7 @@
 //! An image for the board (ELF), checked before the board is touched.
 //!
 //! Checks: chip, address ranges, RAM with the stack, vector table. The last word of the flash gets
-//! the CRC-32 of everything before it.
+//! the CRC-32 of the program before it.
 
 use std::ops::Range;
 use std::path::Path;
@@ -32,6 +32,8 @@ pub struct Image {
     chip: &'static Chip,
     pieces: Vec<Piece>,
     memory: u32,
+    /// Address of its vector table.
+    program: u32,
 }
 
 impl Image {
@@ -131,6 +133,8 @@ impl Image {
             chip,
             pieces,
             memory: memory.end - memory.start,
+            program: section(b".vector_table")
+                .map_or(chip.flash.start, |found| found.sh_addr(endian)),
         };
         let vectors = size(b".vector_table").unwrap_or(0) as usize / 4;
         if vectors != chip.vectors {
@@ -187,6 +191,41 @@ impl Image {
         self.pieces.iter().map(within).sum()
     }
 
+    /// The program for the chip's slot, a multiple of 4 bytes.
+    ///
+    /// # Errors
+    /// The chip has no slot, or the program is built for another place or too large.
+    pub fn update(&self) -> Result<Vec<u8>, Refusal> {
+        let chip = self.chip;
+        let slot = chip.slot.as_ref().ok_or_else(|| {
+            Refusal::new(
+                format!("the {} has no slot for an update", chip.name),
+                "write the image through a debug probe: kband flash",
+            )
+        })?;
+        let mut bytes = Vec::new();
+        for piece in &self.pieces {
+            if slot.start <= piece.address {
+                bytes.resize((piece.address - slot.start) as usize, 0xff);
+                bytes.extend_from_slice(&piece.bytes);
+            }
+        }
+        bytes.resize(bytes.len().next_multiple_of(4), 0xff);
+        let program = self.program..slot.start + bytes.len() as u32;
+        if program.start != slot.start || program.end > slot.end {
+            return Err(Refusal::value(
+                "program",
+                format!("{:#010x}..{:#010x}", program.start, program.end),
+                format!(
+                    "{:#010x}..{:#010x}, from its start on",
+                    slot.start, slot.end
+                ),
+                BUILD,
+            ));
+        }
+        Ok(bytes)
+    }
+
     fn word(&self, address: u32) -> Option<u32> {
         let piece = self.pieces.iter().find(|piece| {
             (piece.address..piece.address + piece.bytes.len() as u32).contains(&address)
@@ -199,12 +238,10 @@ impl Image {
     /// Checks that the stack is in RAM, and that every handler is in the image and in Thumb.
     fn check_vectors(&self) -> Result<(), Refusal> {
         let chip = self.chip;
+        let table = self.program;
         let vector = |number: u32| {
-            self.word(chip.flash.start + 4 * number).ok_or_else(|| {
-                Refusal::new(
-                    format!("it has no vector table at {:#010x}", chip.flash.start),
-                    BUILD,
-                )
+            self.word(table.saturating_add(4 * number)).ok_or_else(|| {
+                Refusal::new(format!("it has no vector table at {table:#010x}"), BUILD)
             })
         };
         let stack = vector(0)?;
@@ -238,14 +275,16 @@ impl Image {
     }
 }
 
-/// Fills the last word of an image with the CRC-32 of everything before it. The build leaves it
+/// Fills the last word of an image with the CRC-32 of the program before it. The build leaves it
 /// erased, and the board checks it at each start.
 fn fill_check(pieces: &mut [Piece], chip: &Chip) -> Result<(), Refusal> {
     let mut flash = Vec::new();
     let mut end = chip.flash.start;
     for piece in &*pieces {
-        // Between two pieces the flash is erased, or holds the settings, which are not checked.
-        if !(end..piece.address).contains(&chip.settings.start) {
+        // A loader before the settings is not checked: an update does not replace it.
+        if (end..piece.address).contains(&chip.settings.start) {
+            flash.clear();
+        } else {
             flash.resize(flash.len() + (piece.address - end) as usize, 0xff);
         }
         flash.extend_from_slice(&piece.bytes);
@@ -309,7 +348,7 @@ fn outside(does: &str, range: &Range<u32>, chip: &Chip) -> Refusal {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::super::model::{STM32F405RG, STM32G474RE};
     use super::*;
 
@@ -318,8 +357,19 @@ mod tests {
         elf_with(|_| {})
     }
 
+    /// An image for the slot of the STM32F405, behind a loader; `fill` is in its code.
+    pub(crate) fn slot_elf(fill: u32) -> Vec<u8> {
+        elf_with(|parts| {
+            parts.table_at = 0x0802_0000;
+            parts.code_at = 0x0802_1000;
+            parts.vectors[1..].fill(0x0802_1001);
+            parts.vectors[97] = 0x0802_1001 + (fill << 1);
+        })
+    }
+
     struct Parts {
         machine: u16,
+        table_at: u32,
         vectors: Vec<u32>,
         code_at: u32,
         stack: (u32, u32),
@@ -332,6 +382,7 @@ mod tests {
     fn elf_with(change: impl FnOnce(&mut Parts)) -> Vec<u8> {
         let mut parts = Parts {
             machine: EM_ARM.0,
+            table_at: 0x0800_0000,
             vectors: vec![0x0800_0189; 98],
             code_at: 0x0800_0188,
             stack: (0x2000_0000, 0x8000),
@@ -378,7 +429,7 @@ mod tests {
         let size = table.len() as u32;
         // Place in the file and in memory, sizes in both, flags.
         for [from, to, stored, held, flags] in [
-            [table_at, 0x0800_0000, size, size, 4],
+            [table_at, parts.table_at, size, size, 4],
             [code_at, parts.code_at, 64, 64, 5],
             [code_at, parts.stack.0, 0, parts.stack.1, 6],
         ] {
@@ -395,7 +446,7 @@ mod tests {
         let length = parts.chip.len() as u32;
         for [name, kind, flags, address, at, size, align] in [
             [0; 7],
-            [1, 1, 2, 0x0800_0000, table_at, size, 4],
+            [1, 1, 2, parts.table_at, table_at, size, 4],
             [15, 1, 0, 0, code_at, parts.log, 4],
             [22, 3, 0, 0, names_at, names.len() as u32, 1],
             [39, 1, 0, 0, chip_at, length, 1],
@@ -428,6 +479,39 @@ mod tests {
     }
 
     #[test]
+    fn an_update_is_the_program_in_the_slot_of_its_chip() {
+        let image = Image::parse(&slot_elf(7)).unwrap();
+        let update = image.update().unwrap();
+        let [table, code] = image.pieces() else {
+            panic!("two pieces");
+        };
+        assert_eq!(update.len(), 0x1000 + 64);
+        assert_eq!(update[..392], table.bytes);
+        assert!(update[392..0x1000].iter().all(|byte| *byte == 0xff));
+        assert_eq!(update[0x1000..], code.bytes);
+        let message = |change: fn(&mut Parts)| {
+            let image = Image::parse(&elf_with(change)).unwrap();
+            image.update().unwrap_err().to_string()
+        };
+        let elsewhere = message(|_| {});
+        assert!(elsewhere.contains("0x08020000..0x08080000"), "{elsewhere}");
+        let large = message(|parts| {
+            parts.table_at = 0x0802_0000;
+            parts.code_at = 0x0808_0000;
+            parts.vectors[1..].fill(0x0808_0001);
+        });
+        assert!(large.contains("0x08020000..0x08080040"), "{large}");
+        let second = message(|parts| {
+            parts.vectors.resize(118, 0);
+            parts.code_at = 0x0800_01d8;
+            parts.vectors[1..4].fill(0x0800_01d9);
+            parts.vectors[4..].fill(0);
+            parts.chip = "stm32g474re";
+        });
+        assert!(second.contains("STM32G474RE has no slot"), "{second}");
+    }
+
+    #[test]
     fn the_last_word_is_the_crc_of_the_words_before_it() {
         let image = Image::parse(&elf()).unwrap();
         let flash: Vec<u8> = image
@@ -440,7 +524,7 @@ mod tests {
     }
 
     #[test]
-    fn the_check_leaves_out_the_settings_within_an_image() {
+    fn the_check_leaves_out_a_loader_before_the_settings() {
         let near = Image::parse(&elf()).unwrap();
         let apart = elf_with(|parts| {
             parts.code_at = 0x0802_0000;
@@ -448,12 +532,11 @@ mod tests {
             parts.vectors[8..].fill(0);
         });
         let apart = Image::parse(&apart).unwrap();
-        let [table, code] = apart.pieces() else {
+        let [_, code] = apart.pieces() else {
             panic!("two pieces");
         };
         let (before, check) = code.bytes.split_last_chunk().unwrap();
-        let checked = [&table.bytes, before].concat();
-        assert_eq!(u32::from_le_bytes(*check), crc32(&checked));
+        assert_eq!(u32::from_le_bytes(*check), crc32(before));
         assert_ne!(near.pieces()[1].bytes, code.bytes);
     }
 

@@ -11,6 +11,8 @@ mod ring;
 #[cfg(feature = "flash")]
 mod write;
 
+#[cfg(test)]
+pub(crate) use image::tests::slot_elf;
 pub use image::{Image, Piece};
 pub use model::{CHIPS, Chip, Controller, OptionBytes, STM32F405RG, STM32G474RE, Sector};
 #[cfg(feature = "flash")]

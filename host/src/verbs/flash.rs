@@ -3,15 +3,13 @@
 //! Settings and recipes are saved to files before, and compared after. The output is the list of
 //! flash sectors, with sizes in KiB.
 
-mod backup;
-
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use self::backup::Backup;
+use super::backup::Backup;
 use crate::arguments::Printed;
-use crate::board::Address;
+use crate::board::{Address, Emulated, Link};
 use crate::chip::{Chip, Image, OptionBytes, Sector};
 use crate::desk::Desk;
 #[cfg(feature = "flash")]
@@ -128,8 +126,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         let backup = back_up(arguments)?;
         write(image, arguments.probe.as_deref(), options, desk)?;
         report = report.note("written, verified, started");
-        if let Some(backup) = backup {
-            report = report.note(compare(backup)?);
+        if let Some((link, backup)) = backup {
+            report = report.note(compare(link, &backup)?);
         }
     }
     report
@@ -148,17 +146,20 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 
 /// Saves settings and recipes of the board on the link to files of this folder. `None` if no board
 /// answers and the user named no port.
-fn back_up(arguments: &Arguments) -> Result<Option<Backup>, Refusal> {
+fn back_up(arguments: &Arguments) -> Result<Option<(Link, Backup)>, Refusal> {
     let address = Address {
         on: arguments.on.clone(),
         ..Address::default()
     };
-    match Backup::read(&address) {
-        Ok(backup) => {
-            for path in backup.write(Path::new("."))? {
-                eprintln!("wrote {}", path.display());
-            }
-            Ok(Some(backup))
+    let read = || -> Result<_, Refusal> {
+        let mut link = address.open(Emulated::AtRest)?;
+        let backup = Backup::read(&mut link)?;
+        Ok((link, backup))
+    };
+    match read() {
+        Ok((link, backup)) => {
+            backup.write(Path::new("."), "flash")?;
+            Ok(Some((link, backup)))
         }
         Err(refusal) if arguments.on.is_some() => Err(refusal.then(
             "nothing was written; leave --on out to write the image without files of the settings",
@@ -171,8 +172,9 @@ fn back_up(arguments: &Arguments) -> Result<Option<Backup>, Refusal> {
 }
 
 /// Compares the board with its backup; the result in words.
-fn compare(mut backup: Backup) -> Result<&'static str, Refusal> {
-    let unlike = backup.differences().map_err(|refusal| {
+fn compare(mut link: Link, before: &Backup) -> Result<&'static str, Refusal> {
+    let unlike = link.identify().and_then(|()| before.differences(&mut link));
+    let unlike = unlike.map_err(|refusal| {
         refusal.then("look at the board, then compare: kband settings list, kband recipe list")
     })?;
     if unlike.is_empty() {

@@ -4,6 +4,7 @@
 //! arguments are clap's `Args`: the doc comment is the help, `after_help` the example. A line in
 //! the list below names the verb.
 
+mod backup;
 mod bands;
 mod basins;
 mod bench;
@@ -38,6 +39,7 @@ mod status;
 mod target;
 mod transport;
 mod unlock;
+mod update;
 
 use std::error::Error as _;
 use std::process::ExitCode;
@@ -103,6 +105,7 @@ verbs! {
     Target => target,
     Transport => transport,
     Unlock => unlock,
+    Update => update,
 }
 
 /// Vibratory feeders at the desk: what a part does on a shaken track, and the drive that holds it

@@ -193,7 +193,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             list(settings.iter(), &notes).print(arguments.format)?;
         }
         Action::Export { .. } => {
-            let text = export(&settings, &link);
+            let text = export(&settings, link.image());
             if let Some(target) = &target {
                 target.write_bytes(text.as_bytes())?;
                 let note = format!("wrote {}", target.path().display());
@@ -274,11 +274,11 @@ pub(super) fn check_flash(address: &Address, kept: &str) -> Result<(), Refusal> 
 }
 
 /// The settings as a TOML file for export and import.
-pub(super) fn export(settings: &BoardSettings, link: &Link) -> String {
+pub(super) fn export(settings: &BoardSettings, image: &str) -> String {
     let mut text = format!(
         "# Settings of a board with kband {}.\n\
          # kband settings import FILE.toml brings them onto a board; a key left out keeps its value.\n\n",
-        link.image()
+        image
     );
     for setting in settings.iter() {
         let assigned = format!("{} = {:?}", setting.key, setting.value);

@@ -22,6 +22,7 @@ const IMAGE: Image = Image {
     set_up: SetUp::default,
     line_rate: 11_520,
     strapped: || false,
+    slot: None,
 };
 
 struct Board {
@@ -118,7 +119,7 @@ impl Board {
                 }
                 true
             }
-            Outgoing::Identity { .. } => true,
+            Outgoing::Identity { .. } | Outgoing::Update { .. } => true,
         }
     }
 }

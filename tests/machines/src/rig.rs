@@ -14,8 +14,9 @@ use std::collections::VecDeque;
 use std::path::Path;
 
 use kband_control::wire::{
-    Kept, MAX_FRAME_BYTES, Outgoing, Receiver, Record, Request, Response, crc32, read_answer,
-    write_request,
+    Kept, MAX_FRAME_BYTES, Outgoing, Receiver, Record, Request, Response, UpdateAnswer,
+    UpdateRefusal, UpdateRequest, crc32, read_answer, write_question, write_request,
+    write_update_request,
 };
 use kband_plant::{Change, Scene};
 
@@ -297,6 +298,66 @@ impl Rig {
     /// No answer within five seconds of the board's time.
     pub fn request<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
         let frame = self.frame(request);
+        let (sequence, mut look) = (self.sequence, Some(look));
+        let answer = self.ask(&frame, |outgoing| match outgoing {
+            Outgoing::Response {
+                sequence: n,
+                response,
+            } if n == sequence => look.take().map(|look| look(response)),
+            _ => None,
+        });
+        answer.unwrap_or_else(|| panic!("no answer to {request:?}"))
+    }
+
+    /// Frame of a request of an update with the next sequence number.
+    ///
+    /// # Panics
+    /// The request does not fit a frame.
+    pub fn update_frame(&mut self, request: &UpdateRequest<'_>) -> Vec<u8> {
+        self.sequence = self.sequence % 255 + 1;
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        let frame = write_update_request(&mut buffer, self.sequence, request);
+        frame.expect("a short request").to_vec()
+    }
+
+    /// Sends a request of an update; returns the reason where the board refuses it.
+    ///
+    /// # Panics
+    /// No answer within five seconds of the board's time.
+    pub fn update(&mut self, request: &UpdateRequest<'_>) -> Result<(), UpdateRefusal> {
+        let frame = self.update_frame(request);
+        let sequence = self.sequence;
+        let answer = self.ask(&frame, |outgoing| match outgoing {
+            Outgoing::Update {
+                sequence: n,
+                answer,
+            } if n == sequence => match answer {
+                UpdateAnswer::Refused(why) => Some(Err(why)),
+                UpdateAnswer::Done | UpdateAnswer::State { .. } => Some(Ok(())),
+            },
+            _ => None,
+        });
+        answer.unwrap_or_else(|| panic!("no answer to {request:?}"))
+    }
+
+    /// Name of the running image; `None` without an answer.
+    pub fn image(&mut self) -> Option<String> {
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        let frame = write_question(&mut buffer, 0).expect("a short question");
+        self.ask(frame, |outgoing| match outgoing {
+            Outgoing::Identity { identity, .. } => Some(identity.image.to_owned()),
+            _ => None,
+        })
+    }
+
+    /// Sends a frame, again and again, until `read` takes what the board answers, for five seconds
+    /// of its time.
+    fn ask<T>(
+        &mut self,
+        frame: &[u8],
+        mut read: impl FnMut(Outgoing<'_>) -> Option<T>,
+    ) -> Option<T> {
+        let frame = frame.to_vec();
         self.act(&Act::Link(frame.clone()));
         let mut receiver = Receiver::new();
         self.read = self.chip.board.serials[1].sent.len();
@@ -312,14 +373,14 @@ impl Rig {
             self.read += sent.len();
             for byte in sent {
                 if let Some(Ok(inside)) = receiver.push(byte)
-                    && let Ok(Outgoing::Response { sequence, response }) = read_answer(inside)
-                    && sequence == self.sequence
+                    && let Ok(outgoing) = read_answer(inside)
+                    && let Some(answer) = read(outgoing)
                 {
-                    return look(response);
+                    return Some(answer);
                 }
             }
         }
-        panic!("no answer to {request:?}");
+        None
     }
 
     /// Sends a request that the board must accept.
@@ -405,6 +466,5 @@ pub fn chip_of(kind: Kind, image: &Path) -> Chip {
 
 /// Checksum of the image whose program ends at the offset `end` of the flash.
 pub fn image_check(kind: Kind, flash: &[u8], end: usize) -> u32 {
-    let gap = &kind.facts().gap;
-    crc32(&[&flash[..gap.start], &flash[gap.end..end]].concat())
+    crc32(&flash[kind.facts().program..end])
 }

@@ -163,12 +163,17 @@ async fn stay_at_rest(
         if let Some(report) = station.cycle(&cycle, terminals.inputs()) {
             lamps.report(&report, false);
             if report.fault.is_none() {
-                RESETS.acknowledge();
-                SCB::sys_reset();
+                restart();
             }
         }
         Timer::after_millis((1000.0 / frequency) as u64).await;
     }
+}
+
+/// Restarts the board; its next start is no fault.
+fn restart() {
+    RESETS.acknowledge();
+    SCB::sys_reset();
 }
 
 /// Builds the station in its place. Controller, station and signal path are large. Each is built in
@@ -210,6 +215,11 @@ async fn main(spawner: Spawner) {
     let mut start = RESETS.start(cause);
     // Before the first wait.
     let mut guard = Guard::start();
+    let slot = Board::slot(restart);
+    // An update restarted the board: this is no fault.
+    if slot.is_some_and(|slot| (slot.on_trial)()) {
+        start = StartCause::PowerOn;
+    }
     let Some(mut core) = cortex_m::Peripherals::take() else {
         defmt::panic!("the core's peripherals are taken");
     };
@@ -305,6 +315,7 @@ async fn main(spawner: Spawner) {
         },
         line_rate: LINE_RATE,
         strapped,
+        slot,
     };
     watch_strap(p.PC1);
     let lamps = Lamps::new(p.PC2, p.PB11);

@@ -17,6 +17,7 @@ use kband_firmware::start::ResetFlags;
 use kband_firmware::stm32::{Window, drive_off};
 use kband_firmware::store::{Records, StoreFailed};
 use kband_firmware::supply::Supply;
+use kband_firmware::update::Slot;
 use kband_firmware::waiting::Waiting;
 
 use flash::Sectors;
@@ -25,6 +26,8 @@ use flash::Sectors;
 mod crystal;
 #[path = "stm32f405rg/flash.rs"]
 mod flash;
+#[path = "stm32f405rg/slot.rs"]
+mod slot;
 
 /// Frequency of the board's crystal, Hz.
 const CRYSTAL: u32 = 8_000_000;
@@ -32,6 +35,13 @@ const CRYSTAL: u32 = 8_000_000;
 const HIGHEST_LEVEL: u8 = 7;
 /// EXTI line of the supply monitor.
 const SUPPLY_LINE: usize = 16;
+
+/// The loader, at the begin of the flash: the chip starts it, and it starts this program.
+#[used]
+#[unsafe(link_section = ".loader")]
+static LOADER: [u8; LOADER_BYTES.len()] = *LOADER_BYTES;
+const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")).len()] =
+    include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin"));
 
 static SUPPLY: Supply = Supply::new();
 
@@ -172,6 +182,10 @@ impl Chip for Board {
             supply_settled,
         )?;
         Ok(records.reading_from(flash::OLDER_SETTINGS, flash::OLDER_PAGE))
+    }
+
+    fn slot(restart: fn()) -> Option<Slot> {
+        Some(slot::slot(restart))
     }
 
     fn signs() -> ResetFlags {

@@ -113,6 +113,7 @@ const IMAGE: Image = Image {
     // The emulated line accepts each byte at once.
     line_rate: u32::MAX,
     strapped: || false,
+    slot: None,
 };
 
 /// The bench as converter, power stage and inputs.
@@ -221,6 +222,17 @@ impl Store for Memory {
     async fn save_recipes(&mut self, recipes: &Recipes) -> Result<(), StoreFailed> {
         match &mut self.0 {
             Some(records) => records.save_recipes(recipes).await,
+            None => Err(StoreFailed::Memory),
+        }
+    }
+
+    async fn key(&mut self) -> Option<[u8; 32]> {
+        self.0.as_mut()?.key().await
+    }
+
+    async fn save_key(&mut self, key: &[u8; 32]) -> Result<(), StoreFailed> {
+        match &mut self.0 {
+            Some(records) => records.save_key(key).await,
             None => Err(StoreFailed::Memory),
         }
     }

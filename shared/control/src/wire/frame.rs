@@ -2,6 +2,7 @@
 //! (docs/link.md).
 //!
 //! The content is version, schema (low 16 bits), sequence, the message in postcard, and a CRC-32.
+//! With version 0 it is version, sequence, a letter, the message, and a CRC-32.
 //! Consistent overhead byte stuffing (COBS: Cheshire and Baker 1999) removes its zeros, and a zero
 //! ends the frame. `receiver` finds the frames in a stream of bytes and undoes the stuffing.
 
@@ -9,16 +10,18 @@ use serde::{Deserialize, Serialize};
 
 use super::message::{Request, Response};
 use super::receiver::{MAX_FRAME_BYTES, Unreadable};
+use super::update::{UpdateAnswer, UpdateRequest};
 use super::{SCHEMA, VERSION};
 
 /// Largest content of a frame, in bytes with its CRC: COBS adds two, the final zero one.
 const MAX_INSIDE_BYTES: usize = MAX_FRAME_BYTES - 3;
-/// Bytes before the message: version, two of the schema, sequence.
-const HEAD_BYTES: usize = 4;
 /// Bytes of the CRC.
 const CHECK_BYTES: usize = 4;
-/// Version of the identity request and its response.
-const IDENTIFY: u8 = 0;
+/// Version of the frames that never change.
+const FROZEN: u8 = 0;
+/// Byte after the sequence of a frozen frame that holds a message of an update; an identity has
+/// its version there.
+const UPDATE: u8 = b'u';
 
 /// Error: a message too long for a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +41,13 @@ pub enum Incoming<'a> {
         sequence: u8,
         /// The request.
         request: Request<'a>,
+    },
+    /// A request of an update.
+    Update {
+        /// Sequence of the answer.
+        sequence: u8,
+        /// The request.
+        request: UpdateRequest<'a>,
     },
 }
 
@@ -71,6 +81,13 @@ pub enum Outgoing<'a> {
         /// The response.
         response: Response<'a>,
     },
+    /// The answer to a request of an update.
+    Update {
+        /// Sequence of the request.
+        sequence: u8,
+        /// The answer.
+        answer: UpdateAnswer<'a>,
+    },
 }
 
 /// Encodes a request.
@@ -79,7 +96,7 @@ pub fn write_request<'b>(
     sequence: u8,
     request: &Request<'_>,
 ) -> Result<&'b [u8], Unsendable> {
-    write_message(buffer, sequence, request)
+    write_message(buffer, current_head(sequence), request)
 }
 
 /// Encodes a response.
@@ -88,7 +105,25 @@ pub fn write_response<'b>(
     sequence: u8,
     response: &Response<'_>,
 ) -> Result<&'b [u8], Unsendable> {
-    write_message(buffer, sequence, response)
+    write_message(buffer, current_head(sequence), response)
+}
+
+/// Encodes a request of an update; its format never changes.
+pub fn write_update_request<'b>(
+    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    sequence: u8,
+    request: &UpdateRequest<'_>,
+) -> Result<&'b [u8], Unsendable> {
+    write_message(buffer, [FROZEN, sequence, UPDATE], request)
+}
+
+/// Encodes the answer to a request of an update; its format never changes.
+pub fn write_update_answer<'b>(
+    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    sequence: u8,
+    answer: &UpdateAnswer<'_>,
+) -> Result<&'b [u8], Unsendable> {
+    write_message(buffer, [FROZEN, sequence, UPDATE], answer)
 }
 
 /// Encodes the identity request; its format never changes.
@@ -97,7 +132,7 @@ pub fn write_question(
     sequence: u8,
 ) -> Result<&[u8], Unsendable> {
     let mut inside = [0; MAX_INSIDE_BYTES];
-    inside[0] = IDENTIFY;
+    inside[0] = FROZEN;
     inside[1] = sequence;
     finish(buffer, &mut inside, 2)
 }
@@ -111,7 +146,7 @@ pub fn write_identity<'b>(
     let mut inside = [0; MAX_INSIDE_BYTES];
     let image = identity.image.as_bytes();
     let length = 7 + image.len();
-    inside[0] = IDENTIFY;
+    inside[0] = FROZEN;
     inside[1] = sequence;
     inside[2] = identity.version;
     inside[3..7].copy_from_slice(&identity.schema.to_le_bytes());
@@ -125,10 +160,14 @@ pub fn write_identity<'b>(
 /// Decodes the content of a frame received by a board.
 pub fn read_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
     match check_frame(inside)? {
-        (IDENTIFY, [sequence]) => Ok(Incoming::Question {
+        (FROZEN, [sequence]) => Ok(Incoming::Question {
             sequence: *sequence,
         }),
-        (IDENTIFY, _) => Err(Unreadable::Unknown),
+        (FROZEN, [sequence, UPDATE, message @ ..]) => Ok(Incoming::Update {
+            sequence: *sequence,
+            request: parse(message)?,
+        }),
+        (FROZEN, _) => Err(Unreadable::Unknown),
         (version, rest) => {
             let (sequence, request) = read_message(version, rest)?;
             Ok(Incoming::Request { sequence, request })
@@ -139,7 +178,11 @@ pub fn read_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
 /// Decodes the content of a frame received by a desk.
 pub fn read_answer(inside: &[u8]) -> Result<Outgoing<'_>, Unreadable> {
     match check_frame(inside)? {
-        (IDENTIFY, [sequence, version, a, b, c, d, image @ ..]) => Ok(Outgoing::Identity {
+        (FROZEN, [sequence, UPDATE, message @ ..]) => Ok(Outgoing::Update {
+            sequence: *sequence,
+            answer: parse(message)?,
+        }),
+        (FROZEN, [sequence, version, a, b, c, d, image @ ..]) => Ok(Outgoing::Identity {
             sequence: *sequence,
             identity: Identity {
                 version: *version,
@@ -147,7 +190,7 @@ pub fn read_answer(inside: &[u8]) -> Result<Outgoing<'_>, Unreadable> {
                 image: core::str::from_utf8(image).map_err(|_| Unreadable::Unknown)?,
             },
         }),
-        (IDENTIFY, _) => Err(Unreadable::Unknown),
+        (FROZEN, _) => Err(Unreadable::Unknown),
         (version, rest) => {
             let (sequence, response) = read_message(version, rest)?;
             Ok(Outgoing::Response { sequence, response })
@@ -155,21 +198,34 @@ pub fn read_answer(inside: &[u8]) -> Result<Outgoing<'_>, Unreadable> {
     }
 }
 
-fn write_message<'b>(
+/// Bytes before a message of this version and schema.
+fn current_head(sequence: u8) -> [u8; 4] {
+    let [low, high, ..] = SCHEMA.to_le_bytes();
+    [VERSION, low, high, sequence]
+}
+
+fn write_message<'b, const HEAD: usize>(
     buffer: &'b mut [u8; MAX_FRAME_BYTES],
-    sequence: u8,
+    head: [u8; HEAD],
     message: &impl Serialize,
 ) -> Result<&'b [u8], Unsendable> {
     let mut inside = [0; MAX_INSIDE_BYTES];
-    let [low, high, ..] = SCHEMA.to_le_bytes();
-    inside[..HEAD_BYTES].copy_from_slice(&[VERSION, low, high, sequence]);
+    inside[..HEAD].copy_from_slice(&head);
     let room = inside
-        .get_mut(HEAD_BYTES..MAX_INSIDE_BYTES - CHECK_BYTES)
+        .get_mut(HEAD..MAX_INSIDE_BYTES - CHECK_BYTES)
         .ok_or(Unsendable)?;
     let length = postcard::to_slice(message, room)
         .map_err(|_| Unsendable)?
         .len();
-    finish(buffer, &mut inside, HEAD_BYTES + length)
+    finish(buffer, &mut inside, HEAD + length)
+}
+
+/// The message in these bytes, without a byte left over.
+fn parse<'a, M: Deserialize<'a>>(message: &'a [u8]) -> Result<M, Unreadable> {
+    match postcard::take_from_bytes(message) {
+        Ok((message, [])) => Ok(message),
+        _ => Err(Unreadable::Unknown),
+    }
 }
 
 fn read_message<'a, M: Deserialize<'a>>(
@@ -179,10 +235,7 @@ fn read_message<'a, M: Deserialize<'a>>(
     let [low, high, ..] = SCHEMA.to_le_bytes();
     match rest {
         [a, b, sequence, message @ ..] if version == VERSION && [*a, *b] == [low, high] => {
-            match postcard::take_from_bytes(message) {
-                Ok((message, [])) => Ok((*sequence, message)),
-                _ => Err(Unreadable::Unknown),
-            }
+            Ok((*sequence, parse(message)?))
         }
         _ => Err(Unreadable::Foreign),
     }

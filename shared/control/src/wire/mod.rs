@@ -3,36 +3,38 @@
 //! A frame is encoded by COBS (Cheshire and Baker 1997) and ends with a zero, so a receiver
 //! resynchronizes after any garbage. It contains in this order:
 //! |---|---|
-//! | 1 | version: [`VERSION`], or 0 for the identity request and its response |
+//! | 1 | version: [`VERSION`], or 0 for identity and update |
 //! | 2 | schema: the low half of [`SCHEMA`]; absent with version 0 |
 //! | 1 | sequence: a response repeats that of its request; telemetry has 0 |
 //! | | the message: postcard of [`Request`] or [`Response`] |
 //! | 4 | CRC-32 (IEEE 802.3) of all bytes before it |
 //!
 //! The identity request is a frame of version 0 without a message. Its response is [`Identity`]:
-//! version, schema (4 bytes) and name of the image. These two never change, so any desk can
-//! identify any board. Everything else may change with [`VERSION`] and [`SCHEMA`], and is rejected
-//! where they differ.
+//! version, schema (4 bytes) and name of the image. A frame of version 0 whose sequence is
+//! followed by the letter `u` holds the postcard of [`UpdateRequest`] or [`UpdateAnswer`]. None of
+//! these ever changes, so any desk can identify and update any board. Everything else may change
+//! with [`VERSION`] and [`SCHEMA`], and is rejected where they differ.
 //!
 //! Unreadable frames are rejected and counted ([`Counters`]). Values are never guessed, clipped or
 //! applied in part.
-//! half done.
 
 mod frame;
 mod message;
 mod receiver;
+mod update;
 
 pub use frame::{
     Identity, Incoming, Outgoing, Unsendable, crc32, read_answer, read_request, write_identity,
-    write_question, write_request, write_response,
+    write_question, write_request, write_response, write_update_answer, write_update_request,
 };
 pub use message::{
     Access, Counters, Kept, KeptFault, Pin, Record, Refusal, Request, Response, SelfTest, SetUp,
     Setting, Status, Stored, TELEMETRY_FRAME, Telemetry, fold_output, read_reading, write_reading,
 };
 pub use receiver::{MAX_FRAME_BYTES, Receiver, Unreadable};
+pub use update::{MAX_UPDATE_BYTES, UpdateAnswer, UpdateRefusal, UpdateRequest};
 
-/// Protocol version of all frames except the identity request and its response.
+/// Protocol version of all frames except those of identity and update.
 pub const VERSION: u8 = 1;
 
 /// Hash of the golden frames; it changes with every message.

@@ -469,6 +469,88 @@ const ANSWER: &[u8] = &[
     0xf8, 0x00,
 ];
 
+fn update_requests() -> [UpdateRequest<'static>; 7] {
+    [
+        UpdateRequest::State,
+        UpdateRequest::Unlock(Pin::parse("0420").unwrap()),
+        UpdateRequest::Key(&[7; 32]),
+        UpdateRequest::Begin {
+            board: "stm32f405rg",
+            length: 300_000,
+        },
+        UpdateRequest::Bytes {
+            offset: 256,
+            bytes: &[1, 2, 3, 4],
+        },
+        UpdateRequest::End(&[9; 64]),
+        UpdateRequest::Confirm,
+    ]
+}
+
+const UPDATE_ANSWERS: [UpdateAnswer<'static>; 17] = {
+    use UpdateRefusal::*;
+    [
+        UpdateAnswer::Done,
+        UpdateAnswer::Refused(Running),
+        UpdateAnswer::Refused(ReadOnly),
+        UpdateAnswer::Refused(WrongPin),
+        UpdateAnswer::Refused(Wait(60)),
+        UpdateAnswer::Refused(NotInControl),
+        UpdateAnswer::Refused(NoSlot),
+        UpdateAnswer::Refused(NoKey),
+        UpdateAnswer::Refused(HasKey),
+        UpdateAnswer::Refused(Length),
+        UpdateAnswer::Refused(OtherBoard),
+        UpdateAnswer::Refused(Order(300)),
+        UpdateAnswer::Refused(Signature),
+        UpdateAnswer::Refused(OnTrial),
+        UpdateAnswer::Refused(SupplyLow),
+        UpdateAnswer::Refused(Store),
+        UpdateAnswer::State {
+            board: "stm32f405rg",
+            size: 393_216,
+            has_key: true,
+            on_trial: false,
+        },
+    ]
+};
+
+/// Frames of [`update_requests`], then of [`UPDATE_ANSWERS`], encoded by an independent program.
+const UPDATE_FRAMES: &str = include_str!("update_frames.txt");
+
+#[test]
+fn the_frames_of_an_update_never_change() {
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    let mut frames = UPDATE_FRAMES.lines();
+    let mut check = |frame: &[u8]| {
+        let hex: String = frame.iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(Some(hex.as_str()), frames.next());
+        receive(frame).remove(0).unwrap()
+    };
+    for (sequence, request) in (42..).zip(update_requests()) {
+        let inside = check(write_update_request(&mut buffer, sequence, &request).unwrap());
+        let expected = Incoming::Update { sequence, request };
+        assert_eq!(read_request(&inside), Ok(expected));
+    }
+    for (sequence, answer) in (42..).zip(UPDATE_ANSWERS) {
+        let inside = check(write_update_answer(&mut buffer, sequence, &answer).unwrap());
+        let expected = Outgoing::Update { sequence, answer };
+        assert_eq!(read_answer(&inside), Ok(expected));
+    }
+    assert_eq!(frames.next(), None);
+}
+
+#[test]
+fn the_largest_request_of_an_update_fits_a_frame() {
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    let bytes = [0; MAX_UPDATE_BYTES];
+    let request = UpdateRequest::Bytes {
+        offset: u32::MAX,
+        bytes: &bytes,
+    };
+    assert!(write_update_request(&mut buffer, 255, &request).is_ok());
+}
+
 fn receive(bytes: &[u8]) -> Vec<Result<Vec<u8>, Unreadable>> {
     let mut receiver = Receiver::new();
     bytes
@@ -583,6 +665,8 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
     let unknown = [&plain[..4], &[0x7f]].concat();
     let trailing = [plain, &[1]].concat();
     let question = std::vec![0, 1, 2];
+    let update = std::vec![0, 1, b'u', 7];
+    let update_and_more = std::vec![0, 1, b'u', 0, 0];
     for (plain, why) in [
         (foreign(0), Unreadable::Foreign),
         (foreign(1), Unreadable::Foreign),
@@ -590,6 +674,8 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
         (unknown, Unreadable::Unknown),
         (trailing, Unreadable::Unknown),
         (question, Unreadable::Unknown),
+        (update, Unreadable::Unknown),
+        (update_and_more, Unreadable::Unknown),
     ] {
         let mut buffer = [0; MAX_FRAME_BYTES];
         let bytes = frame::write_inside(&mut buffer, &plain).to_vec();

@@ -54,8 +54,8 @@ pub struct Facts {
     pub settings: usize,
     /// Size of a sector of the settings, bytes; there are two.
     pub settings_sector: usize,
-    /// Offsets of the flash between vector table and program.
-    pub gap: Range<usize>,
+    /// Offset of the program in the flash.
+    pub program: usize,
     /// Size of a word that is programmed at once, bytes.
     pub flash_word: usize,
 }
@@ -83,7 +83,7 @@ const STM32F405: Facts = Facts {
     kept: 0x4000..0x2_0000,
     settings: 0x4000,
     settings_sector: 16 * 1024,
-    gap: 4 * 98..0x2_0000,
+    program: 0x2_0000,
     flash_word: 4,
 };
 
@@ -115,7 +115,7 @@ const STM32G474: Facts = Facts {
     kept: 0x7_e000..0x8_0000,
     settings: 0x7_f000,
     settings_sector: 2 * 1024,
-    gap: 4 * 118..4 * 118,
+    program: 0,
     flash_word: 8,
 };
 

@@ -1,8 +1,8 @@
 //! Flash sectors for settings and faults, and the flash accelerator.
 //!
 //! Sectors 1 to 4 are pages of 16 KiB; the last three quarters of sector 4 stay unused. The chip has
-//! one flash bank: during an erasure of up to 1.1 s it cannot fetch from any sector. Code in RAM
-//! waits for the end, with interrupts off, and feeds the window watchdog; the drive is off.
+//! one flash bank: during an erasure of up to 2 s it cannot fetch from any sector. Code in RAM waits
+//! for the end, with interrupts off, and feeds the window watchdog; the drive is off.
 
 use embassy_stm32::flash::{Blocking, Error, Flash};
 use embassy_stm32::pac;
@@ -77,9 +77,7 @@ impl NorFlash for Sectors {
             return Err(Error::Size);
         }
         for sector in from / PAGE..to / PAGE {
-            let page = ERASE_SECTOR | BY_WORDS | (FIRST + sector) << 3;
-            // SAFETY: the registers are this chip's.
-            if !unsafe { erase_page(STATUS, CONTROL, page, supply_settled, unlock) } {
+            if !erase_sector(FIRST + sector) {
                 return Err(Error::Prog);
             }
         }
@@ -95,6 +93,13 @@ impl NorFlash for Sectors {
             self.0.blocking_write(FIRST * PAGE + offset + at, word)
         })
     }
+}
+
+/// Erases a sector by its number; refused while the bridge is closed or the supply is low.
+pub fn erase_sector(number: u32) -> bool {
+    let page = ERASE_SECTOR | BY_WORDS | number << 3;
+    // SAFETY: the registers are this chip's.
+    unsafe { erase_page(STATUS, CONTROL, page, supply_settled, unlock) }
 }
 
 fn unlock() {

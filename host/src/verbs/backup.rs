@@ -3,30 +3,32 @@
 
 use std::path::{Path, PathBuf};
 
-use kband_control::wire::Stored;
+use kband_control::wire::{Request, Response, Stored};
 use kband_control::{Recipe, Target};
 
-use crate::board::{Address, BoardSettings, Emulated, Link};
+use crate::board::{BoardSettings, Link};
 use crate::file::Destination;
 use crate::refusal::Refusal;
 use crate::simulate::describe;
 use crate::verbs::{recipe, settings};
 
-/// Settings, target and recipes of a board before the change, with its link.
-pub struct Backup {
-    link: Link,
-    held: Held,
-}
-
 /// Settings, target and recipes of a board.
-struct Held {
+pub struct Backup {
+    image: String,
     settings: BoardSettings,
     target: Target,
     recipes: Vec<Stored>,
+    /// Number of the recipe in use; 0 for none.
+    recipe: u8,
 }
 
-impl Held {
-    fn read(link: &mut Link) -> Result<Self, Refusal> {
+impl Backup {
+    /// Reads a board.
+    ///
+    /// # Errors
+    /// The board does not answer, or has another version or schema.
+    pub fn read(link: &mut Link) -> Result<Self, Refusal> {
+        link.speaks_the_same()?;
         let settings = BoardSettings::read(link)?;
         let target = link.held()?;
         let recipes = (1..=Recipe::COUNT).map(|number| recipe::stored(link, number));
@@ -34,90 +36,78 @@ impl Held {
             settings,
             target,
             recipes: recipes.collect::<Result<_, _>>()?,
+            recipe: link.ask(&Request::Status, |response| match response {
+                Response::Status(status) => status.recipe,
+                _ => 0,
+            })?,
+            image: link.image().into(),
         })
     }
 
-    /// Differences of `self` from `before`, in words.
-    fn differences(&self, before: &Self) -> Vec<String> {
+    /// Selects the recipe that was in use, and compares a board with this backup. Returns the
+    /// differences in words.
+    ///
+    /// # Errors
+    /// The board does not answer, or has another version or schema.
+    pub fn differences(&self, link: &mut Link) -> Result<Vec<String>, Refusal> {
+        if self.recipe > 0 {
+            link.tell(&Request::UseRecipe(self.recipe))?;
+        }
+        let board = Self::read(link)?;
         let mut found = Vec::new();
-        for old in before.settings.iter() {
-            match self.settings.iter().find(|now| now.key == old.key) {
+        for old in self.settings.iter() {
+            match board.settings.iter().find(|now| now.key == old.key) {
                 Some(now) if now.value.to_bits() == old.value.to_bits() => {}
                 Some(now) => found.push(format!("{} was {}, is {}", old.key, old.value, now.value)),
                 None => found.push(format!("{} is gone", old.key)),
             }
         }
-        if self.target != before.target {
-            let [was, is] = [before.target, self.target].map(describe);
+        if board.target != self.target {
+            let [was, is] = [self.target, board.target].map(describe);
             found.push(format!("the target was {was}, is {is}"));
         }
-        for (number, (old, now)) in (1..).zip(before.recipes.iter().zip(&self.recipes)) {
+        for (number, (old, now)) in (1..).zip(self.recipes.iter().zip(&board.recipes)) {
             if old != now {
                 found.push(format!("recipe {number} differs"));
             }
         }
-        found
-    }
-}
-
-impl Backup {
-    /// Reads a board.
-    ///
-    /// # Errors
-    /// No board of this desk's version and schema answers.
-    pub fn read(address: &Address) -> Result<Self, Refusal> {
-        let mut link = address.open(Emulated::AtRest)?;
-        let held = Held::read(&mut link)?;
-        Ok(Self { link, held })
+        Ok(found)
     }
 
     /// Writes the files of settings and of recipes to `folder`, for `kband settings import` and
-    /// `kband recipe import`. None overwrites another.
+    /// `kband recipe import`. Their names end with `_before_` and `change`; none overwrites another.
     ///
     /// # Errors
     /// The folder cannot be written to.
-    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, Refusal> {
+    pub fn write(&self, folder: &Path, change: &str) -> Result<Vec<PathBuf>, Refusal> {
         let recipes: Vec<_> = (1..)
-            .zip(&self.held.recipes)
+            .zip(&self.recipes)
             .filter_map(|(number, stored)| match stored {
                 Stored::Recipe(name, recipe) => Some((number, *name, *recipe)),
                 Stored::None | Stored::Newer => None,
             })
             .collect();
-        let mut texts = vec![(
-            "settings",
-            settings::export(&self.held.settings, &self.link),
-        )];
+        let mut texts = vec![("settings", settings::export(&self.settings, &self.image))];
         if !recipes.is_empty() {
-            texts.push(("recipes", recipe::export(&recipes, self.link.image())));
+            texts.push(("recipes", recipe::export(&recipes, &self.image)));
         }
         texts
             .iter()
             .map(|(name, text)| {
-                let path = unused(folder, name);
+                let path = unused(folder, &format!("{name}_before_{change}"));
                 Destination::check(&path)?.write_bytes(text.as_bytes())?;
+                eprintln!("wrote {}", path.display());
                 Ok(path)
             })
             .collect()
-    }
-
-    /// Differences of the board from its backup, in words; empty if it is unchanged.
-    ///
-    /// # Errors
-    /// The board does not answer, or has another version or schema.
-    pub fn differences(&mut self) -> Result<Vec<String>, Refusal> {
-        self.link.identify()?;
-        self.link.speaks_the_same()?;
-        let now = Held::read(&mut self.link)?;
-        Ok(now.differences(&self.held))
     }
 }
 
 /// An unused name in `folder`.
 fn unused(folder: &Path, name: &str) -> PathBuf {
     let path = |number: u32| match number {
-        1 => folder.join(format!("{name}_before_flash.toml")),
-        _ => folder.join(format!("{name}_before_flash_{number}.toml")),
+        1 => folder.join(format!("{name}.toml")),
+        _ => folder.join(format!("{name}_{number}.toml")),
     };
     (1..)
         .map(path)
@@ -127,23 +117,26 @@ fn unused(folder: &Path, name: &str) -> PathBuf {
 
 #[cfg(test)]
 mod tests {
-    use kband_control::wire::Request;
     use kband_control::{RecipeName, Settings};
     use kband_machines::emulator::Machine;
     use kband_machines::images;
 
     use super::*;
+    use crate::board::{Address, Emulated};
 
     #[test]
     fn a_board_is_compared_with_what_it_held_before() {
         let folder = tempfile::tempdir().unwrap();
         let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-        let mut backup = Backup::read(&Address::of("qemu", Some(&image))).unwrap();
-        let written = backup.write(folder.path()).unwrap();
+        let address = Address::of("qemu", Some(&image));
+        let mut link = address.open(Emulated::AtRest).unwrap();
+        let before = Backup::read(&mut link).unwrap();
+        let written = before.write(folder.path(), "update").unwrap();
+        assert!(written[0].ends_with("settings_before_update.toml"));
         let text = std::fs::read_to_string(&written[0]).unwrap();
         assert!(text.contains("frequency = 50"), "{text}");
         assert_eq!(written.len(), 1, "it has no recipes");
-        assert_eq!(backup.differences(), Ok(vec![]));
+        assert_eq!(before.differences(&mut link), Ok(vec![]));
         let parts = RecipeName::parse("parts").unwrap();
         let recipe = Recipe::of(Target::K(0.5), &Settings::default());
         for request in [
@@ -154,9 +147,9 @@ mod tests {
                 recipe: Some((parts, recipe)),
             },
         ] {
-            backup.link.tell(&request).unwrap();
+            link.tell(&request).unwrap();
         }
-        let unlike = backup.differences().unwrap();
+        let unlike = before.differences(&mut link).unwrap();
         assert_eq!(unlike[0], "gain was 1, is 2");
         assert!(unlike[1].ends_with("is k = 0.5"), "{unlike:?}");
         assert_eq!(unlike[2..], ["recipe 3 differs"]);
@@ -166,9 +159,9 @@ mod tests {
     fn no_file_is_overwritten() {
         let folder = tempfile::tempdir().unwrap();
         let first = unused(folder.path(), "settings");
-        assert!(first.ends_with("settings_before_flash.toml"));
+        assert!(first.ends_with("settings.toml"));
         std::fs::write(&first, "").unwrap();
         let second = unused(folder.path(), "settings");
-        assert!(second.ends_with("settings_before_flash_2.toml"));
+        assert!(second.ends_with("settings_2.toml"));
     }
 }

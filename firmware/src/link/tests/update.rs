@@ -1,0 +1,440 @@
+//! Tests of an update over the link, with a slot in the desk's memory.
+
+use core::cell::RefCell;
+use std::thread_local;
+use std::vec;
+
+use kband_control::wire::{
+    UpdateAnswer, UpdateRefusal, UpdateRequest, read_answer, write_update_request,
+};
+use salty::{Keypair, Sha512};
+
+use super::*;
+use crate::update::{Slot, TRIAL_S};
+
+/// Size of the slot and of its sectors, bytes.
+const SIZE: u32 = 1536;
+const SECTOR: u32 = 512;
+
+/// The slot's flash.
+#[derive(Default)]
+struct Flash {
+    bytes: Vec<u8>,
+    erased: Vec<u32>,
+    marked: bool,
+    on_trial: bool,
+    restarts: u32,
+    full: bool,
+    fails: bool,
+}
+
+thread_local! {
+    static FLASH: RefCell<Flash> = RefCell::default();
+}
+
+fn flash<T>(work: impl FnOnce(&mut Flash) -> T) -> T {
+    FLASH.with_borrow_mut(work)
+}
+
+const SLOT: Slot = Slot {
+    board: "stm32f405rg",
+    size: SIZE,
+    sector: SECTOR,
+    erase: |offset| {
+        flash(|flash| {
+            let place = offset as usize..(offset + SECTOR) as usize;
+            flash.bytes[place].fill(0xff);
+            flash.erased.push(offset);
+            !flash.fails
+        })
+    },
+    write: |offset, bytes| {
+        flash(|flash| {
+            let place = &mut flash.bytes[offset as usize..][..bytes.len()];
+            assert!(place.iter().all(|byte| *byte == 0xff), "it is erased");
+            place.copy_from_slice(bytes);
+            !flash.fails
+        })
+    },
+    read: |offset, bytes| {
+        flash(|flash| bytes.copy_from_slice(&flash.bytes[offset as usize..][..bytes.len()]));
+    },
+    on_trial: || flash(|flash| flash.on_trial),
+    mark: || {
+        flash(|flash| {
+            flash.marked = true;
+            !flash.fails
+        })
+    },
+    confirm: || {
+        flash(|flash| {
+            flash.on_trial = flash.fails;
+            !flash.fails
+        })
+    },
+    has_room: || flash(|flash| !flash.full),
+    restart: || flash(|flash| flash.restarts += 1),
+};
+
+fn keypair() -> Keypair {
+    Keypair::from(&[7; 32])
+}
+
+fn image() -> Vec<u8> {
+    (0..SIZE - 8).map(|n| (n * n / 7) as u8).collect()
+}
+
+fn signature(image: &[u8], board: &str) -> [u8; 64] {
+    let mut sum = Sha512::new();
+    sum.update(image);
+    sum.update(board.as_bytes());
+    keypair().sign(&sum.finalize()).to_bytes()
+}
+
+const BEGIN: UpdateRequest<'static> = UpdateRequest::Begin {
+    board: "stm32f405rg",
+    length: SIZE - 8,
+};
+
+fn bytes(image: &[u8], offset: usize) -> UpdateRequest<'_> {
+    UpdateRequest::Bytes {
+        offset: offset as u32,
+        bytes: image[offset..].chunks(256).next().unwrap(),
+    }
+}
+
+fn ask(board: &mut Board, request: &UpdateRequest<'_>) -> UpdateAnswer<'static> {
+    board.cycle();
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    let frame = write_update_request(&mut buffer, 9, request)
+        .unwrap()
+        .to_vec();
+    let answers = board.send(&frame);
+    assert_eq!(answers.len(), 1, "{request:?}");
+    let mut receiver = Receiver::new();
+    let inside = answers[0]
+        .iter()
+        .find_map(|byte| match receiver.push(*byte) {
+            Some(Ok(inside)) => Some(inside.to_vec()),
+            _ => None,
+        });
+    match read_answer(&inside.unwrap()).unwrap() {
+        Outgoing::Update {
+            sequence: 9,
+            answer,
+        } => match answer {
+            UpdateAnswer::State {
+                size,
+                has_key,
+                on_trial,
+                ..
+            } => UpdateAnswer::State {
+                board: "",
+                size,
+                has_key,
+                on_trial,
+            },
+            UpdateAnswer::Done => UpdateAnswer::Done,
+            UpdateAnswer::Refused(why) => UpdateAnswer::Refused(why),
+        },
+        other => panic!("{other:?}"),
+    }
+}
+
+fn done(board: &mut Board, request: &UpdateRequest<'_>) {
+    assert_eq!(ask(board, request), UpdateAnswer::Done, "{request:?}");
+}
+
+fn refused(board: &mut Board, request: &UpdateRequest<'_>, why: UpdateRefusal) {
+    let answer = ask(board, request);
+    assert_eq!(answer, UpdateAnswer::Refused(why), "{request:?}");
+}
+
+/// A board with a slot and the public key of [`keypair`].
+fn board(on_trial: bool) -> Board {
+    flash(|flash| {
+        *flash = Flash {
+            bytes: vec![0; SIZE as usize],
+            on_trial,
+            ..Flash::default()
+        }
+    });
+    let image = Image {
+        slot: Some(SLOT),
+        ..IMAGE
+    };
+    let mut board = Board::of(image, FOUND(Condition::Whole), StartCause::PowerOn);
+    board.service.update.begin_trial(&board.station);
+    done(&mut board, &UpdateRequest::Key(keypair().public.as_bytes()));
+    board
+}
+
+fn send_image(board: &mut Board, image: &[u8]) {
+    done(board, &BEGIN);
+    for offset in (0..image.len()).step_by(256) {
+        done(board, &bytes(image, offset));
+    }
+}
+
+/// Runs for some seconds, as one drive cycle each.
+fn pass(board: &mut Board, seconds: u32) {
+    let cycle = Cycle {
+        samples: 20_000,
+        low: 2040,
+        high: 2056,
+        ..Cycle::default()
+    };
+    for _ in 0..seconds {
+        let inputs = Inputs {
+            enable: board.enable,
+            ..Inputs::default()
+        };
+        board.station.cycle(&cycle, inputs);
+        board.service.tick(&board.station);
+    }
+}
+
+/// Presses the enable input and runs for two seconds; whether the drive has started.
+fn starts(board: &mut Board) -> bool {
+    let mut started = false;
+    for (enable, cycles) in [(false, 50), (true, 100)] {
+        board.enable = enable;
+        for _ in 0..cycles {
+            board.cycle();
+            started |= !board.station.at_rest();
+        }
+    }
+    started
+}
+
+#[test]
+fn a_signed_image_is_written_marked_and_started_once() {
+    let mut board = board(false);
+    let image = image();
+    send_image(&mut board, &image);
+    // The last request and the end come twice, as after a lost answer.
+    done(&mut board, &bytes(&image, 1280));
+    let end = signature(&image, "stm32f405rg");
+    for _ in 0..2 {
+        done(&mut board, &UpdateRequest::End(&end));
+    }
+    refused(&mut board, &BEGIN, UpdateRefusal::OnTrial);
+    flash(|flash| {
+        assert_eq!(flash.bytes[..image.len()], image);
+        assert_eq!(flash.erased, [0, 512, 1024]);
+        assert!(flash.marked && flash.restarts == 0);
+    });
+    (0..25).for_each(|_| _ = board.cycle());
+    assert!(flash(|flash| flash.restarts > 0));
+}
+
+#[test]
+fn an_image_that_is_not_signed_for_this_board_is_refused() {
+    let image = image();
+    let mut other = image.clone();
+    other[700] ^= 1;
+    let mut wrong = signature(&image, "stm32f405rg");
+    wrong[5] ^= 1;
+    for (sent, end) in [
+        (&image, wrong),
+        (&image, signature(&image, "stm32g474re")),
+        (&image, signature(&image, "")),
+        (&other, signature(&image, "stm32f405rg")),
+    ] {
+        let mut board = board(false);
+        send_image(&mut board, sent);
+        refused(
+            &mut board,
+            &UpdateRequest::End(&end),
+            UpdateRefusal::Signature,
+        );
+        refused(
+            &mut board,
+            &UpdateRequest::End(&end),
+            UpdateRefusal::Order(0),
+        );
+        assert!(!flash(|flash| flash.marked));
+        assert!(starts(&mut board), "the old image runs on");
+    }
+}
+
+#[test]
+fn requests_out_of_order_or_range_change_nothing() {
+    let mut board = board(false);
+    let image = image();
+    refused(&mut board, &bytes(&image, 0), UpdateRefusal::Order(0));
+    let begin = |board, length| UpdateRequest::Begin { board, length };
+    for (request, why) in [
+        (begin("stm32g474re", 8), UpdateRefusal::OtherBoard),
+        (begin("", 8), UpdateRefusal::OtherBoard),
+        (begin("stm32f405rg", 0), UpdateRefusal::Length),
+        (begin("stm32f405rg", 10), UpdateRefusal::Length),
+        (begin("stm32f405rg", SIZE + 4), UpdateRefusal::Length),
+    ] {
+        refused(&mut board, &request, why);
+    }
+    done(&mut board, &BEGIN);
+    done(&mut board, &bytes(&image, 0));
+    refused(&mut board, &bytes(&image, 512), UpdateRefusal::Order(256));
+    for (offset, length) in [(256, 0), (256, 3), (1280, 256), (u32::MAX, 4)] {
+        let bytes = &image[..length];
+        let request = UpdateRequest::Bytes { offset, bytes };
+        refused(&mut board, &request, UpdateRefusal::Length);
+    }
+    let end = signature(&image, "stm32f405rg");
+    refused(
+        &mut board,
+        &UpdateRequest::End(&end),
+        UpdateRefusal::Order(256),
+    );
+    refused(
+        &mut board,
+        &UpdateRequest::End(&end[1..]),
+        UpdateRefusal::Length,
+    );
+    for offset in (256..image.len()).step_by(256) {
+        done(&mut board, &bytes(&image, offset));
+    }
+    done(&mut board, &UpdateRequest::End(&end));
+}
+
+#[test]
+fn an_update_keeps_the_drive_off_and_a_running_drive_refuses_it() {
+    let mut board = board(false);
+    done(&mut board, &BEGIN);
+    assert!(!starts(&mut board));
+    // The desk is silent. The enable input is still on: only a new press starts the drive.
+    for _ in 0..20 {
+        pass(&mut board, 1);
+        assert!(board.station.at_rest());
+    }
+    assert!(starts(&mut board));
+    for request in [
+        BEGIN,
+        bytes(&image(), 0),
+        UpdateRequest::Key(&[1; 32]),
+        UpdateRequest::Confirm,
+        UpdateRequest::End(&[0; 64]),
+    ] {
+        refused(&mut board, &request, UpdateRefusal::Running);
+        assert!(!board.station.at_rest());
+    }
+    assert_eq!(flash(|flash| flash.erased.len()), 0);
+}
+
+#[test]
+fn an_enabled_drive_at_rest_is_not_taken_out_of_service() {
+    let mut board = board(false);
+    board.done(&Request::Enable(false));
+    board.enable = true;
+    refused(&mut board, &BEGIN, UpdateRefusal::Running);
+    board.enable = false;
+    board.done(&SIMULATE);
+    refused(&mut board, &BEGIN, UpdateRefusal::Running);
+}
+
+#[test]
+fn an_image_on_trial_drives_nothing_until_confirmed() {
+    let mut board = board(true);
+    assert!(!starts(&mut board));
+    refused(&mut board, &BEGIN, UpdateRefusal::OnTrial);
+    flash(|flash| flash.fails = true);
+    refused(&mut board, &UpdateRequest::Confirm, UpdateRefusal::Store);
+    flash(|flash| flash.fails = false);
+    for _ in 0..2 {
+        done(&mut board, &UpdateRequest::Confirm);
+    }
+    assert!(!flash(|flash| flash.on_trial));
+    // The enable input is on since before: only a new press starts the drive.
+    (0..50).for_each(|_| _ = board.cycle());
+    assert!(board.station.at_rest());
+    assert!(starts(&mut board));
+    pass(&mut board, TRIAL_S + 1);
+    assert_eq!(flash(|flash| flash.restarts), 0);
+}
+
+#[test]
+fn an_unconfirmed_image_restarts_the_board() {
+    let mut board = board(true);
+    pass(&mut board, TRIAL_S - 1);
+    assert_eq!(flash(|flash| flash.restarts), 0);
+    pass(&mut board, 1);
+    assert_eq!(flash(|flash| flash.restarts), 1);
+}
+
+#[test]
+fn a_key_is_set_once_and_replaced_with_a_pin() {
+    let mut board = board(false);
+    let other = Keypair::from(&[8; 32]);
+    let set = UpdateRequest::Key(other.public.as_bytes());
+    refused(&mut board, &set, UpdateRefusal::HasKey);
+    refused(
+        &mut board,
+        &UpdateRequest::Key(&[1; 31]),
+        UpdateRefusal::Length,
+    );
+    // No point of the curve.
+    refused(
+        &mut board,
+        &UpdateRequest::Key(&[2; 32]),
+        UpdateRefusal::Signature,
+    );
+    done(&mut board, &UpdateRequest::Key(keypair().public.as_bytes()));
+    let pin = Pin::parse("0420").unwrap();
+    board.done(&Request::Lock(Some(pin)));
+    for request in [set, BEGIN, UpdateRequest::Confirm] {
+        refused(&mut board, &request, UpdateRefusal::ReadOnly);
+    }
+    let wrong = UpdateRequest::Unlock(Pin::parse("0421").unwrap());
+    for _ in 0..5 {
+        refused(&mut board, &wrong, UpdateRefusal::WrongPin);
+    }
+    refused(
+        &mut board,
+        &UpdateRequest::Unlock(pin),
+        UpdateRefusal::Wait(60),
+    );
+    pass(&mut board, 60);
+    done(&mut board, &UpdateRequest::Unlock(pin));
+    done(&mut board, &set);
+    assert_eq!(board.service.store.key, Some(*other.public.as_bytes()));
+}
+
+#[test]
+fn a_board_that_cannot_be_updated_says_why() {
+    let mut none = Board::new();
+    let state = |size, has_key, on_trial| UpdateAnswer::State {
+        board: "",
+        size,
+        has_key,
+        on_trial,
+    };
+    assert_eq!(
+        ask(&mut none, &UpdateRequest::State),
+        state(0, false, false)
+    );
+    refused(&mut none, &BEGIN, UpdateRefusal::NoSlot);
+    let mut board = board(false);
+    assert_eq!(
+        ask(&mut board, &UpdateRequest::State),
+        state(SIZE, true, false)
+    );
+    board.service.store.key = None;
+    refused(&mut board, &BEGIN, UpdateRefusal::NoKey);
+    board.service.store.key = Some(*keypair().public.as_bytes());
+    flash(|flash| flash.full = true);
+    refused(&mut board, &BEGIN, UpdateRefusal::Store);
+    flash(|flash| flash.full = false);
+    board.service.store.supply_good = false;
+    refused(&mut board, &BEGIN, UpdateRefusal::SupplyLow);
+    board.service.store.supply_good = true;
+    board.done(&Request::set("bus_address", 7.0));
+    board.done(&Request::set("bus", 1.0));
+    refused(&mut board, &BEGIN, UpdateRefusal::NotInControl);
+    done(&mut board, &UpdateRequest::Confirm);
+    board.done(&Request::set("bus", 0.0));
+    done(&mut board, &BEGIN);
+    flash(|flash| flash.fails = true);
+    refused(&mut board, &bytes(&image(), 0), UpdateRefusal::Store);
+    refused(&mut board, &bytes(&image(), 0), UpdateRefusal::Order(0));
+}

@@ -1,0 +1,317 @@
+//! Update of the firmware over the link, into a slot of the flash.
+//!
+//! The image is written to the slot while the drive is at rest, and its enable is withheld. Its
+//! signature (Ed25519, RFC 8032) is that of the SHA-512 of image and board's name. A correct one
+//! marks the slot and restarts the board. The loader swaps the slots, and the new image is on trial
+//! until the desk confirms it. A restart before that brings the previous image back.
+
+use embassy_futures::yield_now;
+use kband_control::wire::{
+    Access, MAX_UPDATE_BYTES, Refusal, UpdateAnswer, UpdateRefusal, UpdateRequest,
+};
+use salty::{PublicKey, Sha512, Signature};
+
+use crate::access::LinkLock;
+use crate::station::Station;
+use crate::store::{Store, StoreFailed};
+
+/// Number of bytes that are hashed before other tasks run.
+const BYTES_PER_SLICE: usize = MAX_UPDATE_BYTES;
+/// Time without a request after which the drive is no longer kept off for an update, s.
+const SILENCE_S: u32 = 10;
+/// Time after which an image that nobody confirmed restarts the board, s.
+pub(crate) const TRIAL_S: u32 = 60;
+
+/// The chip's slot for an update. Its functions return false where the flash fails.
+#[derive(Clone, Copy, Debug)]
+pub struct Slot {
+    /// Name of the board.
+    pub board: &'static str,
+    /// Largest image, bytes.
+    pub size: u32,
+    /// Size of an erasable sector, bytes.
+    pub sector: u32,
+    /// Erases the sector that begins at an offset.
+    pub erase: fn(u32) -> bool,
+    /// Programs words at an offset and verifies them.
+    pub write: fn(u32, &[u8]) -> bool,
+    /// Copies the slot's content at an offset.
+    pub read: fn(u32, &mut [u8]),
+    /// Whether the running image is on trial.
+    pub on_trial: fn() -> bool,
+    /// Marks the slot for the next start.
+    pub mark: fn() -> bool,
+    /// Confirms the running image.
+    pub confirm: fn() -> bool,
+    /// Whether the marks have room for an update.
+    pub has_room: fn() -> bool,
+    /// Restarts the board.
+    pub restart: fn(),
+}
+
+/// Progress of an update.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Progress {
+    None,
+    /// An image of this length in bytes comes; `written` of them are in the slot.
+    Open {
+        length: u32,
+        written: u32,
+    },
+    /// The slot is marked. The board restarts after this number of drive cycles.
+    Marked {
+        cycles: u16,
+    },
+}
+
+/// The board's side of an update.
+pub(crate) struct Update {
+    slot: Option<Slot>,
+    progress: Progress,
+    on_trial: bool,
+}
+
+impl Update {
+    pub fn new(slot: Option<Slot>) -> Self {
+        Self {
+            slot,
+            progress: Progress::None,
+            on_trial: slot.is_some_and(|slot| (slot.on_trial)()),
+        }
+    }
+
+    /// Keeps the drive of an image on trial off, from the start on.
+    pub fn begin_trial(&self, station: &Station) {
+        if self.on_trial {
+            station.keep_off_until(u32::MAX);
+        }
+    }
+
+    /// Ends a drive cycle: restarts a board with a marked slot half a second after its answer, and
+    /// one whose image was not confirmed in time.
+    pub fn tick(&mut self, station: &Station) {
+        let is_due = match &mut self.progress {
+            Progress::Marked { cycles } => {
+                *cycles = cycles.saturating_sub(1);
+                *cycles == 0
+            }
+            _ => self.on_trial && station.seconds() >= TRIAL_S,
+        };
+        if let Some(slot) = self.slot.filter(|_| is_due) {
+            (slot.restart)();
+        }
+    }
+
+    /// Answers a request. Other tasks run after each block of a long one.
+    pub async fn answer(
+        &mut self,
+        request: &UpdateRequest<'_>,
+        lock: &mut LinkLock,
+        strapped: bool,
+        station: &Station,
+        store: &mut impl Store,
+    ) -> UpdateAnswer<'static> {
+        match *request {
+            UpdateRequest::State => {
+                return UpdateAnswer::State {
+                    board: self.slot.map_or("", |slot| slot.board),
+                    size: self.slot.map_or(0, |slot| slot.size),
+                    has_key: store.key().await.is_some(),
+                    on_trial: self.on_trial,
+                };
+            }
+            UpdateRequest::Unlock(pin) => {
+                return match lock.unlock(pin, station.seconds()) {
+                    Ok(()) => UpdateAnswer::Done,
+                    Err(Refusal::Wait(seconds)) => {
+                        UpdateAnswer::Refused(UpdateRefusal::Wait(seconds))
+                    }
+                    Err(_) => UpdateAnswer::Refused(UpdateRefusal::WrongPin),
+                };
+            }
+            _ => {}
+        }
+        let changed = if lock.access(strapped) == Access::Full {
+            let has_pin = lock.pin().is_some();
+            self.change(request, has_pin, station, store).await
+        } else {
+            Err(UpdateRefusal::ReadOnly)
+        };
+        match changed {
+            Ok(()) => UpdateAnswer::Done,
+            Err(why) => UpdateAnswer::Refused(why),
+        }
+    }
+
+    async fn change(
+        &mut self,
+        request: &UpdateRequest<'_>,
+        has_pin: bool,
+        station: &Station,
+        store: &mut impl Store,
+    ) -> Result<(), UpdateRefusal> {
+        let slot = self.slot.ok_or(UpdateRefusal::NoSlot)?;
+        let was_open = self.progress != Progress::None;
+        if !station.is_out_of_use() {
+            // A drive that runs is not stopped by an update that was left open.
+            self.progress = Progress::None;
+            return Err(UpdateRefusal::Running);
+        }
+        if !store.supply_is_good() {
+            return Err(UpdateRefusal::SupplyLow);
+        }
+        match *request {
+            UpdateRequest::Key(key) => return set_key(key, has_pin, store).await,
+            UpdateRequest::Confirm => return self.confirm(&slot, station),
+            _ if station.bus_controls() => return Err(UpdateRefusal::NotInControl),
+            _ => {}
+        }
+        let changed = match *request {
+            UpdateRequest::Begin { board, length } => self.begin(board, length, &slot, store).await,
+            UpdateRequest::Bytes { offset, bytes } => self.write(offset, bytes, &slot),
+            UpdateRequest::End(signature) => self.end(signature, &slot, station, store).await,
+            _ => Ok(()),
+        };
+        match self.progress {
+            Progress::Open { .. } => station.keep_off_until(station.seconds() + SILENCE_S),
+            Progress::Marked { .. } => station.keep_off_until(u32::MAX),
+            Progress::None if was_open => station.keep_off_until(0),
+            Progress::None => {}
+        }
+        changed
+    }
+
+    /// Confirms an image on trial; one that is not on trial needs no confirmation.
+    fn confirm(&mut self, slot: &Slot, station: &Station) -> Result<(), UpdateRefusal> {
+        if self.on_trial {
+            if !(slot.confirm)() {
+                return Err(UpdateRefusal::Store);
+            }
+            self.on_trial = false;
+            station.keep_off_until(0);
+        }
+        Ok(())
+    }
+
+    async fn begin(
+        &mut self,
+        board: &str,
+        length: u32,
+        slot: &Slot,
+        store: &mut impl Store,
+    ) -> Result<(), UpdateRefusal> {
+        if self.on_trial || matches!(self.progress, Progress::Marked { .. }) {
+            return Err(UpdateRefusal::OnTrial);
+        }
+        self.progress = Progress::None;
+        if board != slot.board {
+            return Err(UpdateRefusal::OtherBoard);
+        }
+        if length == 0 || length > slot.size || !length.is_multiple_of(4) {
+            return Err(UpdateRefusal::Length);
+        }
+        // With the key all settings have left the sectors 10 and 11, where older images had them.
+        if store.key().await.is_none() {
+            return Err(UpdateRefusal::NoKey);
+        }
+        if !(slot.has_room)() {
+            return Err(UpdateRefusal::Store);
+        }
+        self.progress = Progress::Open { length, written: 0 };
+        Ok(())
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8], slot: &Slot) -> Result<(), UpdateRefusal> {
+        let Progress::Open { length, written } = &mut self.progress else {
+            return Err(UpdateRefusal::Order(0));
+        };
+        let size = bytes.len() as u32;
+        let end = offset.checked_add(size).filter(|end| *end <= *length);
+        let fits = size > 0 && size.is_multiple_of(4) && bytes.len() <= MAX_UPDATE_BYTES;
+        let (true, Some(end)) = (fits, end) else {
+            return Err(UpdateRefusal::Length);
+        };
+        // A repeated request was carried out already.
+        if end == *written {
+            return Ok(());
+        }
+        if offset != *written {
+            return Err(UpdateRefusal::Order(*written));
+        }
+        // Bytes that reach into another sector begin with its erasure.
+        let sector = (end - 1) / slot.sector * slot.sector;
+        let erased = sector < offset || (slot.erase)(sector);
+        if !erased || !(slot.write)(offset, bytes) {
+            self.progress = Progress::None;
+            return Err(UpdateRefusal::Store);
+        }
+        *written = end;
+        Ok(())
+    }
+
+    async fn end(
+        &mut self,
+        signature: &[u8],
+        slot: &Slot,
+        station: &Station,
+        store: &mut impl Store,
+    ) -> Result<(), UpdateRefusal> {
+        let (length, written) = match self.progress {
+            Progress::Open { length, written } => (length, written),
+            // A repeated request was carried out already.
+            Progress::Marked { .. } => return Ok(()),
+            Progress::None => return Err(UpdateRefusal::Order(0)),
+        };
+        let signature: &[u8; 64] = signature.try_into().map_err(|_| UpdateRefusal::Length)?;
+        if written != length {
+            return Err(UpdateRefusal::Order(written));
+        }
+        let key = store.key().await.ok_or(UpdateRefusal::NoKey)?;
+        let mut sum = Sha512::new();
+        let mut bytes = [0; BYTES_PER_SLICE];
+        for offset in (0..length).step_by(BYTES_PER_SLICE) {
+            let size = BYTES_PER_SLICE.min((length - offset) as usize);
+            (slot.read)(offset, &mut bytes[..size]);
+            sum.update(&bytes[..size]);
+            yield_now().await;
+        }
+        sum.update(slot.board.as_bytes());
+        self.progress = Progress::None;
+        if !is_signed(&key, &sum.finalize(), signature) {
+            return Err(UpdateRefusal::Signature);
+        }
+        if !(slot.mark)() {
+            return Err(UpdateRefusal::Store);
+        }
+        let cycles = 1 + station.settings().frequency as u16 / 2;
+        self.progress = Progress::Marked { cycles };
+        Ok(())
+    }
+}
+
+/// Whether a signature is that of `sum` by the owner of `key`.
+#[inline(never)]
+fn is_signed(key: &[u8; 32], sum: &[u8; 64], signature: &[u8; 64]) -> bool {
+    let key = PublicKey::try_from(key);
+    key.is_ok_and(|key| key.verify(sum, &Signature::from(signature)).is_ok())
+}
+
+/// Stores the public key, once; another one needs a PIN.
+async fn set_key(key: &[u8], has_pin: bool, store: &mut impl Store) -> Result<(), UpdateRefusal> {
+    let key: &[u8; 32] = key.try_into().map_err(|_| UpdateRefusal::Length)?;
+    if PublicKey::try_from(key).is_err() {
+        return Err(UpdateRefusal::Signature);
+    }
+    match store.key().await {
+        Some(same) if same == *key => Ok(()),
+        Some(_) if !has_pin => Err(UpdateRefusal::HasKey),
+        _ => store.save_key(key).await.map_err(refusal_of),
+    }
+}
+
+fn refusal_of(why: StoreFailed) -> UpdateRefusal {
+    match why {
+        StoreFailed::SupplyLow => UpdateRefusal::SupplyLow,
+        StoreFailed::Memory | StoreFailed::NoSettings => UpdateRefusal::Store,
+    }
+}

@@ -1,0 +1,194 @@
+//! Keys of the signatures of updates: Ed25519 (RFC 8032), each in a file of one line.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use salty::{Keypair, Sha512};
+
+use crate::file::{self, Destination};
+use crate::refusal::Refusal;
+
+/// First word of a file of a secret key.
+const SECRET: &str = "kband-secret-key";
+/// First word of a file of a public key.
+const PUBLIC: &str = "kband-public-key";
+
+/// Makes a key pair: the secret key in a new file that only its owner can read, the public key in
+/// a file whose name ends with `.pub`. Returns the path of the second.
+pub fn create(path: &Path) -> Result<PathBuf, Refusal> {
+    let mut seed = [0; 32];
+    getrandom::fill(&mut seed).map_err(|error| {
+        Refusal::new(
+            format!("the system gives no random numbers: {error}"),
+            "make the key on another machine",
+        )
+    })?;
+    let mut name = path.as_os_str().to_owned();
+    name.push(".pub");
+    let public = PathBuf::from(name);
+    for path in [path, &public] {
+        Destination::check(path)?;
+        if path.exists() {
+            return Err(Refusal::new(
+                format!("{} is there already", path.display()),
+                "give another name: a key is never overwritten",
+            ));
+        }
+    }
+    write(
+        &public,
+        PUBLIC,
+        Keypair::from(&seed).public.as_bytes(),
+        0o644,
+    )?;
+    write(path, SECRET, &seed, 0o600).inspect_err(|_| _ = std::fs::remove_file(&public))?;
+    Ok(public)
+}
+
+/// Signature of an image for a board of this name, by the secret key in a file: of the SHA-512 of
+/// the image and the name.
+pub fn sign(key: &Path, image: &[u8], board: &str) -> Result<[u8; 64], Refusal> {
+    let pair = Keypair::from(&read(key, SECRET)?);
+    let mut sum = Sha512::new();
+    sum.update(image);
+    sum.update(board.as_bytes());
+    Ok(pair.sign(&sum.finalize()).to_bytes())
+}
+
+/// The public key in a file.
+pub fn read_public(path: &Path) -> Result<[u8; 32], Refusal> {
+    read(path, PUBLIC)
+}
+
+fn read(path: &Path, kind: &str) -> Result<[u8; 32], Refusal> {
+    let text = file::read_text(path)?;
+    let key = text.trim().strip_prefix(kind).map(str::trim_start);
+    key.and_then(bytes).ok_or_else(|| {
+        Refusal::new(
+            format!("{} holds no {kind}", path.display()),
+            match kind {
+                SECRET => "give the file that kband update --new-key made, without .pub",
+                _ => "give the file with .pub that kband update --new-key made",
+            },
+        )
+        .accepting(format!("{kind} and 64 hexadecimal digits"))
+    })
+}
+
+/// The key that 64 hexadecimal digits are.
+fn bytes(digits: &str) -> Option<[u8; 32]> {
+    let digits: Option<Vec<u8>> = digits
+        .chars()
+        .map(|digit| digit.to_digit(16).map(|digit| digit as u8))
+        .collect();
+    let (pairs, []) = digits.as_ref()?.as_chunks::<2>() else {
+        return None;
+    };
+    let key: Vec<u8> = pairs.iter().map(|[high, low]| high << 4 | low).collect();
+    key.try_into().ok()
+}
+
+/// Writes a key to a new file with these permissions; nothing is left of a failed attempt.
+fn write(path: &Path, kind: &str, key: &[u8; 32], mode: u32) -> Result<(), Refusal> {
+    let mut text = format!("{kind} ");
+    for byte in key {
+        // Writing to a String cannot fail.
+        let _ = write!(text, "{byte:02x}");
+    }
+    text.push('\n');
+    let mut options = File::options();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, mode);
+    #[cfg(not(unix))]
+    let _ = mode;
+    let refuse = |error| Refusal::file(path, &error, "check space and permissions of the folder");
+    let mut file = options.open(path).map_err(refuse)?;
+    let written = file
+        .write_all(text.as_bytes())
+        .and_then(|()| file.sync_all());
+    written.map_err(|error| {
+        let _ = std::fs::remove_file(path);
+        refuse(error)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signature_is_that_of_an_independent_program() {
+        let folder = tempfile::tempdir().unwrap();
+        let (secret, public) = (folder.path().join("key"), folder.path().join("key.pub"));
+        // RFC 8032, 7.1, test 1; the signature by OpenSSL 3.
+        let key = "9d61b19deffd5a60ba844af492ec2cc44449c5697b326919703bac031cae7f60";
+        std::fs::write(&secret, format!("kband-secret-key {key}\n")).unwrap();
+        let signature = sign(&secret, &[0x5a; 1024], "stm32f405rg").unwrap();
+        let hex: String = signature.iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(hex, SIGNATURE);
+        let key = "d75a980182b10ab7d54bfed3c964073a0ee172f3daa62325af021a68f707511a";
+        std::fs::write(&public, format!("kband-public-key {key}\n")).unwrap();
+        let pair = Keypair::from(&read(&secret, SECRET).unwrap());
+        assert_eq!(&read_public(&public).unwrap(), pair.public.as_bytes());
+    }
+
+    const SIGNATURE: &str = "0429f8dd4fbde3c5c3989a1495520a4e447372ec55fd0d2c2f911895c82292d5\
+        e3f7dbdc6787f3cb0a6dfb179fb1f09c67243fc689d456938c5ab4758995c600";
+
+    #[test]
+    fn a_new_key_signs_and_is_never_overwritten() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("key");
+        let public = create(&path).unwrap();
+        assert_eq!(public, folder.path().join("key.pub"));
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o600);
+        }
+        let signature = sign(&path, b"image", "board").unwrap();
+        let key = salty::PublicKey::try_from(&read_public(&public).unwrap()).unwrap();
+        let mut sum = Sha512::new();
+        sum.update(b"imageboard");
+        let signature = salty::Signature::from(&signature);
+        assert!(key.verify(&sum.finalize(), &signature).is_ok());
+        let before = std::fs::read(&path).unwrap();
+        assert!(create(&path).is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), before);
+        std::fs::remove_file(&path).unwrap();
+        assert!(create(&path).is_err() && !path.exists());
+        let other = folder.path().join("other");
+        create(&other).unwrap();
+        assert_ne!(std::fs::read(&other).unwrap(), before);
+    }
+
+    #[test]
+    fn a_damaged_key_is_refused_with_what_is_accepted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("key");
+        let digits = "00".repeat(32);
+        for text in [
+            String::new(),
+            digits.clone(),
+            format!("kband-public-key {digits}"),
+            format!("kband-secret-key {}", &digits[1..]),
+            format!("kband-secret-key {digits}0"),
+            format!("kband-secret-key {digits}00"),
+            format!("kband-secret-key {}+1", &digits[2..]),
+            format!("kband-secret-key {}\u{e9}", &digits[2..]),
+        ] {
+            std::fs::write(&path, &text).unwrap();
+            let message = sign(&path, &[], "").unwrap_err().to_string();
+            for part in [
+                "holds no kband-secret-key",
+                "64 hexadecimal",
+                "without .pub",
+            ] {
+                assert!(message.contains(part), "{text}: {message}");
+            }
+        }
+    }
+}

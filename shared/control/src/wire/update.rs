@@ -1,0 +1,95 @@
+//! Messages of an update of the firmware.
+//!
+//! Their frames have version 0, and their bytes never change: any desk can update any board.
+
+use serde::{Deserialize, Serialize};
+
+use super::message::Pin;
+
+/// Largest number of bytes of an image in a request.
+pub const MAX_UPDATE_BYTES: usize = 256;
+
+/// Request of an update.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum UpdateRequest<'a> {
+    /// Reads what the board accepts.
+    State,
+    /// Gives the desk write access, as [`super::Request::Unlock`].
+    Unlock(Pin),
+    /// Sets the public key of the signatures, 32 bytes. An error while the drive runs, or over
+    /// another key on a board without a PIN.
+    Key(&'a [u8]),
+    /// Begins an update. An error while the drive runs, for another board, or beyond the slot.
+    Begin {
+        /// Name of the board that the image is for.
+        board: &'a str,
+        /// Length of the image in bytes, a multiple of 4.
+        length: u32,
+    },
+    /// The next bytes of the image, a multiple of 4.
+    Bytes {
+        /// Number of bytes before them.
+        offset: u32,
+        /// The bytes, [`MAX_UPDATE_BYTES`] at most.
+        bytes: &'a [u8],
+    },
+    /// Ends the image with its signature, 64 bytes. A correct one starts the new image on trial.
+    End(&'a [u8]),
+    /// Confirms the image on trial. Without it the next start is the previous image's.
+    Confirm,
+}
+
+/// Answer to a request of an update.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum UpdateAnswer<'a> {
+    /// The request was carried out.
+    Done,
+    /// The request was rejected without effect.
+    Refused(UpdateRefusal),
+    /// What the board accepts.
+    State {
+        /// Name of the board.
+        board: &'a str,
+        /// Size of its slot in bytes; 0 for a board without one.
+        size: u32,
+        /// Whether it has a public key.
+        has_key: bool,
+        /// Whether its image is on trial.
+        on_trial: bool,
+    },
+}
+
+/// Reason for a rejected request of an update.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum UpdateRefusal {
+    /// The drive runs, or a simulation of it.
+    Running,
+    /// The link is read-only.
+    ReadOnly,
+    /// The PIN is wrong.
+    WrongPin,
+    /// Too many wrong PINs; the next attempt is possible after this number of seconds.
+    Wait(u16),
+    /// The fieldbus is in control.
+    NotInControl,
+    /// The board has no slot for an update.
+    NoSlot,
+    /// The board has no public key.
+    NoKey,
+    /// The board has another public key, and no PIN that protects it.
+    HasKey,
+    /// A key, an image or a signature of a wrong length.
+    Length,
+    /// The image is another board's.
+    OtherBoard,
+    /// Bytes out of order; the board has this number of them.
+    Order(u32),
+    /// The signature does not belong to image, board and key.
+    Signature,
+    /// The image on trial was not confirmed.
+    OnTrial,
+    /// The supply is low, or was within the last 100 ms.
+    SupplyLow,
+    /// The non-volatile memory failed, or has no saved settings.
+    Store,
+}

@@ -1,0 +1,313 @@
+//! An update of the firmware over the link of the STM32F405, on the flashed image: confirmed, taken
+//! back, refused, and with power cuts.
+//!
+//! `KBAND_CUTS=N` cuts each operation N times as often.
+
+use std::ops::Range;
+use std::sync::OnceLock;
+
+use kband_control::Target;
+use kband_control::wire::{Kept, MAX_UPDATE_BYTES, Request, UpdateRefusal, UpdateRequest};
+use kband_machines::chip::clocks::Cause;
+use kband_machines::chip::flash::START;
+use kband_machines::chip::kind::Kind;
+use kband_machines::chip::world::Seen;
+use kband_machines::draw::Draw;
+use kband_machines::hazards::Hazard;
+use kband_machines::images::{feeder_on, symbol};
+use kband_machines::rig::{Act, Rig, image_check, ticks};
+use salty::{Keypair, Sha512};
+
+const KIND: Kind = Kind::Stm32f405;
+const BOARD: &str = "stm32f405rg";
+/// Offset of the running program in the flash.
+const ACTIVE: usize = 0x2_0000;
+/// Number of the flash's operations that a swap of these programs exceeds.
+const SWAP: u64 = 150_000;
+
+fn keypair() -> Keypair {
+    Keypair::from(&[7; 32])
+}
+
+/// The program of the image, as an update.
+fn program(rig: &Rig) -> Vec<u8> {
+    let end = (symbol(&feeder_on(KIND), "_image_end") - START) as usize + 4;
+    rig.chip.flash()[ACTIVE..end].to_vec()
+}
+
+/// The program with another name: its version begins with 9.
+fn other_program(rig: &Rig) -> Vec<u8> {
+    let mut other = program(rig);
+    let version = format!("{}+", env!("CARGO_PKG_VERSION"));
+    let places: Vec<usize> = (0..other.len() - version.len())
+        .filter(|at| other[*at..].starts_with(version.as_bytes()))
+        .collect();
+    assert!(!places.is_empty());
+    for place in places {
+        other[place] = b'9';
+    }
+    let mut flash = rig.chip.flash().to_vec();
+    let check = ACTIVE + other.len() - 4;
+    flash[ACTIVE..check + 4].copy_from_slice(&other);
+    let sum = image_check(KIND, &flash, check).to_le_bytes();
+    other[check - ACTIVE..].copy_from_slice(&sum);
+    other
+}
+
+fn signature(image: &[u8], board: &str) -> [u8; 64] {
+    let mut sum = Sha512::new();
+    sum.update(image);
+    sum.update(board.as_bytes());
+    keypair().sign(&sum.finalize()).to_bytes()
+}
+
+fn begin(board: &str, length: usize) -> UpdateRequest<'_> {
+    UpdateRequest::Begin {
+        board,
+        length: length as u32,
+    }
+}
+
+fn send(rig: &mut Rig, image: &[u8]) -> Result<(), UpdateRefusal> {
+    for (number, bytes) in image.chunks(MAX_UPDATE_BYTES).enumerate() {
+        let offset = (number * MAX_UPDATE_BYTES) as u32;
+        rig.update(&UpdateRequest::Bytes { offset, bytes })?;
+    }
+    Ok(())
+}
+
+/// A board with settings and the public key of [`keypair`].
+fn keyed() -> Rig {
+    static KEYED: OnceLock<Rig> = OnceLock::new();
+    let made = KEYED.get_or_init(|| {
+        let hazard = Hazard::of("update", 50.0, Target::Amplitude(0.2));
+        let mut rig = hazard.commissioned(KIND);
+        rig.chip.board.flash.erases_in = Some(ticks(0.02));
+        let key = *keypair().public.as_bytes();
+        assert_eq!(rig.update(&UpdateRequest::Key(&key)), Ok(()));
+        rig
+    });
+    made.clone()
+}
+
+/// A board whose slot has the other program; its end is not sent.
+fn written() -> (Rig, [u8; 64]) {
+    static WRITTEN: OnceLock<Rig> = OnceLock::new();
+    let made = WRITTEN.get_or_init(|| {
+        let mut rig = keyed();
+        let (other, began) = (other_program(&rig), rig.time());
+        assert_eq!(rig.update(&begin(BOARD, other.len())), Ok(()));
+        assert_eq!(send(&mut rig, &other), Ok(()));
+        println!("{} bytes in {:.1} s", other.len(), rig.time() - began);
+        rig
+    });
+    (made.clone(), signature(&other_program(made), BOARD))
+}
+
+/// A board whose slot is marked; it is about to restart.
+fn marked() -> Rig {
+    let (mut rig, end) = written();
+    let began = rig.time();
+    assert_eq!(rig.update(&UpdateRequest::End(&end)), Ok(()));
+    println!("signature checked in {:.2} s", rig.time() - began);
+    rig
+}
+
+/// A board that runs the other program on trial.
+fn on_trial() -> Rig {
+    static TRIAL: OnceLock<Rig> = OnceLock::new();
+    let made = TRIAL.get_or_init(|| {
+        let mut rig = marked();
+        let began = rig.time();
+        await_image(&mut rig);
+        println!("swapped in {:.1} s", rig.time() - began);
+        rig
+    });
+    made.clone()
+}
+
+/// Runs until an image says hello after its start.
+fn await_image(rig: &mut Rig) {
+    let (heard, end) = (rig.sent().len(), rig.time() + 60.0);
+    while rig.sent().len() == heard {
+        rig.run(rig.time() + 0.01);
+        assert!(rig.time() < end, "nothing starts");
+    }
+    rig.run(rig.time() + 0.25);
+}
+
+/// Whether the other program runs, with the old settings and without a fault.
+fn runs_other(rig: &mut Rig) -> bool {
+    let name = rig.image().expect("an answer");
+    assert_eq!(rig.kept(), Kept::InUse);
+    let new = name.starts_with('9');
+    let wanted = if new { other_program } else { program }(&keyed());
+    let whole = rig.chip.flash()[ACTIVE..].starts_with(&wanted);
+    assert!(whole, "the slot has the whole image");
+    new
+}
+
+/// Switches the supply off and on, and waits for an image.
+fn power_cycle(rig: &mut Rig) {
+    rig.act(&Act::Volts(0.0));
+    rig.run(rig.time() + 0.01);
+    rig.chip.board.cut_at = None;
+    rig.act(&Act::Volts(3.3));
+    await_image(rig);
+}
+
+/// Presses the enable input; whether the bridge closes.
+fn drives(rig: &mut Rig) -> bool {
+    let from = rig.time();
+    rig.at(from, Act::Enable(false))
+        .at(from + 0.6, Act::Enable(true))
+        .run(from + 1.0);
+    rig.at(from + 1.0, Act::Enable(false)).run(from + 1.5);
+    rig.seen_after(from, &Seen::Bridge(true)).is_some()
+}
+
+#[test]
+fn a_confirmed_update_drives_with_the_old_settings() {
+    let mut rig = on_trial();
+    assert!(runs_other(&mut rig));
+    let trial = rig.time();
+    assert_eq!(rig.seen_after(trial - 0.3, &Seen::Fault(true)), None);
+    let operations = rig.chip.operations();
+    assert!(!drives(&mut rig), "not on trial");
+    assert_eq!(rig.chip.operations(), operations, "a trial writes nothing");
+    assert_eq!(rig.update(&begin(BOARD, 8)), Err(UpdateRefusal::OnTrial));
+    assert_eq!(rig.update(&UpdateRequest::Confirm), Ok(()));
+    assert!(drives(&mut rig));
+    power_cycle(&mut rig);
+    assert!(runs_other(&mut rig) && drives(&mut rig));
+    assert_eq!(rig.update(&UpdateRequest::Confirm), Ok(()));
+    assert_eq!(rig.update(&begin(BOARD, 8)), Ok(()), "the next update");
+}
+
+#[test]
+fn an_unconfirmed_update_is_taken_back_by_a_reset() {
+    let mut rig = on_trial();
+    power_cycle(&mut rig);
+    assert!(!runs_other(&mut rig));
+    assert!(drives(&mut rig));
+    power_cycle(&mut rig);
+    assert!(!runs_other(&mut rig), "it stays");
+}
+
+#[test]
+fn what_is_no_update_is_refused_and_the_old_image_drives() {
+    let mut rig = keyed();
+    let image = program(&rig)[..1024].to_vec();
+    let mut wrong = signature(&image, BOARD);
+    wrong[40] ^= 1;
+    for end in [wrong, signature(&image, "stm32g474re")] {
+        assert_eq!(rig.update(&begin(BOARD, image.len())), Ok(()));
+        assert_eq!(send(&mut rig, &image), Ok(()));
+        let refused = rig.update(&UpdateRequest::End(&end));
+        assert_eq!(refused, Err(UpdateRefusal::Signature));
+    }
+    let other_board = rig.update(&begin("stm32g474re", image.len()));
+    assert_eq!(other_board, Err(UpdateRefusal::OtherBoard));
+    assert_eq!(rig.update(&begin(BOARD, image.len() + 256)), Ok(()));
+    assert_eq!(send(&mut rig, &image), Ok(()));
+    let end = signature(&image, BOARD);
+    let truncated = rig.update(&UpdateRequest::End(&end));
+    assert_eq!(truncated, Err(UpdateRefusal::Order(1024)));
+    // The desk is silent for ten seconds.
+    rig.run(rig.time() + 11.0);
+    assert!(drives(&mut rig));
+    power_cycle(&mut rig);
+    assert!(!runs_other(&mut rig));
+    let from = rig.time();
+    rig.act(&Act::Enable(true));
+    rig.run(from + 2.0);
+    let driven = rig.amplitude();
+    assert!((driven - 0.2).abs() < 0.01, "{driven}");
+    let operations = rig.chip.operations();
+    for request in [
+        begin(BOARD, image.len()),
+        UpdateRequest::Bytes {
+            offset: 0,
+            bytes: &image[..256],
+        },
+        UpdateRequest::End(&end),
+        UpdateRequest::Key(&[1; 32]),
+        UpdateRequest::Confirm,
+    ] {
+        assert_eq!(
+            rig.update(&request),
+            Err(UpdateRefusal::Running),
+            "{request:?}"
+        );
+        rig.request_done(&Request::Alive);
+        assert!((rig.amplitude() - 0.2).abs() < 0.01);
+    }
+    assert_eq!(rig.chip.operations(), operations, "nothing is written");
+    assert_eq!(rig.seen_after(from + 0.5, &Seen::Bridge(false)), None);
+}
+
+/// Numbers of operations at which power fails: those of `all`, and `drawn` of the rest.
+fn cuts(draw: &mut Draw, all: Range<u64>, rest: u64, drawn: u32) -> Vec<u64> {
+    let times = std::env::var("KBAND_CUTS").map_or(1, |times| times.parse().expect("a number"));
+    let drawn = (0..drawn * times).map(|_| all.end + (draw.unit() as f64 * rest as f64) as u64);
+    all.clone().chain(drawn).collect()
+}
+
+/// Cuts the power at some operations from now on; returns how often each image then runs.
+fn cut(rig: &Rig, cuts: &[u64], mut start: impl FnMut(&mut Rig)) -> [u32; 2] {
+    let mut old_and_new = [0; 2];
+    for cut in cuts {
+        let mut rig = rig.clone();
+        let began = rig.time();
+        rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
+        start(&mut rig);
+        while rig.chip.board.supplied {
+            rig.run(rig.time() + 0.01);
+            assert!(rig.time() < began + 30.0, "{cut}: it was cut");
+        }
+        power_cycle(&mut rig);
+        let new = runs_other(&mut rig);
+        if new && rig.update(&begin(BOARD, 8)) == Err(UpdateRefusal::OnTrial) {
+            assert_eq!(rig.update(&UpdateRequest::Confirm), Ok(()), "{cut}");
+        }
+        old_and_new[usize::from(new)] += 1;
+        assert_eq!(rig.seen_after(began, &Seen::Bridge(true)), None, "{cut}");
+    }
+    old_and_new
+}
+
+#[test]
+fn a_cut_mark_or_swap_leaves_the_old_or_the_new_image() {
+    let mut draw = Draw::new(37);
+    let (rig, end) = written();
+    // The mark ends a page, and programs a word of the next one.
+    let cuts = cuts(&mut draw, 1..4, SWAP, 3);
+    let old_and_new = cut(&rig, &cuts, |rig| {
+        let frame = rig.update_frame(&UpdateRequest::End(&end));
+        rig.act(&Act::Link(frame));
+    });
+    println!("cut at {cuts:?}: old and new image {old_and_new:?}");
+    assert!(
+        old_and_new[0] >= 2 && old_and_new[1] >= 3,
+        "{old_and_new:?}"
+    );
+}
+
+#[test]
+fn a_cut_return_leaves_the_old_image() {
+    let mut draw = Draw::new(38);
+    let rig = on_trial();
+    let cuts = cuts(&mut draw, 1..2, SWAP, 2);
+    let old_and_new = cut(&rig, &cuts, |rig| rig.chip.reset(Cause::Pin));
+    assert_eq!(old_and_new, [cuts.len() as u32, 0]);
+}
+
+#[test]
+fn a_cut_confirmation_leaves_the_old_or_the_new_image() {
+    let rig = on_trial();
+    let old_and_new = cut(&rig, &[1, 2, 3], |rig| {
+        let frame = rig.update_frame(&UpdateRequest::Confirm);
+        rig.act(&Act::Link(frame));
+    });
+    assert_eq!(old_and_new.iter().sum::<u32>(), 3);
+}
