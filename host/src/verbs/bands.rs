@@ -13,7 +13,7 @@ use kband::regime::gear::GearPlan;
 use kband::regime::reach::Reach;
 use kband_control::Settings;
 
-use crate::arguments::{self, ContactArguments, Drawn, DriveArguments, Printed};
+use crate::arguments::{self, ContactArguments, DriveArguments, Shown};
 use crate::causes;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
@@ -65,10 +65,7 @@ pub struct Arguments {
     drive: DriveArguments,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 /// Restitution along the track (symbol Rt), and amplitude along it over that normal to it (symbol
@@ -110,7 +107,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         arguments.second_tone.unwrap_or_default(),
         arguments.third_tone.unwrap_or_default(),
     )?;
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     let contact = arguments.contact.time(arguments.drive.frequency)?;
     let report = if wave.is_sine() {
         let rows = desk.try_map("bands", arguments.orders, |n| {
@@ -128,16 +125,14 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     } else {
         tones::report_of(arguments, &wave, &track, desk)?
     };
-    report.print(arguments.printed.format)?;
     let drawing = if output.draws() {
         picture::compute(&wave, &track, desk)?
     } else {
         picture::Drawing::default()
     };
-    output.write(&report, || {
+    output.show(&report, || {
         picture::draw(arguments, &wave, &track, &drawing)
-    })?;
-    Ok(Exit::Done)
+    })
 }
 
 /// Settings of a drive that bounds no plan, for a lot.

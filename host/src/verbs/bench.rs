@@ -1,6 +1,6 @@
 //! `kband bench`: run time against error of every arithmetic of the impact map.
 
-use crate::arguments::{self, Drawn, Printed};
+use crate::arguments::{self, Shown};
 use crate::bench::workload::{WORKLOADS, Workload};
 use crate::bench::{Errors, Time, contestants};
 use crate::desk::{Desk, Progress};
@@ -31,10 +31,7 @@ pub struct Arguments {
     launches: usize,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 /// Interquartile range over median above which a time is marked as doubtful.
@@ -66,7 +63,7 @@ fields! {
 
 /// Measures and prints.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     let progress = Progress::new("bench", (WORKLOADS.len() * arguments.rounds) as u64);
     let mut lines = Vec::new();
     for workload in WORKLOADS {
@@ -89,12 +86,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             number(1e3 / time("batch"), 3),
         ));
     }
-    report.print(arguments.printed.format)?;
     if let Some(warning) = doubt(&lines) {
         eprintln!("{warning}");
     }
-    output.write(&report, || picture(&lines))?;
-    Ok(Exit::Done)
+    output.show(&report, || picture(&lines))
 }
 
 /// Round by round, each contestant once.

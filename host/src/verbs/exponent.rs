@@ -12,7 +12,7 @@ use kband::regime::exponent::{
 use kband::regime::{Lock, Multipliers};
 use kband::transport::SampleMean;
 
-use crate::arguments::{self, AmplitudeArguments, Drawn, Printed, Range, ScatterArguments};
+use crate::arguments::{self, AmplitudeArguments, Range, ScatterArguments, Shown};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FOLLOWED};
 use crate::picture::{Axis, Panel, Picture, Unit};
@@ -70,10 +70,7 @@ pub struct Arguments {
     band: bool,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 impl Arguments {
@@ -85,7 +82,7 @@ impl Arguments {
 
 /// Prints the exponents.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     let given = arguments.amplitude.or_range(arguments.k)?;
     let values = given.unwrap_or_else(|| vec![0.34]);
     let settings = ExponentSettings {
@@ -145,9 +142,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         None
     };
     let report = report(arguments, &found, band)?;
-    report.print(arguments.printed.format)?;
-    output.write(&report, || picture(arguments, &values, &found, band))?;
-    Ok(Exit::Done)
+    output.show(&report, || picture(arguments, &values, &found, band))
 }
 
 /// Number of orbits among which the impacts are divided, unless the user gives a start.

@@ -5,7 +5,7 @@
 
 use kband_control::{LoopMargins, Settings};
 
-use crate::arguments::{Drawn, Printed};
+use crate::arguments::Shown;
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture, Unit};
 use crate::refusal::{Exit, Refusal};
@@ -25,10 +25,7 @@ Each row is a quality and a gain ratio: true gain over configured gain. It shows
 Off the resonance of a correctly configured drive, the loop feeds back only the deviation from its model. Its margins are those of a loop without a model.")]
 pub struct Arguments {
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 const QUALITIES: [f32; 7] = [3.0, 5.0, 10.0, 25.0, 50.0, 100.0, 200.0];
@@ -88,15 +85,13 @@ impl Line {
 
 /// Prints the smallest margins and draws all.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     let all: Vec<(f32, f32)> = (GAIN_RATIOS.iter())
         .flat_map(|ratio| QUALITIES.map(|quality| (quality, *ratio)))
         .collect();
     let lines = desk.try_map("margins", all.len(), |n| Line::of(all[n].0, all[n].1))?;
     let report = report(&lines);
-    report.print(arguments.printed.format)?;
-    output.write(&report, || picture(&lines))?;
-    Ok(Exit::Done)
+    output.show(&report, || picture(&lines))
 }
 
 fields! {

@@ -16,7 +16,7 @@ use crate::provenance;
 use crate::refusal::Refusal;
 use crate::report::number;
 use crate::simulate::{Outcome, STATE_FILLS, kin, state_fill};
-use crate::verbs::gear::InGearOf;
+use crate::verbs::gear::{Lot, LotSettings};
 use crate::verbs::{basins, transport};
 
 /// Number of restitutions in the diagram of bands, 0..0.7 in steps of 0.005.
@@ -221,15 +221,16 @@ fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
     let lots = scatters
         .iter()
         .map(|&scatter| {
-            InGearOf::new(
-                feeder.lot,
-                GEAR_PARTS,
+            Lot::build(LotSettings {
+                restitution: feeder.lot,
+                parts: GEAR_PARTS,
                 scatter,
                 order,
-                GEAR_RUNS,
-                GEAR_PERIODS,
-            )
-            .map(|parts| parts.with_contact(feeder.contact))
+                runs: GEAR_RUNS,
+                periods: GEAR_PERIODS,
+                seed: 1,
+                contact: feeder.contact,
+            })
         })
         .collect::<Result<Vec<_>, _>>()?;
     let count = waves.len() * scatters.len() * k.len();

@@ -5,18 +5,16 @@
 
 use std::time::Duration;
 
-use serde_json::json;
-
 use kband::feeder::STANDARD_GRAVITY;
 use kband_control::wire::{Request, Response, Status, Telemetry};
 use kband_control::{Settings, State, Target};
 
 use super::drive::{gather, rest, why_off};
-use super::offer::{Offer, print};
-use crate::board::{Address, BoardSettings, Emulated, Link};
+use super::offer::Commissioning;
+use crate::board::Link;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Table};
+use crate::report::{Column, Field, View};
 
 /// Number of averaged readings at rest, and time between two of them.
 const RESTS: u32 = 20;
@@ -102,23 +100,26 @@ fn is_steady(cycle: &Telemetry) -> bool {
         && (cycle.amplitude - cycle.setpoint).abs() < STEADY * cycle.setpoint
 }
 
-/// Measures the accelerometer at rest and while the drive runs, and prints the settings of the
-/// tests at each start. With `apply` the board uses and saves them.
-pub(super) fn run(
-    address: &Address,
-    apply: bool,
-    within: f64,
-    format: Format,
-    desk: &Desk,
-) -> Result<(), Refusal> {
-    let mut link = address.open(Emulated::Running)?;
-    let mut settings = BoardSettings::read(&mut link)?;
+/// Keys of the offered settings, with unit and digits.
+const OFFERED: [Column; 5] = [
+    Column::of_key("sensor_rest", "V").digits(5),
+    Column::of_key("gain", "mm").digits(4),
+    Column::of_key("gain_tolerance", "").digits(3),
+    Column::of_key("load_tolerance", "").digits(3),
+    Column::of_key("current_gain", "mm/A").digits(4),
+];
+
+/// Measures the accelerometer at rest and while the drive runs, and offers the settings of the
+/// tests at each start.
+pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
+    let (mut link, settings) = commissioning.open()?;
+    let (within, desk) = (commissioning.within, commissioning.desk);
     let known = settings.known();
     if let Some(off) = why_off(&mut link)? {
         return Err(off);
     }
-    let held = link.held()?;
-    if held == Target::Amplitude(0.0) {
+    let target = link.held()?;
+    if target == Target::Amplitude(0.0) {
         return Err(Refusal::new(
             "the board's target is an amplitude of 0 mm, at which nothing can be measured",
             "request the working target first, for example kband target gear 1 --save",
@@ -129,10 +130,9 @@ pub(super) fn run(
     // With or without a result, the board continues as before.
     link.tell(&Request::Enable(true))?;
     let mean = mean?;
-    let within = Duration::from_secs_f64(within);
     link.tell(&Request::Target(Target::K(quiet_k(&known))))?;
     let quiet = measure(&mut link, &known, within, desk);
-    link.tell(&Request::Target(held))?;
+    link.tell(&Request::Target(target))?;
     let (quiet, quiet_per_ampere) = quiet?;
     let (loaded, loaded_per_ampere) = measure(&mut link, &known, within, desk)?;
     let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
@@ -151,10 +151,18 @@ pub(super) fn run(
     } else {
         0.0
     };
+    let values = [voltage, gain, swing, run, current_gain];
+    let pairs: Vec<_> = OFFERED
+        .map(|column| column.name())
+        .into_iter()
+        .zip(values)
+        .collect();
+    let assigned: Vec<_> = pairs
+        .iter()
+        .map(|(key, value)| format!("{key} = {value}"))
+        .collect();
     let mut notes = vec![
-        format!(
-            "offered: sensor_rest = {voltage}, gain = {gain}, gain_tolerance = {swing}, load_tolerance = {run}, current_gain = {current_gain}"
-        ),
+        format!("offered: {}", assigned.join(", ")),
         format!(
             "at rest the axis sees {seen:.2} g, by sensor_zero and sensitivity: it is to be {:.2} where it is normal to the track, 0 where the sensor passes no direct voltage",
             f64::from(known.incline).to_radians().cos()
@@ -166,35 +174,9 @@ pub(super) fn run(
             quiet.mean
         ));
     }
-    let values = [voltage, gain, swing, run, current_gain];
-    let offer = Offer {
-        keys: vec![
-            "sensor_rest",
-            "gain",
-            "gain_tolerance",
-            "load_tolerance",
-            "current_gain",
-        ],
-        values: values.into(),
-    };
-    notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
-    let mut table = Table::new(&[
-        Column::of_key("sensor_rest", "V").digits(5),
-        Column::of_key("gain", "mm").digits(4),
-        Column::of_key("gain_tolerance", "").digits(3),
-        Column::of_key("load_tolerance", "").digits(3),
-        Column::of_key("current_gain", "mm/A").digits(4),
-    ]);
-    table.push(values.map(|value| f64::from(value).into()));
-    let document = json!({
-        "sensor_rest": voltage,
-        "gain": gain,
-        "gain_tolerance": swing,
-        "load_tolerance": run,
-        "current_gain": current_gain,
-        "applied": apply,
-    });
-    print(table, &notes, &document, format)
+    let field = |n: usize| Field::all(OFFERED[n], move |values: &[f32; 5]| f64::from(values[n]));
+    let view = View::of((0..OFFERED.len()).map(field).collect());
+    commissioning.conclude((link, settings), &pairs, notes, view, values)
 }
 
 /// Mean of a measured value of the board's status over a second.

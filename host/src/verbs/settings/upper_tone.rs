@@ -7,17 +7,16 @@
 use std::time::Duration;
 
 use num_complex::Complex64 as Complex;
-use serde_json::json;
 
 use kband_control::wire::{Request, Telemetry};
 use kband_control::{Shape, Target, UpperTone};
 
 use super::drive::{gather, why_off};
-use super::offer::{Offer, print};
-use crate::board::{Address, BoardSettings, Emulated, Link};
+use super::offer::Commissioning;
+use crate::board::Link;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Table, columns};
+use crate::report::{Column, Field, View, columns};
 
 /// k of the trial: the track throws no part.
 const K: f32 = 1.3;
@@ -109,18 +108,9 @@ fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
     })
 }
 
-/// Lets the board make a small tone above the first, and prints the track's response. With `apply`
-/// the board uses and saves it.
-pub(super) fn run(
-    upper: Upper,
-    address: &Address,
-    apply: bool,
-    within: f64,
-    format: Format,
-    desk: &Desk,
-) -> Result<(), Refusal> {
-    let mut link = address.open(Emulated::Running)?;
-    let mut settings = BoardSettings::read(&mut link)?;
+/// Lets the board make a small tone above the first, and offers the track's response.
+pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
+    let (mut link, settings) = commissioning.open()?;
     let (name, key, keys) = upper.names();
     let known = settings.known();
     let affords = match upper {
@@ -153,11 +143,11 @@ pub(super) fn run(
             Upper::Third => within_reach(third, known.third_tone),
         },
     };
-    let held = link.held()?;
+    let target = link.held()?;
     link.tell(&Request::Target(Target::Tones { k: K, shape }))?;
-    let cycles = follow(upper, &mut link, Duration::from_secs_f64(within), desk);
+    let cycles = follow(upper, &mut link, commissioning.within, commissioning.desk);
     link.tell(&Request::Telemetry(0))?;
-    link.tell(&Request::Target(held))?;
+    link.tell(&Request::Target(target))?;
     let Some(found) = answer(upper, &cycles?) else {
         return Err(Refusal::new(
             format!("no {name} was made for {CYCLES} cycles"),
@@ -167,28 +157,25 @@ pub(super) fn run(
     let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
     let (gain, lag) = (digits(found.gain, 1e4), digits(found.lag, 10.0));
     let [of_gain, of_lag] = keys;
-    let mut notes = vec![
+    let notes = vec![
         format!("offered: {of_gain} = {gain}, {of_lag} = {lag}"),
         "measured anew with these it is more exact: what was told before is the beginning".into(),
     ];
-    let offer = Offer {
-        keys: keys.to_vec(),
-        values: vec![gain, lag],
-    };
-    notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
-    let mut table = Table::new(&[
-        Column::of_key(of_gain, "mm").digits(4),
-        Column::of_key(of_lag, "degrees").digits(4),
-        columns::GAIN_SCATTER.titled("scatter").digits(2),
+    let view = View::of(vec![
+        Field::all(Column::of_key(of_gain, "mm").digits(4), |found: &Answer| {
+            found.gain
+        }),
+        Field::all(
+            Column::of_key(of_lag, "degrees").digits(4),
+            |found: &Answer| found.lag,
+        ),
+        Field::all(
+            columns::GAIN_SCATTER.titled("scatter").digits(2),
+            |found: &Answer| found.scatter,
+        ),
     ]);
-    table.push([found.gain.into(), found.lag.into(), found.scatter.into()]);
-    let document = json!({
-        of_gain: found.gain,
-        of_lag: found.lag,
-        "gain_scatter": found.scatter,
-        "applied": apply,
-    });
-    print(table, &notes, &document, format)
+    let offer = [(of_gain, gain), (of_lag, lag)];
+    commissioning.conclude((link, settings), &offer, notes, view, found)
 }
 
 /// The cycles from now on, until the tone has settled or was given up.
