@@ -6,7 +6,7 @@ use toml::Table;
 use super::axes::{Axes, set};
 use super::runs::{self, Run, Runs};
 use crate::desk::Desk;
-use crate::picture::{Axis, Grid, Panel, Picture, Unit};
+use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Column, Table as Rows, Value as Cell, columns};
 
@@ -214,8 +214,8 @@ impl Sweep {
             };
             let (low, high) = (low - room, high + room);
             let unit = match unit(&axis.key) {
-                "" => Unit::NONE,
-                unit => Unit::new(unit),
+                "" => "",
+                unit => unit,
             };
             Axis::new(axis.key.clone(), unit, low, high)
         };
@@ -233,14 +233,14 @@ impl Sweep {
                     let (column, row) = (n / inner / rows, n / inner % rows);
                     cells[row * columns + column] += share(point) / inner as f64;
                 }
-                let scale = Axis::new("runs in the wanted state", Unit::new("%"), 0.0, 100.0);
+                let scale = Axis::new("runs in the wanted state", "%", 0.0, 100.0);
                 picture.panel(
                     Panel::new(axis(first, true), axis(second, true))
                         .heat(Grid::new(columns, cells), scale),
                 )
             }
             axes => {
-                let shares = Axis::new("runs in the wanted state", Unit::new("%"), -5.0, 105.0);
+                let shares = Axis::new("runs in the wanted state", "%", -5.0, 105.0);
                 let Some(first) = axes.first() else {
                     return picture;
                 };

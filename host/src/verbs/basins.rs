@@ -13,7 +13,7 @@ use serde_json::json;
 use crate::arguments::{self, AmplitudeArguments, NoScatter, Shown};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED, TOGETHER};
-use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
+use crate::picture::{Axis, Fill, Grid, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Table, columns, number};
 
@@ -224,13 +224,8 @@ fn picture(
         .map(|state| (state.phase, state.velocity))
         .collect();
     let panel = Panel::new(
-        Axis::new("phase t of the drive at the start", Unit::RADIANS, 0.0, TAU).in_pi(),
-        Axis::new(
-            "velocity ψ at the start",
-            Unit::VELOCITY,
-            0.0,
-            arguments.velocity,
-        ),
+        Axis::new("phase t of the drive at the start", "rad", 0.0, TAU).in_pi(),
+        Axis::new("velocity ψ at the start", "b·ω", 0.0, arguments.velocity),
     )
     .height(560.0)
     .classes(Grid::new(arguments.grid, fills), &names)

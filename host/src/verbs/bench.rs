@@ -4,7 +4,7 @@ use crate::arguments::{self, Shown};
 use crate::bench::workload::{WORKLOADS, Workload};
 use crate::bench::{Errors, Time, contestants};
 use crate::desk::{Desk, Progress};
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{fields, number};
 
@@ -160,15 +160,10 @@ fn picture(lines: &[Line]) -> Picture {
         coarsest = coarsest.max(error);
     }
     let panel = |workload: &str, heading: &str| {
-        let time = Axis::new(
-            "Time of one impact",
-            Unit::new("ns"),
-            0.5 * fastest,
-            2.0 * slowest,
-        );
+        let time = Axis::new("Time of one impact", "ns", 0.5 * fastest, 2.0 * slowest);
         let error = Axis::new(
             "Median error of its phase",
-            Unit::RADIANS,
+            "rad",
             0.1 * FOOT,
             10.0 * coarsest,
         );

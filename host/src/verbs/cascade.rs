@@ -6,7 +6,7 @@ use kband::regime::cascade::{Cascade, CascadeEnd, DoubledOrbit, FEIGENBAUM, MAX_
 use super::exponent::spelled;
 use crate::arguments::{self, NoScatter, Shown};
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, fields, number};
 
@@ -88,7 +88,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
 fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     let flips = cascade.flips();
     let last = flips.len() as f64 + 0.5;
-    let numbered = || Axis::new("flip, 1 for 1 → 2 impacts a period", Unit::NONE, 0.5, last);
+    let numbered = || Axis::new("flip, 1 for 1 → 2 impacts a period", "", 0.5, last);
     let points: Vec<(f64, f64)> = flips
         .iter()
         .enumerate()
@@ -96,7 +96,7 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
         .collect();
     let mut places = Panel::new(
         numbered(),
-        Axis::around("k = g cos α / (b ω²)", Unit::NONE, flips.iter().copied()),
+        Axis::around("k = g cos α / (b ω²)", "", flips.iter().copied()),
     )
     .height(230.0)
     .line("", 0, points.clone())
@@ -121,12 +121,7 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
         let law = gaps
             .iter()
             .map(|(n, _)| (*n, end.1 * FEIGENBAUM.powf(end.0 - n)));
-        let axis = Axis::new(
-            "gap to the flip before",
-            Unit::NONE,
-            0.4 * end.1,
-            2.5 * first.1,
-        );
+        let axis = Axis::new("gap to the flip before", "", 0.4 * end.1, 2.5 * first.1);
         picture = picture.panel(
             Panel::new(numbered(), axis.logarithmic())
                 .height(230.0)

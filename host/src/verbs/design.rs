@@ -8,7 +8,7 @@ use serde_json::json;
 use crate::arguments::{self, Shown};
 use crate::desk::Desk;
 use crate::file;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::provenance;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Value, fields, number};
@@ -328,18 +328,8 @@ fn picture(converted: &Conversion, design: &Design) -> Picture {
     let closed = runs(&design.best);
     let today = runs(design.today.as_slice());
     let all: Vec<(f64, f64)> = [&front[..], &closed, &today].concat();
-    let share = || {
-        Axis::around(
-            "share of time in gear",
-            Unit::NONE,
-            all.iter().map(|at| at.0),
-        )
-    };
-    let rate = Axis::around(
-        "parts a minute",
-        Unit::new("1/min"),
-        all.iter().map(|at| at.1),
-    );
+    let share = || Axis::around("share of time in gear", "", all.iter().map(|at| at.0));
+    let rate = Axis::around("parts a minute", "1/min", all.iter().map(|at| at.1));
     let along = |of: &dyn Fn(&Feeder) -> f64| -> Vec<(f64, f64)> {
         let points = design.front.iter();
         points.map(|(feeder, at)| (at.share, of(feeder))).collect()
@@ -363,13 +353,7 @@ fn picture(converted: &Conversion, design: &Design) -> Picture {
                 .markers("its feeders in the closed loop", 1, closed)
                 .markers("the scene's own feeder", 2, today),
         )
-        .panel(panel("drive frequency", Unit::new("Hz"), &|of| {
-            of.frequency
-        }))
-        .panel(panel("amplitude b", Unit::MILLIMETRES, &|of| {
-            converted.amplitude(of)
-        }))
-        .panel(panel("angle of throw", Unit::new("degrees"), &|of| {
-            of.throw_angle
-        }))
+        .panel(panel("drive frequency", "Hz", &|of| of.frequency))
+        .panel(panel("amplitude b", "mm", &|of| converted.amplitude(of)))
+        .panel(panel("angle of throw", "degrees", &|of| of.throw_angle))
 }

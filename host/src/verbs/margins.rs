@@ -7,7 +7,7 @@ use kband_control::{LoopMargins, Settings};
 
 use crate::arguments::Shown;
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, fields};
 
@@ -113,14 +113,7 @@ fn report(lines: &[Line]) -> Printout {
 }
 
 fn picture(lines: &[Line]) -> Picture {
-    let detuning = || {
-        Axis::new(
-            "drive frequency over resonance, less 1",
-            Unit::new("%"),
-            -20.0,
-            20.0,
-        )
-    };
+    let detuning = || Axis::new("drive frequency over resonance, less 1", "%", -20.0, 20.0);
     let panel = |gain_ratio: f32, axis: Axis, margin: &dyn Fn(&LoopMargins) -> f64| {
         let mut panel = Panel::new(detuning(), axis).height(230.0);
         let shown = lines.iter().filter(|line| line.gain_ratio == gain_ratio);
@@ -134,13 +127,13 @@ fn picture(lines: &[Line]) -> Picture {
         panel
     };
     let gain = |margins: &LoopMargins| margins.gain.min(MAX_DRAWN_MARGIN);
-    let factor = |label: &str| Axis::new(label, Unit::NONE, 1.0, MAX_DRAWN_MARGIN).logarithmic();
+    let factor = |label: &str| Axis::new(label, "", 1.0, MAX_DRAWN_MARGIN).logarithmic();
     Picture::new("Margins of the amplitude loop")
         .caption("at any drive frequency; each line a quality of the drive")
         .panel(panel(1.0, factor("gain margin"), &gain))
         .panel(panel(
             1.0,
-            Axis::new("phase margin", Unit::new("degrees"), 0.0, 180.0),
+            Axis::new("phase margin", "degrees", 0.0, 180.0),
             &|margins| margins.phase,
         ))
         .panel(panel(

@@ -9,7 +9,7 @@ use super::{Arguments, COLUMNS};
 use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED, TOGETHER};
-use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
+use crate::picture::{Axis, Fill, Grid, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, columns, number};
 
@@ -147,7 +147,7 @@ impl Map {
         // Half a cell beyond the outermost points on each side.
         let axis = |label: &str, range: Range| {
             let half = 0.5 * (range.high - range.low) / (range.count - 1) as f64;
-            Axis::new(label, Unit::NONE, range.low - half, range.high + half)
+            Axis::new(label, "", range.low - half, range.high + half)
         };
         let mut panel = Panel::new(
             axis("k = g cos α / (b ω²)", self.k),

@@ -6,7 +6,7 @@ use serde_json::{Value as Json, json};
 
 use super::Arguments;
 use super::survey::{Point, Survey};
-use crate::picture::{Axis, Grid, Panel, Picture, Unit};
+use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Printout, Value, fields, number};
 
@@ -254,8 +254,8 @@ pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
         survey.k.last().copied().unwrap_or(1.0),
     );
     let mut over = Panel::new(
-        Axis::new("k", Unit::NONE, low, high),
-        Axis::new("share of time in gear", Unit::NONE, 0.0, 1.0),
+        Axis::new("k", "", low, high),
+        Axis::new("share of time in gear", "", 0.0, 1.0),
     )
     .heading("Over the amplitude, k = g cos α / (b ω²)")
     .line("one tone", 0, survey.over_k(0).collect());
@@ -296,15 +296,10 @@ pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
         let step = arguments.largest_second_tone / f64::from(super::SECOND_TONE_AMPLITUDES);
         picture = picture.panel(
             Panel::new(
-                Axis::new(
-                    "angle th of the second tone",
-                    Unit::RADIANS,
-                    from - half,
-                    to + half,
-                ),
+                Axis::new("angle th of the second tone", "rad", from - half, to + half),
                 Axis::new(
                     "amplitude e of the second tone",
-                    Unit::NONE,
+                    "",
                     0.5 * step,
                     arguments.largest_second_tone + 0.5 * step,
                 ),
@@ -312,7 +307,7 @@ pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
             .heading("Over the second tone, each at its best k")
             .heat(
                 Grid::new(count as usize, shares),
-                Axis::new("in gear", Unit::NONE, 0.0, 1.0),
+                Axis::new("in gear", "", 0.0, 1.0),
             ),
         );
     }
