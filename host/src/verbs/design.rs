@@ -7,12 +7,10 @@ use serde_json::json;
 
 use crate::arguments::{self, Shown};
 use crate::desk::Desk;
-use crate::file;
 use crate::picture::{Axis, Panel, Picture};
-use crate::provenance;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Value, fields, number};
-use crate::simulate::{DEFAULT, SceneFile, at_line, scene_table, schema};
+use crate::simulate::{SceneFile, SceneText};
 
 /// Feeders with the drive of a scene: parts a minute against share in gear.
 #[derive(Clone, Debug, clap::Args)]
@@ -115,14 +113,12 @@ impl Workers for Desk {
 /// Searches, prints and draws.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output_or("kband-design.svg")?;
-    let file = match &arguments.scene {
-        Some(path) => {
-            let name = path.display().to_string();
-            let text = file::read_text(path)?;
-            read(&text, arguments.seed).map_err(|refusal| at_line(refusal, &text).at(&name))?
-        }
-        None => read(DEFAULT, arguments.seed)?,
-    };
+    let read = SceneText::read(arguments.scene.as_deref())?;
+    let mut table = read.table.clone();
+    if let Some(seed) = arguments.seed {
+        table.insert("seed".into(), toml::Value::Integer(seed as i64));
+    }
+    let file = read.scene(&table)?;
     let design = Design::search(&file, &arguments.ranges(&file), desk)?;
     let converted = Conversion {
         gravity: file.scene.settings.gravity.into(),
@@ -130,15 +126,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     };
     let report = report(&converted, &file, &design)?;
     output.show(&report, || picture(&converted, &design))
-}
-
-fn read(text: &str, seed: Option<usize>) -> Result<SceneFile, Refusal> {
-    let mut table = scene_table(text)?;
-    if let Some(seed) = seed {
-        table.insert("seed".into(), toml::Value::Integer(seed as i64));
-    }
-    provenance::scene(&table, |section, key| schema::unit(section, key).into());
-    SceneFile::from_table(table)
 }
 
 /// Conversion of feeders and speeds to the printed quantities.
