@@ -505,6 +505,7 @@ fn a_reader_that_goes_away_ends_a_run_quietly() {
     for line in [
         "simulate --duration 600 --trace -",
         "diagram --restitution 0.2 --out=-.csv",
+        "basins --k 0.43 --restitution 0.2 --grid 200 --format csv",
     ] {
         let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
             .args(line.split(' '))
