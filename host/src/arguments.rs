@@ -200,6 +200,11 @@ pub struct Range {
 }
 
 impl Range {
+    /// A range of `count` values.
+    pub const fn new(low: f64, high: f64, count: usize) -> Self {
+        Self { low, high, count }
+    }
+
     /// The values, `low` and `high` exact.
     pub fn values(self) -> impl Iterator<Item = f64> + Clone {
         let last = self.count.saturating_sub(1);
@@ -461,18 +466,18 @@ pub fn range(text: &str) -> Result<Range, String> {
     let refused = |_| ACCEPTED.to_string();
     let Some((low, rest)) = text.split_once("..") else {
         let value = number(text).map_err(refused)?;
-        return Ok(Range {
-            low: value,
-            high: value,
-            count: 1,
-        });
+        return Ok(Range::new(value, value, 1));
     };
     let (high, count) = rest.split_once(':').ok_or(ACCEPTED)?;
-    let range = Range {
-        low: number(low).map_err(refused)?,
-        high: number(high).map_err(refused)?,
-        count: self::count(2, 1_000_000)(count).map_err(refused)?,
-    };
+    let (low, high) = (
+        number(low).map_err(refused)?,
+        number(high).map_err(refused)?,
+    );
+    let range = Range::new(
+        low,
+        high,
+        self::count(2, 1_000_000)(count).map_err(refused)?,
+    );
     if range.low < range.high {
         Ok(range)
     } else {

@@ -15,8 +15,8 @@ pub mod trace;
 pub const RESTING_AMPLITUDE: f64 = 1e-6;
 
 pub use kband_scene::{
-    DEFAULT, Distribution, Expectation, Fidelity, Happened, Kin, Lot, Outcome, Record, SETTLED,
-    SceneFile, Sketch, Struck, Take, Watch, describe, kin, within_reach, words,
+    DEFAULT, Distribution, Fidelity, Lot, Outcome, SETTLED, SceneFile, Watch, describe, kin,
+    within_reach, words,
 };
 pub use picture::{STATE_FILLS, draw, state_fill};
 pub(crate) use read::SceneText;

@@ -356,26 +356,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_hold_the_references() {
-        let single = Restitution::single(0.2).unwrap();
-        let first = row(single, None, 1, ContactTime::INSTANT).unwrap();
-        // docs/theory-bands.md#t5.2, docs/theory-capture.md#t7.2
-        assert!((first.k2 - 0.393_052).abs() < 1e-6 && (first.k1 - 0.477_465).abs() < 1e-6);
-        let chaos = first.first_chaos.unwrap();
-        assert!((chaos.value - 0.358_723_3).abs() < 1e-7 && chaos.error < 1e-8);
-        let edge = first.reach.unwrap().edge.unwrap();
-        assert!((0.4105..0.4122).contains(&edge));
-        assert!(
-            row(single, None, 2, ContactTime::INSTANT)
-                .unwrap()
-                .reach
-                .unwrap()
-                .edge
-                .is_none()
-        );
-    }
-
-    #[test]
     fn gear_is_planned_as_the_controller_plans_it() {
         let lot = Restitution::interval(0.35, 0.45).unwrap();
         let gear = row(lot, Some(0.04), 1, ContactTime::INSTANT)

@@ -137,11 +137,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             let liveliest = arguments.restitution.high().min(0.99);
             let [edge, _] = band::edges_with_contact(liveliest, order, contact)?;
             let born = band::birth(liveliest, order)?.max(edge);
-            Range {
-                low: 0.15 / f64::from(order),
-                high: (1.02 * born).min(1.0 / f64::from(order)),
-                count: 41,
-            }
+            let order = f64::from(order);
+            Range::new(0.15 / order, (1.02 * born).min(1.0 / order), 41)
         }
     };
     let survey = Survey::run(
@@ -156,11 +153,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 
 /// The k of a range of amplitudes in mm, evenly spaced in k as the map is drawn.
 fn over_amplitude(b: Range, track: &Track) -> Result<Range, Refusal> {
-    Ok(Range {
-        low: arguments::k_of(track, b.high)?,
-        high: arguments::k_of(track, b.low)?,
-        count: b.count,
-    })
+    let [low, high] = [b.high, b.low].map(|b| arguments::k_of(track, b));
+    Ok(Range::new(low?, high?, b.count))
 }
 
 /// The waves to try; the sine is the first.

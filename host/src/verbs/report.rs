@@ -69,14 +69,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         Some(path) => Destination::output(path, "html")?,
         None => Destination::default_name(Path::new(PAGE), page::own, "--out FILE.html")?,
     };
-    if !["html", "htm"].contains(&target.ending().as_str()) {
-        return Err(Refusal::value(
-            "--out",
-            target.path().display(),
-            "a file name that ends in .html",
-            "change the ending",
-        ));
-    }
+    target.ends_in("--out", &["html", "htm"])?;
     let outcome = simulate::run(&scene, desk)?;
     let feeder = Feeder::of(&outcome)?;
     let written = toml::to_string(&table).unwrap_or_default();

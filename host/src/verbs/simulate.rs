@@ -197,15 +197,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             Destination::default_name(Path::new(PICTURE), arguments::own_picture, "--out FILE.svg")?
         }
     };
-    let ending = picture.ending();
-    if !PICTURES.contains(&ending.as_str()) {
-        return Err(Refusal::value(
-            "--out",
-            picture.path().display(),
-            "a file name that ends in .svg, .png or .pdf",
-            "change the ending",
-        ));
-    }
+    picture.ends_in("--out", &PICTURES)?;
     let many = arguments.runs.is_some() || !arguments.sweep.is_empty();
     let trace =
         match &arguments.trace {
@@ -364,17 +356,10 @@ fn many_runs(
 
 /// Whether a target brings the parts onto a lock by kicks.
 fn kicks(target: Target) -> bool {
-    match target {
-        Target::Locked { .. } | Target::Chaotic | Target::Speed(_) | Target::PartsPerMinute(_) => {
-            true
-        }
-        Target::K(_)
-        | Target::Amplitude(_)
-        | Target::Identify
-        | Target::Gear { .. }
-        | Target::Tones { .. }
-        | Target::Flow(_) => false,
-    }
+    matches!(
+        target,
+        Target::Locked { .. } | Target::Chaotic | Target::Speed(_) | Target::PartsPerMinute(_)
+    )
 }
 
 #[cfg(test)]

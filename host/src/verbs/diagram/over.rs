@@ -58,8 +58,7 @@ impl Over {
 
 /// The range among the three options, and its quantity.
 pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
-    let of = |low, high, count| Range { low, high, count };
-    let lot = arguments.restitution.unwrap_or(of(0.2, 0.2, 1));
+    let lot = arguments.restitution.unwrap_or(Range::new(0.2, 0.2, 1));
     let restitution = lot.low;
     let wide = |range: Range| range.count > 1;
     let track = arguments.amplitude.track()?;
@@ -74,7 +73,10 @@ pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
         (None, None, false) => {
             let low = kband::regime::band::flip(restitution, 1)?;
             let high = kband::regime::band::birth(restitution, 1)?;
-            Ok((Over::K { restitution }, of(0.8 * low, 1.05 * high, 1000)))
+            Ok((
+                Over::K { restitution },
+                Range::new(0.8 * low, 1.05 * high, 1000),
+            ))
         }
         (k, b, _) => {
             let given = [("k", k), ("b", b), ("restitution", Some(lot))];

@@ -172,9 +172,8 @@ impl Map {
 
 /// Both ranges of the map.
 fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
-    let range = |low, high, count| Range { low, high, count };
-    let k = arguments.k.unwrap_or(range(0.1, 0.8, 200));
-    let restitution = arguments.restitution.unwrap_or(range(0.0, 0.9, 150));
+    let k = arguments.k.unwrap_or(Range::new(0.1, 0.8, 200));
+    let restitution = arguments.restitution.unwrap_or(Range::new(0.0, 0.9, 150));
     // A range without a number gets as many values as fit.
     let fitted = |range: Range, most: usize| match range.count {
         COLUMNS if k.count.saturating_mul(restitution.count) > MAX_MAP_POINTS => Range {

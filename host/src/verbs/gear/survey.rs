@@ -247,10 +247,7 @@ mod tests {
     }
 
     fn waves() -> [Wave; 2] {
-        let second = Tone {
-            amplitude: 0.15,
-            angle: 2.356,
-        };
+        let second = Tone::new(0.15, 2.356);
         [Wave::sine(), Wave::build(second, Tone::default()).unwrap()]
     }
 

@@ -31,10 +31,7 @@ const GEAR_PARTS: usize = 5;
 const GEAR_RUNS: usize = 8;
 const GEAR_PERIODS: f64 = 250.0;
 /// The second tone of the page if the drive has none.
-const SECOND_TONE: Tone = Tone {
-    amplitude: 0.15,
-    angle: 2.356,
-};
+const SECOND_TONE: Tone = Tone::new(0.15, 2.356);
 /// Number of maps of basins, of cells along a side, and velocity at the upper edge in `b w`.
 const BASIN_MAPS: usize = 21;
 const BASIN_SIDE: usize = 80;

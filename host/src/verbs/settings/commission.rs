@@ -18,7 +18,7 @@ use crate::report::{fields, shortest};
 /// Half-width of the narrowest offered interval: the accuracy of the identification.
 const HALF_WIDTH: f32 = 0.02;
 /// Number of hops of a result, for the progress bar.
-const HOPS: u64 = 64;
+const RESULT_HOPS: u64 = 64;
 
 fields! {
     /// What was identified, and the offered interval.
@@ -56,7 +56,7 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
 
 /// Waits for the result.
 fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, Refusal> {
-    let progress = Progress::new("listening", HOPS);
+    let progress = Progress::new("listening", RESULT_HOPS);
     let begun = Instant::now();
     let mut heard = 0;
     while begun.elapsed() < within {

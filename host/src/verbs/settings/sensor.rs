@@ -17,24 +17,24 @@ use crate::refusal::Refusal;
 use crate::report::{Column, Field, View};
 
 /// Number of averaged readings at rest, and time between two of them.
-const RESTS: u32 = 20;
-const PAUSE: Duration = Duration::from_millis(50);
+const REST_READINGS: u32 = 20;
+const READING_INTERVAL: Duration = Duration::from_millis(50);
 /// Cycles of an average while the drive runs, and number of averages.
-const BLOCK: usize = 16;
+const BLOCK_CYCLES: usize = 16;
 const BLOCKS: usize = 8;
 /// Largest relative deviation of a steady amplitude from its setpoint: a load scatters single
 /// cycles.
-const STEADY: f32 = 0.1;
+const MAX_STEADY_DEVIATION: f32 = 0.1;
 /// k at which the track throws no part, and largest amplitude over the hard limits, while the gain
 /// is measured.
 const QUIET_K: f32 = 1.3;
 const QUIET_SHARE: f32 = 0.2;
 /// Factor for changes after commissioning: 5 % of the sensitivity, and a quarter of the gain of a
 /// warm, loaded drive.
-const MARGIN: f64 = 1.3;
+const TOLERANCE_MARGIN: f64 = 1.3;
 /// Relative deviation of the measured gain from the configured one above which the user should
 /// check the sensor.
-const CHECKED: f64 = 0.1;
+const MAX_GAIN_DEVIATION: f64 = 0.1;
 
 /// Measured gain over the configured one: mean, smallest and largest of its blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,7 +76,7 @@ fn strength(settings: &Settings) -> f64 {
 
 /// The ratio over the last steady cycles; `None` for too few.
 fn ratio(settings: &Settings, cycles: &[Telemetry]) -> Option<Ratio> {
-    let last = cycles.get(cycles.len().checked_sub(BLOCK * BLOCKS)?..)?;
+    let last = cycles.get(cycles.len().checked_sub(BLOCK_CYCLES * BLOCKS)?..)?;
     let sum = |block: &[Telemetry], value: fn(&Telemetry) -> f32| -> f64 {
         block.iter().map(|cycle| f64::from(value(cycle))).sum()
     };
@@ -84,7 +84,7 @@ fn ratio(settings: &Settings, cycles: &[Telemetry]) -> Option<Ratio> {
         sum(block, |cycle| cycle.amplitude)
             / (strength(settings) * sum(block, |cycle| cycle.output))
     };
-    let blocks = || last.chunks(BLOCK).map(of);
+    let blocks = || last.chunks(BLOCK_CYCLES).map(of);
     Some(Ratio {
         mean: of(last),
         least: blocks().fold(f64::INFINITY, f64::min),
@@ -97,7 +97,7 @@ fn is_steady(cycle: &Telemetry) -> bool {
     let settled = [State::Holding, State::Locked].map(State::number);
     settled.contains(&cycle.state)
         && cycle.limits == 0
-        && (cycle.amplitude - cycle.setpoint).abs() < STEADY * cycle.setpoint
+        && (cycle.amplitude - cycle.setpoint).abs() < MAX_STEADY_DEVIATION * cycle.setpoint
 }
 
 /// Keys of the offered settings, with unit and digits.
@@ -143,7 +143,7 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
     let wired = known.current_sensitivity > 0.0;
     let change = loaded_per_ampere / quiet_per_ampere;
     let by_current = if wired { change.max(1.0 / change) } else { 1.0 };
-    let tolerance = |factor: f64| digits((MARGIN * factor).min(2.5), 100.0);
+    let tolerance = |factor: f64| digits((TOLERANCE_MARGIN * factor).min(2.5), 100.0);
     let swing = tolerance(quiet.factor(quiet.mean));
     let run = tolerance(loaded.factor(quiet.mean).max(by_current));
     let current_gain = if wired {
@@ -168,7 +168,7 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
             f64::from(known.incline).to_radians().cos()
         ),
     ];
-    if (quiet.mean - 1.0).abs() > CHECKED {
+    if (quiet.mean - 1.0).abs() > MAX_GAIN_DEVIATION {
         notes.push(format!(
             "the track moves {:.2} times as far as gain says: check sensitivity by tilting the track before you take this",
             quiet.mean
@@ -182,7 +182,7 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
 /// Mean of a measured value of the board's status over a second.
 fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f64, Refusal> {
     let mut sum = 0.0;
-    for _ in 0..RESTS {
+    for _ in 0..REST_READINGS {
         desk.go_on()?;
         let measured = link.ask(&Request::Status, |response| match response {
             Response::Status(status) => Some(value(&status)),
@@ -194,9 +194,9 @@ fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f6
                 "kband flash brings the firmware of this desk",
             )
         })?);
-        link.listen(PAUSE)?;
+        link.listen(READING_INTERVAL)?;
     }
-    Ok(sum / f64::from(RESTS))
+    Ok(sum / f64::from(REST_READINGS))
 }
 
 /// The ratio at the board's target, and the amplitude in m per ampere there.
@@ -206,7 +206,7 @@ fn measure(
     within: Duration,
     desk: &Desk,
 ) -> Result<(Ratio, f64), Refusal> {
-    let wanted = BLOCK * BLOCKS;
+    let wanted = BLOCK_CYCLES * BLOCKS;
     // The last steady cycles in a row.
     let take = |cycles: &mut Vec<Telemetry>, cycle: Telemetry| {
         if is_steady(&cycle) {
@@ -266,7 +266,10 @@ mod tests {
                 "{found:?}"
             );
             assert!(found.factor(found.mean) < 1.02, "{found:?}");
-            assert_eq!(ratio(&scene.settings, &cycles[..BLOCK * BLOCKS - 1]), None);
+            assert_eq!(
+                ratio(&scene.settings, &cycles[..BLOCK_CYCLES * BLOCKS - 1]),
+                None
+            );
         }
     }
 }

@@ -13,7 +13,7 @@ use crate::report::{Field, Printout, View, columns, fields, number};
 use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, SETTLED, describe, words};
 
 /// Smallest amplitude of a second tone, over the first, that counts as one.
-const LEAST: f64 = 0.01;
+const MIN_TONE_RATIO: f64 = 0.01;
 
 /// Files of a single run.
 pub(super) struct Written<'a> {
@@ -425,7 +425,7 @@ fn describe_load(outcome: &Outcome) -> Vec<String> {
             number(load.speed, 3),
         ));
     } else if outcome.file().scene.settings.track_mass > 0.0
-        && f64::from(last.shape.second.ratio) >= LEAST
+        && f64::from(last.shape.second.ratio) >= MIN_TONE_RATIO
     {
         lines.push("weighed          nothing: a second tone takes a power of its own".into());
     }

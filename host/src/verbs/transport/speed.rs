@@ -116,11 +116,7 @@ impl Over {
         let given = arguments.k.or(arguments.b);
         let range = match given {
             Some(range) => range,
-            None => Range {
-                low: 0.02,
-                high: 1.1 * band::birth(feeder.restitution, 1)?,
-                count: 121,
-            },
+            None => Range::new(0.02, 1.1 * band::birth(feeder.restitution, 1)?, 121),
         };
         let mut values: Vec<f64> = range.values().collect();
         if given.is_none() {
