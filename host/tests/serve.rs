@@ -160,7 +160,7 @@ impl Master {
 #[test]
 fn a_plc_gets_parts_into_gear_changes_the_target_and_ends_a_fault() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = came::kband(folder.path(), "simulate --print-scene").done();
+    let scene = came::kband(&folder, "simulate --print-scene").done();
     assert!(scene.contains("duration = 10.0"), "{scene}");
     let scene = scene.replace("duration = 10.0", "duration = 600.0")
         + "\n[[disturbance]]\nat = 12.0\nsensor_lost = true\n"
@@ -220,7 +220,7 @@ fn an_address_that_is_taken_is_refused() {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
     let folder = tempfile::tempdir().unwrap();
-    let came = came::kband(folder.path(), &format!("serve --modbus {address}"));
+    let came = came::kband(&folder, &format!("serve --modbus {address}"));
     came.refused(&[&address, "--modbus"]);
 }
 
@@ -325,8 +325,7 @@ fn a_gateway_without_a_board_is_refused() {
         ("--image none", "--image"),
         ("scene.toml --on qemu", "SCENE.toml"),
     ] {
-        let words = format!("serve {words} --modbus 127.0.0.1:0");
-        came::kband(folder.path(), &words).refused(&[said]);
+        came::kband(&folder, &format!("serve {words} --modbus 127.0.0.1:0")).refused(&[said]);
     }
 }
 
@@ -339,7 +338,7 @@ fn a_new_board_is_commissioned_and_runs_recipe_1_again_after_a_power_cut() {
         let board = ["--on", "qemu", "--image", &image];
         let flash = ["--flash-image", "board.flash"];
         let words: Vec<&str> = words.split(' ').chain(board).chain(flash).collect();
-        came::run(folder.path(), came::LIMIT, &words).done()
+        came::run(&folder, came::LIMIT, &words).done()
     };
     kband("commission line3.html --step found --seconds 1");
     kband("settings save");
