@@ -24,10 +24,7 @@ use kband_plant::{EnvelopeLoop, Scene};
 /// Launches of a workload.
 const LAUNCHES: usize = 4096;
 /// Second tone, within a drive's limits; it keeps parts of restitution 0.1 to 0.5 in gear.
-const SECOND: Tone = Tone {
-    amplitude: 0.15,
-    angle: 2.356,
-};
+const SECOND: Tone = Tone::new(0.15, 2.356);
 
 fn independent(criterion: &mut Criterion) {
     for (name, launches) in WORKLOADS {

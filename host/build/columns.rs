@@ -19,7 +19,7 @@ pub fn source(table: &str) -> String {
             let constant = name.to_uppercase();
             let _ = writeln!(
                 constants,
-                "/// {meaning}\npub const {constant}: Column = Column::new({name:?}, {unit:?});"
+                "/// {meaning}\npub(crate) const {constant}: Column = Column::new({name:?}, {unit:?});"
             );
         }
     }

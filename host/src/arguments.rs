@@ -16,7 +16,7 @@ use kband::impact::{ContactTime, Scatter, Tone, Wave};
 
 use crate::file::Destination;
 use crate::picture::Picture;
-use crate::refusal::Refusal;
+use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Format, Printout, Rows, rows_file};
 
 /// How the result is printed on standard output.
@@ -33,27 +33,49 @@ pub struct Drawn {
     /// Also write a file; its ending says what: .svg, .png or .pdf the picture, .csv or .json the numbers. It takes the
     /// place of an older one of that name; - is standard output, a picture or as --out=-.png says.
     #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
+    out: Option<PathBuf>,
 
     #[command(flatten)]
     look: LookArguments,
 }
 
-impl Drawn {
+/// Where a whole result goes: its form on standard output, and a file with its picture or numbers.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Shown {
+    #[command(flatten)]
+    printed: Printed,
+
+    #[command(flatten)]
+    drawn: Drawn,
+}
+
+impl Shown {
     /// The destination of the picture or the numbers, checked before anything is computed. A
-    /// picture on standard output is refused if `format` prints numbers there.
-    pub fn output(&self, format: Format) -> Result<Output, Refusal> {
-        self.output_with(format, false)
+    /// picture on standard output is refused if `--format` prints numbers there.
+    pub fn output(&self) -> Result<Output, Refusal> {
+        self.drawn.output(self.printed.format, false)
     }
 
-    /// The same for numbers that are written row by row, also as .parquet.
-    pub fn output_of_rows(&self, format: Format) -> Result<Output, Refusal> {
-        self.output_with(format, true)
+    /// The same; without `--out`, a picture called `name` beside a printed table.
+    pub fn output_or(&self, name: &str) -> Result<Output, Refusal> {
+        let format = self.printed.format;
+        if self.drawn.out.is_some() || format != Format::Table {
+            return self.output();
+        }
+        let target = Destination::default_name(Path::new(name), own_picture, "--out FILE.svg")?;
+        Ok(Output {
+            format,
+            kind: Some((target, Kind::Picture(self.drawn.look))),
+        })
     }
+}
 
-    fn output_with(&self, format: Format, by_rows: bool) -> Result<Output, Refusal> {
+impl Drawn {
+    /// The checked destination beside a result in this form on standard output. Numbers that are
+    /// written `by_rows` may also go to a .parquet file.
+    pub fn output(&self, format: Format, by_rows: bool) -> Result<Output, Refusal> {
         let Some(path) = &self.out else {
-            return Ok(Output { kind: None });
+            return Ok(Output { format, kind: None });
         };
         refuse_two_forms(path, format)?;
         let target = Destination::output(path, "svg")?;
@@ -74,20 +96,8 @@ impl Drawn {
                 ));
             }
         };
-        Ok(Output {
-            kind: Some((target, kind)),
-        })
-    }
-
-    /// The same; without `--out`, a picture called `name` beside a printed table.
-    pub fn output_or(&self, name: &str, format: Format) -> Result<Output, Refusal> {
-        if self.out.is_some() || format != Format::Table {
-            return self.output(format);
-        }
-        let target = Destination::default_name(Path::new(name), own_picture, "--out FILE.svg")?;
-        Ok(Output {
-            kind: Some((target, Kind::Picture(self.look))),
-        })
+        let kind = Some((target, kind));
+        Ok(Output { format, kind })
     }
 }
 
@@ -110,6 +120,7 @@ pub fn refuse_two_forms(path: &Path, format: Format) -> Result<(), Refusal> {
 /// The checked destination of a verb's `--out`.
 #[derive(Clone, Debug)]
 pub struct Output {
+    format: Format,
     kind: Option<(Destination, Kind)>,
 }
 
@@ -125,9 +136,9 @@ impl Output {
         matches!(self.kind, Some((_, Kind::Picture(_))))
     }
 
-    /// Whether rows of numbers are wanted.
+    /// Whether rows of numbers are wanted, in the file or on standard output.
     pub fn lists(&self) -> bool {
-        matches!(self.kind, Some((_, Kind::Numbers(Format::Csv))))
+        self.format == Format::Csv || matches!(self.kind, Some((_, Kind::Numbers(Format::Csv))))
     }
 
     /// Calls `work` with the writer of rows; with `None` if the output is a picture or nothing.
@@ -152,13 +163,14 @@ impl Output {
         }
     }
 
-    /// Writes the whole picture or the numbers of `report`; prints the file's name on standard
+    /// Prints `report` and writes its picture or its numbers; prints the file's name on standard
     /// error. Without `--out` it writes nothing and draws no picture.
-    pub fn write(
+    pub fn show(
         &self,
         report: &Printout,
         picture: impl FnOnce() -> Picture,
-    ) -> Result<(), Refusal> {
+    ) -> Result<Exit, Refusal> {
+        report.print(self.format)?;
         if let Some((target, Kind::Numbers(format))) = &self.kind {
             report.save(*format, target)?;
             eprintln!("{}", target.told());
@@ -167,12 +179,12 @@ impl Output {
     }
 
     /// Writes the picture, if one is wanted; prints the file's name on standard error.
-    pub fn draw(&self, picture: impl FnOnce() -> Picture) -> Result<(), Refusal> {
+    pub fn draw(&self, picture: impl FnOnce() -> Picture) -> Result<Exit, Refusal> {
         if let Some((target, Kind::Picture(look))) = &self.kind {
             look.write(target, &picture())?;
             eprintln!("{}", target.told());
         }
-        Ok(())
+        Ok(Exit::Done)
     }
 }
 
@@ -188,6 +200,11 @@ pub struct Range {
 }
 
 impl Range {
+    /// A range of `count` values.
+    pub const fn new(low: f64, high: f64, count: usize) -> Self {
+        Self { low, high, count }
+    }
+
     /// The values, `low` and `high` exact.
     pub fn values(self) -> impl Iterator<Item = f64> + Clone {
         let last = self.count.saturating_sub(1);
@@ -449,18 +466,18 @@ pub fn range(text: &str) -> Result<Range, String> {
     let refused = |_| ACCEPTED.to_string();
     let Some((low, rest)) = text.split_once("..") else {
         let value = number(text).map_err(refused)?;
-        return Ok(Range {
-            low: value,
-            high: value,
-            count: 1,
-        });
+        return Ok(Range::new(value, value, 1));
     };
     let (high, count) = rest.split_once(':').ok_or(ACCEPTED)?;
-    let range = Range {
-        low: number(low).map_err(refused)?,
-        high: number(high).map_err(refused)?,
-        count: self::count(2, 1_000_000)(count).map_err(refused)?,
-    };
+    let (low, high) = (
+        number(low).map_err(refused)?,
+        number(high).map_err(refused)?,
+    );
+    let range = Range::new(
+        low,
+        high,
+        self::count(2, 1_000_000)(count).map_err(refused)?,
+    );
     if range.low < range.high {
         Ok(range)
     } else {

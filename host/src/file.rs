@@ -197,6 +197,19 @@ impl Destination {
             .unwrap_or_default()
     }
 
+    /// Refuses another ending than these of an option's file.
+    pub fn ends_in(&self, option: &str, endings: &[&str]) -> Result<(), Refusal> {
+        if endings.contains(&self.ending().as_str()) {
+            return Ok(());
+        }
+        Err(Refusal::value(
+            option,
+            self.path.display(),
+            format!("a file name that ends in .{}", endings.join(" or .")),
+            "change the ending",
+        ))
+    }
+
     /// The path that will be written.
     pub fn path(&self) -> &Path {
         &self.path
@@ -443,19 +456,5 @@ mod tests {
         }
         let refused = Destination::check(Path::new("-")).unwrap_err().to_string();
         assert!(refused.contains("name of a file"), "{refused}");
-    }
-
-    #[test]
-    fn a_missing_folder_is_refused_before_the_work() {
-        let folder = folder_of("folder");
-        let refused = Destination::check(&folder.join("none/a.svg")).unwrap_err();
-        assert!(refused.to_string().contains("does not exist"));
-        assert!(
-            Destination::check(&folder)
-                .unwrap_err()
-                .to_string()
-                .contains("is a folder")
-        );
-        fs::remove_dir_all(folder).unwrap();
     }
 }

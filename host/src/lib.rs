@@ -16,6 +16,7 @@
 //! | `log` | the log of a board |
 //! | `page` | pages for the browser, of one file each |
 //! | `picture` | pictures of one house style, SVG and PNG |
+//! | `random` | random numbers that are the same in every run |
 //! | [`simulate`] | scenes: read, run, drawn and judged |
 //! | [`provenance`] | what a result came from, in every file |
 //! | `stream` | rows printed as they come |
@@ -30,12 +31,13 @@ pub mod desk;
 pub mod ending;
 pub(crate) mod file;
 #[cfg(feature = "live")]
-pub mod live;
+mod live;
 #[cfg(feature = "log")]
 pub mod log;
 pub(crate) mod page;
 pub(crate) mod picture;
 pub mod provenance;
+mod random;
 pub mod refusal;
 pub mod report;
 pub mod simulate;

@@ -113,11 +113,13 @@ impl Printout {
         match format {
             Format::Table => out.write_all(self.to_text(None).as_bytes()),
             Format::Csv => match &self.csv {
-                Some((columns, write)) => CsvRows::begin(out, columns)
-                    .and_then(|mut rows| write(&mut rows))
-                    .map_err(std::io::Error::other),
-                None => self.table.write_csv(out),
-            },
+                Some((columns, write)) => {
+                    CsvRows::begin(out, columns).and_then(|mut rows| write(&mut rows))
+                }
+                None => CsvRows::begin(out, self.table.columns())
+                    .and_then(|mut rows| self.table.write_rows(&mut rows)),
+            }
+            .map_err(std::io::Error::other),
             Format::Json => {
                 let document = match &self.json {
                     Some(json) => json.clone(),
@@ -207,12 +209,7 @@ pub fn print_rows<T>(
         Printout::new(rows.0).print(format)?;
         return Ok(result);
     }
-    let standard: Box<dyn Write> = if file::takes_standard_output() {
-        words()
-    } else {
-        Box::new(file::standard_output())
-    };
-    let mut out = std::io::BufWriter::new(standard);
+    let mut out = std::io::BufWriter::new(words());
     let result = if format == Format::Csv {
         work(&mut CsvRows::begin(&mut out, columns)?)?
     } else {
@@ -255,7 +252,7 @@ fn words() -> Box<dyn Write> {
     if file::takes_standard_output() {
         Box::new(std::io::stderr().lock())
     } else {
-        Box::new(std::io::stdout().lock())
+        Box::new(file::standard_output())
     }
 }
 
@@ -275,7 +272,7 @@ fn screen() -> Option<usize> {
     {
         let out = std::io::stdout();
         let size = rustix::termios::tcgetwinsize(&out).ok()?;
-        (size.ws_col >= NARROWEST).then_some(size.ws_col.into())
+        (size.ws_col >= MIN_SCREEN_COLUMNS).then_some(size.ws_col.into())
     }
     #[cfg(not(unix))]
     None
@@ -283,7 +280,7 @@ fn screen() -> Option<usize> {
 
 /// Smallest number of columns of a screen on which a table is laid out.
 #[cfg(unix)]
-const NARROWEST: u16 = 40;
+const MIN_SCREEN_COLUMNS: u16 = 40;
 
 /// Sentences broken between words at a width. After a label and its gap they continue below their
 /// begin. Columns aligned by several gaps and comments of a scene stay.
@@ -312,10 +309,12 @@ fn wrapped(text: &str, screen: usize) -> String {
 
 fn quiet_if_closed(written: std::io::Result<()>) -> Result<(), Refusal> {
     match written {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Refusal::new(
-            format!("standard output: {error}"),
-            "check where the output goes, or write a file with --out",
-        )),
+        Err(error) if error.kind() != ErrorKind::BrokenPipe && !file::reader_is_gone() => {
+            Err(Refusal::new(
+                format!("standard output: {error}"),
+                "check where the output goes, or write a file with --out",
+            ))
+        }
         _ => Ok(()),
     }
 }

@@ -6,7 +6,7 @@ use serde_json::{Map, Value as Json};
 
 use crate::provenance;
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Value, units};
+use crate::report::{Column, CsvRows, Format, Value, units};
 
 /// Rows to a writer, each as soon as it is there.
 pub struct Stream<W> {
@@ -69,12 +69,10 @@ impl<W: Write> Stream<W> {
                 self.aligned(names) + "\n"
             }
             Format::Csv => {
-                let mut comments = Vec::new();
+                let mut head = Vec::new();
                 // Writing to a Vec cannot fail.
-                let _ = provenance::write_comments(units, &mut comments);
-                let names = columns.iter().map(Column::header);
-                let header = names.collect::<Vec<_>>().join(",") + "\n";
-                String::from_utf8_lossy(&comments).into_owned() + &header
+                let _ = CsvRows::begin(&mut head, &columns);
+                String::from_utf8_lossy(&head).into_owned()
             }
             Format::Json => provenance::with(Json::Object(Map::new()), units).to_string() + "\n",
         }

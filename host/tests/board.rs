@@ -19,18 +19,23 @@ use serde_json::Value;
 const LIMIT: &str = "60";
 
 /// Runs `kband` in `folder` on the emulated board; killed at the limit.
-fn kband(folder: &Path, words: &str) -> Came {
+fn kband(folder: impl AsRef<Path>, words: &str) -> Came {
     kband_with(folder, words, &[])
 }
 
-fn kband_with(folder: &Path, words: &str, more: &[&str]) -> Came {
+/// The same board, whose settings outlast the command.
+fn on_flash(folder: impl AsRef<Path>, words: &str) -> Came {
+    kband_with(folder, words, &["--flash-image", "board.flash"])
+}
+
+fn kband_with(folder: impl AsRef<Path>, words: &str, more: &[&str]) -> Came {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let board = ["--on", "qemu", "--image", image.to_str().unwrap()];
     run(folder, words, &[&board[..], more].concat())
 }
 
 /// Runs `kband` in `folder`; killed at the limit.
-fn run(folder: &Path, words: &str, more: &[&str]) -> Came {
+fn run(folder: impl AsRef<Path>, words: &str, more: &[&str]) -> Came {
     let words: Vec<&str> = words.split(' ').chain(more.iter().copied()).collect();
     came::run(folder, LIMIT, &words)
 }
@@ -41,14 +46,14 @@ fn an_image_is_checked_without_a_probe() {
     let words = "flash --dry-run --format json";
     let (package, bin, machine) = ("kband-firmware", "feeder", Machine::CortexM4F);
     let nucleo = images::build_with(package, bin, machine, "stm32g474re");
-    let plan = run(folder.path(), words, &[nucleo.to_str().unwrap()]).done();
+    let plan = run(&folder, words, &[nucleo.to_str().unwrap()]).done();
     let plan: Value = serde_json::from_str(&plan).unwrap();
     assert_eq!(plan["chip"], "STM32G474RE");
     let last = plan["sectors"].as_array().unwrap().last().unwrap();
     assert_eq!(last["what"], "settings and faults, left alone");
     assert_eq!(last["sectors"], serde_json::json!([252, 255]));
     let image = images::build(package, bin, machine);
-    let plan = run(folder.path(), words, &[image.to_str().unwrap()]).done();
+    let plan = run(&folder, words, &[image.to_str().unwrap()]).done();
     let plan: Value = serde_json::from_str(&plan).unwrap();
     let sectors = plan["sectors"].as_array().unwrap();
     let bytes: u64 = sectors
@@ -68,7 +73,7 @@ fn an_image_is_checked_without_a_probe() {
     assert_eq!(plan["option_bytes"], Value::Null);
     // Other option bytes to set are listed; those that cannot be set are refused.
     let asked = ["--option-bytes", image.to_str().unwrap()];
-    let plan = run(folder.path(), words, &asked).done();
+    let plan = run(&folder, words, &asked).done();
     assert!(plan.contains("brown-out reset at level 3"), "{plan}");
     let words = "flash --dry-run";
     let emulated = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
@@ -89,11 +94,10 @@ fn an_image_is_checked_without_a_probe() {
         ("words", ["no ELF", "cargo feeder"]),
         ("none", ["none", "cargo feeder"]),
     ] {
-        run(folder.path(), words, &[image]).refused(&expected);
+        run(&folder, words, &[image]).refused(&expected);
     }
     // Built without its way to a probe, or with it and no probe here.
-    let words = "flash";
-    let came = run(folder.path(), words, &[image.to_str().unwrap()]);
+    let came = run(&folder, "flash", &[image.to_str().unwrap()]);
     let expected = if cfg!(feature = "flash") {
         "no debug probe"
     } else {
@@ -109,8 +113,7 @@ fn folder() -> tempfile::TempDir {
 #[test]
 fn the_board_says_who_and_how_it_is() {
     let folder = folder();
-    let words = "identify --format json";
-    let board = kband(folder.path(), words).json();
+    let board = kband(&folder, "identify --format json").json();
     assert_eq!(
         board["schema"],
         format!("{:08x}", kband_control::wire::SCHEMA)
@@ -128,8 +131,7 @@ fn the_board_says_who_and_how_it_is() {
 #[test]
 fn a_saved_change_of_settings_outlasts_a_restart() {
     let folder = folder();
-    let words = "settings list --format json";
-    let list = kband(folder.path(), words).json();
+    let list = kband(&folder, "settings list --format json").json();
     let list = list.as_array().unwrap();
     assert_eq!(list.len(), kband_control::Settings::KEYS.len());
     for (row, key) in list.iter().zip(kband_control::Settings::KEYS) {
@@ -145,17 +147,21 @@ fn a_saved_change_of_settings_outlasts_a_restart() {
             );
         }
     }
-    let words = "settings set restitution_high 0.31 --flash-image board.flash";
-    assert!(kband(folder.path(), words).done().contains("--save"));
+    assert!(
+        on_flash(&folder, "settings set restitution_high 0.31")
+            .done()
+            .contains("--save")
+    );
     let value = |key: &str| {
-        let words = format!("settings get {key} --format json --flash-image board.flash");
-        kband(folder.path(), &words).json()[0]["value"].as_f64()
+        on_flash(&folder, &format!("settings get {key} --format json")).json()[0]["value"].as_f64()
     };
     assert_eq!(value("restitution_high"), Some(0.22));
-    let words = "settings set restitution_high 0.31 --save --flash-image board.flash";
-    assert!(kband(folder.path(), words).done().contains("kept"));
-    let words = "settings set incline -2.5 --save --flash-image board.flash";
-    kband(folder.path(), words).done();
+    assert!(
+        on_flash(&folder, "settings set restitution_high 0.31 --save")
+            .done()
+            .contains("kept")
+    );
+    on_flash(&folder, "settings set incline -2.5 --save").done();
     assert_eq!(value("restitution_high"), Some(0.31));
     assert_eq!(value("incline"), Some(-2.5));
 }
@@ -163,9 +169,7 @@ fn a_saved_change_of_settings_outlasts_a_restart() {
 #[test]
 fn a_file_of_settings_is_taken_whole_or_not_at_all() {
     let folder = folder();
-    let flash = "--flash-image board.flash";
-    let words = format!("settings export all.toml {flash}");
-    kband(folder.path(), &words).done();
+    on_flash(&folder, "settings export all.toml").done();
     let all = std::fs::read_to_string(folder.path().join("all.toml")).unwrap();
     assert_eq!(
         all.matches(" = ").count(),
@@ -177,9 +181,8 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
         "good.toml",
         "frequency = 55\nrestitution_low = 0.4\nrestitution_high = 0.5\n",
     );
-    let words = format!("settings import good.toml --save {flash}");
     assert!(
-        kband(folder.path(), &words)
+        on_flash(&folder, "settings import good.toml --save")
             .done()
             .contains("3 settings in the file, 3 changed")
     );
@@ -201,8 +204,7 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
         ("frequency = nan\n", ["frequency", "NaN", "5..500 Hz"]),
     ] {
         write("bad.toml", text);
-        let words = format!("settings import bad.toml --save {flash}");
-        kband(folder.path(), &words).refused(&expected);
+        on_flash(&folder, "settings import bad.toml --save").refused(&expected);
         assert_eq!(
             std::fs::read(folder.path().join("board.flash")).unwrap(),
             changed,
@@ -210,10 +212,12 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
         );
     }
     // What was exported brings all of it back.
-    let words = format!("settings import all.toml --save {flash}");
-    assert!(kband(folder.path(), &words).done().contains("3 changed"));
-    let words = format!("settings export again.toml {flash}");
-    kband(folder.path(), &words).done();
+    assert!(
+        on_flash(&folder, "settings import all.toml --save")
+            .done()
+            .contains("3 changed")
+    );
+    on_flash(&folder, "settings export again.toml").done();
     assert_eq!(
         std::fs::read_to_string(folder.path().join("again.toml")).unwrap(),
         all
@@ -223,18 +227,13 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
 #[test]
 fn recipes_are_saved_used_exported_and_imported() {
     let folder = folder();
-    let recipe = |words: &str| {
-        let words = format!("recipe {words} --flash-image board.flash");
-        kband(folder.path(), &words)
-    };
+    let recipe = |words: &str| on_flash(&folder, &format!("recipe {words}"));
     let flash = || std::fs::read(folder.path().join("board.flash")).unwrap();
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
     // They are saved with settings, which a new board does not have.
     recipe("save 1 caps").refused(&["no saved settings", "kband settings save"]);
-    let words = "settings set restitution_high 0.31 --save --flash-image board.flash";
-    kband(folder.path(), words).done();
-    let words = "target k 0.5 --save --flash-image board.flash";
-    kband(folder.path(), words).done();
+    on_flash(&folder, "settings set restitution_high 0.31 --save").done();
+    on_flash(&folder, "target k 0.5 --save").done();
     assert!(recipe("save 1 caps").done().contains("k = 0.5"));
     let list = recipe("list --format json").json();
     let list = list.as_array().unwrap();
@@ -243,8 +242,8 @@ fn recipes_are_saved_used_exported_and_imported() {
     assert_eq!(list[0]["settings"][1]["value"], 0.31);
     assert_eq!(list[0]["in_use"], false);
     // The settings are as they were.
-    let words = "settings get restitution_high --format json --flash-image board.flash";
-    assert_eq!(kband(folder.path(), words).json()[0]["value"], 0.31);
+    let words = "settings get restitution_high --format json";
+    assert_eq!(on_flash(&folder, words).json()[0]["value"], 0.31);
     recipe("export all.toml").done();
     let text = std::fs::read_to_string(folder.path().join("all.toml")).unwrap();
     let second = text
@@ -285,8 +284,7 @@ fn recipes_are_saved_used_exported_and_imported() {
     assert_eq!(list.as_array().unwrap().len(), 1);
     assert_eq!(list[0]["name"], "M3 screws");
     // A locked board keeps them.
-    let words = "settings save --flash-image board.flash";
-    kband(folder.path(), words).done();
+    on_flash(&folder, "settings save").done();
     assert_eq!(
         recipe("list --format json")
             .json()
@@ -295,8 +293,7 @@ fn recipes_are_saved_used_exported_and_imported() {
             .len(),
         1
     );
-    let words = "lock 4711 --flash-image board.flash";
-    kband(folder.path(), words).done();
+    on_flash(&folder, "lock 4711").done();
     let before = flash();
     recipe("delete 7").refused(&["locked by a PIN", "kband unlock"]);
     recipe("import second.toml").refused(&["locked by a PIN"]);
@@ -323,7 +320,7 @@ fn a_refusal_names_cause_range_and_next_step() {
         ("settings export none/all.toml", ["none", "mkdir"]),
         ("settings list --flash-image words", ["words", "four pages"]),
     ] {
-        kband(folder.path(), words).refused(&expected);
+        kband(&folder, words).refused(&expected);
     }
     let mut names: Vec<_> = std::fs::read_dir(&folder)
         .unwrap()
@@ -338,7 +335,7 @@ fn a_refusal_names_cause_range_and_next_step() {
 fn a_board_is_monitored_recorded_and_replayed() {
     let folder = folder();
     let words = "monitor --every 5 --format json --record run.kband --rows 6";
-    let now = kband(folder.path(), words).done();
+    let now = kband(&folder, words).done();
     let rows: Vec<Value> = now
         .lines()
         .skip(1)
@@ -356,29 +353,29 @@ fn a_board_is_monitored_recorded_and_replayed() {
     );
     assert!(rows.iter().any(|row| row["event"] == "started"), "{now}");
     // The record has what was printed, and the cycles that came while it ended.
-    let words = "monitor --replay run.kband --format json";
-    let replayed = run(folder.path(), words, &[]).done();
+    let replayed = run(&folder, "monitor --replay run.kband --format json", &[]).done();
     let replayed: Vec<&str> = replayed.lines().collect();
     assert!(
         now.lines().skip(1).all(|row| replayed.contains(&row)),
         "{now}{replayed:#?}"
     );
-    let words = "monitor --replay run.kband --format csv";
-    let csv = run(folder.path(), words, &[]).done();
+    let csv = run(&folder, "monitor --replay run.kband --format csv", &[]).done();
     assert!(
         provenance::stripped(&csv).starts_with("time (s),cycle,state,k,b (mm),"),
         "{csv}"
     );
-    let words = "monitor --replay run.kband";
-    assert!(run(folder.path(), words, &[]).done().contains("starting"));
+    assert!(
+        run(&folder, "monitor --replay run.kband", &[])
+            .done()
+            .contains("starting")
+    );
 
     let words = "monitor --record run.kband --duration 1";
-    kband(folder.path(), words).refused(&["run.kband", "is there already", "next:"]);
+    kband(&folder, words).refused(&["run.kband", "is there already", "next:"]);
     std::fs::write(folder.path().join("other.kband"), "no record\0\0\0").unwrap();
     let words = "monitor --replay other.kband";
-    run(folder.path(), words, &[]).refused(&["other.kband", "no record", "--record"]);
-    let words = "monitor --replay none.kband";
-    run(folder.path(), words, &[]).refused(&["none.kband", "--record"]);
+    run(&folder, words, &[]).refused(&["other.kband", "no record", "--record"]);
+    run(&folder, "monitor --replay none.kband", &[]).refused(&["none.kband", "--record"]);
 }
 
 #[test]
@@ -392,15 +389,14 @@ fn the_log_is_refused_without_the_feature_or_the_image() {
     } else {
         ["without the log", "--features log"]
     };
-    let words = "monitor --log none.defmt";
-    run(folder.path(), words, &["--elf", image]).refused(&expected);
+    run(&folder, "monitor --log none.defmt", &["--elf", image]).refused(&expected);
     if built_in {
         std::fs::write(folder.path().join("notes.txt"), "no image").unwrap();
         let words = "monitor --log notes.txt --elf notes.txt";
-        run(folder.path(), words, &[]).refused(&["notes.txt", "cargo feeder"]);
+        run(&folder, words, &[]).refused(&["notes.txt", "cargo feeder"]);
     }
     let words = "monitor --on /dev/null";
-    run(folder.path(), words, &["--elf", image]).refused(&["debug probe", "--log FILE"]);
+    run(&folder, words, &["--elf", image]).refused(&["debug probe", "--log FILE"]);
 }
 
 /// The events in the log lines of what `kband monitor` printed.
@@ -462,8 +458,12 @@ fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
                 .map(move |event| (report.cycle, event.name().to_string()))
         })
         .collect();
-    let words = "monitor --log raw.defmt --format json";
-    let out = run(folder.path(), words, &["--elf", image]).done();
+    let out = run(
+        &folder,
+        "monitor --log raw.defmt --format json",
+        &["--elf", image],
+    )
+    .done();
     assert!(out.contains("started by power-on"), "{out}");
     assert_eq!(logged(&out), expected, "{out}");
 
@@ -472,33 +472,36 @@ fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
     raw[2] ^= 0x55;
     raw.truncate(raw.len() - 3);
     std::fs::write(folder.path().join("bad.defmt"), raw).unwrap();
-    let words = "monitor --log bad.defmt --format json";
-    let out = run(folder.path(), words, &["--elf", image]).done();
+    let out = run(
+        &folder,
+        "monitor --log bad.defmt --format json",
+        &["--elf", image],
+    )
+    .done();
     assert_eq!(logged(&out), expected[..expected.len() - 1], "{out}");
 
     // Beside the telemetry of a board that runs, recorded and printed again.
     let words = "monitor --rows 5 --format json --record-log again.defmt";
-    let out = kband_with(folder.path(), words, &["--elf", image]).done();
+    let out = kband_with(&folder, words, &["--elf", image]).done();
     let logged_lines = logged(&out);
     assert_eq!(logged_lines[0], expected[0], "{out}");
     assert!(out.contains("\"state\":\"starting\""), "{out}");
     let again = "monitor --log again.defmt --format json";
-    let again = run(folder.path(), again, &["--elf", image]).done();
+    let again = run(&folder, again, &["--elf", image]).done();
     assert_eq!(logged(&again), logged_lines);
-    kband_with(folder.path(), words, &["--elf", image])
-        .refused(&["again.defmt", "is there already"]);
+    kband_with(&folder, words, &["--elf", image]).refused(&["again.defmt", "is there already"]);
 }
 
 #[test]
 fn an_identification_that_has_no_result_yet_changes_nothing() {
     let folder = folder();
     let flash = || std::fs::read(folder.path().join("board.flash")).unwrap();
-    kband(folder.path(), "settings save --flash-image board.flash").done();
+    on_flash(&folder, "settings save").done();
     let saved = flash();
-    let words = "settings commission --within 2 --flash-image board.flash";
-    kband(folder.path(), words).refused(&["after 2 s", "no result", "--within"]);
+    let words = "settings commission --within 2";
+    on_flash(&folder, words).refused(&["after 2 s", "no result", "--within"]);
     let words = "settings commission --apply --within 2";
-    kband(folder.path(), words).refused(&["no flash", "--flash-image"]);
+    kband(&folder, words).refused(&["no flash", "--flash-image"]);
     assert_eq!(flash(), saved);
 }
 
@@ -510,8 +513,7 @@ fn the_drive_response_at_multiples_is_measured_and_saved() {
     let told = "second_tone = 0.05\nthird_tone = 0.02\nsecond_gain = 0.02\nsecond_lag = 150.0\n\
                 third_gain = 0.0065\nthird_lag = 160.0\n";
     std::fs::write(folder.path().join("told.toml"), told).unwrap();
-    let words = "settings import told.toml --save --flash-image board.flash";
-    kband(folder.path(), words).done();
+    on_flash(&folder, "settings import told.toml --save").done();
     for (option, gain, lag, answer, exact) in [
         (
             "--second-tone",
@@ -522,14 +524,11 @@ fn the_drive_response_at_multiples_is_measured_and_saved() {
         ),
         ("--third-tone", "third_gain", "third_lag", 0.04 / 8.0, 0.05),
     ] {
-        let words = format!(
-            "settings commission {option} --apply --within 50 --format json --flash-image board.flash"
-        );
-        let found: Value = serde_json::from_str(&kband(folder.path(), &words).done()).unwrap();
+        let words = format!("settings commission {option} --apply --within 50 --format json");
+        let found: Value = serde_json::from_str(&on_flash(&folder, &words).done()).unwrap();
         assert_eq!(found["applied"], true, "{found}");
         // Beyond a loss of power.
-        let words = "settings list --format json --flash-image board.flash";
-        let all = kband(folder.path(), words).json();
+        let all = on_flash(&folder, "settings list --format json").json();
         let kept = |key: &str| {
             let mut settings = all.as_array().unwrap().iter();
             let own = settings.find(|setting| setting["key"] == key).unwrap();
@@ -546,14 +545,13 @@ fn the_drive_response_at_multiples_is_measured_and_saved() {
         );
     }
     // A third tone needs a second one, and a board that affords none has none to measure.
-    let words = "settings commission --third-tone";
-    kband(folder.path(), words).refused(&[
+    kband(&folder, "settings commission --third-tone").refused(&[
         "third_tone = 0",
         "0.01..0.5",
         "settings set third_tone",
     ]);
     let words = "settings set third_tone 0.05 --save --flash-image other.flash";
-    kband(folder.path(), words).refused(&["third_tone", "set second_tone first"]);
+    kband(&folder, words).refused(&["third_tone", "set second_tone first"]);
 }
 
 /// The emulated board's sensor sees nothing of gravity, and its drive is as the default settings say.
@@ -561,19 +559,14 @@ fn the_drive_response_at_multiples_is_measured_and_saved() {
 fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     let folder = folder();
     for change in ["gain 0.8", "current_sensitivity 0.3"] {
-        let words = format!("settings set {change} --save --flash-image board.flash");
-        kband(folder.path(), &words).done();
+        on_flash(&folder, &format!("settings set {change} --save")).done();
     }
-    let words = "settings commission --sensor --flash-image board.flash";
-    kband(folder.path(), words).refused(&["0 mm", "kband target gear 1"]);
-    let words = "target order 1 --save --flash-image board.flash";
-    kband(folder.path(), words).done();
-    let words =
-        "settings commission --sensor --apply --within 100 --format json --flash-image board.flash";
-    let found = kband(folder.path(), words).json();
+    on_flash(&folder, "settings commission --sensor").refused(&["0 mm", "kband target gear 1"]);
+    on_flash(&folder, "target order 1 --save").done();
+    let words = "settings commission --sensor --apply --within 100 --format json";
+    let found = on_flash(&folder, words).json();
     assert_eq!(found["applied"], true, "{found}");
-    let words = "settings list --format json --flash-image board.flash";
-    let all = kband(folder.path(), words).json();
+    let all = on_flash(&folder, "settings list --format json").json();
     let kept = |key: &str| {
         let mut settings = all.as_array().unwrap().iter();
         let own = settings.find(|setting| setting["key"] == key).unwrap();
@@ -587,12 +580,11 @@ fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     let tolerance = kept("load_tolerance");
     assert!((1.3..2.0).contains(&tolerance), "{found}");
     // The next start passes its tests: without --apply nothing is changed, and it is measured again.
-    let words = "settings commission --sensor --within 100 --flash-image board.flash";
-    let said = kband(folder.path(), words).done();
+    let said = on_flash(&folder, "settings commission --sensor --within 100").done();
     assert!(said.contains("settings set gain_tolerance"), "{said}");
     assert!(said.contains("settings set current_gain 0."), "{said}");
     let words = "settings commission --sensor --second-tone";
-    kband(folder.path(), words).refused(&["--sensor", "--second-tone"]);
+    kband(&folder, words).refused(&["--sensor", "--second-tone"]);
 }
 
 /// An emulated board that runs on from command to command, at the end of a pseudo-terminal.
@@ -609,12 +601,7 @@ impl Standing {
     }
 
     fn ask(&self, words: &str) -> Value {
-        run(
-            folder().path(),
-            words,
-            &["--on", self.port(), "--format", "json"],
-        )
-        .json()
+        run(folder(), words, &["--on", self.port(), "--format", "json"]).json()
     }
 }
 
@@ -654,7 +641,7 @@ fn a_board_is_given_targets_and_its_enable_and_tells_how_it_is() {
     assert!(reached, "{}", board.ask("status"));
     let folder = folder();
     let refused = |words: &str, said: &[&str]| {
-        run(folder.path(), words, &["--on", board.port()]).refused(said);
+        run(&folder, words, &["--on", board.port()]).refused(said);
     };
     refused(
         "target mm",
@@ -679,7 +666,7 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
     let on = ["--on", board.port()];
     let step = |words: &[&str]| {
         let begin = ["commission", "record.html", "--seconds", "1"];
-        came::run(folder.path(), LIMIT, &[&begin[..], words, &on].concat()).done()
+        came::run(&folder, LIMIT, &[&begin[..], words, &on].concat()).done()
     };
     step(&["--step", "as found"]);
     board.ask("disable");
@@ -739,7 +726,7 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
     // No other file is taken for a record, and it is also JSON.
     std::fs::write(folder.path().join("other.html"), "<!doctype html>").unwrap();
     let other = ["commission", "other.html", "--step", "a"];
-    came::run(folder.path(), LIMIT, &[&other[..], &on].concat())
+    came::run(&folder, LIMIT, &[&other[..], &on].concat())
         .refused(&["is no record", "another name"]);
     let other = [
         "commission",
@@ -749,7 +736,7 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
         "--seconds",
         "1",
     ];
-    came::run(folder.path(), LIMIT, &[&other[..], &on].concat()).done();
+    came::run(&folder, LIMIT, &[&other[..], &on].concat()).done();
     let record = std::fs::read_to_string(folder.path().join("record.json")).unwrap();
     let record: Value = serde_json::from_str(&record).unwrap();
     let last = &record["commissioning"][0];
@@ -799,7 +786,7 @@ fn on_a_port_that_says(words: &str, bytes: &[u8]) -> Came {
                 std::thread::sleep(std::time::Duration::from_millis(100));
             }
         });
-        let came = run(folder.path(), words, &["--on", &name]);
+        let came = run(&folder, words, &["--on", &name]);
         done.store(true, Ordering::Relaxed);
         came
     })
@@ -955,7 +942,7 @@ fn commissioning_saves_its_result_with_the_old_target() {
         let words = words.to_string() + if apply { " --apply" } else { "" };
         let came = std::thread::scope(|scope| {
             scope.spawn(|| board.serve(&mut far));
-            let came = run(folder.path(), &words, &["--on", &name]);
+            let came = run(&folder, &words, &["--on", &name]);
             // With its last near end the far one reads no more.
             drop(near);
             came

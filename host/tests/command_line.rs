@@ -23,7 +23,7 @@ fn names(folder: &TempDir) -> Vec<String> {
 
 /// The built-in scene.
 fn scene(folder: &TempDir) -> String {
-    kband(folder.path(), "simulate --print-scene").done()
+    kband(&folder, "simulate --print-scene").done()
 }
 
 /// A wrong input of the list: the line after `$`, and the message that it has to come to.
@@ -151,7 +151,7 @@ fn a_foreign_file_is_replaced_only_where_it_is_named() {
     let remove = |name: &str| std::fs::remove_file(folder.path().join(name)).unwrap();
     let replaces = |verb: &str, name: &str| {
         mine(name);
-        let came = kband(folder.path(), &format!("{verb} --out {name}")).ended(0);
+        let came = kband(&folder, &format!("{verb} --out {name}")).ended(0);
         let replaced = format!("replaced {name}");
         assert!(came.said.contains(&replaced), "{verb}: {}", came.said);
         assert_ne!(read(name), b"mine");
@@ -173,7 +173,7 @@ fn a_foreign_file_is_replaced_only_where_it_is_named() {
         for name in ["old.csv", "old.svg"] {
             replaces(verb, name);
         }
-        let said = kband(folder.path(), &format!("{verb} --out new.json")).said;
+        let said = kband(&folder, &format!("{verb} --out new.json")).said;
         assert!(said.contains("wrote new.json"), "{verb}: {said}");
         remove("new.json");
     }
@@ -192,13 +192,13 @@ fn a_foreign_file_is_replaced_only_where_it_is_named() {
         (run, "kband-simulate.csv"),
     ] {
         mine(name);
-        kband(folder.path(), words).refused(&[name, "next: name the file"]);
+        kband(&folder, words).refused(&[name, "next: name the file"]);
         assert_eq!(read(name), b"mine");
         remove(name);
     }
     // Its own are replaced, of a single run and of many.
     for line in [run, run, "simulate --duration 1 --runs 2", run] {
-        kband(folder.path(), line).done();
+        kband(&folder, line).done();
     }
     assert_eq!(names(&folder), ["kband-simulate.csv", "kband-simulate.svg"]);
 }
@@ -207,7 +207,7 @@ fn a_foreign_file_is_replaced_only_where_it_is_named() {
 fn a_dash_is_standard_output_and_words_go_to_standard_error() {
     let folder = folder();
     let both = |line: &str| {
-        let came = kband(folder.path(), line).ended(0);
+        let came = kband(&folder, line).ended(0);
         (came.out, came.said)
     };
     let (picture, table) = both("bands --restitution 0.2 --out -");
@@ -226,7 +226,7 @@ fn a_dash_is_standard_output_and_words_go_to_standard_error() {
         "{trace}"
     );
     assert!(said.contains("state  "), "{said}");
-    let refused = kband(folder.path(), "simulate --duration 1 --out - --trace -");
+    let refused = kband(&folder, "simulate --duration 1 --out - --trace -");
     refused.refused(&["two outputs of this run"]);
     assert_eq!(names(&folder), ["a.svg"]);
 }
@@ -238,7 +238,7 @@ fn what_a_killed_run_left_is_said_and_left_alone() {
     // The largest number that Linux gives to a process is 2^22.
     let left = ".rows.csv.4194999.unfinished";
     std::fs::write(folder.path().join(left), "half").unwrap();
-    let came = kband(folder.path(), "bands --restitution 0.2 --out rows.csv").ended(0);
+    let came = kband(&folder, "bands --restitution 0.2 --out rows.csv").ended(0);
     assert!(came.said.contains(left), "{}", came.said);
     assert!(
         came.said
@@ -251,7 +251,7 @@ fn what_a_killed_run_left_is_said_and_left_alone() {
 fn an_orbit_in_three_formats_says_the_same() {
     let orbit = "impacts --k 0.43 --restitution 0.2 --phase -0.5 --velocity 0.45 --count 5";
     let run = |format: &str| {
-        let printed = kband(folder().path(), &format!("{orbit} --format {format}")).done();
+        let printed = kband(folder(), &format!("{orbit} --format {format}")).done();
         provenance::stripped(&printed)
     };
     let csv = run("csv");
@@ -276,8 +276,7 @@ fn an_orbit_in_three_formats_says_the_same() {
 fn any_number_of_threads_gives_the_same_bytes() {
     let folder = folder();
     let run = |verb: &str, threads: usize, out: &str| {
-        let words = format!("{verb} --threads {threads} --out {out}");
-        kband(folder.path(), &words).done();
+        kband(&folder, &format!("{verb} --threads {threads} --out {out}")).done();
         std::fs::read(folder.path().join(out)).unwrap()
     };
     let diagram = "diagram --k 0.3..0.5:40 --impacts 50 --settle 50";
@@ -313,7 +312,7 @@ fn help_and_version_end_well() {
         "completions bash",
         "completions fish",
     ] {
-        let came = kband(folder().path(), line).ended(0);
+        let came = kband(folder(), line).ended(0);
         assert!(!came.out.is_empty() && came.said.is_empty(), "{line}");
     }
 }
@@ -339,7 +338,7 @@ fn an_input_is_never_written_over_by_whatever_name() {
             "two outputs",
         ),
     ] {
-        kband(folder.path(), line).refused(&[cause]);
+        kband(&folder, line).refused(&[cause]);
     }
     assert_eq!(names(&folder), before);
     assert_eq!(std::fs::read_to_string(place("s.csv")).unwrap(), rows);
@@ -352,7 +351,7 @@ fn a_scene_of_megabytes_is_refused_in_a_short_message() {
     let bad = "\n[[disturbance]]\nat = 1.0\nchange = \"nonsense\"\n";
     let text = scene(&folder) + &bad.repeat(20_000);
     std::fs::write(folder.path().join("long.toml"), text).unwrap();
-    let came = kband(folder.path(), "simulate long.toml").ended(2);
+    let came = kband(&folder, "simulate long.toml").ended(2);
     assert!((50..6500).contains(&came.said.len()), "{}", came.said.len());
 }
 
@@ -367,7 +366,7 @@ fn a_seed_on_the_command_line_is_the_scenes() {
     }
     let printed = |line: &str| {
         // All but how fast it went.
-        let printed = provenance::stripped(&kband(folder.path(), line).done());
+        let printed = provenance::stripped(&kband(&folder, line).done());
         let lines = printed.lines().filter(|l| !l.contains("times_real_time"));
         lines.collect::<String>()
     };
@@ -399,7 +398,7 @@ fn write_scene(folder: &TempDir, changes: &[(&str, &str)]) {
 #[test]
 fn what_parts_in_gear_are_compared_with_is_a_run_of_its_own() {
     let folder = folder();
-    let printed = |line: &str| kband(folder.path(), line).json();
+    let printed = |line: &str| kband(&folder, line).json();
     let share = |row: &serde_json::Value| row["in_gear"].as_f64().unwrap();
     // The middle of the lock's band holds parts of scatter 0.04 for half of the time that the
     // choice for gear does.
@@ -418,7 +417,7 @@ fn a_lot_that_nothing_serves_is_held_as_well_as_may_be() {
             ("duration", "6.0"),
         ],
     );
-    let text = kband(folder.path(), "simulate my.toml").done();
+    let text = kband(&folder, "simulate my.toml").done();
     for words in [
         "gear poor for the lot",
         "Next: parts sorted by restitution",
@@ -433,7 +432,7 @@ fn feeder_off_resonance_is_advised_no_second_tone() {
     let folder = folder();
     let lot = [("restitution", "[0.35, 0.45]"), ("frequency", "60.0")];
     write_scene(&folder, &lot);
-    let text = kband(folder.path(), "simulate my.toml").done();
+    let text = kband(&folder, "simulate my.toml").done();
     let (_, causes) = text.split_once("causes  ").expect("causes");
     for words in [
         "Next: a stronger drive: the output is at its limit",
@@ -454,7 +453,7 @@ fn misplaced_amplitude_names_the_motion_and_the_right_one() {
     ] {
         let own = scene(&folder).replacen("gear = 1 ", &format!("k = {k} "), 1);
         std::fs::write(folder.path().join("my.toml"), own).unwrap();
-        let text = kband(folder.path(), "simulate my.toml").done();
+        let text = kband(&folder, "simulate my.toml").done();
         for words in [
             motion,
             wrong,
@@ -482,7 +481,7 @@ fn a_scene_from_stdin_runs_and_manual_pages_print() {
     assert_eq!(output.status.code(), Some(0));
     let printed = String::from_utf8(output.stdout).unwrap();
     assert!(printed.contains("conveying speed"), "{printed}");
-    let page = |line: &str| kband(folder.path(), line).done();
+    let page = |line: &str| kband(&folder, line).done();
     let whole = page("man");
     assert!(whole.contains(".TH kband 1"), "{whole}");
     let verb = page("man bands");
@@ -505,6 +504,7 @@ fn a_reader_that_goes_away_ends_a_run_quietly() {
     for line in [
         "simulate --duration 600 --trace -",
         "diagram --restitution 0.2 --out=-.csv",
+        "basins --k 0.43 --restitution 0.2 --grid 200 --format csv",
     ] {
         let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
             .args(line.split(' '))
@@ -547,17 +547,17 @@ fn gear_draws_its_picture_and_regimes_fit_their_limit_by_default() {
     let folder = folder();
     let small =
         "gear --restitution 0.3 --runs 1 --periods 40 --k 0.4..0.5:2 --second-tone 0.15,2.356";
-    kband(folder.path(), small).done();
+    kband(&folder, small).done();
     assert_eq!(names(&folder), ["kband-gear.svg"]);
     let wide = "diagram --show regimes --restitution 0..0.9:2 --format csv --k 1.5..2";
-    let rows = kband(folder.path(), wide).done();
+    let rows = kband(&folder, wide).done();
     assert_eq!(provenance::stripped(&rows).lines().count(), 1 + 2000);
 }
 
 #[test]
 fn design_says_what_it_changes_for_the_feeder_of_the_scene() {
     let folder = folder();
-    let said = kband(folder.path(), "design --candidates 2000 --checked 1").done();
+    let said = kband(&folder, "design --candidates 2000 --checked 1").done();
     assert!(said.contains("\nYour feeder at 50 Hz: 37"), "{said}");
     assert!(said.contains("held by: the drive's stroke"), "{said}");
     assert_eq!(names(&folder), ["kband-design.svg"]);

@@ -1,14 +1,13 @@
 //! Every command that README and manual show in a `console` block runs and succeeds.
 
+mod came;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use kband_machines::emulator::Machine;
 use kband_machines::images;
-
-// Wall-clock seconds for one command in the test build on a loaded machine.
-const LIMIT: &str = "120";
 
 fn pages() -> Vec<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -74,7 +73,7 @@ fn failures(page: &Path) -> Vec<String> {
         let status = Command::new("timeout")
             .args([
                 "--kill-after=5",
-                LIMIT,
+                came::LIMIT,
                 "sh",
                 "-c",
                 &through_the_binary(&command),
@@ -110,16 +109,8 @@ fn every_command_of_the_manual_succeeds() {
             .collect()
     });
     assert!(failures.is_empty(), "{}", failures.join("\n"));
-    let quick_start = fs::read_to_string(
-        &pages[pages
-            .iter()
-            .position(|p| p.ends_with("quick-start.md"))
-            .unwrap()],
-    );
-    assert!(
-        commands(&quick_start.unwrap()).len() >= 3,
-        "the quick start shows commands"
-    );
+    let shown = commands(&page("quick-start.md")).len();
+    assert!(shown >= 3, "the quick start shows commands");
 }
 
 fn page(name: &str) -> String {
@@ -131,6 +122,11 @@ fn page(name: &str) -> String {
     fs::read_to_string(path).expect("the page is read")
 }
 
+#[track_caller]
+fn holds(name: &str, text: &str) {
+    assert!(page(name).contains(text), "{name} should hold\n{text}");
+}
+
 #[test]
 fn the_table_of_settings_is_that_of_the_controller() {
     let mut table = String::from("| key | default | accepted | is |\n|---|---|---|---|\n");
@@ -139,10 +135,7 @@ fn the_table_of_settings_is_that_of_the_controller() {
         let (accepted, meaning) = (key.accepted.trim(), key.meaning.trim());
         table += &format!("| `{name}` | {default} | {accepted} | {meaning} |\n");
     }
-    assert!(
-        page("settings.md").contains(&table),
-        "settings.md should hold\n{table}"
-    );
+    holds("settings.md", &table);
 }
 
 #[test]
@@ -160,33 +153,20 @@ fn the_table_of_states_is_that_of_the_controller() {
         }
         table += "\n";
     }
-    assert!(
-        page("faults.md").contains(&table),
-        "faults.md should hold\n{table}"
-    );
+    holds("faults.md", &table);
 }
 
 #[test]
 fn the_scene_shown_is_the_default_one() {
-    let output = Command::new(env!("CARGO_BIN_EXE_kband"))
-        .args(["simulate", "--print-scene"])
-        .stdin(Stdio::null())
-        .output()
-        .expect("kband starts");
-    let scene = String::from_utf8(output.stdout).expect("a scene is text");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let scene = came::kband(&folder, "simulate --print-scene").done();
     let block = format!("```toml\n{}\n```", scene.trim_end());
-    assert!(
-        page("scenes.md").contains(&block),
-        "scenes.md should hold\n{block}"
-    );
+    holds("scenes.md", &block);
 }
 
 #[test]
 fn the_link_page_names_this_version() {
     let (version, schema) = (kband_control::wire::VERSION, kband_control::wire::SCHEMA);
     let line = format!("This is version {version}, schema `{schema:#010x}`.");
-    assert!(
-        page("link.md").contains(&line),
-        "link.md should say: {line}"
-    );
+    holds("link.md", &line);
 }

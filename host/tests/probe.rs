@@ -29,7 +29,7 @@ const SETTINGS: u8 = 0x5a;
 const OLDER: u8 = 0x00;
 
 /// Runs `kband` in `folder`; killed at the limit.
-fn kband(folder: &Path, words: &[&str]) -> Came {
+fn kband(folder: impl AsRef<Path>, words: &[&str]) -> Came {
     came::run(folder, LIMIT, words)
 }
 
@@ -81,7 +81,7 @@ fn an_image_is_written_verified_and_started_with_the_drive_off() {
     let probe = Probe::before(board());
     let name = probe.name();
     let words = ["flash", path.to_str().unwrap(), "--probe", &name];
-    let out = kband(folder.path(), &words).done();
+    let out = kband(&folder, &words).done();
     assert!(out.contains("written, verified, started"), "{out}");
     let chip = probe.chip();
     assert!(holds(&chip, &image));
@@ -98,10 +98,10 @@ fn what_was_written_boots_answers_the_desk_and_logs() {
     let probe = Probe::before(board());
     let name = probe.name();
     let elf = path.to_str().unwrap();
-    kband(folder.path(), &["flash", elf, "--probe", &name]).done();
+    kband(&folder, &["flash", elf, "--probe", &name]).done();
     // Its log, read from the chip while it runs.
     let words = ["monitor", "--elf", elf, "--probe", &name, "--duration", "2"];
-    let said = kband(folder.path(), &words).done();
+    let said = kband(&folder, &words).done();
     assert!(said.contains(", started by "), "{said}");
     assert!(!probe.chip().has_stopped(), "it faulted");
     // The same flash under power, on a track: it answers over its link.
@@ -124,7 +124,7 @@ fn option_bytes_are_never_set_on_a_protected_chip() {
         let probe = Probe::before(chip);
         let name = probe.name();
         let words = ["flash", path.to_str().unwrap(), "--probe", &name];
-        let came = kband(folder.path(), &[&words[..], more].concat());
+        let came = kband(&folder, &[&words[..], more].concat());
         (came, probe.chip().clone())
     };
     let set = |chip: &Chip| {
@@ -180,7 +180,7 @@ fn a_half_written_board_does_not_start() {
     let image = Image::read(&path).unwrap();
     let flash = |probe: &Probe| {
         kband(
-            folder.path(),
+            &folder,
             &["flash", path.to_str().unwrap(), "--probe", &probe.name()],
         )
     };
@@ -238,7 +238,7 @@ fn another_chip_is_neither_stopped_nor_written() {
         let before = chip.flash().to_vec();
         let probe = Probe::before(chip);
         let came = kband(
-            folder.path(),
+            &folder,
             &["flash", path.to_str().unwrap(), "--probe", &probe.name()],
         );
         came.refused(&words);
@@ -257,7 +257,7 @@ fn a_flash_that_does_not_take_the_image_is_found_out() {
         chip.wear(address, bits);
         let probe = Probe::before(chip);
         let came = kband(
-            folder.path(),
+            &folder,
             &["flash", path.to_str().unwrap(), "--probe", &probe.name()],
         );
         came.refused(&["the flash was not written", "does not start"]);
@@ -274,20 +274,15 @@ fn a_lost_or_silent_probe_gives_one_message() {
         let port = std::net::TcpListener::bind(("127.0.0.1", 0)).unwrap();
         format!("1d50:6018:{}", port.local_addr().unwrap())
     };
-    kband(folder.path(), &["flash", image, "--probe", &nobody])
-        .refused(&["does not open", "next:"]);
-    kband(folder.path(), &["flash", image, "--probe", "1d50"]).refused(&["--probe", "VID:PID"]);
-    kband(
-        folder.path(),
-        &["flash", image, "--probe", "1d50:6018:none"],
-    )
-    .refused(&["no debug probe", "udev"]);
+    kband(&folder, &["flash", image, "--probe", &nobody]).refused(&["does not open", "next:"]);
+    kband(&folder, &["flash", image, "--probe", "1d50"]).refused(&["--probe", "VID:PID"]);
+    kband(&folder, &["flash", image, "--probe", "1d50:6018:none"])
+        .refused(&["no debug probe", "udev"]);
     // One that takes the call and never answers.
     let mute = std::net::TcpListener::bind(("127.0.0.1", 0)).unwrap();
     let name = format!("1d50:6018:{}", mute.local_addr().unwrap());
     let begun = Instant::now();
-    kband(folder.path(), &["flash", image, "--probe", &name])
-        .refused(&["has not answered", "next:"]);
+    kband(&folder, &["flash", image, "--probe", &name]).refused(&["has not answered", "next:"]);
     assert!(begun.elapsed() < Duration::from_secs(60));
 }
 
@@ -416,10 +411,7 @@ fn the_log_of_a_board_is_read_while_it_runs() {
     let came = std::thread::scope(|scope| {
         let desk = scope.spawn(|| {
             let words = ["monitor", "--elf", elf, "--probe", &name, "--duration", "6"];
-            kband(
-                folder.path(),
-                &[&words[..], &["--record-log", "kept"]].concat(),
-            )
+            kband(&folder, &[&words[..], &["--record-log", "kept"]].concat())
         });
         let end = Instant::now() + Duration::from_secs(4);
         let mut number = 1;
@@ -459,7 +451,7 @@ fn a_log_of_another_image_and_a_log_through_nothing_are_refused() {
     let monitor = |probe: &Probe, more: &[&str]| {
         let name = probe.name();
         let words = ["monitor", "--elf", elf, "--duration", "1", "--probe", &name];
-        kband(folder.path(), &[&words[..], more].concat())
+        kband(&folder, &[&words[..], more].concat())
     };
     let mut chip = logging(&image, &words, 0x2000_c000, 0);
     chip.flash_mut()[40] ^= 1;

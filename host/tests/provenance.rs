@@ -55,7 +55,7 @@ fn every_kind_of_file_says_what_it_came_from() {
     for ending in ["csv", "json", "svg", "png", "pdf"] {
         let words = format!("basins --b 0.235 --restitution 0.2 --grid 3 --out a.{ending}");
         let command = format!("kband {words}");
-        kband(folder.path(), &format!("{words} --threads 2")).done();
+        kband(&folder, &format!("{words} --threads 2")).done();
         let bytes = fs::read(folder.path().join(format!("a.{ending}"))).unwrap();
         let text = String::from_utf8_lossy(&bytes).into_owned();
         let recorded: Value = match ending {
@@ -97,7 +97,7 @@ fn every_kind_of_file_says_what_it_came_from() {
 fn outputs_contain_their_whole_scene() {
     let folder = tempfile::tempdir().unwrap();
     let out = kband(
-        folder.path(),
+        &folder,
         "simulate --duration 1 --seed 5 --scope scope.csv --format json",
     );
     let document: Value = serde_json::from_str(&out.done()).unwrap();
@@ -159,7 +159,7 @@ fn a_csv_is_read_with_its_units_by_another_program() {
         ),
     ];
     for (words, column, unit) in commands {
-        kband(folder.path(), &format!("{words} --out a.csv")).done();
+        kband(&folder, &format!("{words} --out a.csv")).done();
         let path = folder.path().join("a.csv");
         let text = fs::read_to_string(&path).unwrap();
         let units: BTreeMap<String, String> = comments(&text)
@@ -208,8 +208,8 @@ fn kband_reads_what_it_wrote() {
     let folder = tempfile::tempdir().unwrap();
     let rows = "# kband 0\n# command: by hand\nk,restitution,phase,velocity\n0.43,0.2,1,1\n";
     fs::write(folder.path().join("in.csv"), rows).unwrap();
-    let first = kband(folder.path(), "impacts --from in.csv").done();
-    let again = kband(folder.path(), "impacts --from in.csv").done();
+    let first = kband(&folder, "impacts --from in.csv").done();
+    let again = kband(&folder, "impacts --from in.csv").done();
     assert_eq!(first, again);
     assert!(first.starts_with(provenance::FIRST), "{first}");
     assert_eq!(provenance::stripped(&first).lines().count(), 2, "{first}");

@@ -7,12 +7,12 @@ use kband_host::provenance;
 
 /// What `kband` prints, in a folder that is gone afterwards.
 fn printed(words: &str) -> String {
-    kband(tempfile::tempdir().unwrap().path(), words).done()
+    kband(tempfile::tempdir().unwrap(), words).done()
 }
 
 fn json(words: &str) -> serde_json::Value {
     let words = format!("{words} --format json");
-    kband(tempfile::tempdir().unwrap().path(), &words).json()
+    kband(tempfile::tempdir().unwrap(), &words).json()
 }
 
 fn close(value: &serde_json::Value, reference: f64, within: f64) {
@@ -130,7 +130,7 @@ fn a_simulation_agrees_on_the_regime_or_is_undecided() {
              [target]\nk = {k}\n"
         );
         std::fs::write(folder.path().join("scene.toml"), text).expect("a scene");
-        let simulated = kband(folder.path(), "simulate scene.toml --format json").json();
+        let simulated = kband(&folder, "simulate scene.toml --format json").json();
         let reported = simulated["regime"].as_str().expect("words").to_string();
         let basins = json(&format!(
             "basins --grid 2 --k {k} --restitution {restitution}"

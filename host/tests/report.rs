@@ -190,7 +190,7 @@ const MARKS: &str = "
 #[test]
 fn browser_shows_every_mark_of_the_figures_of_paper() {
     let folder = tempfile::tempdir().unwrap();
-    kband(folder.path(), "paper --out page.html").ended(0);
+    kband(&folder, "paper --out page.html").ended(0);
     let browser = Browser::start();
     // Higher than the highest figure: only what is in the window can be found there.
     browser.resize(1000, 1500);

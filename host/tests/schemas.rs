@@ -50,7 +50,7 @@ const NULLABLE: [(&str, &str); 18] = [
     ("phase_measured", "number"),
 ];
 
-fn run(folder: &Path, words: &str, more: &[&str], format: &str) -> String {
+fn run(folder: impl AsRef<Path>, words: &str, more: &[&str], format: &str) -> String {
     let words: Vec<&str> = words.split(' ').chain(more.iter().copied()).collect();
     let came = came::run(
         folder,

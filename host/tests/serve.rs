@@ -160,11 +160,7 @@ impl Master {
 #[test]
 fn a_plc_gets_parts_into_gear_changes_the_target_and_ends_a_fault() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = Command::new(env!("CARGO_BIN_EXE_kband"))
-        .args(["simulate", "--print-scene"])
-        .output()
-        .unwrap();
-    let scene = String::from_utf8(scene.stdout).unwrap();
+    let scene = came::kband(&folder, "simulate --print-scene").done();
     assert!(scene.contains("duration = 10.0"), "{scene}");
     let scene = scene.replace("duration = 10.0", "duration = 600.0")
         + "\n[[disturbance]]\nat = 12.0\nsensor_lost = true\n"
@@ -223,16 +219,9 @@ fn a_run_ends_by_its_time_and_by_an_interruption() {
 fn an_address_that_is_taken_is_refused() {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
-    let output = Command::new(env!("CARGO_BIN_EXE_kband"))
-        .args(["serve", "--modbus", &address])
-        .output()
-        .unwrap();
-    assert_eq!(output.status.code(), Some(2));
-    let words = String::from_utf8(output.stderr).unwrap();
-    assert!(
-        words.contains(&address) && words.contains("--modbus"),
-        "{words}"
-    );
+    let folder = tempfile::tempdir().unwrap();
+    let came = came::kband(&folder, &format!("serve --modbus {address}"));
+    came.refused(&[&address, "--modbus"]);
 }
 
 /// The gateway to an emulated board whose bus has this authority and timeout, and the folder of its
@@ -330,20 +319,13 @@ fn pymodbus_and_libmodbus_run_a_board_through_the_gateway() {
 
 #[test]
 fn a_gateway_without_a_board_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
     for (words, said) in [
-        (&["--on", "/dev/null"][..], "/dev/null"),
-        (&["--image", "none"], "--image"),
-        (&["scene.toml", "--on", "qemu"], "SCENE.toml"),
+        ("--on /dev/null", "/dev/null"),
+        ("--image none", "--image"),
+        ("scene.toml --on qemu", "SCENE.toml"),
     ] {
-        let output = Command::new(env!("CARGO_BIN_EXE_kband"))
-            .arg("serve")
-            .args(words)
-            .args(["--modbus", "127.0.0.1:0"])
-            .output()
-            .unwrap();
-        assert_eq!(output.status.code(), Some(2), "{words:?}");
-        let wrong = String::from_utf8(output.stderr).unwrap();
-        assert!(wrong.contains(said), "{wrong}");
+        came::kband(&folder, &format!("serve {words} --modbus 127.0.0.1:0")).refused(&[said]);
     }
 }
 
@@ -356,7 +338,7 @@ fn a_new_board_is_commissioned_and_runs_recipe_1_again_after_a_power_cut() {
         let board = ["--on", "qemu", "--image", &image];
         let flash = ["--flash-image", "board.flash"];
         let words: Vec<&str> = words.split(' ').chain(board).chain(flash).collect();
-        came::run(folder.path(), came::LIMIT, &words).done()
+        came::run(&folder, came::LIMIT, &words).done()
     };
     kband("commission line3.html --step found --seconds 1");
     kband("settings save");

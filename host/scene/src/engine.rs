@@ -90,25 +90,17 @@ impl Glance {
 pub(crate) type Next<'a> = &'a mut (dyn FnMut() -> Result<(Moment, Vec<Strike>), Refusal> + Send);
 
 /// A closed loop of a scene.
-pub struct Engine<'a>(Kind<'a>);
+pub struct Engine<'a> {
+    kind: Kind<'a>,
+    /// The last cycle, of a loop whose every cycle is a whole moment.
+    last: Option<Moment>,
+}
 
 enum Kind<'a> {
     Envelope(Box<EnvelopeLoop>),
-    /// What gives its moment with each cycle, and that of the last one.
-    Whole(Whole<'a>, Box<Option<Moment>>),
-}
-
-/// A closed loop whose every cycle is a whole moment.
-enum Whole<'a> {
     Waveform(Box<ClosedLoop>),
     /// What another simulator, or a board, makes of the scene, and the impacts of the last cycle.
     Given(Next<'a>, Vec<Strike>),
-}
-
-impl<'a> From<Whole<'a>> for Engine<'a> {
-    fn from(whole: Whole<'a>) -> Self {
-        Self(Kind::Whole(whole, Box::new(None)))
-    }
 }
 
 impl<'a> Engine<'a> {
@@ -118,95 +110,115 @@ impl<'a> Engine<'a> {
     /// A `Refusal` for a scene out of range.
     pub fn build(scene: &Scene, fidelity: Fidelity) -> Result<Self, Refusal> {
         // A run has no READY output.
-        Ok(match fidelity {
+        let kind = match fidelity {
             Fidelity::Envelope => {
                 let mut closed = Box::new(EnvelopeLoop::build(scene)?);
                 closed.watch_ready(false);
-                Self(Kind::Envelope(closed))
+                Kind::Envelope(closed)
             }
             Fidelity::Waveform => {
                 let mut closed = Box::new(ClosedLoop::build(scene)?);
                 closed.controller_mut().watch_ready(false);
-                Whole::Waveform(closed).into()
+                Kind::Waveform(closed)
             }
-        })
+        };
+        Ok(Self { kind, last: None })
     }
 
     /// A loop whose cycles `next` gives.
     pub(crate) fn given(next: Next<'a>) -> Self {
-        Whole::Given(next, Vec::new()).into()
+        Self {
+            kind: Kind::Given(next, Vec::new()),
+            last: None,
+        }
+    }
+
+    /// Its controller; a loop that is given has none here.
+    fn controller(&self) -> Option<&Controller> {
+        match &self.kind {
+            Kind::Envelope(closed) => Some(closed.controller()),
+            Kind::Waveform(closed) => Some(closed.controller()),
+            Kind::Given(..) => None,
+        }
     }
 
     /// Changes something about the scene from the next cycle on; no effect on a loop that is given.
     pub fn apply(&mut self, change: Change) {
-        match &mut self.0 {
+        match &mut self.kind {
             Kind::Envelope(closed) => closed.apply(change),
-            Kind::Whole(Whole::Waveform(closed), _) => closed.apply(change),
-            Kind::Whole(Whole::Given(..), _) => {}
+            Kind::Waveform(closed) => closed.apply(change),
+            Kind::Given(..) => {}
         }
     }
 
     /// Runs to the end of the next drive cycle.
     #[inline]
     pub fn cycle(&mut self) -> Result<Glance, Refusal> {
-        match &mut self.0 {
-            Kind::Envelope(closed) => {
-                closed.advance_spared(Plans::share);
-                let controller = closed.controller();
-                let amplitude = controller.amplitude();
-                Glance {
-                    time: closed.seconds(),
-                    state: controller.state(),
-                    events: controller.events(),
-                    amplitude,
-                    reference: controller.reference(),
-                    k: controller.k(amplitude),
-                    in_gear: controller.in_gear(),
-                    error: controller.in_gear_error(),
-                    load: controller.load(),
-                }
-                .checked()
-            }
-            Kind::Whole(closed, last) => {
-                let moment = closed.cycle(None)?;
-                **last = Some(moment);
-                Glance::at(&moment).checked()
-            }
+        let Kind::Envelope(closed) = &mut self.kind else {
+            return self.whole_cycle(None);
+        };
+        closed.advance_spared(Plans::share);
+        let controller = closed.controller();
+        let amplitude = controller.amplitude();
+        Glance {
+            time: closed.seconds(),
+            state: controller.state(),
+            events: controller.events(),
+            amplitude,
+            reference: controller.reference(),
+            k: controller.k(amplitude),
+            in_gear: controller.in_gear(),
+            error: controller.in_gear_error(),
+            load: controller.load(),
         }
+        .checked()
     }
 
     /// Runs to the end of the next drive cycle and shows every sample, where there are any.
     pub fn cycle_shown(&mut self, show: &mut dyn FnMut(Sample)) -> Result<Glance, Refusal> {
-        match &mut self.0 {
-            Kind::Envelope(_) => self.cycle(),
-            Kind::Whole(closed, last) => {
-                let moment = closed.cycle(Some(show))?;
-                **last = Some(moment);
-                Glance::at(&moment).checked()
+        self.whole_cycle(Some(show))
+    }
+
+    fn whole_cycle(&mut self, show: Option<&mut dyn FnMut(Sample)>) -> Result<Glance, Refusal> {
+        let moment = match &mut self.kind {
+            Kind::Envelope(_) => return self.cycle(),
+            Kind::Waveform(closed) => {
+                Plans::share(closed.controller_mut());
+                match show {
+                    Some(show) => closed.cycle_shown(show),
+                    None => closed.cycle(),
+                }
             }
-        }
+            Kind::Given(next, strikes) => {
+                let moment;
+                (moment, *strikes) = next()?;
+                moment
+            }
+        };
+        self.last = Some(moment);
+        Glance::at(&moment).checked()
     }
 
     /// The last cycle; `None` before the first.
     pub fn moment(&self) -> Option<Moment> {
-        match &self.0 {
+        match &self.kind {
             Kind::Envelope(closed) => Some(closed.moment()),
-            Kind::Whole(_, last) => **last,
+            _ => self.last,
         }
     }
 
     /// Impacts of the last cycle.
     pub fn strikes(&self) -> &[Strike] {
-        match &self.0 {
+        match &self.kind {
             Kind::Envelope(closed) => closed.strikes(),
-            Kind::Whole(Whole::Waveform(closed), _) => closed.plant().strikes(),
-            Kind::Whole(Whole::Given(_, strikes), _) => strikes,
+            Kind::Waveform(closed) => closed.plant().strikes(),
+            Kind::Given(_, strikes) => strikes,
         }
     }
 
     /// Whether quantities that need whole moments are recorded from now on.
     pub fn watch(&mut self, watched: bool) {
-        if let Kind::Envelope(closed) = &mut self.0 {
+        if let Kind::Envelope(closed) = &mut self.kind {
             closed.watch(watched);
         }
     }
@@ -214,34 +226,26 @@ impl<'a> Engine<'a> {
     /// Whether the parts' displacement along the track is watched from now on, and nothing else of
     /// the moments.
     pub fn watch_displacement(&mut self) {
-        if let Kind::Envelope(closed) = &mut self.0 {
+        if let Kind::Envelope(closed) = &mut self.kind {
             closed.watch_displacement(true);
         }
     }
 
     /// Keeps the plan that the controller has made for the runs to come.
     pub fn keep_plan(&self) {
-        match &self.0 {
-            Kind::Envelope(closed) => Plans::keep(closed.controller()),
-            Kind::Whole(Whole::Waveform(closed), _) => Plans::keep(closed.controller()),
-            Kind::Whole(..) => {}
+        if let Some(controller) = self.controller() {
+            Plans::keep(controller);
         }
     }
 
     /// The lot that gear is planned for; `None` while it is not, for another target, and where that
     /// is not known here.
     pub fn planned_for(&self) -> Option<Lot> {
-        let controller = match &self.0 {
-            Kind::Envelope(closed) => closed.controller(),
-            Kind::Whole(Whole::Waveform(closed), _) => closed.controller(),
-            Kind::Whole(..) => return None,
-        };
-        controller.gear_planned().map(|plan| Lot {
-            restitution: [
-                plan.settings.restitution.low() as f32,
-                plan.settings.restitution.high() as f32,
-            ],
-            scatter: plan.settings.scatter,
+        let settings = &self.controller()?.gear_planned()?.settings;
+        let lot = settings.restitution;
+        Some(Lot {
+            restitution: [lot.low() as f32, lot.high() as f32],
+            scatter: settings.scatter,
         })
     }
 }
@@ -253,25 +257,6 @@ pub struct Lot {
     pub restitution: [f32; 2],
     /// Its standard deviation from impact to impact.
     pub scatter: f32,
-}
-
-impl Whole<'_> {
-    fn cycle(&mut self, show: Option<&mut dyn FnMut(Sample)>) -> Result<Moment, Refusal> {
-        match self {
-            Self::Waveform(closed) => {
-                Plans::share(closed.controller_mut());
-                Ok(match show {
-                    Some(show) => closed.cycle_shown(show),
-                    None => closed.cycle(),
-                })
-            }
-            Self::Given(next, strikes) => {
-                let moment;
-                (moment, *strikes) = next()?;
-                Ok(moment)
-            }
-        }
-    }
 }
 
 /// Most plans of a kind that are kept.
@@ -341,29 +326,20 @@ impl Plans {
     #[cold]
     fn spare(controller: &mut Controller) {
         let plans = Self::all();
-        let requested = controller.kicks_search();
-        let kick = plans
-            .kicks
-            .iter()
-            .find(|plan| requested == Some(&plan.settings));
-        if let Some(known) = kick.cloned() {
-            controller.supply_kicks(known);
+        if let Some(requested) = controller.kicks_search()
+            && let Some(known) = plans.kicks.iter().find(|plan| plan.settings == *requested)
+        {
+            controller.supply_kicks(known.clone());
         }
-        let requested = controller.chaos_search();
-        let chaos = plans
-            .chaos
-            .iter()
-            .find(|found| requested == Some(found.lot));
-        if let Some(known) = chaos.copied() {
-            controller.supply_chaos(known);
+        if let Some(requested) = controller.chaos_search()
+            && let Some(known) = plans.chaos.iter().find(|found| found.lot == requested)
+        {
+            controller.supply_chaos(*known);
         }
-        let requested = controller.gear_search();
-        let gear = plans
-            .gear
-            .iter()
-            .find(|plan| requested == Some(&plan.settings));
-        if let Some(known) = gear.cloned() {
-            controller.supply_gear(known);
+        if let Some(requested) = controller.gear_search()
+            && let Some(known) = plans.gear.iter().find(|plan| plan.settings == *requested)
+        {
+            controller.supply_gear(known.clone());
         }
     }
 
@@ -373,26 +349,23 @@ impl Plans {
         if planned.is_none() && found.is_none() && geared.is_none() {
             return;
         }
-        let Self {
-            kicks, chaos, gear, ..
-        } = &mut *Self::all();
-        if let Some(geared) = geared
-            && gear.len() < MAX_CACHED_PLANS
-            && !gear.iter().any(|plan| plan.settings == geared.settings)
-        {
-            gear.push(geared.clone());
-        }
-        if let Some(planned) = planned
-            && kicks.len() < MAX_CACHED_PLANS
-            && !kicks.iter().any(|plan| plan.settings == planned.settings)
-        {
-            kicks.push(planned);
-        }
-        if let Some(found) = found
-            && chaos.len() < MAX_CACHED_PLANS
-            && !chaos.iter().any(|other| other.lot == found.lot)
-        {
-            chaos.push(found);
-        }
+        let plans = &mut *Self::all();
+        remember(&mut plans.gear, geared.cloned(), |plan, new| {
+            plan.settings == new.settings
+        });
+        remember(&mut plans.kicks, planned, |plan, new| {
+            plan.settings == new.settings
+        });
+        remember(&mut plans.chaos, found, |plan, new| plan.lot == new.lot);
+    }
+}
+
+/// Keeps a plan, unless one for the same question is known.
+fn remember<T>(known: &mut Vec<T>, plan: Option<T>, same: impl Fn(&T, &T) -> bool) {
+    if let Some(plan) = plan
+        && known.len() < MAX_CACHED_PLANS
+        && !known.iter().any(|other| same(other, &plan))
+    {
+        known.push(plan);
     }
 }

@@ -3,7 +3,7 @@
 use kband_control::{Event, Fault, Limits, State};
 use toml::Value;
 
-use super::section::Section;
+use super::section::{Section, number};
 use crate::refusal::Refusal;
 
 /// The expected outcome of a scene.
@@ -76,9 +76,9 @@ impl Expectation {
             }
         }
         if let Some(value) = section.take("within") {
-            let time = value.as_float().or(value.as_integer().map(|n| n as f64));
             expected.within = Some(
-                time.filter(|time| *time > 0.0)
+                number(&value)
+                    .filter(|time| *time > 0.0)
                     .ok_or_else(|| section.refuse("within", &value, "a time in s above 0"))?,
             );
         }
@@ -105,7 +105,6 @@ fn pair(value: &Value) -> Option<(f64, f64)> {
     let Value::Array(pair) = value else {
         return None;
     };
-    let number = |value: &Value| value.as_float().or(value.as_integer().map(|n| n as f64));
     match &pair[..] {
         [low, high] => number(low)
             .zip(number(high))

@@ -121,12 +121,7 @@ pub(crate) fn read(
         }
         _ => return Err(part.refuse("actual", value, &accepted)),
     };
-    let restitution = |item| {
-        number(item)
-            .map(|r| r as f32)
-            .filter(|r| (low..=high).contains(r))
-            .ok_or_else(|| part.refuse("actual", item, &accepted))
-    };
+    let restitution = |item| part.within("actual", item, low..=high, &accepted);
     scene.parts = list.iter().map(restitution).collect::<Result<_, _>>()?;
     Ok(None)
 }
@@ -183,12 +178,7 @@ fn one_or_each<T: FromIterator<f32>>(
     let [low, high] = field.range;
     let accepted =
         format!("{low}..{high}{behind} or a list of one for each of the {parts} parts{end}");
-    let read = |item| {
-        number(item)
-            .map(|number| number as f32)
-            .filter(|number| (low..=high).contains(number))
-            .ok_or_else(|| part.refuse(field.key, item, &accepted))
-    };
+    let read = |item| part.within(field.key, item, low..=high, &accepted);
     match value {
         Value::Array(list) if list.len() == parts => list.iter().map(read).collect(),
         Value::Array(_) => Err(part.refuse(field.key, value, &accepted)),

@@ -82,7 +82,7 @@ impl Happened {
 }
 
 /// The record of a run.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Record {
     duration: f64,
     cycles: u32,
@@ -129,20 +129,10 @@ impl Record {
             gear: gear
                 .flat_map(|gear| std::iter::repeat_n(gear, parts))
                 .collect(),
-            settled: None,
-            shares: 0.0,
-            errors: 0.0,
-            estimated_cycles: 0,
-            planned_for: None,
             duration,
-            cycles: 0,
-            last: None,
-            happened: Vec::new(),
-            held: None,
-            end: Vec::new(),
-            late: Vec::new(),
             kept: watch.kept.then(|| Vec::with_capacity(cycles)),
             sketch: watch.drawn.then(|| Sketch::new(cycles)),
+            ..Self::default()
         }
     }
 
@@ -379,7 +369,7 @@ pub struct Struck {
 }
 
 /// A run in few enough points for a picture.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Sketch {
     stretch: usize,
     within: usize,
@@ -415,19 +405,8 @@ impl Sketch {
             } else {
                 cycles.div_ceil(MAX_SKETCH_STRETCHES)
             },
-            within: 0,
-            amplitude: Curve::default(),
-            reference: Curve::default(),
-            k: Curve::default(),
-            in_gear: Curve::default(),
-            mass: Curve::default(),
-            flow: Curve::default(),
-            ahead: [0.0; 2],
-            states: Vec::new(),
-            time: 0.0,
-            impacts: Vec::new(),
             stride: 1,
-            skipped: [0; PARTS],
+            ..Self::default()
         }
     }
 

@@ -106,10 +106,21 @@ impl Section {
         accepted: &str,
     ) -> Result<f32, Refusal> {
         let value = self.take(key).ok_or_else(|| self.missing(key, accepted))?;
-        number(&value)
+        self.within(key, &value, range, accepted)
+    }
+
+    /// The number that a value is, within its range.
+    pub fn within(
+        &self,
+        key: &str,
+        value: &Value,
+        range: RangeInclusive<f32>,
+        accepted: &str,
+    ) -> Result<f32, Refusal> {
+        number(value)
             .map(|number| number as f32)
             .filter(|number| range.contains(number))
-            .ok_or_else(|| self.refuse(key, &value, accepted))
+            .ok_or_else(|| self.refuse(key, value, accepted))
     }
 
     /// A number that may be left out.

@@ -126,18 +126,12 @@ fn read_tones(value: &Value) -> Result<Target, String> {
                 degrees.to_degrees()
             ));
         }
-        Ok(UpperTone {
-            ratio: ratio as f32,
-            phase: degrees.to_radians() as f32,
-        })
+        Ok(UpperTone::new(ratio as f32, degrees.to_radians() as f32))
     };
     let [second, third] = tones;
     Ok(Target::Tones {
         k: k as f32,
-        shape: Shape {
-            second: tone(second)?,
-            third: tone(third)?,
-        },
+        shape: Shape::new(tone(second)?, tone(third)?),
     })
 }
 

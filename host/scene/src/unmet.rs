@@ -11,22 +11,13 @@ impl Outcome {
         let expected = self.file().expectation.as_ref()?;
         let mut unmet = Vec::new();
         let last = self.last();
-        if let Some(state) = expected.state
-            && last.state != state
-        {
-            unmet.push(format!(
-                "state: expected {}, came to {}",
-                state.name(),
-                last.state.name()
-            ));
+        if let Some(state) = expected.state {
+            unmet.extend(differs("state", state.name(), last.state.name()));
         }
-        if expected.fault_given && last.fault != expected.fault {
-            let name = |fault: Option<Fault>| fault.map_or("none", Fault::name);
-            unmet.push(format!(
-                "fault: expected {}, came to {}",
-                name(expected.fault),
-                name(last.fault)
-            ));
+        if expected.fault_given {
+            let [wanted, came] =
+                [expected.fault, last.fault].map(|f| f.map_or("none", Fault::name));
+            unmet.extend(differs("fault", wanted, came));
         }
         if let Some(events) = &expected.events {
             let names = |events: &mut dyn Iterator<Item = Event>| {
@@ -39,18 +30,15 @@ impl Outcome {
             }
         }
         if let Some(limits) = &expected.limits {
-            let (came, wanted) = (self.limits().join(", "), limits.join(", "));
-            if came != wanted {
-                unmet.push(format!("limits: expected [{wanted}], came to [{came}]"));
-            }
-        }
-        if let Some(regime) = &expected.regime
-            && self.regime() != *regime
-        {
-            unmet.push(format!(
-                "regime: expected {regime}, came to {}",
-                self.regime()
+            let [wanted, came] = [limits.join(", "), self.limits().join(", ")];
+            unmet.extend(differs(
+                "limits",
+                &format!("[{wanted}]"),
+                &format!("[{came}]"),
             ));
+        }
+        if let Some(regime) = &expected.regime {
+            unmet.extend(differs("regime", regime, &self.regime()));
         }
         for (name, range, value) in [
             ("k", expected.k, self.k()),
@@ -87,4 +75,9 @@ impl Outcome {
         }
         Some(unmet)
     }
+}
+
+/// What came instead of what was expected.
+fn differs(what: &str, wanted: &str, came: &str) -> Option<String> {
+    (wanted != came).then(|| format!("{what}: expected {wanted}, came to {came}"))
 }

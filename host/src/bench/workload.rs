@@ -4,6 +4,8 @@ use std::f64::consts::TAU;
 
 use kband::impact::{Contact, Kernel, Map, Orbit, OrbitEvent, PartState};
 
+use crate::random::SplitMix;
+
 /// A launch: the map and the state it starts from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Launch {
@@ -35,12 +37,13 @@ pub const WORKLOADS: [Workload; 4] = [
 
 /// Launches at random, with the velocity of a number in 0..1.
 fn draw(count: usize, velocity: fn(f64) -> f64) -> Vec<Launch> {
-    let mut random = Random(1);
+    // A CPU would learn an evenly spread sequence and predict the branches of the slowest kernel.
+    let mut random = SplitMix(1);
     let launch = || {
-        let restitution = 0.5 + 0.49 * random.part();
-        let k = 0.02 + 0.96 * random.part();
-        let phase = TAU * random.part();
-        let velocity = velocity(random.part());
+        let restitution = 0.5 + 0.49 * random.uniform();
+        let k = 0.02 + 0.96 * random.uniform();
+        let phase = TAU * random.uniform();
+        let velocity = velocity(random.uniform());
         Some(Launch {
             k,
             restitution,
@@ -56,22 +59,6 @@ fn draw(count: usize, velocity: fn(f64) -> f64) -> Vec<Launch> {
         .filter(hops)
         .take(count)
         .collect()
-}
-
-/// Random numbers (SplitMix64), the same in every run.
-///
-/// A CPU would learn an evenly spread sequence and predict the branches of the slowest kernel.
-struct Random(u64);
-
-impl Random {
-    /// Uniform in 0..1.
-    fn part(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
 }
 
 /// Every third launch along orbits that have settled. The flight after lift-off is left out: it is

@@ -11,8 +11,9 @@ use kband_control::{State, Target};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
 pub use board::Board;
-pub use history::History;
-pub use source::{Assignment, Seen, Simulation, Source, Wish};
+use history::History;
+use source::{Assignment, Wish};
+pub use source::{Simulation, Source};
 
 use crate::causes::CauseCache;
 use crate::desk::Desk;

@@ -4,28 +4,6 @@ use std::f64::consts::PI;
 
 use crate::report::number;
 
-/// Unit of an axis; a pure number has the unit [`Unit::NONE`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Unit(&'static str);
-
-impl Unit {
-    /// A pure number, shown as (–).
-    pub const NONE: Self = Self("–");
-    /// Radians.
-    pub const RADIANS: Self = Self("rad");
-    /// Millimetres.
-    pub const MILLIMETRES: Self = Self("mm");
-    /// Millimetres per second.
-    pub const MILLIMETRES_A_SECOND: Self = Self("mm/s");
-    /// Velocity unit of the map, amplitude times angular frequency.
-    pub const VELOCITY: Self = Self("b·ω");
-
-    /// Another unit.
-    pub const fn new(symbol: &'static str) -> Self {
-        Self(symbol)
-    }
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Division {
     Decimal,
@@ -37,17 +15,17 @@ enum Division {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
     label: String,
-    unit: Unit,
+    unit: &'static str,
     low: f64,
     high: f64,
     division: Division,
 }
 
 impl Axis {
-    /// An axis from `low` to `high`.
+    /// An axis from `low` to `high`; a pure number has the unit "".
     ///
     /// An empty or infinite range is widened; a single value other than 0 is widened to both sides.
-    pub fn new(label: impl Into<String>, unit: Unit, low: f64, high: f64) -> Self {
+    pub fn new(label: impl Into<String>, unit: &'static str, low: f64, high: f64) -> Self {
         let low = if low.is_finite() { low } else { 0.0 };
         let (low, high) = if high.is_finite() && high > low {
             (low, high)
@@ -65,10 +43,20 @@ impl Axis {
         }
     }
 
+    /// An axis of k.
+    pub fn of_k(low: f64, high: f64) -> Self {
+        Self::new("k = g cos α / (b ω²)", "", low, high)
+    }
+
+    /// An axis of the amplitude in mm.
+    pub fn of_b(low: f64, high: f64) -> Self {
+        Self::new("amplitude b normal to the track", "mm", low, high)
+    }
+
     /// An axis over all `values`, with a little room at both ends.
     pub fn around(
         label: impl Into<String>,
-        unit: Unit,
+        unit: &'static str,
         values: impl IntoIterator<Item = f64>,
     ) -> Self {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -95,8 +83,11 @@ impl Axis {
     }
 
     pub(super) fn title(&self) -> String {
-        // Typed like this in scenes and settings.
-        let unit = self.unit.0.replace("^2", "²");
+        let unit = match self.unit {
+            "" => "–".into(),
+            // Typed like this in scenes and settings.
+            unit => unit.replace("^2", "²"),
+        };
         format!("{} ({unit})", self.label)
     }
 
@@ -284,7 +275,7 @@ mod tests {
 
     #[test]
     fn ticks_are_round() {
-        let axis = |low, high| Axis::new("k", Unit::NONE, low, high);
+        let axis = |low, high| Axis::new("k", "", low, high);
         assert_eq!(
             labels(&axis(0.3, 0.5), 5),
             ["0.30", "0.35", "0.40", "0.45", "0.50"]
@@ -311,18 +302,14 @@ mod tests {
             [8.0, 9.0, 10.0, 20.0, 30.0]
         );
         assert!(axis(7.5, 35.0).small_ticks().is_empty());
-        let turn = Axis::new("phase", Unit::RADIANS, 0.0, 2.0 * PI).in_pi();
+        let turn = Axis::new("phase", "rad", 0.0, 2.0 * PI).in_pi();
         assert_eq!(labels(&turn, 4), ["0", "π/2", "π", "3π/2", "2π"]);
     }
 
     #[test]
     fn an_empty_range_is_widened() {
-        let axis = Axis::new("k", Unit::NONE, 1.0, 1.0);
+        let axis = Axis::new("k", "", 1.0, 1.0);
         assert!((axis.part(1.0) - 0.5).abs() < 1e-9 && !axis.ticks(5).is_empty());
-        assert!(
-            Axis::around("k", Unit::NONE, [f64::NAN])
-                .part(0.0)
-                .is_finite()
-        );
+        assert!(Axis::around("k", "", [f64::NAN]).part(0.0).is_finite());
     }
 }

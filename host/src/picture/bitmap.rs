@@ -37,17 +37,11 @@ pub(super) fn png(
     let mut clip: Option<(Rect, Mask)> = None;
     for shape in shapes {
         match shape {
-            Shape::Path {
-                pieces,
-                closed,
-                fill,
-                stroke,
-                clip: wanted,
-            } => {
-                let mask = match wanted {
+            Shape::Path(shape) => {
+                let mask = match shape.clip {
                     None => None,
                     Some(rect) => {
-                        if clip.as_ref().is_none_or(|(last, _)| last != rect) {
+                        if clip.as_ref().is_none_or(|(last, _)| *last != rect) {
                             let mut mask = Mask::new(sheet.width(), sheet.height())?;
                             mask.fill_path(
                                 &outline(&[rect.corners()], true)?,
@@ -55,18 +49,18 @@ pub(super) fn png(
                                 true,
                                 scale(),
                             );
-                            clip = Some((*rect, mask));
+                            clip = Some((rect, mask));
                         }
                         clip.as_ref().map(|(_, mask)| mask)
                     }
                 };
-                let Some(path) = outline(pieces, *closed) else {
+                let Some(path) = outline(&shape.pieces, shape.closed) else {
                     continue;
                 };
-                if let Some(fill) = fill {
-                    sheet.fill_path(&path, &paint(*fill), FillRule::Winding, scale(), mask);
+                if let Some(fill) = shape.fill {
+                    sheet.fill_path(&path, &paint(fill), FillRule::Winding, scale(), mask);
                 }
-                if let Some(stroke) = stroke {
+                if let Some(stroke) = shape.stroke {
                     let dash: Vec<f32> = stroke.dash.iter().map(|length| *length as f32).collect();
                     let line = tiny_skia::Stroke {
                         width: stroke.width as f32,

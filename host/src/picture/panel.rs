@@ -13,7 +13,7 @@ use axes::Pixels;
 use item::Item;
 use legend::Key;
 pub use map::Grid;
-use style::{dashed, text};
+use style::{dashed, label};
 
 use super::axis::Axis;
 use super::shape::{Anchor, Rect, Shape, Text};
@@ -152,14 +152,16 @@ impl Panel {
     /// A shaded strip of the horizontal axis, for a band of k.
     pub fn strip(mut self, name: &str, low: f64, high: f64) -> Self {
         self.key(Key::Strip, name);
-        self.items.push(Item::Strip { low, high });
+        let of_y = false;
+        self.items.push(Item::Strip { low, high, of_y });
         self
     }
 
     /// A shaded strip of the vertical axis, for a band of k on that axis.
     pub fn shelf(mut self, name: &str, low: f64, high: f64) -> Self {
         self.key(Key::Strip, name);
-        self.items.push(Item::Shelf { low, high });
+        let of_y = true;
+        self.items.push(Item::Strip { low, high, of_y });
         self
     }
 
@@ -223,16 +225,11 @@ impl Panel {
         };
         if !self.heading.is_empty() {
             for line in wrapped(&self.heading, HEADING, true, plot.width) {
+                let at = (plot.left, plot.top + 12.0);
                 shapes.push(Shape::Text(Text {
                     bold: true,
-                    ..text(
-                        plot.left,
-                        plot.top + 12.0,
-                        &line,
-                        Anchor::Start,
-                        theme.text(),
-                        HEADING,
-                    )
+                    size: HEADING,
+                    ..label(at, &line, Anchor::Start, theme.text())
                 }));
                 plot.top += LINE;
             }
@@ -259,10 +256,8 @@ impl Panel {
                 } else {
                     plot.top - 3.0
                 };
-                shapes.push(Shape::line(
-                    vec![(across, foot), (across, plot.bottom())],
-                    dashed(theme),
-                ));
+                let line = vec![(across, foot), (across, plot.bottom())];
+                shapes.push(Shape::lines(vec![line], dashed(theme), None));
             }
         }
         pixel.draw_words(theme, shapes);

@@ -7,7 +7,7 @@ use flate2::write::ZlibEncoder;
 use pdf_writer::types::{CidFontType, FontFlags, LineJoinStyle, SystemInfo, UnicodeCmap};
 use pdf_writer::{Content, Filter, Finish, Name, Pdf, Ref, Str, TextStr};
 
-use super::shape::{Anchor, Raster, Rect, Shape, Stroke, Text};
+use super::shape::{Anchor, Path, Raster, Shape, Text};
 use super::theme::Colour;
 use super::{Look, font};
 
@@ -127,47 +127,31 @@ struct Sheet<'a> {
 impl<'a> Sheet<'a> {
     fn draw(&mut self, shape: &'a Shape) {
         match shape {
-            Shape::Path {
-                pieces,
-                closed,
-                fill,
-                stroke,
-                clip,
-            } => {
+            Shape::Path(path) => {
                 self.content.save_state();
-                if let Some(Rect {
-                    left,
-                    top,
-                    width,
-                    height,
-                }) = *clip
-                {
-                    let [left, top, width, height] = [left, top, width, height].map(|x| x as f32);
+                if let Some(clip) = path.clip {
+                    let [left, top, width, height] =
+                        [clip.left, clip.top, clip.width, clip.height].map(|x| x as f32);
                     self.content.rect(left, top, width, height);
                     self.content.clip_nonzero().end_path();
                 }
-                if let Some(fill) = fill {
+                if let Some(fill) = path.fill {
                     self.opacity(fill.opacity);
-                    let [red, green, blue] = parts(*fill);
+                    let [red, green, blue] = parts(fill);
                     self.content.set_fill_rgb(red, green, blue);
-                    self.outline(pieces, *closed);
+                    self.outline(path);
                     self.content.fill_nonzero();
                 }
-                if let Some(Stroke {
-                    colour,
-                    width,
-                    dash,
-                }) = stroke
-                {
-                    self.opacity(colour.opacity);
-                    let [red, green, blue] = parts(*colour);
+                if let Some(stroke) = path.stroke {
+                    self.opacity(stroke.colour.opacity);
+                    let [red, green, blue] = parts(stroke.colour);
                     self.content.set_stroke_rgb(red, green, blue);
-                    self.content.set_line_width(*width as f32);
-                    if !dash.is_empty() {
-                        let dash = dash.iter().map(|length| *length as f32);
+                    self.content.set_line_width(stroke.width as f32);
+                    if !stroke.dash.is_empty() {
+                        let dash = stroke.dash.iter().map(|length| *length as f32);
                         self.content.set_dash_pattern(dash, 0.0);
                     }
-                    self.outline(pieces, *closed);
+                    self.outline(path);
                     self.content.stroke();
                 }
                 self.content.restore_state();
@@ -187,8 +171,8 @@ impl<'a> Sheet<'a> {
         }
     }
 
-    fn outline(&mut self, pieces: &[Vec<(f64, f64)>], closed: bool) {
-        for piece in pieces {
+    fn outline(&mut self, path: &Path) {
+        for piece in &path.pieces {
             for (n, (x, y)) in piece.iter().enumerate() {
                 if n == 0 {
                     self.content.move_to(*x as f32, *y as f32);
@@ -196,7 +180,7 @@ impl<'a> Sheet<'a> {
                     self.content.line_to(*x as f32, *y as f32);
                 }
             }
-            if closed {
+            if path.closed {
                 self.content.close_path();
             }
         }

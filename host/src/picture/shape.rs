@@ -39,6 +39,17 @@ pub(super) struct Stroke {
     pub dash: &'static [f64],
 }
 
+impl Stroke {
+    pub(super) const fn solid(colour: Colour, width: f64) -> Self {
+        let dash = &[];
+        Self {
+            colour,
+            width,
+            dash,
+        }
+    }
+}
+
 /// Alignment of a text to its point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
@@ -94,42 +105,51 @@ impl Raster {
     }
 }
 
+/// Lines and areas; several pieces share fill and stroke, so that many markers are one shape.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Path {
+    pub pieces: Vec<Vec<(f64, f64)>>,
+    pub closed: bool,
+    pub fill: Option<Colour>,
+    pub stroke: Option<Stroke>,
+    pub clip: Option<Rect>,
+}
+
 /// A shape to draw.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Shape {
-    /// Lines and areas; several pieces share fill and stroke, so that many markers are one shape.
-    Path {
-        pieces: Vec<Vec<(f64, f64)>>,
-        closed: bool,
-        fill: Option<Colour>,
-        stroke: Option<Stroke>,
-        clip: Option<Rect>,
-    },
+    Path(Path),
     Text(Text),
-    Image {
-        place: Rect,
-        raster: Raster,
-    },
+    Image { place: Rect, raster: Raster },
 }
 
 impl Shape {
-    pub(super) fn line(points: Vec<(f64, f64)>, stroke: Stroke) -> Self {
-        Self::Path {
-            pieces: vec![points],
+    pub(super) fn lines(pieces: Vec<Vec<(f64, f64)>>, stroke: Stroke, clip: Option<Rect>) -> Self {
+        Self::Path(Path {
+            pieces,
             closed: false,
             fill: None,
             stroke: Some(stroke),
-            clip: None,
-        }
+            clip,
+        })
+    }
+
+    pub(super) fn areas(
+        pieces: Vec<Vec<(f64, f64)>>,
+        fill: Option<Colour>,
+        stroke: Option<Stroke>,
+        clip: Option<Rect>,
+    ) -> Self {
+        Self::Path(Path {
+            pieces,
+            closed: true,
+            fill,
+            stroke,
+            clip,
+        })
     }
 
     pub(super) fn area(rect: Rect, fill: Colour) -> Self {
-        Self::Path {
-            pieces: vec![rect.corners()],
-            closed: true,
-            fill: Some(fill),
-            stroke: None,
-            clip: None,
-        }
+        Self::areas(vec![rect.corners()], Some(fill), None, None)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::shape::{Anchor, Rect, Shape, Stroke, Text};
+use super::shape::{Anchor, Rect, Shape, Text};
 use super::theme::Colour;
 use super::{Look, bitmap};
 
@@ -57,15 +57,9 @@ pub(super) fn document(
 
 fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> std::fmt::Result {
     match shape {
-        Shape::Path {
-            pieces,
-            closed,
-            fill,
-            stroke,
-            clip,
-        } => {
+        Shape::Path(path) => {
             out.push_str("<path d=\"");
-            for piece in pieces {
+            for piece in &path.pieces {
                 for (n, (x, y)) in piece.iter().enumerate() {
                     write!(
                         out,
@@ -75,36 +69,29 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
                         short(*y)
                     )?;
                 }
-                if *closed {
+                if path.closed {
                     out.push('Z');
                 }
             }
             out.push('"');
-            match fill {
-                Some(colour) => paint(out, "fill", *colour)?,
+            match path.fill {
+                Some(colour) => paint(out, "fill", colour)?,
                 None => out.push_str(" fill=\"none\""),
             }
-            if let Some(Stroke {
-                colour,
-                width,
-                dash,
-            }) = stroke
-            {
-                paint(out, "stroke", *colour)?;
-                write!(
-                    out,
-                    " stroke-width=\"{}\" stroke-linejoin=\"round\"",
-                    short(*width)
-                )?;
-                if !dash.is_empty() {
-                    let dash: Vec<String> = dash.iter().map(|length| short(*length)).collect();
+            if let Some(stroke) = path.stroke {
+                paint(out, "stroke", stroke.colour)?;
+                let width = short(stroke.width);
+                write!(out, " stroke-width=\"{width}\" stroke-linejoin=\"round\"")?;
+                if !stroke.dash.is_empty() {
+                    let dash: Vec<String> =
+                        stroke.dash.iter().map(|length| short(*length)).collect();
                     write!(out, " stroke-dasharray=\"{}\"", dash.join(" "))?;
                 }
             }
-            if let Some(clip) = clip {
-                let known = clips.iter().position(|other| other == clip);
+            if let Some(clip) = path.clip {
+                let known = clips.iter().position(|other| *other == clip);
                 let n = known.unwrap_or_else(|| {
-                    clips.push(*clip);
+                    clips.push(clip);
                     clips.len() - 1
                 });
                 write!(out, " clip-path=\"url(#{name}c{n})\"")?;
@@ -156,15 +143,11 @@ fn words(out: &mut String, text: &Text) -> std::fmt::Result {
 }
 
 fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
-    let Colour {
-        red,
-        green,
-        blue,
-        opacity,
-    } = colour;
+    let [red, green, blue] = [colour.red, colour.green, colour.blue];
     write!(out, " {what}=\"#{red:02x}{green:02x}{blue:02x}\"")?;
-    if opacity < 1.0 {
-        write!(out, " {what}-opacity=\"{}\"", short(f64::from(opacity)))?;
+    if colour.opacity < 1.0 {
+        let opacity = short(f64::from(colour.opacity));
+        write!(out, " {what}-opacity=\"{opacity}\"")?;
     }
     Ok(())
 }

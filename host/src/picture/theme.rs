@@ -106,24 +106,16 @@ impl Fill {
     ];
 
     pub(super) fn colour(self, theme: Theme) -> Colour {
-        Colour::hex(match (self, theme) {
-            (Self::Rest, Theme::Light) => 0xF2F2F2,
-            (Self::HopAndRest, Theme::Light) => 0xCBD0D5,
-            (Self::Locked, Theme::Light) => 0x0B4F86,
-            (Self::Doubled, Theme::Light) => 0x6FC0EE,
-            (Self::Periodic, Theme::Light) => 0x00916A,
-            (Self::Chaotic, Theme::Light) => 0xE08A00,
-            (Self::Undecided, Theme::Light) => 0x33102A,
-            (Self::Fault, Theme::Light) => 0xB03A00,
-            (Self::Rest, Theme::Dark) => 0x262C33,
-            (Self::HopAndRest, Theme::Dark) => 0x59636E,
-            (Self::Locked, Theme::Dark) => 0x3FA0DC,
-            (Self::Doubled, Theme::Dark) => 0xC4E8FC,
-            (Self::Periodic, Theme::Dark) => 0x0E8F69,
-            (Self::Chaotic, Theme::Dark) => 0xF0B23A,
-            (Self::Undecided, Theme::Dark) => 0x7A2E63,
-            (Self::Fault, Theme::Dark) => 0xFF6B2C,
-        })
+        match self {
+            Self::Rest => theme.of(0xF2F2F2, 0x262C33),
+            Self::HopAndRest => theme.of(0xCBD0D5, 0x59636E),
+            Self::Locked => theme.of(0x0B4F86, 0x3FA0DC),
+            Self::Doubled => theme.of(0x6FC0EE, 0xC4E8FC),
+            Self::Periodic => theme.of(0x00916A, 0x0E8F69),
+            Self::Chaotic => theme.of(0xE08A00, 0xF0B23A),
+            Self::Undecided => theme.of(0x33102A, 0x7A2E63),
+            Self::Fault => theme.of(0xB03A00, 0xFF6B2C),
+        }
     }
 
     pub(super) fn hatch(self) -> Hatch {
@@ -149,39 +141,32 @@ pub(super) enum Marker {
 }
 
 impl Theme {
-    pub(super) fn background(self) -> Colour {
+    /// One of two colours, as red, green and blue.
+    fn of(self, light: u32, dark: u32) -> Colour {
         Colour::hex(match self {
-            Self::Light => 0xFFFFFF,
-            Self::Dark => 0x14181D,
+            Self::Light => light,
+            Self::Dark => dark,
         })
+    }
+
+    pub(super) fn background(self) -> Colour {
+        self.of(0xFFFFFF, 0x14181D)
     }
 
     pub(super) fn text(self) -> Colour {
-        Colour::hex(match self {
-            Self::Light => 0x1A1A1A,
-            Self::Dark => 0xECECEC,
-        })
+        self.of(0x1A1A1A, 0xECECEC)
     }
 
     pub(super) fn muted(self) -> Colour {
-        Colour::hex(match self {
-            Self::Light => 0x565B61,
-            Self::Dark => 0xAAB2BB,
-        })
+        self.of(0x565B61, 0xAAB2BB)
     }
 
     pub(super) fn grid(self) -> Colour {
-        Colour::hex(match self {
-            Self::Light => 0xE4E6E8,
-            Self::Dark => 0x2A3037,
-        })
+        self.of(0xE4E6E8, 0x2A3037)
     }
 
     pub(super) fn axis(self) -> Colour {
-        Colour::hex(match self {
-            Self::Light => 0x44494F,
-            Self::Dark => 0x9AA3AD,
-        })
+        self.of(0x44494F, 0x9AA3AD)
     }
 
     /// Shade of a strip for a band.
@@ -216,11 +201,11 @@ impl Theme {
             Marker::Diamond,
             Marker::Cross,
         ];
-        let colours = match self {
-            Self::Light => LIGHT,
-            Self::Dark => DARK,
-        };
-        (Colour::hex(colours[n % 7]), DASHES[n % 7], MARKERS[n % 5])
+        (
+            self.of(LIGHT[n % 7], DARK[n % 7]),
+            DASHES[n % 7],
+            MARKERS[n % 5],
+        )
     }
 
     /// A scale with monotone lightness from 0 to 1 (decreasing on paper); anchors of cividis.
@@ -243,11 +228,8 @@ impl Theme {
 
     /// Ink of a density from few to many points, both in clear contrast to the background.
     pub(super) fn ink(self, part: f64) -> Colour {
-        let (few, many) = match self {
-            Self::Light => (0x8DB4D3, 0x06243D),
-            Self::Dark => (0x2F6C98, 0xE8F4FC),
-        };
-        Colour::hex(few).towards(Colour::hex(many), part)
+        let (few, many) = (self.of(0x8DB4D3, 0x2F6C98), self.of(0x06243D, 0xE8F4FC));
+        few.towards(many, part)
     }
 }
 
@@ -268,13 +250,8 @@ pub fn page_colours() -> String {
         let lines: String = colours
             .into_iter()
             .map(|(name, colour)| {
-                let Colour {
-                    red,
-                    green,
-                    blue,
-                    opacity,
-                } = colour;
-                format!(" --{name}: rgba({red},{green},{blue},{opacity});")
+                let [red, green, blue] = [colour.red, colour.green, colour.blue];
+                format!(" --{name}: rgba({red},{green},{blue},{});", colour.opacity)
             })
             .collect();
         let scheme = match theme {

@@ -224,17 +224,6 @@ impl Table {
         text
     }
 
-    /// Writes it as CSV: provenance, units in the header, 17 significant digits.
-    pub fn write_csv(&self, out: &mut dyn Write) -> std::io::Result<()> {
-        provenance::write_comments(super::units(&self.columns), out)?;
-        let names: Vec<String> = self.columns.iter().map(Column::header).collect();
-        writeln!(out, "{}", names.join(","))?;
-        for row in &self.rows {
-            write_row(out, row)?;
-        }
-        Ok(())
-    }
-
     /// Its columns.
     pub fn columns(&self) -> &[Column] {
         &self.columns
@@ -261,14 +250,6 @@ impl Table {
     }
 }
 
-fn write_row(out: &mut dyn Write, row: &[Value]) -> std::io::Result<()> {
-    for (n, value) in row.iter().enumerate() {
-        let comma = if n == 0 { "" } else { "," };
-        write!(out, "{comma}{}", value.csv())?;
-    }
-    writeln!(out)
-}
-
 /// Receiver of rows one by one, for more of them than a table should hold.
 pub trait Rows {
     /// Takes a row of as many values as there are columns.
@@ -293,7 +274,8 @@ impl<'a> CsvRows<'a> {
 
 impl Rows for CsvRows<'_> {
     fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
-        write_row(self.out, row).map_err(|error| unwritten(&error))
+        let cells: Vec<String> = row.iter().map(Value::csv).collect();
+        writeln!(self.out, "{}", cells.join(",")).map_err(|error| unwritten(&error))
     }
 }
 
@@ -362,8 +344,9 @@ mod tests {
 
     #[test]
     fn csv_has_units_in_the_header_and_quotes_commas() {
-        let mut csv = Vec::new();
-        table().write_csv(&mut csv).unwrap();
+        let (table, mut csv) = (table(), Vec::new());
+        let mut rows = CsvRows::begin(&mut csv, table.columns()).unwrap();
+        table.write_rows(&mut rows).unwrap();
         let csv = String::from_utf8(csv).unwrap();
         let (comments, rows): (Vec<&str>, Vec<&str>) =
             csv.lines().partition(|line| line.starts_with('#'));

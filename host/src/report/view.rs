@@ -99,8 +99,13 @@ impl<'a, R> View<'a, R> {
     pub fn printout(&self, rows: &[R]) -> Printout {
         Printout {
             json: Some(rows.iter().map(|row| self.object(row)).collect()),
-            ..Printout::new(self.table(READ, rows)).csv_of(self.table(CSV, rows))
+            ..Printout::new(self.table(READ, rows)).csv_of(self.table_of(rows))
         }
+    }
+
+    /// The rows as the table of CSV.
+    pub fn table_of(&self, rows: &[R]) -> Table {
+        self.table(CSV, rows)
     }
 
     /// A row in JSON.

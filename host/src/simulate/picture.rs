@@ -4,7 +4,7 @@ use kband_control::{Event, State, Target};
 use kband_plant::PARTS;
 use kband_scene::{Outcome, Sketch, Struck, describe, kin};
 
-use crate::picture::{Axis, Fill, Panel, Picture, Unit};
+use crate::picture::{Axis, Fill, Panel, Picture};
 
 /// Most impacts that are drawn.
 const MAX_MARKERS: usize = 600;
@@ -41,7 +41,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     } else {
         1.0
     };
-    let time = || Axis::new("time", Unit::new("s"), 0.0, end);
+    let time = || Axis::new("time", "s", 0.0, end);
     let in_mm = |points: Vec<(f64, f64)>| -> Vec<(f64, f64)> {
         points
             .into_iter()
@@ -70,14 +70,11 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         .into_iter()
         .filter(|(fill, _)| ribbon.iter().any(|stretch| stretch.2 == *fill))
         .collect();
-    let mut amplitude = Panel::new(
-        time(),
-        Axis::new("amplitude b", Unit::new("mm"), 0.0, highest * 1.08),
-    )
-    .height(190.0)
-    .ribbon(ribbon, &used)
-    .line("measured", 0, b)
-    .line("reference", 1, reference);
+    let mut amplitude = Panel::new(time(), Axis::new("amplitude b", "mm", 0.0, highest * 1.08))
+        .height(190.0)
+        .ribbon(ribbon, &used)
+        .line("measured", 0, b)
+        .line("reference", 1, reference);
     let mut last = f64::NEG_INFINITY;
     for happened in outcome.events() {
         let at = happened.time;
@@ -100,7 +97,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
             point.1 = f64::NAN;
         }
     }
-    let mut throw = Panel::new(time(), Axis::new("k", Unit::NONE, 0.0, top)).height(190.0);
+    let mut throw = Panel::new(time(), Axis::new("k", "", 0.0, top)).height(190.0);
     // Band and phase of the lock are those of one tone.
     let alone = outcome.last().shape.is_sine();
     let lock = band.filter(|_| alone);
@@ -139,13 +136,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         .collect();
     let mut phases = Panel::new(
         time(),
-        Axis::new(
-            "phase at impact",
-            Unit::new("rad"),
-            0.0,
-            std::f64::consts::TAU,
-        )
-        .in_pi(),
+        Axis::new("phase at impact", "rad", 0.0, std::f64::consts::TAU).in_pi(),
     )
     .height(190.0);
     let stride = marked.len().div_ceil(MAX_MARKERS).max(1);
@@ -184,7 +175,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         .panel(throw)
         .panel(phases);
     if outcome.file().scatters() {
-        let share = Axis::new("share of time in gear", Unit::NONE, 0.0, 1.05);
+        let share = Axis::new("share of time in gear", "", 0.0, 1.05);
         let mut gear =
             Panel::new(time(), share)
                 .height(140.0)
@@ -216,7 +207,7 @@ fn mass(outcome: &Outcome, sketch: &Sketch, time: Axis) -> Panel {
     truth.extend(truth.last().map(|last| (sketch.time(), last.1)));
     let weighed = sketch.mass.drawn();
     let highest = highest(truth.iter().chain(&weighed));
-    let mass = Axis::new("mass on the track", Unit::new("g"), 0.0, 1.15 * highest);
+    let mass = Axis::new("mass on the track", "g", 0.0, 1.15 * highest);
     let panel = Panel::new(time, mass).height(140.0).line("true", 1, truth);
     if weighed.iter().any(|point| point.1.is_finite()) {
         panel.line("weighed", 0, weighed)
@@ -235,12 +226,7 @@ fn flow(outcome: &Outcome, weighed: Vec<(f64, f64)>, truth: f64, time: Axis) -> 
     let ends = ends.into_iter().flatten().map(|flow| (0.0, flow));
     let all: Vec<(f64, f64)> = weighed.iter().copied().chain(ends).collect();
     let lowest = all.iter().fold(0.0, |low, point| point.1.min(low));
-    let flow = Axis::new(
-        "flow",
-        Unit::new("g/s"),
-        1.15 * lowest,
-        1.15 * highest(&all),
-    );
+    let flow = Axis::new("flow", "g/s", 1.15 * lowest, 1.15 * highest(&all));
     let mut panel = Panel::new(time, flow)
         .height(140.0)
         .line("weighed", 0, weighed)

@@ -6,7 +6,7 @@ use kband_control::{State, Target};
 use kband_scene::{Distribution, Fidelity, Outcome, SceneFile, Watch};
 
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Table, columns, fields};
 
@@ -246,8 +246,8 @@ fields! {
 pub fn draw(all: &[Runs], file: &SceneFile) -> Picture {
     let end = file.duration;
     let mut panel = Panel::new(
-        Axis::new("time", Unit::new("s"), 0.0, end),
-        Axis::new("runs in the wanted state", Unit::new("%"), -5.0, 105.0),
+        Axis::new("time", "s", 0.0, end),
+        Axis::new("runs in the wanted state", "%", -5.0, 105.0),
     );
     for (series, runs) in all.iter().enumerate() {
         let step = 100.0 / runs.runs.len().max(1) as f64;

@@ -6,9 +6,9 @@ use toml::Table;
 use super::axes::{Axes, set};
 use super::runs::{self, Run, Runs};
 use crate::desk::Desk;
-use crate::picture::{Axis, Grid, Panel, Picture, Unit};
+use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::Refusal;
-use crate::report::{Column, Table as Rows, Value as Cell, columns};
+use crate::report::{Column, Field, Printout, Table as Rows, Value as Cell, View, fields};
 
 /// Most points of a sweep, all keys together.
 const MAX_POINTS: usize = 1_000_000;
@@ -39,6 +39,37 @@ pub struct Sweep {
     axes: Vec<Axes>,
     /// The last key runs fastest.
     points: Vec<Point>,
+}
+
+fields! {
+    /// What the runs of a point came to.
+    fn summary(point: Point) {
+        all RUNS => point.runs.runs.len();
+        all SHARE.titled("reached").digits(4) => point.runs.share().0;
+        all LOW_95.digits(4) => point.runs.share().1;
+        all HIGH_95.digits(4) => point.runs.share().2;
+        all MEDIAN_TIME.titled("median (s)").digits(3) => {
+            let times = point.runs.times();
+            times.get(times.len() / 2).copied()
+        };
+        all B.digits(4) => point.middle(|run| run.amplitude * 1e3);
+        all K.digits(4) => point.middle(|run| run.k);
+        all IN_GEAR.digits(3) => point.runs.in_gear();
+        all IN_GEAR_ESTIMATED.digits(3) => point.runs.in_gear_estimated();
+        all IN_GEAR_COVERAGE.digits(3) => point.runs.in_gear_coverage();
+        all SPEED.digits(4) => point.middle(|run| run.speed * 1e3);
+        all STATE => most(point.runs.runs.iter().map(|run| run.state.name()));
+        all REGIME => most(point.runs.runs.iter().map(|run| run.regime.as_str()));
+    }
+}
+
+impl Point {
+    fn middle(&self, value: impl Fn(&Run) -> f64) -> Option<f64> {
+        let mut all: Vec<f64> = self.runs.runs.iter().map(value).collect();
+        all.sort_by(f64::total_cmp);
+        let middle = all.get(all.len() / 2).copied();
+        middle.filter(|value| value.is_finite())
+    }
 }
 
 impl Sweep {
@@ -117,52 +148,12 @@ impl Sweep {
 
     /// One row for each point: the share of runs in the wanted state, and the middle of what they
     /// came to.
-    pub fn summary(&self) -> Rows {
-        let mut columns = self.key_columns();
-        columns.extend([
-            columns::RUNS,
-            columns::SHARE.titled("reached").digits(4),
-            columns::LOW_95.digits(4),
-            columns::HIGH_95.digits(4),
-            columns::MEDIAN_TIME.titled("median (s)").digits(3),
-            columns::B.digits(4),
-            columns::K.digits(4),
-            columns::IN_GEAR.digits(3),
-            columns::IN_GEAR_ESTIMATED.digits(3),
-            columns::IN_GEAR_COVERAGE.digits(3),
-            columns::SPEED.digits(4),
-            columns::STATE,
-            columns::REGIME,
-        ]);
-        let mut table = Rows::new(&columns);
-        for point in &self.points {
-            let (share, low, high) = point.runs.share();
-            let times = point.runs.times();
-            let middle = |value: &dyn Fn(&Run) -> f64| {
-                let mut all: Vec<f64> = point.runs.runs.iter().map(value).collect();
-                all.sort_by(f64::total_cmp);
-                let middle = all.get(all.len() / 2).copied();
-                middle.filter(|value| value.is_finite())
-            };
-            let mut row: Vec<Cell> = point.values.iter().map(|value| (*value).into()).collect();
-            row.extend([
-                point.runs.runs.len().into(),
-                share.into(),
-                low.into(),
-                high.into(),
-                times.get(times.len() / 2).copied().into(),
-                middle(&|run| run.amplitude * 1e3).into(),
-                middle(&|run| run.k).into(),
-                point.runs.in_gear().into(),
-                point.runs.in_gear_estimated().into(),
-                point.runs.in_gear_coverage().into(),
-                middle(&|run| run.speed * 1e3).into(),
-                most(point.runs.runs.iter().map(|run| run.state.name())).into(),
-                most(point.runs.runs.iter().map(|run| run.regime.as_str())).into(),
-            ]);
-            table.push_row(row);
-        }
-        table
+    pub fn summary(&self) -> Printout {
+        let key = |(n, column)| Field::all(column, move |point: &Point| point.values[n]);
+        let keys = self.key_columns().into_iter().enumerate().map(key);
+        View::of(keys.collect())
+            .and(summary())
+            .printout(&self.points)
     }
 
     /// One row for each run.
@@ -213,11 +204,7 @@ impl Sweep {
                 0.0
             };
             let (low, high) = (low - room, high + room);
-            let unit = match unit(&axis.key) {
-                "" => Unit::NONE,
-                unit => Unit::new(unit),
-            };
-            Axis::new(axis.key.clone(), unit, low, high)
+            Axis::new(axis.key.clone(), unit(&axis.key), low, high)
         };
         let share = |point: &Point| 100.0 * point.runs.share().0;
         match &self.axes[..] {
@@ -233,14 +220,14 @@ impl Sweep {
                     let (column, row) = (n / inner / rows, n / inner % rows);
                     cells[row * columns + column] += share(point) / inner as f64;
                 }
-                let scale = Axis::new("runs in the wanted state", Unit::new("%"), 0.0, 100.0);
+                let scale = Axis::new("runs in the wanted state", "%", 0.0, 100.0);
                 picture.panel(
                     Panel::new(axis(first, true), axis(second, true))
                         .heat(Grid::new(columns, cells), scale),
                 )
             }
             axes => {
-                let shares = Axis::new("runs in the wanted state", Unit::new("%"), -5.0, 105.0);
+                let shares = Axis::new("runs in the wanted state", "%", -5.0, 105.0);
                 let Some(first) = axes.first() else {
                     return picture;
                 };

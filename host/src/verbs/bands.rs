@@ -13,7 +13,7 @@ use kband::regime::gear::GearPlan;
 use kband::regime::reach::Reach;
 use kband_control::Settings;
 
-use crate::arguments::{self, ContactArguments, Drawn, DriveArguments, Printed};
+use crate::arguments::{self, ContactArguments, DriveArguments, Shown};
 use crate::causes;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
@@ -65,10 +65,7 @@ pub struct Arguments {
     drive: DriveArguments,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 /// Restitution along the track (symbol Rt), and amplitude along it over that normal to it (symbol
@@ -110,7 +107,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         arguments.second_tone.unwrap_or_default(),
         arguments.third_tone.unwrap_or_default(),
     )?;
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     let contact = arguments.contact.time(arguments.drive.frequency)?;
     let report = if wave.is_sine() {
         let rows = desk.try_map("bands", arguments.orders, |n| {
@@ -128,16 +125,14 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     } else {
         tones::report_of(arguments, &wave, &track, desk)?
     };
-    report.print(arguments.printed.format)?;
     let drawing = if output.draws() {
         picture::compute(&wave, &track, desk)?
     } else {
         picture::Drawing::default()
     };
-    output.write(&report, || {
+    output.show(&report, || {
         picture::draw(arguments, &wave, &track, &drawing)
-    })?;
-    Ok(Exit::Done)
+    })
 }
 
 /// Settings of a drive that bounds no plan, for a lot.
@@ -359,26 +354,6 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row], contact: ContactTi
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn rows_hold_the_references() {
-        let single = Restitution::single(0.2).unwrap();
-        let first = row(single, None, 1, ContactTime::INSTANT).unwrap();
-        // docs/theory-bands.md#t5.2, docs/theory-capture.md#t7.2
-        assert!((first.k2 - 0.393_052).abs() < 1e-6 && (first.k1 - 0.477_465).abs() < 1e-6);
-        let chaos = first.first_chaos.unwrap();
-        assert!((chaos.value - 0.358_723_3).abs() < 1e-7 && chaos.error < 1e-8);
-        let edge = first.reach.unwrap().edge.unwrap();
-        assert!((0.4105..0.4122).contains(&edge));
-        assert!(
-            row(single, None, 2, ContactTime::INSTANT)
-                .unwrap()
-                .reach
-                .unwrap()
-                .edge
-                .is_none()
-        );
-    }
 
     #[test]
     fn gear_is_planned_as_the_controller_plans_it() {

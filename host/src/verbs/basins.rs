@@ -10,10 +10,10 @@ use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde_json::json;
 
-use crate::arguments::{self, AmplitudeArguments, Drawn, NoScatter, Printed};
+use crate::arguments::{self, AmplitudeArguments, NoScatter, Shown};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED, TOGETHER};
-use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
+use crate::picture::{Axis, Fill, Grid, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Table, columns, number};
 
@@ -54,15 +54,12 @@ pub struct Arguments {
     scatter: NoScatter,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 /// Draws the basins.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     arguments.scatter.check(
         "a part whose restitution scatters forgets how it started, and ends nowhere",
         "ask kband gear --scatter for how much of the time it is in gear",
@@ -132,11 +129,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
                 })
             },
         );
-    report.print(arguments.printed.format)?;
-    output.write(&report, || {
+    output.show(&report, || {
         picture(arguments, &drive_text, &endings, &ends, &counts)
-    })?;
-    Ok(Exit::Done)
+    })
 }
 
 /// Starts on a square grid: the middles of its cells.
@@ -229,13 +224,8 @@ fn picture(
         .map(|state| (state.phase, state.velocity))
         .collect();
     let panel = Panel::new(
-        Axis::new("phase t of the drive at the start", Unit::RADIANS, 0.0, TAU).in_pi(),
-        Axis::new(
-            "velocity ψ at the start",
-            Unit::VELOCITY,
-            0.0,
-            arguments.velocity,
-        ),
+        Axis::new("phase t of the drive at the start", "rad", 0.0, TAU).in_pi(),
+        Axis::new("velocity ψ at the start", "b·ω", 0.0, arguments.velocity),
     )
     .height(560.0)
     .classes(Grid::new(arguments.grid, fills), &names)

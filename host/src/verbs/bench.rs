@@ -1,10 +1,10 @@
 //! `kband bench`: run time against error of every arithmetic of the impact map.
 
-use crate::arguments::{self, Drawn, Printed};
+use crate::arguments::{self, Shown};
 use crate::bench::workload::{WORKLOADS, Workload};
 use crate::bench::{Errors, Time, contestants};
 use crate::desk::{Desk, Progress};
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{fields, number};
 
@@ -31,10 +31,7 @@ pub struct Arguments {
     launches: usize,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 /// Interquartile range over median above which a time is marked as doubtful.
@@ -66,7 +63,7 @@ fields! {
 
 /// Measures and prints.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     let progress = Progress::new("bench", (WORKLOADS.len() * arguments.rounds) as u64);
     let mut lines = Vec::new();
     for workload in WORKLOADS {
@@ -89,12 +86,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             number(1e3 / time("batch"), 3),
         ));
     }
-    report.print(arguments.printed.format)?;
     if let Some(warning) = doubt(&lines) {
         eprintln!("{warning}");
     }
-    output.write(&report, || picture(&lines))?;
-    Ok(Exit::Done)
+    output.show(&report, || picture(&lines))
 }
 
 /// Round by round, each contestant once.
@@ -165,15 +160,10 @@ fn picture(lines: &[Line]) -> Picture {
         coarsest = coarsest.max(error);
     }
     let panel = |workload: &str, heading: &str| {
-        let time = Axis::new(
-            "Time of one impact",
-            Unit::new("ns"),
-            0.5 * fastest,
-            2.0 * slowest,
-        );
+        let time = Axis::new("Time of one impact", "ns", 0.5 * fastest, 2.0 * slowest);
         let error = Axis::new(
             "Median error of its phase",
-            Unit::RADIANS,
+            "rad",
             0.1 * FOOT,
             10.0 * coarsest,
         );

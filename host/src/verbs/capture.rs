@@ -20,7 +20,7 @@ use kband::regime::band::Band;
 use kband::regime::band::BandError;
 use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner};
 
-use crate::arguments::{self, AmplitudeArguments, Drawn, Printed, Range};
+use crate::arguments::{self, AmplitudeArguments, Range, Shown};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::number;
@@ -99,23 +99,18 @@ pub struct Arguments {
     attempts: usize,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 /// Prints the plan, the map of kicks and the capture rates.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     let task = Task::new(arguments)?;
     let plan = task.plan(desk)?;
     let map = Kicks::draw(&task, &plan, desk)?;
     let rates = Rates::measure(&task, &plan, desk)?;
     let report = report(&task, &plan, &map, &rates)?;
-    report.print(arguments.printed.format)?;
-    output.write(&report, || map.picture(&task, &plan))?;
-    Ok(Exit::Done)
+    output.show(&report, || map.picture(&task, &plan))
 }
 
 /// The lot to capture, and the drive.

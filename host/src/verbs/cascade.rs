@@ -4,11 +4,11 @@ use kband::impact::{Tone, Wave};
 use kband::regime::cascade::{Cascade, CascadeEnd, DoubledOrbit, FEIGENBAUM, MAX_DOUBLINGS};
 
 use super::exponent::spelled;
-use crate::arguments::{self, Drawn, NoScatter, Printed};
+use crate::arguments::{self, NoScatter, Shown};
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Printout, Table, columns, number};
+use crate::report::{Printout, fields, number};
 
 /// Where the locked orbit doubles its period, and doubles again, down to chaos.
 #[derive(Clone, Debug, clap::Args)]
@@ -49,15 +49,12 @@ pub struct Arguments {
     scatter: NoScatter,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 /// Prints the flips and draws them.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     arguments.scatter.check(
         "what scatters repeats nothing that could double",
         "ask with --noise which doublings can still be seen, or kband exponent --scatter for what is left of the cascade",
@@ -84,16 +81,14 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         })?
     };
     let report = report(arguments, &cascade)?;
-    report.print(arguments.printed.format)?;
-    output.write(&report, || picture(arguments, &cascade))?;
-    Ok(Exit::Done)
+    output.show(&report, || picture(arguments, &cascade))
 }
 
 /// Picture of the flips, and of the ratios of successive gaps.
 fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     let flips = cascade.flips();
     let last = flips.len() as f64 + 0.5;
-    let numbered = || Axis::new("flip, 1 for 1 → 2 impacts a period", Unit::NONE, 0.5, last);
+    let numbered = || Axis::new("flip, 1 for 1 → 2 impacts a period", "", 0.5, last);
     let points: Vec<(f64, f64)> = flips
         .iter()
         .enumerate()
@@ -101,7 +96,7 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
         .collect();
     let mut places = Panel::new(
         numbered(),
-        Axis::around("k = g cos α / (b ω²)", Unit::NONE, flips.iter().copied()),
+        Axis::around("k = g cos α / (b ω²)", "", flips.iter().copied()),
     )
     .height(230.0)
     .line("", 0, points.clone())
@@ -126,12 +121,7 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
         let law = gaps
             .iter()
             .map(|(n, _)| (*n, end.1 * FEIGENBAUM.powf(end.0 - n)));
-        let axis = Axis::new(
-            "gap to the flip before",
-            Unit::NONE,
-            0.4 * end.1,
-            2.5 * first.1,
-        );
+        let axis = Axis::new("gap to the flip before", "", 0.4 * end.1, 2.5 * first.1);
         picture = picture.panel(
             Panel::new(numbered(), axis.logarithmic())
                 .height(230.0)
@@ -142,59 +132,59 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     picture
 }
 
-/// The orbit born at a flip; `None` if the continuation failed.
-fn born(doubled: &[Option<DoubledOrbit>], n: usize) -> Option<DoubledOrbit> {
-    doubled.get(n).copied().flatten()
+/// A flip, with the gap to the flip before it and the orbit that it bears.
+struct Flip {
+    impacts: u32,
+    k: f64,
+    gap: Option<f64>,
+    ratio: Option<f64>,
+    visible: Option<f64>,
+    orbit: Option<DoubledOrbit>,
+}
+
+fields! {
+    fn flip(at: Flip) {
+        table FLIP => format!("{} -> {}", at.impacts, 2 * at.impacts);
+        table K.digits(15) => at.k;
+        table GAP.digits(8) => at.gap;
+        table RATIO.digits(8) => at.ratio;
+        table VISIBLE_BELOW.titled("seen below sigma").digits(3) => at.visible;
+        table MULTIPLIERS => at.orbit.map(|orbit| spelled(orbit.multipliers));
+        table EXPONENT.digits(4) => at.orbit.map(|orbit| orbit.exponents()[0]);
+        table SECOND_EXPONENT.titled("second").digits(4) => at.orbit.map(|orbit| orbit.exponents()[1]);
+    }
+}
+
+fields! {
+    fn doubled_orbit(orbit: DoubledOrbit) {
+        json K => orbit.k;
+        json IMPACTS => orbit.impacts as u32;
+        json MULTIPLIERS => spelled(orbit.multipliers);
+        json MULTIPLIER_MODULUS => orbit.multipliers.modulus();
+        json EXPONENT => orbit.exponents()[0];
+        json SECOND_EXPONENT => orbit.exponents()[1];
+    }
 }
 
 fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal> {
-    let mut table = Table::new(&[
-        columns::FLIP,
-        columns::K.digits(15),
-        columns::GAP.digits(8),
-        columns::RATIO.digits(8),
-        columns::VISIBLE_BELOW.titled("seen below sigma").digits(3),
-        columns::MULTIPLIERS,
-        columns::EXPONENT.digits(4),
-        columns::SECOND_EXPONENT.titled("second").digits(4),
-    ])
-    .folded();
     let doubled: Vec<Option<DoubledOrbit>> = cascade.doubled_orbits().collect();
     let visible: Vec<Option<f64>> = cascade.max_visible_scatters().collect();
     let ratios: Vec<f64> = cascade.ratios().collect();
-    let mut above = None;
-    for (n, flip) in cascade.flips().iter().enumerate() {
-        let impacts = 1_u32 << n;
-        table.push([
-            format!("{impacts} -> {}", 2 * impacts).into(),
-            (*flip).into(),
-            above.map(|above: f64| above - flip).into(),
-            n.checked_sub(2).and_then(|n| ratios.get(n)).copied().into(),
-            visible.get(n).copied().flatten().into(),
-            born(&doubled, n)
-                .map(|orbit| spelled(orbit.multipliers))
-                .into(),
-            born(&doubled, n).map(|orbit| orbit.exponents()[0]).into(),
-            born(&doubled, n).map(|orbit| orbit.exponents()[1]).into(),
-        ]);
-        above = Some(*flip);
-    }
-    let limit = cascade.k_infinity();
-    let orbits: Vec<_> = doubled
-        .iter()
-        .flatten()
-        .map(|orbit| {
-            serde_json::json!({
-                "k": orbit.k,
-                "impacts": orbit.impacts,
-                "multipliers": spelled(orbit.multipliers),
-                "multiplier_modulus": orbit.multipliers.modulus(),
-                "exponent": orbit.exponents()[0],
-                "second_exponent": orbit.exponents()[1],
-            })
+    let flips: Vec<Flip> = (cascade.flips().iter().enumerate())
+        .map(|(n, &k)| Flip {
+            impacts: 1 << n,
+            k,
+            gap: n.checked_sub(1).map(|before| cascade.flips()[before] - k),
+            ratio: n.checked_sub(2).and_then(|n| ratios.get(n)).copied(),
+            visible: visible.get(n).copied().flatten(),
+            orbit: doubled.get(n).copied().flatten(),
         })
         .collect();
-    let mut report = Printout::new(table).heading(format!(
+    let limit = cascade.k_infinity();
+    let orbits: Vec<_> = (doubled.iter().flatten())
+        .map(|orbit| doubled_orbit().object(orbit))
+        .collect();
+    let mut report = flip().printout(&flips).folded().heading(format!(
         "R = {}, order {}: born at k1 = {:.15}",
         arguments.restitution,
         arguments.order,
@@ -231,15 +221,14 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
             arguments.restitution
         ));
     }
-    let value = |value: Option<f64>| value.map_or(serde_json::Value::Null, Into::into);
     report.json(&serde_json::json!({
         "restitution": arguments.restitution,
         "order": arguments.order,
         "k1": cascade.birth(),
         "flips": cascade.flips(),
         "ratios": ratios,
-        "k_infinity": value(limit.map(|limit| limit.value)),
-        "k_infinity_error": value(limit.map(|limit| limit.error)),
+        "k_infinity": limit.map(|limit| limit.value),
+        "k_infinity_error": limit.map(|limit| limit.error),
         "complete": complete,
         "doubled": orbits,
         "visible_below": visible,

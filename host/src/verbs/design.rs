@@ -5,14 +5,12 @@ use std::path::PathBuf;
 use kband_scene::design::{Ask, Conveyed, Design, Designed, Feeder, Ranges, Workers};
 use serde_json::json;
 
-use crate::arguments::{self, Drawn, Printed};
+use crate::arguments::{self, Shown};
 use crate::desk::Desk;
-use crate::file;
-use crate::picture::{Axis, Panel, Picture, Unit};
-use crate::provenance;
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Value, fields, number};
-use crate::simulate::{DEFAULT, SceneFile, at_line, scene_table, schema};
+use crate::simulate::{SceneFile, SceneText};
 
 /// Feeders with the drive of a scene: parts a minute against share in gear.
 #[derive(Clone, Debug, clap::Args)]
@@ -76,10 +74,7 @@ pub struct Arguments {
     seed: Option<usize>,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 impl Arguments {
@@ -117,44 +112,29 @@ impl Workers for Desk {
 
 /// Searches, prints and draws.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments
-        .drawn
-        .output_or("kband-design.svg", arguments.printed.format)?;
-    let file = match &arguments.scene {
-        Some(path) => {
-            let name = path.display().to_string();
-            let text = file::read_text(path)?;
-            read(&text, arguments.seed).map_err(|refusal| at_line(refusal, &text).at(&name))?
-        }
-        None => read(DEFAULT, arguments.seed)?,
-    };
+    let output = arguments.shown.output_or("kband-design.svg")?;
+    let read = SceneText::read(arguments.scene.as_deref())?;
+    let mut table = read.table.clone();
+    if let Some(seed) = arguments.seed {
+        table.insert("seed".into(), toml::Value::Integer(seed as i64));
+    }
+    let file = read.scene(&table)?;
     let design = Design::search(&file, &arguments.ranges(&file), desk)?;
-    let shown = Shown {
+    let converted = Conversion {
         gravity: file.scene.settings.gravity.into(),
         part_length: file.part_length,
     };
-    let report = report(&shown, &file, &design)?;
-    report.print(arguments.printed.format)?;
-    output.write(&report, || picture(&shown, &design))?;
-    Ok(Exit::Done)
-}
-
-fn read(text: &str, seed: Option<usize>) -> Result<SceneFile, Refusal> {
-    let mut table = scene_table(text)?;
-    if let Some(seed) = seed {
-        table.insert("seed".into(), toml::Value::Integer(seed as i64));
-    }
-    provenance::scene(&table, |section, key| schema::unit(section, key).into());
-    SceneFile::from_table(table)
+    let report = report(&converted, &file, &design)?;
+    output.show(&report, || picture(&converted, &design))
 }
 
 /// Conversion of feeders and speeds to the printed quantities.
-struct Shown {
+struct Conversion {
     gravity: f64,
     part_length: f64,
 }
 
-impl Shown {
+impl Conversion {
     /// Parts a minute, for parts end to end.
     fn rate(&self, of: Conveyed) -> f64 {
         60.0 * of.speed / self.part_length
@@ -185,9 +165,9 @@ fn change(value: f64) -> Value {
 }
 
 fields! {
-    fn designed(of: Designed, shown: Shown) {
+    fn designed(of: Designed, converted: Conversion) {
         all FREQUENCY.titled("Hz").digits(3) => of.feeder.frequency;
-        all B.digits(3) => shown.amplitude(&of.feeder);
+        all B.digits(3) => converted.amplitude(&of.feeder);
         all THROW_ANGLE.titled("throw (deg)").digits(3) => of.feeder.throw_angle;
         all PHASE_LEAD.titled("lead (deg)").digits(3) => of.feeder.phase_lead;
         all INCLINE.titled("incline (deg)").digits(3) => of.feeder.incline;
@@ -197,10 +177,10 @@ fields! {
         all E3.titled("e3").digits(2) => of.feeder.tones[1][0];
         data TH3 => of.feeder.tones[1][1];
         all IN_GEAR.titled("in gear").digits(3) => of.simulated.share;
-        all PARTS_A_MINUTE.titled("parts/min").digits(4) => shown.rate(of.simulated);
+        all PARTS_A_MINUTE.titled("parts/min").digits(4) => converted.rate(of.simulated);
         data SPEED => of.simulated.speed;
         all IN_GEAR_CLOSED_LOOP.titled("in gear, closed loop").digits(3) => of.closed.map(|closed| closed.share);
-        all PARTS_A_MINUTE_CLOSED_LOOP.titled("parts/min, closed loop").digits(4) => of.closed.map(|closed| shown.rate(closed));
+        all PARTS_A_MINUTE_CLOSED_LOOP.titled("parts/min, closed loop").digits(4) => of.closed.map(|closed| converted.rate(closed));
         all PARTS_BY_B.titled("% parts by 1 % b").digits(2) => change(100.0 * of.sensitivity.amplitude[0]);
         all IN_GEAR_BY_B.titled("in gear by 1 % b").digits(2) => change(of.sensitivity.amplitude[1]);
         all PARTS_BY_FREQUENCY.titled("% parts by 1 % Hz").digits(2) => change(100.0 * of.sensitivity.frequency[0]);
@@ -211,23 +191,23 @@ fields! {
 }
 
 /// Comparison of the front with the scene's own feeder.
-fn comparison(shown: &Shown, design: &Design) -> Option<String> {
+fn comparison(converted: &Conversion, design: &Design) -> Option<String> {
     let today = design.today?;
     let closed = today.closed?;
     let now = format!(
         "Your feeder at {} Hz: {:.0} parts a minute at share {} in gear ({}).",
         number(today.feeder.frequency, 3),
-        shown.rate(closed),
+        converted.rate(closed),
         number(closed.share, 3),
-        shown.words(&today.feeder)
+        converted.words(&today.feeder)
     );
     let better = design.better().and_then(|best| Some((best, best.closed?)));
     let then = match better {
         Some((best, run)) if run.speed > closed.speed => format!(
             "With the same drive and about this share: {:.0} parts a minute at share {} ({}), {:+.0} %.",
-            shown.rate(run),
+            converted.rate(run),
             number(run.share, 3),
-            shown.words(&best.feeder),
+            converted.words(&best.feeder),
             100.0 * (run.speed / closed.speed - 1.0)
         ),
         _ => "No feeder of the front with the same drive has more parts a minute at this share."
@@ -236,9 +216,9 @@ fn comparison(shown: &Shown, design: &Design) -> Option<String> {
     Some(format!("{now} {then}"))
 }
 
-fn report(shown: &Shown, file: &SceneFile, design: &Design) -> Result<Printout, Refusal> {
+fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<Printout, Refusal> {
     let view = || {
-        let mut view = designed(shown);
+        let mut view = designed(converted);
         let tones = |n: usize| design.best.iter().any(|of| of.feeder.tones[n][0] > 0.0);
         use crate::report::columns::{E, E3, INCLINE, PHASE_LEAD, TH};
         let varies = |of: fn(&Feeder) -> f64| {
@@ -261,17 +241,17 @@ fn report(shown: &Shown, file: &SceneFile, design: &Design) -> Result<Printout, 
         }
         view
     };
-    let all = designed(shown);
+    let all = designed(converted);
     let error = &design.error;
     let rows = |best: &[Designed]| best.iter().map(|of| all.object(of)).collect::<Vec<_>>();
     let front = design.front.iter().map(|(feeder, simulated)| {
         json!({
             "frequency": feeder.frequency,
-            "b": shown.amplitude(feeder),
+            "b": converted.amplitude(feeder),
             "throw_angle": feeder.throw_angle,
             "k": feeder.k,
             "in_gear": simulated.share,
-            "parts_a_minute": shown.rate(*simulated),
+            "parts_a_minute": converted.rate(*simulated),
         })
     });
     let document = json!({
@@ -297,7 +277,7 @@ fn report(shown: &Shown, file: &SceneFile, design: &Design) -> Result<Printout, 
             settings.restitution_low,
             settings.restitution_high,
             settings.scatter,
-            shown.part_length,
+            converted.part_length,
             design.within,
             design.tried
         ))
@@ -305,7 +285,7 @@ fn report(shown: &Shown, file: &SceneFile, design: &Design) -> Result<Printout, 
             let rows: Vec<_> = design.best.iter().map(|of| all.row(of)).collect();
             move |out| rows.iter().try_for_each(|row| out.row(row))
         });
-    report = match comparison(shown, design) {
+    report = match comparison(converted, design) {
         Some(words) => report.note(words),
         None => report.note("The scene's own feeder does not run: kband simulate says why."),
     };
@@ -325,8 +305,8 @@ fn report(shown: &Shown, file: &SceneFile, design: &Design) -> Result<Printout, 
         .json(&document)
 }
 
-fn picture(shown: &Shown, design: &Design) -> Picture {
-    let simulated = |of: &Conveyed| (of.share, shown.rate(*of));
+fn picture(converted: &Conversion, design: &Design) -> Picture {
+    let simulated = |of: &Conveyed| (of.share, converted.rate(*of));
     let front: Vec<(f64, f64)> = design.front.iter().map(|(_, of)| simulated(of)).collect();
     let runs = |all: &[Designed]| -> Vec<(f64, f64)> {
         let closed = all.iter().filter_map(|of| of.closed);
@@ -335,18 +315,8 @@ fn picture(shown: &Shown, design: &Design) -> Picture {
     let closed = runs(&design.best);
     let today = runs(design.today.as_slice());
     let all: Vec<(f64, f64)> = [&front[..], &closed, &today].concat();
-    let share = || {
-        Axis::around(
-            "share of time in gear",
-            Unit::NONE,
-            all.iter().map(|at| at.0),
-        )
-    };
-    let rate = Axis::around(
-        "parts a minute",
-        Unit::new("1/min"),
-        all.iter().map(|at| at.1),
-    );
+    let share = || Axis::around("share of time in gear", "", all.iter().map(|at| at.0));
+    let rate = Axis::around("parts a minute", "1/min", all.iter().map(|at| at.1));
     let along = |of: &dyn Fn(&Feeder) -> f64| -> Vec<(f64, f64)> {
         let points = design.front.iter();
         points.map(|(feeder, at)| (at.share, of(feeder))).collect()
@@ -370,13 +340,7 @@ fn picture(shown: &Shown, design: &Design) -> Picture {
                 .markers("its feeders in the closed loop", 1, closed)
                 .markers("the scene's own feeder", 2, today),
         )
-        .panel(panel("drive frequency", Unit::new("Hz"), &|of| {
-            of.frequency
-        }))
-        .panel(panel("amplitude b", Unit::MILLIMETRES, &|of| {
-            shown.amplitude(of)
-        }))
-        .panel(panel("angle of throw", Unit::new("degrees"), &|of| {
-            of.throw_angle
-        }))
+        .panel(panel("drive frequency", "Hz", &|of| of.frequency))
+        .panel(panel("amplitude b", "mm", &|of| converted.amplitude(of)))
+        .panel(panel("angle of throw", "degrees", &|of| of.throw_angle))
 }

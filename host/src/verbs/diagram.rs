@@ -15,10 +15,9 @@ use std::sync::Arc;
 use clap::ValueEnum;
 use serde::Serialize;
 
-use crate::arguments::{self, AmplitudeArguments, Drawn, Printed, Range, ScatterArguments};
+use crate::arguments::{self, AmplitudeArguments, Range, ScatterArguments, Shown};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::report::Format;
 
 /// The regimes over k, over the amplitude or over restitution, from rest and followed both ways.
 #[derive(Clone, Debug, clap::Args)]
@@ -69,10 +68,7 @@ pub struct Arguments {
     scatter: ScatterArguments,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 /// Default number of columns of a range.
@@ -121,18 +117,16 @@ impl ColumnStart {
 
 /// Draws the diagram.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     if arguments.show == Show::Regimes {
         let map = regimes::Map::compute(arguments, desk)?;
         let report = map.report()?;
-        report.print(arguments.printed.format)?;
-        output.write(&report, || map.picture())?;
-        return Ok(Exit::Done);
+        return output.show(&report, || map.picture());
     }
     let (over, range) = over::chosen(arguments)?;
     let values: Vec<f64> = range.values().collect();
     let tracks: Vec<(f64, f64)> = values.iter().map(|x| over.at(*x)).collect();
-    let keep = if output.lists() || arguments.printed.format == Format::Csv {
+    let keep = if output.lists() {
         Keep::States
     } else if output.draws() {
         Keep::Heights
@@ -155,7 +149,5 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         values,
     });
     let report = diagram.report()?;
-    report.print(arguments.printed.format)?;
-    output.write(&report, || diagram.picture(arguments))?;
-    Ok(Exit::Done)
+    output.show(&report, || diagram.picture(arguments))
 }

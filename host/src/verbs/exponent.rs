@@ -12,10 +12,10 @@ use kband::regime::exponent::{
 use kband::regime::{Lock, Multipliers};
 use kband::transport::SampleMean;
 
-use crate::arguments::{self, AmplitudeArguments, Drawn, Printed, Range, ScatterArguments};
+use crate::arguments::{self, AmplitudeArguments, Range, ScatterArguments, Shown};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FOLLOWED};
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, columns, fields, number};
 
@@ -70,10 +70,7 @@ pub struct Arguments {
     band: bool,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 impl Arguments {
@@ -85,7 +82,7 @@ impl Arguments {
 
 /// Prints the exponents.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     let given = arguments.amplitude.or_range(arguments.k)?;
     let values = given.unwrap_or_else(|| vec![0.34]);
     let settings = ExponentSettings {
@@ -145,9 +142,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         None
     };
     let report = report(arguments, &found, band)?;
-    report.print(arguments.printed.format)?;
-    output.write(&report, || picture(arguments, &values, &found, band))?;
-    Ok(Exit::Done)
+    output.show(&report, || picture(arguments, &values, &found, band))
 }
 
 /// Number of orbits among which the impacts are divided, unless the user gives a start.
@@ -355,12 +350,7 @@ fn picture(
     let high = all.iter().fold(0.5_f64, |high, (_, y)| high.max(*y));
     let mut panel = Panel::new(
         over_k(values),
-        Axis::new(
-            "Lyapunov exponent per impact",
-            Unit::NONE,
-            low - 0.1,
-            high + 0.1,
-        ),
+        Axis::new("Lyapunov exponent per impact", "", low - 0.1, high + 0.1),
     )
     .height(360.0);
     if let Some(band) = band {
@@ -419,7 +409,7 @@ fn multipliers_of(values: &[f64], found: &[(f64, [f64; 2])]) -> Option<Panel> {
     let high = all.fold(1.2, f64::max).min(4.0);
     let panel = Panel::new(
         over_k(values),
-        Axis::new("Floquet multipliers, real part", Unit::NONE, low, high),
+        Axis::new("Floquet multipliers, real part", "", low, high),
     )
     .heading("The period-1 orbit")
     .height(230.0)
@@ -431,10 +421,6 @@ fn multipliers_of(values: &[f64], found: &[(f64, [f64; 2])]) -> Option<Panel> {
 }
 
 fn over_k(values: &[f64]) -> Axis {
-    Axis::new(
-        "k = g cos α / (b ω²)",
-        Unit::NONE,
-        values.iter().copied().fold(f64::INFINITY, f64::min),
-        values.iter().copied().fold(0.0, f64::max),
-    )
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    Axis::of_k(low, values.iter().copied().fold(0.0, f64::max))
 }

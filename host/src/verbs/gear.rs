@@ -9,14 +9,14 @@ mod survey;
 use std::f64::consts::TAU;
 
 use kband::feeder::{Restitution, Track};
-use kband::impact::{ContactTime, Tone, Wave};
+use kband::impact::{Tone, Wave};
 use kband::regime::band;
 
-use crate::arguments::{self, ContactArguments, Drawn, DriveArguments, Printed, Range};
+use crate::arguments::{self, ContactArguments, DriveArguments, Range, Shown};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-pub(super) use survey::InGearOf;
-use survey::{Followed, Survey};
+use survey::Survey;
+pub(super) use survey::{Lot, LotSettings};
 
 /// The share of time in gear over k and over the second tone, for parts whose restitution scatters.
 #[derive(Clone, Debug, clap::Args)]
@@ -97,17 +97,7 @@ pub struct Arguments {
     drive: DriveArguments,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
-}
-
-impl Arguments {
-    /// Duration of an impact in the drive's phase.
-    fn contact(&self) -> Result<ContactTime, Refusal> {
-        self.contact.time(self.drive.frequency)
-    }
+    shown: Shown,
 }
 
 /// Number of amplitudes of the second tone in a search.
@@ -127,23 +117,28 @@ fn angles(arguments: &Arguments) -> (f64, f64, u32) {
 
 /// Finds where parts stay in gear.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments
-        .drawn
-        .output_or("kband-gear.svg", arguments.printed.format)?;
+    let output = arguments.shown.output_or("kband-gear.svg")?;
     let order = arguments.order as u32;
-    let lot = Followed::new(arguments)?;
+    let contact = arguments.contact.time(arguments.drive.frequency)?;
+    let lot = Lot::build(LotSettings {
+        restitution: arguments.restitution,
+        parts: arguments.parts,
+        scatter: arguments.scatter,
+        order,
+        runs: arguments.runs,
+        periods: arguments.periods as f64,
+        seed: arguments.seed,
+        contact,
+    })?;
     let k = match (arguments.k, arguments.b) {
         (Some(range), _) => range,
         (None, Some(b)) => over_amplitude(b, &arguments.drive.track()?)?,
         (None, None) => {
             let liveliest = arguments.restitution.high().min(0.99);
-            let [edge, _] = band::edges_with_contact(liveliest, order, arguments.contact()?)?;
+            let [edge, _] = band::edges_with_contact(liveliest, order, contact)?;
             let born = band::birth(liveliest, order)?.max(edge);
-            Range {
-                low: 0.15 / f64::from(order),
-                high: (1.02 * born).min(1.0 / f64::from(order)),
-                count: 41,
-            }
+            let order = f64::from(order);
+            Range::new(0.15 / order, (1.02 * born).min(1.0 / order), 41)
         }
     };
     let survey = Survey::run(
@@ -153,18 +148,13 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         desk,
     )?;
     let report = page::report(arguments, &survey)?;
-    report.print(arguments.printed.format)?;
-    output.write(&report, || page::picture(arguments, &survey))?;
-    Ok(Exit::Done)
+    output.show(&report, || page::picture(arguments, &survey))
 }
 
 /// The k of a range of amplitudes in mm, evenly spaced in k as the map is drawn.
 fn over_amplitude(b: Range, track: &Track) -> Result<Range, Refusal> {
-    Ok(Range {
-        low: arguments::k_of(track, b.high)?,
-        high: arguments::k_of(track, b.low)?,
-        count: b.count,
-    })
+    let [low, high] = [b.high, b.low].map(|b| arguments::k_of(track, b));
+    Ok(Range::new(low?, high?, b.count))
 }
 
 /// The waves to try; the sine is the first.

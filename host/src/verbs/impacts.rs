@@ -109,7 +109,7 @@ pub enum Arithmetic {
 
 /// Prints the impacts and draws their phase portrait.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output_of_rows(Format::Table)?;
+    let output = arguments.drawn.output(Format::Table, true)?;
     let tones = [arguments.second_tone, arguments.third_tone].map(Option::unwrap_or_default);
     let one = tones.iter().all(|tone| tone.amplitude == 0.0);
     let drive_text = match arguments.amplitude.or_k(arguments.k)? {
@@ -126,8 +126,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     } else {
         on_tones(&task, tones)?
     };
-    output.draw(|| portrait(arguments, &drive_text, states))?;
-    Ok(Exit::Done)
+    output.draw(|| portrait(arguments, &drive_text, states))
 }
 
 /// The orbit or the rows to compute.

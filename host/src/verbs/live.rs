@@ -81,21 +81,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 
 #[cfg(feature = "live")]
 fn simulation(arguments: &Arguments) -> Result<crate::live::Simulation, Refusal> {
-    use crate::file;
-    use crate::simulate::{DEFAULT, SceneFile};
-
-    let (name, file) = match &arguments.scene {
-        Some(path) => {
-            let name = path.display().to_string();
-            let text = file::read_text(path)?;
-            (
-                name.clone(),
-                SceneFile::parse(&text).map_err(|refusal| refusal.at(name))?,
-            )
-        }
-        None => ("the default scene".into(), SceneFile::parse(DEFAULT)?),
-    };
-    crate::live::Simulation::build(&name, &file)
+    let read = crate::simulate::SceneText::read(arguments.scene.as_deref())?;
+    crate::live::Simulation::build(&read.name, &read.scene(&read.table)?)
 }
 
 /// Says what is missing.

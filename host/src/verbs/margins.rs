@@ -5,9 +5,9 @@
 
 use kband_control::{LoopMargins, Settings};
 
-use crate::arguments::{Drawn, Printed};
+use crate::arguments::Shown;
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, fields};
 
@@ -25,10 +25,7 @@ Each row is a quality and a gain ratio: true gain over configured gain. It shows
 Off the resonance of a correctly configured drive, the loop feeds back only the deviation from its model. Its margins are those of a loop without a model.")]
 pub struct Arguments {
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 const QUALITIES: [f32; 7] = [3.0, 5.0, 10.0, 25.0, 50.0, 100.0, 200.0];
@@ -88,15 +85,13 @@ impl Line {
 
 /// Prints the smallest margins and draws all.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     let all: Vec<(f32, f32)> = (GAIN_RATIOS.iter())
         .flat_map(|ratio| QUALITIES.map(|quality| (quality, *ratio)))
         .collect();
     let lines = desk.try_map("margins", all.len(), |n| Line::of(all[n].0, all[n].1))?;
     let report = report(&lines);
-    report.print(arguments.printed.format)?;
-    output.write(&report, || picture(&lines))?;
-    Ok(Exit::Done)
+    output.show(&report, || picture(&lines))
 }
 
 fields! {
@@ -118,14 +113,7 @@ fn report(lines: &[Line]) -> Printout {
 }
 
 fn picture(lines: &[Line]) -> Picture {
-    let detuning = || {
-        Axis::new(
-            "drive frequency over resonance, less 1",
-            Unit::new("%"),
-            -20.0,
-            20.0,
-        )
-    };
+    let detuning = || Axis::new("drive frequency over resonance, less 1", "%", -20.0, 20.0);
     let panel = |gain_ratio: f32, axis: Axis, margin: &dyn Fn(&LoopMargins) -> f64| {
         let mut panel = Panel::new(detuning(), axis).height(230.0);
         let shown = lines.iter().filter(|line| line.gain_ratio == gain_ratio);
@@ -139,13 +127,13 @@ fn picture(lines: &[Line]) -> Picture {
         panel
     };
     let gain = |margins: &LoopMargins| margins.gain.min(MAX_DRAWN_MARGIN);
-    let factor = |label: &str| Axis::new(label, Unit::NONE, 1.0, MAX_DRAWN_MARGIN).logarithmic();
+    let factor = |label: &str| Axis::new(label, "", 1.0, MAX_DRAWN_MARGIN).logarithmic();
     Picture::new("Margins of the amplitude loop")
         .caption("at any drive frequency; each line a quality of the drive")
         .panel(panel(1.0, factor("gain margin"), &gain))
         .panel(panel(
             1.0,
-            Axis::new("phase margin", Unit::new("degrees"), 0.0, 180.0),
+            Axis::new("phase margin", "degrees", 0.0, 180.0),
             &|margins| margins.phase,
         ))
         .panel(panel(

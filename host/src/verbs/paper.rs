@@ -57,15 +57,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         .as_deref()
         .map(|path| Destination::output(path, "html"))
         .transpose()?;
-    if let Some(target) = &target
-        && !matches!(target.ending().as_str(), "html" | "htm")
-    {
-        return Err(Refusal::value(
-            "ending of --out",
-            format!("'{}'", target.ending()),
-            ".html: the page holds the table and the pictures",
-            "for example --out report.html",
-        ));
+    if let Some(target) = &target {
+        target.ends_in("--out", &["html", "htm"])?;
     }
     let rows = recompute(desk)?;
     let failed: Vec<String> = rows

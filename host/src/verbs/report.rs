@@ -9,12 +9,11 @@ use toml::Value;
 
 use crate::arguments;
 use crate::desk::Desk;
-use crate::file::{self, Destination};
+use crate::file::Destination;
 use crate::page::{self, Page};
-use crate::provenance;
 use crate::refusal::{Exit, Refusal};
 use crate::report::number;
-use crate::simulate::{self, DEFAULT, Outcome, SceneFile, at_line, scene_table, schema};
+use crate::simulate::{self, Outcome, SceneText};
 use data::Feeder;
 
 /// One self-contained page for the browser: bands, gear, basins, speed and a run of one feeder,
@@ -62,27 +61,15 @@ const FIGURES: &str = include_str!("report/figures.js");
 
 /// Computes and writes the page.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let (name, text) = match &arguments.scene {
-        Some(path) => (path.display().to_string(), file::read_text(path)?),
-        None => ("the built-in scene".into(), DEFAULT.into()),
-    };
-    let named = |refusal: Refusal| at_line(refusal, &text).at(&name);
-    let mut table = scene_table(&text).map_err(named)?;
+    let read = SceneText::read(arguments.scene.as_deref())?;
+    let mut table = read.table.clone();
     arguments.adapt(&mut table);
-    provenance::scene(&table, |section, key| schema::unit(section, key).into());
-    let scene = SceneFile::from_table(table.clone()).map_err(named)?;
+    let scene = read.scene(&table)?;
     let target = match &arguments.out {
         Some(path) => Destination::output(path, "html")?,
         None => Destination::default_name(Path::new(PAGE), page::own, "--out FILE.html")?,
     };
-    if !["html", "htm"].contains(&target.ending().as_str()) {
-        return Err(Refusal::value(
-            "--out",
-            target.path().display(),
-            "a file name that ends in .html",
-            "change the ending",
-        ));
-    }
+    target.ends_in("--out", &["html", "htm"])?;
     let outcome = simulate::run(&scene, desk)?;
     let feeder = Feeder::of(&outcome)?;
     let written = toml::to_string(&table).unwrap_or_default();

@@ -23,9 +23,9 @@ use self::simulated::Simulated;
 use crate::arguments;
 use crate::board::{Address, Said};
 use crate::desk::Desk;
-use crate::file;
+
 use crate::refusal::{Exit, Refusal};
-use crate::simulate::{DEFAULT, SceneFile};
+use crate::simulate::SceneText;
 
 /// Time between two steps of the simulation.
 const STEP: Duration = Duration::from_millis(5);
@@ -113,13 +113,8 @@ fn open(arguments: &Arguments) -> Result<Box<dyn Feeder>, Refusal> {
         return Ok(Box::new(gateway));
     }
     arguments.address.refuse_emulated_options()?;
-    let file = match &arguments.scene {
-        Some(path) => {
-            let text = file::read_text(path)?;
-            SceneFile::parse(&text).map_err(|refusal| refusal.at(path.display()))?
-        }
-        None => SceneFile::parse(DEFAULT)?,
-    };
+    let read = SceneText::read(arguments.scene.as_deref())?;
+    let file = read.scene(&read.table)?;
     Ok(Box::new(Simulated::new(Drive::build(&file.scene)?)))
 }
 

@@ -8,10 +8,12 @@ mod upper_tone;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use kband_control::wire::Request;
 use kband_scene::toml_table;
 
+use self::offer::Commissioning;
 use self::upper_tone::Upper;
 use crate::arguments;
 use crate::board::{Address, BoardSetting, BoardSettings, Emulated, Link};
@@ -156,16 +158,21 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         within,
     } = arguments.action
     {
-        let format = arguments.format;
-        let upper = match (second_tone, third_tone) {
-            (true, _) => Some(Upper::Second),
-            (_, true) => Some(Upper::Third),
-            _ => None,
+        let commissioning = Commissioning {
+            address,
+            apply,
+            within: Duration::from_secs_f64(within),
+            format: arguments.format,
+            desk,
         };
-        match upper {
-            Some(upper) => upper_tone::run(upper, address, apply, within, format, desk)?,
-            None if sensor => sensor::run(address, apply, within, format, desk)?,
-            None => commission::run(address, apply, within, format, desk)?,
+        if second_tone {
+            upper_tone::run(Upper::Second, &commissioning)?;
+        } else if third_tone {
+            upper_tone::run(Upper::Third, &commissioning)?;
+        } else if sensor {
+            sensor::run(&commissioning)?;
+        } else {
+            commission::run(&commissioning)?;
         }
         return Ok(Exit::Done);
     }

@@ -12,7 +12,7 @@ use kband_plant::{Moment, Sample};
 use crate::arguments::{self, LookArguments, PICTURES};
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
-use crate::file::{self, Destination};
+use crate::file::Destination;
 use crate::provenance;
 use crate::refusal::{Exit, Refusal};
 use crate::report::rows_file;
@@ -20,8 +20,8 @@ use crate::report::{self, Format, Printout, Table};
 use crate::simulate::axes::Axes;
 use crate::simulate::sweep::Sweep;
 use crate::simulate::{
-    DEFAULT, Fidelity, Outcome, Runs, SceneFile, Watch, at_line, draw, run_on, runs, scene_table,
-    schema, trace, watched,
+    DEFAULT, Fidelity, Outcome, Runs, SceneFile, SceneText, Watch, draw, run_on, runs, schema,
+    trace, watched,
 };
 
 /// The firmware's control loop against the impact map, for one scene [the default verb].
@@ -174,19 +174,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         report::print(&format!("{:#}\n", schema::schema()))?;
         return Ok(Exit::Done);
     }
-    let (mut table, read) = match &arguments.scene {
-        Some(path) => {
-            let name = path.display().to_string();
-            let text = file::read_text(path)?;
-            let table = scene_table(&text).map_err(|refusal| refusal.at(&name))?;
-            (table, Some((name, text)))
-        }
-        None => (scene_table(DEFAULT)?, None),
-    };
-    let named = |refusal: Refusal| match &read {
-        Some((name, text)) => at_line(refusal, text).at(name),
-        None => refusal,
-    };
+    let read = SceneText::read(arguments.scene.as_deref())?;
+    let mut table = read.table.clone();
     if let Some(seed) = arguments.seed {
         if arguments.sweep.iter().any(|axis| axis.key == "seed") {
             return Err(Refusal::new(
@@ -196,8 +185,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         }
         table.insert("seed".into(), toml::Value::Integer(seed as i64));
     }
-    provenance::scene(&table, |section, key| schema::unit(section, key).into());
-    let mut file = SceneFile::from_table(table.clone()).map_err(named)?;
+    let mut file = read.scene(&table)?;
     arguments.adapt(&mut file);
     file.check()?;
     let picture = match &arguments.out {
@@ -209,15 +197,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             Destination::default_name(Path::new(PICTURE), arguments::own_picture, "--out FILE.svg")?
         }
     };
-    let ending = picture.ending();
-    if !PICTURES.contains(&ending.as_str()) {
-        return Err(Refusal::value(
-            "--out",
-            picture.path().display(),
-            "a file name that ends in .svg, .png or .pdf",
-            "change the ending",
-        ));
-    }
+    picture.ends_in("--out", &PICTURES)?;
     let many = arguments.runs.is_some() || !arguments.sweep.is_empty();
     let trace =
         match &arguments.trace {
@@ -321,8 +301,13 @@ fn sweep(
         desk,
     )?;
     arguments.look.write(picture, &swept.draw(file))?;
-    let report = Printout::new(swept.summary());
-    tell_many(report, &swept.table(), picture, trace, arguments.format)
+    tell_many(
+        swept.summary(),
+        &swept.table(),
+        picture,
+        trace,
+        arguments.format,
+    )
 }
 
 /// Writes the rows of many runs and prints their summary.
@@ -371,17 +356,10 @@ fn many_runs(
 
 /// Whether a target brings the parts onto a lock by kicks.
 fn kicks(target: Target) -> bool {
-    match target {
-        Target::Locked { .. } | Target::Chaotic | Target::Speed(_) | Target::PartsPerMinute(_) => {
-            true
-        }
-        Target::K(_)
-        | Target::Amplitude(_)
-        | Target::Identify
-        | Target::Gear { .. }
-        | Target::Tones { .. }
-        | Target::Flow(_) => false,
-    }
+    matches!(
+        target,
+        Target::Locked { .. } | Target::Chaotic | Target::Speed(_) | Target::PartsPerMinute(_)
+    )
 }
 
 #[cfg(test)]

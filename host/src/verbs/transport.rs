@@ -10,7 +10,7 @@ use kband::impact::{PartState, TangentialSettings, Tone};
 use kband::regime::Lock;
 use kband::transport::{Effort, Origin};
 
-use crate::arguments::{self, Drawn, DriveArguments, Printed, Range, ScatterArguments};
+use crate::arguments::{self, DriveArguments, Range, ScatterArguments, Shown};
 use crate::desk::Desk;
 use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
@@ -114,10 +114,7 @@ pub struct Arguments {
     scatter: ScatterArguments,
 
     #[command(flatten)]
-    printed: Printed,
-
-    #[command(flatten)]
-    drawn: Drawn,
+    shown: Shown,
 }
 
 /// What is computed.
@@ -133,11 +130,9 @@ pub enum Show {
 
 /// Computes and prints the requested quantity.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(arguments.printed.format)?;
+    let output = arguments.shown.output()?;
     let (report, picture) = computed(arguments, desk)?;
-    report.print(arguments.printed.format)?;
-    output.write(&report, picture)?;
-    Ok(Exit::Done)
+    output.show(&report, picture)
 }
 
 /// The picture that these options draw, for a page that holds several.

@@ -20,12 +20,12 @@ pub struct Came {
 }
 
 /// Runs `kband` with these words in `folder`; killed at the limit.
-pub fn kband(folder: &Path, words: &str) -> Came {
+pub fn kband(folder: impl AsRef<Path>, words: &str) -> Came {
     run(folder, LIMIT, &words.split(' ').collect::<Vec<_>>())
 }
 
 /// Runs `kband` in `folder`; killed after a limit of wall-clock time in s.
-pub fn run(folder: &Path, limit: &str, words: &[&str]) -> Came {
+pub fn run(folder: impl AsRef<Path>, limit: &str, words: &[&str]) -> Came {
     // Files, for an emulator that was left running would hold a pipe open.
     let [mut out, mut said] = [(); 2].map(|()| tempfile::tempfile().unwrap());
     let status = Command::new("timeout")

@@ -192,37 +192,19 @@ pub(super) fn scene_of(base: &Scene, feeder: &Feeder) -> Scene {
 /// The limit of the scene's drive that a feeder reaches within 2 %, if any.
 pub(super) fn limit_reached(base: &Settings, feeder: &Feeder) -> Option<&'static str> {
     let limits = drive_limits(&settings_of(base, feeder));
-    let none = GearLimits::NONE;
-    let alone = [
-        (
-            "stroke",
-            GearLimits {
-                displacement: limits.displacement,
-                ..none
-            },
-        ),
-        (
-            "acceleration",
-            GearLimits {
-                acceleration: limits.acceleration,
-                ..none
-            },
-        ),
-        (
-            "force",
-            GearLimits {
-                output: limits.output,
-                overtones: limits.overtones,
-                ..none
-            },
-        ),
-    ];
+    let [mut stroke, mut acceleration, mut force] = [GearLimits::NONE; 3];
+    stroke.displacement = limits.displacement;
+    acceleration.acceleration = limits.acceleration;
+    (force.output, force.overtones) = (limits.output, limits.overtones);
     let reached =
         |limits: &GearLimits| feeder.k < 1.02 * f64::from(limits.min_k(single(feeder.tones)));
-    alone
-        .iter()
-        .find(|(_, limits)| reached(limits))
-        .map(|(name, _)| *name)
+    let alone = [
+        ("stroke", stroke),
+        ("acceleration", acceleration),
+        ("force", force),
+    ];
+    let found = alone.iter().find(|(_, limits)| reached(limits))?;
+    Some(found.0)
 }
 
 /// Lowest k of a feeder within the limits of the scene's drive; infinite where its settings are

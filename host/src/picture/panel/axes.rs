@@ -1,6 +1,6 @@
 //! Axes, grid, text above the plot and the ribbon.
 
-use super::style::{frame_of, swatch, text};
+use super::style::{frame_of, label, swatch, upright};
 use super::{LEFT, LINE, Panel, RIBBON, SMALL};
 use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
@@ -56,14 +56,8 @@ impl Pixels<'_> {
         let rows = ends.len();
         for (start, row, words) in placed {
             let y = self.plot.top + 12.0 + LINE * (rows - 1 - row) as f64 * 0.88;
-            shapes.push(Shape::Text(text(
-                start,
-                y,
-                words,
-                Anchor::Start,
-                theme.muted(),
-                SMALL,
-            )));
+            let label = label((start, y), words, Anchor::Start, theme.muted());
+            shapes.push(Shape::Text(label));
         }
         self.plot.top + 12.0 + LINE * (rows - 1) as f64 * 0.88 + 6.0
     }
@@ -95,11 +89,6 @@ impl Pixels<'_> {
         if self.panel.is_covered() {
             return;
         }
-        let stroke = Stroke {
-            colour: theme.grid(),
-            width: 1.0,
-            dash: &[],
-        };
         let mut pieces = Vec::new();
         for (x, _) in self.x_ticks() {
             pieces.push(vec![
@@ -113,13 +102,8 @@ impl Pixels<'_> {
                 (self.plot.right(), self.down(y)),
             ]);
         }
-        shapes.push(Shape::Path {
-            pieces,
-            closed: false,
-            fill: None,
-            stroke: Some(stroke),
-            clip: None,
-        });
+        let stroke = Stroke::solid(theme.grid(), 1.0);
+        shapes.push(Shape::lines(pieces, stroke, None));
     }
 
     pub(super) fn x_ticks(&self) -> Vec<(f64, String)> {
@@ -140,29 +124,17 @@ impl Pixels<'_> {
         let plot = self.plot;
         shapes.push(frame_of(plot, theme.axis(), 1.0));
         let mut ticks = Vec::new();
-        for (x, label) in self.x_ticks() {
+        for (x, words) in self.x_ticks() {
             let across = self.across(x);
             ticks.push(vec![(across, plot.bottom()), (across, plot.bottom() + 5.0)]);
-            shapes.push(Shape::Text(text(
-                across,
-                plot.bottom() + 18.0,
-                &label,
-                Anchor::Middle,
-                theme.text(),
-                SMALL,
-            )));
+            let at = (across, plot.bottom() + 18.0);
+            shapes.push(Shape::Text(label(at, &words, Anchor::Middle, theme.text())));
         }
-        for (y, label) in self.y_ticks() {
+        for (y, words) in self.y_ticks() {
             let down = self.down(y);
             ticks.push(vec![(plot.left - 5.0, down), (plot.left, down)]);
-            shapes.push(Shape::Text(text(
-                plot.left - 8.0,
-                down + 4.2,
-                &label,
-                Anchor::End,
-                theme.text(),
-                SMALL,
-            )));
+            let at = (plot.left - 8.0, down + 4.2);
+            shapes.push(Shape::Text(label(at, &words, Anchor::End, theme.text())));
         }
         for x in self.panel.x.small_ticks() {
             let across = self.across(x);
@@ -172,36 +144,16 @@ impl Pixels<'_> {
             let down = self.down(y);
             ticks.push(vec![(plot.left - 3.0, down), (plot.left, down)]);
         }
-        shapes.push(Shape::Path {
-            pieces: ticks,
-            closed: false,
-            fill: None,
-            stroke: Some(Stroke {
-                colour: theme.axis(),
-                width: 1.0,
-                dash: &[],
-            }),
-            clip: None,
-        });
-        let (across, up) = (self.panel.x.title(), self.panel.y.title());
-        shapes.push(Shape::Text(text(
-            plot.left + 0.5 * plot.width,
-            plot.bottom() + 37.0,
-            &across,
-            Anchor::Middle,
-            theme.text(),
-            font::fitted(&across, 13.0, false, plot.width + 0.5 * LEFT),
-        )));
+        let stroke = Stroke::solid(theme.axis(), 1.0);
+        shapes.push(Shape::lines(ticks, stroke, None));
+        let across = self.panel.x.title();
+        let at = (plot.left + 0.5 * plot.width, plot.bottom() + 37.0);
         shapes.push(Shape::Text(Text {
-            upright: true,
-            ..text(
-                plot.left - LEFT + 16.0,
-                plot.top + 0.5 * plot.height,
-                &up,
-                Anchor::Middle,
-                theme.text(),
-                font::fitted(&up, 13.0, false, plot.height + 36.0),
-            )
+            size: font::fitted(&across, 13.0, false, plot.width + 0.5 * LEFT),
+            ..label(at, &across, Anchor::Middle, theme.text())
         }));
+        let at = (plot.left - LEFT + 16.0, plot.top + 0.5 * plot.height);
+        let up = self.panel.y.title();
+        shapes.push(upright(at, &up, theme.text(), plot.height));
     }
 }

@@ -35,13 +35,11 @@ pub(super) enum Item {
         scale: Axis,
     },
     Classes(Grid<Fill>),
+    /// A strip of the horizontal axis, or of the vertical one.
     Strip {
         low: f64,
         high: f64,
-    },
-    Shelf {
-        low: f64,
-        high: f64,
+        of_y: bool,
     },
     Note {
         x: f64,
@@ -56,18 +54,12 @@ impl Pixels<'_> {
         match item {
             Item::Line { series, points } => {
                 let (colour, dash, _) = theme.series(*series);
-                let pieces = self.pieces(points);
-                shapes.push(Shape::Path {
-                    pieces,
-                    closed: false,
-                    fill: None,
-                    stroke: Some(Stroke {
-                        colour,
-                        width: 1.8,
-                        dash,
-                    }),
-                    clip: Some(plot),
-                });
+                let stroke = Stroke {
+                    colour,
+                    width: 1.8,
+                    dash,
+                };
+                shapes.push(Shape::lines(self.pieces(points), stroke, Some(plot)));
             }
             Item::Markers { series, points } => {
                 let places: Vec<(f64, f64)> = points
@@ -101,17 +93,8 @@ impl Pixels<'_> {
                     .zip(high)
                     .map(|(low, high)| low.into_iter().chain(high.into_iter().rev()).collect())
                     .collect();
-                shapes.push(Shape::Path {
-                    pieces,
-                    closed: true,
-                    fill: Some(colour.faint(0.3)),
-                    stroke: Some(Stroke {
-                        colour,
-                        width: 0.8,
-                        dash: &[],
-                    }),
-                    clip: Some(plot),
-                });
+                let (fill, edge) = (colour.faint(0.3), Stroke::solid(colour, 0.8));
+                shapes.push(Shape::areas(pieces, Some(fill), Some(edge), Some(plot)));
             }
             Item::Bars { series, bars } => {
                 let (colour, ..) = theme.series(*series);
@@ -129,17 +112,8 @@ impl Pixels<'_> {
                     })
                     .filter(|bar| bar.iter().all(|(x, y)| x.is_finite() && y.is_finite()))
                     .collect();
-                shapes.push(Shape::Path {
-                    pieces,
-                    closed: true,
-                    fill: Some(colour.faint(0.45)),
-                    stroke: Some(Stroke {
-                        colour,
-                        width: 0.8,
-                        dash: &[],
-                    }),
-                    clip: Some(plot),
-                });
+                let (fill, edge) = (colour.faint(0.45), Stroke::solid(colour, 0.8));
+                shapes.push(Shape::areas(pieces, Some(fill), Some(edge), Some(plot)));
             }
             Item::Density(points) => shapes.push(Shape::Image {
                 place: plot,
@@ -157,34 +131,17 @@ impl Pixels<'_> {
                     raster: raster(grid, palette, |fill| *fill as u8),
                 });
             }
-            Item::Strip { low, high } => {
-                let left = self.across(*low).clamp(plot.left, plot.right());
-                let right = self.across(*high).clamp(plot.left, plot.right());
-                if right > left {
-                    let width = right - left;
-                    shapes.push(Shape::area(
-                        Rect {
-                            left,
-                            width,
-                            ..plot
-                        },
-                        theme.strip(),
-                    ));
+            Item::Strip { low, high, of_y } => {
+                let mut rect = plot;
+                if *of_y {
+                    rect.top = self.down(*high).clamp(plot.top, plot.bottom());
+                    rect.height = self.down(*low).clamp(plot.top, plot.bottom()) - rect.top;
+                } else {
+                    rect.left = self.across(*low).clamp(plot.left, plot.right());
+                    rect.width = self.across(*high).clamp(plot.left, plot.right()) - rect.left;
                 }
-            }
-            Item::Shelf { low, high } => {
-                let top = self.down(*high).clamp(plot.top, plot.bottom());
-                let bottom = self.down(*low).clamp(plot.top, plot.bottom());
-                if bottom > top {
-                    let height = bottom - top;
-                    shapes.push(Shape::area(
-                        Rect {
-                            top,
-                            height,
-                            ..plot
-                        },
-                        theme.strip(),
-                    ));
+                if rect.width > 0.0 && rect.height > 0.0 {
+                    shapes.push(Shape::area(rect, theme.strip()));
                 }
             }
             // Drawn last.

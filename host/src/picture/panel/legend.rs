@@ -1,11 +1,11 @@
 //! The legend of a panel.
 
 use super::item::Item;
-use super::style::{framed, marks, swatch, text};
+use super::style::{framed, label, marks, swatch};
 use super::{LINE, Panel, SMALL};
 use crate::picture::axis::Axis;
 use crate::picture::font;
-use crate::picture::shape::{Anchor, Rect, Shape, Stroke};
+use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
 use crate::picture::theme::{Fill, Theme};
 
 #[derive(Clone, Debug, PartialEq)]
@@ -43,8 +43,9 @@ impl Panel {
             }
             (Key::Ink, Item::Density(points)) => finite(points),
             (Key::Ink, Item::Columns(columns)) => columns.iter().any(|column| !column.is_empty()),
-            (Key::Strip, Item::Strip { low, high }) => within(&self.x, *low, *high),
-            (Key::Strip, Item::Shelf { low, high }) => within(&self.y, *low, *high),
+            (Key::Strip, Item::Strip { low, high, of_y }) => {
+                within(if *of_y { &self.y } else { &self.x }, *low, *high)
+            }
             (Key::Plain(fill), Item::Classes(grid)) => grid.holds(fill),
             _ => false,
         }) || matches!(key, Key::Fill(fill) if self.ribbon.iter().any(|stretch| stretch.2 == *fill))
@@ -99,7 +100,11 @@ impl Panel {
                         width: 2.0,
                         dash,
                     };
-                    shapes.push(Shape::line(vec![(x, y), (x + 26.0, y)], stroke));
+                    shapes.push(Shape::lines(
+                        vec![vec![(x, y), (x + 26.0, y)]],
+                        stroke,
+                        None,
+                    ));
                 }
                 Key::Marker(series) => shapes.push(marks(theme, *series, &[(x + 13.0, y)], None)),
                 Key::Area(series) => {
@@ -122,14 +127,10 @@ impl Panel {
                     }
                 }
             }
-            shapes.push(Shape::Text(text(
-                x + 32.0,
-                y + 4.2,
-                name,
-                Anchor::Start,
-                theme.text(),
+            shapes.push(Shape::Text(Text {
                 size,
-            )));
+                ..label((x + 32.0, y + 4.2), name, Anchor::Start, theme.text())
+            }));
             x += length;
         }
         if left_out > 0 {
@@ -140,14 +141,8 @@ impl Panel {
             if x > plot.left && x + font::width(&words, SMALL, false) > plot.right() {
                 (x, y) = (plot.left, y + LINE);
             }
-            shapes.push(Shape::Text(text(
-                x,
-                y + 4.2,
-                &words,
-                Anchor::Start,
-                theme.muted(),
-                SMALL,
-            )));
+            let label = label((x, y + 4.2), &words, Anchor::Start, theme.muted());
+            shapes.push(Shape::Text(label));
         }
         if shown.is_empty() && left_out == 0 {
             plot.top

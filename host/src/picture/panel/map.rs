@@ -3,12 +3,10 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use super::SMALL;
 use super::axes::Pixels;
-use super::style::{frame_of, text};
+use super::style::{frame_of, label, upright};
 use crate::picture::axis::Axis;
-use crate::picture::font;
-use crate::picture::shape::{Anchor, Raster, Rect, Shape, Text};
+use crate::picture::shape::{Anchor, Raster, Rect, Shape};
 use crate::picture::theme::{Colour, Theme};
 
 /// A rectangular grid of values, first row at the low end of the vertical axis.
@@ -172,28 +170,13 @@ impl Pixels<'_> {
             },
         });
         shapes.push(frame_of(bar, theme.axis(), 1.0));
-        for (value, label) in scale.ticks((plot.height / 42.0) as usize) {
+        for (value, words) in scale.ticks((plot.height / 42.0) as usize) {
             let down = bar.bottom() - scale.part(value) * bar.height;
-            shapes.push(Shape::Text(text(
-                bar.right() + 5.0,
-                down + 4.2,
-                &label,
-                Anchor::Start,
-                theme.text(),
-                SMALL,
-            )));
+            let at = (bar.right() + 5.0, down + 4.2);
+            shapes.push(Shape::Text(label(at, &words, Anchor::Start, theme.text())));
         }
-        shapes.push(Shape::Text(Text {
-            upright: true,
-            ..text(
-                bar.right() + 58.0,
-                plot.top + 0.5 * plot.height,
-                &scale.title(),
-                Anchor::Middle,
-                theme.text(),
-                font::fitted(&scale.title(), 13.0, false, plot.height + 36.0),
-            )
-        }));
+        let at = (bar.right() + 58.0, plot.top + 0.5 * plot.height);
+        shapes.push(upright(at, &scale.title(), theme.text(), plot.height));
     }
 }
 

@@ -1,18 +1,30 @@
 //! Text, frames, swatches and markers of every panel.
 
+use super::SMALL;
+use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
 use crate::picture::theme::{Colour, Fill, Hatch, Marker, Theme};
 
-pub(super) fn text(x: f64, y: f64, words: &str, anchor: Anchor, colour: Colour, size: f64) -> Text {
+/// Small words at a point of their baseline.
+pub(super) fn label(at: (f64, f64), words: &str, anchor: Anchor, colour: Colour) -> Text {
     Text {
-        at: (x, y),
+        at,
         words: words.into(),
-        size,
+        size: SMALL,
         bold: false,
         colour,
         anchor,
         upright: false,
     }
+}
+
+/// Words that read upwards beside an axis of this length, smaller where they do not fit.
+pub(super) fn upright(at: (f64, f64), words: &str, colour: Colour, length: f64) -> Shape {
+    Shape::Text(Text {
+        upright: true,
+        size: font::fitted(words, 13.0, false, length + 36.0),
+        ..label(at, words, Anchor::Middle, colour)
+    })
 }
 
 pub(super) fn dashed(theme: Theme) -> Stroke {
@@ -24,31 +36,13 @@ pub(super) fn dashed(theme: Theme) -> Stroke {
 }
 
 pub(super) fn frame_of(rect: Rect, colour: Colour, width: f64) -> Shape {
-    Shape::Path {
-        pieces: vec![rect.corners()],
-        closed: true,
-        fill: None,
-        stroke: Some(Stroke {
-            colour,
-            width,
-            dash: &[],
-        }),
-        clip: None,
-    }
+    let stroke = Stroke::solid(colour, width);
+    Shape::areas(vec![rect.corners()], None, Some(stroke), None)
 }
 
 pub(super) fn framed(rect: Rect, fill: Colour, line: Colour) -> Shape {
-    Shape::Path {
-        pieces: vec![rect.corners()],
-        closed: true,
-        fill: Some(fill),
-        stroke: Some(Stroke {
-            colour: line,
-            width: 0.8,
-            dash: &[],
-        }),
-        clip: None,
-    }
+    let stroke = Stroke::solid(line, 0.8);
+    Shape::areas(vec![rect.corners()], Some(fill), Some(stroke), None)
 }
 
 /// A rectangle in a fill, with its hatch.
@@ -85,17 +79,8 @@ pub(super) fn swatch(theme: Theme, fill: Fill, rect: Rect, frame: bool, shapes: 
         let [ink, sheet] = [theme.text(), theme.background()];
         let from = |colour: Colour| (colour.luminance() - fill).abs();
         let colour = if from(ink) < from(sheet) { sheet } else { ink };
-        shapes.push(Shape::Path {
-            pieces,
-            closed: false,
-            fill: None,
-            stroke: Some(Stroke {
-                colour: colour.faint(0.55),
-                width: 0.8,
-                dash: &[],
-            }),
-            clip: None,
-        });
+        let stroke = Stroke::solid(colour.faint(0.55), 0.8);
+        shapes.push(Shape::lines(pieces, stroke, None));
     }
     if frame {
         shapes.push(frame_of(rect, theme.muted(), 0.8));
@@ -162,15 +147,7 @@ pub(super) fn marks(
         let moved = shape.iter().map(|(a, b)| (x + size * a, y + size * b));
         moved.collect()
     };
-    Shape::Path {
-        pieces: places.iter().map(piece).collect(),
-        closed: true,
-        fill: Some(colour),
-        stroke: (!many).then(|| Stroke {
-            colour: theme.background(),
-            width: 0.6,
-            dash: &[],
-        }),
-        clip,
-    }
+    let pieces = places.iter().map(piece).collect();
+    let edge = (!many).then(|| Stroke::solid(theme.background(), 0.6));
+    Shape::areas(pieces, Some(colour), edge, clip)
 }

@@ -3,7 +3,7 @@
 use super::SMALL;
 use super::axes::Pixels;
 use super::item::Item;
-use super::style::{dashed, text};
+use super::style::{dashed, label};
 use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape};
 use crate::picture::theme::Theme;
@@ -153,7 +153,7 @@ impl Pixels<'_> {
                 continue;
             }
             let ends = vec![(plot.left, down), (plot.right(), down)];
-            shapes.push(Shape::line(ends, dashed(theme)));
+            shapes.push(Shape::lines(vec![ends], dashed(theme), None));
             let (above, below) = (down - 4.0, down + 14.0);
             let (right, left) = (plot.right() - APART - 4.0, plot.left + 4.0);
             let middle = 0.5 * (left + right);
@@ -194,7 +194,7 @@ impl Pixels<'_> {
         let patch = place.patch(words);
         shapes.push(Shape::area(patch, theme.background().faint(0.8)));
         let Place { x, y, anchor } = place;
-        shapes.push(Shape::Text(text(x, y, words, anchor, theme.text(), SMALL)));
+        shapes.push(Shape::Text(label((x, y), words, anchor, theme.text())));
     }
 }
 

@@ -8,7 +8,7 @@ use kband::transport::locked;
 
 use super::{AMPLITUDE_RATIO, Arguments, TANGENTIAL_RESTITUTION, along};
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::number;
 
@@ -68,10 +68,10 @@ pub(super) fn draw(
     drawing: &Drawing,
 ) -> Picture {
     let lot = arguments.restitution;
-    let axis = || Axis::new("restitution R", Unit::NONE, 0.0, MAX_RESTITUTION);
+    let axis = || Axis::new("restitution R", "", 0.0, MAX_RESTITUTION);
     let second = wave.second();
     let two_tones = format!("e = {}, th = {} rad", second.amplitude, second.angle);
-    let over = |label: &str, unit: Unit, scale: &dyn Fn(f64) -> f64| {
+    let over = |label: &str, unit: &'static str, scale: &dyn Fn(f64) -> f64| {
         let scaled = |bands: &Bands| -> Bands {
             let ends = |&(r, low, high): &(f64, f64, f64)| {
                 let (one, other) = (scale(low), scale(high));
@@ -94,17 +94,12 @@ pub(super) fn draw(
         panel
     };
     let millimetres = |k: f64| 1e3 * track.amplitude(k);
-    let mut amplitude = over(
-        "amplitude b normal to the track",
-        Unit::MILLIMETRES,
-        &millimetres,
-    )
-    .height(330.0);
+    let mut amplitude = over("amplitude b normal to the track", "mm", &millimetres).height(330.0);
     if let (true, Ok(band)) = (wave.is_sine(), Band::common(lot, 1)) {
         let b = millimetres(band.setpoint());
         amplitude = amplitude.level(b, format!("setpoint {} mm", number(b, 3)));
     }
-    let bands = over("k = g cos α / (b ω²)", Unit::NONE, &|k| k).height(230.0);
+    let bands = over("k = g cos α / (b ω²)", "", &|k| k).height(230.0);
     let fastest = drawing
         .speed
         .iter()
@@ -117,12 +112,7 @@ pub(super) fn draw(
         .fold(0.0, f64::min);
     let speed = Panel::new(
         axis(),
-        Axis::new(
-            "speed in lock",
-            Unit::MILLIMETRES_A_SECOND,
-            slowest,
-            1.05 * fastest,
-        ),
+        Axis::new("speed in lock", "mm/s", slowest, 1.05 * fastest),
     )
     .height(190.0)
     .line(

@@ -211,33 +211,3 @@ fn report(arguments: &Arguments, wave: &Wave, track: &Track, rows: &[Row]) -> Pr
              {AMPLITUDE_RATIO}, Rt {TANGENTIAL_RESTITUTION}; of a lot from its liveliest part to its dullest)."
         ))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use kband::impact::Tone;
-
-    #[test]
-    fn rows_hold_the_references() {
-        let second = Tone {
-            amplitude: 0.15,
-            angle: 2.356,
-        };
-        let wave = Wave::build(second, Tone::default()).unwrap();
-        let found = rows(&wave, Restitution::single(0.2).unwrap(), 1).unwrap();
-        let widest = found.first().unwrap();
-        let band = widest.band.unwrap();
-        // docs/theory-real-parts.md#t10.3: the band, and where every start and the one from rest
-        // lock.
-        assert!((band.low.k - 0.200).abs() < 6e-4 && (band.high.k - 0.452).abs() < 6e-4);
-        let ([low, high], share) = widest.from_rest.unwrap();
-        assert!(
-            low < 0.25 && high > 0.37 && share > 0.5,
-            "{low} {high} {share}"
-        );
-        // Parts of 0.10 to 0.30 share a band, and lock from rest at one amplitude.
-        let lot = rows(&wave, Restitution::interval(0.1, 0.3).unwrap(), 1).unwrap();
-        let ([low, high], _) = lot.first().unwrap().from_rest.unwrap();
-        assert!(low < 0.31 && 0.31 < high, "{low} {high}");
-    }
-}

@@ -10,6 +10,7 @@ use kband::regime::capture::{Kick, Plan, Trial};
 use super::Task;
 use super::part::captures;
 use crate::desk::Desk;
+use crate::random::SplitMix;
 use crate::refusal::Refusal;
 
 /// Shares of captured parts, 0..1.
@@ -24,11 +25,11 @@ impl Rates {
     pub(super) fn measure(task: &Task<'_>, plan: &Plan, desk: &Desk) -> Result<Self, Refusal> {
         let (runs, attempts) = (task.arguments.runs, task.arguments.attempts);
         let results = desk.try_map("capture runs", runs, |run| {
-            let mut random = Random::new(task.arguments.seed as u64, run as u64);
+            let mut random = random(task.arguments.seed as u64, run as u64);
             let (low, high) = (task.lot.restitution.low(), task.lot.restitution.high());
             let part = Trial {
-                restitution: low + (high - low) * random.next(),
-                k: task.lot.k / (1.0 + task.lot.amplitude_error * (2.0 * random.next() - 1.0)),
+                restitution: low + (high - low) * random.uniform(),
+                k: task.lot.k / (1.0 + task.lot.amplitude_error * (2.0 * random.uniform() - 1.0)),
                 order: task.lot.order,
                 contact: task.lot.contact,
             };
@@ -57,28 +58,10 @@ impl Rates {
     }
 }
 
-/// Uniform numbers in 0..1 that depend on seed and run alone (SplitMix64: Steele, Lea and Flood
-/// 2014).
-pub(super) struct Random(pub(super) u64);
-
-impl Random {
-    pub(super) fn new(seed: u64, run: u64) -> Self {
-        let mut random = Self(seed.wrapping_mul(0xD129_0B26_68E5_4F27).wrapping_add(run));
-        let begun = random.word();
-        Self(begun)
-    }
-
-    pub(super) fn word(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    pub(super) fn next(&mut self) -> f64 {
-        (self.word() >> 11) as f64 / (1_u64 << 53) as f64
-    }
+/// Random numbers that depend on seed and run alone.
+fn random(seed: u64, run: u64) -> SplitMix {
+    let mut random = SplitMix(seed.wrapping_mul(0xD129_0B26_68E5_4F27).wrapping_add(run));
+    SplitMix(random.bits())
 }
 
 #[cfg(test)]
@@ -87,9 +70,9 @@ mod tests {
 
     #[test]
     fn random_numbers_are_even_and_differ_between_runs() {
-        let mean = (0..1000).map(|run| Random::new(1, run).next()).sum::<f64>() / 1000.0;
+        let mean = (0..1000).map(|run| random(1, run).uniform()).sum::<f64>() / 1000.0;
         // Standard error 0.29 / sqrt(1000) = 0.009.
         assert!((mean - 0.5).abs() < 0.04, "{mean}");
-        assert_ne!(Random::new(1, 2).next(), Random::new(2, 1).next());
+        assert_ne!(random(1, 2).bits(), random(2, 1).bits());
     }
 }

@@ -6,7 +6,7 @@ use kband::regime::capture::{Kick, KickSettings, Plan};
 use super::Task;
 use super::part::captures;
 use crate::desk::Desk;
-use crate::picture::{Axis, Grid, Panel, Picture, Unit};
+use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::number;
 
@@ -163,13 +163,13 @@ impl Kicks {
             "hold"
         };
         let mut panel = Panel::new(
-            Axis::new(words, Unit::new("drive cycles"), left, right),
-            Axis::new("factor of the amplitude", Unit::NONE, bottom, top),
+            Axis::new(words, "drive cycles", left, right),
+            Axis::new("factor of the amplitude", "", bottom, top),
         )
         .height(420.0)
         .heat(
             Grid::new(self.lengths.len(), self.shares.clone()),
-            Axis::new("share of the parts captured", Unit::NONE, 0.0, 1.0),
+            Axis::new("share of the parts captured", "", 0.0, 1.0),
         );
         let place = |kick: KickSettings| {
             let length = if self.slow.is_some() {

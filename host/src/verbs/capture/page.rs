@@ -6,7 +6,7 @@ use super::Task;
 use super::draws::Rates;
 use super::kicks::Kicks;
 use crate::refusal::Refusal;
-use crate::report::{Printout, Table, columns, number};
+use crate::report::{Printout, columns, fields, number};
 
 fn spelled(kick: KickSettings) -> String {
     let mut words = format!("factor {} for {} cycles", number(kick.factor, 4), kick.hold);
@@ -20,43 +20,56 @@ fn spelled(kick: KickSettings) -> String {
     words
 }
 
+/// A kick, and the share of parts that it or those before it captured.
+struct Tried {
+    attempt: String,
+    kick: KickSettings,
+    share: f64,
+}
+
+impl Tried {
+    fn of(attempt: impl Into<String>, kick: KickSettings, share: f64) -> Self {
+        Self {
+            attempt: attempt.into(),
+            kick,
+            share,
+        }
+    }
+}
+
+fields! {
+    fn tried(of: Tried) {
+        read ATTEMPT => of.attempt.clone();
+        all FACTOR.digits(4) => f64::from(of.kick.factor);
+        all HOLD => u32::from(of.kick.hold);
+        all DESCENT => u32::from(of.kick.descent);
+        all RELEASE.digits(4) => f64::from(of.kick.release);
+        read CAPTURED.titled("captured so far").digits(4) => of.share;
+        data SHARE => of.share;
+    }
+}
+
 pub(super) fn report(
     task: &Task<'_>,
     plan: &Plan,
     map: &Kicks,
     rates: &Rates,
 ) -> Result<Printout, Refusal> {
-    let mut table = Table::new(&[
-        columns::ATTEMPT,
-        columns::FACTOR.digits(4),
-        columns::HOLD,
-        columns::DESCENT,
-        columns::RELEASE.digits(4),
-        columns::CAPTURED.titled("captured so far").digits(4),
-    ]);
-    table.push([
-        "band alone".into(),
-        1.0.into(),
-        0_u32.into(),
-        0_u32.into(),
-        1.0.into(),
-        rates.alone.into(),
-    ]);
     let kicks: Vec<KickSettings> = (0..task.arguments.attempts)
         .filter_map(|attempt| plan.attempt(attempt as u32))
         .map(|kick| kick.settings())
         .collect();
+    let none = KickSettings {
+        factor: 1.0,
+        hold: 0,
+        descent: 0,
+        release: 1.0,
+    };
+    let mut attempts = vec![Tried::of("band alone", none, rates.alone)];
     for (n, (kick, rate)) in kicks.iter().zip(&rates.by_attempt).enumerate() {
-        table.push([
-            format!("{}", n + 1).into(),
-            f64::from(kick.factor).into(),
-            u32::from(kick.hold).into(),
-            u32::from(kick.descent).into(),
-            f64::from(kick.release).into(),
-            (*rate).into(),
-        ]);
+        attempts.push(Tried::of((n + 1).to_string(), *kick, *rate));
     }
-    let mut report = Printout::new(table).heading(format!(
+    let mut report = tried().printout(&attempts).heading(format!(
         "R = {}, order {}, k = {:.4} in the band {:.4}..{:.4}; {} runs, seed {}",
         task.restitution(),
         task.lot.order,
@@ -98,15 +111,11 @@ pub(super) fn report(
             best.length_margin
         ));
     }
-    let kick = |kick: KickSettings| {
-        serde_json::json!({
-            "factor": kick.factor,
-            "hold": kick.hold,
-            "descent": kick.descent,
-            "release": kick.release,
-        })
-    };
-    let cells = map.cells();
+    let kick_alone = tried().without(columns::SHARE);
+    let kick = |kick: KickSettings| kick_alone.object(&Tried::of("", kick, 0.0));
+    let cells: Vec<Tried> = (map.cells().into_iter())
+        .map(|(kick, share)| Tried::of("", kick, share))
+        .collect();
     let report = report.json(&serde_json::json!({
         "restitution": [task.lot.restitution.low(), task.lot.restitution.high()],
         "order": task.lot.order,
@@ -134,31 +143,7 @@ pub(super) fn report(
         "seed": task.arguments.seed,
         "captured_alone": rates.alone,
         "captured": rates.by_attempt,
-        "map": cells
-            .iter()
-            .map(|cell| {
-                let mut object = kick(cell.0);
-                object["share"] = cell.1.into();
-                object
-            })
-            .collect::<Vec<_>>(),
+        "map": cells.iter().map(|cell| tried().object(cell)).collect::<Vec<_>>(),
     }))?;
-    let columns = [
-        columns::FACTOR,
-        columns::HOLD,
-        columns::DESCENT,
-        columns::RELEASE,
-        columns::SHARE,
-    ];
-    Ok(report.csv(&columns, move |rows| {
-        cells.iter().try_for_each(|(kick, share)| {
-            rows.row(&[
-                f64::from(kick.factor).into(),
-                u32::from(kick.hold).into(),
-                u32::from(kick.descent).into(),
-                f64::from(kick.release).into(),
-                (*share).into(),
-            ])
-        })
-    }))
+    Ok(report.csv_of(tried().table_of(&cells)))
 }

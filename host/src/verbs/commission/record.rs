@@ -27,14 +27,7 @@ impl Record {
     /// grows.
     pub fn open(target: &Destination) -> Result<Self, Refusal> {
         let path = target.path();
-        if !["html", "htm", "json"].contains(&target.ending().as_str()) {
-            return Err(Refusal::value(
-                "RECORD",
-                path.display(),
-                "a file name that ends in .html or .json",
-                "change the ending",
-            ));
-        }
+        target.ends_in("RECORD", &["html", "htm", "json"])?;
         if !path.exists() {
             return Ok(Self::default());
         }

@@ -4,7 +4,7 @@ use kband::feeder::Track;
 
 use super::Arguments;
 use crate::arguments::{self, Range};
-use crate::picture::{Axis, Unit};
+use crate::picture::Axis;
 use crate::refusal::Refusal;
 use crate::report::{Column, columns, number};
 
@@ -26,21 +26,6 @@ impl Over {
         }
     }
 
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::K { .. } => "k",
-            Self::Amplitude { .. } => "b",
-            Self::Restitution { .. } => "restitution",
-        }
-    }
-
-    pub(super) fn unit(self) -> &'static str {
-        match self {
-            Self::Amplitude { .. } => "mm",
-            Self::K { .. } | Self::Restitution { .. } => "",
-        }
-    }
-
     pub(super) fn column(self) -> Column {
         match self {
             Self::K { .. } => columns::K,
@@ -49,13 +34,12 @@ impl Over {
         }
     }
 
-    pub(super) fn axis(self, range: Range) -> Axis {
-        let (label, unit) = match self {
-            Self::K { .. } => ("k = g cos α / (b ω²)", Unit::NONE),
-            Self::Amplitude { .. } => ("amplitude b normal to the track", Unit::MILLIMETRES),
-            Self::Restitution { .. } => ("restitution R", Unit::NONE),
-        };
-        Axis::new(label, unit, range.low, range.high)
+    pub(super) fn axis(self, Range { low, high, .. }: Range) -> Axis {
+        match self {
+            Self::K { .. } => Axis::of_k(low, high),
+            Self::Amplitude { .. } => Axis::of_b(low, high),
+            Self::Restitution { .. } => Axis::new("restitution R", "", low, high),
+        }
     }
 
     pub(super) fn fixed(self) -> String {
@@ -74,77 +58,37 @@ impl Over {
 
 /// The range among the three options, and its quantity.
 pub(super) fn chosen(arguments: &Arguments) -> Result<(Over, Range), Refusal> {
-    let restitution = arguments.restitution.unwrap_or(Range {
-        low: 0.2,
-        high: 0.2,
-        count: 1,
-    });
+    let lot = arguments.restitution.unwrap_or(Range::new(0.2, 0.2, 1));
+    let restitution = lot.low;
     let wide = |range: Range| range.count > 1;
-    let ranges = "exactly one of --k, --b and --restitution as a range LO..HI";
-    let refused = |given: String| {
-        Refusal::value(
-            "the range",
-            given,
-            ranges,
-            "for example --restitution 0.2 --k 0.3..0.5",
-        )
-    };
     let track = arguments.amplitude.track()?;
-    let single = restitution.low;
-    match (arguments.k, arguments.amplitude.b, wide(restitution)) {
-        (Some(k), _, false) if wide(k) => Ok((
-            Over::K {
-                restitution: single,
-            },
-            k,
-        )),
-        (Some(k), _, true) if !wide(k) => Ok((Over::Restitution { k: k.low }, restitution)),
-        (_, Some(b), false) if wide(b) => Ok((
-            Over::Amplitude {
-                restitution: single,
-                track,
-            },
-            b,
-        )),
-        (_, Some(b), true) if !wide(b) => Ok((
-            Over::Restitution {
-                k: arguments::k_of(&track, b.low)?,
-            },
-            restitution,
-        )),
+    match (arguments.k, arguments.amplitude.b, wide(lot)) {
+        (Some(k), _, false) if wide(k) => Ok((Over::K { restitution }, k)),
+        (Some(k), _, true) if !wide(k) => Ok((Over::Restitution { k: k.low }, lot)),
+        (_, Some(b), false) if wide(b) => Ok((Over::Amplitude { restitution, track }, b)),
+        (_, Some(b), true) if !wide(b) => {
+            let k = arguments::k_of(&track, b.low)?;
+            Ok((Over::Restitution { k }, lot))
+        }
         (None, None, false) => {
-            let low = kband::regime::band::flip(single, 1)?;
-            let high = kband::regime::band::birth(single, 1)?;
-            let range = Range {
-                low: 0.8 * low,
-                high: 1.05 * high,
-                count: 1000,
-            };
+            let low = kband::regime::band::flip(restitution, 1)?;
+            let high = kband::regime::band::birth(restitution, 1)?;
             Ok((
-                Over::K {
-                    restitution: single,
-                },
-                range,
+                Over::K { restitution },
+                Range::new(0.8 * low, 1.05 * high, 1000),
             ))
         }
         (k, b, _) => {
-            let words = |name: &str, range: Option<Range>| {
-                range.map(|range| {
-                    let shown = if wide(range) {
-                        range.to_string()
-                    } else {
-                        range.low.to_string()
-                    };
-                    format!("--{name} {shown}")
-                })
-            };
-            let given = [
-                words("k", k),
-                words("b", b),
-                words("restitution", Some(restitution)),
-            ];
-            Err(refused(
-                given.into_iter().flatten().collect::<Vec<_>>().join(" "),
+            let given = [("k", k), ("b", b), ("restitution", Some(lot))];
+            let words = given.into_iter().filter_map(|(name, range)| match range? {
+                range if wide(range) => Some(format!("--{name} {range}")),
+                range => Some(format!("--{name} {}", range.low)),
+            });
+            Err(Refusal::value(
+                "the range",
+                words.collect::<Vec<_>>().join(" "),
+                "exactly one of --k, --b and --restitution as a range LO..HI",
+                "for example --restitution 0.2 --k 0.3..0.5",
             ))
         }
     }

@@ -11,7 +11,7 @@ use super::branch::{Branch, Stretch, height};
 use super::over::Over;
 use crate::arguments::Range;
 use crate::ending::FILLS;
-use crate::picture::{Axis, Fill, Panel, Picture, Unit};
+use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Printout, Rows, Table, columns, number};
 
@@ -29,8 +29,8 @@ impl Diagram {
     pub(super) fn report(self: &Arc<Self>) -> Result<Printout, Refusal> {
         let mut table = Table::new(&[
             columns::START,
-            columns::FROM.in_unit(self.over.unit()),
-            columns::TO.in_unit(self.over.unit()),
+            columns::FROM.in_unit(self.over.column().unit()),
+            columns::TO.in_unit(self.over.column().unit()),
             columns::REGIME,
         ]);
         let mut left_out = 0;
@@ -61,7 +61,7 @@ impl Diagram {
             .sum();
         let mut report = Printout::new(table).heading(format!(
             "Regimes over {} = {}..{} ({} columns), {}",
-            self.over.name(),
+            self.over.column().name(),
             number(self.range.low, 6),
             number(self.range.high, 6),
             self.range.count,
@@ -96,7 +96,7 @@ impl Diagram {
                 move |out| rows.impacts(out),
             )
             .json(&serde_json::json!({
-                "over": self.over.name(),
+                "over": self.over.column().name(),
                 "bands": self.bands,
                 "regimes": listed,
             }))
@@ -137,11 +137,11 @@ impl Diagram {
         });
         let room = 0.05 * (high - low);
         let y_axis = if self.velocity {
-            Axis::new("velocity ψ after impact", Unit::VELOCITY, 0.0, high + room)
+            Axis::new("velocity ψ after impact", "b·ω", 0.0, high + room)
         } else {
             Axis::new(
                 "impact phase t",
-                Unit::RADIANS,
+                "rad",
                 (low - room).max(-PI),
                 (high + room).min(PI),
             )

@@ -9,7 +9,7 @@ use super::{Arguments, COLUMNS};
 use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED, TOGETHER};
-use crate::picture::{Axis, Fill, Grid, Panel, Picture, Unit};
+use crate::picture::{Axis, Fill, Grid, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Printout, Table, columns, number};
 
@@ -147,7 +147,7 @@ impl Map {
         // Half a cell beyond the outermost points on each side.
         let axis = |label: &str, range: Range| {
             let half = 0.5 * (range.high - range.low) / (range.count - 1) as f64;
-            Axis::new(label, Unit::NONE, range.low - half, range.high + half)
+            Axis::new(label, "", range.low - half, range.high + half)
         };
         let mut panel = Panel::new(
             axis("k = g cos α / (b ω²)", self.k),
@@ -172,9 +172,8 @@ impl Map {
 
 /// Both ranges of the map.
 fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
-    let range = |low, high, count| Range { low, high, count };
-    let k = arguments.k.unwrap_or(range(0.1, 0.8, 200));
-    let restitution = arguments.restitution.unwrap_or(range(0.0, 0.9, 150));
+    let k = arguments.k.unwrap_or(Range::new(0.1, 0.8, 200));
+    let restitution = arguments.restitution.unwrap_or(Range::new(0.0, 0.9, 150));
     // A range without a number gets as many values as fit.
     let fitted = |range: Range, most: usize| match range.count {
         COLUMNS if k.count.saturating_mul(restitution.count) > MAX_MAP_POINTS => Range {

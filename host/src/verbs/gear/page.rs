@@ -6,12 +6,16 @@ use serde_json::{Value as Json, json};
 
 use super::Arguments;
 use super::survey::{Point, Survey};
-use crate::picture::{Axis, Grid, Panel, Picture, Unit};
+use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::Refusal;
-use crate::report::{Printout, Table, Value, columns, number};
+use crate::report::{Printout, Value, fields, number};
 
-/// Requirements of a point on the drive.
-struct Price {
+/// A named point, and what it requires of the drive.
+struct Named<'a> {
+    name: &'static str,
+    point: &'a Point,
+    /// All parts together.
+    sum: Share,
     /// Amplitude in mm.
     amplitude: f64,
     /// Largest acceleration normal to the track in g.
@@ -22,59 +26,99 @@ struct Price {
     third: [f64; 2],
 }
 
-fn price(arguments: &Arguments, point: &Point) -> Result<Price, Refusal> {
-    let track = arguments.drive.track()?;
-    let amplitude = track.amplitude(point.k);
-    let [e, e3] = [point.wave.second(), point.wave.third()].map(|tone| tone.amplitude);
-    Ok(Price {
-        amplitude: 1e3 * amplitude,
-        peak: track.acceleration(amplitude) * point.wave.peak_acceleration(),
-        // The dynamic stiffness of a resonator is |1 - (w/w0)^2|: 1/Q at resonance, 3 at twice and
-        // 8 at three times it. That of a mass grows as w^2.
-        force: [3.0 * arguments.quality * e, 4.0 * e],
-        third: [8.0 * arguments.quality * e3, 9.0 * e3],
-    })
+impl<'a> Named<'a> {
+    fn of(name: &'static str, point: &'a Point, arguments: &Arguments) -> Result<Self, Refusal> {
+        let track = arguments.drive.track()?;
+        let amplitude = track.amplitude(point.k);
+        let [e, e3] = [point.wave.second(), point.wave.third()].map(|tone| tone.amplitude);
+        Ok(Self {
+            name,
+            point,
+            sum: point.shares.sum(),
+            amplitude: 1e3 * amplitude,
+            peak: track.acceleration(amplitude) * point.wave.peak_acceleration(),
+            // The dynamic stiffness of a resonator is |1 - (w/w0)^2|: 1/Q at resonance, 3 at twice
+            // and 8 at three times it. That of a mass grows as w^2.
+            force: [3.0 * arguments.quality * e, 4.0 * e],
+            third: [8.0 * arguments.quality * e3, 9.0 * e3],
+        })
+    }
+
+    /// A value of the second tone; none on one tone.
+    fn of_tone(&self, value: f64) -> Option<f64> {
+        (!self.point.wave.is_sine()).then_some(value)
+    }
+
+    fn until_lost(&self) -> Value {
+        match self.sum.time_to_loss() {
+            Some(periods) => periods.into(),
+            None if self.sum.in_gear > 0.0 => "not lost".into(),
+            None => Value::Missing,
+        }
+    }
+
+    /// Standard error of the time to a loss.
+    fn loss_error(&self) -> Option<f64> {
+        Some(self.sum.time_to_loss()? / (self.sum.losses as f64).sqrt())
+    }
 }
 
-fn named(survey: &Survey) -> impl Iterator<Item = (&'static str, &Point)> {
+fields! {
+    /// A named point.
+    fn named_point(at: Named<'a>) {
+        read POINT => at.name;
+        all K.digits(4) => at.point.k;
+        read E.titled("e").digits(3) => at.of_tone(at.point.wave.second().amplitude);
+        read TH.digits(4) => at.of_tone(at.point.wave.second().angle);
+        json E => at.point.wave.second().amplitude;
+        json TH => at.point.wave.second().angle;
+        json E3 => at.point.wave.third().amplitude;
+        json TH3 => at.point.wave.third().angle;
+        all IN_GEAR.titled("in gear").digits(3) => at.point.shares.mean();
+        all IN_GEAR_LEAST.titled("worst part").digits(3) => at.point.shares.least();
+        json IN_GEAR_AFTER_CAPTURE => at.sum.share_after_capture();
+        all PERIODS_TO_CAPTURE.titled("until captured").digits(3) => at.sum.time_to_capture();
+        read IN_GEAR_AFTER_CAPTURE.titled("in gear after").digits(3) => at.sum.share_after_capture();
+        read PERIODS_TO_LOSS.titled("until lost (periods)").digits(3) => at.until_lost();
+        json PERIODS_TO_LOSS => at.sum.time_to_loss();
+        all PERIODS_TO_LOSS_ERROR.titled("error").digits(2) => at.loss_error();
+        all B.digits(4) => at.amplitude;
+        all PEAK.digits(3) => at.peak;
+        read FORCE_RATIO_ON_RESONANCE.titled("F2/F1").digits(3) => at.of_tone(at.force[0]);
+        json FORCE_RATIO_ON_RESONANCE => at.force[0];
+        json FORCE_RATIO_OFF_RESONANCE => at.force[1];
+        json THIRD_FORCE_RATIO_ON_RESONANCE => at.third[0];
+        json THIRD_FORCE_RATIO_OFF_RESONANCE => at.third[1];
+    }
+}
+
+fields! {
+    /// A point of the map: its wave, k, and the mean and smallest share.
+    fn map_point(at: (Wave, f64, [f64; 2])) {
+        table E.titled("e") => at.0.second().amplitude;
+        table TH => at.0.second().angle;
+        table E3 => at.0.third().amplitude;
+        table TH3 => at.0.third().angle;
+        table K => at.1;
+        table IN_GEAR => at.2[0];
+        table IN_GEAR_LEAST => at.2[1];
+    }
+}
+
+fn named<'a>(survey: &'a Survey, arguments: &Arguments) -> Result<Vec<Named<'a>>, Refusal> {
+    let two = if survey.waves.iter().any(|wave| wave.third().amplitude > 0.0) {
+        "three tones"
+    } else {
+        "two tones"
+    };
     [
         ("one tone", Some(&survey.one_tone)),
-        (
-            if survey.waves.iter().any(|wave| wave.third().amplitude > 0.0) {
-                "three tones"
-            } else {
-                "two tones"
-            },
-            survey.two_tones.as_ref(),
-        ),
+        (two, survey.two_tones.as_ref()),
         ("middle of the band", survey.band_middle.as_ref()),
     ]
     .into_iter()
-    .filter_map(|(name, point)| point.map(|point| (name, point)))
-}
-
-fn point_json(arguments: &Arguments, point: &Point) -> Result<Json, Refusal> {
-    let price = price(arguments, point)?;
-    let sum = point.shares.sum();
-    Ok(json!({
-        "k": point.k,
-        "e": point.wave.second().amplitude,
-        "th": point.wave.second().angle,
-        "e3": point.wave.third().amplitude,
-        "th3": point.wave.third().angle,
-        "in_gear": point.shares.mean(),
-        "in_gear_least": point.shares.least(),
-        "in_gear_after_capture": sum.share_after_capture(),
-        "periods_to_capture": sum.time_to_capture(),
-        "periods_to_loss": sum.time_to_loss(),
-        "periods_to_loss_error": loss_error(&sum),
-        "b": price.amplitude,
-        "peak": price.peak,
-        "force_ratio_on_resonance": price.force[0],
-        "force_ratio_off_resonance": price.force[1],
-        "third_force_ratio_on_resonance": price.third[0],
-        "third_force_ratio_off_resonance": price.third[1],
-    }))
+    .filter_map(|(name, point)| Some(Named::of(name, point?, arguments)))
+    .collect()
 }
 
 /// The parts in words.
@@ -91,67 +135,14 @@ fn who(survey: &Survey) -> String {
     }
 }
 
-fn until_lost(sum: &Share) -> Value {
-    match sum.time_to_loss() {
-        Some(periods) => periods.into(),
-        None if sum.in_gear > 0.0 => "not lost".into(),
-        None => Value::Missing,
-    }
-}
-
-/// Standard error of the time to a loss.
-fn loss_error(sum: &Share) -> Option<f64> {
-    Some(sum.time_to_loss()? / (sum.losses as f64).sqrt())
-}
-
 pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout, Refusal> {
-    let mut table = Table::new(&[
-        columns::POINT,
-        columns::K.digits(4),
-        columns::E.titled("e").digits(3),
-        columns::TH.digits(4),
-        columns::IN_GEAR.titled("in gear").digits(3),
-        columns::IN_GEAR_LEAST.titled("worst part").digits(3),
-        columns::PERIODS_TO_CAPTURE
-            .titled("until captured")
-            .digits(3),
-        columns::IN_GEAR_AFTER_CAPTURE
-            .titled("in gear after")
-            .digits(3),
-        columns::PERIODS_TO_LOSS
-            .titled("until lost (periods)")
-            .digits(3),
-        columns::PERIODS_TO_LOSS_ERROR.titled("error").digits(2),
-        columns::B.digits(4),
-        columns::PEAK.digits(3),
-        columns::FORCE_RATIO_ON_RESONANCE.titled("F2/F1").digits(3),
-    ])
-    .folded();
-    for (name, point) in named(survey) {
-        let price = price(arguments, point)?;
-        let second = point.wave.second();
-        let alone = point.wave.is_sine();
-        let sum = point.shares.sum();
-        let of_tone = |value: f64| if alone { Value::Missing } else { value.into() };
-        table.push([
-            name.into(),
-            point.k.into(),
-            of_tone(second.amplitude),
-            of_tone(second.angle),
-            point.shares.mean().into(),
-            point.shares.least().into(),
-            sum.time_to_capture().into(),
-            sum.share_after_capture().into(),
-            until_lost(&sum),
-            loss_error(&sum).into(),
-            price.amplitude.into(),
-            price.peak.into(),
-            of_tone(price.force[0]),
-        ]);
-    }
+    let named = named(survey, arguments)?;
+    let view = named_point();
     let lot = arguments.restitution;
     let who = who(survey);
-    let mut report = Printout::new(table)
+    let mut report = view
+        .printout(&named)
+        .folded()
         .heading(format!(
             "Share of time in gear of order {}, {who}, scatter {}, from rest, {} Hz{}",
             arguments.order,
@@ -168,24 +159,25 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
             "Without scatter no amplitude locks all of this lot with one tone: see kband bands.",
         );
     }
-    if let Some(two) = &survey.two_tones {
-        let price = price(arguments, two)?;
+    let two = named.iter().find(|named| named.name.ends_with("tones"));
+    if let Some(two) = two {
         report = report.note(format!(
             "The second tone takes {} of the first one's force on a resonance of quality {}, {} off it.",
-            number(price.force[0], 3),
+            number(two.force[0], 3),
             number(arguments.quality, 4),
-            number(price.force[1], 3)
+            number(two.force[1], 3)
         ));
-        if two.wave.third().amplitude > 0.0 {
+        if two.point.wave.third().amplitude > 0.0 {
             report = report.note(format!(
                 "The third tone takes {} of it there, {} off it.",
-                number(price.third[0], 3),
-                number(price.third[1], 3)
+                number(two.third[0], 3),
+                number(two.third[1], 3)
             ));
         }
     }
-    let best = named(survey)
-        .map(|(_, point)| &point.shares)
+    let best = named
+        .iter()
+        .map(|named| &named.point.shares)
         .max_by(|a, b| a.mean().total_cmp(&b.mean()));
     if let Some(shares) = best
         && shares.least() < 0.5
@@ -209,11 +201,12 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
             .map(|(k, share)| json!({"k": k, "in_gear": share}))
             .collect()
     };
-    let two = survey.two_tones.as_ref();
     let number_of_two =
-        two.and_then(|point| survey.waves.iter().position(|wave| *wave == point.wave));
-    let optional = |point: Option<&Point>| -> Result<Json, Refusal> {
-        point.map_or(Ok(Json::Null), |point| point_json(arguments, point))
+        two.and_then(|two| survey.waves.iter().position(|wave| *wave == two.point.wave));
+    let point = |name: &str| -> Json {
+        let mut points = named.iter();
+        let found = points.find(|named| named.name.ends_with(name));
+        found.map_or(Json::Null, |named| view.object(named))
     };
     let json = json!({
         "restitution_low": lot.low(),
@@ -222,28 +215,20 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
         "order": arguments.order,
         "seed": arguments.seed,
         "periods_watched": survey.lot.watched(),
-        "one_tone": point_json(arguments, &survey.one_tone)?,
-        "two_tones": optional(two)?,
-        "band_middle": optional(survey.band_middle.as_ref())?,
+        "one_tone": point("one tone"),
+        "two_tones": point("tones"),
+        "band_middle": point("middle of the band"),
         "over_k": {
             "one_tone": over_k(0),
             "two_tones": number_of_two.map(over_k),
         },
     });
-    let rows = rows(survey);
-    let columns = [
-        columns::E.titled("e"),
-        columns::TH,
-        columns::E3,
-        columns::TH3,
-        columns::K,
-        columns::IN_GEAR,
-        columns::IN_GEAR_LEAST,
-    ];
-    Ok(report.json(&json)?.csv(&columns, move |out| {
-        rows.iter()
-            .try_for_each(|row| out.row(&row.map(Value::from)))
-    }))
+    let count = survey.k.len();
+    let points: Vec<_> = (survey.map.iter().enumerate())
+        .map(|(n, shares)| (survey.waves[n / count], survey.k[n % count], *shares))
+        .collect();
+    let csv = map_point().table_of(&points);
+    Ok(report.json(&json)?.csv_of(csv))
 }
 
 /// The parts in a row, by restitution, that are in gear nine tenths of the time.
@@ -263,35 +248,14 @@ fn served(survey: &Survey, shares: &super::survey::Shares) -> Option<(f64, f64)>
     best.map(|(low, high)| (survey.lot.restitutions[low], survey.lot.restitutions[high]))
 }
 
-/// The whole map, row by row.
-fn rows(survey: &Survey) -> Vec<[f64; 7]> {
-    let count = survey.k.len();
-    (0..survey.map.len())
-        .map(|n| {
-            let wave = &survey.waves[n / count];
-            let [share, least] = survey.map[n];
-            let (second, third) = (wave.second(), wave.third());
-            [
-                second.amplitude,
-                second.angle,
-                third.amplitude,
-                third.angle,
-                survey.k[n % count],
-                share,
-                least,
-            ]
-        })
-        .collect()
-}
-
 pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
     let (low, high) = (
         survey.k.first().copied().unwrap_or(0.0),
         survey.k.last().copied().unwrap_or(1.0),
     );
     let mut over = Panel::new(
-        Axis::new("k", Unit::NONE, low, high),
-        Axis::new("share of time in gear", Unit::NONE, 0.0, 1.0),
+        Axis::new("k", "", low, high),
+        Axis::new("share of time in gear", "", 0.0, 1.0),
     )
     .heading("Over the amplitude, k = g cos α / (b ω²)")
     .line("one tone", 0, survey.over_k(0).collect());
@@ -332,15 +296,10 @@ pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
         let step = arguments.largest_second_tone / f64::from(super::SECOND_TONE_AMPLITUDES);
         picture = picture.panel(
             Panel::new(
-                Axis::new(
-                    "angle th of the second tone",
-                    Unit::RADIANS,
-                    from - half,
-                    to + half,
-                ),
+                Axis::new("angle th of the second tone", "rad", from - half, to + half),
                 Axis::new(
                     "amplitude e of the second tone",
-                    Unit::NONE,
+                    "",
                     0.5 * step,
                     arguments.largest_second_tone + 0.5 * step,
                 ),
@@ -348,7 +307,7 @@ pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
             .heading("Over the second tone, each at its best k")
             .heat(
                 Grid::new(count as usize, shares),
-                Axis::new("in gear", Unit::NONE, 0.0, 1.0),
+                Axis::new("in gear", "", 0.0, 1.0),
             ),
         );
     }

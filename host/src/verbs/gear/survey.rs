@@ -9,21 +9,27 @@ use kband::impact::{ContactTime, Scatter, Wave, WaveMap};
 use kband::regime::band::{Band, BandError};
 use kband::regime::gear::{Share, shares_with_contact};
 
-use super::Arguments;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 
+/// A lot of parts and how long it is simulated.
+#[derive(Clone, Copy)]
+pub(in crate::verbs) struct LotSettings {
+    pub restitution: Restitution,
+    /// Number of parts of the lot, with both ends.
+    pub parts: usize,
+    pub scatter: f64,
+    pub order: u32,
+    pub runs: usize,
+    pub periods: f64,
+    pub seed: u64,
+    pub contact: ContactTime,
+}
+
 /// The simulated parts.
-pub(super) struct Followed {
-    pub restitutions: Vec<f64>,
-    scatter: f64,
-    order: u32,
-    runs: usize,
-    periods: f64,
-    seed: u64,
-    /// k in the middle of the band of constant restitution, if there is a band.
-    middle: Option<f64>,
-    contact: ContactTime,
+pub(in crate::verbs) struct Lot {
+    settings: LotSettings,
+    pub(super) restitutions: Vec<f64>,
 }
 
 /// Stages of the search, each with fresh runs: the whole map, its best points, the named points.
@@ -76,7 +82,7 @@ pub(super) struct Point {
 
 /// The whole map and the named points.
 pub(super) struct Survey {
-    pub lot: Followed,
+    pub lot: Lot,
     pub k: Vec<f64>,
     pub waves: Vec<Wave>,
     /// Mean and smallest share of the parts for each wave at each k, wave by wave.
@@ -89,138 +95,84 @@ pub(super) struct Survey {
 /// Number of points of the map that are run again, for each number of tones.
 const TRIED_AGAIN: usize = 16;
 
-impl Followed {
-    pub fn new(arguments: &Arguments) -> Result<Self, Refusal> {
-        Self::of(
-            arguments.restitution,
-            arguments.parts,
-            arguments.scatter,
-            arguments.order as u32,
-            arguments.runs,
-            arguments.periods as f64,
-            arguments.seed,
-        )?
-        .with_contact(arguments.restitution, arguments.contact()?)
-    }
-
-    /// The same with impacts that take time.
-    fn with_contact(self, lot: Restitution, contact: ContactTime) -> Result<Self, Refusal> {
-        let middle = middle_of_band(lot, self.order, contact)?;
-        Ok(Self {
-            contact,
-            middle,
-            ..self
-        })
-    }
-
-    fn of(
-        lot: Restitution,
-        parts: usize,
-        scatter: f64,
-        order: u32,
-        runs: usize,
-        periods: f64,
-        seed: u64,
-    ) -> Result<Self, Refusal> {
+impl Lot {
+    pub fn build(settings: LotSettings) -> Result<Self, Refusal> {
+        let lot = settings.restitution;
+        let last = settings.parts.saturating_sub(1) as f64;
         let restitutions: Vec<f64> = if lot.low() == lot.high() {
             vec![lot.low()]
         } else {
-            let last = (parts - 1) as f64;
-            (0..parts)
+            (0..settings.parts)
                 .map(|n| lot.low() + (lot.high() - lot.low()) * n as f64 / last)
                 .collect()
         };
         for &restitution in &restitutions {
-            Scatter::build(restitution, scatter, 0)?;
+            Scatter::build(restitution, settings.scatter, 0)?;
         }
-        let middle = middle_of_band(lot, order, ContactTime::INSTANT)?;
         Ok(Self {
+            settings,
             restitutions,
-            scatter,
-            order,
-            runs,
-            periods,
-            seed,
-            middle,
-            contact: ContactTime::INSTANT,
         })
     }
 
     /// Simulates every part at one point. The seed depends on part, run and stage only, so points
     /// are compared under the same draws (common random numbers).
     fn follow(&self, wave: &Wave, k: f64, stage: Stage) -> Result<Shares, Refusal> {
-        let runs = self.runs * stage.effort();
+        let settings = &self.settings;
+        let runs = settings.runs * stage.effort();
         let mut scatters = Vec::with_capacity(runs * self.restitutions.len());
         for (part, &restitution) in self.restitutions.iter().enumerate() {
             for run in 0..runs {
                 let number = (stage as u64) << 48 | (part as u64) << 32 | run as u64;
-                let seed = self.seed.rotate_left(20) ^ number;
-                scatters.push(Scatter::build(restitution, self.scatter, seed)?);
+                let seed = settings.seed.rotate_left(20) ^ number;
+                scatters.push(Scatter::build(restitution, settings.scatter, seed)?);
             }
         }
         let map = WaveMap::on(*wave, k, self.restitutions[0])?;
         let mut shares = vec![Share::default(); self.restitutions.len()];
-        let (order, periods) = (self.order, self.periods);
-        shares_with_contact(&map, self.contact, &scatters, order, periods, |n, share| {
-            shares[n / runs] = shares[n / runs].plus(&share);
-        })?;
+        let (order, periods) = (settings.order, settings.periods);
+        shares_with_contact(
+            &map,
+            settings.contact,
+            &scatters,
+            order,
+            periods,
+            |n, share| {
+                shares[n / runs] = shares[n / runs].plus(&share);
+            },
+        )?;
         Ok(Shares(shares))
     }
 
-    /// Observed drive periods of each part at a named point.
-    pub fn watched(&self) -> f64 {
-        0.75 * self.periods * (self.runs * Stage::Verdict.effort()) as f64
-    }
-}
-
-/// k in the middle of the lot's common band, if there is a band.
-fn middle_of_band(
-    lot: Restitution,
-    order: u32,
-    contact: ContactTime,
-) -> Result<Option<f64>, Refusal> {
-    match Band::common_with_contact(lot, order, contact) {
-        Ok(band) => Ok(Some(band.setpoint())),
-        Err(BandError::Empty(_)) => Ok(None),
-        Err(BandError::OutOfRange(refusal)) => Err(refusal.into()),
-    }
-}
-
-/// The share of time in gear of a lot at any one point, for a page that shows many.
-pub(in crate::verbs) struct InGearOf(Followed);
-
-impl InGearOf {
-    /// A number of parts of the lot, with both ends, in a number of runs each.
-    pub fn new(
-        lot: Restitution,
-        parts: usize,
-        scatter: f64,
-        order: u32,
-        runs: usize,
-        periods: f64,
-    ) -> Result<Self, Refusal> {
-        Followed::of(lot, parts, scatter, order, runs, periods, 1).map(Self)
-    }
-
-    /// The same with impacts that take time.
-    pub fn with_contact(self, contact: ContactTime) -> Self {
-        Self(Followed { contact, ..self.0 })
-    }
-
-    /// Mean and smallest share of the parts.
+    /// Mean and smallest share of the parts at one point.
     pub fn at(&self, wave: &Wave, k: f64) -> Result<[f64; 2], Refusal> {
-        let shares = self.0.follow(wave, k, Stage::Map)?;
+        let shares = self.follow(wave, k, Stage::Map)?;
         Ok([shares.mean(), shares.least()])
+    }
+
+    /// Observed drive periods of each part at a named point.
+    pub(super) fn watched(&self) -> f64 {
+        0.75 * self.settings.periods * (self.settings.runs * Stage::Verdict.effort()) as f64
+    }
+
+    /// k in the middle of the lot's common band, if there is a band.
+    fn middle_of_band(&self) -> Result<Option<f64>, Refusal> {
+        let settings = &self.settings;
+        let (lot, order, contact) = (settings.restitution, settings.order, settings.contact);
+        match Band::common_with_contact(lot, order, contact) {
+            Ok(band) => Ok(Some(band.setpoint())),
+            Err(BandError::Empty(_)) => Ok(None),
+            Err(BandError::OutOfRange(refusal)) => Err(refusal.into()),
+        }
     }
 }
 
 impl Survey {
-    pub fn run(lot: Followed, k: &[f64], waves: &[Wave], desk: &Desk) -> Result<Self, Refusal> {
+    pub fn run(lot: Lot, k: &[f64], waves: &[Wave], desk: &Desk) -> Result<Self, Refusal> {
         let place = |n: usize| (&waves[n / k.len()], k[n % k.len()]);
         let map = desk.try_map("gear", waves.len() * k.len(), |n| {
             let (wave, k) = place(n);
-            let shares = lot.follow(wave, k, Stage::Map)?;
-            Ok([shares.mean(), shares.least()])
+            lot.at(wave, k)
         })?;
         let named = |from: usize, to: usize| -> Result<Option<Point>, Refusal> {
             let mut order: Vec<usize> = (from..to).collect();
@@ -243,7 +195,7 @@ impl Survey {
         let one_tone =
             named(0, k.len())?.ok_or_else(|| Refusal::new("no k was given", "give --k LO..HI"))?;
         let two_tones = named(k.len(), waves.len() * k.len())?;
-        let band_middle = match lot.middle {
+        let band_middle = match lot.middle_of_band()? {
             Some(k) => Some(Point {
                 wave: Wave::sine(),
                 k,
@@ -281,24 +233,21 @@ mod tests {
     use super::*;
     use kband::impact::Tone;
 
-    fn lot(restitutions: &[f64], scatter: f64) -> Followed {
-        Followed {
-            restitutions: restitutions.to_vec(),
+    fn lot(low: f64, high: f64, scatter: f64) -> LotSettings {
+        LotSettings {
+            restitution: Restitution::interval(low, high).unwrap(),
+            parts: 2,
             scatter,
             order: 1,
             runs: 2,
             periods: 400.0,
             seed: 1,
-            middle: None,
             contact: ContactTime::INSTANT,
         }
     }
 
     fn waves() -> [Wave; 2] {
-        let second = Tone {
-            amplitude: 0.15,
-            angle: 2.356,
-        };
+        let second = Tone::new(0.15, 2.356);
         [Wave::sine(), Wave::build(second, Tone::default()).unwrap()]
     }
 
@@ -306,7 +255,8 @@ mod tests {
     fn a_second_tone_holds_parts_that_one_tone_loses() {
         let desk = Desk::new(Some(2)).unwrap();
         let k: Vec<f64> = (0..16).map(|n| 0.30 + 0.02 * f64::from(n)).collect();
-        let found = Survey::run(lot(&[0.3], 0.05), &k, &waves(), &desk).unwrap();
+        let lot = Lot::build(lot(0.3, 0.3, 0.05)).unwrap();
+        let found = Survey::run(lot, &k, &waves(), &desk).unwrap();
         // An independent sketch has 0.82 at k = 0.45, and 1.00 with the second tone.
         let (one, two) = (&found.one_tone, found.two_tones.as_ref().unwrap());
         assert!((0.40..=0.50).contains(&one.k), "{}", one.k);
@@ -321,14 +271,17 @@ mod tests {
     #[test]
     fn a_contact_time_changes_the_share() {
         let at = |contact| {
-            let parts = Followed {
+            let settings = LotSettings {
                 contact: ContactTime::build(contact).unwrap(),
                 periods: 1000.0,
                 runs: 20,
-                ..lot(&[0.3], 0.05)
+                ..lot(0.3, 0.3, 0.05)
             };
-            let shares = parts.follow(&Wave::sine(), 0.48, Stage::Map).unwrap();
-            shares.mean()
+            let [mean, _] = Lot::build(settings)
+                .unwrap()
+                .at(&Wave::sine(), 0.48)
+                .unwrap();
+            mean
         };
         let [instant, long] = [0.0, 0.02 * std::f64::consts::TAU].map(at);
         assert!(
@@ -342,11 +295,13 @@ mod tests {
         let k = [0.40, 0.44, 0.48];
         let run = |threads, seed| {
             let desk = Desk::new(Some(threads)).unwrap();
-            let lot = Followed {
+            let settings = LotSettings {
                 seed,
-                ..lot(&[0.2, 0.3], 0.06)
+                ..lot(0.2, 0.3, 0.06)
             };
-            Survey::run(lot, &k, &waves(), &desk).unwrap().map
+            Survey::run(Lot::build(settings).unwrap(), &k, &waves(), &desk)
+                .unwrap()
+                .map
         };
         assert_eq!(run(1, 5), run(3, 5));
         assert_ne!(run(1, 5), run(1, 6));

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::Arguments;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::report::number;
 
 /// Largest number of drawn states.
@@ -66,19 +66,8 @@ pub(super) fn portrait(arguments: &Arguments, drive_text: &str, states: States) 
         0.0
     };
     let panel = Panel::new(
-        Axis::new(
-            "phase t of the drive after the impact",
-            Unit::RADIANS,
-            first,
-            last,
-        )
-        .in_pi(),
-        Axis::new(
-            "velocity ψ after the impact",
-            Unit::VELOCITY,
-            foot,
-            fastest + room,
-        ),
+        Axis::new("phase t of the drive after the impact", "rad", first, last).in_pi(),
+        Axis::new("velocity ψ after the impact", "b·ω", foot, fastest + room),
     )
     .height(460.0);
     let map = match arguments.restitution {

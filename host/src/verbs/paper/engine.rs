@@ -175,18 +175,13 @@ pub(super) fn recompute(checks: &[Check], error: f64, desk: &Desk) -> Result<Vec
     Ok(rows)
 }
 
-/// Cases that are the same in every run (the generator splitmix64).
-pub(super) struct Cases(pub u64);
+/// Cases that are the same in every run.
+pub(super) use crate::random::SplitMix as Cases;
 
 impl Cases {
     /// A number within `low..high`.
     pub(super) fn within(&mut self, low: f64, high: f64) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut bits = self.0;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        bits ^= bits >> 31;
-        low + (high - low) * (bits >> 11) as f64 / (1_u64 << 53) as f64
+        low + (high - low) * self.uniform()
     }
 
     /// Settings along the track.

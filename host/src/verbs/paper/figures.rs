@@ -7,7 +7,7 @@ use kband::regime::{Lock, band};
 
 use super::lock::lock;
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::number;
 
@@ -96,8 +96,8 @@ pub(super) fn model(restitution: f64) -> Result<Picture, Refusal> {
         turned(eta * (tau + TRACK.phase_lead).sin(), tau.sin())
     });
     let panel = Panel::new(
-        Axis::new("horizontal, in b", Unit::NONE, -3.5, far + 0.5),
-        Axis::new("vertical, in b", Unit::NONE, -2.0, top + 1.5),
+        Axis::new("horizontal, in b", "", -3.5, far + 0.5),
+        Axis::new("vertical, in b", "", -2.0, top + 1.5),
     )
     .height(380.0)
     .line("track at the ends of its stroke", 1, surface(-1.0))
@@ -131,15 +131,10 @@ pub(super) fn motion(restitution: f64) -> Result<Picture, Refusal> {
     let part = way.points(|[time, _, normal, _]| (*time, *normal));
     let height = way.points(|[time, _, normal, track]| (*time, normal - track));
     let (first, last) = (way.impacts[0], way.impacts[way.impacts.len() - 1]);
-    let axis = || Axis::new("τ = ω t", Unit::RADIANS, first - 0.5, last + 0.5).in_pi();
+    let axis = || Axis::new("τ = ω t", "rad", first - 0.5, last + 0.5).in_pi();
     let mut above = Panel::new(
         axis(),
-        Axis::new(
-            "normal to the track, in b",
-            Unit::NONE,
-            -1.3,
-            top(&part) + 0.4,
-        ),
+        Axis::new("normal to the track, in b", "", -1.3, top(&part) + 0.4),
     )
     .height(260.0)
     .line("track, sin τ", 1, track)
@@ -147,17 +142,14 @@ pub(super) fn motion(restitution: f64) -> Result<Picture, Refusal> {
     for (n, time) in way.impacts.iter().enumerate() {
         above = above.caption(*time, format!("τ{n}"));
     }
-    let below = Panel::new(
-        axis(),
-        Axis::new("u, in b", Unit::NONE, -0.1, top(&height) + 0.3),
-    )
-    .height(180.0)
-    .line("height above the track, equation (7b)", 0, height)
-    .markers(
-        "impacts, where u = 0",
-        2,
-        way.impacts.iter().map(|time| (*time, 0.0)).collect(),
-    );
+    let below = Panel::new(axis(), Axis::new("u, in b", "", -0.1, top(&height) + 0.3))
+        .height(180.0)
+        .line("height above the track, equation (7b)", 0, height)
+        .markers(
+            "impacts, where u = 0",
+            2,
+            way.impacts.iter().map(|time| (*time, 0.0)).collect(),
+        );
     Ok(Picture::new("A motion (Fig. 2)")
         .caption(format!(
             "R = {}, k = {}: a part thrown 0.4 rad beside the lock; each impact follows from the one before by (8) and (9)",
@@ -194,8 +186,8 @@ pub(super) fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal>
         Ok(found)
     })?;
     let mut panel = Panel::new(
-        Axis::new("k = g cos α / (b ω²)", Unit::NONE, low, high),
-        Axis::new("phase of impact", Unit::RADIANS, -0.5 * PI, 1.5 * PI).in_pi(),
+        Axis::of_k(low, high),
+        Axis::new("phase of impact", "rad", -0.5 * PI, 1.5 * PI).in_pi(),
     )
     .height(460.0);
     for order in 1..=3 {

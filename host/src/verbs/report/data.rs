@@ -16,7 +16,7 @@ use crate::provenance;
 use crate::refusal::Refusal;
 use crate::report::number;
 use crate::simulate::{Outcome, STATE_FILLS, kin, state_fill};
-use crate::verbs::gear::InGearOf;
+use crate::verbs::gear::{Lot, LotSettings};
 use crate::verbs::{basins, transport};
 
 /// Number of restitutions in the diagram of bands, 0..0.7 in steps of 0.005.
@@ -31,10 +31,7 @@ const GEAR_PARTS: usize = 5;
 const GEAR_RUNS: usize = 8;
 const GEAR_PERIODS: f64 = 250.0;
 /// The second tone of the page if the drive has none.
-const SECOND_TONE: Tone = Tone {
-    amplitude: 0.15,
-    angle: 2.356,
-};
+const SECOND_TONE: Tone = Tone::new(0.15, 2.356);
 /// Number of maps of basins, of cells along a side, and velocity at the upper edge in `b w`.
 const BASIN_MAPS: usize = 21;
 const BASIN_SIDE: usize = 80;
@@ -221,15 +218,16 @@ fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
     let lots = scatters
         .iter()
         .map(|&scatter| {
-            InGearOf::new(
-                feeder.lot,
-                GEAR_PARTS,
+            Lot::build(LotSettings {
+                restitution: feeder.lot,
+                parts: GEAR_PARTS,
                 scatter,
                 order,
-                GEAR_RUNS,
-                GEAR_PERIODS,
-            )
-            .map(|parts| parts.with_contact(feeder.contact))
+                runs: GEAR_RUNS,
+                periods: GEAR_PERIODS,
+                seed: 1,
+                contact: feeder.contact,
+            })
         })
         .collect::<Result<Vec<_>, _>>()?;
     let count = waves.len() * scatters.len() * k.len();

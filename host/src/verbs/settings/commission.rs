@@ -5,73 +5,58 @@
 
 use std::time::{Duration, Instant};
 
-use serde_json::json;
-
 use kband_control::wire::{Request, Response};
 use kband_control::{Identification, Identified, Target, Unidentified};
 
 use super::drive::why_off;
-use super::offer::{Offer, print};
-use crate::board::{Address, BoardSettings, Emulated, Link};
+use super::offer::Commissioning;
+use crate::board::Link;
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
-use crate::report::{Format, Table, columns, shortest};
+use crate::report::{fields, shortest};
 
 /// Half-width of the narrowest offered interval: the accuracy of the identification.
-const NARROWEST: f32 = 0.02;
+const HALF_WIDTH: f32 = 0.02;
 /// Number of hops of a result, for the progress bar.
-const HOPS: u64 = 64;
+const RESULT_HOPS: u64 = 64;
 
-/// Starts the identification on the board, and prints the offered interval of restitution. With
-/// `apply` the board uses and saves it.
-pub(super) fn run(
-    address: &Address,
-    apply: bool,
-    within: f64,
-    format: Format,
-    desk: &Desk,
-) -> Result<(), Refusal> {
-    let mut link = address.open(Emulated::Running)?;
-    let mut settings = BoardSettings::read(&mut link)?;
-    let held = link.held()?;
+fields! {
+    /// What was identified, and the offered interval.
+    fn identified(of: (Identified, [f32; 2])) {
+        all RESTITUTION.digits(3) => shortest(of.0.restitution);
+        all DEVIATION.digits(2) => shortest(of.0.deviation);
+        all K.digits(4) => shortest(of.0.k);
+        all HOPS => u32::from(of.0.hops);
+        json RESTITUTION_LOW => shortest(of.1[0]);
+        json RESTITUTION_HIGH => shortest(of.1[1]);
+    }
+}
+
+/// Starts the identification on the board, and offers the interval of restitution.
+pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
+    let (mut link, settings) = commissioning.open()?;
+    let target = link.held()?;
     link.tell(&Request::Target(Target::Identify))?;
-    let found = listen(&mut link, Duration::from_secs_f64(within), desk);
+    let found = listen(&mut link, commissioning.within, commissioning.desk);
     // With or without a result, the board returns to its target.
-    link.tell(&Request::Target(held))?;
+    link.tell(&Request::Target(target))?;
     let found = found?;
     let (low, high) = offered(&found);
-    let mut notes = vec![format!(
-        "offered: restitution_low = {low}, restitution_high = {high} (twice the deviation, {NARROWEST} at least)"
-    )];
-    let offer = in_order(low, high, settings.known().restitution_high);
-    notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
-    let mut table = Table::new(&[
-        columns::RESTITUTION.digits(3),
-        columns::DEVIATION.digits(2),
-        columns::K.digits(4),
-        columns::HOPS,
-    ]);
-    table.push([
-        shortest(found.restitution).into(),
-        shortest(found.deviation).into(),
-        shortest(found.k).into(),
-        u32::from(found.hops).into(),
-    ]);
-    let document = json!({
-        "restitution": shortest(found.restitution),
-        "deviation": shortest(found.deviation),
-        "k": shortest(found.k),
-        "hops": found.hops,
-        "restitution_low": shortest(low),
-        "restitution_high": shortest(high),
-        "applied": apply,
-    });
-    print(table, &notes, &document, format)
+    let note = format!(
+        "offered: restitution_low = {low}, restitution_high = {high} (twice the deviation, {HALF_WIDTH} at least)"
+    );
+    let mut offer = [("restitution_low", low), ("restitution_high", high)];
+    // Above the present interval the upper end is set first.
+    if low > settings.known().restitution_high {
+        offer.reverse();
+    }
+    let found = (found, [low, high]);
+    commissioning.conclude((link, settings), &offer, vec![note], identified(), found)
 }
 
 /// Waits for the result.
 fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, Refusal> {
-    let progress = Progress::new("listening", HOPS);
+    let progress = Progress::new("listening", RESULT_HOPS);
     let begun = Instant::now();
     let mut heard = 0;
     while begun.elapsed() < within {
@@ -132,26 +117,11 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, 
 
 /// The offered interval, rounded outwards to hundredths.
 fn offered(found: &Identified) -> (f32, f32) {
-    let half = (2.0 * found.deviation).max(NARROWEST);
+    let half = (2.0 * found.deviation).max(HALF_WIDTH);
     // A value within rounding above a hundredth counts as that hundredth.
     let low = ((found.restitution - half) * 100.0 + 1e-3).floor() / 100.0;
     let high = ((found.restitution + half) * 100.0 - 1e-3).ceil() / 100.0;
     (low.max(0.0), high.min(1.0))
-}
-
-/// The interval as settings. If it is above the present one, its upper end is set first.
-fn in_order(low: f32, high: f32, high_now: f32) -> Offer {
-    if low <= high_now {
-        Offer {
-            keys: vec!["restitution_low", "restitution_high"],
-            values: vec![low, high],
-        }
-    } else {
-        Offer {
-            keys: vec!["restitution_high", "restitution_low"],
-            values: vec![high, low],
-        }
-    }
 }
 
 #[cfg(test)]

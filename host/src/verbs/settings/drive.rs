@@ -10,9 +10,9 @@ use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
 
 /// Time between two questions how far it has come; the board takes them for a sign of life too.
-const LOOK: Duration = Duration::from_millis(300);
+const LISTEN_INTERVAL: Duration = Duration::from_millis(300);
 /// Time in which a drive comes to rest after the command.
-const REST: Duration = Duration::from_secs(120);
+const REST_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Refused where the drive does not run, for then no impact will be measured.
 pub(super) fn why_off(link: &mut Link) -> Result<Option<Refusal>, Refusal> {
@@ -32,7 +32,7 @@ pub(super) fn why_off(link: &mut Link) -> Result<Option<Refusal>, Refusal> {
 /// The last of the drive cycles that come in a while.
 fn cycle(link: &mut Link) -> Result<Option<Telemetry>, Refusal> {
     link.begin_telemetry(1)?;
-    let said = link.listen(LOOK)?;
+    let said = link.listen(LISTEN_INTERVAL)?;
     link.tell(&Request::Telemetry(0))?;
     Ok(said.into_iter().rev().find_map(|said| match said {
         Unsolicited::Telemetry(telemetry) => Some(telemetry),
@@ -57,7 +57,7 @@ pub(super) fn gather(
     link.begin_telemetry(1)?;
     while begun.elapsed() < within && !enough(&cycles) {
         desk.go_on()?;
-        for said in link.listen(LOOK)? {
+        for said in link.listen(LISTEN_INTERVAL)? {
             if let Unsolicited::Telemetry(telemetry) = said {
                 take(&mut cycles, telemetry);
             }
@@ -74,7 +74,7 @@ pub(super) fn gather(
 pub(super) fn rest(link: &mut Link) -> Result<(), Refusal> {
     link.tell(&Request::Enable(false))?;
     let begun = Instant::now();
-    while begun.elapsed() < REST {
+    while begun.elapsed() < REST_TIMEOUT {
         if cycle(link)?.is_some_and(|cycle| cycle.state == State::Off.number()) {
             return Ok(());
         }
@@ -84,7 +84,7 @@ pub(super) fn rest(link: &mut Link) -> Result<(), Refusal> {
         format!(
             "{} did not come to rest within {} s; its enable stays withdrawn and nothing was changed",
             link.name(),
-            REST.as_secs()
+            REST_TIMEOUT.as_secs()
         ),
         "withdraw the enable input, see why the drive runs on, and reset the board",
     ))

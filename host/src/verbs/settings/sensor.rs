@@ -5,38 +5,36 @@
 
 use std::time::Duration;
 
-use serde_json::json;
-
 use kband::feeder::STANDARD_GRAVITY;
 use kband_control::wire::{Request, Response, Status, Telemetry};
 use kband_control::{Settings, State, Target};
 
 use super::drive::{gather, rest, why_off};
-use super::offer::{Offer, print};
-use crate::board::{Address, BoardSettings, Emulated, Link};
+use super::offer::Commissioning;
+use crate::board::Link;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Table};
+use crate::report::{Column, Field, View};
 
 /// Number of averaged readings at rest, and time between two of them.
-const RESTS: u32 = 20;
-const PAUSE: Duration = Duration::from_millis(50);
+const REST_READINGS: u32 = 20;
+const READING_INTERVAL: Duration = Duration::from_millis(50);
 /// Cycles of an average while the drive runs, and number of averages.
-const BLOCK: usize = 16;
+const BLOCK_CYCLES: usize = 16;
 const BLOCKS: usize = 8;
 /// Largest relative deviation of a steady amplitude from its setpoint: a load scatters single
 /// cycles.
-const STEADY: f32 = 0.1;
+const MAX_STEADY_DEVIATION: f32 = 0.1;
 /// k at which the track throws no part, and largest amplitude over the hard limits, while the gain
 /// is measured.
 const QUIET_K: f32 = 1.3;
 const QUIET_SHARE: f32 = 0.2;
 /// Factor for changes after commissioning: 5 % of the sensitivity, and a quarter of the gain of a
 /// warm, loaded drive.
-const MARGIN: f64 = 1.3;
+const TOLERANCE_MARGIN: f64 = 1.3;
 /// Relative deviation of the measured gain from the configured one above which the user should
 /// check the sensor.
-const CHECKED: f64 = 0.1;
+const MAX_GAIN_DEVIATION: f64 = 0.1;
 
 /// Measured gain over the configured one: mean, smallest and largest of its blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,7 +76,7 @@ fn strength(settings: &Settings) -> f64 {
 
 /// The ratio over the last steady cycles; `None` for too few.
 fn ratio(settings: &Settings, cycles: &[Telemetry]) -> Option<Ratio> {
-    let last = cycles.get(cycles.len().checked_sub(BLOCK * BLOCKS)?..)?;
+    let last = cycles.get(cycles.len().checked_sub(BLOCK_CYCLES * BLOCKS)?..)?;
     let sum = |block: &[Telemetry], value: fn(&Telemetry) -> f32| -> f64 {
         block.iter().map(|cycle| f64::from(value(cycle))).sum()
     };
@@ -86,7 +84,7 @@ fn ratio(settings: &Settings, cycles: &[Telemetry]) -> Option<Ratio> {
         sum(block, |cycle| cycle.amplitude)
             / (strength(settings) * sum(block, |cycle| cycle.output))
     };
-    let blocks = || last.chunks(BLOCK).map(of);
+    let blocks = || last.chunks(BLOCK_CYCLES).map(of);
     Some(Ratio {
         mean: of(last),
         least: blocks().fold(f64::INFINITY, f64::min),
@@ -99,26 +97,29 @@ fn is_steady(cycle: &Telemetry) -> bool {
     let settled = [State::Holding, State::Locked].map(State::number);
     settled.contains(&cycle.state)
         && cycle.limits == 0
-        && (cycle.amplitude - cycle.setpoint).abs() < STEADY * cycle.setpoint
+        && (cycle.amplitude - cycle.setpoint).abs() < MAX_STEADY_DEVIATION * cycle.setpoint
 }
 
-/// Measures the accelerometer at rest and while the drive runs, and prints the settings of the
-/// tests at each start. With `apply` the board uses and saves them.
-pub(super) fn run(
-    address: &Address,
-    apply: bool,
-    within: f64,
-    format: Format,
-    desk: &Desk,
-) -> Result<(), Refusal> {
-    let mut link = address.open(Emulated::Running)?;
-    let mut settings = BoardSettings::read(&mut link)?;
+/// Keys of the offered settings, with unit and digits.
+const OFFERED: [Column; 5] = [
+    Column::of_key("sensor_rest", "V").digits(5),
+    Column::of_key("gain", "mm").digits(4),
+    Column::of_key("gain_tolerance", "").digits(3),
+    Column::of_key("load_tolerance", "").digits(3),
+    Column::of_key("current_gain", "mm/A").digits(4),
+];
+
+/// Measures the accelerometer at rest and while the drive runs, and offers the settings of the
+/// tests at each start.
+pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
+    let (mut link, settings) = commissioning.open()?;
+    let (within, desk) = (commissioning.within, commissioning.desk);
     let known = settings.known();
     if let Some(off) = why_off(&mut link)? {
         return Err(off);
     }
-    let held = link.held()?;
-    if held == Target::Amplitude(0.0) {
+    let target = link.held()?;
+    if target == Target::Amplitude(0.0) {
         return Err(Refusal::new(
             "the board's target is an amplitude of 0 mm, at which nothing can be measured",
             "request the working target first, for example kband target gear 1 --save",
@@ -129,10 +130,9 @@ pub(super) fn run(
     // With or without a result, the board continues as before.
     link.tell(&Request::Enable(true))?;
     let mean = mean?;
-    let within = Duration::from_secs_f64(within);
     link.tell(&Request::Target(Target::K(quiet_k(&known))))?;
     let quiet = measure(&mut link, &known, within, desk);
-    link.tell(&Request::Target(held))?;
+    link.tell(&Request::Target(target))?;
     let (quiet, quiet_per_ampere) = quiet?;
     let (loaded, loaded_per_ampere) = measure(&mut link, &known, within, desk)?;
     let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
@@ -143,7 +143,7 @@ pub(super) fn run(
     let wired = known.current_sensitivity > 0.0;
     let change = loaded_per_ampere / quiet_per_ampere;
     let by_current = if wired { change.max(1.0 / change) } else { 1.0 };
-    let tolerance = |factor: f64| digits((MARGIN * factor).min(2.5), 100.0);
+    let tolerance = |factor: f64| digits((TOLERANCE_MARGIN * factor).min(2.5), 100.0);
     let swing = tolerance(quiet.factor(quiet.mean));
     let run = tolerance(loaded.factor(quiet.mean).max(by_current));
     let current_gain = if wired {
@@ -151,56 +151,38 @@ pub(super) fn run(
     } else {
         0.0
     };
+    let values = [voltage, gain, swing, run, current_gain];
+    let pairs: Vec<_> = OFFERED
+        .map(|column| column.name())
+        .into_iter()
+        .zip(values)
+        .collect();
+    let assigned: Vec<_> = pairs
+        .iter()
+        .map(|(key, value)| format!("{key} = {value}"))
+        .collect();
     let mut notes = vec![
-        format!(
-            "offered: sensor_rest = {voltage}, gain = {gain}, gain_tolerance = {swing}, load_tolerance = {run}, current_gain = {current_gain}"
-        ),
+        format!("offered: {}", assigned.join(", ")),
         format!(
             "at rest the axis sees {seen:.2} g, by sensor_zero and sensitivity: it is to be {:.2} where it is normal to the track, 0 where the sensor passes no direct voltage",
             f64::from(known.incline).to_radians().cos()
         ),
     ];
-    if (quiet.mean - 1.0).abs() > CHECKED {
+    if (quiet.mean - 1.0).abs() > MAX_GAIN_DEVIATION {
         notes.push(format!(
             "the track moves {:.2} times as far as gain says: check sensitivity by tilting the track before you take this",
             quiet.mean
         ));
     }
-    let values = [voltage, gain, swing, run, current_gain];
-    let offer = Offer {
-        keys: vec![
-            "sensor_rest",
-            "gain",
-            "gain_tolerance",
-            "load_tolerance",
-            "current_gain",
-        ],
-        values: values.into(),
-    };
-    notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
-    let mut table = Table::new(&[
-        Column::of_key("sensor_rest", "V").digits(5),
-        Column::of_key("gain", "mm").digits(4),
-        Column::of_key("gain_tolerance", "").digits(3),
-        Column::of_key("load_tolerance", "").digits(3),
-        Column::of_key("current_gain", "mm/A").digits(4),
-    ]);
-    table.push(values.map(|value| f64::from(value).into()));
-    let document = json!({
-        "sensor_rest": voltage,
-        "gain": gain,
-        "gain_tolerance": swing,
-        "load_tolerance": run,
-        "current_gain": current_gain,
-        "applied": apply,
-    });
-    print(table, &notes, &document, format)
+    let field = |n: usize| Field::all(OFFERED[n], move |values: &[f32; 5]| f64::from(values[n]));
+    let view = View::of((0..OFFERED.len()).map(field).collect());
+    commissioning.conclude((link, settings), &pairs, notes, view, values)
 }
 
 /// Mean of a measured value of the board's status over a second.
 fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f64, Refusal> {
     let mut sum = 0.0;
-    for _ in 0..RESTS {
+    for _ in 0..REST_READINGS {
         desk.go_on()?;
         let measured = link.ask(&Request::Status, |response| match response {
             Response::Status(status) => Some(value(&status)),
@@ -212,9 +194,9 @@ fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f6
                 "kband flash brings the firmware of this desk",
             )
         })?);
-        link.listen(PAUSE)?;
+        link.listen(READING_INTERVAL)?;
     }
-    Ok(sum / f64::from(RESTS))
+    Ok(sum / f64::from(REST_READINGS))
 }
 
 /// The ratio at the board's target, and the amplitude in m per ampere there.
@@ -224,7 +206,7 @@ fn measure(
     within: Duration,
     desk: &Desk,
 ) -> Result<(Ratio, f64), Refusal> {
-    let wanted = BLOCK * BLOCKS;
+    let wanted = BLOCK_CYCLES * BLOCKS;
     // The last steady cycles in a row.
     let take = |cycles: &mut Vec<Telemetry>, cycle: Telemetry| {
         if is_steady(&cycle) {
@@ -284,7 +266,10 @@ mod tests {
                 "{found:?}"
             );
             assert!(found.factor(found.mean) < 1.02, "{found:?}");
-            assert_eq!(ratio(&scene.settings, &cycles[..BLOCK * BLOCKS - 1]), None);
+            assert_eq!(
+                ratio(&scene.settings, &cycles[..BLOCK_CYCLES * BLOCKS - 1]),
+                None
+            );
         }
     }
 }

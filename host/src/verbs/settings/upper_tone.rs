@@ -7,30 +7,29 @@
 use std::time::Duration;
 
 use num_complex::Complex64 as Complex;
-use serde_json::json;
 
 use kband_control::wire::{Request, Telemetry};
 use kband_control::{Shape, Target, UpperTone};
 
 use super::drive::{gather, why_off};
-use super::offer::{Offer, print};
-use crate::board::{Address, BoardSettings, Emulated, Link};
+use super::offer::Commissioning;
+use crate::board::Link;
 use crate::desk::Desk;
 use crate::refusal::Refusal;
-use crate::report::{Column, Format, Table, columns};
+use crate::report::{Column, Field, View, columns};
 
 /// k of the trial: the track throws no part.
-const K: f32 = 1.3;
+const TRIAL_K: f32 = 1.3;
 /// Amplitude of the trial's tones over the first, if the drive affords as much.
-const RATIO: f32 = 0.05;
+const TRIAL_RATIO: f32 = 0.05;
 /// Phases of the second and third tone in rad, as the map prefers them.
-const PHASES: [f32; 2] = [2.356, 5.3];
+const TRIAL_PHASES: [f32; 2] = [2.356, 5.3];
 /// Number of cycles over which the response is averaged.
-const CYCLES: usize = 50;
+const AVERAGED_CYCLES: usize = 50;
 /// Delay in cycles from an output to its reading.
-const LATE: usize = 2;
+const OUTPUT_DELAY: usize = 2;
 /// Number of cycles after which a tone has settled or was given up.
-const SETTLED: usize = 300;
+const SETTLING_CYCLES: usize = 300;
 
 /// The measured tone above the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,7 +84,7 @@ struct Answer {
 /// The response in the last cycles with the tone; `None` for too few.
 fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
     let pairs: Vec<(Complex, Complex)> = cycles
-        .windows(LATE + 1)
+        .windows(OUTPUT_DELAY + 1)
         .filter_map(|window| {
             let (early, late) = (window.first()?, window.last()?);
             let output = upper.output(early).map(f64::from);
@@ -93,7 +92,7 @@ fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
             (output.norm_sqr() > 1e-6).then_some((output, upper.seen(late)))
         })
         .collect();
-    let last = pairs.get(pairs.len().checked_sub(CYCLES)?..)?;
+    let last = pairs.get(pairs.len().checked_sub(AVERAGED_CYCLES)?..)?;
     let square: f64 = last.iter().map(|(output, _)| output.norm_sqr()).sum();
     let product: Complex = last.iter().map(|(output, seen)| seen * output.conj()).sum();
     let answer = product / square;
@@ -109,18 +108,9 @@ fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
     })
 }
 
-/// Lets the board make a small tone above the first, and prints the track's response. With `apply`
-/// the board uses and saves it.
-pub(super) fn run(
-    upper: Upper,
-    address: &Address,
-    apply: bool,
-    within: f64,
-    format: Format,
-    desk: &Desk,
-) -> Result<(), Refusal> {
-    let mut link = address.open(Emulated::Running)?;
-    let mut settings = BoardSettings::read(&mut link)?;
+/// Lets the board make a small tone above the first, and offers the track's response.
+pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
+    let (mut link, settings) = commissioning.open()?;
     let (name, key, keys) = upper.names();
     let known = settings.known();
     let affords = match upper {
@@ -138,8 +128,8 @@ pub(super) fn run(
             ),
         ));
     }
-    let [second, third] = PHASES.map(|phase| UpperTone {
-        ratio: RATIO,
+    let [second, third] = TRIAL_PHASES.map(|phase| UpperTone {
+        ratio: TRIAL_RATIO,
         phase,
     });
     let within_reach = |tone: UpperTone, most: f32| UpperTone {
@@ -153,42 +143,39 @@ pub(super) fn run(
             Upper::Third => within_reach(third, known.third_tone),
         },
     };
-    let held = link.held()?;
-    link.tell(&Request::Target(Target::Tones { k: K, shape }))?;
-    let cycles = follow(upper, &mut link, Duration::from_secs_f64(within), desk);
+    let target = link.held()?;
+    link.tell(&Request::Target(Target::Tones { k: TRIAL_K, shape }))?;
+    let cycles = follow(upper, &mut link, commissioning.within, commissioning.desk);
     link.tell(&Request::Telemetry(0))?;
-    link.tell(&Request::Target(held))?;
+    link.tell(&Request::Target(target))?;
     let Some(found) = answer(upper, &cycles?) else {
         return Err(Refusal::new(
-            format!("no {name} was made for {CYCLES} cycles"),
+            format!("no {name} was made for {AVERAGED_CYCLES} cycles"),
             "see with kband monitor what holds the drive back; give it longer with --within S",
         ));
     };
     let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
     let (gain, lag) = (digits(found.gain, 1e4), digits(found.lag, 10.0));
     let [of_gain, of_lag] = keys;
-    let mut notes = vec![
+    let notes = vec![
         format!("offered: {of_gain} = {gain}, {of_lag} = {lag}"),
         "measured anew with these it is more exact: what was told before is the beginning".into(),
     ];
-    let offer = Offer {
-        keys: keys.to_vec(),
-        values: vec![gain, lag],
-    };
-    notes.extend(offer.conclude(&mut link, &mut settings, address, apply)?);
-    let mut table = Table::new(&[
-        Column::of_key(of_gain, "mm").digits(4),
-        Column::of_key(of_lag, "degrees").digits(4),
-        columns::GAIN_SCATTER.titled("scatter").digits(2),
+    let view = View::of(vec![
+        Field::all(Column::of_key(of_gain, "mm").digits(4), |found: &Answer| {
+            found.gain
+        }),
+        Field::all(
+            Column::of_key(of_lag, "degrees").digits(4),
+            |found: &Answer| found.lag,
+        ),
+        Field::all(
+            columns::GAIN_SCATTER.titled("scatter").digits(2),
+            |found: &Answer| found.scatter,
+        ),
     ]);
-    table.push([found.gain.into(), found.lag.into(), found.scatter.into()]);
-    let document = json!({
-        of_gain: found.gain,
-        of_lag: found.lag,
-        "gain_scatter": found.scatter,
-        "applied": apply,
-    });
-    print(table, &notes, &document, format)
+    let offer = [(of_gain, gain), (of_lag, lag)];
+    commissioning.conclude((link, settings), &offer, notes, view, found)
 }
 
 /// The cycles from now on, until the tone has settled or was given up.
@@ -206,10 +193,17 @@ fn follow(
         let count = cycles.iter().filter(made).count();
         // An abandoned tone does not return.
         let silent = cycles.iter().rev().take_while(|cycle| !made(cycle)).count();
-        count >= SETTLED || (count >= CYCLES && silent > CYCLES)
+        count >= SETTLING_CYCLES || (count >= AVERAGED_CYCLES && silent > AVERAGED_CYCLES)
     };
     let (name, _, _) = upper.names();
-    gather(link, desk, (name, SETTLED), within, Vec::push, enough)
+    gather(
+        link,
+        desk,
+        (name, SETTLING_CYCLES),
+        within,
+        Vec::push,
+        enough,
+    )
 }
 
 #[cfg(test)]
@@ -222,10 +216,10 @@ mod tests {
     #[test]
     fn the_drive_response_is_measured_despite_wrong_settings() {
         let tone = |phase: f32| UpperTone {
-            ratio: RATIO,
+            ratio: TRIAL_RATIO,
             phase,
         };
-        let [second, third] = PHASES.map(tone);
+        let [second, third] = TRIAL_PHASES.map(tone);
         for (upper, gain, lag, told, exact) in [
             (Upper::Second, 0.5, 60.0, (0.5, 60.0), 0.02),
             (Upper::Second, 0.3, 120.0, (0.5, 90.0), 0.02),
@@ -239,7 +233,7 @@ mod tests {
                     ..Settings::default()
                 },
                 target: Target::Tones {
-                    k: K,
+                    k: TRIAL_K,
                     shape: Shape::of_two(second),
                 },
                 ..Scene::default()
@@ -257,13 +251,13 @@ mod tests {
                     scene.drive.second_lag = settings.second_lag;
                     (scene.drive.third_gain, scene.drive.third_lag) = (gain, lag);
                     scene.target = Target::Tones {
-                        k: K,
+                        k: TRIAL_K,
                         shape: Shape { second, third },
                     };
                 }
             }
             let mut closed = EnvelopeLoop::build(&scene).unwrap();
-            let cycles: Vec<Telemetry> = (0..SETTLED)
+            let cycles: Vec<Telemetry> = (0..SETTLING_CYCLES)
                 .map(|_| Telemetry::from(&closed.cycle().report))
                 .collect();
             let found = answer(upper, &cycles).unwrap();

@@ -9,11 +9,11 @@ use serde_json::{Value as Json, json};
 use super::summary::Seen;
 use crate::causes;
 use crate::refusal::Refusal;
-use crate::report::{Printout, Table, Value, columns, number};
+use crate::report::{Field, Printout, View, columns, fields, number};
 use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, SETTLED, describe, words};
 
 /// Smallest amplitude of a second tone, over the first, that counts as one.
-const LEAST: f64 = 0.01;
+const MIN_TONE_RATIO: f64 = 0.01;
 
 /// Files of a single run.
 pub(super) struct Written<'a> {
@@ -32,7 +32,7 @@ pub(super) fn report(
     let seen = Seen::of(outcome);
     let summary = seen.lines();
     let heading = format!("{}\n\n{}", summary.join("\n"), describe_scene(outcome));
-    let mut report = Printout::new(timeline(outcome)).heading(heading);
+    let mut report = timeline(outcome).heading(heading);
     let sentences = [
         describe_state(outcome),
         describe_setpoint(outcome),
@@ -64,61 +64,55 @@ pub(super) fn report(
     report.json(&as_json(outcome, &seen, fidelity, unmet, written))
 }
 
+/// Time and name of an event, and the report of its cycle.
+type Happened = (f64, String, Report);
+
+fields! {
+    /// An event with the state and the drive after it.
+    fn state_after(at: Happened) {
+        all TIME.digits(4) => at.0;
+        all EVENT => at.1.clone();
+        all STATE => at.2.state.name();
+        all B.digits(3) => moving(&at.2).then_some(1e3 * f64::from(at.2.amplitude));
+        all K.digits(4) => moving(&at.2).then_some(f64::from(at.2.k));
+    }
+}
+
+fields! {
+    /// The measured regime after it.
+    fn regime_after(at: Happened) {
+        all IN_GEAR_ESTIMATED.titled("in gear (estimated)").digits(2) => f64::from(at.2.in_gear);
+        all FLIP_ESTIMATED.titled("margin (to the flip)").digits(2) =>
+            at.2.margin.map(|margin| f64::from(margin.flip));
+    }
+}
+
+fn moving(report: &Report) -> bool {
+    f64::from(report.amplitude) > RESTING_AMPLITUDE
+}
+
 /// Events with the state, the drive and the measured regime after each.
-fn timeline(outcome: &Outcome) -> Table {
+fn timeline(outcome: &Outcome) -> Printout {
+    let mut tones = Vec::new();
     let upper = outcome.file().scene.settings.upper_tones();
-    let mut columns = vec![
-        columns::TIME.digits(4),
-        columns::EVENT,
-        columns::STATE,
-        columns::B.digits(3),
-        columns::K.digits(4),
-    ];
-    let tones = [(columns::E, columns::TH), (columns::E3, columns::TH3)];
-    for (e, th) in tones.into_iter().take(upper) {
-        columns.push(e.titled(e.name()).digits(3));
-        columns.push(th.digits(4));
+    let named = [(columns::E, columns::TH), (columns::E3, columns::TH3)];
+    for (n, (e, th)) in named.into_iter().enumerate().take(upper) {
+        let tone = move |at: &Happened| at.2.shape.tones()[n];
+        let e = e.titled(e.name()).digits(3);
+        tones.push(Field::all(e, move |at| f64::from(tone(at).ratio)));
+        tones.push(Field::all(th.digits(4), move |at| {
+            let UpperTone { ratio, phase } = tone(at);
+            (ratio > 0.0).then_some(f64::from(phase))
+        }));
     }
-    columns.push(
-        columns::IN_GEAR_ESTIMATED
-            .titled("in gear (estimated)")
-            .digits(2),
-    );
-    columns.push(
-        columns::FLIP_ESTIMATED
-            .titled("margin (to the flip)")
-            .digits(2),
-    );
-    let mut table = Table::new(&columns);
-    let mut row = |time: f64, event: String, report: &Report| {
-        let amplitude = f64::from(report.amplitude);
-        let moving = amplitude > RESTING_AMPLITUDE;
-        let mut row: Vec<Value> = vec![
-            time.into(),
-            event.into(),
-            report.state.name().into(),
-            moving.then_some(1e3 * amplitude).into(),
-            moving.then_some(f64::from(report.k)).into(),
-        ];
-        for UpperTone { ratio, phase } in report.shape.tones().into_iter().take(upper) {
-            row.push(f64::from(ratio).into());
-            row.push(if ratio > 0.0 {
-                f64::from(phase).into()
-            } else {
-                Value::Missing
-            });
-        }
-        row.push(f64::from(report.in_gear).into());
-        row.push(report.margin.map(|margin| f64::from(margin.flip)).into());
-        table.push_row(row);
+    let event = |happened: kband_scene::Happened| {
+        let name = name_event(outcome, happened.event, &happened.report);
+        (happened.time, name, happened.report)
     };
-    for happened in outcome.events() {
-        let report = happened.report;
-        let event = name_event(outcome, happened.event, &report);
-        row(happened.time, event, &report);
-    }
-    row(outcome.file().duration, "end".into(), &outcome.last());
-    table
+    let mut rows: Vec<Happened> = outcome.events().map(event).collect();
+    rows.push((outcome.file().duration, "end".into(), outcome.last()));
+    let view = state_after().and(View::of(tones)).and(regime_after());
+    view.printout(&rows)
 }
 
 /// Name of an event, with the number of the kick or of the fault.
@@ -431,7 +425,7 @@ fn describe_load(outcome: &Outcome) -> Vec<String> {
             number(load.speed, 3),
         ));
     } else if outcome.file().scene.settings.track_mass > 0.0
-        && f64::from(last.shape.second.ratio) >= LEAST
+        && f64::from(last.shape.second.ratio) >= MIN_TONE_RATIO
     {
         lines.push("weighed          nothing: a second tone takes a power of its own".into());
     }

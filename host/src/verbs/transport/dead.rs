@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::{Arguments, Computed, Feeder};
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{fields, number};
 
@@ -83,8 +83,7 @@ pub(super) fn computed(
         .json(&json!({ "k": k, "lift_off": lift_off, "rest_share": share, "rows": rows }))?;
     let picture = move || {
         let room = 0.03 * (PI - 2.0 * lift_off);
-        let axis =
-            |label: &str| Axis::new(label, Unit::RADIANS, lift_off - room, PI - lift_off + room);
+        let axis = |label: &str| Axis::new(label, "rad", lift_off - room, PI - lift_off + room);
         let panel = Panel::new(axis("phase of launch"), axis("phase of the next launch"))
             .height(560.0)
             .line(

@@ -17,7 +17,7 @@ use serde_json::json;
 use super::{Arguments, Computed, Feeder, ORDERS, effort, locks};
 use crate::arguments::Range;
 use crate::desk::Desk;
-use crate::picture::{Axis, Fill, Panel, Picture, Unit};
+use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Column, Field, Printout, View, columns, fields, number};
 
@@ -39,11 +39,11 @@ pub enum Over {
 impl Over {
     fn axis(self, low: f64, high: f64) -> Axis {
         let (name, unit) = match self {
-            Self::Throw => ("throw number Γ = 1/k", Unit::NONE),
-            Self::Amplitude => ("amplitude b normal to the track", Unit::MILLIMETRES),
-            Self::Incline => ("incline", Unit::new("°")),
-            Self::Friction => ("friction μ", Unit::NONE),
-            Self::PhaseLead => ("phase lead γ", Unit::new("°")),
+            Self::Throw => ("throw number Γ = 1/k", ""),
+            Self::Amplitude => return Axis::of_b(low, high),
+            Self::Incline => ("incline", "°"),
+            Self::Friction => ("friction μ", ""),
+            Self::PhaseLead => ("phase lead γ", "°"),
         };
         Axis::new(name, unit, low, high)
     }
@@ -61,14 +61,13 @@ impl Over {
     /// What it runs over where nothing is said, at `amplitude` mm and so much for a throw number of
     /// 1.
     fn range(self, unit: f64) -> Range {
-        let (low, high, count) = match self {
-            Self::Throw => (0.3, 3.5, 129),
-            Self::Amplitude => (0.3 * unit, 3.5 * unit, 129),
-            Self::Incline => (-10.0, 30.0, 81),
-            Self::Friction => (0.0, 1.0, 101),
-            Self::PhaseLead => (-180.0, 180.0, 145),
-        };
-        Range { low, high, count }
+        match self {
+            Self::Throw => Range::new(0.3, 3.5, 129),
+            Self::Amplitude => Range::new(0.3 * unit, 3.5 * unit, 129),
+            Self::Incline => Range::new(-10.0, 30.0, 81),
+            Self::Friction => Range::new(0.0, 1.0, 101),
+            Self::PhaseLead => Range::new(-180.0, 180.0, 145),
+        }
     }
 
     fn accepted(self) -> (f64, f64) {
@@ -119,20 +118,6 @@ impl Shape {
         Ok(Self { wave, bands })
     }
 
-    /// Starts on the locks that attract at `k`.
-    fn locked(&self, k: f64, restitution: f64) -> Result<Vec<Origin>, Refusal> {
-        if self.wave.is_sine() {
-            let starts = locks(k, restitution).into_iter();
-            return Ok(starts.map(|lock| Origin::Hop(lock.state())).collect());
-        }
-        let mut starts = Vec::new();
-        for (order, band) in &self.bands {
-            let lock = WaveLock::find_in_band(band, &self.wave, k, restitution, *order)?;
-            starts.extend(lock.map(|lock| Origin::Hop(lock.state())));
-        }
-        Ok(starts)
-    }
-
     /// Throw number above which a part that lies on the track slides up it, or down.
     fn slides_above(&self, settings: &FrictionSettings, upwards: bool) -> Option<f64> {
         if self.wave.is_sine() {
@@ -159,28 +144,42 @@ impl Shape {
     }
 }
 
-/// One feeder: the requested one with a value of the axis.
-#[derive(Clone, Copy, Debug)]
-struct Point {
-    track: Track,
-    settings: FrictionSettings,
-    k: f64,
+/// What is computed: the requested feeder over an axis.
+struct Task<'a> {
+    feeder: Feeder,
+    arguments: &'a Arguments,
+    shape: Shape,
+    over: Over,
+    /// The values of the axis.
+    range: Range,
+    /// Amplitude in mm, where the axis is another one.
+    amplitude: f64,
 }
 
-impl Point {
-    fn at(
-        feeder: &Feeder,
-        arguments: &Arguments,
-        over: Over,
-        value: f64,
-        amplitude: f64,
-    ) -> Result<Self, Refusal> {
+impl<'a> Task<'a> {
+    fn of(feeder: &Feeder, arguments: &'a Arguments, over: Over) -> Result<Self, Refusal> {
+        let (range, amplitude) = requested_range(feeder, arguments, over)?;
+        Ok(Self {
+            feeder: *feeder,
+            arguments,
+            shape: Shape::of(arguments)?,
+            over,
+            range,
+            amplitude,
+        })
+    }
+
+    /// The feeder with a value of the axis.
+    fn at(&self, value: f64) -> Result<Point, Refusal> {
+        self.point(self.over, value)
+    }
+
+    fn point(&self, over: Over, value: f64) -> Result<Point, Refusal> {
+        let arguments = self.arguments;
         let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
-        let degrees = feeder.track.incline().to_degrees();
-        let incline = if over == Over::Incline {
-            value
-        } else {
-            degrees
+        let incline = match over {
+            Over::Incline => value,
+            _ => self.feeder.track.incline().to_degrees(),
         };
         let phase_lead = match over {
             Over::PhaseLead => value,
@@ -196,7 +195,7 @@ impl Point {
         let k = match over {
             Over::Throw => 1.0 / value,
             Over::Amplitude => track.k(1e-3 * value),
-            _ => track.k(1e-3 * amplitude),
+            _ => track.k(1e-3 * self.amplitude),
         };
         let (sliding, sticking) = match over {
             // The one that sticks keeps its share.
@@ -204,22 +203,32 @@ impl Point {
             Over::Friction => (value, value),
             _ => (sliding, sticking),
         };
-        Ok(Self {
+        Ok(Point {
             track,
             settings: FrictionSettings::on(&track, sticking, sliding),
             k,
         })
     }
 
-    fn measured(
-        &self,
-        shape: &Shape,
-        start: Origin,
-        arguments: &Arguments,
-    ) -> Result<Measured, Refusal> {
-        let (k, restitution) = (self.k, arguments.restitution);
-        let (wave, effort) = (&shape.wave, effort(arguments));
-        let along = Friction::on(wave, k, self.settings)?;
+    /// Starts on the locks that attract at `k`.
+    fn locked(&self, k: f64) -> Result<Vec<Origin>, Refusal> {
+        let restitution = self.arguments.restitution;
+        if self.shape.wave.is_sine() {
+            let starts = locks(k, restitution).into_iter();
+            return Ok(starts.map(|lock| Origin::Hop(lock.state())).collect());
+        }
+        let mut starts = Vec::new();
+        for (order, band) in &self.shape.bands {
+            let lock = WaveLock::find_in_band(band, &self.shape.wave, k, restitution, *order)?;
+            starts.extend(lock.map(|lock| Origin::Hop(lock.state())));
+        }
+        Ok(starts)
+    }
+
+    fn measured(&self, point: &Point, start: Origin) -> Result<Measured, Refusal> {
+        let (k, restitution) = (point.k, self.arguments.restitution);
+        let (wave, effort) = (&self.shape.wave, effort(self.arguments));
+        let along = Friction::on(wave, k, point.settings)?;
         if wave.is_sine() {
             let map = Map::build(k, restitution)?;
             return Ok(measure(&map, along, start, effort, &mut ()));
@@ -228,6 +237,150 @@ impl Point {
         Ok(measure_on_tones(&map, along, start, effort))
     }
 
+    /// The regimes at one value: from rest, and from each lock that attracts where that is another.
+    fn rows(&self, value: f64) -> Result<Vec<Row>, Refusal> {
+        let point = self.at(value)?;
+        let mut rows: Vec<Row> = Vec::new();
+        let starts = self.locked(point.k)?;
+        for start in std::iter::once(Origin::Rest).chain(starts) {
+            let row = Row {
+                value,
+                point,
+                from_rest: start == Origin::Rest,
+                measured: self.measured(&point, start)?,
+            };
+            let near = |one: Option<f64>, other: Option<f64>| match (one, other) {
+                (Some(one), Some(other)) => (one - other).abs() < 1e-6 * (1.0 + one.abs()),
+                (one, other) => one == other,
+            };
+            let known = |old: &Row| {
+                old.measured.motion == row.measured.motion && near(old.speed(), row.speed())
+            };
+            if !rows.iter().any(known) {
+                rows.push(row);
+            }
+        }
+        Ok(rows)
+    }
+
+    /// Notable points: onset of sliding and hopping, best phase lead, change of sign of the speed.
+    fn notes(&self, rows: &[Row]) -> Result<Vec<(f64, String)>, Refusal> {
+        let over = self.over;
+        let mut notes = Vec::new();
+        let speed = |value: f64| -> Result<f64, Refusal> {
+            let found = self.measured(&self.at(value)?, Origin::Rest)?;
+            Ok(found.conveyed.time_mean().unwrap_or(f64::NAN))
+        };
+        if matches!(over, Over::Throw | Over::Amplitude) {
+            let unit = if over == Over::Throw {
+                1.0
+            } else {
+                self.feeder.amplitude(1.0)
+            };
+            let point = self.point(Over::Throw, 1.0)?;
+            let threshold = |upwards: bool| self.shape.slides_above(&point.settings, upwards);
+            let hops = 1.0 / self.shape.wave.highest_throw();
+            for (throw, words) in [
+                (threshold(true), "slides forward"),
+                (threshold(false), "slides backward"),
+                (Some(hops), "hops"),
+            ] {
+                if let Some(throw) = throw.filter(|throw| *throw <= hops) {
+                    notes.push((throw * unit, words.to_string()));
+                }
+            }
+        }
+        let rest: Vec<(f64, f64)> = rows
+            .iter()
+            .filter(|row| row.from_rest)
+            .filter_map(|row| Some((row.value, row.measured.conveyed.time_mean()?)))
+            .collect();
+        for pair in rest.windows(2) {
+            let [(mut low, one), (mut high, other)] = [pair[0], pair[1]];
+            if one * other >= 0.0 {
+                continue;
+            }
+            for _ in 0..40 {
+                let middle = 0.5 * (low + high);
+                if speed(middle)? * one > 0.0 {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            let words = match over {
+                Over::Incline => "just climbs",
+                _ => "reverses",
+            };
+            notes.push((0.5 * (low + high), words.to_string()));
+        }
+        if over == Over::PhaseLead
+            && let Some(top) = rest.iter().max_by(|a, b| a.1.total_cmp(&b.1))
+        {
+            let step = rest.get(1).map_or(1.0, |second| second.0 - rest[0].0);
+            // Golden section about the best of the grid.
+            let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+            let (mut low, mut high) = ((top.0 - step).max(-180.0), (top.0 + step).min(180.0));
+            for _ in 0..30 {
+                let (a, b) = (high - golden * (high - low), low + golden * (high - low));
+                if speed(a)? > speed(b)? {
+                    high = b;
+                } else {
+                    low = a;
+                }
+            }
+            notes.push((0.5 * (low + high), "conveys most".to_string()));
+        }
+        Ok(notes)
+    }
+
+    fn words(&self) -> String {
+        let (feeder, arguments, over) = (&self.feeder, self.arguments, self.over);
+        let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
+        let mut words = vec![format!("R = {}", number(feeder.restitution, 6))];
+        if over != Over::Friction {
+            words.push(if sticking > sliding {
+                format!(
+                    "μ = {}, at rest {}",
+                    number(sliding, 6),
+                    number(sticking, 6)
+                )
+            } else {
+                format!("μ = {}", number(sliding, 6))
+            });
+        }
+        words.push(format!("η = {}", number(arguments.amplitude_ratio, 6)));
+        if over != Over::PhaseLead {
+            words.push(format!("γ = {}°", number(arguments.phase_lead, 6)));
+        }
+        if over != Over::Incline {
+            words.push(format!(
+                "incline {}°",
+                number(feeder.track.incline().to_degrees(), 6)
+            ));
+        }
+        if !matches!(over, Over::Throw | Over::Amplitude) {
+            words.push(format!(
+                "b = {} mm (throw number {})",
+                number(self.amplitude, 4),
+                number(self.amplitude / feeder.amplitude(1.0), 4)
+            ));
+        }
+        words.push(format!("{} Hz", number(feeder.track.frequency(), 6)));
+        words.extend(self.shape.words());
+        words.join(", ")
+    }
+}
+
+/// A feeder with a value of the axis.
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    track: Track,
+    settings: FrictionSettings,
+    k: f64,
+}
+
+impl Point {
     /// mm/s of a mean velocity in `b w`.
     fn speed(&self, velocity: f64) -> f64 {
         1e3 * velocity * self.track.velocity_unit(self.track.amplitude(self.k))
@@ -301,12 +454,11 @@ pub(super) fn speeds(
     arguments: &Arguments,
     desk: &Desk,
 ) -> Result<Vec<Speed>, Refusal> {
-    let (range, amplitude) = requested_range(feeder, arguments, Over::Throw)?;
-    let shape = Shape::of(arguments)?;
-    let values: Vec<f64> = range.values().collect();
+    let task = Task::of(feeder, arguments, Over::Throw)?;
+    let values: Vec<f64> = task.range.values().collect();
     desk.try_map("conveying", values.len(), |n| {
-        let point = Point::at(feeder, arguments, Over::Throw, values[n], amplitude)?;
-        let measured = point.measured(&shape, Origin::Rest, arguments)?;
+        let point = task.at(values[n])?;
+        let measured = task.measured(&point, Origin::Rest)?;
         Ok(Speed {
             throw: values[n],
             amplitude: 1e3 * point.track.amplitude(point.k),
@@ -326,16 +478,11 @@ pub(super) fn computed(
         (None, Some(_)) => Over::Amplitude,
         (None, None) => Over::Throw,
     };
-    let (range, amplitude) = requested_range(&feeder, arguments, over)?;
-    let shape = Shape::of(arguments)?;
-    let values: Vec<f64> = range.values().collect();
-    let found = desk.try_map("conveying", values.len(), |n| {
-        let point = Point::at(&feeder, arguments, over, values[n], amplitude)?;
-        rows(&shape, arguments, values[n], point)
-    })?;
+    let task = Task::of(&feeder, arguments, over)?;
+    let values: Vec<f64> = task.range.values().collect();
+    let found = desk.try_map("conveying", values.len(), |n| task.rows(values[n]))?;
     let rows: Vec<Row> = found.into_iter().flatten().collect();
-    let notes = notes(&feeder, &shape, arguments, over, amplitude, &rows)?;
-    let words = words(&feeder, &shape, arguments, over, amplitude);
+    let (range, notes, words) = (task.range, task.notes(&rows)?, task.words());
     let report = report(over, &rows, &notes, &words)?;
     Ok((
         report,
@@ -352,11 +499,7 @@ fn requested_range(
     let unit = feeder.amplitude(1.0);
     let of_k = |range: Range, of: &dyn Fn(f64) -> f64| {
         let (one, other) = (of(range.low), of(range.high));
-        Range {
-            low: one.min(other),
-            high: one.max(other),
-            count: range.count,
-        }
+        Range::new(one.min(other), one.max(other), range.count)
     };
     let throws = match (arguments.throw, arguments.k, arguments.b) {
         (Some(range), ..) => Some(range),
@@ -395,157 +538,6 @@ fn requested_range(
         }
     };
     Ok((range, amplitude))
-}
-
-/// The regimes at one value: from rest, and from each lock that attracts where that is another.
-fn rows(
-    shape: &Shape,
-    arguments: &Arguments,
-    value: f64,
-    point: Point,
-) -> Result<Vec<Row>, Refusal> {
-    let mut rows: Vec<Row> = Vec::new();
-    let starts = shape.locked(point.k, arguments.restitution)?;
-    for start in std::iter::once(Origin::Rest).chain(starts) {
-        let measured = point.measured(shape, start, arguments)?;
-        let row = Row {
-            value,
-            point,
-            from_rest: start == Origin::Rest,
-            measured,
-        };
-        let near = |one: Option<f64>, other: Option<f64>| match (one, other) {
-            (Some(one), Some(other)) => (one - other).abs() < 1e-6 * (1.0 + one.abs()),
-            (one, other) => one == other,
-        };
-        let known = |old: &Row| {
-            old.measured.motion == row.measured.motion && near(old.speed(), row.speed())
-        };
-        if !rows.iter().any(known) {
-            rows.push(row);
-        }
-    }
-    Ok(rows)
-}
-
-/// Notable points: onset of sliding and hopping, best phase lead, change of sign of the speed.
-fn notes(
-    feeder: &Feeder,
-    shape: &Shape,
-    arguments: &Arguments,
-    over: Over,
-    amplitude: f64,
-    rows: &[Row],
-) -> Result<Vec<(f64, String)>, Refusal> {
-    let mut notes = Vec::new();
-    let speed = |value: f64| -> Result<f64, Refusal> {
-        let point = Point::at(feeder, arguments, over, value, amplitude)?;
-        let found = point.measured(shape, Origin::Rest, arguments)?;
-        Ok(found.conveyed.time_mean().unwrap_or(f64::NAN))
-    };
-    if matches!(over, Over::Throw | Over::Amplitude) {
-        let unit = if over == Over::Throw {
-            1.0
-        } else {
-            feeder.amplitude(1.0)
-        };
-        let point = Point::at(feeder, arguments, Over::Throw, 1.0, amplitude)?;
-        let threshold = |upwards: bool| shape.slides_above(&point.settings, upwards);
-        let hops = 1.0 / shape.wave.highest_throw();
-        for (throw, words) in [
-            (threshold(true), "slides forward"),
-            (threshold(false), "slides backward"),
-            (Some(hops), "hops"),
-        ] {
-            if let Some(throw) = throw.filter(|throw| *throw <= hops) {
-                notes.push((throw * unit, words.to_string()));
-            }
-        }
-    }
-    let rest: Vec<(f64, f64)> = rows
-        .iter()
-        .filter(|row| row.from_rest)
-        .filter_map(|row| Some((row.value, row.measured.conveyed.time_mean()?)))
-        .collect();
-    for pair in rest.windows(2) {
-        let [(mut low, one), (mut high, other)] = [pair[0], pair[1]];
-        if one * other >= 0.0 {
-            continue;
-        }
-        for _ in 0..40 {
-            let middle = 0.5 * (low + high);
-            if speed(middle)? * one > 0.0 {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        let words = match over {
-            Over::Incline => "just climbs",
-            _ => "reverses",
-        };
-        notes.push((0.5 * (low + high), words.to_string()));
-    }
-    if over == Over::PhaseLead
-        && let Some(top) = rest.iter().max_by(|a, b| a.1.total_cmp(&b.1))
-    {
-        let step = rest.get(1).map_or(1.0, |second| second.0 - rest[0].0);
-        // Golden section about the best of the grid.
-        let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
-        let (mut low, mut high) = ((top.0 - step).max(-180.0), (top.0 + step).min(180.0));
-        for _ in 0..30 {
-            let (a, b) = (high - golden * (high - low), low + golden * (high - low));
-            if speed(a)? > speed(b)? {
-                high = b;
-            } else {
-                low = a;
-            }
-        }
-        notes.push((0.5 * (low + high), "conveys most".to_string()));
-    }
-    Ok(notes)
-}
-
-fn words(
-    feeder: &Feeder,
-    shape: &Shape,
-    arguments: &Arguments,
-    over: Over,
-    amplitude: f64,
-) -> String {
-    let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
-    let mut words = vec![format!("R = {}", number(feeder.restitution, 6))];
-    if over != Over::Friction {
-        words.push(if sticking > sliding {
-            format!(
-                "μ = {}, at rest {}",
-                number(sliding, 6),
-                number(sticking, 6)
-            )
-        } else {
-            format!("μ = {}", number(sliding, 6))
-        });
-    }
-    words.push(format!("η = {}", number(arguments.amplitude_ratio, 6)));
-    if over != Over::PhaseLead {
-        words.push(format!("γ = {}°", number(arguments.phase_lead, 6)));
-    }
-    if over != Over::Incline {
-        words.push(format!(
-            "incline {}°",
-            number(feeder.track.incline().to_degrees(), 6)
-        ));
-    }
-    if !matches!(over, Over::Throw | Over::Amplitude) {
-        words.push(format!(
-            "b = {} mm (throw number {})",
-            number(amplitude, 4),
-            number(amplitude / feeder.amplitude(1.0), 4)
-        ));
-    }
-    words.push(format!("{} Hz", number(feeder.track.frequency(), 6)));
-    words.extend(shape.words());
-    words.join(", ")
 }
 
 fields! {
@@ -614,12 +606,7 @@ fn picture(
     let room = 0.12 * (highest - lowest).max(1e-6);
     let mut panel = Panel::new(
         over.axis(range.low, range.high),
-        Axis::new(
-            "conveying speed",
-            Unit::MILLIMETRES_A_SECOND,
-            lowest - room,
-            highest + room,
-        ),
+        Axis::new("conveying speed", "mm/s", lowest - room, highest + room),
     )
     .height(380.0);
     let of = |from_rest: bool| -> Vec<(f64, f64)> {
@@ -649,7 +636,7 @@ fn picture(
     panel = panel.ribbon(stretches.collect(), &FILLS);
     let mut below = Panel::new(
         over.axis(range.low, range.high),
-        Axis::new("share of the time", Unit::NONE, 0.0, 1.0),
+        Axis::new("share of the time", "", 0.0, 1.0),
     )
     .height(200.0);
     let names = ["in flight", "sliding up", "sliding down", "still"];
@@ -671,38 +658,9 @@ mod tests {
         let arguments = super::super::read(options).unwrap();
         let feeder = Feeder::build(&arguments).unwrap();
         let over = arguments.over.unwrap_or(Over::Throw);
-        let (range, amplitude) = requested_range(&feeder, &arguments, over).unwrap();
-        let shape = Shape::of(&arguments).unwrap();
-        let at = |value| {
-            let point = Point::at(&feeder, &arguments, over, value, amplitude).unwrap();
-            rows(&shape, &arguments, value, point).unwrap()
-        };
-        range.values().flat_map(at).collect()
-    }
-
-    /// docs/theory-real-parts.md#t10.4, from a stepwise integration.
-    #[test]
-    fn speeds_of_parts_that_hop_and_slide_are_the_references() {
-        for (options, expected, within) in [
-            (
-                "--throw 1.2 --friction 0.3 --restitution 0",
-                0.259_541,
-                2e-6,
-            ),
-            (
-                "--throw 1.2 --friction 0.3 --restitution 0.2",
-                0.259_541,
-                2e-6,
-            ),
-            ("--throw 2 --friction 0.3 --restitution 0.2", 0.8175, 1e-3),
-            ("--throw 2 --friction 0.1 --restitution 0.2", 0.6705, 1e-3),
-        ] {
-            let rows = found(&format!("{options} --incline 3"));
-            let rest = rows.iter().find(|row| row.from_rest).unwrap();
-            assert_eq!(rest.measured.motion, Motion::HopAndRest, "{options}");
-            let mean = rest.measured.conveyed.time_mean().unwrap();
-            assert!((mean - expected).abs() < within, "{options}: {mean}");
-        }
+        let task = Task::of(&feeder, &arguments, over).unwrap();
+        let values = task.range.values();
+        values.flat_map(|value| task.rows(value).unwrap()).collect()
     }
 
     #[test]

@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::{Arguments, Computed, Feeder, effort, starts};
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture, Unit};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Printout, fields, number};
 
@@ -195,8 +195,8 @@ fn picture(feeder: &Feeder, found: &Found) -> Picture {
     let density = found.density();
     let tallest = density.iter().map(|bar| bar.2).fold(0.0, f64::max);
     let mut histogram = Panel::new(
-        Axis::new("time between impacts z", Unit::RADIANS, 0.0, found.longest),
-        Axis::new("F(z)", Unit::new("1/rad"), 0.0, 1.1 * tallest),
+        Axis::new("time between impacts z", "rad", 0.0, found.longest),
+        Axis::new("F(z)", "1/rad", 0.0, 1.1 * tallest),
     )
     .height(260.0)
     .heading("Distribution of the times between impacts")
@@ -220,8 +220,8 @@ fn picture(feeder: &Feeder, found: &Found) -> Picture {
         .filter_map(|(n, spread)| Some((lag(n), -2.0 * spread.error()?, 2.0 * spread.error()?)))
         .collect();
     let correlation = Panel::new(
-        Axis::new("lag", Unit::new("impacts"), 0.0, LAGS as f64 + 1.0),
-        Axis::new("autocorrelation", Unit::NONE, -1.0, 1.0),
+        Axis::new("lag", "impacts", 0.0, LAGS as f64 + 1.0),
+        Axis::new("autocorrelation", "", -1.0, 1.0),
     )
     .height(220.0)
     .heading("Are the intervals independent?")

@@ -16,7 +16,7 @@ use super::{Arguments, Computed, Feeder, effort, starts};
 use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FOLLOWED, Gears, InGear, TOGETHER};
-use crate::picture::{Axis, Unit};
+use crate::picture::Axis;
 use crate::refusal::Refusal;
 use crate::report::number;
 
@@ -116,11 +116,7 @@ impl Over {
         let given = arguments.k.or(arguments.b);
         let range = match given {
             Some(range) => range,
-            None => Range {
-                low: 0.02,
-                high: 1.1 * band::birth(feeder.restitution, 1)?,
-                count: 121,
-            },
+            None => Range::new(0.02, 1.1 * band::birth(feeder.restitution, 1)?, 121),
         };
         let mut values: Vec<f64> = range.values().collect();
         if given.is_none() {
@@ -168,14 +164,9 @@ impl Over {
 
     fn axis(&self) -> Axis {
         let axis = if self.amplitude {
-            Axis::new(
-                "amplitude b normal to the track",
-                Unit::MILLIMETRES,
-                self.low,
-                self.high,
-            )
+            Axis::of_b(self.low, self.high)
         } else {
-            Axis::new("k = g cos α / (b ω²)", Unit::NONE, self.low, self.high)
+            Axis::of_k(self.low, self.high)
         };
         if self.high > 4.0 * self.low {
             axis.logarithmic()

@@ -11,7 +11,7 @@ use super::super::{Arguments, Feeder, ORDERS};
 use super::fit::{Fit, kind};
 use super::{Over, Row, hops_on};
 use crate::ending::{self, FILLS};
-use crate::picture::{Axis, Fill, Panel, Picture, Unit};
+use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Printout, columns, fields, number};
 
@@ -192,8 +192,7 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
         .map(speed)
         .filter(|speed| *speed > 0.0)
         .fold(highest, f64::min);
-    let axis =
-        |low: f64, high: f64| Axis::new("conveying speed", Unit::MILLIMETRES_A_SECOND, low, high);
+    let axis = |low: f64, high: f64| Axis::new("conveying speed", "mm/s", low, high);
     // Double logarithmic, a speed that grows like b is a straight line and a locked one is level.
     let up = if lowest < 0.0 || highest <= 0.0 {
         axis(lowest - room, highest + room)
@@ -290,14 +289,11 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
         .filter(|(_, found, _)| found.error < 0.5 && (-1.0..=3.0).contains(&found.value))
         .map(|(at, found, regime)| (at, found.value, regime))
         .collect();
-    let below = Panel::new(
-        over.axis(),
-        Axis::new("(dV/V) / (db/b)", Unit::NONE, -1.0, 3.0),
-    )
-    .height(200.0)
-    .heading("Sensitivity of the speed to the amplitude")
-    .level(0.0, "does not feel b")
-    .level(1.0, "grows like b");
+    let below = Panel::new(over.axis(), Axis::new("(dV/V) / (db/b)", "", -1.0, 3.0))
+        .height(200.0)
+        .heading("Sensitivity of the speed to the amplitude")
+        .level(0.0, "does not feel b")
+        .level(1.0, "grows like b");
     let below = marked(below, answers);
     Picture::new("Conveying speed in every regime")
         .caption(feeder.words())
