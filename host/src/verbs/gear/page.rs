@@ -288,9 +288,11 @@ pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
         ))
         .panel(over);
     if arguments.second_tone.is_none() {
-        let shares = (1..survey.waves.len())
+        let shares: Vec<f64> = (1..survey.waves.len())
             .map(|wave| survey.best_over_k(wave))
             .collect();
+        let least = shares.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = shares.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let (from, to, count) = super::angles(arguments);
         let half = 0.5 * (to - from) / f64::from(count - 1);
         let step = arguments.largest_second_tone / f64::from(super::SECOND_TONE_AMPLITUDES);
@@ -307,7 +309,7 @@ pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
             .heading("Over the second tone, each at its best k")
             .heat(
                 Grid::new(count as usize, shares),
-                Axis::new("in gear", "", 0.0, 1.0),
+                Axis::new("in gear", "", least, most),
             ),
         );
     }
