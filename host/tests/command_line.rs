@@ -23,7 +23,7 @@ fn names(folder: &TempDir) -> Vec<String> {
 
 /// The built-in scene.
 fn scene(folder: &TempDir) -> String {
-    kband(&folder, "simulate --print-scene").done()
+    kband(folder, "simulate --print-scene").done()
 }
 
 /// A wrong input of the list: the line after `$`, and the message that it has to come to.

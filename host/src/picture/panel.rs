@@ -132,18 +132,22 @@ impl Panel {
     }
 
     /// A map of fills over the whole panel; `names` are for the legend.
-    pub fn classes(mut self, grid: Grid<Fill>, names: &[(Fill, &str)]) -> Self {
+    pub fn classes(mut self, grid: Grid<Fill>, names: &[(Fill, impl AsRef<str>)]) -> Self {
         for (fill, name) in names {
-            self.key(Key::Plain(*fill), name);
+            self.key(Key::Plain(*fill), name.as_ref());
         }
         self.items.push(Item::Classes(grid));
         self
     }
 
     /// A ribbon of fills above the plot, as (from, to, fill) along the horizontal axis.
-    pub fn ribbon(mut self, stretches: Vec<(f64, f64, Fill)>, names: &[(Fill, &str)]) -> Self {
+    pub fn ribbon(
+        mut self,
+        stretches: Vec<(f64, f64, Fill)>,
+        names: &[(Fill, impl AsRef<str>)],
+    ) -> Self {
         for (fill, name) in names {
-            self.key(Key::Fill(*fill), name);
+            self.key(Key::Fill(*fill), name.as_ref());
         }
         self.ribbon = stretches;
         self

@@ -2,7 +2,7 @@
 
 use kband_control::{Event, State, Target};
 use kband_plant::PARTS;
-use kband_scene::{Outcome, Sketch, Struck, describe, kin};
+use kband_scene::{Curve, Outcome, Sketch, Struck, describe, kin};
 
 use crate::picture::{Axis, Fill, Panel, Picture};
 
@@ -42,21 +42,13 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         1.0
     };
     let time = || Axis::new("time", "s", 0.0, end);
-    let in_mm = |points: Vec<(f64, f64)>| -> Vec<(f64, f64)> {
-        points
-            .into_iter()
-            .map(|(time, b)| (time, b * 1e3))
-            .collect()
+    let in_mm = |curve: &Curve| -> Vec<(f64, f64)> {
+        let points = curve.drawn().into_iter();
+        points.map(|(time, b)| (time, b * 1e3)).collect()
     };
-    let (b, reference) = (
-        in_mm(sketch.amplitude.drawn()),
-        in_mm(sketch.reference.drawn()),
-    );
-    let highest = b
-        .iter()
-        .chain(&reference)
-        .map(|point| point.1)
-        .fold(0.0, f64::max);
+    let (b, reference) = (in_mm(&sketch.amplitude), in_mm(&sketch.reference));
+    let both = b.iter().chain(&reference).map(|point| point.1);
+    let highest = both.fold(0.0, f64::max);
     let mut ribbon: Vec<(f64, f64, Fill)> = Vec::new();
     let states = sketch.states();
     for (n, (from, state)) in states.iter().enumerate() {

@@ -205,16 +205,12 @@ fn picture(
             )),
         }
     }
-    let words: Vec<(Fill, String)> = legend
+    let names: Vec<(Fill, String)> = legend
         .into_iter()
         .map(|(fill, name, count)| {
             let share = 100.0 * count as f64 / ends.len() as f64;
             (fill, format!("{name}: {share:.1} %"))
         })
-        .collect();
-    let names: Vec<(Fill, &str)> = words
-        .iter()
-        .map(|(fill, name)| (*fill, name.as_str()))
         .collect();
     let fills = ends.iter().map(|end| ending::fill(*end)).collect();
     let locks = endings

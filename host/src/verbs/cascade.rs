@@ -158,7 +158,7 @@ fields! {
 fields! {
     fn doubled_orbit(orbit: DoubledOrbit) {
         json K => orbit.k;
-        json IMPACTS => orbit.impacts as u32;
+        json IMPACTS => orbit.impacts;
         json MULTIPLIERS => spelled(orbit.multipliers);
         json MULTIPLIER_MODULUS => orbit.multipliers.modulus();
         json EXPONENT => orbit.exponents()[0];

@@ -281,10 +281,7 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
             design.within,
             design.tried
         ))
-        .csv(&all.columns(), {
-            let rows: Vec<_> = design.best.iter().map(|of| all.row(of)).collect();
-            move |out| rows.iter().try_for_each(|row| out.row(row))
-        });
+        .csv_of(all.table_of(&design.best));
     report = match comparison(converted, design) {
         Some(words) => report.note(words),
         None => report.note("The scene's own feeder does not run: kband simulate says why."),

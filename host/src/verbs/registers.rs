@@ -5,7 +5,7 @@ use kband_bus::registers::{self, Access, Form, Register, Words};
 use crate::arguments::Printed;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Printout, Table, columns};
+use crate::report::fields;
 
 /// The registers of a board on its fieldbus, Modbus RTU.
 ///
@@ -23,27 +23,23 @@ pub struct Arguments {
 
 /// Prints the table.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
-    let mut table = Table::new(&[
-        columns::REGISTER,
-        columns::QUANTITY.words(),
-        columns::UNIT.words(),
-        columns::FORM.words(),
-        columns::WRITABLE.words(),
-        columns::MEANING.words(),
-    ])
-    .folded();
-    for (register, words) in registers::all() {
-        table.push([
-            u64::from(register.address).into(),
-            words.name.into(),
-            words.unit.into(),
-            form(&register).into(),
-            written(&register).into(),
-            meaning(&words).into(),
-        ]);
-    }
-    Printout::new(table).print(arguments.printed.format)?;
+    let all: Vec<_> = registers::all().collect();
+    rows()
+        .printout(&all)
+        .folded()
+        .print(arguments.printed.format)?;
     Ok(Exit::Done)
+}
+
+fields! {
+    fn rows(of: (Register, Words)) {
+        all REGISTER => u64::from(of.0.address);
+        all QUANTITY.words() => of.1.name;
+        all UNIT.words() => of.1.unit;
+        all FORM.words() => form(&of.0);
+        all WRITABLE.words() => written(&of.0);
+        all MEANING.words() => meaning(&of.1);
+    }
 }
 
 fn form(register: &Register) -> String {

@@ -32,7 +32,7 @@ pub fn run(folder: impl AsRef<Path>, limit: &str, words: &[&str]) -> Came {
         .args(["--kill-after=5", limit])
         .arg(env!("CARGO_BIN_EXE_kband"))
         .args(words)
-        .current_dir(folder)
+        .current_dir(folder.as_ref())
         .stdin(Stdio::null())
         .stdout(out.try_clone().unwrap())
         .stderr(said.try_clone().unwrap())

@@ -100,30 +100,20 @@ pub(super) fn draw(
         amplitude = amplitude.level(b, format!("setpoint {} mm", number(b, 3)));
     }
     let bands = over("k = g cos α / (b ω²)", "", &|k| k).height(230.0);
-    let fastest = drawing
-        .speed
-        .iter()
-        .map(|point| point.1)
-        .fold(1.0, f64::max);
-    let slowest = drawing
-        .speed
-        .iter()
-        .map(|point| point.1)
-        .fold(0.0, f64::min);
-    let speed = Panel::new(
-        axis(),
-        Axis::new("speed in lock", "mm/s", slowest, 1.05 * fastest),
-    )
-    .height(190.0)
-    .line(
-        if wave.is_sine() {
-            "at every amplitude of the band"
-        } else {
-            "of one tone and of two, at every amplitude"
-        },
-        0,
-        drawing.speed.clone(),
-    );
+    let speeds = drawing.speed.iter().map(|point| point.1);
+    let slowest = speeds.clone().fold(0.0, f64::min);
+    let highest = 1.05 * speeds.fold(1.0, f64::max);
+    let speed = Panel::new(axis(), Axis::new("speed in lock", "mm/s", slowest, highest))
+        .height(190.0)
+        .line(
+            if wave.is_sine() {
+                "at every amplitude of the band"
+            } else {
+                "of one tone and of two, at every amplitude"
+            },
+            0,
+            drawing.speed.clone(),
+        );
     Picture::new("Bands of order 1 over restitution")
         .caption(format!(
             "Between these amplitudes a part locks: with more its lock doubles or touches, with less none is born. {} Hz, \

@@ -141,7 +141,6 @@ impl Map {
             (fill, format!("{name}: {:.1} %", 100.0 * count as f64 / all))
         };
         let names: Vec<(Fill, String)> = self.counts(start).into_iter().map(named).collect();
-        let names: Vec<(Fill, &str)> = names.iter().map(|(f, n)| (*f, n.as_str())).collect();
         let ends = self.ends[start].iter();
         let fills = ends.map(|end| ending::fill(*end)).collect();
         // Half a cell beyond the outermost points on each side.

@@ -278,11 +278,7 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
         .filter(|(fill, _)| ribbon.iter().any(|stretch| stretch.2 == *fill))
         .map(|(fill, name)| (*fill, format!("from rest: {name}")))
         .collect();
-    let names: Vec<(Fill, &str)> = from_rest
-        .iter()
-        .map(|(fill, name)| (*fill, name.as_str()))
-        .collect();
-    panel = panel.ribbon(ribbon, &names);
+    panel = panel.ribbon(ribbon, &from_rest);
     let answers = rows
         .iter()
         .filter_map(|row| Some((place(row.k), row.sensitivity?, row.regime)))
