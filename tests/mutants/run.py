@@ -164,6 +164,10 @@ def plant(changed):
     library = wanted["shared/src/lib.rs"].decode().replace("forbid(unsafe_code)", "deny(unsafe_code)")
     library += "\n#[allow(missing_docs, unsafe_code)]\npub mod mutation;\n"
     wanted["shared/src/lib.rs"] = library.encode()
+    # What a mutant computes wrongly fails its test, not the build.
+    lints = "[workspace.lints.rust]\n"
+    allowed = lints + 'arithmetic_overflow = "allow"\nunconditional_panic = "allow"\n'
+    wanted["Cargo.toml"] = wanted["Cargo.toml"].replace(lints.encode(), allowed.encode())
     control = wanted["shared/control/src/lib.rs"].decode() + "\n#[allow(missing_docs)]\npub use kband::mutation;\n"
     wanted["shared/control/src/lib.rs"] = control.encode()
     rig = wanted["tests/machines/src/rig.rs"].decode()
