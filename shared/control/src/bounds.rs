@@ -6,6 +6,8 @@
 mod walk;
 
 use num_complex::Complex32 as Complex;
+use proptest::prelude::ProptestConfig;
+use proptest::test_runner::RngSeed;
 
 use super::Settings;
 use super::drive::{AmplitudeLoop, ImpactPhase, Scale};
@@ -26,6 +28,15 @@ fn draw_setpoint(walk: &mut Walk, settings: &Settings, link_lost: bool) -> [f32;
 /// Seed of the draw: `KBAND_SEED`, else a fixed one.
 fn seed(fixed: u64) -> u64 {
     std::env::var("KBAND_SEED").map_or(fixed, |text| text.parse().expect("a whole number"))
+}
+
+/// Configuration of a property with that seed.
+pub(crate) fn seeded() -> ProptestConfig {
+    ProptestConfig {
+        failure_persistence: None,
+        rng_seed: RngSeed::Fixed(seed(1)),
+        ..ProptestConfig::default()
+    }
 }
 
 /// Output times gain, while the track is at the wanted amplitude and the sensor is right.

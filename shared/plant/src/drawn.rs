@@ -18,6 +18,9 @@ const MAX_EXCESS_SATURATED: f32 = 1.2;
 /// Largest peak-to-peak variation of the true amplitude over its reference while READY is on,
 /// without and with heavy parts.
 const MAX_VARIATION: [f32; 2] = [0.1, 0.16];
+/// Largest distance of the mean amplitude from its reference then, over the reference; 0.04 in 100
+/// feeders.
+const MAX_MEAN_ERROR: f32 = 0.08;
 /// Cycles of READY at constant reference over which the variation is measured.
 const VARIATION_CYCLES: usize = 40;
 
@@ -130,6 +133,8 @@ struct Came {
     most: f32,
     /// Largest peak-to-peak variation of the amplitude over its reference while READY is on.
     swing: f32,
+    /// Largest distance of the mean amplitude from its reference, over the reference, likewise.
+    off: f32,
     /// Whether a number was not finite.
     broken: bool,
     /// Number of the last fault.
@@ -202,6 +207,8 @@ fn run(
                 let high = last.iter().copied().fold(0.0, f32::max);
                 let low = last.iter().copied().fold(f32::INFINITY, f32::min);
                 came.swing = came.swing.max((high - low) / reference);
+                let mean = last.iter().sum::<f32>() / VARIATION_CYCLES as f32;
+                came.off = came.off.max((mean / reference - 1.0).abs());
             }
         }
     }
@@ -276,7 +283,7 @@ fn drawn_feeders_keep_limits_and_steady_ready() {
                 MAX_EXCESS
             };
             let steady = MAX_VARIATION[usize::from(scene.has_mass())];
-            if came.broken || came.most > most || came.swing > steady {
+            if came.broken || came.most > most || came.swing > steady || came.off > MAX_MEAN_ERROR {
                 wrong.push(std::format!("scene {drawn}, fidelity {n}: {came:?}"));
                 std::println!("{drawn} {scene:?}");
             }

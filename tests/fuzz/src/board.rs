@@ -3,13 +3,15 @@
 use std::cell::Cell;
 
 use embassy_futures::block_on;
-use kband_control::wire::{Outgoing, Response, SetUp, read_answer};
+use kband_control::wire::{
+    Incoming, Outgoing, Request, Response, SetUp, read_answer, read_request,
+};
 use kband_control::{Cycle, Event, Inputs, StartCause, State};
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service};
 use kband_firmware::station::Station;
-use kband_firmware::store::{Records, Store};
+use kband_firmware::store::{Found, Records, Store};
 use kband_firmware::update::Slot;
 use kband_firmware::waiting::Waiting;
 
@@ -56,15 +58,21 @@ const SLOT: Slot = Slot {
 struct Board {
     service: Service<Records<Flash, Waiting>>,
     station: Station,
+    /// What the next start must find, unless a save was refused or unseen.
+    saved: Option<Found>,
 }
 
 impl Board {
-    fn start(flash: &Flash, start: StartCause) -> Self {
+    /// Starts a board whose flash has power for some more words.
+    fn start(flash: &Flash, start: StartCause, words: usize) -> Self {
+        flash.power(usize::MAX);
         let found = block_on(flash.records().load());
+        flash.power(words);
         let controller = Station::controller(&found, start).expect("what is found is accepted");
         Self {
             station: Station::new(&found, start, &controller, &EXCHANGE, LastWords::EMPTY),
             service: Service::new(IMAGE, flash.records(), found.pin),
+            saved: Some(found),
         }
     }
 
@@ -130,6 +138,16 @@ impl Board {
             .settings()
             .check()
             .expect("settings in use are accepted");
+        let saves = matches!(
+            read_request(&inside(&frame)),
+            Ok(Incoming::Request {
+                request: Request::Save | Request::Lock(_),
+                ..
+            })
+        );
+        if saves {
+            self.saved = None;
+        }
         let kept = settings == station.settings();
         assert!(kept || at_rest, "settings changed while the drive runs");
         let written = OPERATIONS.get() != operations;
@@ -148,6 +166,13 @@ impl Board {
                     assert!(kept && target == station.target(), "{response:?}");
                     return false;
                 }
+                if saves {
+                    self.saved = Some(Found {
+                        settings,
+                        target,
+                        ..Found::default()
+                    });
+                }
                 true
             }
             Outgoing::Identity { .. } | Outgoing::Update { .. } => true,
@@ -158,7 +183,7 @@ impl Board {
 /// A sequence of events for a board.
 pub fn service(input: &[u8]) -> bool {
     let flash = Flash::default();
-    let mut board = Board::start(&flash, StartCause::Ordinary);
+    let mut board = Board::start(&flash, StartCause::Ordinary, usize::MAX);
     let mut input = Taker(input);
     let mut known = false;
     let mut inputs = Inputs::default();
@@ -166,7 +191,11 @@ pub fn service(input: &[u8]) -> bool {
         match what % 8 {
             0 => {
                 let piece = input.piece().unwrap_or(&[]);
+                let counted = board.service.counters().requests;
                 let _ = board.take(piece);
+                if board.service.counters().requests != counted {
+                    board.saved = None;
+                }
             }
             1..=4 => {
                 let piece = input.piece().unwrap_or(&[]);
@@ -214,7 +243,16 @@ pub fn service(input: &[u8]) -> bool {
                     StartCause::Refused,
                 ];
                 let which = usize::from(input.byte().unwrap_or(0));
-                board = Board::start(&flash, start[which % start.len()]);
+                // In half of the runs the power of the flash fails.
+                let words = [usize::MAX, 8 * which][which / 128];
+                let saved = board.saved;
+                board = Board::start(&flash, start[which % start.len()], words);
+                if let (Some(saved), Some(found)) = (saved, board.saved) {
+                    assert_eq!(
+                        (saved.settings, saved.target),
+                        (found.settings, found.target)
+                    );
+                }
             }
         }
     }

@@ -522,9 +522,25 @@ impl GearEstimator {
     /// Whether a lock may strike at a phase of the track (rad): the track must rise and decelerate
     /// (docs/theory-bands.md#t5.1). The tolerance for late stamps is [`STAMP_ERROR`].
     pub fn may_lock_at(&self, phase: f32) -> bool {
+        self.may_lock_beyond(phase, 1.0)
+    }
+
+    /// Whether a part may stay in gear at a phase of the track (rad): a restitution that is one
+    /// configured scatter below the lot's middle must have a lock, too.
+    ///
+    /// The velocity of a lock is proportional to `(1 - R)/(1 + R)` (docs/theory-bands.md#t5.1).
+    pub fn may_stay_in_gear_at(&self, phase: f32) -> bool {
+        let middle = 0.5 * (self.lot[0] + self.lot[1]);
+        self.may_lock_beyond(phase, 1.0 + 2.0 * self.scatter / (1.0 - middle * middle))
+    }
+
+    /// Whether the track reaches a lock's velocity at a phase (rad) times `factor`. The largest
+    /// velocity is that of a sine through the same velocity and acceleration.
+    fn may_lock_beyond(&self, phase: f32, factor: f32) -> bool {
         [-STAMP_ERROR, STAMP_ERROR].iter().any(|late| {
             let [_, velocity, bend] = self.track.at(phase_of(phase + late));
-            velocity > 0.0 && bend > 0.0
+            let needed = (factor * factor - 1.0) * velocity * velocity;
+            velocity > 0.0 && bend > 0.0 && bend * bend > needed
         })
     }
 

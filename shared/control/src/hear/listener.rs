@@ -202,12 +202,12 @@ impl Listener {
     }
 
     /// Whether single flights of one part take a share of the time above `level` (0..=1), at a phase
-    /// where gear does not repel.
+    /// where the part may stay in gear.
     ///
     /// Parts that land together and rest strike as regularly, often while the track still
     /// accelerates upwards (docs/theory-bands.md#t5.1).
     fn is_one_in_gear(&self, level: f32) -> bool {
-        self.gear.share() > level && self.gear.may_lock_at(self.phases.phase())
+        self.gear.share() > level && self.gear.may_stay_in_gear_at(self.phases.phase())
     }
 
     /// Corrects a verdict of parts in gear at a mean phase where they land from rest, or where gear

@@ -485,7 +485,11 @@ fn detected_lock(confidence: f32) -> DetectedLock {
 
 #[cfg(test)]
 mod tests {
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
     use super::*;
+    use crate::bounds::seeded;
     use crate::inputs::StartCause;
 
     const PACE: f32 = 50.0;
@@ -512,52 +516,71 @@ mod tests {
         machine.state()
     }
 
-    #[test]
-    fn a_fault_is_not_acknowledged_while_its_cause_is_there() {
-        type Cause = fn(&mut Inputs);
-        let causes: [(Fault, Cause); 5] = [
-            (Fault::OverTemperature, |inputs| {
-                inputs.over_temperature = true;
-            }),
-            (Fault::StackLow, |inputs| inputs.stack_low = true),
-            (Fault::OverCurrent, |inputs| inputs.over_current = true),
-            (Fault::SupplyLow, |inputs| inputs.supply_low = true),
-            (Fault::ClockFailed, |inputs| inputs.clock_failed = true),
-        ];
-        for (fault, cause) in causes {
-            let mut machine = begin(StartCause::Ordinary);
-            machine.fail(fault, &mut Events::default());
-            let mut there = Inputs::default();
-            cause(&mut there);
-            assert_eq!(after(&mut machine, 1000, &there), State::Fault, "{fault:?}");
-            assert_eq!(machine.fault(), Some(fault));
-            let gone = Inputs::default();
-            assert_eq!(after(&mut machine, 1, &gone), State::Off, "{fault:?}");
+    type Cause = fn(&mut Inputs) -> &mut bool;
+
+    /// Faults with a lasting cause, and the input that shows it.
+    const CAUSES: [(Fault, Cause); 5] = [
+        (Fault::OverTemperature, |inputs| {
+            &mut inputs.over_temperature
+        }),
+        (Fault::StackLow, |inputs| &mut inputs.stack_low),
+        (Fault::OverCurrent, |inputs| &mut inputs.over_current),
+        (Fault::SupplyLow, |inputs| &mut inputs.supply_low),
+        (Fault::ClockFailed, |inputs| &mut inputs.clock_failed),
+    ];
+
+    proptest! {
+        #![proptest_config(seeded())]
+        /// The input must be off for half a second, or for a minute after the third fault in one.
+        #[test]
+        fn a_fault_stays_until_the_input_is_withdrawn(
+            steps in vec(
+                (0..4_u8, prop_oneof![4 => 0..60_u32, 1 => 2900..3100_u32], 0..12_usize),
+                40,
+            ),
+            power_on: bool,
+        ) {
+            let starts = [StartCause::Ordinary, StartCause::PowerOn];
+            let mut machine = begin(starts[usize::from(power_on)]);
+            let mut events = Events::default();
+            // Cycles, those for which the input is off, the cycles of the faults, the least off.
+            let (mut now, mut off, mut faults, mut least) = (0, 0, std::vec![], 0);
+            let mut released = !power_on;
+            for (flags, cycles, what) in steps {
+                let fault = CAUSES.get(what).map_or(Fault::SensorLost, |(fault, _)| *fault);
+                let free = machine.fault().is_none();
+                if what < 7 {
+                    machine.fail(fault, &mut events);
+                }
+                if what < 7 && free {
+                    faults.push(now);
+                    let third = faults.iter().rev().nth(2);
+                    least = if third.is_some_and(|then| now - then < 3000) { 3000 } else { 25 };
+                    (off, released) = (0, true);
+                }
+                let mut inputs = Inputs { enable: flags & 1 == 1, ..Inputs::default() };
+                let cause = CAUSES.iter().find(|(fault, _)| machine.fault() == Some(*fault));
+                let lasts = flags & 2 == 2 && cause.is_some();
+                if let Some((_, cause)) = cause {
+                    *cause(&mut inputs) = lasts;
+                }
+                for _ in 0..cycles {
+                    now += 1;
+                    off = if inputs.enable { 0 } else { off + 1 };
+                    released |= !inputs.enable;
+                    let (fault, running) = (machine.fault(), machine.running());
+                    let state = after(&mut machine, 1, &inputs);
+                    if fault.is_some() {
+                        let stays = off < least || lasts;
+                        prop_assert_eq!(machine.fault(), fault.filter(|_| stays));
+                        prop_assert_eq!(state, if stays { State::Fault } else { State::Off });
+                    } else if !running {
+                        let starts = inputs.enable && released;
+                        prop_assert_eq!(state == State::Starting, starts);
+                    }
+                }
+            }
         }
-    }
-
-    #[test]
-    fn enable_withdrawn_before_a_fault_does_not_count() {
-        let mut machine = begin(StartCause::Ordinary);
-        let withdrawn = Inputs::default();
-        after(&mut machine, 100, &withdrawn);
-        machine.fail(Fault::StackLow, &mut Events::default());
-        assert_eq!(after(&mut machine, 24, &withdrawn), State::Fault);
-        assert_eq!(after(&mut machine, 1, &withdrawn), State::Off);
-    }
-
-    #[test]
-    fn an_enable_that_was_there_before_the_start_starts_nothing() {
-        let given = Inputs {
-            enable: true,
-            ..Inputs::default()
-        };
-        let mut machine = begin(StartCause::PowerOn);
-        assert_eq!(after(&mut machine, 100, &given), State::Off);
-        assert_eq!(after(&mut machine, 1, &Inputs::default()), State::Off);
-        assert_eq!(after(&mut machine, 1, &given), State::Starting);
-        let mut machine = begin(StartCause::Ordinary);
-        assert_eq!(after(&mut machine, 1, &given), State::Starting);
     }
 
     #[test]

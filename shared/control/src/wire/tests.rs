@@ -687,6 +687,7 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
 }
 
 proptest! {
+    #![proptest_config(crate::bounds::seeded())]
     #[test]
     fn readings_are_read_as_written(codes: Vec<u16>) {
         let mut bytes = [0; 1024];

@@ -234,14 +234,16 @@ fn reported_errors_cover_the_share_of_a_wrong_lot() {
     assert!(covers, "{} of {lots} lots", within[2]);
 }
 
-/// Lots 541 and 660 of seed 9001: the sensor's gain is 1.24 times the configured one, and all parts land together and rest.
+/// Lots 541 and 660 of seed 9001: the sensor's gain is 1.24 times the configured one, and all parts
+/// land together and rest. Lot 64 of seed 340203: the gain is 0.76, and half of the parts do.
 #[test]
 fn ready_is_off_where_parts_land_together_and_rest() {
-    for lot in [541, 660] {
-        let mut closed = ClosedLoop::build(&random_lot(9001, lot).0).unwrap();
-        for cycle in 0..WINDOWS * WINDOW {
-            closed.cycle();
-            assert!(!closed.controller().is_ready(), "{lot}: {cycle}");
+    for (seed, lot) in [(9001, 541), (9001, 660), (340_203, 64)] {
+        for mut closed in Loop::both(&random_lot(seed, lot).0) {
+            for cycle in 0..WINDOWS * WINDOW {
+                let (.., ready) = closed.cycle();
+                assert!(!ready, "{seed}, {lot}: {cycle}");
+            }
         }
     }
 }
