@@ -237,10 +237,10 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
     ) -> Result<(), StoreFailed> {
         let mut content = [0; CONTENT];
         let newest = self.newest(&mut content).await;
+        let key = record::key(&content);
         if newest != Newest::Whole || !record::has_recipes(&content) {
             content.fill(0);
         }
-        let key = record::key(&content);
         encode_settings(&mut content, settings, target, pin, key);
         self.keep(&content).await
     }
@@ -266,16 +266,13 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
 
     async fn key(&mut self) -> Option<[u8; 32]> {
         let mut content = [0; CONTENT];
-        let newest = self.newest(&mut content).await;
-        record::key(&content).filter(|_| newest == Newest::Whole)
+        self.newest(&mut content).await;
+        record::key(&content)
     }
 
     async fn save_key(&mut self, key: &[u8; 32]) -> Result<(), StoreFailed> {
         let mut content = [0; CONTENT];
         let found = self.whole(&mut content).await?;
-        if !record::has_recipes(&content) {
-            content.fill(0);
-        }
         let key = Some(*key);
         encode_settings(&mut content, &found.settings, found.target, found.pin, key);
         self.keep(&content).await

@@ -152,8 +152,8 @@ impl Update {
     ) -> Result<(), UpdateRefusal> {
         let slot = self.slot.ok_or(UpdateRefusal::NoSlot)?;
         let was_open = self.progress != Progress::None;
+        // A drive that runs is not stopped by an update that was left open.
         if !station.is_out_of_use() {
-            // A drive that runs is not stopped by an update that was left open.
             self.progress = Progress::None;
             return Err(UpdateRefusal::Running);
         }

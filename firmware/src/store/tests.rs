@@ -2,7 +2,7 @@
 //! sizes.
 
 use super::encoding::{COUNT, HASHES, PAIR, hash};
-use super::record::{HEAD, KEY_HASHES};
+use super::record::{HEAD, KEY_HASHES, SIZE};
 use super::*;
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{
@@ -481,21 +481,36 @@ fn a_record_of_a_newer_firmware_stays_as_it_is() {
         content[at..][..2].copy_from_slice(&hash("colour").to_le_bytes());
         content[HEAD - 4] += 1;
     });
-    let version = record(|content| content[0] += 1);
+    let mut version = record(|content| content[0] += 1);
+    version[SIZE..].fill(7);
     let target = record(|content| content[4] = 10);
     for content in [unknown, version, target] {
         assert_eq!(loaded(&content), Found::none(Condition::Newer));
     }
-    // It is replaced only by a save.
+    // It is replaced only by a save, which keeps the public key.
+    let key = [9; 32];
+    let mut keyed = [0; CONTENT];
+    encode_settings(
+        &mut keyed,
+        &Settings::default(),
+        Target::Chaotic,
+        None,
+        Some(key),
+    );
+    version[HEAD - 4..SIZE].copy_from_slice(&keyed[HEAD - 4..SIZE]);
     let mut store = records(Nor::<SMALL>::new());
-    block_on(store.settings.append(&mut store.flash, &unknown)).unwrap();
+    block_on(store.settings.append(&mut store.flash, &version)).unwrap();
     let mut store = records(store.flash);
+    assert_eq!(block_on(store.key()), Some(key));
     block_on(store.save(&changed(0.9), Target::Chaotic, None)).unwrap();
-    let found = block_on(records(store.flash).load());
+    let mut store = records(store.flash);
+    let found = block_on(store.load());
     assert_eq!(
         (found.settings, found.condition),
         (changed(0.9), Condition::Whole)
     );
+    assert_eq!(block_on(store.key()), Some(key));
+    assert_eq!(block_on(store.recipes()), Recipes::default());
 }
 
 /// Offset and bytes of each line of a dump of two pages that an image with version 3 wrote.

@@ -1,5 +1,7 @@
 //! The board's side of the link and its state: frames, drive cycles, power failures.
 
+use std::cell::Cell;
+
 use embassy_futures::block_on;
 use kband_control::wire::{Outgoing, Response, SetUp, read_answer};
 use kband_control::{Cycle, Event, Inputs, StartCause, State};
@@ -8,10 +10,11 @@ use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service};
 use kband_firmware::station::Station;
 use kband_firmware::store::{Records, Store};
+use kband_firmware::update::Slot;
 use kband_firmware::waiting::Waiting;
 
 use crate::Taker;
-use crate::frames::{framed, inside};
+use crate::frames::{framed, framed_update, inside};
 use crate::store::Flash;
 
 static EXCHANGE: Exchange = Exchange::new();
@@ -22,7 +25,32 @@ const IMAGE: Image = Image {
     set_up: SetUp::default,
     line_rate: 11_520,
     strapped: || false,
-    slot: None,
+    slot: Some(SLOT),
+};
+
+thread_local! {
+    /// Number of operations of the slot's flash.
+    static OPERATIONS: Cell<u32> = const { Cell::new(0) };
+}
+
+fn count_operation() -> bool {
+    OPERATIONS.set(OPERATIONS.get() + 1);
+    true
+}
+
+/// A slot that reads as erased. No input signs an image of it.
+const SLOT: Slot = Slot {
+    board: "stm32f405rg",
+    size: 384 * 1024,
+    sector: 128 * 1024,
+    erase: |_| count_operation(),
+    write: |_, _| count_operation(),
+    read: |_, bytes| bytes.fill(0xff),
+    on_trial: || false,
+    mark: || panic!("an image without a signature is marked"),
+    confirm: count_operation,
+    has_room: || true,
+    restart: || panic!("the board restarts"),
 };
 
 struct Board {
@@ -85,10 +113,11 @@ impl Board {
     }
 
     /// A frame with a valid checksum: it is counted, and a refused one has no effect.
-    fn ask(&mut self, sequence: u8, message: &[u8]) -> bool {
-        let Some(frame) = framed(sequence, message) else {
+    fn ask(&mut self, sequence: u8, frame: Option<Vec<u8>>) -> bool {
+        let Some(frame) = frame else {
             return false;
         };
+        let operations = OPERATIONS.get();
         // Ends any frame before it.
         let _ = self.take(&[0]);
         let (station, service) = (&self.station, &self.service);
@@ -103,6 +132,8 @@ impl Board {
             .expect("settings in use are accepted");
         let kept = settings == station.settings();
         assert!(kept || at_rest, "settings changed while the drive runs");
+        let written = OPERATIONS.get() != operations;
+        assert!(!written || at_rest, "the slot changed while the drive runs");
         let Some(answer) = answer else {
             assert!(kept && target == station.target());
             return false;
@@ -139,7 +170,12 @@ pub fn service(input: &[u8]) -> bool {
             }
             1..=4 => {
                 let piece = input.piece().unwrap_or(&[]);
-                known |= board.ask(what, piece);
+                let frame = if what % 16 == 12 {
+                    framed_update
+                } else {
+                    framed
+                };
+                known |= board.ask(what, frame(what, piece));
             }
             5 => {
                 let bits = input.byte().unwrap_or(0);

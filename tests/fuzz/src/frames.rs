@@ -2,14 +2,23 @@
 
 use kband_control::wire::{
     Incoming, MAX_FRAME_BYTES, Outgoing, Receiver, Request, SCHEMA, VERSION, crc32, read_answer,
-    read_reading, read_request, write_request, write_response,
+    read_reading, read_request, write_request, write_response, write_update_answer,
+    write_update_request,
 };
 
 /// A frame with a valid checksum and its end byte; `None` if it is too long.
 pub fn framed(sequence: u8, message: &[u8]) -> Option<Vec<u8>> {
     let [low, high, ..] = SCHEMA.to_le_bytes();
-    let mut inside = vec![VERSION, low, high, sequence];
-    inside.extend_from_slice(message);
+    framed_behind(&[VERSION, low, high, sequence], message)
+}
+
+/// As [`framed`], for a message of an update.
+pub fn framed_update(sequence: u8, message: &[u8]) -> Option<Vec<u8>> {
+    framed_behind(&[0, sequence, b'u'], message)
+}
+
+fn framed_behind(head: &[u8], message: &[u8]) -> Option<Vec<u8>> {
+    let mut inside = [head, message].concat();
     inside.extend(crc32(&inside).to_le_bytes());
     let mut frame = Vec::with_capacity(inside.len() + 4);
     for block in inside.split(|byte| *byte == 0) {
@@ -63,6 +72,22 @@ fn read(bytes: &[u8]) -> bool {
             }
         }
     }
+    if let Ok(Incoming::Update { sequence, request }) = read_request(bytes) {
+        known = true;
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        if let Ok(frame) = write_update_request(&mut buffer, sequence, &request) {
+            let again = inside(frame);
+            assert_eq!(read_request(&again), read_request(bytes));
+        }
+    }
+    if let Ok(Outgoing::Update { sequence, answer }) = read_answer(bytes) {
+        known = true;
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        if let Ok(frame) = write_update_answer(&mut buffer, sequence, &answer) {
+            let again = inside(frame);
+            assert_eq!(read_answer(&again), read_answer(bytes));
+        }
+    }
     if let Ok(Outgoing::Response { sequence, response }) = read_answer(bytes) {
         known = true;
         let mut buffer = [0; MAX_FRAME_BYTES];
@@ -88,10 +113,14 @@ pub fn frames(input: &[u8]) -> bool {
             known |= read(inside);
         }
     }
-    if let Some((sequence, message)) = input.split_first()
-        && let Some(frame) = framed(*sequence, message)
-    {
-        known |= read(&inside(&frame));
+    if let Some((sequence, message)) = input.split_first() {
+        let frames = [
+            framed(*sequence, message),
+            framed_update(*sequence, message),
+        ];
+        for frame in frames.into_iter().flatten() {
+            known |= read(&inside(&frame));
+        }
     }
     known
 }

@@ -67,7 +67,7 @@ pub const TARGETS: &[Target] = &[
         name: "frames",
         run: frames::frames,
         short: 200_000,
-        words: &[b"amplitude_limit", b"frequency"],
+        words: &[b"amplitude_limit", b"frequency", b"stm32f405rg"],
     },
     Target {
         name: "bus",
@@ -79,7 +79,12 @@ pub const TARGETS: &[Target] = &[
         name: "service",
         run: board::service,
         short: 10_000,
-        words: &[b"amplitude_limit", b"gain", b"output_maximum"],
+        words: &[
+            b"amplitude_limit",
+            b"gain",
+            b"output_maximum",
+            b"stm32f405rg",
+        ],
     },
     Target {
         name: "store",

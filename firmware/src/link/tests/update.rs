@@ -25,7 +25,8 @@ struct Flash {
     on_trial: bool,
     restarts: u32,
     full: bool,
-    fails: bool,
+    /// Name of the function that fails.
+    fails: &'static str,
 }
 
 thread_local! {
@@ -45,7 +46,7 @@ const SLOT: Slot = Slot {
             let place = offset as usize..(offset + SECTOR) as usize;
             flash.bytes[place].fill(0xff);
             flash.erased.push(offset);
-            !flash.fails
+            flash.fails != "erase"
         })
     },
     write: |offset, bytes| {
@@ -53,7 +54,7 @@ const SLOT: Slot = Slot {
             let place = &mut flash.bytes[offset as usize..][..bytes.len()];
             assert!(place.iter().all(|byte| *byte == 0xff), "it is erased");
             place.copy_from_slice(bytes);
-            !flash.fails
+            flash.fails != "write"
         })
     },
     read: |offset, bytes| {
@@ -63,13 +64,13 @@ const SLOT: Slot = Slot {
     mark: || {
         flash(|flash| {
             flash.marked = true;
-            !flash.fails
+            flash.fails != "mark"
         })
     },
     confirm: || {
         flash(|flash| {
-            flash.on_trial = flash.fails;
-            !flash.fails
+            flash.on_trial = flash.fails == "confirm";
+            !flash.on_trial
         })
     },
     has_room: || flash(|flash| !flash.full),
@@ -301,8 +302,15 @@ fn requests_out_of_order_or_range_change_nothing() {
 #[test]
 fn an_update_keeps_the_drive_off_and_a_running_drive_refuses_it() {
     let mut board = board(false);
+    let permitted = |board: &mut Board| {
+        board.ask(&Request::Status, |response| match response {
+            Response::Status(status) => status.permitted,
+            other => panic!("{other:?}"),
+        })
+    };
+    assert!(permitted(&mut board));
     done(&mut board, &BEGIN);
-    assert!(!starts(&mut board));
+    assert!(!permitted(&mut board) && !starts(&mut board));
     // The desk is silent. The enable input is still on: only a new press starts the drive.
     for _ in 0..20 {
         pass(&mut board, 1);
@@ -320,6 +328,9 @@ fn an_update_keeps_the_drive_off_and_a_running_drive_refuses_it() {
         assert!(!board.station.at_rest());
     }
     assert_eq!(flash(|flash| flash.erased.len()), 0);
+    board.enable = false;
+    (0..100).for_each(|_| _ = board.cycle());
+    refused(&mut board, &bytes(&image(), 0), UpdateRefusal::Order(0));
 }
 
 #[test]
@@ -338,9 +349,9 @@ fn an_image_on_trial_drives_nothing_until_confirmed() {
     let mut board = board(true);
     assert!(!starts(&mut board));
     refused(&mut board, &BEGIN, UpdateRefusal::OnTrial);
-    flash(|flash| flash.fails = true);
+    flash(|flash| flash.fails = "confirm");
     refused(&mut board, &UpdateRequest::Confirm, UpdateRefusal::Store);
-    flash(|flash| flash.fails = false);
+    flash(|flash| flash.fails = "");
     for _ in 0..2 {
         done(&mut board, &UpdateRequest::Confirm);
     }
@@ -433,8 +444,20 @@ fn a_board_that_cannot_be_updated_says_why() {
     refused(&mut board, &BEGIN, UpdateRefusal::NotInControl);
     done(&mut board, &UpdateRequest::Confirm);
     board.done(&Request::set("bus", 0.0));
-    done(&mut board, &BEGIN);
-    flash(|flash| flash.fails = true);
-    refused(&mut board, &bytes(&image(), 0), UpdateRefusal::Store);
-    refused(&mut board, &bytes(&image(), 0), UpdateRefusal::Order(0));
+    let image = image();
+    for fails in ["erase", "write"] {
+        done(&mut board, &BEGIN);
+        flash(|flash| flash.fails = fails);
+        refused(&mut board, &bytes(&image, 0), UpdateRefusal::Store);
+        refused(&mut board, &bytes(&image, 0), UpdateRefusal::Order(0));
+    }
+    flash(|flash| flash.fails = "mark");
+    send_image(&mut board, &image);
+    let end = signature(&image, "stm32f405rg");
+    refused(&mut board, &UpdateRequest::End(&end), UpdateRefusal::Store);
+    refused(
+        &mut board,
+        &UpdateRequest::End(&end),
+        UpdateRefusal::Order(0),
+    );
 }
