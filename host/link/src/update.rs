@@ -76,7 +76,7 @@ fn refusal(name: &str, why: UpdateRefusal) -> Refusal {
         ),
         UpdateRefusal::NotInControl => (
             "is controlled by its fieldbus".into(),
-            "with the drive at rest: kband settings set bus 0".into(),
+            "with the drive at rest: kband settings set bus 0 --save".into(),
         ),
         UpdateRefusal::NoSlot => (
             "has no slot for an update".into(),

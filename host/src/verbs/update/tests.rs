@@ -442,6 +442,9 @@ fn lost_and_repeated_frames_do_not_harm_an_update() {
     assert_eq!((board.on_trial, &board.image), (false, &plant.update));
 }
 
+/// A change of a board, and words of the message that it causes.
+type Case = (fn(&mut Board), &'static [&'static str]);
+
 #[test]
 fn a_refused_update_leaves_the_old_image() {
     let plant = Plant::new();
@@ -451,7 +454,7 @@ fn a_refused_update_leaves_the_old_image() {
         board
     };
     let files = plant.files();
-    let cases: [(fn(&mut Board), &[&str]); 7] = [
+    let cases: [Case; 7] = [
         (|board| board.size = 0, &["no slot", "kband flash"]),
         (
             |board| board.running = true,
@@ -481,7 +484,7 @@ fn a_refused_update_leaves_the_old_image() {
         plant.refused(&mut board, GOOD, expected);
     }
     assert_eq!(plant.files(), files);
-    let cases: [(fn(&mut Board), &[&str]); 3] = [
+    let cases: [Case; 3] = [
         (
             |board| board.fails = true,
             &["restarted with its old image"],
