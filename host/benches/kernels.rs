@@ -9,9 +9,7 @@ use std::time::Duration;
 
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
-use kband::impact::{
-    Hybrid, Integer, Kernel, Map, Scatter, Single, Tone, WaveKernel, WaveMap, WaveSingle,
-};
+use kband::impact::{Hybrid, Integer, Kernel, Map, Scatter, Single, Tone, WaveKernel, WaveMap};
 use kband::regime::cascade::Cascade;
 use kband::regime::exponent::{ExponentSettings, measure, measure_together, start_near_lock};
 use kband::regime::gear::shares_from_rest;
@@ -57,8 +55,10 @@ fn orbits(criterion: &mut Criterion) {
         orbit(&mut group, Hybrid::build(k, restitution));
         orbit(&mut group, Single::build(k, restitution));
         orbit(&mut group, Integer::build(k, restitution));
+        group.finish();
+        let mut group = criterion.benchmark_group(format!("{name}, two tones"));
         orbit(&mut group, WaveMap::on_tones(tones, k, restitution));
-        orbit(&mut group, WaveSingle::on_tones(tones, k, restitution));
+        orbit(&mut group, Single::on_tones(tones, k, restitution));
         group.finish();
     }
 }

@@ -15,7 +15,8 @@
 #![no_std]
 #![deny(unsafe_code)]
 
-#[cfg(test)]
+// The CPU's extensions, at the desk.
+#[cfg(any(test, all(target_arch = "x86_64", not(target_os = "none"))))]
 extern crate std;
 
 pub mod arithmetic;

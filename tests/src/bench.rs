@@ -3,14 +3,16 @@
 //! An arithmetic rounds a launch to another launch. Those with the same rounded launch share one
 //! proof.
 
-use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
+use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single, WaveKernel, WaveMap};
 
+use crate::oracle::Track;
 use crate::states::Launch;
 use crate::verdict::{Proof, Tried, Verdict, judge};
 
-/// A track in every arithmetic that can represent it.
+/// A track in every arithmetic that can represent it; on several tones in f64 and f32 only.
 pub struct Bench {
     map: Option<Map>,
+    wave: Option<WaveMap>,
     single: Option<Single>,
     hybrid: Option<Hybrid>,
     integer: Option<Integer>,
@@ -23,22 +25,41 @@ pub struct Judged {
     pub verdict: Verdict,
     /// The impact.
     pub impact: Impact<PartState>,
+    /// Number of arithmetics with another root that they flag.
+    pub flagged: u64,
 }
 
 impl Bench {
     /// The bench of a track.
-    pub fn build(k: f64, restitution: f64) -> Self {
+    pub fn build(track: &Track, restitution: f64) -> Self {
+        fn sine<K: Kernel>(track: &Track, restitution: f64) -> Option<K> {
+            let built = track.is_sine().then(|| K::build(track.k, restitution));
+            built?.ok()
+        }
+        fn tones<K: WaveKernel>(track: &Track, restitution: f64) -> Option<K> {
+            K::on_tones(track.upper_tones(), track.k, restitution).ok()
+        }
         Self {
-            map: Map::build(k, restitution).ok(),
-            single: Single::build(k, restitution).ok(),
-            hybrid: Hybrid::build(k, restitution).ok(),
-            integer: Integer::build(k, restitution).ok(),
+            map: sine(track, restitution),
+            wave: tones(track, restitution),
+            single: tones(track, restitution),
+            hybrid: sine(track, restitution),
+            integer: sine(track, restitution),
         }
     }
 
-    /// The map in f64.
+    /// The map of one tone in f64.
     pub fn map(&self) -> Option<&Map> {
         self.map.as_ref()
+    }
+
+    /// The impact in f64.
+    fn impact(&self, state: PartState) -> Option<Impact<PartState>> {
+        match (&self.map, &self.wave) {
+            (Some(map), _) => Some(map.impact(state)),
+            (None, Some(wave)) => Some(wave.impact(state)),
+            (None, None) => None,
+        }
     }
 
     /// Judges every arithmetic that can represent a launch from this track.
@@ -59,17 +80,28 @@ impl Bench {
         launch: &Launch,
         spoil: &impl Fn(&str, &mut Impact<PartState>),
     ) -> Result<Judged, String> {
-        let Some(map) = self.map() else {
+        let Some(impact) = self.impact(launch.state()) else {
             return Err(format!("f64 refuses {launch:?}"));
         };
-        let impact = map.impact(launch.state());
         let mut proof = Proof::of(*launch, impact.flight);
-        let verdict = one::<Map>(&mut proof, impact, spoil)?;
+        let verdict = if self.map.is_some() {
+            one::<Map>(&mut proof, impact, spoil)?
+        } else {
+            one::<WaveMap>(&mut proof, impact, spoil)?
+        };
         // In an order in which arithmetics with the same launch are neighbours.
-        self.another(self.single.as_ref(), launch, &mut proof, spoil)?;
-        self.another(self.hybrid.as_ref(), launch, &mut proof, spoil)?;
-        self.another(self.integer.as_ref(), launch, &mut proof, spoil)?;
-        Ok(Judged { verdict, impact })
+        let others = [
+            self.another(self.single.as_ref(), launch, &mut proof, spoil)?,
+            self.another(self.hybrid.as_ref(), launch, &mut proof, spoil)?,
+            self.another(self.integer.as_ref(), launch, &mut proof, spoil)?,
+        ];
+        let verdicts = others.into_iter().flatten().chain([verdict]);
+        let flagged = verdicts.filter(|verdict| *verdict == Verdict::Flagged);
+        Ok(Judged {
+            verdict,
+            impact,
+            flagged: flagged.count() as u64,
+        })
     }
 
     /// Judges an arithmetic, if it can represent the launch.
@@ -79,9 +111,9 @@ impl Bench {
         launch: &Launch,
         proof: &mut Proof,
         spoil: &impl Fn(&str, &mut Impact<PartState>),
-    ) -> Result<(), String> {
+    ) -> Result<Option<Verdict>, String> {
         let (Some(kernel), Ok(state)) = (kernel, K::state(launch.phase, launch.velocity)) else {
-            return Ok(());
+            return Ok(None);
         };
         let impact = kernel.impact(state);
         let impact = Impact {
@@ -96,12 +128,12 @@ impl Bench {
             ..*launch
         };
         if *proof.launch() != held {
-            let told = self
-                .map()
-                .map_or(0.0, |map| map.impact(held.state()).flight);
-            *proof = Proof::of(held, told);
+            let guess = self
+                .impact(held.state())
+                .map_or(0.0, |impact| impact.flight);
+            *proof = Proof::of(held, guess);
         }
-        one::<K>(proof, impact, spoil).map(|_| ())
+        one::<K>(proof, impact, spoil).map(Some)
     }
 }
 
@@ -118,41 +150,30 @@ fn one<K: Tried>(
     }
     judge::<K>(proof, &impact).map_err(|cause| {
         let Launch {
-            k,
+            track,
             restitution,
             phase,
             velocity,
         } = proof.launch();
+        let tones: String = ["second", "third"]
+            .iter()
+            .zip(track.upper_tones())
+            .filter(|(_, tone)| tone.amplitude > 0.0)
+            .map(|(name, tone)| format!(" --{name}-tone {:e},{:e}", tone.amplitude, tone.angle))
+            .collect();
         format!(
-            "{cause}\n    gave {impact:?}\n    kband impacts --arithmetic {} --k {k:e} --restitution {restitution:e} --phase {phase:e} --velocity {velocity:e}",
-            K::NAME
+            "{cause}\n    gave {impact:?}\n    kband impacts --arithmetic {} --k {:e} --restitution {restitution:e} --phase {phase:e} --velocity {velocity:e}{tones}",
+            K::NAME, track.k
         )
     })
-}
-
-/// A change that makes an impact wrong.
-#[cfg(test)]
-type Spoil = Box<dyn Fn(&mut Impact<PartState>) + Sync>;
-
-/// Changes that make an impact wrong: flight longer and shorter by a share `off`, speed, phase,
-/// another root, none.
-#[cfg(test)]
-pub(crate) fn spoils(off: f64) -> [Spoil; 6] {
-    [
-        Box::new(move |impact| impact.flight *= 1.0 + off),
-        Box::new(move |impact| impact.flight *= 1.0 - off),
-        Box::new(|impact| impact.next.velocity += 1e-2),
-        Box::new(|impact| impact.next.phase = 6.0 - 0.9 * impact.next.phase),
-        Box::new(|impact| impact.flight += 1.0),
-        Box::new(|impact| impact.flight = 0.0),
-    ]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::states::{Kind, Random};
+    use crate::states::{self, Kind, Random};
     use crate::verdict::is_left_open;
+    use kband::impact::Tone;
 
     #[test]
     fn what_a_rounding_of_the_push_decides_is_left_open() {
@@ -173,25 +194,47 @@ mod tests {
             ),
         ] {
             let launch = Launch::new(k, restitution, phase, velocity);
-            let judged = Bench::build(k, restitution).judge(&launch);
+            let judged = Bench::build(&launch.track, restitution).judge(&launch);
             let verdict = judged.map(|judged| judged.verdict);
             assert_eq!(verdict, Ok(Verdict::Undecided), "{launch:?}");
             let faster = Launch {
                 velocity: 4.0 * velocity,
                 ..launch
             };
-            assert!(!is_left_open(&faster));
+            assert!(!is_left_open(&faster, 0.0));
         }
+    }
+
+    /// A change that makes an impact wrong.
+    type Spoil = Box<dyn Fn(&mut Impact<PartState>)>;
+
+    /// Changes that make an impact wrong: flight longer and shorter by a share `off`, speed, phase,
+    /// another root, none.
+    fn spoils(off: f64) -> [Spoil; 6] {
+        [
+            Box::new(move |impact| impact.flight *= 1.0 + off),
+            Box::new(move |impact| impact.flight *= 1.0 - off),
+            Box::new(|impact| impact.next.velocity += 1e-2),
+            Box::new(|impact| impact.next.phase = 6.0 - 0.9 * impact.next.phase),
+            Box::new(|impact| impact.flight += 1.0),
+            Box::new(|impact| impact.flight = 0.0),
+        ]
     }
 
     /// Share of an arithmetic's changed impacts that are detected, among those that neither graze
     /// nor rest.
-    fn noticed(name: &str, spoil: impl Fn(&mut Impact<PartState>)) -> f64 {
+    fn noticed(name: &str, on_tones: bool, spoil: impl Fn(&mut Impact<PartState>)) -> f64 {
         let (mut wrong, mut of) = (0, 0);
         let mut random = Random::new(5);
         for kind in [Kind::High, Kind::Low, Kind::Chatter, Kind::Wrap, Kind::Wide] {
             for _ in 0..400 {
-                let launch = kind.draw(&mut random);
+                let tones = if on_tones {
+                    states::tones(&mut random)
+                } else {
+                    [Tone::default(); 2]
+                };
+                let track = kind.track(&mut random, tones);
+                let launch = kind.launch(&mut random, track, 0.5);
                 let tried = std::cell::Cell::new(false);
                 let only_this = |which: &str, impact: &mut Impact<PartState>| {
                     if which == name && impact.flight > 0.0 && !impact.grazes {
@@ -199,8 +242,7 @@ mod tests {
                         spoil(impact);
                     }
                 };
-                let judged =
-                    Bench::build(launch.k, launch.restitution).spoiled(&launch, &only_this);
+                let judged = Bench::build(&track, 0.5).spoiled(&launch, &only_this);
                 let told =
                     judged.is_err_and(|cause| cause.contains(&format!("--arithmetic {name} ")));
                 assert!(tried.get() || !told, "{launch:?}");
@@ -213,10 +255,18 @@ mod tests {
 
     #[test]
     fn a_wrong_impact_is_noticed_in_every_arithmetic() {
-        for name in [Map::NAME, Single::NAME, Hybrid::NAME, Integer::NAME] {
+        for (name, on_tones) in [
+            (Map::NAME, false),
+            (Single::NAME, false),
+            (Hybrid::NAME, false),
+            (Integer::NAME, false),
+            (WaveMap::NAME, true),
+            (Single::NAME, true),
+        ] {
             // Far above each rounding, far below the distance of another root.
-            let off = if name == Map::NAME { 1e-9 } else { 1e-2 };
-            let shares = spoils(off).map(|spoil| noticed(name, spoil));
+            let exact = [Map::NAME, WaveMap::NAME].contains(&name);
+            let off = if exact { 1e-9 } else { 1e-2 };
+            let shares = spoils(off).map(|spoil| noticed(name, on_tones, spoil));
             println!("{name}: {shares:.4?}");
             assert!(shares.iter().all(|share| *share > 0.9), "{name} {shares:?}");
         }

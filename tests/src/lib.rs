@@ -10,7 +10,6 @@ pub mod oracle;
 pub mod scenes;
 pub mod soak;
 pub mod states;
-pub mod tones;
 pub mod verdict;
 
 pub use kband_machines::{

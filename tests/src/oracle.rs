@@ -5,6 +5,8 @@
 //! steps by a lower bound of the gap. With M the sum of `q^4 e_q` the fourth derivative is within
 //! -M..M, so that the Taylor series to the third power less `M h^4/24` is below `u(d + h)`.
 
+use kband::impact::Tone;
+
 /// A flight's first impact as the oracle sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct Flight {
@@ -18,7 +20,7 @@ pub struct Flight {
 }
 
 /// A track: k and its tones, each frequency, amplitude and angle.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
     /// k.
     pub k: f64,
@@ -30,17 +32,31 @@ pub struct Track {
 const STRIDE: f64 = 2.0;
 
 impl Track {
-    /// The track of a second and a third tone, each amplitude and angle.
-    pub fn of(k: f64, [e, th, e3, th3]: [f64; 4]) -> Self {
+    /// The track of a second and a third tone.
+    pub fn on(k: f64, [second, third]: [Tone; 2]) -> Self {
         Self {
             k,
-            tones: [(1.0, 1.0, 0.0), (2.0, e, th), (3.0, e3, th3)],
+            tones: [
+                (1.0, 1.0, 0.0),
+                (2.0, second.amplitude, second.angle),
+                (3.0, third.amplitude, third.angle),
+            ],
         }
     }
 
     /// The track of one tone.
     pub fn sine(k: f64) -> Self {
-        Self::of(k, [0.0; 4])
+        Self::on(k, [Tone::default(); 2])
+    }
+
+    /// Whether the track has one tone only.
+    pub fn is_sine(&self) -> bool {
+        self.tones[1..].iter().all(|(_, e, _)| *e == 0.0)
+    }
+
+    /// The second and the third tone.
+    pub fn upper_tones(&self) -> [Tone; 2] {
+        [self.tones[1], self.tones[2]].map(|(_, e, th)| Tone::new(e, th))
     }
 
     /// S and its first three derivatives.

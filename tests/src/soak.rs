@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use kband::arithmetic::Phase;
+use kband::impact::Tone;
 use kband::impact::batch::{Block, LANES};
 
 use crate::bench::{Bench, Judged};
-use crate::oracle::Track;
-use crate::states::{Kind, Launch, Random};
+use crate::states::{self, Kind, Launch, Random};
 use crate::verdict::Verdict;
 
 /// Watchdog period, and the number of periods at one launch after which its search counts as
@@ -29,7 +29,7 @@ const _: () = assert!(LANES.is_multiple_of(TOGETHER));
 pub struct Tally {
     /// Launches tried.
     pub launches: u64,
-    /// Impacts that differ from the oracle's and are flagged as grazing.
+    /// Impacts, in any arithmetic, that differ from the oracle's and are flagged as grazing.
     pub flagged: u64,
     /// Touches left open by the oracle's own rounding.
     pub undecided: u64,
@@ -68,17 +68,23 @@ fn held_by_all(launch: &Launch) -> Launch {
     }
 }
 
-/// The launches of block `number` of a kind; the seed determines them.
-fn launches(kind: Kind, seed: u64, number: u64) -> Vec<Launch> {
+/// The launches of block `number` of a kind, from tracks of one tone or of several; the seed
+/// determines them.
+fn launches(kind: Kind, on_tones: bool, seed: u64, number: u64) -> Vec<Launch> {
     let mut seeds = Random::new(seed ^ ((kind as u64) << 56) ^ (number << 8));
     let mut random = Random::new(seeds.bits());
     let mut launches = Vec::with_capacity(LANES);
     while launches.len() < LANES {
-        let first = kind.draw(&mut random);
-        launches.push(first);
-        for beside in 1..TOGETHER {
-            let launch = kind.draw_beside(&mut random, &first);
-            launches.push(if beside % 2 == 0 {
+        let restitution = states::restitution(&mut random);
+        let tones = if on_tones {
+            states::tones(&mut random)
+        } else {
+            [Tone::default(); 2]
+        };
+        let track = kind.track(&mut random, tones);
+        for n in 0..TOGETHER {
+            let launch = kind.launch(&mut random, track, restitution);
+            launches.push(if n % 2 == 0 {
                 launch
             } else {
                 held_by_all(&launch)
@@ -97,12 +103,11 @@ fn judged(bench: &Bench, launch: &Launch) -> Result<Judged, String> {
 
 /// Tries one block of launches in every arithmetic; `current` holds the number of the current
 /// launch.
-fn block(kind: Kind, seed: u64, number: u64, current: &AtomicUsize, tell: &impl Fn(&str)) -> Tally {
+fn block(launches: &[Launch], current: &AtomicUsize, tell: &impl Fn(&str)) -> Tally {
     let mut tally = Tally::default();
-    let launches = launches(kind, seed, number);
     let tracks = launches.iter().step_by(TOGETHER);
     let benches: Vec<Bench> = tracks
-        .map(|first| Bench::build(first.k, first.restitution))
+        .map(|first| Bench::build(&first.track, first.restitution))
         .collect();
     let mut lanes = Block::new();
     for (lane, launch) in launches.iter().enumerate() {
@@ -115,82 +120,74 @@ fn block(kind: Kind, seed: u64, number: u64, current: &AtomicUsize, tell: &impl 
     for (lane, launch) in launches.iter().enumerate() {
         current.store(lane, Ordering::Relaxed);
         tally.launches += 1;
-        let verdict = judged(&benches[lane / TOGETHER], launch).and_then(|judged| {
+        let judged = judged(&benches[lane / TOGETHER], launch).and_then(|judged| {
             let alone = judged.impact;
             match lanes.impact(lane) {
                 Some(lane) if lane != alone && lane.flight > 0.0 => Err(format!(
                     "{launch:?}\n    batch gave {lane:?}, f64 {alone:?}"
                 )),
-                _ => Ok(judged.verdict),
+                _ => Ok(judged),
             }
         });
-        match verdict {
-            Ok(Verdict::First(deviation)) => tally.worst = tally.worst.max(deviation),
-            Ok(Verdict::Flagged) => tally.flagged += 1,
-            Ok(Verdict::Undecided) => tally.undecided += 1,
-            Ok(Verdict::Rests) => tally.rests += 1,
+        match judged {
+            Ok(judged) => {
+                tally.flagged += judged.flagged;
+                match judged.verdict {
+                    Verdict::First(deviation) => tally.worst = tally.worst.max(deviation),
+                    Verdict::Flagged => {}
+                    Verdict::Undecided => tally.undecided += 1,
+                    Verdict::Rests => tally.rests += 1,
+                }
+            }
             Err(cause) => {
                 tally.wrong += 1;
-                tell(&format!("{kind:?}: {cause}"));
+                tell(&cause);
             }
         }
     }
     tally
 }
 
-/// Tries `count` launches of every kind on `threads` threads and reports wrong impacts as they
-/// come.
+/// Tries `count` launches of every kind, from tracks of one tone or of several, on `threads`
+/// threads and reports wrong impacts as they come.
 ///
 /// An endless search ends the process and prints its launch. The seed alone determines the
 /// launches.
 pub fn soak(
     count: u64,
+    on_tones: bool,
     seed: u64,
     threads: usize,
     tell: impl Fn(&str) + Sync,
 ) -> Vec<(Kind, Tally)> {
     let blocks = count.div_ceil(LANES as u64).max(1);
-    Kind::ALL
-        .map(|kind| (kind, one_kind(kind, blocks, seed, threads, &tell)))
-        .into()
+    let one = |kind| {
+        let draw = |number| launches(kind, on_tones, seed, number);
+        let tell = |cause: &str| tell(&format!("{kind:?}: {cause}"));
+        (kind, watched(blocks, threads, &draw, &tell))
+    };
+    Kind::ALL.map(one).into()
 }
 
-fn one_kind(
-    kind: Kind,
+/// The tally of `blocks` blocks of launches, on `threads` threads.
+///
+/// If the place of a block's current launch does not change for too long, the process prints that
+/// launch and ends.
+fn watched(
     blocks: u64,
-    seed: u64,
     threads: usize,
+    draw: &(impl Fn(u64) -> Vec<Launch> + Sync),
     tell: &(impl Fn(&str) + Sync),
 ) -> Tally {
-    let told = |number, lane: usize| {
-        let launches = launches(kind, seed, number);
-        format!("{kind:?}: {:?}", launches.get(lane))
-    };
-    let block = |number, current: &AtomicUsize| block(kind, seed, number, current, tell);
-    watched(blocks, threads, block, Tally::add, told, tell)
-}
-
-/// Sums the results of `work` over `blocks` blocks, on `threads` threads.
-///
-/// `work` gets a block's number and updates its place in the block. If the place does not change
-/// for too long, the process prints the launch there and ends.
-pub(crate) fn watched<T: Default + Send>(
-    blocks: u64,
-    threads: usize,
-    work: impl Fn(u64, &AtomicUsize) -> T + Sync,
-    add: impl Fn(&mut T, &T) + Sync,
-    told: impl Fn(u64, usize) -> String,
-    tell: &(impl Fn(&str) + Sync),
-) -> T {
     let next = AtomicU64::new(0);
-    let total = Mutex::new(T::default());
+    let total = Mutex::new(Tally::default());
     let places: Vec<(AtomicU64, AtomicUsize)> =
         (0..threads.max(1)).map(|_| Default::default()).collect();
     std::thread::scope(|scope| {
         let workers: Vec<_> = places
             .iter()
             .map(|(number, current)| {
-                let (next, total, work, add) = (&next, &total, &work, &add);
+                let (next, total) = (&next, &total);
                 scope.spawn(move || {
                     loop {
                         let n = next.fetch_add(1, Ordering::Relaxed);
@@ -198,9 +195,9 @@ pub(crate) fn watched<T: Default + Send>(
                             return;
                         }
                         number.store(n, Ordering::Relaxed);
-                        let tally = work(n, current);
+                        let tally = block(&draw(n), current, tell);
                         if let Ok(mut total) = total.lock() {
-                            add(&mut total, &tally);
+                            total.add(&tally);
                         }
                     }
                 })
@@ -222,7 +219,11 @@ pub(crate) fn watched<T: Default + Send>(
                 }
                 seen.2 += 1;
                 if seen.2 > PATIENCE {
-                    tell(&format!("no end of the search from {}", told(now.0, now.1)));
+                    let launches = draw(now.0);
+                    tell(&format!(
+                        "no end of the search from {:?}",
+                        launches.get(now.1)
+                    ));
                     std::process::exit(1);
                 }
             }
@@ -235,9 +236,9 @@ pub(crate) fn watched<T: Default + Send>(
 pub fn replay(launch: &Launch) -> Result<String, String> {
     let mut text = String::new();
     let _ = writeln!(text, "{launch:?}");
-    let truth = Track::sine(launch.k).first_impact(launch.phase, launch.velocity);
+    let truth = launch.track.first_impact(launch.phase, launch.velocity);
     let _ = writeln!(text, "oracle {truth:?}");
-    judged(&Bench::build(launch.k, launch.restitution), launch)
+    judged(&Bench::build(&launch.track, launch.restitution), launch)
         .map(|judged| format!("{text}{:?}", judged.verdict))
         .map_err(|cause| format!("{text}{cause}"))
 }

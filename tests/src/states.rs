@@ -1,17 +1,16 @@
-//! Launch states for testing a kernel: ordinary and adversarial ones.
+//! Launches for testing a map: ordinary and adversarial ones, from tracks of one to three tones.
 
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_PI_2, TAU};
 
-use kband::impact::PartState;
+use kband::impact::{PartState, Tone, Wave};
 
 use crate::oracle::Track;
-use crate::tones::touching;
 
 /// A launch: the input of a kernel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Launch {
-    /// k of the track.
-    pub k: f64,
+    /// The track.
+    pub track: Track,
     /// Restitution.
     pub restitution: f64,
     /// Phase in rad, 0..2 pi.
@@ -21,10 +20,10 @@ pub struct Launch {
 }
 
 impl Launch {
-    /// A launch at this k and restitution.
-    pub const fn new(k: f64, restitution: f64, phase: f64, velocity: f64) -> Self {
+    /// A launch from a track of one tone.
+    pub fn new(k: f64, restitution: f64, phase: f64, velocity: f64) -> Self {
         Self {
-            k,
+            track: Track::sine(k),
             restitution,
             phase,
             velocity,
@@ -39,11 +38,22 @@ impl Launch {
     /// Rounding error of the gap `d` after this launch: half a unit in the last place of every term
     /// it sums.
     pub fn rounding(&self, d: f64) -> f64 {
-        let (s, c) = self.phase.sin_cos();
+        let [_, speed, curvature, _] = self.track.at(self.phase);
+        let [reach, fastest, ..] = self.track.sums();
+        let [push, surge] = self
+            .track
+            .tones
+            .iter()
+            .fold([0.0; 2], |[push, surge], (q, e, th)| {
+                let (s, c) = (q * self.phase + th).sin_cos();
+                [push + e * q * q * s.abs(), surge + e * q * q * q * c.abs()]
+            });
+        let (k, velocity) = (self.track.k, self.velocity);
         let terms = if d < 0.5 {
-            d * (self.velocity + d * ((s - self.k).abs() + self.k + s.abs() + d * c.abs()))
+            let bent = (curvature + k).abs() + k + push + d * surge;
+            d * (velocity + d * bent)
         } else {
-            d * ((self.velocity + c).abs() + self.velocity + self.k * d + 1.0) + 2.0
+            d * ((velocity + speed).abs() + velocity + k * d + fastest) + 2.0 * reach
         };
         0.5 * f64::EPSILON * terms
     }
@@ -85,7 +95,7 @@ impl Random {
     }
 }
 
-/// The kinds of launch.
+/// The kinds of launch, with k over the highest throw of the track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// psi uniform in 0..20, k in 0.02..0.98.
@@ -94,7 +104,7 @@ pub enum Kind {
     Low,
     /// psi log-uniform in 1e-30..3.
     Chatter,
-    /// Phases within 1e-15..0.1 of `sin t = k`, psi = 0 or tiny.
+    /// Phases within 1e-16..0.1 of an edge, where the push passes k; psi = 0 or tiny.
     Edge,
     /// Flights that touch a hump within 1e-17..1e-2.
     Grazing,
@@ -102,7 +112,7 @@ pub enum Kind {
     Wrap,
     /// k log-uniform in 0.005..3, psi log-uniform in 1e-30..100.
     Wide,
-    /// k within 1e-16..1e-2 of 1, phases equally near to the top of the stroke or anywhere.
+    /// k within 1e-16..1e-2 of 1, phases equally near to the top of a sine's stroke or anywhere.
     Flat,
 }
 
@@ -119,48 +129,57 @@ impl Kind {
         Self::Flat,
     ];
 
-    /// A random launch of this kind.
+    /// A random launch of this kind from a track of one tone.
     pub fn draw(self, random: &mut Random) -> Launch {
-        self.drawn(random, None)
+        let restitution = restitution(random);
+        let track = self.track(random, [Tone::default(); 2]);
+        self.launch(random, track, restitution)
     }
 
-    /// A random launch of this kind from the track of `first`, a launch of the same kind.
-    pub fn draw_beside(self, random: &mut Random, first: &Launch) -> Launch {
-        self.drawn(random, Some(first))
-    }
-
-    fn drawn(self, random: &mut Random, beside: Option<&Launch>) -> Launch {
-        let track =
-            |k, restitution| beside.map_or((k, restitution), |first| (first.k, first.restitution));
-        let restitution = match random.bits() % 8 {
-            0 => 0.0,
-            1 => 1.0,
-            _ => random.between(0.0, 1.0),
+    /// A random track of these tones.
+    ///
+    /// # Panics
+    /// If the library refuses the tones.
+    pub fn track(self, random: &mut Random, tones: [Tone; 2]) -> Track {
+        let k = match self {
+            Self::High | Self::Low | Self::Chatter | Self::Wrap => random.between(0.02, 0.98),
+            Self::Edge => random.between(0.005, 1.0),
+            Self::Grazing => random.between(0.005, 0.98),
+            Self::Wide => random.scale(0.005, 3.0),
+            Self::Flat => 1.0 + random.sign() * random.scale(1e-16, 1e-2),
         };
-        let (mut k, restitution) = track(random.between(0.02, 0.98), restitution);
+        if tones.iter().all(|tone| tone.amplitude == 0.0) {
+            return Track::sine(k);
+        }
+        let wave = Wave::build(tones[0], tones[1]).expect("tones of at most 0.5");
+        Track::on(k * wave.highest_throw(), tones)
+    }
+
+    /// A random launch of this kind from a track.
+    pub fn launch(self, random: &mut Random, track: Track, restitution: f64) -> Launch {
         let mut phase = random.between(0.0, TAU);
         let velocity = match self {
             Self::High => random.between(0.0, 20.0),
             Self::Low => random.between(0.0, 3.0),
             Self::Chatter => random.scale(1e-30, 3.0),
             Self::Edge => {
-                k = track(random.between(0.005, 1.0), restitution).0;
-                let edge = if random.sign() > 0.0 {
-                    k.asin()
-                } else {
-                    PI - k.asin()
-                };
-                phase = edge + random.sign() * random.scale(1e-16, 0.1);
+                phase = edge(&track, random) + random.sign() * random.scale(1e-16, 0.1);
                 if random.sign() > 0.0 {
                     0.0
                 } else {
                     random.scale(1e-30, 0.1)
                 }
             }
-            Self::Grazing => {
-                k = track(random.between(0.005, 0.98), restitution).0;
-                return grazing(random, k, restitution);
-            }
+            Self::Grazing => loop {
+                let Some((start, velocity, _)) = touching(&track, random) else {
+                    continue;
+                };
+                let velocity = velocity + random.sign() * random.scale(1e-17, 1e-2);
+                if (0.0..20.0).contains(&velocity) {
+                    phase = start;
+                    break velocity;
+                }
+            },
             Self::Wrap => {
                 phase = match random.bits() % 4 {
                     0 => 0.0,
@@ -170,12 +189,8 @@ impl Kind {
                 };
                 random.scale(1e-30, 20.0)
             }
-            Self::Wide => {
-                k = track(random.scale(0.005, 3.0), restitution).0;
-                random.scale(1e-30, 100.0)
-            }
+            Self::Wide => random.scale(1e-30, 100.0),
             Self::Flat => {
-                k = track(1.0 + random.sign() * random.scale(1e-16, 1e-2), restitution).0;
                 if random.sign() > 0.0 {
                     phase = FRAC_PI_2 + random.sign() * random.scale(1e-16, 1e-1);
                 }
@@ -187,25 +202,92 @@ impl Kind {
             }
         };
         let phase = phase.rem_euclid(TAU);
-        Launch::new(
-            k,
+        Launch {
+            track,
             restitution,
-            if phase < TAU { phase } else { 0.0 },
+            phase: if phase < TAU { phase } else { 0.0 },
             velocity,
-        )
+        }
     }
 }
 
-/// A launch whose parabola touches a hump, but for 1e-17..1e-2 of velocity.
-fn grazing(random: &mut Random, k: f64, restitution: f64) -> Launch {
-    let track = Track::sine(k);
-    loop {
-        let Some((phase, velocity, _)) = touching(&track, random) else {
-            continue;
-        };
-        let velocity = velocity + random.sign() * random.scale(1e-17, 1e-2);
-        if (0.0..20.0).contains(&velocity) && phase < TAU {
-            return Launch::new(k, restitution, phase, velocity);
+/// A random restitution, often 0 or 1.
+pub fn restitution(random: &mut Random) -> f64 {
+    match random.bits() % 8 {
+        0 => 0.0,
+        1 => 1.0,
+        _ => random.between(0.0, 1.0),
+    }
+}
+
+/// Random second and third tones; half of the tracks have two tones.
+pub fn tones(random: &mut Random) -> [Tone; 2] {
+    let most = if random.sign() > 0.0 { 0.5 } else { 0.2 };
+    let second = Tone::new(random.between(0.0, most), random.between(-TAU, TAU));
+    let third = if random.sign() > 0.0 {
+        Tone::new(random.between(0.0, 0.5), random.between(-TAU, TAU))
+    } else {
+        Tone::default()
+    };
+    [second, third]
+}
+
+/// The first phase at which the push of the track passes k, from a random phase on; that phase
+/// where it never does.
+fn edge(track: &Track, random: &mut Random) -> f64 {
+    const STEP: f64 = TAU / 500.0;
+    let excess = |phase: f64| -track.at(phase)[2] - track.k;
+    let start = random.between(0.0, TAU);
+    let rises = excess(start) < 0.0;
+    let Some(mut high) = (1..=500)
+        .map(|n| start + f64::from(n) * STEP)
+        .find(|phase| (excess(*phase) < 0.0) != rises)
+    else {
+        return start;
+    };
+    let mut low = high - STEP;
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if (excess(middle) < 0.0) == rises {
+            low = middle;
+        } else {
+            high = middle;
         }
     }
+    low
+}
+
+/// Phase and velocity of a flight that touches the track at a random place, and its time until
+/// then.
+pub fn touching(track: &Track, random: &mut Random) -> Option<(f64, f64, f64)> {
+    let touch = random.between(0.0, TAU);
+    let [s, c, curvature, _] = track.at(touch);
+    if -curvature <= track.k {
+        return None;
+    }
+    let gap = |past: f64| s - c * past - 0.5 * track.k * past * past - track.at(touch - past)[0];
+    let mut far = random.between(0.05, 9.0);
+    let mut near = gap(far);
+    loop {
+        let there = gap(far + 0.05);
+        if near > 0.0 && there <= 0.0 {
+            break;
+        }
+        near = there;
+        far += 0.05;
+        if far > 60.0 {
+            return None;
+        }
+    }
+    let (mut near, mut far) = (far, far + 0.05);
+    for _ in 0..60 {
+        let middle = 0.5 * (near + far);
+        if gap(middle) > 0.0 {
+            near = middle;
+        } else {
+            far = middle;
+        }
+    }
+    let phase = (touch - far).rem_euclid(TAU);
+    Some((phase, c + track.k * far - track.at(phase)[1], far))
 }

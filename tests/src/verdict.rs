@@ -2,15 +2,13 @@
 
 use std::f64::consts::TAU;
 
-use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single};
+use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single, WaveMap};
 
-use crate::oracle::Track;
 use crate::states::Launch;
 
 /// A launch, and the time of its first impact, proven once for all arithmetics with this launch.
 pub struct Proof {
     launch: Launch,
-    track: Track,
     /// The impact time of the f64 map.
     guess: f64,
     first: Option<f64>,
@@ -21,7 +19,6 @@ impl Proof {
     pub fn of(launch: Launch, guess: f64) -> Self {
         Self {
             launch,
-            track: Track::sine(launch.k),
             guess,
             first: None,
         }
@@ -33,28 +30,54 @@ impl Proof {
     }
 
     fn gap(&self, d: f64) -> [f64; 3] {
-        self.track.gap(self.launch.phase, self.launch.velocity, d)
+        let Launch {
+            track,
+            phase,
+            velocity,
+            ..
+        } = self.launch;
+        track.gap(phase, velocity, d)
     }
 
-    /// Excess of the track's push over k at the launch.
-    fn excess(&self) -> f64 {
-        self.launch.phase.sin() - self.launch.k
+    /// Excess of the track's push over k at the launch, and its derivative by the phase.
+    fn excess(&self) -> [f64; 2] {
+        excess(&self.launch)
     }
 
     /// Distance in rad from the launch to the phase at which the push passes k.
     pub fn from_edge(&self) -> f64 {
-        (self.excess() / self.launch.phase.cos()).abs()
+        let [excess, surge] = self.excess();
+        (excess / surge).abs()
+    }
+
+    /// The smallest gap before the first impact, relative to its rounding.
+    fn clearance(&self) -> f64 {
+        let Launch {
+            track,
+            phase,
+            velocity,
+            ..
+        } = self.launch;
+        track.first_impact(phase, velocity).clearance
     }
 
     fn first(&mut self) -> f64 {
         let Launch {
-            phase, velocity, ..
+            track,
+            phase,
+            velocity,
+            ..
         } = self.launch;
         *self.first.get_or_insert_with(|| {
-            let flight = self.track.first_impact_by(phase, velocity, self.guess);
+            let flight = track.first_impact_by(phase, velocity, self.guess);
             flight.duration
         })
     }
+}
+
+fn excess(launch: &Launch) -> [f64; 2] {
+    let [.., curvature, third] = launch.track.at(launch.phase);
+    [-curvature - launch.track.k, -third]
 }
 
 /// The oracle's verdict on one impact.
@@ -67,16 +90,17 @@ pub enum Verdict {
     Flagged,
     /// The part rests, correctly.
     Rests,
-    /// A later root than the oracle's, whose touch is within the oracle's own rounding.
+    /// A later root than the oracle's, whose touch is within the oracle's own rounding; an earlier
+    /// one, which is a touch within it.
     ///
-    /// Or another root where the rounding of `sin t - k` decides between a hop and a throw.
+    /// Or another root where the rounding of `A - k` decides between a hop and a throw.
     Undecided,
 }
 
 /// A kernel under test, with the effect of its rounding on the gap.
 pub trait Tried: Kernel {
     /// Rounding of the gap `d` after launch.
-    fn rounding(proof: &Proof, d: f64) -> f64;
+    fn rounding(launch: &Launch, d: f64) -> f64;
     /// Step of a flight time, and of a velocity.
     const STEPS: [f64; 2];
 }
@@ -87,14 +111,21 @@ const STEP: f64 = TAU / 4_294_967_296.0;
 const VELOCITY_STEP: f64 = 1.0 / 67_108_864.0;
 
 impl Tried for Map {
-    fn rounding(proof: &Proof, d: f64) -> f64 {
-        proof.launch.rounding(d)
+    fn rounding(launch: &Launch, d: f64) -> f64 {
+        launch.rounding(d)
+    }
+    const STEPS: [f64; 2] = [0.0; 2];
+}
+
+impl Tried for WaveMap {
+    fn rounding(launch: &Launch, d: f64) -> f64 {
+        4.0 * launch.rounding(d)
     }
     const STEPS: [f64; 2] = [0.0; 2];
 }
 
 impl Tried for Hybrid {
-    fn rounding(_: &Proof, d: f64) -> f64 {
+    fn rounding(_: &Launch, d: f64) -> f64 {
         // Sines to 2^-30, short hops in f32; the cosine at launch to 2^-36.
         3e-9 * d.min(1.0) + 1.5e-11 * d
     }
@@ -102,35 +133,33 @@ impl Tried for Hybrid {
 }
 
 impl Tried for Integer {
-    fn rounding(_: &Proof, d: f64) -> f64 {
-        // Sine and cosine at launch to 2^-30.
-        1e-9 * d.min(1.0) + 1e-9 * d
+    fn rounding(_: &Launch, d: f64) -> f64 {
+        // Slopes to 2^-56.
+        1e-15 * d.min(1.0) + 1e-15 * d
     }
     const STEPS: [f64; 2] = [STEP, VELOCITY_STEP];
 }
 
 impl Tried for Single {
-    fn rounding(proof: &Proof, d: f64) -> f64 {
-        8.0 * proof.launch.rounding(d) * (f64::from(f32::EPSILON) / f64::EPSILON)
+    fn rounding(launch: &Launch, d: f64) -> f64 {
+        8.0 * launch.rounding(d) * (f64::from(f32::EPSILON) / f64::EPSILON)
     }
     const STEPS: [f64; 2] = [STEP, 1e-30];
 }
 
-/// Whether the rounding of `sin t - k` decides at launch between a tiny hop and a throw.
+/// Whether the rounding of `A - k`, or some steps of the phase, decide at launch between a tiny hop
+/// and a throw.
 ///
-/// Near launch the gap is `psi d - (k - sin t) d^2/2 + cos t d^3/6`, with two roots or none.
-pub(crate) fn is_left_open(launch: &Launch) -> bool {
-    let Launch {
-        k, phase, velocity, ..
-    } = *launch;
-    let (sine, cosine) = phase.sin_cos();
-    let pull = k - sine;
-    if cosine <= 0.0 {
+/// Near launch the gap is `psi d - (k - A) d^2/2 + A' d^3/6`, with two roots or none.
+pub(crate) fn is_left_open(launch: &Launch, step: f64) -> bool {
+    let [excess, surge] = excess(launch);
+    if surge <= 0.0 {
         return false;
     }
     // Double root.
-    let level = (8.0 / 3.0 * cosine * velocity).sqrt();
-    (pull - level).abs() <= f64::EPSILON
+    let level = (8.0 / 3.0 * surge * launch.velocity).sqrt();
+    let [_, _, pushes, jerk, _] = launch.track.sums();
+    (level + excess).abs() <= f64::EPSILON * pushes + 6.0 * step * jerk
 }
 
 /// Judges an arithmetic's impact against the proof of its launch; the error is the cause.
@@ -147,10 +176,10 @@ pub(crate) fn judge<K: Tried>(
     let proof = &*proof;
     let launch = proof.launch();
     let Launch {
-        k,
         restitution,
         phase,
         velocity,
+        ..
     } = *launch;
     let d = impact.flight;
     let next = impact.next;
@@ -163,16 +192,18 @@ pub(crate) fn judge<K: Tried>(
     if !(0.0..TAU).contains(&next.phase) {
         return Err("phase".into());
     }
-    let excess = proof.excess();
+    let [excess, surge] = proof.excess();
+    // Push and k round to half a unit of their terms, or the phase of lift-off to its step.
+    let [_, _, pushes, jerk, _] = launch.track.sums();
+    let level = 4.0 * f64::EPSILON * pushes + step * jerk;
     if d == 0.0 && velocity == 0.0 {
-        // sin and k round to half a unit of 1 each, or the phase of lift-off to its step.
-        return if excess <= 4.0 * f64::EPSILON + step {
+        return if excess <= level {
             Ok(Verdict::Rests)
         } else {
             Err("rests though it is thrown".into())
         };
     }
-    if velocity < 1e-22 && excess.abs() <= 4.0 * f64::EPSILON + step && k > 1.0 - 1e-9 {
+    if velocity < 1e-22 && excess.abs() <= level && surge.abs() < 5e-5 {
         // At the flat top of the track rounding alone decides whether the part is thrown.
         return Ok(Verdict::Rests);
     }
@@ -182,7 +213,7 @@ pub(crate) fn judge<K: Tried>(
     }
     let near = |d: f64, truth: f64| {
         let [height, slope, curvature] = proof.gap(d);
-        let noise = K::rounding(proof, d.max(truth));
+        let noise = K::rounding(launch, d.max(truth));
         // Shift of the root by that noise: linear at a fast arrival, a square root at a double
         // root.
         let moved = if slope * slope > 4.0 * curvature.abs() * noise {
@@ -215,16 +246,20 @@ pub(crate) fn judge<K: Tried>(
             if impact.grazes {
                 return Ok(Verdict::Flagged);
             }
-            if is_left_open(launch) && (d < 1e-12 || height.abs() <= 64.0 * noise) {
+            if is_left_open(launch, step) && (d < 1e-12 || height.abs() <= 64.0 * noise) {
                 return Ok(Verdict::Undecided);
             }
             let touch = proof.gap(truth)[0].abs();
             if d > truth && touch <= launch.rounding(truth) {
                 let [height, slope, _] = proof.gap(d);
-                let room = 64.0 * (K::rounding(proof, d) + moved * slope.abs());
+                let room = 64.0 * (K::rounding(launch, d) + moved * slope.abs());
                 if velocity * d > 1e-3 && slope < 0.0 && height.abs() <= room {
                     return Ok(Verdict::Undecided);
                 }
+            }
+            // The steps of the oracle may pass a touch within their rounding.
+            if d < truth && height.abs() <= 64.0 * noise && proof.clearance() < 1.0 {
+                return Ok(Verdict::Undecided);
             }
             return Err(format!(
                 "wrong root, expected flight {truth:e}, off by {deviation:e}"
@@ -233,7 +268,7 @@ pub(crate) fn judge<K: Tried>(
         deviation
     };
     if nothing > 0.0 && d <= nothing {
-        let fastest = velocity + nothing * (excess.abs() + nothing);
+        let fastest = velocity + nothing * (excess.abs() + nothing * jerk);
         return if next.velocity <= restitution * fastest + velocity_step {
             Ok(Verdict::First(deviation))
         } else {

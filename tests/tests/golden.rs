@@ -159,7 +159,7 @@ fn the_residual_of_f64_is_within_four_roundings() {
         let mut count = 0;
         for _ in 0..40_000 {
             let launch = kind.draw(&mut random);
-            let map = Map::build(launch.k, 1.0).unwrap();
+            let map = Map::build(launch.track.k, 1.0).unwrap();
             let impact = map.impact(launch.state());
             if impact.grazes || impact.flight == 0.0 || impact.next.velocity == 0.0 {
                 continue;

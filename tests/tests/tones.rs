@@ -1,61 +1,21 @@
 //! Tracks of several tones: an independent map, and properties of every impact.
 
 use std::f64::consts::TAU;
-use std::sync::Mutex;
 
-use kband::impact::{
-    Kernel, OrbitEvent, PartState, Single, Tangent, Tone, WaveKernel, WaveMap, WaveOrbit,
-    WaveSingle,
-};
-use kband_tests::states::Random;
-use kband_tests::tones::{Kind, NAMES, Seen, Tally, soak, track};
+use kband::impact::{Kernel, OrbitEvent, PartState, Tangent, Wave, WaveMap, WaveOrbit};
+use kband_tests::oracle::Track;
+use kband_tests::states::{Random, tones};
 
-/// An impact without a graze flag is the first, within rounding; `soak --tones` tests more.
-#[test]
-fn no_impact_is_missed_in_any_arithmetic() {
-    let each = 20_000;
-    let wrong = Mutex::new(String::new());
-    let tallies = soak(each, 81, 2, |cause| {
-        let mut wrong = wrong.lock().unwrap();
-        wrong.push_str(cause);
-        wrong.push('\n');
-    });
-    let wrong = wrong.into_inner().unwrap();
-    assert!(wrong.is_empty(), "{wrong}");
-    for (kind, Tally(seen)) in tallies {
-        for (name, seen) in NAMES.iter().zip(seen) {
-            let Seen {
-                launches,
-                flagged,
-                doubtful,
-                ..
-            } = seen;
-            let least = if kind == Kind::Wide { each / 2 } else { each };
-            assert!(launches >= least, "{name} {kind:?}: {launches}");
-            let most = match (kind, *name) {
-                (Kind::Edge, _) => launches / 4,
-                (Kind::Grazing, _) => launches,
-                _ => launches / 1000,
-            };
-            assert!(
-                flagged + doubtful < most.max(10),
-                "{name} {kind:?}: {seen:?}"
-            );
-        }
-    }
-}
-
-#[test]
-fn one_tone_keeps_its_bits() {
-    let mut random = Random::new(3);
-    for _ in 0..20_000 {
-        let (k, restitution) = (random.between(0.02, 1.2), random.between(0.0, 1.0));
-        let start = Single::state(random.between(0.0, TAU), random.scale(1e-7, 20.0)).unwrap();
-        let one = Single::build(k, restitution).unwrap().impact(start);
-        let tones = [Tone::new(0.0, 1.0); 2];
-        let same = WaveSingle::on_tones(tones, k, restitution).unwrap();
-        assert_eq!(one, same.impact(start));
-    }
+/// A random track; k up to the highest throw.
+fn track(random: &mut Random) -> (Track, Wave) {
+    let tones = tones(random);
+    let wave = Wave::build(tones[0], tones[1]).unwrap();
+    let k = if random.sign() > 0.0 {
+        random.between(0.02, 1.0)
+    } else {
+        random.scale(0.01, 1.2 * wave.highest_throw())
+    };
+    (Track::on(k, tones), wave)
 }
 
 /// `det J = R^2 psi/psi'` of the tangent map itself.

@@ -11,7 +11,7 @@ use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap, WaveSingle,
+    Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
 };
 
 use crate::arguments::{self, AmplitudeArguments, Drawn, Output, ScatterArguments};
@@ -101,7 +101,7 @@ pub enum Arithmetic {
     Hybrid,
     /// Phase in u32, velocity in f32.
     F32,
-    /// Phase in u32, velocity in i32, for a CPU without an FPU.
+    /// Fixed point alone; slow.
     Integer,
     /// f64 in the widest registers of this CPU, the same bits.
     Batch,
@@ -156,7 +156,7 @@ fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States, Refusal> {
     let arithmetic = task.arguments.arithmetic;
     match arithmetic {
         Arithmetic::F64 => task.fly(of::<WaveMap>(tones), one_by_one),
-        Arithmetic::F32 => task.fly(of::<WaveSingle>(tones), one_by_one),
+        Arithmetic::F32 => task.fly(of::<Single>(tones), one_by_one),
         Arithmetic::Hybrid | Arithmetic::Integer | Arithmetic::Batch => Err(Refusal::value(
             "--arithmetic",
             arithmetic

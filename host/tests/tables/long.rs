@@ -7,20 +7,7 @@ use kband_control::{Controller, StartCause, Target};
 use kband_plant::{EnvelopeLoop, Scene};
 use serde_json::Value;
 
-use super::{REAL_PARTS, Table, closed_loop, kband, list, number};
-
-#[allow(dead_code)]
-#[path = "../../../shared/plant/examples/hearing.rs"]
-mod hearing;
-#[allow(dead_code)]
-#[path = "../../../shared/plant/examples/identifying.rs"]
-mod identifying;
-#[allow(dead_code)]
-#[path = "../../../shared/examples/shapes.rs"]
-mod shapes;
-#[allow(dead_code, unexpected_cfgs)]
-#[path = "../../../shared/plant/examples/weighing.rs"]
-mod weighing;
+use super::{REAL_PARTS, Table, closed_loop, hearing, identifying, kband, list, number, weighing};
 
 /// A table that takes minutes.
 pub struct Long {
@@ -57,8 +44,8 @@ long_tables! {
         shapes::table(&shapes::LOTS, [4000, shapes::MOVES]).expect("shapes"),
         shapes::table(&shapes::LOTS[5..], [20, 1]).expect("shapes");
     weighing_of_twenty_feeders: "weighing", REAL_PARTS, weighing::HEAD,
-        weighing::table(20, 1, true).expect("feeders"),
-        weighing::table(1, 1, true).expect("feeders");
+        weighing::table(20, 1).expect("feeders"),
+        weighing::table(1, 1).expect("feeders");
     share_heard_of_the_chosen_lots: "share heard, lots chosen with", REAL_PARTS, HEARD,
         hearing::table(&hearing::rows("set"), 6, 1),
         hearing::table(&hearing::rows("set")[5..10], 1, 1);
@@ -275,7 +262,7 @@ fn captures(lots: &[&str], more: &str) -> Vec<String> {
 fn tracks(tracks: &[[f32; 2]], runs: u64) -> Vec<String> {
     let row = |&track: &[f32; 2]| {
         let [frequency, decay] = track;
-        let cell = |restitution| identifying::cell((restitution, 0.0, 1), track, 1..1 + runs, true);
+        let cell = |restitution| identifying::cell((restitution, 0.0, 1), track, 1..1 + runs);
         let cells = [0.15, 0.2, 0.25, 0.3, 0.5, 0.7, 0.8].map(cell);
         format!(
             "| {frequency} Hz, ringing decays in {decay} ms | {} |",
@@ -291,7 +278,7 @@ fn scattering(parts: &[usize], scatters: &[f32], runs: u64) -> Vec<String> {
         for &scatter in scatters {
             let cell = |tenths: u8| {
                 let lot = (f32::from(tenths) / 10.0, scatter, parts);
-                identifying::cell(lot, identifying::BUILT_IN, 31..31 + runs, true)
+                identifying::cell(lot, identifying::BUILT_IN, 31..31 + runs)
             };
             let cells: Vec<String> = (1..=7).map(cell).collect();
             rows.push(format!(

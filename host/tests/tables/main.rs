@@ -16,8 +16,12 @@
 #[path = "../came/mod.rs"]
 mod came;
 mod closed_loop;
+mod hearing;
+mod identifying;
 mod long;
+mod shapes;
 mod short;
+mod weighing;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -64,20 +64,6 @@ pub(crate) static SINE_COSINE_SINGLE: [[f32; 2]; COUNT] = {
     table
 };
 
-/// (sine, cosine) at each node, nearest step of 2^-30.
-pub(crate) static SINE_COSINE_FIXED: [[Fixed<30>; 2]; COUNT] = {
-    let mut table = [[Fixed::<30>::ZERO; 2]; COUNT];
-    let mut j = 0;
-    while j < COUNT {
-        table[j] = [
-            Fixed::<30>::from_constant(TWOFOLD_NODES[j][0].high),
-            Fixed::<30>::from_constant(TWOFOLD_NODES[j][1].high),
-        ];
-        j += 1;
-    }
-    table
-};
-
 /// Sine at the nodes of the first quarter turn with both ends, in steps of 2^-63.
 pub(crate) static QUARTER_SINES: [u64; COUNT / 4 + 1] = {
     const STEPS: f64 = (1_u64 << 63) as f64;
@@ -95,6 +81,18 @@ pub(crate) static QUARTER_SINES: [u64; COUNT / 4 + 1] = {
     table
 };
 
+/// Sine and cosine at a node, from [`QUARTER_SINES`].
+pub(crate) fn sine_cosine(node: u32) -> [Fixed<60, i64>; 2] {
+    let place = node as usize % (COUNT / 4);
+    let [sine, cosine] = [place, COUNT / 4 - place].map(|n| Fixed((QUARTER_SINES[n] >> 3) as i64));
+    match node as usize / (COUNT / 4) % 4 {
+        0 => [sine, cosine],
+        1 => [cosine, -sine],
+        2 => [-sine, -cosine],
+        _ => [-cosine, sine],
+    }
+}
+
 /// A node for the kernel with an FPU and a wide multiplier.
 pub(crate) struct Fine {
     /// Sine and cosine, nearest f32.
@@ -110,8 +108,8 @@ pub(crate) static FINE_NODES: [Fine; COUNT] = {
     let mut table = [const {
         Fine {
             single: [0.0; 2],
-            fixed: [Fixed::<30>::ZERO; 2],
-            cosine: Fixed::<48, i64>::ZERO,
+            fixed: [Fixed(0); 2],
+            cosine: Fixed(0),
         }
     }; COUNT];
     let mut j = 0;
@@ -190,10 +188,8 @@ mod tests {
             assert!((node[1] - libm::cos(angle)).abs() < 7e-16);
             for i in 0..2 {
                 assert!((f64::from(SINE_COSINE_SINGLE[j][i]) - node[i]).abs() <= 3e-8);
-                assert!(
-                    (f64::from(SINE_COSINE_FIXED[j][i].0) / f64::from(1 << 30) - node[i]).abs()
-                        <= 4.7e-10
-                );
+                let exact = sine_cosine(j as u32)[i].0 as f64 / libm::exp2(60.0);
+                assert!((exact - node[i]).abs() <= f64::EPSILON);
             }
         }
     }

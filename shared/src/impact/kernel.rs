@@ -32,18 +32,17 @@ pub struct HybridState {
 }
 
 impl HybridState {
-    /// A state from a phase in rad and a velocity in `b w`, at most `top`; `accepted` is the range
-    /// in the error.
-    pub(super) fn build(
-        phase: f64,
-        velocity: f64,
-        top: f64,
-        accepted: &'static str,
-    ) -> Result<Self, OutOfRange> {
+    /// Largest accepted velocity.
+    pub(super) const MAX_VELOCITY: Velocity =
+        Velocity::from_fixed(Fixed::<26, u32>::from_constant(MAX_VELOCITY));
+
+    /// A state from a phase in rad and a velocity in `b w`, at most [`MAX_VELOCITY`].
+    pub(super) fn build(phase: f64, velocity: f64) -> Result<Self, OutOfRange> {
         accept_phase(phase)?;
+        accept_velocity(velocity)?;
         Ok(Self {
             phase: Phase::from_radians(phase),
-            velocity: Velocity::build(velocity, top, accepted)?,
+            velocity: Velocity::nearest(velocity),
         })
     }
 
@@ -52,11 +51,16 @@ impl HybridState {
         PartState::new(self.phase.radians(), self.velocity.value())
     }
 
-    /// The state with its velocity limited to `top`.
+    pub(super) fn is_in_range(self) -> bool {
+        self.velocity <= Self::MAX_VELOCITY
+    }
+
+    /// The state with its velocity limited to the accepted range.
     #[inline(always)]
-    pub(super) fn limited_to(self, top: Fixed<26, u32>) -> Self {
+    pub(super) fn limited(self) -> Self {
+        let bits = self.velocity.bits().min(Self::MAX_VELOCITY.bits());
         Self {
-            velocity: Velocity::from_fixed(self.velocity.fixed().min(top)),
+            velocity: Velocity::from_bits(bits),
             ..self
         }
     }
@@ -193,7 +197,7 @@ pub trait Kernel: Sized {
 /// The impact map on a track of several tones, in one arithmetic.
 ///
 /// ```
-/// use kband::impact::{Kernel, Tone, WaveKernel, WaveMap, WaveSingle};
+/// use kband::impact::{Kernel, Tone, WaveKernel, WaveMap, Single};
 ///
 /// /// The velocity of parts locked to two tones.
 /// fn locked<K: WaveKernel>() -> Result<f64, kband::feeder::OutOfRange> {
@@ -207,7 +211,7 @@ pub trait Kernel: Sized {
 /// }
 /// // psi = 2 pi k R/(1 + R), whatever the tones.
 /// assert!((locked::<WaveMap>()? - 0.366_519_142_918_809).abs() < 1e-12);
-/// assert!((locked::<WaveSingle>()? - 0.366_519_142_918_809).abs() < 1e-6);
+/// assert!((locked::<Single>()? - 0.366_519_142_918_809).abs() < 1e-6);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 pub trait WaveKernel: Kernel {
@@ -216,6 +220,15 @@ pub trait WaveKernel: Kernel {
     /// The microcontroller kernels round amplitudes to 2^-32 and angles to 2^-32 turns. Errors:
     /// `OutOfRange` with the parameter and the range of this arithmetic.
     fn on_tones(tones: [Tone; 2], k: f64, restitution: f64) -> Result<Self, OutOfRange>;
+}
+
+/// Largest accepted launch velocity of the kernels without f64, in `b w`.
+pub(super) const MAX_VELOCITY: f64 = 60.0;
+
+/// Refuses a launch velocity outside 0..60 `b w`.
+pub(super) fn accept_velocity(velocity: f64) -> Result<(), OutOfRange> {
+    let accepts = (0.0..=MAX_VELOCITY).contains(&velocity);
+    accept("velocity", velocity, accepts, "0..60 (units of b w)").map(|_| ())
 }
 
 /// Refuses a phase in rad whose last digit is coarser than 2^-32 turns.

@@ -14,9 +14,9 @@
 //! | `WaveMap` | f64, two or three tones | `wave_map/first.rs` | `wave_map/search.rs` |
 //! | `batch::Block` | many f64 orbits | `batch/mod.rs` | `double/first.rs` |
 //! | [`Hybrid`] | CPU with f32: the board | `anchor/{hybrid,candidate}.rs` | `anchor/search.rs` |
-//! | [`Single`] | f32, pictures | `anchor/{single,candidate}.rs` | `anchor/search.rs` |
-//! | `WaveSingle` | f32, two or three tones | `anchor/wave_single/search.rs` | |
-//! | [`Integer`] | CPU without an FPU | `integer/{map,approach}.rs` | `integer/search.rs` |
+//! | [`Single`] | f32, one tone | `anchor/{single,candidate}.rs` | `anchor/search.rs` |
+//! | [`Single`] | f32, two or three tones | `anchor/wave_single/search.rs` | |
+//! | [`Integer`] | fixed point alone | `integer.rs` | |
 //!
 //! `kernel.rs` defines the states, the impact and the common trait. `wave.rs` defines the motion of
 //! a track of several tones. `set_up.rs` computes the constants of the microcontroller kernels.
@@ -35,8 +35,8 @@ mod set_up;
 mod wave;
 mod wave_map;
 
-pub use anchor::WaveSingle;
-pub use anchor::{Hybrid, Single, SingleState};
+pub use anchor::Single;
+pub use anchor::{Hybrid, SingleState};
 pub use contact_time::ContactTime;
 pub(crate) use contact_time::speed_gain;
 #[cfg(test)]

@@ -2,7 +2,6 @@
 
 use kband::impact::{
     Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState, Tone, WaveKernel,
-    WaveSingle,
 };
 
 /// A kernel with its step in machine units.
@@ -40,16 +39,6 @@ impl Machine for Single {
     }
     fn bits(state: SingleState) -> [u32; 2] {
         [state.phase.bits(), state.velocity.to_bits()]
-    }
-}
-
-impl Machine for WaveSingle {
-    #[inline(always)]
-    fn land(&self, state: SingleState) -> Landing<SingleState> {
-        WaveSingle::land(self, state)
-    }
-    fn bits(state: SingleState) -> [u32; 2] {
-        Single::bits(state)
     }
 }
 
@@ -157,10 +146,8 @@ pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
     [
         (Hybrid::NAME, hash_orbits::<Hybrid> as fn(u32) -> u32),
         (Single::NAME, hash_orbits::<Single>),
-        (Integer::NAME, hash_orbits::<Integer>),
-        (WaveSingle::NAME, |count| {
-            hash_waves::<WaveSingle>(count / 4)
-        }),
+        (Integer::NAME, |count| hash_orbits::<Integer>(count / 10)),
+        ("f32-tones", |count| hash_waves::<Single>(count / 4)),
     ]
     .into_iter()
     .map(|(name, hash)| (name, hash(10_000)))

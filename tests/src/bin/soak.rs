@@ -5,14 +5,15 @@ use std::collections::HashMap;
 use std::process::ExitCode;
 use std::sync::{Mutex, PoisonError};
 
+use kband::impact::Tone;
+use kband_tests::oracle::Track;
 use kband_tests::soak::{Tally, replay, soak};
 use kband_tests::states::{Kind, Launch};
-use kband_tests::tones;
 
 const USAGE: &str = "usage: soak [--tones] [--threads N] [MILLIONS [SEED]]
-       soak --replay K RESTITUTION PHASE VELOCITY";
+       soak --replay K RESTITUTION PHASE VELOCITY [E TH E3 TH3]";
 
-/// Printed wrong impacts per arithmetic or kind: one cause can have thousands, another a single
+/// Printed wrong impacts per kind: one cause can have thousands, another a single
 /// one.
 const PRINTED: u32 = 40;
 
@@ -45,6 +46,14 @@ fn main() -> ExitCode {
         (true, Some(&[k, restitution, phase, velocity])) => {
             return once(&Launch::new(k, restitution, phase, velocity));
         }
+        (true, Some(&[k, restitution, phase, velocity, e, th, e3, th3])) => {
+            return once(&Launch {
+                track: Track::on(k, [Tone::new(e, th), Tone::new(e3, th3)]),
+                restitution,
+                phase,
+                velocity,
+            });
+        }
         (false, Some([])) => (100.0, 1),
         (false, Some(&[millions])) => (millions, 1),
         (false, Some(&[millions, seed])) => (millions, seed as u64),
@@ -53,11 +62,7 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    if on_tones {
-        run_on_tones(millions, seed, threads)
-    } else {
-        run(millions, seed, threads)
-    }
+    run(millions, on_tones, seed, threads)
 }
 
 fn once(launch: &Launch) -> ExitCode {
@@ -73,16 +78,7 @@ fn once(launch: &Launch) -> ExitCode {
     }
 }
 
-/// Number of rounds of a soak, and launches per kind in a round.
-///
-/// A round has some of every kind, so a soak that is cut short has tried them all.
-fn rounds(millions: f64, kinds: usize) -> (u64, u64) {
-    let rounds = (millions / 5.0).ceil().max(1.0);
-    let count = (millions * 1e6 / (rounds * kinds as f64)).ceil();
-    (rounds as u64, count as u64)
-}
-
-/// Prints the first wrong impacts of each arithmetic or kind, the first word of the message.
+/// Prints the first wrong impacts of each kind, the first word of the message.
 fn printer() -> impl Fn(&str) + Sync {
     let printed = Mutex::new(HashMap::<String, u32>::new());
     move |cause: &str| {
@@ -96,51 +92,15 @@ fn printer() -> impl Fn(&str) + Sync {
     }
 }
 
-fn run_on_tones(millions: f64, seed: u64, threads: usize) -> ExitCode {
-    let (rounds, count) = rounds(millions, tones::Kind::ALL.len());
-    let tell = printer();
-    let begun = std::time::Instant::now();
-    let mut total = tones::Tally::default();
-    for round in 0..rounds {
-        for (_, tally) in tones::soak(count, seed << 16 | round, threads, &tell) {
-            total.add(&tally);
-        }
-        let each: Vec<_> = tones::NAMES
-            .iter()
-            .zip(total.0)
-            .map(|(name, seen)| {
-                format!(
-                    "{name} {} launches, {} flagged as grazing, {} within rounding, {} wrong",
-                    seen.launches, seen.flagged, seen.doubtful, seen.wrong
-                )
-            })
-            .collect();
-        println!(
-            "on several tones, seed {seed}, {:.0} s: {}",
-            begun.elapsed().as_secs_f64(),
-            each.join("; ")
-        );
-    }
-    let wrong: u64 = total.0.iter().map(|seen| seen.wrong).sum();
-    if wrong > 0 {
-        println!("{wrong} impacts on several tones wrong");
-        return ExitCode::FAILURE;
-    }
-    println!(
-        "every impact of {} launches of seed {seed} on several tones is the first, in every arithmetic ({:.0} s)",
-        total.0.iter().map(|seen| seen.launches).min().unwrap_or(0),
-        begun.elapsed().as_secs_f64()
-    );
-    ExitCode::SUCCESS
-}
-
-fn run(millions: f64, seed: u64, threads: usize) -> ExitCode {
-    let (rounds, count) = rounds(millions, Kind::ALL.len());
+fn run(millions: f64, on_tones: bool, seed: u64, threads: usize) -> ExitCode {
+    // A round has some of every kind, so a soak that is cut short has tried them all.
+    let rounds = (millions / 5.0).ceil().max(1.0) as u64;
+    let count = (millions * 1e6 / (rounds as f64 * Kind::ALL.len() as f64)).ceil() as u64;
     let tell = printer();
     let begun = std::time::Instant::now();
     let mut tallies = Kind::ALL.map(|kind| (kind, Tally::default()));
     for round in 0..rounds {
-        let seen = soak(count, seed << 16 | round, threads, &tell);
+        let seen = soak(count, on_tones, seed << 16 | round, threads, &tell);
         for ((_, total), (_, tally)) in tallies.iter_mut().zip(&seen) {
             total.add(tally);
         }
@@ -162,9 +122,7 @@ fn run(millions: f64, seed: u64, threads: usize) -> ExitCode {
         wrong += tally.wrong;
     }
     if wrong > 0 {
-        println!(
-            "{wrong} of {launches} launches wrong; soak --replay K RESTITUTION PHASE VELOCITY repeats one"
-        );
+        println!("{wrong} of {launches} launches wrong; soak --replay repeats one");
         return ExitCode::FAILURE;
     }
     println!(

@@ -139,7 +139,7 @@ fn heard_of(restitution: f32, scatter: f32, parts: usize, seed: u64) -> Identifi
     .expect("an identification ends")
 }
 
-/// Some of the lots of `examples/identifying.rs`.
+/// Some of the lots of `host/tests/tables/identifying.rs`.
 #[test]
 fn scattering_parts_get_no_false_restitution() {
     for parts in [1, 6] {

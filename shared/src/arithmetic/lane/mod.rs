@@ -7,7 +7,6 @@
 #[allow(unsafe_code)]
 pub(crate) mod avx2;
 pub(crate) mod queue;
-#[allow(unsafe_code)]
 pub(crate) mod simd;
 mod single;
 

@@ -7,7 +7,6 @@ use super::flight::{Flight, Launch, Local, OverSine, STEPS_PER_RADIAN};
 use super::search::search;
 use super::settle::{Settled, settle, settle_carefully};
 use super::sine_track::SineTrack;
-use super::single::MAX_VELOCITY;
 use super::solve::Found;
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node::{self, Fine};
@@ -15,7 +14,9 @@ use crate::arithmetic::positive::Positive;
 use crate::arithmetic::trigonometry::{RADIANS_PER_TURN, sine_cosine_fine};
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::OutOfRange;
-use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, PartState, SingleImpact};
+use crate::impact::kernel::{
+    HybridState, Impact, Kernel, Landing, MAX_VELOCITY, PartState, SingleImpact,
+};
 use crate::impact::set_up::SetUp;
 
 /// The impact map for the Cortex-M4F, the default on the board (`hybrid`).
@@ -65,7 +66,6 @@ pub struct Hybrid {
     restitution: Fixed<32, u32>,
 }
 
-const MAX_FIXED_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::from_constant(MAX_VELOCITY);
 /// Largest arrival velocity in `b w`. A launch at the top arrives at most 2 faster.
 const MAX_ARRIVAL_VELOCITY: Fixed<26, u32> = Fixed::<26, u32>::from_constant(MAX_VELOCITY + 3.0);
 
@@ -73,7 +73,7 @@ impl Hybrid {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[inline(always)]
     pub fn land(&self, state: HybridState) -> Landing<HybridState> {
-        let state = state.limited_to(MAX_FIXED_VELOCITY);
+        let state = state.limited();
         let (sine, fine) = sine_cosine_fine(state.phase);
         let phase = state.phase.bits();
         let velocity = state.velocity.fixed();
@@ -406,12 +406,12 @@ impl Kernel for Hybrid {
     }
 
     fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {
-        HybridState::build(phase, velocity, MAX_VELOCITY, "0..60 (units of b w)")
+        HybridState::build(phase, velocity)
     }
 
     #[inline]
     fn is_in_range(state: HybridState) -> bool {
-        state.velocity.fixed() <= MAX_FIXED_VELOCITY
+        state.is_in_range()
     }
 
     fn observe(state: HybridState) -> PartState {
@@ -448,7 +448,7 @@ impl Kernel for Hybrid {
             scaled.nearest(26)
         };
         match u32::try_from(scaled) {
-            Ok(steps) if steps <= MAX_FIXED_VELOCITY.0 => Ok(HybridState {
+            Ok(steps) if steps <= HybridState::MAX_VELOCITY.bits() => Ok(HybridState {
                 velocity: Velocity::from_fixed(Fixed(steps)),
                 ..state
             }),

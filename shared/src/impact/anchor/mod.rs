@@ -24,5 +24,5 @@ mod solve;
 mod wave_single;
 
 pub use hybrid::Hybrid;
-pub use single::{Single, SingleState};
-pub use wave_single::WaveSingle;
+pub use single::SingleState;
+pub use wave_single::Single;

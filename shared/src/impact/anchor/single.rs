@@ -11,11 +11,11 @@ use super::settle::{Settled, settle, settle_carefully};
 use super::sine_track::SineTrack;
 use super::solve::Found;
 use crate::arithmetic::{Phase, node, sine_cosine_single};
-use crate::feeder::{OutOfRange, accept};
-use crate::impact::kernel::{Impact, Kernel, Landing, PartState, accept_phase};
+use crate::feeder::OutOfRange;
+use crate::impact::kernel::{Landing, MAX_VELOCITY};
 use crate::impact::set_up::SetUp;
 
-/// A state of [`Single`]: 8 bytes.
+/// A state of [`Single`](super::Single): 8 bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SingleState {
     /// Phase of the drive (symbol t), steps of 2^-32 turns.
@@ -24,48 +24,18 @@ pub struct SingleState {
     pub velocity: f32,
 }
 
-/// The impact map in f32, for displays and pictures (`f32`).
-///
-/// The phase is an integer, so it never drifts. Everything else is f32. The resolution of f32 at
-/// the flight time limits the error. Measured against the f64 map from the same 400 000 states, k
-/// 0.02..0.98:
-///
-/// | velocities | phase error: median | p99 | max (rad) | velocity: max |
-/// |---|---|---|---|---|
-/// | 0..20 | 1.8e-6 | 5.3e-5 | 3.4e-4 | 2.5e-4 |
-/// | 0..3 | 2.2e-7 | 8.6e-6 | 8.6e-5 | 4.7e-5 |
-/// | 3e-7..3, logarithmic | 6e-9 | 3.1e-6 | 3.9e-4 | 6.9e-5 |
-///
-/// The first impact is the right one down to a gap of 1e-5 over a hump, times the flight time above
-/// 1 rad. Nearer ones are flagged. An impact takes about 170 instructions on a Cortex-M4F, at
-/// most 281 on any locked or chaotic orbit tried.
-///
-/// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. With a restitution above 0.96 an impact
-/// may leave faster, by at most 2.5. Its velocity is then right. `Single::state` refuses it,
-/// [`Kernel::is_in_range`] returns false, and a launch from it is limited to 60.
-///
-/// ```
-/// use kband::impact::{Kernel, Map, Single};
-///
-/// let (single, map) = (Single::build(0.34, 0.2)?, Map::build(0.34, 0.2)?);
-/// let start = Single::state(0.7, 0.36)?;
-/// let expected = map.impact(Single::observe(start)).flight;
-/// assert!((single.land(start).flight() - expected).abs() < 1e-5);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
+/// The impact map in f32 on a track of one tone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Single {
-    track: SineTrack,
-    restitution: f32,
-}
+pub(super) struct SineSingle(SineTrack);
 
-/// Largest accepted launch velocity in `b w`.
-pub(super) const MAX_VELOCITY: f64 = 60.0;
+impl SineSingle {
+    pub(super) fn build(k: f64) -> Result<Self, OutOfRange> {
+        Ok(Self(SineTrack::new(&SetUp::build(k, 0.0)?)))
+    }
 
-impl Single {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[inline(always)]
-    pub fn land(&self, state: SingleState) -> Landing<SingleState> {
+    pub(super) fn land(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
         let state = SingleState {
             velocity: smaller(state.velocity, MAX_VELOCITY as f32),
             ..state
@@ -73,7 +43,7 @@ impl Single {
         let (sine, cosine) = sine_cosine_single(state.phase);
         let phase = state.phase.bits();
         let flight = Ballistic {
-            k: self.track.k,
+            k: self.0.k,
             phase,
             sine,
             rise: state.velocity + cosine,
@@ -85,16 +55,13 @@ impl Single {
             cosine,
             pull: 0.0,
         };
-        if let Some(approach) = fall::<Ballistic>(
-            &self.track,
-            phase,
-            launch.sine,
-            launch.velocity + launch.cosine,
-        ) {
+        if let Some(approach) =
+            fall::<Ballistic>(&self.0, phase, launch.sine, launch.velocity + launch.cosine)
+        {
             let steps = steps_after(phase, &approach);
-            return self.landing(phase, steps, approach.arrival(), false);
+            return landing(phase, steps, approach.arrival(), restitution, false);
         }
-        let throws = self.track.throws(phase);
+        let throws = self.0.throws(phase);
         if state.velocity == 0.0 && !throws {
             return Landing {
                 steps: 0,
@@ -102,10 +69,10 @@ impl Single {
                 grazes: false,
             };
         }
-        let mut pull = self.track.k - sine;
+        let mut pull = self.0.k - sine;
         // The difference loses its digits near an end of a hump.
         if pull < 1e-3 && pull > -1e-3 {
-            pull = self.track.pull_near_ends(phase);
+            pull = self.0.pull_near_ends(phase);
         }
         // At lift-off itself rounding must not change the sign of the pull, nor make it 0.
         launch.pull = if throws {
@@ -113,77 +80,52 @@ impl Single {
         } else {
             larger(pull, 1e-20)
         };
-        self.land_low(&{ flight }, &{ launch })
-    }
-
-    /// [`Single::land`] with another restitution, 0..=1, at the impact.
-    #[inline]
-    pub(super) fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
-        Self {
-            restitution,
-            ..*self
-        }
-        .land(state)
+        self.land_low(&{ flight }, &{ launch }, restitution)
     }
 
     /// Whether a part that rests at `phase` is thrown off there.
     pub(super) fn throws(&self, phase: Phase) -> bool {
-        self.track.throws(phase.bits())
+        self.0.throws(phase.bits())
     }
 
     /// Phase at which the track throws a resting part; `None` where it never does.
     pub(super) fn lift_off(&self) -> Option<Phase> {
-        (self.track.hump > 0).then(|| Phase::from_bits(self.track.lift_off))
+        (self.0.hump > 0).then(|| Phase::from_bits(self.0.lift_off))
     }
 
     #[inline(never)]
-    fn land_low(&self, flight: &Ballistic, launch: &Launch) -> Landing<SingleState> {
-        match candidate::<Ballistic>(&self.track, launch) {
+    fn land_low(
+        &self,
+        flight: &Ballistic,
+        launch: &Launch,
+        restitution: f32,
+    ) -> Landing<SingleState> {
+        match candidate::<Ballistic>(&self.0, launch) {
             Candidate::Hop { flight, arrival } => {
-                return self.land_short(launch, flight, arrival, false);
+                return land_short(launch.phase, flight, arrival, restitution, false);
             }
             Candidate::Final(approach) => {
                 let steps = steps_after(flight.phase, &approach);
-                if self.track.ends::<Ballistic>(flight.phase, steps)
-                    || self
-                        .track
-                        .clears(flight.phase, flight.rise, launch.pull, steps)
+                if self.0.ends::<Ballistic>(flight.phase, steps)
+                    || self.0.clears(flight.phase, flight.rise, launch.pull, steps)
                 {
-                    return self.landing(flight.phase, steps, approach.arrival(), false);
+                    return landing(flight.phase, steps, approach.arrival(), restitution, false);
                 }
             }
             Candidate::Near { .. } | Candidate::Unknown => {}
         }
-        self.land_by_search(*flight, *launch)
-    }
-
-    #[inline(always)]
-    fn land_short(
-        &self,
-        launch: &Launch,
-        flight: f32,
-        arrival: f32,
-        grazes: bool,
-    ) -> Landing<SingleState> {
-        land_short(launch.phase, flight, arrival, self.restitution, grazes)
+        self.land_by_search(*flight, *launch, restitution)
     }
 
     #[inline(never)]
-    fn land_by_search(&self, flight: Ballistic, launch: Launch) -> Landing<SingleState> {
-        let (found, grazes) = search(&self.track, &launch, &flight);
-        land_found(
-            self.track.k,
-            self.restitution,
-            launch.phase,
-            &flight,
-            found,
-            grazes,
-        )
-    }
-
-    #[inline(always)]
-    fn landing(&self, phase: u32, steps: i64, speed: f32, grazes: bool) -> Landing<SingleState> {
-        landing(phase, steps, speed, self.restitution, grazes)
+    fn land_by_search(
+        &self,
+        flight: Ballistic,
+        launch: Launch,
+        restitution: f32,
+    ) -> Landing<SingleState> {
+        let (found, grazes) = search(&self.0, &launch, &flight);
+        land_found(self.0.k, restitution, launch.phase, &flight, found, grazes)
     }
 }
 
@@ -326,47 +268,5 @@ impl OverSine for Ballistic {
     #[inline(always)]
     fn above_k(&self, _: i64, nearly: f32) -> f32 {
         nearly
-    }
-}
-
-impl Kernel for Single {
-    type State = SingleState;
-
-    const NAME: &'static str = "f32";
-
-    fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
-        let set_up = SetUp::build(k, restitution)?;
-        Ok(Self {
-            track: SineTrack::new(&set_up),
-            restitution: restitution as f32,
-        })
-    }
-
-    fn state(phase: f64, velocity: f64) -> Result<SingleState, OutOfRange> {
-        accept_phase(phase)?;
-        accept(
-            "velocity",
-            velocity,
-            (0.0..=MAX_VELOCITY).contains(&velocity),
-            "0..60 (units of b w)",
-        )?;
-        Ok(SingleState {
-            phase: Phase::from_radians(phase),
-            velocity: velocity as f32,
-        })
-    }
-
-    #[inline]
-    fn is_in_range(state: SingleState) -> bool {
-        state.velocity <= MAX_VELOCITY as f32
-    }
-
-    fn observe(state: SingleState) -> PartState {
-        PartState::new(state.phase.radians(), f64::from(state.velocity))
-    }
-
-    #[inline]
-    fn impact(&self, state: SingleState) -> Impact<SingleState> {
-        self.land(state).impact()
     }
 }

@@ -7,9 +7,7 @@ use super::GearDetector;
 use super::draw::Draw;
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::OutOfRange;
-use crate::impact::{
-    LIFT_OFF_DELAY, Landing, SingleState, Tone, WaveKernel, WaveSingle, speed_gain,
-};
+use crate::impact::{LIFT_OFF_DELAY, Landing, Single, SingleState, Tone, WaveKernel, speed_gain};
 use crate::regime::MAX_SERIES_CHATTER_VELOCITY;
 
 /// Second and third tone: amplitude over the first (symbol e) and angle in rad (symbol th) of each.
@@ -18,7 +16,7 @@ pub type Tones = [[f32; 2]; 2];
 /// Motion of the track and its impact map, in single precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackMap {
-    single: WaveSingle,
+    single: Single,
     k: f32,
     /// Amplitudes over the first and angles of the upper tones.
     ratios: [f32; 2],
@@ -33,7 +31,7 @@ impl TrackMap {
     pub fn build(k: f32, tones: Tones) -> Result<Self, OutOfRange> {
         let built = tones.map(|[ratio, angle]| Tone::new(f64::from(ratio), f64::from(angle)));
         Ok(Self {
-            single: WaveSingle::on_tones(built, f64::from(k), 1.0)?,
+            single: Single::on_tones(built, f64::from(k), 1.0)?,
             k,
             ratios: tones.map(|[ratio, _]| ratio),
             angles: tones.map(|[_, angle]| Phase::from_radians(f64::from(angle))),

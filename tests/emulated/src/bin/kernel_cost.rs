@@ -1,8 +1,8 @@
-//! Instructions per impact of the kernels for microcontrollers, one line per kernel and workload:
-//! `instructions KERNEL WORKLOAD m4f|m0 COUNT`. Run it with the emulator's clock on instructions.
+//! Instructions per impact of the kernels of the board, one line per kernel and workload:
+//! `instructions KERNEL WORKLOAD COUNT`. Run it with the emulator's clock on instructions.
 //!
-//! A kernel on its intended CPU also runs orbits over the whole range of k and restitution. The
-//! most expensive orbit that never rests is printed with its launch.
+//! A kernel on one tone also runs orbits over the whole range of k and restitution. The most
+//! expensive orbit that never rests is printed with its launch.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 kband_emulated::image!(run);
@@ -14,27 +14,20 @@ fn run() {
 
 #[cfg(target_os = "none")]
 fn run() {
-    use kband::impact::{Hybrid, Integer, Single, WaveSingle};
+    use kband::impact::{Hybrid, Single};
 
     let counter = kband_emulated::Counter::start();
     let hybrid = cost::measure::<Hybrid>(&counter);
     let single = cost::measure::<Single>(&counter);
-    let integer = cost::measure::<Integer>(&counter);
-    // Bounds for the kernel's intended CPU: the counted value, and 3 % for another compiler.
-    if cfg!(target_abi = "eabihf") {
-        let worst = hybrid.worst.max(cost::sweep::<Hybrid>(&counter));
-        hybrid.is_held("hybrid", [298, 563]);
-        assert!(worst <= 412, "hybrid: {worst}");
-        let worst = single.worst.max(cost::sweep::<Single>(&counter));
-        single.is_held("f32", [175, 457]);
-        assert!(worst <= 289, "f32: {worst}");
-        let single_on_tones = cost::measure_on_tones::<WaveSingle>(&counter);
-        single_on_tones.is_held_on_tones(&single);
-    } else {
-        let worst = integer.worst.max(cost::sweep::<Integer>(&counter));
-        integer.is_held("integer", [1770, 7274]);
-        assert!(worst <= 2999, "integer: {worst}");
-    }
+    // Bounds: the counted value, and 3 % for another compiler.
+    let worst = hybrid.worst.max(cost::sweep::<Hybrid>(&counter));
+    hybrid.is_held("hybrid", [298, 563]);
+    assert!(worst <= 412, "hybrid: {worst}");
+    let worst = single.worst.max(cost::sweep::<Single>(&counter));
+    single.is_held("f32", [195, 680]);
+    assert!(worst <= 311, "f32: {worst}");
+    let single_on_tones = cost::measure_on_tones::<Single>(&counter);
+    single_on_tones.is_held_on_tones(&single);
 }
 
 #[cfg(target_os = "none")]
@@ -47,12 +40,6 @@ mod cost {
         states, track, track_on_tones,
     };
     use kband_emulated::{Counter, say};
-
-    const CPU: &str = if cfg!(target_abi = "eabihf") {
-        "m4f"
-    } else {
-        "m0"
-    };
 
     /// Instructions per impact.
     pub struct Cost {
@@ -90,20 +77,20 @@ mod cost {
         for values in ORBITS {
             let [k, restitution, ..] = values;
             let cost = orbit(counter, begin::<K>(values));
-            say!("instructions {name} orbit-{k}-{restitution} {CPU} {cost}");
+            say!("instructions {name} orbit-{k}-{restitution} {cost}");
             orbits += cost;
             worst = cost.max(worst);
         }
         let orbits = orbits / ORBITS.len() as u64;
-        say!("instructions {name} orbits {CPU} {orbits}");
+        say!("instructions {name} orbits {orbits}");
         let cost = orbit(counter, begin::<K>(CHATTER));
-        say!("instructions {name} chatter {CPU} {cost}");
+        say!("instructions {name} chatter {cost}");
         let set_up = counter.count(|| {
             for k in TRACKS {
                 black_box(track::<K>(black_box(k)));
             }
         }) / TRACKS.len() as u64;
-        say!("instructions {name} set-up {CPU} {set_up}");
+        say!("instructions {name} set-up {set_up}");
         Cost {
             worst,
             orbits,
@@ -116,28 +103,28 @@ mod cost {
     /// Counts each workload on two tones.
     #[inline(never)]
     pub fn measure_on_tones<K: Machine + WaveKernel>(counter: &Counter) -> Cost {
-        let (name, mut orbits, mut worst) = (K::NAME, 0, 0);
+        let (name, mut orbits, mut worst) = ("f32-tones", 0, 0);
         for values in WAVES {
             let [k, restitution, ..] = values;
             let cost = orbit(counter, begin_on_tones::<K>(values));
-            say!("instructions {name} orbit-{k}-{restitution} {CPU} {cost}");
+            say!("instructions {name} orbit-{k}-{restitution} {cost}");
             orbits += cost;
             worst = cost.max(worst);
         }
         let orbits = orbits / WAVES.len() as u64;
-        say!("instructions {name} orbits {CPU} {orbits}");
+        say!("instructions {name} orbits {orbits}");
         let cost = orbit(counter, begin_on_tones::<K>(WAVE_CHATTER));
-        say!("instructions {name} chatter {CPU} {cost}");
+        say!("instructions {name} chatter {cost}");
         let set_up = counter.count(|| {
             black_box(begin_on_tones::<K>(black_box(WAVE_CHATTER)));
         });
-        say!("instructions {name} set-up {CPU} {set_up}");
+        say!("instructions {name} set-up {set_up}");
         Cost {
             worst,
             orbits,
             set_up,
-            high: falls(counter, "high", 20.0, track_on_tones::<K>),
-            low: falls(counter, "low", 3.0, track_on_tones::<K>),
+            high: falls(counter, "tones, high", 20.0, track_on_tones::<K>),
+            low: falls(counter, "tones, low", 3.0, track_on_tones::<K>),
         }
     }
 
@@ -149,7 +136,7 @@ mod cost {
         let cost = counter.count(|| {
             black_box(fall(&kernels, &states));
         }) / states.len() as u64;
-        say!("instructions {} {workload} {CPU} {cost}", K::NAME);
+        say!("instructions {} {workload} {cost}", K::NAME);
         cost
     }
 
@@ -174,7 +161,7 @@ mod cost {
             }
         }
         let name = K::NAME;
-        say!("instructions {name} worst {CPU} {worst}");
+        say!("instructions {name} worst {worst}");
         let [k, restitution, phase, velocity] = at;
         say!(
             "the worst of {orbits} orbits of {name}: k {k:.2}, R {restitution:.2} from {phase:.4}, {velocity:.4}"

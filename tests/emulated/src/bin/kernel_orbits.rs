@@ -1,4 +1,4 @@
-//! Orbits for counting instructions by class. Each kernel for this CPU runs each orbit twice: first
+//! Orbits for counting instructions by class. Each kernel with a count runs each orbit twice: first
 //! the transient, then as many impacts again.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
@@ -9,13 +9,9 @@ use kband_emulated::kernels::{IMPACTS, Machine, ORBITS, begin, fly};
 kband_emulated::image!(run);
 
 fn run() {
-    use kband::impact::{Hybrid, Integer, Single};
-    if cfg!(target_abi = "eabihf") {
-        orbits::<Hybrid>();
-        orbits::<Single>();
-    } else {
-        orbits::<Integer>();
-    }
+    use kband::impact::{Hybrid, Single};
+    orbits::<Hybrid>();
+    orbits::<Single>();
 }
 
 fn orbits<K: Machine>() {

@@ -12,4 +12,4 @@ mod search;
 mod single;
 mod track;
 
-pub use single::WaveSingle;
+pub use single::Single;

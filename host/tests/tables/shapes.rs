@@ -1,10 +1,8 @@
 //! Track shape that keeps parts with random restitution in gear longest, under one peak
 //! acceleration.
 //!
-//! `cargo run --release -p kband --example shapes [TRIES]`, some minutes for
-//! the 4000 tries of the manual's table. Method: random search over shapes of one, two and three
-//! tones, then local random refinement of the best. Their shares of time in gear come from fresh
-//! runs.
+//! Method: random search over shapes of one, two and three tones, then local random refinement of
+//! the best. Their shares of time in gear come from fresh runs.
 
 use std::error::Error;
 use std::f64::consts::TAU;
@@ -153,16 +151,4 @@ pub fn table(lots: &[[f64; 3]], effort: [usize; 2]) -> Result<Vec<String>, Box<d
         Ok(cells)
     };
     lots.iter().map(row).collect()
-}
-
-fn main() -> Result<(), Box<dyn Error>> {
-    let tries = std::env::args()
-        .nth(1)
-        .map_or(Ok(200), |text| text.parse())?;
-    println!("{HEAD}");
-    println!("|{}", "---|".repeat(HEAD.matches(" |").count()));
-    for row in table(&LOTS, [tries, MOVES])? {
-        println!("{row}");
-    }
-    Ok(())
 }

@@ -1,0 +1,190 @@
+//! Errors of the estimated share of time in gear, for one part and for many
+//! (docs/theory-real-parts.md#t10.7).
+//!
+//! It runs lots at given amplitudes. The configured amplitude has an error of up to 2 %, another
+//! one in each run.
+
+use std::f64::consts::TAU;
+
+use kband::arithmetic::Noise;
+use kband::regime::gear::GearWatch;
+use kband_control::Target;
+use kband_plant::{EnvelopeLoop, Scene};
+use rayon::prelude::*;
+
+/// Drive cycles of a run, and of the initial ones left out: 60 s and 5 s at 50 Hz.
+const CYCLES: u32 = 3000;
+const SETTLED: u32 = 250;
+
+/// A lot, its k and its number of parts.
+#[derive(Clone, Copy)]
+pub struct Row {
+    lot: [f32; 2],
+    scatter: f32,
+    k: f32,
+    parts: usize,
+}
+
+/// Result of a run.
+#[derive(Clone, Copy, Default)]
+struct Heard {
+    truth: f64,
+    /// Number of cycles with an estimate; its mean and its mean estimated error over them.
+    told: f64,
+    heard: f64,
+    error: f64,
+}
+
+fn run(row: &Row, seed: u64) -> Heard {
+    let mut noise = Noise::new(seed);
+    let [low, high] = row.lot;
+    let mut scene = Scene {
+        target: Target::K(row.k),
+        seed,
+        parts: (0..row.parts)
+            .map(|_| low + (high - low) * noise.uniform())
+            .collect(),
+        scatter: std::iter::repeat_n(row.scatter, row.parts).collect(),
+        ..Scene::default()
+    };
+    let settings = &mut scene.settings;
+    settings.scatter = row.scatter;
+    (settings.restitution_low, settings.restitution_high) = (low, high);
+    scene.sensor.sensitivity *= 1.0 + settings.amplitude_error * (2.0 * noise.uniform() - 1.0);
+    let mut closed = EnvelopeLoop::build(&scene).expect("the rows are feeders");
+    let mut watches: Vec<_> = (0..row.parts)
+        .map(|_| GearWatch::build(1).expect("order 1 is one"))
+        .collect();
+    let mut all = Heard::default();
+    for cycle in 0..CYCLES {
+        if cycle == SETTLED {
+            watches
+                .iter_mut()
+                .for_each(|watch| watch.begin(f64::from(cycle) * TAU));
+        }
+        let report = closed.cycle().report;
+        for strike in closed.strikes() {
+            let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
+            let flight = f64::from(strike.flight) * TAU;
+            let watch = &mut watches[usize::from(strike.part)];
+            if strike.rested {
+                watch.add_rest(landed - flight);
+            }
+            watch.add_landing(landed, flight);
+        }
+        if cycle >= SETTLED && report.in_gear_error.is_finite() {
+            all.told += 1.0;
+            all.heard += f64::from(report.in_gear);
+            all.error += f64::from(report.in_gear_error);
+        }
+    }
+    let told = all.told.max(1.0);
+    all.heard /= told;
+    all.error /= told;
+    for watch in &watches {
+        all.truth += watch.share(f64::from(CYCLES) * TAU).share() / row.parts as f64;
+    }
+    all
+}
+
+/// The rows that the constants of the estimate were chosen on (`set`), or those only for checking.
+pub fn rows(which: &str) -> Vec<Row> {
+    let lots: &[([f32; 2], f32, f32)] = if which == "set" {
+        &[
+            ([0.1, 0.3], 0.03, 0.383),
+            ([0.2, 0.2], 0.05, 0.403),
+            ([0.3, 0.3], 0.05, 0.4438),
+            ([0.5, 0.5], 0.05, 0.5516),
+            ([0.5, 0.5], 0.10, 0.5516),
+            ([0.25, 0.25], 0.04, 0.42),
+            ([0.35, 0.35], 0.07, 0.47),
+            ([0.45, 0.45], 0.05, 0.53),
+            ([0.15, 0.15], 0.06, 0.38),
+            ([0.4, 0.4], 0.10, 0.49),
+            ([0.2, 0.4], 0.04, 0.45),
+            ([0.3, 0.3], 0.05, 0.49),
+            ([0.1, 0.1], 0.06, 0.36),
+            ([0.2, 0.2], 0.05, 0.4312),
+        ]
+    } else {
+        &[
+            ([0.22, 0.22], 0.06, 0.41),
+            ([0.33, 0.33], 0.08, 0.45),
+            ([0.55, 0.55], 0.05, 0.6),
+            ([0.25, 0.25], 0.10, 0.42),
+            ([0.4, 0.4], 0.06, 0.5),
+            ([0.15, 0.25], 0.05, 0.39),
+            ([0.3, 0.4], 0.05, 0.47),
+        ]
+    };
+    let row = |&(lot, scatter, k): &([f32; 2], f32, f32)| {
+        [1, 2, 6, 12, 24].map(|parts| Row {
+            lot,
+            scatter,
+            k,
+            parts,
+        })
+    };
+    lots.iter().flat_map(row).collect()
+}
+
+/// The results of `runs` runs of each row.
+fn hear(rows: &[Row], runs: u64, seed: u64) -> Vec<Vec<Heard>> {
+    rows.par_iter()
+        .map(|row| {
+            let runs = (0..runs).map(|r| run(row, seed.wrapping_mul(1 << 20) + r));
+            runs.collect()
+        })
+        .collect()
+}
+
+/// Mean error of the estimate over the runs with one, and its standard error.
+fn apart(runs: &[Heard]) -> [f64; 2] {
+    let told = runs.iter().filter(|run| run.told > 0.0);
+    let count = told.clone().count().max(1) as f64;
+    let differences = told.map(|run| run.heard - run.truth);
+    let mean = differences.clone().sum::<f64>() / count;
+    let square = differences.map(|apart| apart * apart).sum::<f64>() / count;
+    let spread = ((square - mean * mean).max(0.0) / (count - 1.0).max(1.0)).sqrt();
+    [mean, spread]
+}
+
+/// The rows of the manual's table: a line for each lot, a column for each number of parts.
+pub fn table(rows: &[Row], runs: u64, seed: u64) -> Vec<String> {
+    let found = hear(rows, runs, seed);
+    let mut lines = Vec::new();
+    let mut first = 0;
+    for lot in rows.chunk_by(|a, b| (a.lot, a.scatter, a.k) == (b.lot, b.scatter, b.k)) {
+        let found = &found[first..first + lot.len()];
+        first += lot.len();
+        let Row {
+            lot: [low, high],
+            scatter,
+            k,
+            ..
+        } = lot[0];
+        let lot = if low == high {
+            low.to_string()
+        } else {
+            format!("{low}..{high}")
+        };
+        let truth = found[0].iter().map(|run| run.truth).sum::<f64>() / runs as f64;
+        let cells: Vec<String> = found
+            .iter()
+            .map(|runs| {
+                let [mean, spread] = apart(runs);
+                format!("{mean:+.3} ({spread:.3})")
+            })
+            .collect();
+        let errors = found.iter().flatten().filter(|run| run.told > 0.0);
+        let errors = errors.map(|run| run.error);
+        let least = errors.clone().fold(f64::INFINITY, f64::min);
+        let most = errors.fold(0.0, f64::max);
+        lines.push(format!(
+            "| {lot} | {scatter} | {} | {truth:.2} | {} | {least:.3}..{most:.3} |",
+            k,
+            cells.join(" | ")
+        ));
+    }
+    lines
+}
