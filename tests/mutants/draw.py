@@ -69,6 +69,8 @@ def added(text, code, body):
     for pattern in (NUMBER, CONSTANT):
         for found in pattern.finditer(code, start, end):
             same = text[found.start():found.end()]
+            if re.fullmatch(r"[0._]+(?:_?f\d+)?", same):
+                continue
             yield found.start(), found.end(), f"({same} + {same})"
     for found in COMPARISON.finditer(code, start, end):
         yield found.start(1), found.end(1), SWAPPED[found.group(1)]

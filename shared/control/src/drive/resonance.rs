@@ -133,33 +133,41 @@ impl Resonance {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use proptest::prelude::*;
 
-    #[test]
-    fn sweep_ends_within_half_a_step_of_the_peak() {
-        let mut resonance = Resonance::new(&Settings {
-            tracking: 3.0,
-            ..Settings::default()
-        });
-        resonance.begin();
-        let mut cycles = 0;
-        loop {
-            let f = resonance.frequency();
-            assert!((47.0..=53.0).contains(&f));
-            let x = f / 51.2;
-            let response = 1.0 / ((1.0 - x * x) * (1.0 - x * x) + x * x / 625.0);
-            cycles += 1;
-            if resonance.advance_sweep(response) {
-                break;
+    use super::*;
+    use crate::bounds::seeded;
+
+    proptest! {
+        #![proptest_config(seeded())]
+        /// Each point settles for four time constants and four cycles; the peak does so once more.
+        #[test]
+        fn sweep_ends_in_time_within_half_a_step_of_the_peak(
+            frequency in 40.0..200.0_f32,
+            quality in 5.0..60.0_f32,
+            widths in 0.5..3.0_f32,
+            peak in -0.9..0.9_f32,
+        ) {
+            let tracking = widths * frequency / quality;
+            let settings = Settings { frequency, quality, tracking, ..Settings::default() };
+            let mut resonance = Resonance::new(&settings);
+            let (low, high) = (frequency - tracking, frequency + tracking);
+            let (peak, step) = (frequency + peak * tracking, 0.5 * low / quality);
+            let (points, settled) = ((high - low) / step + 2.0, 4.0 * quality / PI + 4.0);
+            resonance.begin();
+            let (mut cycles, mut ended) = (0.0, false);
+            while !ended {
+                let f = resonance.frequency();
+                prop_assert!((low..=high).contains(&f));
+                ended = resonance.advance_sweep(1.0 / (1.0 + (f - peak) * (f - peak)));
+                cycles += 1.0;
+                prop_assert!(cycles < 1.01 * (points + 1.0) * (settled + 1.0));
             }
-            assert!(cycles < 5000);
+            prop_assert!(cycles > 0.99 * points * settled);
+            prop_assert!((resonance.frequency() - peak).abs() <= 0.51 * step);
+            (0..2000).for_each(|_| resonance.track(3.0));
+            prop_assert_eq!(resonance.frequency(), high);
         }
-        // Half the width of the resonance is one hertz; steps are no longer than that.
-        assert!((resonance.frequency() - 51.2).abs() <= 0.5);
-        for _ in 0..10_000 {
-            resonance.track(3.0);
-        }
-        assert_eq!(resonance.frequency(), 53.0);
     }
 
     #[test]

@@ -113,7 +113,11 @@ impl MissedImpactDetector {
 
 #[cfg(test)]
 mod tests {
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
     use super::*;
+    use crate::bounds::seeded;
 
     const SOUND: ImpactEvidence = ImpactEvidence {
         listening: true,
@@ -218,15 +222,24 @@ mod tests {
         }
     }
 
-    #[test]
-    fn it_ends_when_the_parts_are_heard_again() {
-        let mut deafness = MissedImpactDetector::default();
-        (0..40).for_each(|_| deafness.cycle(&SOUND));
-        let rate = |rate| ImpactEvidence { rate, ..SOUND };
-        (0..40).for_each(|_| deafness.cycle(&rate(0.4)));
-        (0..15).for_each(|_| deafness.cycle(&rate(0.9)));
-        assert!(deafness.is_deaf(), "some impacts are no hearing");
-        deafness.cycle(&rate(0.9));
-        assert!(!deafness.is_deaf());
+    proptest! {
+        #![proptest_config(seeded())]
+        /// 32 silent cycles begin it, 16 cycles with detected parts end it.
+        #[test]
+        fn only_cycles_in_a_row_begin_and_end_it(runs in vec((0..3_usize, 1..40_u8), 40)) {
+            let mut deafness = MissedImpactDetector::default();
+            let (mut rows, mut deaf) = ([0; 3], false);
+            for (kind, cycles) in runs {
+                for _ in 0..cycles {
+                    let rate = [0.0, 0.4, 0.9][kind];
+                    deafness.cycle(&ImpactEvidence { rate, ..SOUND });
+                    let row = rows[kind] + 1;
+                    rows = [0; 3];
+                    rows[kind] = row;
+                    deaf = if deaf { rows[2] < 16 } else { rows[0] >= 32 };
+                    prop_assert_eq!(deafness.is_deaf(), deaf);
+                }
+            }
+        }
     }
 }
