@@ -50,6 +50,8 @@ fn run(row: &Row, seed: u64) -> Heard {
     let settings = &mut scene.settings;
     settings.scatter = row.scatter;
     (settings.restitution_low, settings.restitution_high) = (low, high);
+    scene.drive.second_gain = settings.second_gain;
+    scene.drive.second_lag = settings.second_lag;
     scene.sensor.sensitivity *= 1.0 + settings.amplitude_error * (2.0 * noise.uniform() - 1.0);
     let mut closed = EnvelopeLoop::build(&scene).expect("the rows are feeders");
     let mut watches: Vec<_> = (0..row.parts)

@@ -7,7 +7,9 @@ use kband_control::{Controller, StartCause, Target};
 use kband_plant::{EnvelopeLoop, Scene};
 use serde_json::Value;
 
-use super::{REAL_PARTS, Table, closed_loop, hearing, identifying, kband, list, number, weighing};
+use super::{
+    REAL_PARTS, Table, closed_loop, hearing, identifying, kband, list, number, shapes, weighing,
+};
 
 /// A table that takes minutes.
 pub struct Long {
