@@ -240,7 +240,7 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
     };
     let mut bits = DefaultHasher::new();
     let mut wrong = Vec::new();
-    let mut before = None;
+    let (mut before, mut fault) = (None, None);
     let mut rhythm = Rhythm::anew(scene.parts.len());
     loop {
         let (moment, strikes) = cycle();
@@ -282,6 +282,21 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         if (report.state == State::Fault) != report.fault.is_some() {
             say(format!("fault {:?}", report.fault));
         }
+        // The inputs of this cycle are at most two cycles old.
+        let since = moment.time - 2.0 / f64::from(settings.frequency);
+        let enable = scene
+            .disturbances
+            .iter()
+            .rev()
+            .find_map(|happened| match happened.change {
+                Change::Enable(on) if happened.at <= since => Some(on),
+                _ => None,
+            });
+        let acknowledged = report.fault.is_none() && enable == Some(false);
+        if fault.is_some() && report.fault != fault && !acknowledged && !restarts {
+            say(format!("{fault:?} became {:?}", report.fault));
+        }
+        fault = report.fault;
         if !(0.0..=1.0).contains(&report.in_gear) || report.in_gear_error.is_nan() {
             say(format!(
                 "in gear {} +- {}",
