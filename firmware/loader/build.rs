@@ -2,7 +2,8 @@
 
 use std::{env, fs, path::PathBuf};
 
-/// Memory for `memory.x`: the flash before the state of an update, and RAM that the program uses for its stack.
+/// Memory for `memory.x`: the flash before the state of an update, and RAM that the program uses
+/// for its stack.
 const MEMORY: &str = "MEMORY
 {
   FLASH : ORIGIN = 0x08000000, LENGTH = 4K

@@ -82,8 +82,8 @@ impl<F: NorFlash> StatePages<F> {
             .is_ok()
     }
 
-    /// Whether the next start swaps the slots, or takes an update back: the running image is then on
-    /// trial.
+    /// Whether the next start swaps the slots or takes an update back. The running image is on trial
+    /// then.
     pub fn is_swap_due(&mut self) -> bool {
         let mut magic = [0; WORD as usize];
         let read = self.read(0, &mut magic).is_ok();
