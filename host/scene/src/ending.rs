@@ -32,10 +32,6 @@ pub const FOLLOWED: usize = 20_000;
 /// Number of orbits per thread: most end soon, and the rest fly fastest side by side.
 pub const TOGETHER: usize = 4096;
 
-/// Number of impacts for which a part from rest is followed until it rests again, on one track.
-/// All parts that rest once share this orbit, so it may be long.
-const RELAUNCHED: usize = 200_000;
-
 /// Number of starts on one track from which the table of certain rests saves time.
 const MIN_STARTS_FOR_TABLE: usize = 64;
 
@@ -125,7 +121,7 @@ impl Endings {
     pub fn of_tracks(tracks: &[(f64, f64)], impacts: usize) -> Result<Vec<Self>, Refusal> {
         let one = |(k, restitution): &(f64, f64)| Self::new(*k, *restitution, impacts);
         let mut all: Vec<Self> = tracks.iter().map(one).collect::<Result<_, _>>()?;
-        let ends = together::after_rest(&all, impacts);
+        let ends = together::after_rest(&all);
         for (endings, end) in all.iter_mut().zip(ends) {
             endings.after_rest = end.into();
         }
@@ -160,7 +156,7 @@ impl Endings {
     pub fn from_rest(&self) -> Regime {
         *self
             .after_rest
-            .get_or_init(|| together::after_rest(slice::from_ref(self), RELAUNCHED)[0])
+            .get_or_init(|| together::after_rest(slice::from_ref(self))[0])
     }
 
     /// Final regime of a part that starts just after an impact.

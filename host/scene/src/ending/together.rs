@@ -11,8 +11,8 @@ use kband::impact::{Impact, Map, Orbit, OrbitEvent, PartState};
 use kband::regime::classify::Regime;
 use kband::regime::{exponent, gear};
 
-use super::Endings;
 use super::followed::{Followed, Said};
+use super::{Endings, FOLLOWED};
 
 /// Number of impacts for which irregular flights must stay in gear before their order's flights
 /// count as chaos.
@@ -43,8 +43,7 @@ pub fn of_each(
 /// Final regimes of parts that are thrown from rest, on each track.
 ///
 /// For a return to rest it contains the drive cycles from one lift-off to the next.
-/// An orbit is given up after `impacts`, or after those of its track if they are more.
-pub(super) fn after_rest(tracks: &[Endings], impacts: usize) -> Vec<Regime> {
+pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
     let mut ends = vec![Regime::Rest; tracks.len()];
     let mut thrown = Vec::new();
     for (track, endings) in tracks.iter().enumerate() {
@@ -56,7 +55,7 @@ pub(super) fn after_rest(tracks: &[Endings], impacts: usize) -> Vec<Regime> {
         let Some(first) = first else {
             continue;
         };
-        let mut query = Query::new(track, track, Followed::new(endings.impacts.max(impacts)));
+        let mut query = Query::new(track, track, Followed::new(endings.impacts.max(FOLLOWED)));
         if query.goes_on(endings, &first) {
             thrown.push((first.next, query));
         } else if let Said::Ends(end) = query.said {
@@ -300,8 +299,6 @@ fn fly<'m, W>(
 
 #[cfg(test)]
 mod tests {
-    use std::slice;
-
     use kband::impact::Kernel;
 
     use super::*;
@@ -357,7 +354,7 @@ mod tests {
         for (n, (k, restitution)) in places.into_iter().enumerate() {
             let one = Endings::new(k, restitution, 1500).unwrap();
             let from_rest = Orbit::from_rest(&one.map);
-            let after_rest = alone(&one, from_rest, Followed::new(1500));
+            let after_rest = alone(&one, from_rest, Followed::new(FOLLOWED));
             let hops = matches!(
                 together[n].from_rest(),
                 Regime::HopAndRest { .. } | Regime::Rest
@@ -367,8 +364,8 @@ mod tests {
                 assert_eq!(together[n].from_rest(), end, "{k} {restitution}");
             }
             assert_eq!(
-                super::after_rest(slice::from_ref(&one), 1500),
-                [together[n].from_rest()],
+                one.from_rest(),
+                together[n].from_rest(),
                 "{k} {restitution}"
             );
             let end = alone(&one, Orbit::new(&one.map, start), Followed::new(1500));
