@@ -41,7 +41,7 @@ pub struct System {
     pub fault_address: u32,
     access: u32,
     /// Memory protection: control, region number, and base address and attributes of each region.
-    protection: u32,
+    pub(super) protection: u32,
     region: usize,
     regions: [(u32, u32); 8],
     float_context: u32,
