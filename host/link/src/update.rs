@@ -57,7 +57,7 @@ impl Link {
 }
 
 fn refusal(name: &str, why: UpdateRefusal) -> Refusal {
-    let (cause, next) = match why {
+    let (cause, next): (String, String) = match why {
         UpdateRefusal::Running => (
             "is running its drive, and is updated at rest only".into(),
             "withdraw the enable input first".into(),
@@ -119,6 +119,5 @@ fn refusal(name: &str, why: UpdateRefusal) -> Refusal {
             "kband settings save, then start again".into(),
         ),
     };
-    let cause: String = cause;
     Refusal::new(format!("{name} {cause}"), next)
 }

@@ -9,7 +9,7 @@ use std::vec::Vec;
 use super::{ClosedLoop, EnvelopeLoop, Moment, Scene};
 use crate::model::drive::UpperMode;
 use kband::arithmetic::Noise;
-use kband_control::{Fault, Shape, Target, UpperTone};
+use kband_control::{Fault, Report, Shape, Target, UpperTone};
 
 /// Largest true amplitude and acceleration over their hard limits.
 const MAX_EXCESS: f32 = 1.1;
@@ -135,10 +135,43 @@ struct Came {
     swing: f32,
     /// Largest distance of the mean amplitude from its reference, over the reference, likewise.
     off: f32,
-    /// Whether something was not a number; an infinite amplitude exceeds its limit.
+    /// Whether a number was not finite.
     broken: bool,
     /// Number of the last fault.
     fault: u8,
+}
+
+fn finite(moment: &Moment) -> bool {
+    let report: &Report = &moment.report;
+    let command = &report.command;
+    let shape = report.shape.tones();
+    let upper = command.overtones.map(|tone| [tone.sine, tone.cosine]);
+    let numbers = [
+        report.amplitude,
+        report.lead,
+        report.reference,
+        report.setpoint,
+        report.rate,
+        report.phase,
+        report.concentration,
+        report.frequency,
+        report.confidence,
+        report.in_gear,
+        report.expected_in_gear,
+        command.amplitude,
+    ];
+    let load = report
+        .load
+        .map_or([0.0; 3], |load| [load.mass, load.speed, load.flow]);
+    moment.displacement.is_finite()
+        && moment.load.is_finite()
+        && !report.k.is_nan()
+        && !report.in_gear_error.is_nan()
+        && !report.to_loss.is_nan()
+        && (numbers.iter().chain(&load))
+            .chain(upper.as_flattened())
+            .chain(shape.iter().flat_map(|tone| [&tone.ratio, &tone.phase]))
+            .all(|number| number.is_finite())
 }
 
 /// Runs a feeder for some cycles. `cycle` returns the moment, READY, the amplitude in m, and the
@@ -155,7 +188,7 @@ fn run(
     let mut reference = 0.0;
     for _ in 0..cycles {
         let (moment, ready, amplitude, [peak, push]) = cycle();
-        came.broken |= std::format!("{moment:?}").contains("NaN");
+        came.broken |= !finite(&moment);
         let far = amplitude * peak * 1e3 / settings.amplitude_limit;
         let hard = amplitude * push * square / settings.acceleration_limit;
         came.most = came.most.max(far).max(hard);
