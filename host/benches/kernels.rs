@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
-use kband::impact::{Hybrid, Integer, Kernel, Map, Scatter, Single, Tone, WaveKernel, WaveMap};
+use kband::impact::{Integer, Kernel, Map, Scatter, Single, Tone, WaveKernel, WaveMap};
 use kband::regime::cascade::Cascade;
 use kband::regime::exponent::{ExponentSettings, measure, measure_together, start_near_lock};
 use kband::regime::gear::shares_from_rest;
@@ -52,7 +52,6 @@ fn orbits(criterion: &mut Criterion) {
         let mut group = criterion.benchmark_group(name);
         orbit(&mut group, Textbook::build(k, restitution));
         orbit(&mut group, Map::build(k, restitution));
-        orbit(&mut group, Hybrid::build(k, restitution));
         orbit(&mut group, Single::build(k, restitution));
         orbit(&mut group, Integer::build(k, restitution));
         group.finish();

@@ -3,7 +3,7 @@
 //! An arithmetic rounds a launch to another launch. Those with the same rounded launch share one
 //! proof.
 
-use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single, WaveKernel, WaveMap};
+use kband::impact::{Impact, Integer, Kernel, Map, PartState, Single, WaveKernel, WaveMap};
 
 use crate::oracle::Track;
 use crate::states::Launch;
@@ -14,7 +14,6 @@ pub struct Bench {
     map: Option<Map>,
     wave: Option<WaveMap>,
     single: Option<Single>,
-    hybrid: Option<Hybrid>,
     integer: Option<Integer>,
 }
 
@@ -43,7 +42,6 @@ impl Bench {
             map: sine(track, restitution),
             wave: tones(track, restitution),
             single: tones(track, restitution),
-            hybrid: sine(track, restitution),
             integer: sine(track, restitution),
         }
     }
@@ -92,7 +90,6 @@ impl Bench {
         // In an order in which arithmetics with the same launch are neighbours.
         let others = [
             self.another(self.single.as_ref(), launch, &mut proof, spoil)?,
-            self.another(self.hybrid.as_ref(), launch, &mut proof, spoil)?,
             self.another(self.integer.as_ref(), launch, &mut proof, spoil)?,
         ];
         let verdicts = others.into_iter().flatten().chain([verdict]);
@@ -258,7 +255,6 @@ mod tests {
         for (name, on_tones) in [
             (Map::NAME, false),
             (Single::NAME, false),
-            (Hybrid::NAME, false),
             (Integer::NAME, false),
             (WaveMap::NAME, true),
             (Single::NAME, true),

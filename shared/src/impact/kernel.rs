@@ -1,8 +1,7 @@
 //! State of a part, its impact, and the impact map as a trait over the arithmetics.
 
 use super::wave::Tone;
-use crate::arithmetic::fixed::Fixed;
-use crate::arithmetic::{Phase, Velocity};
+use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept};
 
 /// State of a part just after an impact.
@@ -19,50 +18,6 @@ impl PartState {
     #[inline(always)]
     pub const fn new(phase: f64, velocity: f64) -> Self {
         Self { phase, velocity }
-    }
-}
-
-/// A state of [`Hybrid`](super::Hybrid) and of [`Integer`](super::Integer): 8 bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct HybridState {
-    /// Phase of the drive (symbol t), steps of 2^-32 turns.
-    pub phase: Phase,
-    /// Velocity relative to the track (symbol psi), steps of 2^-26 `b w`.
-    pub velocity: Velocity,
-}
-
-impl HybridState {
-    /// Largest accepted velocity.
-    pub(super) const MAX_VELOCITY: Velocity =
-        Velocity::from_fixed(Fixed::<26, u32>::from_constant(MAX_VELOCITY));
-
-    /// A state from a phase in rad and a velocity in `b w`, at most [`MAX_VELOCITY`].
-    pub(super) fn build(phase: f64, velocity: f64) -> Result<Self, OutOfRange> {
-        accept_phase(phase)?;
-        accept_velocity(velocity)?;
-        Ok(Self {
-            phase: Phase::from_radians(phase),
-            velocity: Velocity::nearest(velocity),
-        })
-    }
-
-    /// The state as phase in rad and velocity in `b w`.
-    pub(super) fn to_part_state(self) -> PartState {
-        PartState::new(self.phase.radians(), self.velocity.value())
-    }
-
-    pub(super) fn is_in_range(self) -> bool {
-        self.velocity <= Self::MAX_VELOCITY
-    }
-
-    /// The state with its velocity limited to the accepted range.
-    #[inline(always)]
-    pub(super) fn limited(self) -> Self {
-        let bits = self.velocity.bits().min(Self::MAX_VELOCITY.bits());
-        Self {
-            velocity: Velocity::from_bits(bits),
-            ..self
-        }
     }
 }
 
@@ -122,7 +77,7 @@ impl<S> Landing<S> {
 /// The impact map in one arithmetic: parameters in, set-up constants kept, one impact per call.
 ///
 /// ```
-/// use kband::impact::{Hybrid, Integer, Kernel, Map, Single};
+/// use kband::impact::{Integer, Kernel, Map, Single};
 ///
 /// /// The flight from one state, in rad.
 /// fn flight<K: Kernel>() -> Result<f64, kband::feeder::OutOfRange> {
@@ -130,7 +85,6 @@ impl<S> Landing<S> {
 ///     Ok(kernel.impact(K::state(0.5, 0.45)?).flight)
 /// }
 /// let exact = flight::<Map>()?;
-/// assert!((flight::<Hybrid>()? - exact).abs() < 2e-8);
 /// assert!((flight::<Integer>()? - exact).abs() < 1e-7);
 /// assert!((flight::<Single>()? - exact).abs() < 1e-5);
 /// assert_eq!(Map::build(0.43, 1.2).unwrap_err().parameter, "restitution");
@@ -168,7 +122,7 @@ pub trait Kernel: Sized {
     /// flight 0.
     fn impact(&self, state: Self::State) -> Impact<Self::State>;
 
-    /// [`Kernel::impact`] in f32, rounded to nearest; without f64 where the arithmetic has none.
+    /// [`Kernel::impact`] in f32; without f64 where the arithmetic has none.
     fn impact_single(&self, state: Self::State) -> SingleImpact<Self::State> {
         let impact = self.impact(state);
         let PartState { phase, velocity } = Self::observe(impact.next);

@@ -35,7 +35,7 @@ impl<S: Copy> Release<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::anchor::{Hybrid, Single};
+    use crate::impact::anchor::Single;
     use crate::impact::double::Map;
     use crate::impact::integer::Integer;
 
@@ -61,9 +61,7 @@ mod tests {
         for (k, flight) in flights::<Map>(0.0) {
             assert!(flight.is_some(), "{k:e}");
         }
-        let coarse = flights::<Hybrid>(LIFT_OFF_DELAY)
-            .chain(flights::<Single>(LIFT_OFF_DELAY))
-            .chain(flights::<Integer>(LIFT_OFF_DELAY));
+        let coarse = flights::<Single>(LIFT_OFF_DELAY).chain(flights::<Integer>(LIFT_OFF_DELAY));
         for (k, flight) in coarse {
             // Within LIFT_OFF_DELAY of the top of the sine the track's push has ended after the
             // delay.

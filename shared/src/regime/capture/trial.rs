@@ -56,7 +56,7 @@ const MAX_K: f32 = 4.0;
 /// leaves where `sin t = k` at the current amplitude.
 ///
 /// ```
-/// use kband::impact::{ContactTime, Hybrid};
+/// use kband::impact::{ContactTime, Single};
 /// use kband::regime::capture::{
 ///     DriveLag, DriveLagSettings, Kick, Outcome, Trial, TrialRun,
 /// };
@@ -68,7 +68,7 @@ const MAX_K: f32 = 4.0;
 ///     (Kick::NONE, Outcome::Missed),
 ///     (Kick::rectangle(1.6, 20)?, Outcome::Locked),
 /// ] {
-///     let mut part = TrialRun::<Hybrid>::new(trial, drive, kick)?;
+///     let mut part = TrialRun::<Single>::new(trial, drive, kick)?;
 ///     assert_eq!(core::iter::repeat_with(|| part.simulate_impact()).flatten().next(), Some(outcome));
 /// }
 /// # Ok::<(), kband::feeder::OutOfRange>(())
@@ -302,7 +302,7 @@ mod tests {
     use super::super::DriveLagSettings;
     use super::*;
 
-    use crate::impact::{Hybrid, Map, OrbitEvent, WaveMap, WaveOrbit};
+    use crate::impact::{Map, OrbitEvent, Single, WaveMap, WaveOrbit};
 
     fn locks(k: f64, restitution: f64, kick: Kick) -> bool {
         let drive = DriveLag::build(DriveLagSettings {
@@ -317,7 +317,7 @@ mod tests {
             order: 1,
             contact: ContactTime::INSTANT,
         };
-        let mut trial_run = TrialRun::<Hybrid>::new(trial, drive, kick).unwrap();
+        let mut trial_run = TrialRun::<Single>::new(trial, drive, kick).unwrap();
         for _ in 0..10_000 {
             if let Some(outcome) = trial_run.simulate_impact() {
                 return outcome == Outcome::Locked;
@@ -356,7 +356,7 @@ mod tests {
                 order: 1,
                 contact,
             };
-            let mut run = TrialRun::<Hybrid>::new(trial, drive, Kick::NONE).unwrap();
+            let mut run = TrialRun::<Single>::new(trial, drive, Kick::NONE).unwrap();
             let outcome = (0..10_000).find_map(|_| run.simulate_impact());
             let found = outcome == Some(Outcome::Locked);
             let lock = Lock::with_contact(k, 0.2, 1, contact).unwrap().unwrap();

@@ -2,7 +2,7 @@
 
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node::SINE_COSINE_SINGLE;
-use crate::arithmetic::trigonometry::sine_cosine_fine;
+use crate::arithmetic::trigonometry::cosine_fine;
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::anchor::flight::Motion;
@@ -144,11 +144,7 @@ impl Harmonics {
     /// The sum of the tones' sines, each times a weight, within 3e-9.
     #[inline(never)]
     pub fn sines(&self, phase: Phase, [second, third]: [i64; 2]) -> Fixed<35, i64> {
-        // The finer value of the pair is the cosine.
-        let sine = |phase: Phase| {
-            let quarter = Phase::from_bits(1 << 30);
-            sine_cosine_fine(phase - quarter).1
-        };
+        let sine = |phase: Phase| cosine_fine(phase - Phase::from_bits(1 << 30));
         let times = |harmonic: &Harmonic, n: u32| {
             let sine = sine(harmonic.with_angle(phase.bits().wrapping_mul(n)));
             let product = sine.to::<31>().0 * i64::from(harmonic.amplitude.0);

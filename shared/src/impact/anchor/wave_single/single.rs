@@ -1,6 +1,5 @@
 //! The impact map in f32 on a track of several tones.
 
-use super::flight::Ballistic;
 use super::harmonics::{Harmonics, Parts};
 use super::launch::Launch;
 use super::search::{Candidate, bisect, candidate, has_left, search};
@@ -8,11 +7,12 @@ use super::track::Track;
 use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::anchor::approach::fall;
-use crate::impact::anchor::flight::{STEPS_PER_RADIAN, smaller};
+use crate::impact::anchor::flight::{Ballistic, STEPS_PER_RADIAN, larger, smaller};
 use crate::impact::anchor::single::{self, SineSingle, SingleState, land_found, steps_after};
 use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{
-    Impact, Kernel, Landing, MAX_VELOCITY, PartState, WaveKernel, accept_phase, accept_velocity,
+    Impact, Kernel, Landing, MAX_VELOCITY, PartState, SingleImpact, WaveKernel, accept_phase,
+    accept_velocity,
 };
 use crate::impact::wave::Tone;
 
@@ -119,7 +119,7 @@ fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleSt
         height,
         rise,
     };
-    if let Some(approach) = fall::<Ballistic<'_>>(track, phase, height, rise) {
+    if let Some(approach) = fall(track, phase, height, rise) {
         let steps = steps_after(phase, &approach);
         return single::landing(phase, steps, approach.arrival(), restitution, false);
     }
@@ -129,7 +129,7 @@ fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleSt
 /// The impact of a flight that is not tall.
 #[inline(never)]
 fn land_low(
-    flight: &Ballistic<'_>,
+    flight: &Ballistic<'_, Track>,
     velocity: f32,
     parts: &Parts,
     restitution: f32,
@@ -170,14 +170,14 @@ fn land_low(
 
 #[inline(never)]
 fn land_by_search(
-    flight: &Ballistic<'_>,
+    flight: &Ballistic<'_, Track>,
     launch: &Launch,
     restitution: f32,
 ) -> Landing<SingleState> {
     let Ballistic { track, phase, .. } = *flight;
     let (found, grazes, bracket) = search(track, launch, flight);
     let grazes = grazes || launch.is_level();
-    let landing = land_found(track.k, restitution, phase, flight, found, grazes);
+    let landing = land_found(flight, restitution, found, grazes);
     if matches!(found, Found::Near { .. })
         && has_left(&bracket, landing.steps, landing.next.velocity)
     {
@@ -219,6 +219,31 @@ impl Kernel for Single {
     #[inline]
     fn impact(&self, state: SingleState) -> Impact<SingleState> {
         self.land(state).impact()
+    }
+
+    fn impact_single(&self, state: SingleState) -> SingleImpact<SingleState> {
+        const RADIANS_PER_STEP: f32 = Phase::RADIANS_PER_STEP as f32;
+        let Landing { steps, next, .. } = self.land(state);
+        SingleImpact {
+            flight: steps as f32 * RADIANS_PER_STEP,
+            phase: next.phase.bits() as f32 * RADIANS_PER_STEP,
+            velocity: next.velocity,
+            next,
+        }
+    }
+
+    fn scaled(state: SingleState, factor: f32) -> Result<SingleState, OutOfRange> {
+        Ok(SingleState {
+            velocity: larger(state.velocity * factor, 0.0),
+            ..state
+        })
+    }
+
+    fn resting(phase: f32) -> Result<SingleState, OutOfRange> {
+        Ok(SingleState {
+            phase: Phase::from_bits((phase * STEPS_PER_RADIAN) as i64 as u32),
+            velocity: 0.0,
+        })
     }
 }
 
