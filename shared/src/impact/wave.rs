@@ -182,10 +182,12 @@ impl Wave {
         self.third
     }
 
-    /// The tones, each with its number; the first has amplitude 1 and angle 0.
+    /// The tones that are present, each with its number; the first has amplitude 1 and angle 0.
     pub(crate) fn tones(&self) -> impl Iterator<Item = (f64, Tone)> {
         let first = Tone::new(1.0, 0.0);
-        [(1.0, first), (2.0, self.second), (3.0, self.third)].into_iter()
+        [(1.0, first), (2.0, self.second), (3.0, self.third)]
+            .into_iter()
+            .filter(|(_, tone)| tone.amplitude > 0.0)
     }
 
     /// Whether the wave is a sine, without harmonics.

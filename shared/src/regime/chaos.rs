@@ -97,10 +97,4 @@ mod tests {
             assert!(band.chaotic > 0.5, "{band:?}");
         }
     }
-
-    #[test]
-    fn refusals_name_the_parameter() {
-        let refused = ChaoticBand::measure(0.2, 1, 0.2, 6400).unwrap_err();
-        assert_eq!(refused.parameter, "step");
-    }
 }

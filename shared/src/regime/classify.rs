@@ -398,7 +398,7 @@ impl<const N: usize> Classifier<N> {
 mod tests {
     use super::*;
     use crate::impact::{Kernel, Map, Orbit, OrbitEvent, PartState};
-    use crate::regime::{Lock, exponent};
+    use crate::regime::exponent;
 
     /// Classifies an orbit over `events` events after a transient.
     fn verdict(k: f64, restitution: f64, start: Option<PartState>, events: usize) -> Verdict {
@@ -600,28 +600,6 @@ mod tests {
                 .count();
             assert!(right >= 36, "k {k} R {restitution}: {right} of 40");
         }
-    }
-
-    #[test]
-    fn confidence_falls_with_missed_impacts() {
-        let phase = Phase::from_radians(Lock::build(0.43, 0.2, 1).unwrap().unwrap().state().phase);
-        let confidence = |missed_every: u32| {
-            let mut classifier = Classifier::<64>::build(TimingAccuracy::BOARD).unwrap();
-            for cycle in 0..100 {
-                if cycle % missed_every != missed_every - 1 {
-                    classifier.impact(cycle, phase);
-                }
-            }
-            let verdict = classifier.verdict();
-            if verdict.regime == (Regime::Locked { order: 1 }) {
-                verdict.confidence
-            } else {
-                0.0
-            }
-        };
-        assert!(confidence(1000) > 0.99);
-        assert!(confidence(20) > 0.85 && confidence(20) < confidence(1000));
-        assert!(confidence(2) == 0.0);
     }
 
     #[test]

@@ -446,34 +446,4 @@ mod tests {
             assert!(together.is_none_or(|together| together == alone), "{k}");
         }
     }
-
-    #[test]
-    fn transient_chaos_reports_its_rest() {
-        // At R = 0.5 hopping persists down to k of about 0.57 only (docs/theory-bands.md#t6.3).
-        let map = Map::build(0.5, 0.5).unwrap();
-        let found = measure(
-            &map,
-            start_near_lock(&map, 1),
-            ExponentSettings {
-                settle: 0,
-                impacts: 100_000,
-            },
-        )
-        .unwrap();
-        assert!(
-            matches!(found.dynamics, Dynamics::Rest { after } if after > 0),
-            "{found:?}"
-        );
-    }
-
-    #[test]
-    fn refusals_name_the_parameter() {
-        let map = Map::build(0.4, 0.2).unwrap();
-        let settings = ExponentSettings {
-            settle: 0,
-            impacts: 100,
-        };
-        let refused = measure(&map, start_near_lock(&map, 1), settings).unwrap_err();
-        assert_eq!(refused.parameter, "impacts");
-    }
 }

@@ -549,16 +549,4 @@ mod tests {
             );
         }
     }
-
-    #[test]
-    fn refusals_name_the_parameter() {
-        let wave = Wave::sine();
-        let refused = |restitution, order| {
-            WaveBands::find(&wave, restitution, order)
-                .unwrap_err()
-                .parameter
-        };
-        assert_eq!(refused(1.0, 1), "restitution");
-        assert_eq!(refused(0.2, 0), "order");
-    }
 }

@@ -275,11 +275,4 @@ mod tests {
         assert!(closed.distance > 1e3 * chatter * chatter);
         assert!((closed.flying / hops.flying - 1.0).abs() < 1e-9);
     }
-
-    #[test]
-    fn means_without_events_are_none() {
-        assert_eq!(Conveyed::default().time_mean(), None);
-        assert_eq!(Conveyed::default().impact_mean(), None);
-        assert_eq!(Conveyed::default().mean_interval(), None);
-    }
 }

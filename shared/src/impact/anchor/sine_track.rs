@@ -153,34 +153,3 @@ impl Track for SineTrack {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn derived_constants_match_f64() {
-        for n in 0..100_000 {
-            let k = 0.005 + 3.995 * (f64::from(n) * 0.618_033_988_749_895).rem_euclid(1.0);
-            let k = if n % 2 == 0 {
-                1.0 / (0.25 + k)
-            } else {
-                f64::from(k as f32)
-            };
-            let set_up = SetUp::build(k, 0.5).unwrap();
-            let track = SineTrack::new(&set_up);
-            let cosine = libm::sqrt(((1.0 - k) * (1.0 + k)).max(0.0));
-            let reach = (0.48 * cosine / k).min(1.26);
-            let skim = 0.4 * cosine * reach * reach;
-            // Fifteen roundings to f32: five of the reach, which enters twice, and five more.
-            let off = (f64::from(track.skim) - skim).abs();
-            assert!(off <= 15.0 * 6e-8 * skim, "{k:e}");
-            let length = (f64::from(set_up.hump) * Phase::RADIANS_PER_STEP) as f32;
-            assert_eq!(track.hump_length, length, "{k:e}");
-            assert_eq!(
-                (track.half_k, track.excess),
-                ((0.5 * k) as f32, (k - 1.0).max(0.0) as f32)
-            );
-        }
-    }
-}

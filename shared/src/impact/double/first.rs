@@ -106,5 +106,5 @@ pub(crate) fn land_low_by_iteration(
 /// The same for any flight, by the search.
 #[cold]
 pub(crate) fn land_by_search(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
-    search::landing(track, launch, true)
+    search::landing(track, launch)
 }

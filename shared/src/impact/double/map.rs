@@ -102,32 +102,3 @@ impl Kernel for Map {
         build_impact(self.restitution, state, first_impact(&self.track, &launch))
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::search;
-    use super::*;
-
-    #[test]
-    fn skipping_passed_humps_changes_no_bit() {
-        let mut tall = 0;
-        for n in 1..4000 {
-            let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
-            let map = Map::build(0.01 + spread(0.618_034), 0.5).unwrap();
-            let state = Map::state(7.0 * spread(0.414_214), 9.0 * spread(0.732_051)).unwrap();
-            let launch = Launch::new(state.phase, state.velocity);
-            let search = |skip| {
-                let landing = search::landing(&map.track, &launch, skip);
-                build_impact(0.5, state, Some(landing))
-            };
-            let skipped = search(true);
-            assert_eq!(skipped, search(false));
-            // The closed forms find the same root: a condition of 1e3 times a few roundings.
-            let impact = map.impact(state);
-            let off = (impact.flight - skipped.flight).abs();
-            assert!(off <= 1e-12 * impact.flight.max(1.0), "{state:?} {map:?}");
-            tall += u32::from(impact.flight > 4.0 * TAU);
-        }
-        assert!(tall > 1000, "{tall}");
-    }
-}

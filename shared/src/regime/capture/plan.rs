@@ -618,16 +618,6 @@ mod tests {
     }
 
     #[test]
-    fn attempts_differ() {
-        let plan = plan(settings(0.18, 0.22, 5.0));
-        for attempt in 1..20 {
-            for earlier in 0..attempt {
-                assert_ne!(plan.attempt(attempt), plan.attempt(earlier));
-            }
-        }
-    }
-
-    #[test]
     fn refusals_name_the_parameter() {
         let mut bad = settings(0.18, 0.22, 5.0);
         bad.lot.amplitude_error = 0.3;
