@@ -56,16 +56,6 @@ const TOP_VELOCITY: Velocity = Velocity::from_bits(Fixed::<26, u32>::from_consta
 /// right one down to a gap of 1e-8 over a hump; gaps below 4e-9 are flagged.
 ///
 /// Range as [`Single`](crate::impact::Single).
-///
-/// ```
-/// use kband::impact::{Integer, Kernel, Map};
-///
-/// let (integer, map) = (Integer::build(0.34, 0.2)?, Map::build(0.34, 0.2)?);
-/// let start = Integer::state(0.7, 0.36)?;
-/// let expected = map.impact(Integer::observe(start)).flight;
-/// assert!((integer.land(start).flight() - expected).abs() < 1.5e-9);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integer {
     k: Fixed<60, i64>,

@@ -149,25 +149,6 @@ pub trait Kernel: Sized {
 }
 
 /// The impact map on a track of several tones, in one arithmetic.
-///
-/// ```
-/// use kband::impact::{Kernel, Tone, WaveKernel, WaveMap, Single};
-///
-/// /// The velocity of parts locked to two tones.
-/// fn locked<K: WaveKernel>() -> Result<f64, kband::feeder::OutOfRange> {
-///     let second = Tone { amplitude: 0.15, angle: 2.356 };
-///     let kernel = K::on_tones([second, Tone::default()], 0.35, 0.2)?;
-///     let mut state = K::state(0.5, 0.45)?;
-///     for _ in 0..100 {
-///         state = kernel.impact(state).next;
-///     }
-///     Ok(K::observe(state).velocity)
-/// }
-/// // psi = 2 pi k R/(1 + R), whatever the tones.
-/// assert!((locked::<WaveMap>()? - 0.366_519_142_918_809).abs() < 1e-12);
-/// assert!((locked::<Single>()? - 0.366_519_142_918_809).abs() < 1e-6);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 pub trait WaveKernel: Kernel {
     /// The map on a track with this second and third harmonic, for `k` and a restitution.
     ///

@@ -43,7 +43,6 @@ pub use double::Map;
 pub use integer::{Integer, IntegerState};
 pub use kernel::WaveKernel;
 pub use kernel::{Impact, Kernel, Landing, PartState, SingleImpact};
-pub use orbit::AlongLaw;
 pub use orbit::LIFT_OFF_DELAY;
 pub use orbit::Release;
 pub use orbit::{Along, ContactMotion, Friction, FrictionSettings};

@@ -11,7 +11,7 @@ use heapless::Vec;
 use super::band;
 use super::lock::{Lock, Multipliers, accept_order, accept_restitution, wrap_phase};
 use super::wave_band::{Bifurcation, WaveBands};
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::{Impact, Kernel, Map, PartState, Tangent, Wave, WaveMap};
 
 /// Feigenbaum's constant: the limit of the ratio of successive gaps between flips.
@@ -148,10 +148,10 @@ impl Cascade {
     pub fn locate(restitution: f64, order: u32, doublings: usize) -> Result<Self, OutOfRange> {
         accept_order(order)?;
         accept_restitution(restitution)?;
-        accept(
+        accept_in(
             "doublings",
             doublings as f64,
-            (1..=MAX_DOUBLINGS).contains(&doublings),
+            1.0..=MAX_DOUBLINGS as f64,
             "1..10",
         )?;
         let flip = band::flip(restitution, order)?;
@@ -177,10 +177,10 @@ impl Cascade {
         order: u32,
         doublings: usize,
     ) -> Result<Option<Self>, OutOfRange> {
-        accept(
+        accept_in(
             "doublings",
             doublings as f64,
-            (1..=MAX_DOUBLINGS).contains(&doublings),
+            1.0..=MAX_DOUBLINGS as f64,
             "1..10",
         )?;
         let bands = WaveBands::find(wave, restitution, order)?;

@@ -8,7 +8,7 @@ use core::f64::consts::TAU;
 use super::cascade::Estimate;
 use super::lock::Lock;
 use super::series::standard_error;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::batch::Block;
 use crate::impact::{Impact, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tangent};
 
@@ -186,10 +186,10 @@ struct Measurement {
 
 impl Measurement {
     fn build(settings: ExponentSettings) -> Result<Self, OutOfRange> {
-        accept(
+        accept_in(
             "impacts",
             f64::from(settings.impacts),
-            (16 * MIN_BATCHES..=1_000_000_000).contains(&settings.impacts),
+            f64::from(16 * MIN_BATCHES)..=1e9,
             "320..1000000000",
         )?;
         // A power of two, so that each batch visits the chaotic bands of the cascade equally often.

@@ -2,9 +2,9 @@
 
 use core::f64::consts::TAU;
 
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept, accept_in};
 use crate::impact::{
-    AlongLaw, ChatterLimits, Friction, Impact, OrbitEvent, PartState, Scatter, Tangential, WaveMap,
+    Along, ChatterLimits, Friction, Impact, OrbitEvent, PartState, Scatter, Tangential, WaveMap,
     WaveOrbit,
 };
 use crate::regime::gear::{GearWatch, Share};
@@ -76,25 +76,6 @@ impl Ways<'_> {
 ///
 /// `each` receives the index of a part, its time in gear, and for each law its time mean velocity
 /// along the track in `b w`. Both are over the last three quarters of the time.
-///
-/// ```
-/// use kband::impact::{Scatter, Tangential, TangentialSettings, Wave, WaveMap};
-/// use kband::transport::{WaveLaw, convey_from_rest};
-/// let (wave, k) = (Wave::sine(), 0.40);
-/// let settings = TangentialSettings {
-///     restitution: 0.0,
-///     amplitude_ratio: 1.5,
-///     phase_lead: 0.0,
-///     incline_tangent: 0.0,
-/// };
-/// let law = WaveLaw::Tangential(Tangential::build(k, settings)?);
-/// let scatter = Scatter::build(0.2, 0.02, 1)?;
-/// convey_from_rest(&WaveMap::on(wave, k, 0.2)?, &[law], &[scatter], 1, 1000.0, |_, share, speeds| {
-///     // In gear the impact mean is that of the lock: pi k eta (1 - R)/(1 + R).
-///     assert!(share.share() > 0.9 && (speeds[0] / 1.2566 - 1.0).abs() < 0.1);
-/// })?;
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 pub fn convey_from_rest(
     map: &WaveMap,
     laws: &[WaveLaw],
@@ -103,12 +84,7 @@ pub fn convey_from_rest(
     periods: f64,
     mut each: impl FnMut(usize, Share, &[f64]),
 ) -> Result<(), OutOfRange> {
-    accept(
-        "periods",
-        periods,
-        (16.0..=1e7).contains(&periods),
-        "16..1e7 drive periods",
-    )?;
+    accept_in("periods", periods, 16.0..=1e7, "16..1e7 drive periods")?;
     accept(
         "number of laws",
         laws.len() as f64,

@@ -7,8 +7,8 @@ use super::law::Law;
 use kband::arithmetic::Phase;
 use kband::feeder::OutOfRange;
 use kband::impact::{
-    AlongLaw, Contact, ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release,
-    Scatter, Tangential, Tone, Wave, WaveMap,
+    Along, Contact, ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter,
+    Tangential, Tone, Wave, WaveMap,
 };
 use kband_control::{Shape, UpperTone};
 

@@ -10,21 +10,6 @@ use crate::impact::kernel::{Kernel, PartState};
 use crate::impact::wave::in_turn;
 
 /// Begin and end of a part's contact with the track.
-///
-/// ```
-/// use kband::impact::{Contact, PartState};
-///
-/// let contact = Contact::build(0.9, 0.5)?;
-/// // A hop of 1e-6 b w chatters out in 2 z to first order, z = psi/((k - sin t)(1 - R)).
-/// let hop = PartState { phase: 3.5, velocity: 1e-6 };
-/// let z = 1e-6 / ((0.9 - 3.5_f64.sin()) * 0.5);
-/// let chatter = contact.time_to_rest(hop).unwrap();
-/// assert!((chatter / (2.0 * z) - 1.0).abs() < 1e-5);
-/// // Then it waits for the phase arcsin k of the next cycle.
-/// let wait = contact.wait(3.5 + chatter).unwrap();
-/// assert!(((3.5 + chatter + wait).sin() - 0.9).abs() < 1e-14);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
     track: Track<f64>,

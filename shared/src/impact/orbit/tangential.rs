@@ -1,9 +1,9 @@
 //! Motion along the track with a tangential restitution (equations 10 and 11;
 //! docs/theory-transport.md#t8.1).
 
-use super::along::{AlongLaw, ContactMotion, accept_motion};
+use super::along::{Along, ContactMotion, accept_motion};
 use super::contact::Contact;
-use crate::feeder::{OutOfRange, Track, accept};
+use crate::feeder::{OutOfRange, Track, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Wave;
 
@@ -61,10 +61,10 @@ impl Tangential {
             incline_tangent,
         } = settings;
         accept_motion(k, amplitude_ratio, phase_lead, incline_tangent)?;
-        accept(
+        accept_in(
             "tangential restitution",
             restitution,
-            (0.0..1.0).contains(&restitution),
+            0.0..1.0,
             "0..1, 1 itself excluded: without loss the speed never settles",
         )?;
         Ok(Self {
@@ -125,7 +125,7 @@ impl Tangential {
 }
 
 /// At rest the velocity is 0: the infinitely many impacts of the chatter use it up.
-impl AlongLaw for Tangential {
+impl Along for Tangential {
     const REST_ERASES_HISTORY: bool = true;
 
     #[inline]

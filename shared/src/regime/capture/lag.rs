@@ -5,7 +5,7 @@
 //! interpolation between samples.
 
 use super::Kick;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 
 /// Inputs of the drive model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,14 +45,14 @@ impl DriveLag {
             start,
             limit,
         } = settings;
-        accept(
+        accept_in(
             "time_constant",
             time_constant,
-            (0.0..=1000.0).contains(&time_constant),
+            0.0..=1000.0,
             "0..1000 drive cycles",
         )?;
-        accept("start", start, (0.0..=1.0).contains(&start), "0..1")?;
-        accept("limit", limit, (1.0..=10.0).contains(&limit), "1..10")?;
+        accept_in("start", start, 0.0..=1.0, "0..1")?;
+        accept_in("limit", limit, 1.0..=10.0, "1..10")?;
         Ok(Self {
             decay: if time_constant > 0.0 {
                 libm::exp(-1.0 / time_constant) as f32

@@ -9,7 +9,7 @@ use core::task::Poll;
 use heapless::Vec;
 
 use super::{DriveLag, Kick, KickSettings, Outcome, Trial, TrialRun};
-use crate::feeder::{OutOfRange, Restitution, accept};
+use crate::feeder::{OutOfRange, Restitution, accept_in};
 use crate::impact::{ContactTime, Kernel, Single};
 use crate::regime::band;
 
@@ -256,12 +256,7 @@ impl Planner {
     /// Begins a search; an error names the parameter out of range.
     pub fn new(settings: PlanSettings) -> Result<Self, OutOfRange> {
         let lot = settings.lot;
-        accept(
-            "amplitude_error",
-            lot.amplitude_error,
-            (0.0..=0.2).contains(&lot.amplitude_error),
-            "0..0.2",
-        )?;
+        accept_in("amplitude_error", lot.amplitude_error, 0.0..=0.2, "0..0.2")?;
         Single::build(lot.k, lot.restitution.high())?;
         Ok(Self {
             settings,

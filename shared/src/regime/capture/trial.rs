@@ -54,25 +54,6 @@ const MAX_K: f32 = 4.0;
 /// Each flight uses the amplitude at its launch, in steps of 1/128. When the amplitude changes, psi
 /// is scaled by the ratio of amplitudes, so that the velocity in m/s is unchanged. A part at rest
 /// leaves where `sin t = k` at the current amplitude.
-///
-/// ```
-/// use kband::impact::{ContactTime, Single};
-/// use kband::regime::capture::{
-///     DriveLag, DriveLagSettings, Kick, Outcome, Trial, TrialRun,
-/// };
-///
-/// // R = 0.3 never locks from rest without a kick; with this one it does.
-/// let drive = DriveLag::build(DriveLagSettings { start: 1.0, ..DriveLagSettings::DEFAULT })?;
-/// let trial = Trial { k: 0.55, restitution: 0.3, order: 1, contact: ContactTime::INSTANT };
-/// for (kick, outcome) in [
-///     (Kick::NONE, Outcome::Missed),
-///     (Kick::rectangle(1.6, 20)?, Outcome::Locked),
-/// ] {
-///     let mut part = TrialRun::<Single>::new(trial, drive, kick)?;
-///     assert_eq!(core::iter::repeat_with(|| part.simulate_impact()).flatten().next(), Some(outcome));
-/// }
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct TrialRun<K: Kernel> {
     trial: Trial,

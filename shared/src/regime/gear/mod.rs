@@ -16,7 +16,7 @@ use core::ops::AddAssign;
 
 use super::lock::accept_order;
 use crate::arithmetic::Phase;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::{ChatterLimits, ContactTime, OrbitEvent, Scatter, WaveMap, WaveOrbit};
 
 pub use limits::{GearLimits, peaks};
@@ -187,21 +187,6 @@ impl Share {
 
 /// Measures one part's time in gear from its flights and rests. It counts from [`GearWatch::begin`]
 /// on.
-///
-/// ```
-/// use core::f64::consts::TAU;
-/// use kband::regime::gear::GearWatch;
-/// let mut watch = GearWatch::build(1)?;
-/// watch.begin(5.0 * TAU);
-/// // Twenty flights of one period each, of which the last fifteen count.
-/// for landed in 1..=20 {
-///     watch.add_landing(f64::from(landed) * TAU, TAU);
-/// }
-/// watch.add_rest(20.0 * TAU);
-/// let share = watch.share(25.0 * TAU);
-/// assert!((share.share() - 0.75).abs() < 1e-12 && share.losses == 1);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearWatch {
     gear: GearDetector,
@@ -314,12 +299,7 @@ fn shares_along(
     periods: f64,
     mut each: impl FnMut(usize, Share),
 ) -> Result<(), OutOfRange> {
-    accept(
-        "periods",
-        periods,
-        (16.0..=1e7).contains(&periods),
-        "16..1e7 drive periods",
-    )?;
+    accept_in("periods", periods, 16.0..=1e7, "16..1e7 drive periods")?;
     let mut gear = GearWatch::build(order)?;
     gear.begin(0.25 * periods * TAU);
     gear.end(periods * TAU);

@@ -5,7 +5,7 @@ use super::launch::Launch;
 use super::search::{Candidate, bisect, candidate, has_left, search};
 use super::track::Track;
 use crate::arithmetic::Phase;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::anchor::approach::fall;
 use crate::impact::anchor::flight::{Ballistic, STEPS_PER_RADIAN, larger, smaller};
 use crate::impact::anchor::single::{self, SineSingle, SingleState, land_found, steps_after};
@@ -66,8 +66,7 @@ enum TrackKind {
 
 impl Single {
     fn on(track: TrackKind, restitution: f64) -> Result<Self, OutOfRange> {
-        let is_accepted = (0.0..=1.0).contains(&restitution);
-        accept("restitution", restitution, is_accepted, "0..1")?;
+        accept_in("restitution", restitution, 0.0..=1.0, "0..1")?;
         Ok(Self {
             track,
             restitution: restitution as f32,

@@ -8,7 +8,7 @@ use core::f32::consts::TAU;
 use super::harmonics::Harmonics;
 use crate::arithmetic::Phase;
 use crate::arithmetic::fixed::Fixed;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::anchor::flight::{
     self, Gravity, Motion, RADIANS_PER_STEP, SPACING, STEPS_PER_RADIAN, abs, larger,
 };
@@ -73,7 +73,7 @@ impl Track {
     /// The track of two harmonics for a k.
     pub fn build(second: Tone, third: Tone, k: f64) -> Result<Self, OutOfRange> {
         let tones = Harmonics::build(second, third)?;
-        accept("k", k, (0.005..=4.0).contains(&k), "0.005..4")?;
+        accept_in("k", k, 0.005..=4.0, "0.005..4")?;
         let single = k as f32;
         let mut track = Self {
             tones,

@@ -6,9 +6,9 @@ mod push;
 
 use push::{Push, first_zero};
 
-use super::along::{AlongLaw, ContactMotion, accept_motion};
+use super::along::{Along, ContactMotion, accept_motion};
 use super::contact::Contact;
-use crate::feeder::{OutOfRange, Track, accept};
+use crate::feeder::{OutOfRange, Track, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Wave;
 
@@ -51,16 +51,11 @@ impl FrictionSettings {
             incline_tangent,
         } = *self;
         accept_motion(k, amplitude_ratio, phase_lead, incline_tangent)?;
-        accept(
-            "friction",
-            sliding,
-            (0.0..=10.0).contains(&sliding),
-            "0..10",
-        )?;
-        accept(
+        accept_in("friction", sliding, 0.0..=10.0, "0..10")?;
+        accept_in(
             "sticking friction",
             sticking,
-            (sliding..=10.0).contains(&sticking),
+            sliding..=10.0,
             "the friction of sliding..10: a part at rest holds at least as well as one that slides",
         )?;
         Ok(())
@@ -344,7 +339,7 @@ impl Friction {
     }
 }
 
-impl AlongLaw for Friction {
+impl Along for Friction {
     const REST_ERASES_HISTORY: bool = false;
 
     fn move_in_flight(
