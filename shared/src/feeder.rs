@@ -260,28 +260,12 @@ mod tests {
 
     #[test]
     fn refusal_names_the_parameter() {
-        let refused = Track::build(TrackSettings {
-            incline: 90.0,
-            ..PAPER
-        })
-        .unwrap_err();
-        assert_eq!(refused.parameter, "incline");
-        assert_eq!(
-            Track::build(TrackSettings {
-                frequency: f64::NAN,
-                ..PAPER
-            })
-            .unwrap_err()
-            .parameter,
-            "frequency"
-        );
-        assert_eq!(
-            Restitution::interval(0.3, 0.2).unwrap_err().parameter,
-            "restitution (high bound)"
-        );
-        assert_eq!(
-            Restitution::single(1.1).unwrap_err().parameter,
-            "restitution"
-        );
+        let refused = |settings| Track::build(settings).unwrap_err().parameter;
+        let incline = 90.0;
+        assert_eq!(refused(TrackSettings { incline, ..PAPER }), "incline");
+        let frequency = f64::NAN;
+        assert_eq!(refused(TrackSettings { frequency, ..PAPER }), "frequency");
+        let reversed = Restitution::interval(0.3, 0.2).unwrap_err();
+        assert_eq!(reversed.parameter, "restitution (high bound)");
     }
 }

@@ -725,20 +725,4 @@ mod tests {
             "{ratios:?}"
         );
     }
-
-    #[test]
-    fn refusals_name_the_parameter() {
-        assert_eq!(
-            Cascade::locate(0.2, 1, 0).unwrap_err().parameter,
-            "doublings"
-        );
-        assert_eq!(
-            Cascade::locate(0.2, 1, 11).unwrap_err().parameter,
-            "doublings"
-        );
-        assert_eq!(
-            Cascade::locate(1.0, 1, 3).unwrap_err().parameter,
-            "restitution"
-        );
-    }
 }

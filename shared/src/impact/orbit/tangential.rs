@@ -260,24 +260,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn settings_out_of_range_are_named() {
-        let named = |settings| Tangential::build(0.5, settings).unwrap_err().parameter;
-        assert_eq!(
-            named(TangentialSettings {
-                restitution: 1.0,
-                ..SETTINGS
-            }),
-            "tangential restitution"
-        );
-        assert_eq!(
-            named(TangentialSettings {
-                phase_lead: f64::NAN,
-                ..SETTINGS
-            }),
-            "phase_lead"
-        );
-        assert_eq!(Tangential::build(0.0, SETTINGS).unwrap_err().parameter, "k");
-    }
 }

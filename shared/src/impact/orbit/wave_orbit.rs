@@ -218,22 +218,6 @@ mod tests {
     }
 
     #[test]
-    fn restarted_orbit_has_the_bits_of_a_new_one() {
-        let wave = Wave::build(Tone::new(0.15, 2.5), Tone::default()).unwrap();
-        let map = WaveMap::on(wave, 0.38, 0.3).unwrap();
-        let mut again = WaveOrbit::from_rest(&map);
-        for seed in 0..20 {
-            let scatter = Scatter::build(0.3, 0.1, seed).unwrap();
-            let mut new = WaveOrbit::from_rest(&map);
-            new.restart(scatter);
-            again.restart(scatter);
-            for _ in 0..200 {
-                assert_eq!(again.next(), new.next());
-            }
-        }
-    }
-
-    #[test]
     fn every_restitution_keeps_hopping() {
         for n in 0..200 {
             let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);

@@ -67,16 +67,6 @@ impl Kick {
         Ok(Self { settings })
     }
 
-    /// A rectangular kick: `factor` for `hold` cycles.
-    pub fn rectangle(factor: f32, hold: u16) -> Result<Self, OutOfRange> {
-        Self::build(KickSettings {
-            factor,
-            hold,
-            descent: 0,
-            release: 1.0,
-        })
-    }
-
     /// Settings of the kick.
     pub fn settings(&self) -> KickSettings {
         self.settings

@@ -611,14 +611,4 @@ mod tests {
         assert_eq!(plan.best(), None);
         assert_eq!(plan.attempt(0), None);
     }
-
-    #[test]
-    fn refusals_name_the_parameter() {
-        let mut bad = settings(0.18, 0.22, 5.0);
-        bad.lot.amplitude_error = 0.3;
-        assert_eq!(Planner::new(bad).unwrap_err().parameter, "amplitude_error");
-        bad.lot.amplitude_error = 0.02;
-        bad.lot.order = 0;
-        assert_eq!(Planner::new(bad).unwrap_err().parameter, "order");
-    }
 }
