@@ -94,7 +94,7 @@ fn arithmetic(verb: &str, given: &ArgMatches) -> &'static str {
             Some("integer") => "integers of 32 bits",
             _ => "f64",
         },
-        "capture" => "plan in f32, map and runs in f64",
+        "capture" => "plan and map in f32, runs in f64",
         "simulate" | "report" | "gear" => "plant in f64, controller in f32 as on the board",
         "bench" => "each kernel its own",
         "commission" | "identify" | "monitor" | "settings" | "status" | "target" | "enable"

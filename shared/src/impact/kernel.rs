@@ -32,19 +32,6 @@ pub struct Impact<S> {
     pub grazes: bool,
 }
 
-/// An impact in f32, for searches that follow many parts on a CPU without f64.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SingleImpact<S> {
-    /// Duration of the flight (symbol d) in rad of drive phase, at least 0.
-    pub flight: f32,
-    /// Phase of the drive (symbol t) in rad, 0..2 pi.
-    pub phase: f32,
-    /// Velocity relative to the track (symbol psi) in units of `b w`, just after the impact.
-    pub velocity: f32,
-    /// The state just after the impact.
-    pub next: S,
-}
-
 /// One flight on a microcontroller, with its time in exact steps of the phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Landing<S> {
@@ -121,31 +108,6 @@ pub trait Kernel: Sized {
     /// The first impact after `state`. A resting part (velocity 0 where `sin t < k`) stays, with
     /// flight 0.
     fn impact(&self, state: Self::State) -> Impact<Self::State>;
-
-    /// [`Kernel::impact`] in f32; without f64 where the arithmetic has none.
-    fn impact_single(&self, state: Self::State) -> SingleImpact<Self::State> {
-        let impact = self.impact(state);
-        let PartState { phase, velocity } = Self::observe(impact.next);
-        SingleImpact {
-            flight: impact.flight as f32,
-            phase: phase as f32,
-            velocity: velocity as f32,
-            next: impact.next,
-        }
-    }
-
-    /// The state at the same phase with its velocity times `factor`, at least 0.
-    ///
-    /// It rescales a part after the amplitude, the unit of velocity, has changed.
-    fn scaled(state: Self::State, factor: f32) -> Result<Self::State, OutOfRange> {
-        let PartState { phase, velocity } = Self::observe(state);
-        Self::state(phase, velocity * f64::from(factor))
-    }
-
-    /// The state at rest at a phase in rad, 0..2 pi.
-    fn resting(phase: f32) -> Result<Self::State, OutOfRange> {
-        Self::state(f64::from(phase), 0.0)
-    }
 }
 
 /// The impact map on a track of several tones, in one arithmetic.

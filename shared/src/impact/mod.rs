@@ -42,7 +42,7 @@ pub(crate) use contact_time::spring;
 pub use double::Map;
 pub use integer::{Integer, IntegerState};
 pub use kernel::WaveKernel;
-pub use kernel::{Impact, Kernel, Landing, PartState, SingleImpact};
+pub use kernel::{Impact, Kernel, Landing, PartState};
 pub use orbit::LIFT_OFF_DELAY;
 pub use orbit::Release;
 pub use orbit::{Along, ContactMotion, Friction, FrictionSettings};

@@ -137,6 +137,15 @@ impl TrackMap {
     }
 }
 
+fn accept_doublings(doublings: usize) -> Result<f64, OutOfRange> {
+    accept_in(
+        "doublings",
+        doublings as f64,
+        1.0..=MAX_DOUBLINGS as f64,
+        "1..10",
+    )
+}
+
 impl Cascade {
     /// Locates `doublings` flips (1..=10) for a restitution of 0..1 (1 excluded) and an order of
     /// 1..=100.
@@ -148,12 +157,7 @@ impl Cascade {
     pub fn locate(restitution: f64, order: u32, doublings: usize) -> Result<Self, OutOfRange> {
         accept_order(order)?;
         accept_restitution(restitution)?;
-        accept_in(
-            "doublings",
-            doublings as f64,
-            1.0..=MAX_DOUBLINGS as f64,
-            "1..10",
-        )?;
+        accept_doublings(doublings)?;
         let flip = band::flip(restitution, order)?;
         let cascade = Self {
             flips: Vec::from_array([flip]),
@@ -177,12 +181,7 @@ impl Cascade {
         order: u32,
         doublings: usize,
     ) -> Result<Option<Self>, OutOfRange> {
-        accept_in(
-            "doublings",
-            doublings as f64,
-            1.0..=MAX_DOUBLINGS as f64,
-            "1..10",
-        )?;
+        accept_doublings(doublings)?;
         let bands = WaveBands::find(wave, restitution, order)?;
         let flips = |band: &super::wave_band::WaveBand| band.low.bifurcation == Bifurcation::Flip;
         let Some(band) = bands.iter().find(flips) else {

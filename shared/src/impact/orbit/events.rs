@@ -74,12 +74,12 @@ pub struct Orbit<'a> {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Stage {
+pub(super) enum Stage {
     /// Just after an impact.
     Hopping,
     /// At rest.
     Resting,
-    /// Just thrown off at `arcsin k`.
+    /// Just thrown off.
     Released,
 }
 

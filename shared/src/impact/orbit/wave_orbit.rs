@@ -1,6 +1,6 @@
 //! Events of one part on a track of several tones: impacts, rests and lift-offs.
 
-use super::events::OrbitEvent;
+use super::events::{OrbitEvent, Stage};
 use super::release::Release;
 use crate::impact::contact_time::ContactTime;
 use crate::impact::kernel::{Impact, PartState};
@@ -22,16 +22,6 @@ pub struct WaveOrbit<'a> {
     stage: Stage,
     /// The last release, of an elastic part: a part is thrown at few phases.
     release: Option<Release<PartState>>,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Stage {
-    /// Just after an impact.
-    Hopping,
-    /// At rest.
-    Resting,
-    /// Just thrown off.
-    Released,
 }
 
 impl<'a> WaveOrbit<'a> {

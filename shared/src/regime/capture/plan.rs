@@ -200,7 +200,7 @@ pub struct Planner {
     settings: PlanSettings,
     flip: f64,
     candidate: u16,
-    running: Option<(ScoredKick, Option<TrialRun<Single>>)>,
+    running: Option<(ScoredKick, Option<TrialRun>)>,
     /// Rank of the kept kick that is recounted next; `None` during the search.
     recounted: Option<usize>,
     plan: Plan,
@@ -524,7 +524,7 @@ mod tests {
     }
 
     fn captured(part: Trial, drive: DriveLag, kick: Kick) -> bool {
-        let mut trial_run = TrialRun::<Single>::new(part, drive, kick).unwrap();
+        let mut trial_run = TrialRun::new(part, drive, kick).unwrap();
         for _ in 0..MAX_TRIAL_IMPACTS {
             if let Some(outcome) = trial_run.simulate_impact() {
                 return outcome == Outcome::Locked;

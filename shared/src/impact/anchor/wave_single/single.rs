@@ -7,12 +7,11 @@ use super::track::Track;
 use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::anchor::approach::fall;
-use crate::impact::anchor::flight::{Ballistic, STEPS_PER_RADIAN, larger, smaller};
+use crate::impact::anchor::flight::{Ballistic, STEPS_PER_RADIAN, smaller};
 use crate::impact::anchor::single::{self, SineSingle, SingleState, land_found, steps_after};
 use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{
-    Impact, Kernel, Landing, MAX_VELOCITY, PartState, SingleImpact, WaveKernel, accept_phase,
-    accept_velocity,
+    Impact, Kernel, Landing, MAX_VELOCITY, PartState, WaveKernel, accept_phase, accept_velocity,
 };
 use crate::impact::wave::Tone;
 
@@ -218,31 +217,6 @@ impl Kernel for Single {
     #[inline]
     fn impact(&self, state: SingleState) -> Impact<SingleState> {
         self.land(state).impact()
-    }
-
-    fn impact_single(&self, state: SingleState) -> SingleImpact<SingleState> {
-        const RADIANS_PER_STEP: f32 = Phase::RADIANS_PER_STEP as f32;
-        let Landing { steps, next, .. } = self.land(state);
-        SingleImpact {
-            flight: steps as f32 * RADIANS_PER_STEP,
-            phase: next.phase.bits() as f32 * RADIANS_PER_STEP,
-            velocity: next.velocity,
-            next,
-        }
-    }
-
-    fn scaled(state: SingleState, factor: f32) -> Result<SingleState, OutOfRange> {
-        Ok(SingleState {
-            velocity: larger(state.velocity * factor, 0.0),
-            ..state
-        })
-    }
-
-    fn resting(phase: f32) -> Result<SingleState, OutOfRange> {
-        Ok(SingleState {
-            phase: Phase::from_bits((phase * STEPS_PER_RADIAN) as i64 as u32),
-            velocity: 0.0,
-        })
     }
 }
 
