@@ -10,7 +10,7 @@ use kband::impact::{Kernel, Single, SingleState};
 use kband::regime::classify::{Classifier, Regime, TimingAccuracy};
 use kband::regime::{Lock, band};
 
-/// Impacts that one slice computes: 38 000 instructions at 300 an impact.
+/// Impacts that one slice computes: 24 000 instructions at 190 an impact.
 const SLICE_IMPACTS: u32 = 128;
 /// Relative step of the scan in k: the middle of a stretch errs by 0.2 %, a fifth of the permitted
 /// amplitude error of 1 %.

@@ -70,7 +70,7 @@ pub struct PlanSettings {
 }
 
 impl PlanSettings {
-    /// Default work in impacts. It takes 20 million instructions on a Cortex-M4F, 495 an impact.
+    /// Default work in impacts. It takes 16.5 million instructions on a Cortex-M4F, 411 an impact.
     pub const DEFAULT_EFFORT: u32 = 40_000;
 }
 
