@@ -56,7 +56,7 @@ impl Parameter {
 }
 
 /// Options of a result's destination and appearance, which do not change its numbers.
-const ASIDE: [&str; 12] = [
+const ASIDE: [&str; 11] = [
     "threads",
     "out",
     "trace",
@@ -68,7 +68,6 @@ const ASIDE: [&str; 12] = [
     "print_scene",
     "schema",
     "record",
-    "record_log",
 ];
 
 /// Units of values, by their names in the help.

@@ -2,15 +2,17 @@
 
 use std::fmt::Write;
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
 use super::shape::{Anchor, Rect, Shape, Text};
 use super::theme::Colour;
 use super::{Look, bitmap};
 
-/// The SVG document of shapes on a sheet of this size, with title and description. Its ids begin
-/// with `name`.
+/// The SVG document of shapes on a sheet of this size, with title and description.
 pub(super) fn document(
     [width, height]: [f64; 2],
-    [title, about, name]: [&str; 3],
+    [title, about]: [&str; 2],
     look: Look,
     shapes: &[Shape],
 ) -> String {
@@ -18,7 +20,7 @@ pub(super) fn document(
     let mut body = String::new();
     for shape in shapes {
         // Writing to a String cannot fail.
-        let _ = draw(&mut body, &mut clips, name, shape);
+        let _ = draw(&mut body, &mut clips, shape);
     }
     let size = |pixels: f64| {
         if look.on_paper() {
@@ -43,7 +45,7 @@ pub(super) fn document(
         for (n, clip) in clips.iter().enumerate() {
             let _ = writeln!(
                 text,
-                "<clipPath id=\"{name}c{n}\"><rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/></clipPath>",
+                "<clipPath id=\"c{n}\"><rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/></clipPath>",
                 short(clip.left),
                 short(clip.top),
                 short(clip.width),
@@ -55,7 +57,7 @@ pub(super) fn document(
     text + &body + "</svg>\n"
 }
 
-fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> std::fmt::Result {
+fn draw(out: &mut String, clips: &mut Vec<Rect>, shape: &Shape) -> std::fmt::Result {
     match shape {
         Shape::Path(path) => {
             out.push_str("<path d=\"");
@@ -94,7 +96,7 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
                     clips.push(clip);
                     clips.len() - 1
                 });
-                write!(out, " clip-path=\"url(#{name}c{n})\"")?;
+                write!(out, " clip-path=\"url(#c{n})\"")?;
             }
             out.push_str("/>\n");
             Ok(())
@@ -116,7 +118,7 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
                 short(place.top),
                 short(place.width),
                 short(place.height),
-                base64(&bitmap::indexed_png(&large)),
+                STANDARD.encode(bitmap::indexed_png(&large)),
             )
         }
     }
@@ -169,42 +171,9 @@ fn escape(text: &str) -> String {
         .replace('>', "&gt;")
 }
 
-fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for chunk in bytes.chunks(3) {
-        let word = chunk.iter().enumerate().fold(0_u32, |word, (n, byte)| {
-            word | u32::from(*byte) << (16 - 8 * n)
-        });
-        for n in 0..4 {
-            text.push(if n <= chunk.len() {
-                char::from(LETTERS[(word >> (18 - 6 * n)) as usize & 63])
-            } else {
-                '='
-            });
-        }
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn base64_of_the_vectors_of_rfc_4648() {
-        for (plain, coded) in [
-            ("", ""),
-            ("f", "Zg=="),
-            ("fo", "Zm8="),
-            ("foo", "Zm9v"),
-            ("foob", "Zm9vYg=="),
-            ("fooba", "Zm9vYmE="),
-            ("foobar", "Zm9vYmFy"),
-        ] {
-            assert_eq!(base64(plain.as_bytes()), coded);
-        }
-    }
 
     #[test]
     fn coordinates_are_short() {

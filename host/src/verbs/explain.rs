@@ -4,7 +4,6 @@ mod manual;
 mod number;
 mod plain;
 
-use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
 use kband::feeder::Restitution;
 
 use crate::arguments::{self, DriveArguments};
@@ -27,7 +26,7 @@ use number::Example;
 Every word of the glossary, every symbol, and whatever kband prints as a state, event, regime, fault or limit.")]
 pub struct Arguments {
     /// The word or words; `fault N` and `limit N` by their numbers. Without any, the list of them.
-    #[arg(value_name = "WORD", value_parser = Topics)]
+    #[arg(value_name = "WORD")]
     words: Vec<String>,
 
     /// Restitution of the part that the number is of, or LO..HI of the lot.
@@ -79,30 +78,6 @@ topics! {
     "state" "What the drive is doing, and what it does next." ["states"] "faults.md" ["## States"];
     "fault" "What stopped the drive; fault N for one." ["faults"] "faults.md" ["## Fault "];
     "limit" "What holds the drive back; limit N for one." ["limits"] "faults.md" ["## Limit "];
-}
-
-/// Takes any word, and completes the topics.
-#[derive(Clone, Debug)]
-struct Topics;
-
-impl TypedValueParser for Topics {
-    type Value = String;
-
-    fn parse_ref(
-        &self,
-        command: &clap::Command,
-        argument: Option<&clap::Arg>,
-        value: &std::ffi::OsStr,
-    ) -> Result<String, clap::Error> {
-        StringValueParser::new().parse_ref(command, argument, value)
-    }
-
-    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        let single = TOPICS.iter().filter(|topic| !topic.name.contains(' '));
-        Some(Box::new(single.map(|topic| {
-            PossibleValue::new(topic.name).help(topic.help)
-        })))
-    }
 }
 
 /// Prints the explanation of the word.
