@@ -100,7 +100,7 @@ fn arithmetic(verb: &str, given: &ArgMatches) -> &'static str {
         }
         "bench" => "each kernel its own",
         "commission" | "identify" | "monitor" | "settings" | "status" | "target" | "enable"
-        | "disable" | "flash" | "live" | "update" => "the board's: f32 and hybrid",
+        | "disable" | "flash" | "update" => "the board's: f32 and hybrid",
         _ => "f64",
     }
 }

@@ -530,3 +530,43 @@ fn design_says_what_it_changes_for_the_feeder_of_the_scene() {
     assert!(said.contains("held by: the drive's stroke"), "{said}");
     assert_eq!(names(&folder), ["kband-design.svg"]);
 }
+
+/// A pseudo-terminal as standard error shows the progress of a command.
+#[test]
+#[cfg(unix)]
+fn a_long_command_is_seen_to_work_before_its_first_step_is_done() {
+    use std::io::Read;
+
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use rustix::termios::{Winsize, tcsetwinsize};
+
+    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&far).unwrap();
+    unlockpt(&far).unwrap();
+    let size = Winsize {
+        ws_row: 24,
+        ws_col: 80,
+        ws_xpixel: 0,
+        ws_ypixel: 0,
+    };
+    tcsetwinsize(&far, size).unwrap();
+    let name = ptsname(&far, Vec::new()).unwrap().into_string().unwrap();
+    let terminal = std::fs::File::options().write(true).open(name).unwrap();
+    // One step of some minutes.
+    let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
+        .args(["exponent", "--k", "0.34", "--impacts", "1000000000"])
+        .env("TERM", "xterm")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(terminal)
+        .spawn()
+        .unwrap();
+    let (mut far, mut said, mut bytes) = (std::fs::File::from(far), String::new(), [0; 256]);
+    while !(said.contains("exponent [") && said.contains("2s so far")) {
+        let count = far.read(&mut bytes).unwrap();
+        said += &String::from_utf8_lossy(&bytes[..count]);
+    }
+    assert!(child.try_wait().unwrap().is_none());
+    child.kill().unwrap();
+    child.wait().unwrap();
+}

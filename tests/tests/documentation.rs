@@ -263,7 +263,7 @@ fn a_word_of_the_glossary_has_one_meaning() {
     assert!(found.len() > 50, "{} types", found.len());
 }
 
-/// The glossary explains the names of regimes and states in tables, legends and `kband live`.
+/// The glossary explains the names of regimes and states in tables, legends and `kband status`.
 #[test]
 fn every_regime_and_state_that_is_shown_is_explained() {
     let glossary = fs::read_to_string(root().join("docs/glossary.md")).expect("the glossary");

@@ -22,7 +22,6 @@ mod gear;
 mod identify;
 mod idle;
 pub mod impacts;
-mod live;
 mod lock;
 mod man;
 mod margins;
@@ -87,7 +86,6 @@ verbs! {
     Gear => gear,
     Identify => identify,
     Impacts => impacts,
-    Live => live,
     Lock => lock,
     Man => man,
     Margins => margins,
