@@ -607,6 +607,16 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
         "{reading}"
     );
 
+    // In the other colours it is drawn anew.
+    let background = "return getComputedStyle(document.body).backgroundColor";
+    let first = browser.script(background);
+    browser.click("#colours");
+    assert_ne!(first, browser.script(background));
+    assert_eq!(
+        browser.script("return document.documentElement.dataset.failed ?? ''"),
+        ""
+    );
+
     // No other file is taken for a record, and it is also JSON.
     std::fs::write(folder.path().join("other.html"), "<!doctype html>").unwrap();
     let other = ["commission", "other.html", "--step", "a"];

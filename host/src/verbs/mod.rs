@@ -29,7 +29,6 @@ mod monitor;
 mod paper;
 mod recipe;
 mod registers;
-mod report;
 mod serve;
 pub mod settings;
 mod simulate;
@@ -93,7 +92,6 @@ verbs! {
     Paper => paper,
     Recipe => recipe,
     Registers => registers,
-    Report => report,
     Serve => serve,
     Settings => settings,
     Simulate => simulate,
