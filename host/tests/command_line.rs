@@ -178,7 +178,11 @@ fn a_foreign_file_is_replaced_only_where_it_is_named() {
         remove("new.json");
     }
     let run = "simulate --duration 1";
-    for (words, name) in [(run, "kband-simulate.svg"), (run, "kband-simulate.csv")] {
+    for (words, name) in [
+        ("report", "kband-report.html"),
+        (run, "kband-simulate.svg"),
+        (run, "kband-simulate.csv"),
+    ] {
         mine(name);
         kband(&folder, words).refused(&[name, "next: name the file"]);
         assert_eq!(read(name), b"mine");

@@ -153,7 +153,12 @@ impl Starts {
 
 /// Final regimes of starts in the middles of `side * side` cells, row by row. Phases are 0..2 pi,
 /// velocities 0..`top`.
-fn ends(endings: &Endings, side: usize, top: f64, desk: &Desk) -> Result<Vec<Regime>, Refusal> {
+pub(super) fn ends(
+    endings: &Endings,
+    side: usize,
+    top: f64,
+    desk: &Desk,
+) -> Result<Vec<Regime>, Refusal> {
     Map::state(0.0, top)?;
     let starts = Starts { side, top };
     // Long blocks keep the registers full except for a few last orbits; short ones suit any number

@@ -151,7 +151,7 @@ impl Arguments {
 }
 
 /// The summary of a run in plain words; the last line is the next step.
-fn plain_words(outcome: &Outcome) -> Vec<String> {
+pub(super) fn plain_words(outcome: &Outcome) -> Vec<String> {
     let seen = summary::Seen::of(outcome);
     let mut lines = seen.lines();
     let next = lines.len() - 1;

@@ -13,6 +13,7 @@ use crate::desk::Desk;
 use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, number};
+pub use friction::Speed;
 
 /// The conveying speed in every regime, over k or the amplitude.
 #[derive(Clone, Debug, clap::Args)]
@@ -115,7 +116,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     output.show(&report, picture)
 }
 
-#[cfg(test)]
+/// The speeds from rest of these options, with friction, for a page that shows many.
+pub fn speeds(options: &str, desk: &Desk) -> Result<Vec<Speed>, Refusal> {
+    let arguments = read(options)?;
+    friction::speeds(&Feeder::build(&arguments)?, &arguments, desk)
+}
+
 fn read(options: &str) -> Result<Arguments, Refusal> {
     #[derive(clap::Parser)]
     struct CommandLine {

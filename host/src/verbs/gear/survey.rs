@@ -14,7 +14,7 @@ use crate::refusal::Refusal;
 
 /// A lot of parts and how long it is simulated.
 #[derive(Clone, Copy)]
-pub(super) struct LotSettings {
+pub(in crate::verbs) struct LotSettings {
     pub restitution: Restitution,
     /// Number of parts of the lot, with both ends.
     pub parts: usize,
@@ -27,7 +27,7 @@ pub(super) struct LotSettings {
 }
 
 /// The simulated parts.
-pub(super) struct Lot {
+pub(in crate::verbs) struct Lot {
     settings: LotSettings,
     pub(super) restitutions: Vec<f64>,
 }
@@ -145,7 +145,7 @@ impl Lot {
     }
 
     /// Mean and smallest share of the parts at one point.
-    fn at(&self, wave: &Wave, k: f64) -> Result<[f64; 2], Refusal> {
+    pub fn at(&self, wave: &Wave, k: f64) -> Result<[f64; 2], Refusal> {
         let shares = self.follow(wave, k, Stage::Map)?;
         Ok([shares.mean(), shares.least()])
     }

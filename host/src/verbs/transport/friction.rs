@@ -435,6 +435,39 @@ impl Row {
     }
 }
 
+/// How fast a part from rest travels at one throw number.
+#[derive(Clone, Copy, Debug)]
+pub struct Speed {
+    /// Throw number (symbol Gamma).
+    pub throw: f64,
+    /// Amplitude normal to the track in mm (symbol b).
+    pub amplitude: f64,
+    /// mm/s; `None` where friction cannot hold the part.
+    pub speed: Option<f64>,
+    /// S, H-S or H.
+    pub regime: &'static str,
+}
+
+/// The speeds from rest over the throw number.
+pub(super) fn speeds(
+    feeder: &Feeder,
+    arguments: &Arguments,
+    desk: &Desk,
+) -> Result<Vec<Speed>, Refusal> {
+    let task = Task::of(feeder, arguments, Over::Throw)?;
+    let values: Vec<f64> = task.range.values().collect();
+    desk.try_map("conveying", values.len(), |n| {
+        let point = task.at(values[n])?;
+        let measured = task.measured(&point, Origin::Rest)?;
+        Ok(Speed {
+            throw: values[n],
+            amplitude: 1e3 * point.track.amplitude(point.k),
+            speed: measured.conveyed.time_mean().map(|mean| point.speed(mean)),
+            regime: regime(measured.motion).0,
+        })
+    })
+}
+
 pub(super) fn computed(
     feeder: Feeder,
     arguments: &Arguments,
