@@ -18,7 +18,8 @@ use crate::arguments::{self, AmplitudeArguments, Drawn, Output, ScatterArguments
 use crate::desk::{Desk, Progress};
 use crate::file;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Format, Rows, Value, columns, print_rows};
+use crate::report::rows_file::row_bytes;
+use crate::report::{self, Column, Format, Rows, Value, columns, print_rows};
 use portrait::{States, portrait};
 use rows::{LaunchFile, Row, Survey, check_rows, fly_rows, not_held};
 
@@ -35,7 +36,8 @@ A file has the columns k,restitution,phase,velocity (others are ignored); each r
 flight,next_phase,next_velocity; they are empty, with a warning on standard error, where only the \
 arithmetic cannot hold the row. Phases are in rad, velocities in units of b w.
 
-Rows go out as they come, to standard output and to --out FILE.csv or .json: memory does not grow with their number. A table to read has at most 50000 rows, a \
+Rows go out as they come, to standard output and to --out FILE.csv, .json or, where it is built in, \
+.parquet: memory does not grow with their number. A table to read has at most 50000 rows, a \
 picture at most 131072 states.
 
 With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356).")]
@@ -107,7 +109,7 @@ pub enum Arithmetic {
 
 /// Prints the impacts and draws their phase portrait.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(Format::Table)?;
+    let output = arguments.drawn.output(Format::Table, true)?;
     let tones = [arguments.second_tone, arguments.third_tone].map(Option::unwrap_or_default);
     let one = tones.iter().all(|tone| tone.amplitude == 0.0);
     let drive_text = match arguments.amplitude.or_k(arguments.k)? {
@@ -312,10 +314,13 @@ impl Task<'_> {
             print_rows(self.arguments.format, &columns, |printed| {
                 let mut sink = Sink {
                     task: self,
+                    columns: &columns,
                     printed: Some(printed),
                     file,
                     states: self.output.draws().then(States::new),
                     count: 0,
+                    rows,
+                    bytes: [0; 2],
                     progress: Progress::beside_rows("impacts", rows),
                 };
                 work(&mut sink)?;
@@ -328,13 +333,21 @@ impl Task<'_> {
 /// Receiver of the rows: standard output, a file, and the picture.
 struct Sink<'a, 'p, 'f> {
     task: &'a Task<'a>,
+    columns: &'a [Column],
     /// `None` after its reader has gone away.
     printed: Option<&'p mut (dyn Rows + 'p)>,
     file: Option<&'f mut (dyn Rows + 'f)>,
     states: Option<States>,
     count: u64,
+    /// Number of rows to come.
+    rows: u64,
+    /// Bytes so far, printed and in the file.
+    bytes: [u64; 2],
     progress: Progress,
 }
+
+/// Number of rows from which the size of all is estimated.
+const MEASURED_ROWS: u64 = 1000;
 
 /// Number of rows between two tests for a stop by the user.
 const ROWS_AT_ONCE: u64 = 1024;
@@ -356,10 +369,35 @@ impl Sink<'_, '_, '_> {
             states.add((next.phase, next.velocity));
         }
         self.count += 1;
+        if self.count <= MEASURED_ROWS {
+            self.measure(row);
+        }
         if self.count.is_multiple_of(ROWS_AT_ONCE) {
             self.task.desk.go_on()?;
             self.progress.advance(ROWS_AT_ONCE);
         }
         Ok(())
+    }
+
+    /// Reports the estimated size of all rows after the first ones.
+    fn measure(&mut self, row: &[Value]) {
+        let form = match self.task.arguments.format {
+            Format::Json => "json",
+            Format::Csv | Format::Table => "csv",
+        };
+        let target = self.task.output.rows_target();
+        self.bytes[0] += row_bytes(form, self.columns, row);
+        if let Some(target) = target {
+            self.bytes[1] += row_bytes(&target.ending(), self.columns, row);
+        }
+        if self.count == MEASURED_ROWS {
+            let [printed, saved] = self
+                .bytes
+                .map(|bytes| (bytes as f64 / MEASURED_ROWS as f64 * self.rows as f64) as u64);
+            report::state_size_of("standard output", printed);
+            if let Some(target) = target {
+                report::state_size(target, saved);
+            }
+        }
     }
 }

@@ -116,6 +116,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     output.show(&report, picture)
 }
 
+/// The picture that these options draw, for a page that holds several.
+pub fn picture(options: &str, desk: &Desk) -> Result<Picture, Refusal> {
+    let (_, picture) = computed(&read(options)?, desk)?;
+    Ok(picture())
+}
+
 /// The speeds from rest of these options, with friction, for a page that shows many.
 pub fn speeds(options: &str, desk: &Desk) -> Result<Vec<Speed>, Refusal> {
     let arguments = read(options)?;
