@@ -26,8 +26,6 @@ extern crate std;
 
 mod aim;
 mod angle;
-#[cfg(test)]
-mod bounds;
 mod controller;
 mod drive;
 mod hear;
@@ -36,6 +34,8 @@ mod inputs;
 mod recipe;
 mod report;
 mod saturate;
+#[cfg(test)]
+mod seeded;
 mod settings;
 mod state;
 mod supervise;
@@ -65,8 +65,7 @@ pub use target::Target;
 pub mod signal_path {
     pub use crate::hear::{
         DetectedImpact, EnergyHistogram, Fold, HighPass, MAX_BLANKED_SHARE, MAX_IMPACTS_PER_CYCLE,
-        OnsetConstants, OnsetDetector, QUARTILE, SECTORS, SECTORS_HANDED, Sectors, StandardOnset,
-        last_cycle_gain, push_weight,
+        OnsetDetector, SECTORS, SECTORS_HANDED, Sectors, last_cycle_gain, push_weight,
     };
 }
 pub mod wire;

@@ -49,8 +49,6 @@ extern crate std;
 #[cfg(test)]
 mod drawn;
 mod envelope;
-#[cfg(test)]
-mod heaps;
 mod model;
 mod waveform;
 

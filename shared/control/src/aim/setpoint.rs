@@ -289,7 +289,6 @@ impl Choice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kband::feeder::Restitution;
 
     #[test]
     fn target_without_a_contact_time_is_refused() {
@@ -307,18 +306,6 @@ mod tests {
             "{lock:?} {before:?}"
         );
         assert!(lock.phase != before.phase);
-    }
-
-    #[test]
-    fn the_setpoint_of_a_lock_is_in_the_band_of_every_part() {
-        let choice = Choice::of_target(Target::Locked { order: 1 }, &Settings::default()).unwrap();
-        let Level::K(k) = choice.level else {
-            panic!("{choice:?}")
-        };
-        for restitution in [0.18, 0.2, 0.22] {
-            let band = Band::common(Restitution::single(restitution).unwrap(), 1).unwrap();
-            assert!(band.contains(k));
-        }
     }
 
     #[test]

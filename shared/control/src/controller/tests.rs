@@ -5,7 +5,6 @@ use crate::Report;
 use crate::signal_path::DetectedImpact;
 use kband::regime::classify::Regime;
 
-mod lockout;
 mod table;
 
 #[test]

@@ -419,39 +419,6 @@ mod tests {
         }
     }
 
-    fn settle(gain: f32) -> (f32, f32, usize) {
-        let mut control = AmplitudeLoop::build(&Settings::default()).unwrap();
-        let mut drive = SimulatedDrive {
-            envelope: 0.0,
-            latched: 0.0,
-            gain,
-        };
-        let goal = 0.23e-3;
-        let (mut output, mut peak, mut last_outside) = (0.0, 0.0_f32, 0);
-        let mut b = 0.0;
-        for n in 0..200 {
-            let reference = goal * ((n + 2) as f32 / 20.0).min(1.0);
-            b = drive.cycle(output);
-            output = control.cycle(b, reference, 1.0);
-            peak = peak.max(b);
-            if (b / goal - 1.0).abs() > 0.01 {
-                last_outside = n;
-            }
-        }
-        (b / goal, peak / goal, last_outside)
-    }
-
-    #[test]
-    fn amplitude_settles_within_a_second_at_any_gain() {
-        for gain in [0.7, 1.0, 1.3] {
-            let (end, peak, last_outside) = settle(gain);
-            // 50 cycles are one second; 5 % in k is 5 % in b.
-            assert!((end - 1.0).abs() < 1e-3, "gain {gain}: {end}");
-            assert!(peak < 1.05, "gain {gain}: peak {peak}");
-            assert!(last_outside < 50, "gain {gain}: {last_outside}");
-        }
-    }
-
     #[test]
     fn no_output_is_above_what_is_allowed_now() {
         for resonance in [50.0, 47.0] {
@@ -532,162 +499,15 @@ mod tests {
         assert!(cycles < 20, "{cycles}");
     }
 
-    /// A resonance and one mode above it, by samples. Frequencies are in turns per cycle,
-    /// displacements over the gain.
-    struct TwoModes {
-        modes: [Oscillator; 2],
-        /// Outputs of the running cycle and of the next.
-        outputs: [f64; 2],
-    }
-
-    /// Samples per cycle.
-    const SAMPLES: usize = 100;
-
-    /// `x'' + w0/Q x' + w0^2 x = w0^2 F u` with the output held between samples.
-    struct Oscillator {
-        matrix: [[f64; 2]; 2],
-        input: [f64; 2],
-        state: [f64; 2],
-        natural: f64,
-        quality: f64,
-        force: f64,
-    }
-
-    impl Oscillator {
-        fn new(turns: f64, quality: f64, force: f64) -> Self {
-            let natural = core::f64::consts::TAU * turns;
-            let (zeta, step) = (0.5 / quality, natural / SAMPLES as f64);
-            let damped = libm::sqrt(1.0 - zeta * zeta);
-            let (s, c) = libm::sincos(damped * step);
-            let decay = libm::exp(-zeta * step);
-            let matrix = [
-                [decay * (c + zeta / damped * s), decay * s / damped],
-                [-decay * s / damped, decay * (c - zeta / damped * s)],
-            ];
-            Self {
-                input: [(1.0 - matrix[0][0]) * force, -matrix[1][0] * force],
-                matrix,
-                state: [0.0; 2],
-                natural,
-                quality,
-                force,
-            }
-        }
-
-        /// Acceleration over the square of the drive's angular frequency; then advances by a
-        /// sample.
-        fn step(&mut self, before: f64, output: f64) -> f64 {
-            let [x, y] = self.state;
-            let turns = self.natural / core::f64::consts::TAU;
-            let acceleration = turns * turns * (self.force * before - x - y / self.quality);
-            let [[a, b], [c, d]] = self.matrix;
-            self.state = [
-                a * x + b * y + self.input[0] * output,
-                c * x + d * y + self.input[1] * output,
-            ];
-            acceleration
-        }
-    }
-
-    impl TwoModes {
-        /// Simulates a cycle. The output applies in the next one. The result is the demodulated
-        /// amplitude.
-        fn cycle(&mut self, gain: f64) -> f64 {
-            let (mut sine, mut cosine) = (0.0, 0.0);
-            let [output, _] = self.outputs.map(|output| output * gain);
-            for n in 0..SAMPLES {
-                let angle = |n: usize| core::f64::consts::TAU * n as f64 / SAMPLES as f64;
-                let (s, c) = libm::sincos(angle(n));
-                let before = output * libm::sin(angle(n) - angle(1));
-                let swing: f64 = (self.modes.iter_mut())
-                    .map(|mode| mode.step(before, output * s))
-                    .sum();
-                sine += swing * s;
-                cosine += swing * c;
-            }
-            libm::hypot(sine, cosine) * 2.0 / SAMPLES as f64
-        }
-    }
-
-    /// Error of the amplitude 125 to 175 cycles after a 10 % drop of the drive's gain, over its
-    /// error in the first 50.
-    ///
-    /// `stronger` multiplies the loop's proportional gain, and `later` delays its command by
-    /// cycles.
-    fn growth(settings: &Settings, mode: Oscillator, stronger: f32, later: usize) -> f64 {
-        let quality = f64::from(settings.quality);
-        let mut control = AmplitudeLoop::build(settings).unwrap();
-        control.tuning.proportional *= stronger;
-        assert!(control.observer.is_none());
-        let mut drive = TwoModes {
-            modes: [Oscillator::new(1.0, quality, 1.0 / quality), mode],
-            outputs: [0.0; 2],
-        };
-        let (mut waiting, mut gain) = ([0.0; 4], 1.0);
-        let mut off = [0.0_f64; 2];
-        for n in 0..700 {
-            let reference = 0.3e-3 * (n as f32 / 60.0).min(1.0);
-            if n == 400 {
-                gain = 0.9;
-            }
-            let measured = drive.cycle(gain);
-            waiting.rotate_right(1);
-            waiting[0] = f64::from(control.cycle((measured * 1e-3) as f32, reference, 1.0));
-            drive.outputs = [drive.outputs[1], waiting[later]];
-            let apart = (measured / 0.3 - 1.0).abs();
-            for (off, span) in off.iter_mut().zip([400..450, 525..575]) {
-                if span.contains(&n) {
-                    *off = off.max(apart);
-                }
-            }
-        }
-        off[1] / off[0]
-    }
-
-    fn with_tones(quality: f32) -> Settings {
-        Settings {
-            quality,
-            track_mass: 10.0,
-            second_tone: 0.15,
-            ..Settings::default()
-        }
-    }
-
-    /// Modes within 10 % of twice and three times the drive frequency, Q 5 to 100, in phase with
-    /// the resonance or against it. Up to the resonance's static displacement the loop has a gain
-    /// margin of 2. Up to twice that it is stable, also with one more cycle of delay. The load
-    /// observer is unstable from two thirds on.
-    #[test]
-    fn loop_keeps_margins_with_modes_near_harmonics() {
-        let mut worst = 0.0_f64;
-        let modes = [2.0, 3.0].map(|harmonic| [5.0, 25.0, 100.0].map(|sharp| (harmonic, sharp)));
-        for quality in [5.0, 10.0, 25.0, 60.0] {
-            let settings = with_tones(quality);
-            for &(harmonic, sharp) in modes.as_flattened() {
-                for off in [-0.1, -0.06, -0.03, -0.01, 0.0, 0.01, 0.03, 0.06, 0.1] {
-                    for (strong, stronger, later) in [(1.0, 2.0, 0), (2.0, 1.0, 0), (2.0, 1.0, 1)] {
-                        for force in [strong, -strong].map(|strong| strong / f64::from(quality)) {
-                            let mode = Oscillator::new(harmonic * (1.0 + off), sharp, force);
-                            let found = growth(&settings, mode, stronger, later);
-                            assert!(
-                                found < 0.1,
-                                "Q {quality} {sharp}, {harmonic} {off}, {strong} {stronger} {later}: {found}"
-                            );
-                            worst = worst.max(found);
-                        }
-                    }
-                }
-            }
-        }
-        std::println!("{worst}");
-    }
-
     #[test]
     fn a_track_of_several_tones_has_no_observer_of_its_load() {
-        let with = with_tones(25.0);
         let sine = Settings {
-            second_tone: 0.0,
-            ..with
+            track_mass: 10.0,
+            ..Settings::default()
+        };
+        let with = Settings {
+            second_tone: 0.15,
+            ..sine
         };
         assert!(AmplitudeLoop::build(&sine).unwrap().is_immediate());
         assert!(!AmplitudeLoop::build(&with).unwrap().is_immediate());

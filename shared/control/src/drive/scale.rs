@@ -150,24 +150,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn normal_gravity_matches_the_track() {
-        for n in -60..=60 {
-            let settings = Settings {
-                incline: n as f32,
-                ..Settings::default()
-            };
-            let single = f64::from(Scale::at(&settings, 50.0).normal_gravity);
-            let double = settings.track().unwrap().normal_gravity();
-            // Roundings of the angle (60 degrees in rad times the tangent there: 1.8), of the
-            // cosine and of the product.
-            assert!(
-                (single / double - 1.0).abs() < 2.5e-7,
-                "{n}: {single} {double}"
-            );
-        }
-    }
-
-    #[test]
     fn reach_and_reserve_end_at_the_output_and_at_the_hard_limit() {
         let settings = Settings::default();
         let scale = Scale::at(&settings, settings.frequency);

@@ -117,7 +117,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::bounds::seeded;
+    use crate::seeded::seeded;
 
     const SOUND: ImpactEvidence = ImpactEvidence {
         listening: true,

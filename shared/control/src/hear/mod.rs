@@ -45,8 +45,7 @@ pub use margin::GearMargin;
 
 pub use share::{GearShare, Tuned};
 
-pub use onset::{DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetDetector, QUARTILE};
-pub use onset::{HighPass, OnsetConstants, StandardOnset};
+pub use onset::{DetectedImpact, HighPass, MAX_IMPACTS_PER_CYCLE, OnsetDetector};
 pub use signal::MAX_BLANKED_SHARE;
 pub use signal::{AdcCode, Command, Cycle, Overtone, Sampled, Signal};
 pub use weighing::LoadEvents;

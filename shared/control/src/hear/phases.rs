@@ -203,26 +203,6 @@ mod tests {
     }
 
     #[test]
-    fn one_phase_is_concentrated_and_opposite_phases_are_not() {
-        let mut one = PhaseStatistics::default();
-        let mut two = PhaseStatistics::default();
-        for n in 0..100 {
-            let jitter = 0.02 * (n % 3 - 1) as f32;
-            one.cycle(&heard(&[3.1 + 2.0 * jitter]), 0, phase_of(0.04), None);
-            two.cycle(
-                &heard(&[0.3 + jitter, 0.3 + core::f32::consts::PI]),
-                0,
-                Phase::ZERO,
-                None,
-            );
-        }
-        assert!(one.concentration() > 0.999);
-        assert!((one.phase().abs() - 3.135).abs() < 0.01, "{}", one.phase());
-        assert!(two.concentration() < 0.02);
-        assert!((one.rate() - 1.0).abs() < 1e-3 && (two.rate() - 2.0).abs() < 1e-3);
-    }
-
-    #[test]
     fn lock_needs_half_of_the_memory() {
         let lock = LockWindow {
             order: 1,

@@ -13,7 +13,7 @@
 
 use super::energy::{SECTORS, Sectors};
 use super::margin::GearMargin;
-use super::onset::{OnsetConstants, StandardOnset};
+use super::onset::OnsetDetector;
 use super::signal::Cycle;
 use crate::angle::{SAMPLE_RATE, phase_of};
 use crate::drive::{Shape, UPPER};
@@ -802,7 +802,7 @@ impl ShareHearing {
         let theta = Phase::from_bits(self.step);
         let (sine, cosine) = sine_cosine_single(theta);
         // (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice, at z = e^(i theta).
-        let left = 1.0 - StandardOnset::CORNER as f32;
+        let left = 1.0 - OnsetDetector::CORNER as f32;
         let above = 2.0 - 2.0 * cosine;
         let below = 1.0 - 2.0 * left * cosine + left * left;
         let gain = left * left * above / below;

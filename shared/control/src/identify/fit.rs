@@ -577,30 +577,6 @@ mod tests {
     }
 
     #[test]
-    fn error_of_k_moves_the_landing_within_the_search() {
-        let highest = |k: f64| {
-            let tried = (0..1000).map(|n| n as f32 * 1e-3);
-            let rests = |r: &f32| {
-                Chatter::of(k, *r, ContactTime::INSTANT).is_some_and(|chatter| chatter.rests())
-            };
-            tried.filter(rests).fold(0.0, f32::max)
-        };
-        for k in [0.45, 0.55, 0.65, 0.75, 0.85] {
-            let landing = |k| Chatter::of(k, 0.5, ContactTime::INSTANT).unwrap().landing;
-            let moved = landing(k) - landing(1.015 * k);
-            assert!(
-                (0.3 * MAX_LANDING_SHIFT..MAX_LANDING_SHIFT).contains(&moved),
-                "{k}: {moved}"
-            );
-            let moved = highest(1.01 * k) - highest(k);
-            assert!(
-                (0.3 * GRID_MARGIN..GRID_MARGIN).contains(&moved),
-                "{k}: {moved}"
-            );
-        }
-    }
-
-    #[test]
     fn noise_is_quiet_and_parts_of_two_kinds_are_not_one() {
         let k = 0.56;
         let fit = || {

@@ -489,8 +489,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::bounds::seeded;
     use crate::inputs::StartCause;
+    use crate::seeded::seeded;
 
     const PACE: f32 = 50.0;
     const AT_REST: Standstill = Standstill {

@@ -163,12 +163,6 @@ impl EnvelopeLoop {
         self.controller.watch_ready(watched);
     }
 
-    /// Sets the total mass of the parts over that of the track.
-    #[cfg(test)]
-    pub(crate) fn heap(&mut self, total: f64) {
-        self.plant.heap(total);
-    }
-
     /// The controller.
     pub fn controller(&self) -> &Controller {
         &self.controller

@@ -27,8 +27,8 @@ use kband::arithmetic::Phase;
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
 use kband::impact::ContactTime;
 use kband_control::signal_path::{
-    DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetConstants, QUARTILE, SECTORS_HANDED, StandardOnset,
-    last_cycle_gain, push_weight,
+    DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetDetector, SECTORS_HANDED, last_cycle_gain,
+    push_weight,
 };
 use kband_control::{Command, Cycle, SAMPLE_RATE, phase_step};
 
@@ -403,7 +403,7 @@ impl EnvelopePlant {
         let level = libm::sqrt(square);
         let swinging = 0.5 * leak * leak / square.max(1e-30);
         // Largest relative change of a running median in a cycle.
-        let most = 1.0 + f64::from(self.drive.samples()) * StandardOnset::MEDIAN_STEP;
+        let most = 1.0 + f64::from(self.drive.samples()) * OnsetDetector::MEDIAN_STEP;
         self.median = self
             .onset
             .median(level, swinging)
@@ -451,7 +451,7 @@ impl EnvelopePlant {
 
     /// Writes the demodulated values into the board's readings, with noise, hum and sensor faults.
     fn read(&mut self, cycle: &mut Cycle, found: Demodulated, loudest: f64, middle: f64) {
-        cycle.noise = (self.median / QUARTILE) as f32;
+        cycle.noise = (self.median / OnsetDetector::QUARTILE) as f32;
         cycle.blanked = self.onset.blanked(u32::from(cycle.samples)) as f32;
         let factor = self.sense.factor;
         let turned = if self.inverted { -factor } else { factor };
@@ -571,14 +571,6 @@ impl EnvelopePlant {
     /// costs nothing.
     pub(crate) fn watch_displacement(&mut self, watched: bool) {
         self.watched = watched;
-    }
-
-    /// Sets the total mass of the parts over that of the track.
-    #[cfg(test)]
-    pub(crate) fn heap(&mut self, total: f64) {
-        if let Some(load) = &mut self.load {
-            load.heap(total);
-        }
     }
 
     /// Normal amplitude of the track in m.

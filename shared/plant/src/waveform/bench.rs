@@ -74,12 +74,6 @@ impl Bench {
         &self.plant
     }
 
-    /// Sets the total mass of the parts over that of the track.
-    #[cfg(test)]
-    pub(crate) fn heap(&mut self, total: f64) {
-        self.plant.heap(total);
-    }
-
     /// Time since the start in s.
     pub fn time(&self) -> f64 {
         self.samples as f64 / f64::from(SAMPLE_RATE)
@@ -87,19 +81,8 @@ impl Bench {
 
     /// Applies a change beside those of the scene.
     pub fn apply(&mut self, change: Change) {
-        match self.timeline.take(change) {
-            Some(Change::Gain(gain)) => self.plant.set_gain(gain),
-            Some(Change::Restitution(restitution)) => self.plant.set_restitution(restitution),
-            Some(Change::Scatter(deviation)) => self.plant.set_scatter(deviation),
-            Some(Change::Noise(noise)) => self.plant.set_noise(noise),
-            Some(Change::SensorLost(lost)) => self.plant.set_sensor_lost(lost),
-            Some(Change::SensorInverted(inverted)) => self.plant.set_sensor_inverted(inverted),
-            Some(Change::Sensitivity(sensitivity)) => self.plant.set_sensitivity(sensitivity),
-            Some(Change::Ripple(ripple)) => self.plant.set_ripple(ripple),
-            Some(Change::Hum(hum)) => self.plant.set_hum(hum),
-            Some(Change::Dump(seconds)) => self.plant.dump(seconds),
-            Some(Change::Parts(count)) => self.plant.place_parts(count),
-            _ => {}
+        if let Some(change) = self.timeline.take(change) {
+            self.plant.apply(change);
         }
     }
 }

@@ -135,12 +135,6 @@ impl MassivePart {
         self.share
     }
 
-    /// Sets its mass over that of the track.
-    #[cfg(test)]
-    pub(crate) fn heap(&mut self, share: f64) {
-        self.share = share;
-    }
-
     /// Whether it lies on the track.
     pub fn lies(&self) -> bool {
         matches!(self.motion, Motion::Lying(_))

@@ -12,7 +12,7 @@ use crate::model::drive::{Resonator, Ringing, Swing, TonesApart, UpperMode};
 use crate::model::hopper::Hopper;
 use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
-use crate::model::scene::{PARTS, Scene, SensorModel};
+use crate::model::scene::{Change, PARTS, Scene, SensorModel};
 use kband::arithmetic::Noise;
 use kband::arithmetic::{Phase, sine_cosine_single};
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
@@ -400,7 +400,7 @@ impl Plant {
     }
 
     /// The first `count` parts are on the track from now on; the others are not.
-    pub(crate) fn place_parts(&mut self, count: u8) {
+    fn place_parts(&mut self, count: u8) {
         for index in usize::from(count)..self.massive.len() {
             if self.hopper.arrives(index) <= self.time {
                 let share = self.massive.get(index).map_or(0.0, MassivePart::share);
@@ -415,22 +415,6 @@ impl Plant {
             }
         };
         self.hopper.place(now, count, arrive);
-    }
-
-    /// Drops the waiting parts of the hopper within this number of seconds.
-    pub(crate) fn dump(&mut self, seconds: f32) {
-        let turns =
-            f64::from(seconds) * f64::from(SAMPLE_RATE) * f64::from(self.step) / Phase::TURN;
-        self.hopper.dump(self.time, turns);
-    }
-
-    /// Sets the total mass of the parts over that of the track.
-    #[cfg(test)]
-    pub(crate) fn heap(&mut self, total: f64) {
-        let sum: f64 = self.massive.iter().map(MassivePart::share).sum();
-        for part in &mut self.massive {
-            part.heap(part.share() * total / sum);
-        }
     }
 
     /// Mass of the parts on the track over that of the track.
@@ -484,56 +468,37 @@ impl Plant {
         sum / self.massive.len() as f64
     }
 
-    /// Sets the drive's gain over its initial gain.
-    pub(crate) fn set_gain(&mut self, gain: f32) {
-        self.gain = gain;
-    }
-
-    /// Sets the mean restitution of all parts from their next impact on.
-    pub(crate) fn set_restitution(&mut self, restitution: f32) {
-        set_restitution(&mut self.parts, restitution);
-        for part in &mut self.massive {
-            // A value out of range is rejected, and the old one remains.
-            let _ = part.set_restitution(f64::from(restitution));
+    /// Applies a change to the plant. A restitution out of range is rejected, and the old one
+    /// remains.
+    pub(crate) fn apply(&mut self, change: Change) {
+        match change {
+            Change::Gain(gain) => self.gain = gain,
+            Change::Restitution(mean) => {
+                set_restitution(&mut self.parts, mean);
+                for part in &mut self.massive {
+                    let _ = part.set_restitution(f64::from(mean));
+                }
+            }
+            Change::Scatter(deviation) => {
+                set_scatter(&mut self.parts, deviation);
+                for part in &mut self.massive {
+                    let _ = part.set_scatter(f64::from(deviation));
+                }
+            }
+            Change::Noise(noise) => self.sensor.noise = noise,
+            Change::SensorLost(lost) => self.lost = lost,
+            Change::SensorInverted(inverted) => self.inverted = inverted,
+            Change::Sensitivity(sensitivity) => self.sensor.sensitivity = sensitivity,
+            Change::Ripple(ripple) => self.ripple = ripple,
+            Change::Hum(hum) => self.sensor.hum = hum,
+            Change::Dump(seconds) => {
+                let step = f64::from(self.step);
+                let turns = f64::from(seconds) * f64::from(SAMPLE_RATE) * step / Phase::TURN;
+                self.hopper.dump(self.time, turns);
+            }
+            Change::Parts(count) => self.place_parts(count),
+            _ => {}
         }
-    }
-
-    /// Sets the standard deviation of the restitution of all parts from their next impact on.
-    pub(crate) fn set_scatter(&mut self, deviation: f32) {
-        set_scatter(&mut self.parts, deviation);
-        for part in &mut self.massive {
-            let _ = part.set_scatter(f64::from(deviation));
-        }
-    }
-
-    /// Sets the RMS of the accelerometer's noise in m/s^2.
-    pub(crate) fn set_noise(&mut self, noise: f32) {
-        self.sensor.noise = noise;
-    }
-
-    /// Sets the sensitivity of the accelerometer over the configured one.
-    pub(crate) fn set_sensitivity(&mut self, sensitivity: f32) {
-        self.sensor.sensitivity = sensitivity;
-    }
-
-    /// Sets the ripple of the drive's bus over its mean.
-    pub(crate) fn set_ripple(&mut self, ripple: f32) {
-        self.ripple = ripple;
-    }
-
-    /// Sets the amplitude of the mains hum in the reading, in m/s^2.
-    pub(crate) fn set_hum(&mut self, hum: f32) {
-        self.sensor.hum = hum;
-    }
-
-    /// Sets whether the reading is stuck.
-    pub(crate) fn set_sensor_lost(&mut self, lost: bool) {
-        self.lost = lost;
-    }
-
-    /// Sets whether the sign of the reading is inverted.
-    pub(crate) fn set_sensor_inverted(&mut self, inverted: bool) {
-        self.inverted = inverted;
     }
 }
 
