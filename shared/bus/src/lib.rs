@@ -40,11 +40,10 @@ mod protocol;
 pub mod registers;
 pub mod rtu;
 mod server;
-mod session;
 mod target;
 pub mod tcp;
 mod write;
 
 pub use machine::{Authority, Machine, Refused, SaveProgress, Seen};
 pub use protocol::{Answer, Counters, Exception, MAX_ADU_BYTES};
-pub use session::Server;
+pub use server::Server;

@@ -42,16 +42,14 @@ mod supervise;
 mod target;
 
 #[cfg(feature = "memo")]
-pub use aim::{ChaosResult, GearPlanned, KickResult};
+pub use aim::{GearPlanned, KickResult};
 pub use aim::{NoSetpoint, drive_limits};
 pub use angle::phase_of;
 pub use angle::{SAMPLE_RATE, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
 pub use drive::LoopMargins;
 pub use drive::{Shape, UPPER, UpperTone, affordable_tones};
-pub use hear::{
-    AdcCode, Command, Cycle, GEAR_WINDOW, GearMargin, GearShare, Load, Overtone, Sampled, Signal,
-};
+pub use hear::{AdcCode, Command, Cycle, GearMargin, GearShare, Load, Overtone, Sampled, Signal};
 pub use identify::{Identification, Identified, Unidentified};
 pub use inputs::{BusCommand, Inputs, StartCause};
 pub use recipe::{Recipe, RecipeName};

@@ -4,7 +4,7 @@
 //! idle time.
 
 use super::setpoint::{Choice, Level, NoSetpoint};
-use crate::drive::{Response, Scale, Shape, absolute};
+use crate::drive::{Scale, Shape, absolute, upper_response};
 use crate::settings::Settings;
 use kband::feeder::OutOfRange;
 use kband::regime::band;
@@ -31,8 +31,7 @@ fn limits_at(settings: &Settings, scale: &Scale) -> GearLimits {
         displacement: scale.k(settings.amplitude_limit * 1e-3),
         acceleration: scale.normal_gravity / settings.acceleration_limit,
         output: scale.k(settings.output_maximum * scale.full_amplitude),
-        overtones: (Response::at(settings).upper)
-            .map(|answer| scale.full_amplitude / absolute(answer)),
+        overtones: upper_response(settings).map(|answer| scale.full_amplitude / absolute(answer)),
     }
 }
 

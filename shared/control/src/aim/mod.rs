@@ -23,9 +23,6 @@ mod setpoint;
 mod spared;
 mod speed;
 
-pub use chaos::ChaosResult;
-#[cfg(any(test, feature = "memo"))]
-pub use chaos::ChaosSearch;
 #[cfg(not(any(test, feature = "memo")))]
 pub use gear::GearSearch;
 pub use gear::drive_limits;

@@ -410,12 +410,43 @@ mod tests {
     }
 
     impl SimulatedDrive {
+        fn new(gain: f32) -> Self {
+            Self {
+                envelope: 0.0,
+                latched: 0.0,
+                gain,
+            }
+        }
+
         fn cycle(&mut self, output: f32) -> f32 {
             let keep = libm::expf(-core::f32::consts::PI / 25.0);
             let before = self.envelope;
             self.envelope = keep * before + (1.0 - keep) * self.latched * self.gain * 1e-3;
             self.latched = output;
             0.5 * (before + self.envelope)
+        }
+    }
+
+    #[test]
+    fn amplitude_settles_within_a_second_at_any_gain() {
+        let goal = 0.23e-3;
+        for gain in [0.7, 1.0, 1.3] {
+            let mut control = AmplitudeLoop::build(&Settings::default()).unwrap();
+            let mut drive = SimulatedDrive::new(gain);
+            let (mut output, mut peak, mut last_outside) = (0.0, 0.0_f32, 0);
+            for n in 0..200 {
+                let b = drive.cycle(output);
+                output = control.cycle(b, goal * ((n + 2) as f32 / 20.0).min(1.0), 1.0);
+                peak = peak.max(b / goal);
+                if (b / goal - 1.0).abs() > 0.01 {
+                    last_outside = n;
+                }
+            }
+            // 50 cycles are one second; 5 % in k is 5 % in b.
+            assert!(
+                peak < 1.05 && last_outside < 50,
+                "{gain}: {peak} {last_outside}"
+            );
         }
     }
 
@@ -437,11 +468,7 @@ mod tests {
     #[test]
     fn output_slightly_out_of_reach_is_saturated() {
         let mut control = AmplitudeLoop::build(&Settings::default()).unwrap();
-        let mut drive = SimulatedDrive {
-            envelope: 0.0,
-            latched: 0.0,
-            gain: 1.0,
-        };
+        let mut drive = SimulatedDrive::new(1.0);
         let mut output = 0.0;
         let most = Settings::default().output_maximum;
         for reference in [0.95e-3 * most, 1.05e-3 * most] {
@@ -475,11 +502,7 @@ mod tests {
     #[test]
     fn a_reference_out_of_reach_does_not_wind_up() {
         let mut control = AmplitudeLoop::build(&Settings::default()).unwrap();
-        let mut drive = SimulatedDrive {
-            envelope: 0.0,
-            latched: 0.0,
-            gain: 1.0,
-        };
+        let mut drive = SimulatedDrive::new(1.0);
         let mut output = 0.0;
         for _ in 0..500 {
             let b = drive.cycle(output);

@@ -2,7 +2,7 @@
 
 use num_complex::Complex32 as Complex;
 
-use super::answer::Response;
+use super::answer::upper_response;
 use super::envelope::absolute;
 use super::scale::Scale;
 use super::shape::{Shape, TrackMotion, UPPER, UpperTone};
@@ -56,7 +56,7 @@ pub fn affordable_tones(settings: &Settings, k: f32) -> [f32; UPPER] {
     let scale = Scale::at(settings, settings.frequency);
     let amplitude = scale.amplitude(k);
     let mut room = settings.output_maximum - amplitude / scale.full_amplitude;
-    let answers = Response::at(settings).upper.map(absolute);
+    let answers = upper_response(settings).map(absolute);
     let configured = [settings.second_tone, settings.third_tone];
     let mut affords = [0.0; UPPER];
     for ((affords, answer), configured) in affords.iter_mut().zip(answers).zip(configured) {
@@ -110,7 +110,7 @@ impl Tones {
         {
             accept(name, f64::from(configured), configured <= affords, accepted)?;
         }
-        let [second, third] = Response::at(settings).upper;
+        let [second, third] = upper_response(settings);
         Ok(Self {
             loops: [
                 ToneLoop::new(settings, 2, settings.second_tone, second),

@@ -79,7 +79,7 @@ pub struct Weighed {
 }
 
 /// Estimator of the load from the power beyond the empty track's.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct LoadMeter {
     /// Mass of the track in g, its length in mm.
     track: f32,
@@ -133,24 +133,10 @@ impl LoadMeter {
             natural: TAU * settings.resonance,
             force: settings.gain * 1e-3 / settings.quality,
             loss: 1.0 / settings.quality,
-            restitution: 0.0,
             along: [cosine, sine].map(|part| part * settings.amplitude_ratio),
-            incline_loss: 0.0,
-            incline: 0.0,
-            kept: 0.0,
-            contact: ContactTime::INSTANT,
             tare: 1.0,
-            detuned: 0.0,
             silent: f32::INFINITY,
-            amplitude: 0.0,
-            blanked: 0.0,
-            at: Complex::new(0.0, 0.0),
-            concentration: 0.0,
-            deficit: 0.0,
-            before: Complex::new(0.0, 0.0),
-            mass_ratio: 0.0,
-            cycles: 0.0,
-            load: None,
+            ..Self::default()
         };
         meter.set_lot(settings);
         Some(meter)

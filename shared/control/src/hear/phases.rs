@@ -202,14 +202,18 @@ mod tests {
         }
     }
 
-    #[test]
-    fn lock_needs_half_of_the_memory() {
-        let lock = LockWindow {
-            order: 1,
+    fn lock_of(order: u8, width: f32) -> LockWindow {
+        LockWindow {
+            order,
             k: 0.43,
             phase: phase_of(0.45),
-            width: 0.3,
-        };
+            width,
+        }
+    }
+
+    #[test]
+    fn lock_needs_half_of_the_memory() {
+        let lock = lock_of(1, 0.3);
         let mut statistics = PhaseStatistics::default();
         let mut before = 0.0;
         for n in 1..=8 {
@@ -226,12 +230,7 @@ mod tests {
     #[test]
     fn lock_needs_its_phase_and_rate() {
         let run = |phases: &[&[f32]], order| {
-            let lock = LockWindow {
-                order,
-                k: 0.43,
-                phase: phase_of(0.45),
-                width: 0.3,
-            };
+            let lock = lock_of(order, 0.3);
             let mut statistics = PhaseStatistics::default();
             for n in 0..60 {
                 let cycle = heard(phases[n % phases.len()]);
@@ -254,12 +253,7 @@ mod tests {
     #[test]
     fn doubled_flights_within_the_window_are_no_lock() {
         let run = |order: u8, apart: f32, jitter: f32| {
-            let lock = LockWindow {
-                order,
-                k: 0.43,
-                phase: phase_of(0.45),
-                width: 0.4,
-            };
+            let lock = lock_of(order, 0.4);
             let mut statistics = PhaseStatistics::default();
             let mut worst = (1.0_f32, 0.0_f32);
             for n in 0..400_u32 {

@@ -12,14 +12,13 @@
 //! nuisance parameters, fitted in turn by a parabola through three trial points.
 
 use super::energy::{SECTORS, Sectors};
+use super::gear::DriveState;
 use super::margin::GearMargin;
 use super::onset::OnsetDetector;
 use super::signal::Cycle;
 use crate::angle::{SAMPLE_RATE, phase_of};
-use crate::drive::{Shape, UPPER};
+use crate::drive::UPPER;
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
-use kband::feeder::Restitution;
-use kband::impact::ContactTime;
 #[cfg(any(test, feature = "memo"))]
 use kband::regime::gear::StrikeCount;
 use kband::regime::gear::{
@@ -137,34 +136,12 @@ pub struct GearShare {
     pub error: f32,
 }
 
-/// State of drive and settings in one cycle, as the estimator needs it.
-#[derive(Clone, Copy, Debug)]
-pub struct Tuned {
-    /// Phase lead of the track.
-    pub lead: Phase,
-    /// Order of the gear.
-    pub order: u8,
-    /// Measured k.
-    pub k: f32,
-    /// Measured shape of the track's motion.
-    pub shape: Shape,
-    /// Advance of the phase per sample.
-    pub step: u32,
-    /// Configured or identified restitutions of the lot (symbol R), and their scatter from impact
-    /// to impact (symbol s).
-    pub lot: Option<(Restitution, f32)>,
-    /// Whether the amplitude has settled at its setpoint.
-    pub stands: bool,
-    /// Configured duration of an impact.
-    pub contact: ContactTime,
-    /// Whether gear is to be detected for READY; only then is the short histogram fitted.
-    pub detects_gear: bool,
-}
-
 type Row = [f32; SECTORS];
+/// Covariance of the weights.
+type Covariance = [[f32; PARTS]; PARTS];
 
 /// Energy by the phase of the output, with exponential forgetting.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Histogram {
     energy: Row,
     /// Sum of the noise energy.
@@ -174,12 +151,6 @@ struct Histogram {
 }
 
 impl Histogram {
-    const EMPTY: Self = Self {
-        energy: [0.0; SECTORS],
-        noise: 0.0,
-        weight: 0.0,
-    };
-
     /// Adds the sectors of one cycle, with exponential forgetting; `memory` in drive cycles.
     fn add(&mut self, sectors: &Sectors, noise: f32, memory: f32) {
         let keep = 1.0 - 1.0 / memory;
@@ -245,7 +216,7 @@ type Rows = [[f32; LANES]; SECTORS];
 const LANES: usize = PARTS.next_multiple_of(4);
 
 /// Estimator of the share of time in gear for any number of parts.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct ShareHearing {
     /// Mean k since the amplitude settled.
     k: f32,
@@ -309,7 +280,7 @@ struct Mixture {
     astray: f32,
     weights: [f32; PARTS],
     /// Covariance of the weights for a dispersion (reduced chi-square) of 1.
-    covariance: [[f32; PARTS]; PARTS],
+    covariance: Covariance,
 }
 
 impl GearShare {
@@ -328,33 +299,9 @@ impl ShareHearing {
     /// Estimator without any data.
     pub fn new() -> Self {
         Self {
-            k: 0.0,
-            tones: [[0.0; 2]; UPPER],
-            cycles: 0.0,
-            profiled: [[0.0; 2]; UPPER],
-            profiler: None,
-            long: Histogram::EMPTY,
-            due: 0,
-            short: Histogram::EMPTY,
-            short_due: 0.0,
-            checks: false,
-            detects_gear: false,
-            evidence: None,
-            lead: Phase::ZERO,
-            turned: Phase::ZERO,
-            step: 0,
-            swing: [0.0; 2],
             rings: RINGS,
             late: LATE,
-            of_late: false,
-            fitting: None,
-            weights: [0.0; PARTS],
-            share: None,
-            margin: None,
-            fades: false,
-            judged: false,
-            misfit: 0.0,
-            misfit_cycles: 0.0,
+            ..Self::default()
         }
     }
 
@@ -367,8 +314,8 @@ impl ShareHearing {
 
     /// Clears both histograms.
     fn begin(&mut self) {
-        (self.long, self.due) = (Histogram::EMPTY, 0);
-        (self.short, self.short_due) = (Histogram::EMPTY, 0.0);
+        (self.long, self.due) = (Histogram::default(), 0);
+        (self.short, self.short_due) = (Histogram::default(), 0.0);
         self.checks = false;
         self.weights = [0.0; PARTS];
     }
@@ -421,7 +368,7 @@ impl ShareHearing {
     }
 
     /// Adds one drive cycle to the histograms, and schedules the fits.
-    pub fn cycle(&mut self, cycle: &Cycle, tuned: &Tuned) {
+    pub fn cycle(&mut self, cycle: &Cycle, tuned: &DriveState) {
         self.fade();
         if !tuned.stands {
             return;
@@ -472,7 +419,7 @@ impl ShareHearing {
 
     /// Averages the track's motion, and starts a new prediction of the profiles where it has
     /// changed.
-    fn follow(&mut self, tuned: &Tuned) {
+    fn follow(&mut self, tuned: &DriveState) {
         self.cycles = (self.cycles + 1.0).min(16.0);
         let share = 1.0 / self.cycles;
         self.k += (tuned.k - self.k) * share;
@@ -568,16 +515,7 @@ impl ShareHearing {
             return false;
         };
         let heard = self.heard(&self.long);
-        // Each sector is weighed by the energy that the last mixture expects in it.
-        let by = if self.weights == [0.0; PARTS] {
-            mixed(
-                &rows,
-                &unmix(&heard, &rows, &evened(&heard), &self.weights).0,
-            )
-        } else {
-            mixed(&rows, &self.weights)
-        };
-        let (weights, covariance) = unmix(&heard, &rows, &by, &self.weights);
+        let (by, weights, covariance) = self.fit_weights(&heard, &rows);
         let expected = mixed(&rows, &weights);
         if let Some(apart) = fitting.off.get_mut(fitting.tried) {
             *apart = off(&heard, &expected, &by);
@@ -605,17 +543,25 @@ impl ShareHearing {
             return;
         };
         let heard = self.heard(&self.short);
-        let by = if self.weights == [0.0; PARTS] {
-            evened(&heard)
-        } else {
-            mixed(&rows, &self.weights)
-        };
-        let (weights, _) = unmix(&heard, &rows, &by, &self.weights);
+        let (_, weights, _) = self.fit_weights(&heard, &rows);
         let astray = astray(&heard, &mixed(&rows, &weights));
         let short = self.agreement(&self.short, &weights, astray);
         if let (Some(evidence), Some(short)) = (&mut self.evidence, short) {
             evidence.short = short;
         }
+    }
+
+    /// Fits the mixture from the last weights. Each sector is weighed by the energy that the last
+    /// mixture expects in it, which is returned with the weights and their covariance.
+    fn fit_weights(&self, heard: &Row, rows: &Rows) -> (Row, [f32; PARTS], Covariance) {
+        let expecting = if self.weights == [0.0; PARTS] {
+            unmix(heard, rows, &evened(heard), &self.weights).0
+        } else {
+            self.weights
+        };
+        let by = mixed(rows, &expecting);
+        let (weights, covariance) = unmix(heard, rows, &by, &self.weights);
+        (by, weights, covariance)
     }
 
     /// Updates share, margin and evidence from a mixture.
@@ -983,12 +929,7 @@ fn evened(heard: &Row) -> Row {
 ///
 /// The energy of impacts scatters as their number does: the variance of a sector is proportional to
 /// the expected energy `by`. The search begins at `from`.
-fn unmix(
-    heard: &Row,
-    rows: &Rows,
-    by: &Row,
-    from: &[f32; PARTS],
-) -> ([f32; PARTS], [[f32; PARTS]; PARTS]) {
+fn unmix(heard: &Row, rows: &Rows, by: &Row, from: &[f32; PARTS]) -> ([f32; PARTS], Covariance) {
     let least = least(heard);
     let mut matrix = [[0.0; LANES]; PARTS];
     let mut sums = [0.0; LANES];
@@ -1040,7 +981,7 @@ fn solve(
     matrix: &[[f32; LANES]; PARTS],
     sums: &[f32; LANES],
     from: &[f32; PARTS],
-) -> ([f32; PARTS], [[f32; PARTS]; PARTS]) {
+) -> ([f32; PARTS], Covariance) {
     // Scaled to a diagonal of 1.
     let scale: [f32; PARTS] = core::array::from_fn(|n| {
         if matrix[n][n] > 0.0 {
@@ -1125,7 +1066,7 @@ fn solve(
 }
 
 /// Inverse of the submatrix of the free weights by Gauss-Jordan elimination; 0 elsewhere.
-fn inverted(matrix: &[[f32; PARTS]; PARTS], within: &[bool; PARTS]) -> [[f32; PARTS]; PARTS] {
+fn inverted(matrix: &Covariance, within: &[bool; PARTS]) -> Covariance {
     let mut inverse = [[0.0; PARTS]; PARTS];
     for a in 0..PARTS {
         for b in 0..PARTS {

@@ -17,7 +17,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use super::chatter::Chatter;
-use super::fit::{Circumstances, Fit, LANDING_OFFSET, Verdict};
+use super::fit::{Fit, LANDING_OFFSET, Verdict};
 use crate::angle::phase_of;
 use crate::hear::{Cycle, GearMargin};
 use crate::hear::{HANDED, Layout};
@@ -371,11 +371,8 @@ impl Identifier {
                 if let Some(first) = usize::from(folded.first).checked_sub(1) {
                     self.fit.store(first, &folded.residual);
                     if first + HANDED >= Layout::of(driven.step).places {
-                        self.fit.begin(Circumstances {
-                            k: self.sum / f64::from(FOLD_CYCLES),
-                            normal_gravity: driven.normal_gravity,
-                            step: driven.step,
-                        });
+                        let k = self.sum / f64::from(FOLD_CYCLES);
+                        self.fit.begin(k, driven.normal_gravity, driven.step);
                         self.stage = Stage::Comparing;
                     }
                 }

@@ -73,16 +73,12 @@ impl EnvelopeLoop {
 
     /// As [`EnvelopeLoop::cycle`], without a [moment](EnvelopeLoop::moment).
     pub fn advance(&mut self) {
-        self.pass(|_| {});
+        self.advance_spared(|_| {});
     }
 
     /// As [`EnvelopeLoop::advance`]; `share` can give the controller stored results of the searches
     /// it begins in this cycle.
     pub fn advance_spared(&mut self, share: impl FnOnce(&mut Controller)) {
-        self.pass(share);
-    }
-
-    fn pass(&mut self, share: impl FnOnce(&mut Controller)) {
         let mut cycle = self.run();
         if self.timeline.sagged() {
             self.restart();

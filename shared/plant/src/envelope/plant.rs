@@ -15,9 +15,7 @@ use super::recurrence::{Demodulated, Recurrence, turn};
 use super::sense::Sense;
 use super::track_motion::TrackMotion;
 use super::upper::UpperEnvelope;
-use crate::model::crowd::{
-    MAX_STRIKES, all_at_rest, mean_displacement, set_restitution, set_scatter,
-};
+use crate::model::crowd::{MAX_STRIKES, all_at_rest, change_restitution, mean_displacement};
 use crate::model::hopper::Hopper;
 use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
@@ -611,8 +609,10 @@ impl EnvelopePlant {
     pub(crate) fn apply(&mut self, change: Change) {
         match change {
             Change::Gain(gain) => self.gain = gain,
-            Change::Restitution(mean) => set_restitution(&mut self.parts, mean),
-            Change::Scatter(deviation) => set_scatter(&mut self.parts, deviation),
+            Change::Restitution(_) | Change::Scatter(_) => {
+                let parts = self.parts.iter_mut().map(Part::restitution_mut);
+                parts.for_each(|restitution| change_restitution(restitution, change));
+            }
             Change::Noise(noise) => self.sensor.noise = noise,
             Change::SensorLost(lost) => self.lost = lost,
             Change::SensorInverted(inverted) => self.inverted = inverted,

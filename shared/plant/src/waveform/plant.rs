@@ -6,7 +6,7 @@ use heapless::Vec;
 
 use super::massive::{Ground, MassivePart, Stroke};
 use crate::model::crowd::{
-    MAX_STRIKES, all_at_rest, mean_displacement, restitutions, set_restitution, set_scatter,
+    MAX_STRIKES, all_at_rest, change_restitution, mean_displacement, restitutions,
 };
 use crate::model::drive::{Resonator, Ringing, Swing, TonesApart, UpperMode};
 use crate::model::hopper::Hopper;
@@ -468,22 +468,16 @@ impl Plant {
         sum / self.massive.len() as f64
     }
 
-    /// Applies a change to the plant. A restitution out of range is rejected, and the old one
-    /// remains.
+    /// Applies a change to the plant.
     pub(crate) fn apply(&mut self, change: Change) {
         match change {
             Change::Gain(gain) => self.gain = gain,
-            Change::Restitution(mean) => {
-                set_restitution(&mut self.parts, mean);
-                for part in &mut self.massive {
-                    let _ = part.set_restitution(f64::from(mean));
-                }
-            }
-            Change::Scatter(deviation) => {
-                set_scatter(&mut self.parts, deviation);
-                for part in &mut self.massive {
-                    let _ = part.set_scatter(f64::from(deviation));
-                }
+            Change::Restitution(_) | Change::Scatter(_) => {
+                let parts = self.parts.iter_mut().map(Part::restitution_mut);
+                let massive = self.massive.iter_mut().map(MassivePart::restitution_mut);
+                parts
+                    .chain(massive)
+                    .for_each(|restitution| change_restitution(restitution, change));
             }
             Change::Noise(noise) => self.sensor.noise = noise,
             Change::SensorLost(lost) => self.lost = lost,

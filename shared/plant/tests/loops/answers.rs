@@ -1,7 +1,9 @@
 //! Tests of the controller's reaction to detected and missing impacts.
 
 use kband_control::{Event, Limits, State};
-use kband_plant::{Change, Disturbance, EnvelopeLoop, Scene};
+use kband_plant::{Change, EnvelopeLoop, Scene};
+
+use super::fidelity::changes;
 
 #[test]
 fn parts_that_scatter_are_kicked_sixty_times_an_hour_at_most() {
@@ -28,11 +30,8 @@ fn parts_that_scatter_are_kicked_sixty_times_an_hour_at_most() {
 #[test]
 fn deaf_board_holds_and_captures_after_recovery() {
     for disturbed in [Change::Noise(3.0), Change::Noise(1.5)] {
-        let at = |at, change| Disturbance { at, change };
         let scene = Scene {
-            disturbances: [at(0.0, disturbed), at(20.0, Change::Noise(0.15))]
-                .into_iter()
-                .collect(),
+            disturbances: changes([(0.0, disturbed), (20.0, Change::Noise(0.15))]),
             ..Scene::default()
         };
         let mut closed = EnvelopeLoop::build(&scene).unwrap();

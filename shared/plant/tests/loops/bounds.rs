@@ -5,7 +5,9 @@ use core::f32::consts::{PI, TAU};
 
 use kband::arithmetic::Noise;
 use kband_control::{SAMPLE_RATE, Settings, Target};
-use kband_plant::{Change, Disturbance, EnvelopeLoop, Scene};
+use kband_plant::{Change, EnvelopeLoop, Scene};
+
+use super::fidelity::changes;
 
 /// Largest steady amplitude over the smallest of setpoint, hard limits and safe amplitude.
 const MAX_EXCESS: f32 = 1.05;
@@ -128,11 +130,7 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         scene.target = Target::Amplitude(1e3 * setpoint);
         if link_lost {
             let at = 10.0 / f64::from(settings.frequency);
-            let lost = Disturbance {
-                at,
-                change: Change::Link(false),
-            };
-            scene.disturbances.push(lost).unwrap();
+            scene.disturbances = changes([(at, Change::Link(false))]);
         }
         let Ok(mut looped) = EnvelopeLoop::build(&scene) else {
             continue;

@@ -5,7 +5,9 @@ use core::f64::consts::TAU;
 use kband::regime::classify::Regime;
 use kband::regime::gear::GearWatch;
 use kband_control::{Controller, Target};
-use kband_plant::{ClosedLoop, EnvelopeLoop, Moment, Scene, Strike};
+use kband_plant::{
+    Change, ClosedLoop, Disturbance, Disturbances, EnvelopeLoop, Moment, Scene, Strike,
+};
 
 /// Either fidelity.
 pub enum Loop {
@@ -41,6 +43,14 @@ impl Loop {
             Self::Waveform(closed) => closed.controller(),
         }
     }
+}
+
+/// Changes at their times in s.
+pub fn changes<const N: usize>(changes: [(f64, Change); N]) -> Disturbances {
+    let changes = changes.into_iter();
+    changes
+        .map(|(at, change)| Disturbance { at, change })
+        .collect()
 }
 
 /// Records the strikes of a cycle, a watch for each part.

@@ -3,7 +3,9 @@
 use core::f64::consts::TAU;
 
 use kband_control::{Limits, Target};
-use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene};
+use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Moment, Scene};
+
+use super::fidelity::changes;
 
 /// Time in s at which the hopper opens above the empty track, and end of the measurement.
 const OPENED: f64 = 5.0;
@@ -25,11 +27,7 @@ fn feeder(quality: f32, load: f32) -> Scene {
     scene.parts = (0..24).map(|n| 0.19 + 0.02 * n as f32 / 24.0).collect();
     scene.scatter = core::iter::repeat_n(0.02, 24).collect();
     scene.masses = core::iter::repeat_n(1e4 * load / 24.0, 24).collect();
-    let opened = Disturbance {
-        at: OPENED,
-        change: Change::Dump(1.0),
-    };
-    scene.disturbances = core::iter::once(opened).collect();
+    scene.disturbances = changes([(OPENED, Change::Dump(1.0))]);
     scene
 }
 

@@ -1,9 +1,9 @@
 //! The estimated share in gear of many parts against the plant's own.
 
 use kband_control::Target;
-use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Scene};
+use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Scene};
 
-use super::fidelity::{listen, lot};
+use super::fidelity::{changes, listen, lot};
 
 /// Crowds of 1, 6 and 24 parts, of one restitution or of a range.
 #[test]
@@ -84,9 +84,8 @@ fn changed_parts_are_not_fitted_as_noise() {
     for (restitution, scatter) in [(0.6, 0.1), (0.7, 0.05)] {
         for seed in 100..104 {
             let mut scene = lot([0.18, 0.22], 0.0, 0.393, 1, seed);
-            let changes = [Change::Restitution(restitution), Change::Scatter(scatter)];
-            let at = |change| Disturbance { at: 4.0, change };
-            scene.disturbances = changes.into_iter().map(at).collect();
+            let other = [Change::Restitution(restitution), Change::Scatter(scatter)];
+            scene.disturbances = changes(other.map(|change| (4.0, change)));
             let mut whole = ClosedLoop::build(&scene).unwrap();
             let mut geared = std::vec![];
             for _ in 0..600 {
