@@ -97,9 +97,9 @@ impl Broken {
         Moment {
             time: self.bench.time(),
             report,
-            strikes: self.bench.plant().strikes().len() as u32,
-            displacement: self.bench.plant().displacement(),
-            load: self.bench.plant().load(),
+            strikes: self.bench.strikes().len() as u32,
+            displacement: self.bench.displacement(),
+            load: self.bench.load(),
         }
     }
 
@@ -162,7 +162,7 @@ pub fn run(file: &SceneFile, how: Break) -> Outcome {
     let mut closed = Broken::build(&file.scene, how);
     let cycle = || {
         let moment = closed.cycle();
-        Ok((moment, closed.bench.plant().strikes().to_vec()))
+        Ok((moment, closed.bench.strikes().to_vec()))
     };
     Outcome::of(file, cycle, Watch::KEPT, &mut |_| Ok(()))
         .unwrap_or_else(|refusal| panic!("{refusal}"))

@@ -3,7 +3,7 @@
 use kband_control::wire::{Request, Response, fold_output, write_reading};
 use kband_control::{Report, SAMPLE_RATE, Settings, Signal, StartCause};
 use kband_link::{Link, tell};
-use kband_plant::{Bench, Moment, Plant, Scene};
+use kband_plant::{Bench, Moment, Scene};
 
 use crate::refusal::Refusal;
 
@@ -72,9 +72,9 @@ impl BoardLoop {
         Ok(Moment {
             time: self.bench.time(),
             report,
-            strikes: self.bench.plant().strikes().len() as u32,
-            displacement: self.bench.plant().displacement(),
-            load: self.bench.plant().load(),
+            strikes: self.bench.strikes().len() as u32,
+            displacement: self.bench.displacement(),
+            load: self.bench.load(),
         })
     }
 
@@ -143,7 +143,7 @@ impl BoardLoop {
     }
 
     /// The plant.
-    pub fn plant(&self) -> &Plant {
-        self.bench.plant()
+    pub fn plant(&self) -> &Bench {
+        &self.bench
     }
 }

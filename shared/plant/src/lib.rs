@@ -27,4 +27,4 @@ pub use model::{
     Change, DISTURBANCES, Disturbance, Disturbances, DriveModel, Moment, PARTS, Parts, Scene,
     SensorModel, Strike,
 };
-pub use waveform::{Bench, ClosedLoop, Plant, Sample};
+pub use waveform::{Bench, ClosedLoop, Sample};

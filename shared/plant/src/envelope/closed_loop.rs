@@ -10,21 +10,6 @@ use kband_control::{Command, Controller, Cycle, PLAN_SLICES, StartCause, Target,
 
 /// Controller and envelope plant, joined as in [`ClosedLoop`](crate::ClosedLoop). A command at the
 /// end of a cycle takes effect in the cycle after next.
-///
-/// ```
-/// use kband_plant::{ClosedLoop, EnvelopeLoop, Scene};
-/// let scene = Scene::default();
-/// let mut closed = ClosedLoop::build(&scene)?;
-/// let mut envelope = EnvelopeLoop::build(&scene)?;
-/// let mut apart = 0.0_f32;
-/// for _ in 0..300 {
-///     let (slow, fast) = (closed.cycle().report, envelope.cycle().report);
-///     apart = apart.max((slow.amplitude - fast.amplitude).abs() / 1e-3);
-/// }
-/// // Two noises, one feeder: 1 % of the full amplitude, 1 mm, at every moment.
-/// assert!(apart < 0.01, "{apart}");
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Debug)]
 pub struct EnvelopeLoop {
     controller: Controller,

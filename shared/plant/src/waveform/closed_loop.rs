@@ -2,7 +2,6 @@
 //! planning in slices.
 
 use super::bench::Bench;
-use super::plant::Plant;
 use crate::model::Moment;
 use crate::model::scene::{Change, Scene};
 use kband::feeder::OutOfRange;
@@ -90,9 +89,9 @@ impl ClosedLoop {
         Moment {
             time: self.bench.time(),
             report,
-            strikes: self.bench.plant().strikes().len() as u32,
-            displacement: self.bench.plant().displacement(),
-            load: self.bench.plant().load(),
+            strikes: self.bench.strikes().len() as u32,
+            displacement: self.bench.displacement(),
+            load: self.bench.load(),
         }
     }
 
@@ -128,7 +127,7 @@ impl ClosedLoop {
         let sampled = self.signal.sample_with(code, || self.bench.current());
         let step = (self.signal.phase() - before).bits();
         self.bench.hold(sampled.output, step);
-        let [displacement, velocity] = self.bench.plant().motion();
+        let [displacement, velocity] = self.bench.motion();
         show(Sample {
             time: self.bench.time(),
             output: sampled.output,
@@ -170,8 +169,8 @@ impl ClosedLoop {
     }
 
     /// The plant.
-    pub fn plant(&self) -> &Plant {
-        self.bench.plant()
+    pub fn plant(&self) -> &Bench {
+        &self.bench
     }
 }
 
