@@ -94,13 +94,7 @@ impl Broken {
             }
         }
         self.last = report;
-        Moment {
-            time: self.bench.time(),
-            report,
-            strikes: self.bench.strikes().len() as u32,
-            displacement: self.bench.displacement(),
-            load: self.bench.load(),
-        }
+        self.bench.moment(report)
     }
 
     /// The samples of one cycle.

@@ -69,13 +69,7 @@ impl BoardLoop {
         }
         let report = self.end(&run)?;
         self.signal.command(report.command);
-        Ok(Moment {
-            time: self.bench.time(),
-            report,
-            strikes: self.bench.strikes().len() as u32,
-            displacement: self.bench.displacement(),
-            load: self.bench.load(),
-        })
+        Ok(self.bench.moment(report))
     }
 
     /// The board starts anew after a brown-out.

@@ -1,7 +1,6 @@
 //! The server against a drive of the desk.
 
 use super::*;
-use crate::Refused;
 use crate::machine::{Authority, SaveProgress, Seen};
 use crate::registers::{FIRST_SETTING, TABLE_VERSION};
 use crate::{rtu, tcp};
@@ -72,21 +71,21 @@ impl Machine for Desk {
         self.commands.push((run, acknowledge));
     }
 
-    fn set_target(&mut self, target: Target) -> Result<(), Refused> {
+    fn set_target(&mut self, target: Target) -> Result<(), Exception> {
         if target == Target::K(20.0) {
-            return Err(Refused::Value);
+            return Err(Exception::Value);
         }
         self.target = target;
         Ok(())
     }
 
-    fn set_settings(&mut self, settings: &Settings) -> Result<(), Refused> {
-        settings.check().map_err(|_| Refused::Value)?;
+    fn set_settings(&mut self, settings: &Settings) -> Result<(), Exception> {
+        settings.check().map_err(|_| Exception::Value)?;
         self.settings = *settings;
         Ok(())
     }
 
-    fn save(&mut self) -> Result<(), Refused> {
+    fn save(&mut self) -> Result<(), Exception> {
         self.saves += 1;
         Ok(())
     }

@@ -105,31 +105,24 @@ pub(super) const ORDERS: core::ops::RangeInclusive<u8> = 1..=8;
 impl Choice {
     /// The choice for a target. The error names a number out of range.
     pub fn of_target(target: Target, settings: &Settings) -> Result<Self, OutOfRange> {
-        let limit_to_output = |parameter, value: f32, accepts, accepted| {
+        let require = |parameter, value: f32, accepts, accepted| {
             accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
+        };
+        let require_order = |parameter, order| {
+            require(parameter, f32::from(order), ORDERS.contains(&order), "1..8")
         };
         match target {
             Target::Locked { order } => {
-                limit_to_output(
-                    "target locked order",
-                    f32::from(order),
-                    ORDERS.contains(&order),
-                    "1..8",
-                )?;
+                require_order("target locked order", order)?;
                 Self::lock(order, settings)
             }
             Target::Gear { order } => {
-                limit_to_output(
-                    "target gear order",
-                    f32::from(order),
-                    ORDERS.contains(&order),
-                    "1..8",
-                )?;
+                require_order("target gear order", order)?;
                 Ok(Self::level(Level::Pending))
             }
             // Chaos is reached through the lock of order 1.
             Target::Chaotic => {
-                limit_to_output(
+                require(
                     "contact",
                     settings.contact,
                     settings.contact == 0.0,
@@ -138,20 +131,20 @@ impl Choice {
                 Self::lock(1, settings)
             }
             Target::K(k) => {
-                limit_to_output("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
+                require("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
                 Ok(Self::level(Level::K(f64::from(k))))
             }
             Target::Tones { k, shape } => {
-                limit_to_output("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
+                require("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
                 shape.check()?;
                 let [second, third] = shape.tones().map(|tone| tone.ratio);
-                limit_to_output(
+                require(
                     "target second tone, ratio",
                     second,
                     second <= settings.second_tone,
                     "0..second_tone, which is what the drive affords",
                 )?;
-                limit_to_output(
+                require(
                     "target third tone, ratio",
                     third,
                     third <= settings.third_tone,
@@ -165,7 +158,7 @@ impl Choice {
             Target::Identify => Ok(Self::level(Level::K(identify::FIRST_K))),
             Target::Amplitude(b) => {
                 let accepts = (0.0..=settings.amplitude_limit).contains(&b);
-                limit_to_output("target amplitude", b, accepts, "0..amplitude_limit mm")?;
+                require("target amplitude", b, accepts, "0..amplitude_limit mm")?;
                 Ok(Self::level(Level::Amplitude(b * 1e-3)))
             }
             Target::Flow(flow) => {
@@ -177,38 +170,38 @@ impl Choice {
                     second_tone,
                     ..
                 } = *settings;
-                limit_to_output(
+                require(
                     "track_mass",
                     track_mass,
                     track_mass > 0.0,
                     "above 0 to 100000 kg with target flow: the mass that swings with the track",
                 )?;
-                limit_to_output(
+                require(
                     "track_length",
                     track_length,
                     track_length > 0.0,
                     "above 0 to 100000 mm with target flow: the length of the track on which parts are",
                 )?;
-                limit_to_output(
+                require(
                     "second_tone",
                     second_tone,
                     second_tone == 0.0,
                     "0 with target flow: parts are weighed on a track of one tone",
                 )?;
                 let accepts = flow > 0.0 && flow <= 1e6;
-                limit_to_output("target flow", flow, accepts, "above 0 to 1000000 g/s")?;
+                require("target flow", flow, accepts, "above 0 to 1000000 g/s")?;
                 Ok(Self::level(Level::Pending))
             }
             Target::PartsPerMinute(rate) => {
                 let part_length = settings.part_length;
-                limit_to_output(
+                require(
                     "part_length",
                     part_length,
                     part_length > 0.0,
                     "above 0 to 10000 mm with target parts a minute: the length of a part along the track",
                 )?;
                 let accepts = rate > 0.0 && rate <= 1e6;
-                limit_to_output(
+                require(
                     "target parts a minute",
                     rate,
                     accepts,
@@ -217,7 +210,7 @@ impl Choice {
                 Ok(Self::level(Level::Pending))
             }
             Target::Speed(speed) => {
-                limit_to_output(
+                require(
                     "target speed",
                     speed,
                     speed.is_finite(),

@@ -156,6 +156,12 @@ mod tests {
         // Eight steps of 3.3 V / 4096 at 0.1 V/g are 0.632 m/s^2.
         assert!((scale.least - 6.4042e-6).abs() < 1e-9, "{}", scale.least);
         assert_eq!(scale.least, min_amplitude(&settings));
+        let steep = Settings {
+            incline: -60.0,
+            ..settings
+        };
+        let gravity = Scale::at(&steep, 50.0).normal_gravity;
+        assert!((gravity / (0.5 * settings.gravity) - 1.0).abs() < 2.5e-7);
         // The output's 0.95 mm; a millimetre is allowed.
         assert!((scale.reach(&settings) - 0.95e-3).abs() < 1e-9);
         let limited = Settings {

@@ -36,6 +36,48 @@ pub fn last_cycle_gain(at: Complex, share: f32) -> Complex {
 mod tests {
     use super::*;
 
+    /// Bias of the least-squares cosine of the sawtooth, for impacts with this scatter and blanked
+    /// share. The motion is even in the phase, so only cosine and mean are fitted.
+    fn fitted_bias(scatter: f64, share: f64) -> f64 {
+        let turn = core::f64::consts::TAU;
+        let motion = |phase: f64| {
+            let (mut sum, mut weight) = (0.0, 0.0);
+            for n in -20..=20 {
+                let off = f64::from(n) * 0.15;
+                let (own, at) = (libm::exp(-0.5 * off * off), phase - off * scatter);
+                let since = at - turn * libm::floor(at / turn);
+                sum += own * (0.5 - since / turn) * libm::sin(at);
+                weight += own;
+            }
+            sum / weight
+        };
+        let fit = |share: f64| {
+            let [mut count, mut x, mut xx, mut y, mut xy] = [0.0; 5];
+            for n in 0..720 {
+                let phase = (f64::from(n) - 359.5) / 720.0 * turn;
+                if phase.abs() >= 0.5 * share * turn {
+                    let (cosine, moved) = (libm::cos(phase), motion(phase));
+                    count += 1.0;
+                    x += cosine;
+                    xx += cosine * cosine;
+                    y += moved;
+                    xy += cosine * moved;
+                }
+            }
+            (xy - x * y / count) / (xx - x * x / count)
+        };
+        fit(share) - fit(0.0)
+    }
+
+    #[test]
+    fn sawtooth_lies_between_one_phase_and_wide_scatter() {
+        for share in [0.1, 0.2, 0.3] {
+            let [one, wide] = [0.0, 0.4].map(|scatter| fitted_bias(scatter, share));
+            let told = f64::from(BLANKING_BIAS) * share;
+            assert!(wide < told && told < one, "{share}: {wide} {told} {one}");
+        }
+    }
+
     /// The motion was `last` in the previous cycle and is `now`.
     #[test]
     fn what_is_blanked_is_the_last_cycle_s() {

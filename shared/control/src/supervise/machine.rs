@@ -569,24 +569,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn a_drive_that_is_held_off_stops_and_does_not_start() {
-        let given = Inputs {
-            enable: true,
-            ..Inputs::default()
-        };
-        let held = Inputs {
-            held_off: true,
-            ..given
-        };
-        let mut machine = begin(StartCause::Ordinary);
-        assert_eq!(after(&mut machine, 100, &held), State::Off);
-        assert_eq!(after(&mut machine, 1, &given), State::Starting);
-        assert_eq!(after(&mut machine, 1, &held), State::Stopping);
-        assert_eq!(after(&mut machine, 100, &held), State::Off);
-        // A chattering input acknowledges no fault.
-        machine.fail(Fault::SensorLost, &mut Events::default());
-        assert_eq!(after(&mut machine, 1000, &held), State::Fault);
-    }
 }

@@ -5,6 +5,7 @@ use core::f64::consts::TAU;
 use heapless::Vec;
 
 use super::massive::{Ground, MassivePart, Stroke};
+use crate::model::Moment;
 use crate::model::crowd::{
     MAX_STRIKES, all_at_rest, change_restitution, mean_displacement, restitutions,
 };
@@ -18,7 +19,7 @@ use kband::arithmetic::Noise;
 use kband::arithmetic::{Phase, sine_cosine_single};
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
 use kband::impact::ContactTime;
-use kband_control::{AdcCode, Inputs, SAMPLE_RATE, Shape, Target, UPPER, phase_step};
+use kband_control::{AdcCode, Inputs, Report, SAMPLE_RATE, Shape, Target, UPPER, phase_step};
 
 /// Largest number of events of one part in one sample; later events move to the next sample. A
 /// chatter is summed long before.
@@ -482,6 +483,17 @@ impl Bench {
     /// Time since the start in s.
     pub fn time(&self) -> f64 {
         self.samples as f64 / f64::from(SAMPLE_RATE)
+    }
+
+    /// The cycle that ended with this report.
+    pub fn moment(&self, report: Report) -> Moment {
+        Moment {
+            time: self.time(),
+            report,
+            strikes: self.strikes().len() as u32,
+            displacement: self.displacement(),
+            load: self.load(),
+        }
     }
 
     /// Impacts since [`Bench::forget_strikes`], at most 96.

@@ -86,13 +86,7 @@ impl ClosedLoop {
                 break;
             }
         }
-        Moment {
-            time: self.bench.time(),
-            report,
-            strikes: self.bench.strikes().len() as u32,
-            displacement: self.bench.displacement(),
-            load: self.bench.load(),
-        }
+        self.bench.moment(report)
     }
 
     /// Simulates the samples of one cycle.

@@ -2,7 +2,13 @@
 //! (Solving Least Squares Problems, 1974, chapter 23).
 
 use super::super::energy::SECTORS;
-use super::model::PARTS;
+use kband::regime::gear::GROUPS;
+
+/// Components of the mixture: one per group in gear, two out of gear (landings apart, landings
+/// merged), and noise.
+pub const PARTS: usize = GROUPS + 3;
+/// Index of the noise component.
+pub const NOISE: usize = GROUPS + 2;
 
 pub type Row = [f32; SECTORS];
 /// Covariance of the weights.

@@ -18,14 +18,14 @@ use super::margin::GearMargin;
 use super::signal::Cycle;
 use crate::angle::SAMPLE_RATE;
 use crate::drive::UPPER;
-use fit::{Covariance, Row, Rows, astray, evened, mixed, off, unmix};
+use fit::{Covariance, NOISE, PARTS, Row, Rows, astray, evened, mixed, off, unmix};
 use kband::arithmetic::{Phase, square_root_single};
 #[cfg(any(test, feature = "memo"))]
 use kband::regime::gear::StrikeCount;
 use kband::regime::gear::{
     GROUPS, RESTITUTION_MARGIN, StrikeProfile, StrikeProfiler, StrikeSettings,
 };
-use model::{NOISE, PARTS, drive_leak, knows_out, predict_rows, struck};
+use model::{drive_leak, knows_out, predict_rows, struck};
 
 /// Memory of the long energy histogram, in drive cycles (exponential forgetting; 5 s at 50 Hz).
 const MEMORY: f32 = 256.0;

@@ -3,7 +3,7 @@
 
 use super::super::energy::SECTORS;
 use super::super::onset::OnsetDetector;
-use super::fit::{LANES, Row, Rows};
+use super::fit::{LANES, NOISE, PARTS, Row, Rows};
 use crate::angle::{SAMPLE_RATE, phase_of};
 use kband::arithmetic::{Phase, sine_cosine_single};
 use kband::regime::gear::{GROUPS, PHASE_BINS, StrikeProfile};
@@ -15,11 +15,6 @@ const KNOWN: f32 = 16.0;
 const MIN_PERIODS_OUT: f32 = 256.0;
 /// Largest number of parts that land together: as many as a scene has.
 const TOGETHER: f32 = 24.0;
-/// Components of the mixture: one per group in gear, two out of gear (landings apart, landings
-/// merged), and noise.
-pub const PARTS: usize = GROUPS + 3;
-/// Index of the noise component.
-pub const NOISE: usize = GROUPS + 2;
 /// Number of predicted impact profiles: one per group in gear, and one out of gear.
 const STRUCK: usize = GROUPS + 1;
 
