@@ -164,28 +164,22 @@ impl Choice {
             Target::Flow(flow) => {
                 // The power that parts absorb gives their mass, on a track of configured mass with
                 // one tone.
-                let Settings {
-                    track_mass,
-                    track_length,
-                    second_tone,
-                    ..
-                } = *settings;
                 require(
                     "track_mass",
-                    track_mass,
-                    track_mass > 0.0,
+                    settings.track_mass,
+                    settings.track_mass > 0.0,
                     "above 0 to 100000 kg with target flow: the mass that swings with the track",
                 )?;
                 require(
                     "track_length",
-                    track_length,
-                    track_length > 0.0,
+                    settings.track_length,
+                    settings.track_length > 0.0,
                     "above 0 to 100000 mm with target flow: the length of the track on which parts are",
                 )?;
                 require(
                     "second_tone",
-                    second_tone,
-                    second_tone == 0.0,
+                    settings.second_tone,
+                    settings.second_tone == 0.0,
                     "0 with target flow: parts are weighed on a track of one tone",
                 )?;
                 let accepts = flow > 0.0 && flow <= 1e6;

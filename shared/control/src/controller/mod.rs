@@ -912,16 +912,14 @@ fn refused(target: Target, accepted: &'static str) -> OutOfRange {
 /// The estimator of gear: for the configured lot, or for any restitution if the identification
 /// estimates it.
 fn build_gear_estimator(settings: &Settings, any: bool) -> GearEstimator {
-    let Settings {
-        restitution_low,
-        restitution_high,
-        scatter,
-        ..
-    } = *settings;
     let estimator = if any {
-        GearEstimator::new(0.0, 1.0, scatter)
+        GearEstimator::new(0.0, 1.0, settings.scatter)
     } else {
-        GearEstimator::new(restitution_low, restitution_high, scatter)
+        GearEstimator::new(
+            settings.restitution_low,
+            settings.restitution_high,
+            settings.scatter,
+        )
     };
     estimator.with_contact(settings.contact_time())
 }

@@ -299,16 +299,12 @@ impl AmplitudeLoop {
         reference: f32,
         most: f32,
     ) -> Option<[f32; 2]> {
-        let Tuning {
-            keep,
-            max_output: high,
-            ..
-        } = self.tuning;
+        let tuning = self.tuning;
         let observer = self.observer.as_mut()?;
-        let largest = high.min(most);
+        let largest = tuning.max_output.min(most);
         let high = largest * self.gain;
         let ahead = motion * Complex::new(0.0, 1.0);
-        let wanted = observer.cycle(ahead, struck, reference, keep);
+        let wanted = observer.cycle(ahead, struck, reference, tuning.keep);
         self.saturated = absolute(wanted) > high && (wanted.re > 0.0);
         let [driven, lead] = observer.limit_output(wanted, high);
         // The quotient is rounded and may exceed the limit by one digit.
@@ -318,12 +314,7 @@ impl AmplitudeLoop {
     /// Estimates the gain from the cycle that ended, if its output was large enough. The estimate
     /// is the mean over the start's first cycles, then an exponentially weighted one.
     fn estimate_gain(&mut self, measured: f32) {
-        let Tuning {
-            nominal,
-            forgetting,
-            min_envelope,
-            ..
-        } = self.tuning;
+        let tuning = self.tuning;
         let (before, driven) = (self.model, self.output[1]);
         self.model = self.envelope.advance(before, driven);
         let explained = if self.envelope.first_order {
@@ -331,47 +322,47 @@ impl AmplitudeLoop {
         } else {
             absolute(self.envelope.mean(before, driven))
         };
-        if explained > min_envelope {
+        if explained > tuning.min_envelope {
             let seen = measured / explained;
-            let seen = saturate(seen, nominal / GAIN_RANGE, nominal * GAIN_RANGE);
+            let seen = saturate(
+                seen,
+                tuning.nominal / GAIN_RANGE,
+                tuning.nominal * GAIN_RANGE,
+            );
             let apart = seen - self.gain;
             let weight =
                 if self.envelope.first_order && apart.abs() < GAIN_DEVIATION_FOR_MEAN * self.gain {
-                    forgetting
+                    tuning.forgetting
                 } else {
-                    (1.0 / (self.estimated_cycles + 1.0)).max(forgetting)
+                    (1.0 / (self.estimated_cycles + 1.0)).max(tuning.forgetting)
                 };
             self.gain += weight * apart;
-            self.estimated_cycles = (self.estimated_cycles + 1.0).min(1.0 / forgetting);
+            self.estimated_cycles = (self.estimated_cycles + 1.0).min(1.0 / tuning.forgetting);
         }
     }
 
     /// The output of the PI loop with feedforward, before and after its limits.
     fn control_at_resonance(&mut self, measured: f32, high: f32) -> (f32, f32) {
-        let Tuning {
-            keep,
-            integral,
-            proportional,
-            ..
-        } = self.tuning;
+        let tuning = self.tuning;
         let wanted = 0.5 * (self.reference[2] + self.reference[3]);
         let error = wanted - measured;
         let inverse = 1.0 / self.gain;
-        let feedforward = (self.reference[0] - keep * self.reference[1]) * inverse / (1.0 - keep);
-        let proportional_term = proportional * error * inverse;
+        let feedforward =
+            (self.reference[0] - tuning.keep * self.reference[1]) * inverse / (1.0 - tuning.keep);
+        let proportional_term = tuning.proportional * error * inverse;
         let raw = feedforward + proportional_term + self.integral_term;
         let output = saturate(raw, 0.0, high);
         if raw != output {
             // Reference that the limited output realizes (conditioning technique).
             let left = output - proportional_term - self.integral_term;
             let [goal, before, ..] = self.reference;
-            let made = keep * before + (1.0 - keep) * self.gain * left;
+            let made = tuning.keep * before + (1.0 - tuning.keep) * self.gain * left;
             self.reference[0] = saturate(made, goal.min(before), goal.max(before));
         }
         // Conditional integration: the integral term stops where it would push further into the
         // limit.
         if (raw <= high || error < 0.0) && (raw >= 0.0 || error > 0.0) {
-            self.integral_term += integral * proportional_term;
+            self.integral_term += tuning.integral * proportional_term;
         }
         (raw, output)
     }
@@ -379,16 +370,11 @@ impl AmplitudeLoop {
     /// Feedback gains for the margins: proportional gain, integral over proportional gain, or the
     /// weight of a cycle in the gain estimate.
     pub(super) fn gains(&self) -> [f32; 3] {
-        let Tuning {
-            proportional,
-            integral,
-            forgetting,
-            ..
-        } = self.tuning;
+        let tuning = self.tuning;
         if self.envelope.first_order {
-            [proportional, integral, 0.0]
+            [tuning.proportional, tuning.integral, 0.0]
         } else {
-            [0.0, 0.0, forgetting]
+            [0.0, 0.0, tuning.forgetting]
         }
     }
 

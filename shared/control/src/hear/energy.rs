@@ -20,7 +20,7 @@ pub struct Sectors {
 }
 
 /// Running sums of the residual's energy by phase of the output.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct EnergyHistogram {
     /// Sums by sector, in groups as they are handed over.
     sums: [[f32; SECTORS_HANDED]; SECTORS / SECTORS_HANDED],
@@ -29,12 +29,6 @@ pub struct EnergyHistogram {
 }
 
 impl EnergyHistogram {
-    /// Sums at zero.
-    pub const EMPTY: Self = Self {
-        sums: [[0.0; SECTORS_HANDED]; SECTORS / SECTORS_HANDED],
-        next: 0,
-    };
-
     /// Sector of a phase, 0..32.
     #[inline(always)]
     pub fn sector(phase: Phase) -> usize {

@@ -112,18 +112,15 @@ pub struct Cycle {
 impl Cycle {
     /// Whether all measurements are finite and small enough for squares.
     pub(crate) fn is_finite(&self) -> bool {
-        let Self {
-            in_phase,
-            quadrature,
-            upper,
-            mean,
-            noise,
-            blanked,
-            current,
-            ..
-        } = self;
-        let single = [in_phase, quadrature, mean, noise, blanked, current];
-        let mut all = upper.as_flattened().iter().chain(single);
+        let single = [
+            self.in_phase,
+            self.quadrature,
+            self.mean,
+            self.noise,
+            self.blanked,
+            self.current,
+        ];
+        let mut all = self.upper.as_flattened().iter().chain(&single);
         all.all(|number| number.abs() < MAX_ACCELERATION)
     }
 }
@@ -211,7 +208,7 @@ impl CycleTiming {
 }
 
 /// Sums over a cycle.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     /// Cosine and sine sums at the drive's frequency.
     first: [f32; 2],
@@ -223,13 +220,6 @@ struct Sums {
 }
 
 impl Sums {
-    const NONE: Self = Self {
-        first: [0.0; 2],
-        accelerations: 0.0,
-        weight: 0.0,
-        blanked: 0.0,
-    };
-
     /// Adds a sample with this weight.
     #[inline(always)]
     fn add(&mut self, share: f32, [by_cosine, by_sine]: [f32; 2], swing: f32) {
@@ -348,7 +338,7 @@ impl Signal {
             },
             next_amplitude: [0.0; 2],
             mean: 0.0,
-            sums: Sums::NONE,
+            sums: Sums::default(),
             multiples: [[0.0; 2]; UPPER],
             found: [[0.0; 2]; 1 + UPPER],
             readings: Readings::NONE,
@@ -356,11 +346,11 @@ impl Signal {
             whole: 1,
             detector: OnsetDetector::new(scale),
             fold: Fold::EMPTY,
-            energy: EnergyHistogram::EMPTY,
+            energy: EnergyHistogram::default(),
             current: CurrentMeter {
                 scale: volts / settings.current_sensitivity,
                 mean: settings.sensor_zero / volts,
-                sums: Sums::NONE,
+                sums: Sums::default(),
             },
         })
     }
@@ -497,7 +487,7 @@ impl Signal {
         let running = if self.whole == 0 { second } else { first };
         running.current = 2.0 * *scale * inverse * square_root_single(square);
         *mean += sums.accelerations * inverse;
-        *sums = Sums::NONE;
+        *sums = Sums::default();
         sums.add(share, products, swing);
     }
 

@@ -241,7 +241,7 @@ mod tests {
         let mut model = OnsetModel::new(&sensor);
         let mut ringing = Ringing::new(sensor.ringing_frequency, sensor.ringing_decay * 1e-3);
         let mut passes = [HighPass::default(); 2];
-        let mut energy = EnergyHistogram::EMPTY;
+        let mut energy = EnergyHistogram::default();
         let step = u32::MAX / 400 + 1;
         let swing = Complex::new(7.0, -20.0);
         model.tune(TAU / 400.0);

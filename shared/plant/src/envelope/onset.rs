@@ -365,21 +365,13 @@ impl OnsetModel {
         background: Background,
         noise: &mut Noise,
     ) -> (Option<HeardAt>, Complex) {
-        let Struck {
-            sample,
-            share,
-            height,
-        } = struck;
-        let Background {
-            median,
-            rms,
-            mut leak,
-        } = background;
-        let began = self.start_of(share) * height;
+        let sample = struck.sample;
+        let mut leak = background.leak;
+        let began = self.start_of(struck.share) * struck.height;
         self.energy.strike(sample, began);
         self.raised += HIDDEN_SHARE_FORGETTING * self.excess(&self.last, sample);
         let (under, memory) = self.last.left(self, sample);
-        let loud = Self::THRESHOLD * median;
+        let loud = Self::THRESHOLD * background.median;
         let mut ring = Ring {
             began,
             sample,
@@ -393,10 +385,10 @@ impl OnsetModel {
         };
         let residuals = ring.residuals(self);
         // The residual of a ringing never exceeds the ringing itself.
-        let quiet = height + under.l1_norm() + leak.l1_norm() + 3.5 * rms < loud;
+        let quiet = struck.height + under.l1_norm() + leak.l1_norm() + 3.5 * background.rms < loud;
         let mut heard = None;
         while ring.known < RESIDUAL_SAMPLES && !quiet {
-            let left = residuals[ring.known] + leak.re + rms * f64::from(noise.gauss());
+            let left = residuals[ring.known] + leak.re + background.rms * f64::from(noise.gauss());
             leak *= self.tuning.turn;
             let residual = left.abs();
             let at = sample + ring.known as u64;
@@ -416,7 +408,7 @@ impl OnsetModel {
         let sum = self.is_detected(&mut ring, &residuals, heard.is_some());
         self.last = ring;
         if !quiet {
-            let rings = height * self.share / median;
+            let rings = struck.height * self.share / background.median;
             let lasts = hiding(logarithm(rings.max(1.0) as f32));
             self.hidden += lasts * self.filling;
         }

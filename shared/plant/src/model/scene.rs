@@ -238,14 +238,10 @@ impl Scene {
     /// Acceleration in m/s^2 along the accelerometer's axis at rest, from the settings at
     /// commissioning.
     pub(crate) fn rest(&self) -> f32 {
-        let Settings {
-            sensitivity,
-            sensor_zero,
-            sensor_rest,
-            ..
-        } = self.settings;
-        if sensor_rest > 0.0 {
-            (sensor_rest - sensor_zero) / sensitivity * STANDARD_GRAVITY as f32
+        let settings = &self.settings;
+        if settings.sensor_rest > 0.0 {
+            (settings.sensor_rest - settings.sensor_zero) / settings.sensitivity
+                * STANDARD_GRAVITY as f32
         } else {
             0.0
         }
