@@ -144,7 +144,7 @@ fn the_image_holds_a_second_tone_and_reports_wrong_settings() {
         rig.run(f64::from(half) * 0.5);
         rig.request_done(&Request::Alive);
     }
-    let (amplitude, made) = rig.chip.board.world.bench.plant().tones();
+    let (amplitude, made) = rig.chip.board.world.bench.tones();
     let normal = f64::from(scene.settings.gravity) * 3_f64.to_radians().cos();
     let held = normal / (f64::from(amplitude) * (std::f64::consts::TAU * 50.0).powi(2));
     // As at the desk: the bridge's mean over a sample is its duty to 1/8400.

@@ -121,7 +121,7 @@ impl World {
         self.reading = (reading * self.sensor_supply + drift) as u16;
         self.analogue[CURRENT] = self.bench.current().0;
         self.bench.forget_strikes();
-        let [x, _] = self.bench.plant().motion();
+        let [x, _] = self.bench.motion();
         self.peak = self.peak.max(x.abs());
         self.largest_mean_output = self.largest_mean_output.max(mean.abs());
         self.due += STEP;
@@ -129,7 +129,7 @@ impl World {
 
     /// Amplitude of the track, m.
     pub fn amplitude(&self) -> f32 {
-        let [x, v] = self.bench.plant().motion();
+        let [x, v] = self.bench.motion();
         x.hypot(v / self.angular)
     }
 
