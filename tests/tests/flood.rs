@@ -6,9 +6,8 @@
 
 use kband_control::Target;
 use kband_control::wire::{Request, Response};
+use kband_tests::chip::kind::Kind;
 use kband_tests::chip::{LINK, SAMPLE};
-use kband_tests::emulator::Machine;
-use kband_tests::images;
 use kband_tests::rig::{Act, Rig};
 use kband_tests::states::Random;
 
@@ -69,10 +68,18 @@ fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
 
 #[test]
 fn a_flood_of_frames_delays_no_sample_and_is_counted() {
+    flood(Kind::Stm32f405);
+}
+
+#[test]
+fn nor_on_the_stm32g474() {
+    flood(Kind::Stm32g474);
+}
+
+fn flood(kind: Kind) {
     let frames = number("KBAND_FRAMES", 10_000);
     let mut random = Random::new(number("KBAND_SEED", 1));
-    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
-    let mut rig = Rig::boot(&image);
+    let mut rig = Rig::boot_on(kind);
     rig.run(0.3);
     rig.request_done(&Request::Target(Target::K(0.41)));
     rig.request_done(&Request::Save);

@@ -64,8 +64,6 @@ pub struct World {
     pub trace: Vec<(u64, Seen)>,
     /// Largest displacement of the track since its last reset, m.
     pub peak: f32,
-    /// Largest mean of the bridge's output over a step.
-    pub largest_mean_output: f32,
     /// Accesses that no program may make, with their ticks.
     pub violations: Vec<(u64, String)>,
     /// Number of ticks with the bridge driven while the core was outside its specification.
@@ -98,7 +96,6 @@ impl World {
             last: [false; 5],
             trace: Vec::new(),
             peak: 0.0,
-            largest_mean_output: 0.0,
             violations: Vec::new(),
             outside: 0,
         })
@@ -123,7 +120,6 @@ impl World {
         self.bench.forget_strikes();
         let [x, _] = self.bench.plant().motion();
         self.peak = self.peak.max(x.abs());
-        self.largest_mean_output = self.largest_mean_output.max(mean.abs());
         self.due += STEP;
     }
 
