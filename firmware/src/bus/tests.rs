@@ -51,7 +51,6 @@ impl Board {
             target: Target::K(0.8),
             pin: None,
             condition: Condition::Whole,
-            added: 0,
         };
         let controller = Station::controller(&found, start).unwrap();
         Self {
