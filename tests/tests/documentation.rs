@@ -250,20 +250,6 @@ fn every_number_of_a_fault_has_its_name() {
         let heading = format!("\n## Fault {}: {}\n", fault.number(), fault.name());
         assert!(faults.contains(&heading), "{heading}");
     }
-    assert_eq!(
-        misnamed("too hot: fault 5 (over-temperature)", "fault", fault).len(),
-        1
-    );
-    assert_eq!(misnamed("too hot: fault 6", "fault", fault).len(), 1);
-    assert_eq!(
-        misnamed(
-            "`kband explain fault 3`, fault 6 (over-temperature)",
-            "fault",
-            fault
-        )
-        .len(),
-        0
-    );
 }
 
 /// Largest number of words in a sentence, and largest mean over a page.

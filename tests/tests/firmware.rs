@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use kband_firmware::trial::{self, Trial};
 use kband_plant::{ClosedLoop, Scene};
+use kband_tests::chip::kind::Kind;
 use kband_tests::emulator::{self, Machine, Options, Output};
 use kband_tests::footprint::footprint;
 use kband_tests::images;
@@ -76,12 +77,7 @@ fn parts_that_scatter_are_the_desks_bit_for_bit() {
 #[test]
 fn images_fit_their_budget() {
     let build = |bin| images::build("kband-firmware", bin, Machine::CortexM4F);
-    let nucleo = images::build_with(
-        "kband-firmware",
-        "feeder",
-        Machine::CortexM4F,
-        "stm32g474re",
-    );
+    let nucleo = images::feeder_on(Kind::Stm32g474);
     let sizes = [
         ("feeder for the Nucleo-G474RE", footprint(&nucleo)),
         ("feeder", footprint(&build("feeder"))),
@@ -96,7 +92,7 @@ fn images_fit_their_budget() {
         );
         assert!(size.flash > 1024 && size.stack > 1024);
         // The limits of the linker for the boards; the smaller one has 504 KiB for its image. The
-        // emulated image also contains the plant of three tones and its counters.
+        // emulated image also contains the plant of three tones.
         let [flash, ram] = match name {
             "virtual_feeder" => [640, 116],
             _ => [328, 88],

@@ -233,66 +233,49 @@ impl Converter {
     }
 
     /// Ends the conversions due by `now` with the readings `level` of each channel, 0 to 4095.
-    /// Returns whether the injected group ended.
-    pub fn end(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) -> bool {
-        if self.kind == Kind::Stm32g474 {
-            return self.end_g474(now, level);
-        }
-        let cut = 2 * (self.words[1] >> 24 & 3);
-        let mut convert = |control: u32, channel: u32| {
-            let value = u32::from(level(channel)) >> cut;
-            if control & RIGHT_TO_LEFT != 0 {
-                value << 4
+    pub fn end(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) {
+        let g474 = self.kind == Kind::Stm32g474;
+        let resolution = if g474 {
+            self.words[3] >> 3
+        } else {
+            self.words[1] >> 24
+        };
+        let cut = 2 * (resolution & 3);
+        let left = if !g474 && self.words[2] & RIGHT_TO_LEFT != 0 {
+            4
+        } else {
+            0
+        };
+        let mut convert = |channel: u32| u32::from(level(channel)) >> cut << left;
+        if now >= self.regular {
+            self.regular = u64::MAX;
+            if g474 {
+                self.words[0x40 / 4] = convert(self.words[0x30 / 4] >> 6 & 0x1f);
+                self.words[0] |= REGULAR_END_G474;
+                self.words[2] &= !START_G474;
             } else {
-                value
+                self.words[0x4c / 4] = convert(self.words[0x34 / 4] & 0x1f);
+                self.words[0] |= REGULAR_END;
             }
-        };
-        let control = self.words[2];
-        if now >= self.regular {
-            let value = convert(control, self.words[0x34 / 4] & 0x1f);
-            self.words[0x4c / 4] = value;
-            self.words[0] |= REGULAR_END;
-            self.regular = u64::MAX;
         }
         if now < self.injected {
-            return false;
+            return;
         }
-        let group = {
-            let word = self.words[0x38 / 4];
-            let last = word >> 20 & 3;
-            (0..=last).map(move |rank| word >> (5 * (3 - last + rank)) & 0x1f)
-        };
-        let mut values = [0; 4];
-        for (place, channel) in values.iter_mut().zip(group) {
-            *place = convert(control, channel);
-        }
-        for (rank, value) in values.into_iter().enumerate() {
-            let zero = self.words[0x14 / 4 + rank] & 0xfff;
-            self.words[0x3c / 4 + rank] = value.wrapping_sub(zero) & 0xffff;
-        }
-        self.words[0] |= INJECTED_END;
         self.injected = u64::MAX;
-        true
-    }
-
-    fn end_g474(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) -> bool {
-        let cut = 2 * (self.words[3] >> 3 & 3);
-        let mut convert = |channel: u32| u32::from(level(channel)) >> cut;
-        if now >= self.regular {
-            self.words[0x40 / 4] = convert(self.words[0x30 / 4] >> 6 & 0x1f);
-            self.words[0] |= REGULAR_END_G474;
-            self.words[2] &= !START_G474;
-            self.regular = u64::MAX;
-        }
-        if now < self.injected {
-            return false;
-        }
         for (rank, channel) in self.group().into_iter().enumerate() {
-            self.words[RESULTS_G474 / 4 + rank] = convert(channel);
+            let value = convert(channel);
+            if g474 {
+                self.words[RESULTS_G474 / 4 + rank] = value;
+            } else {
+                let zero = self.words[0x14 / 4 + rank] & 0xfff;
+                self.words[0x3c / 4 + rank] = value.wrapping_sub(zero) & 0xffff;
+            }
         }
-        self.words[0] |= INJECTED_END_G474;
-        self.injected = u64::MAX;
-        true
+        self.words[0] |= if g474 {
+            INJECTED_END_G474
+        } else {
+            INJECTED_END
+        };
     }
 
     /// Whether it requests its interrupt: end of a regular conversion, or of the injected group.
