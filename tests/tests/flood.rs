@@ -26,12 +26,6 @@ fn number(variable: &str, otherwise: u64) -> u64 {
 
 /// A frame of the flood with its end; mostly refused ones, because answers occupy the line.
 fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
-    let any = random.bits();
-    let size = (any >> 8) as usize % 4 + 1;
-    let garbage = |random: &mut Random, size: usize| -> Vec<u8> {
-        let byte = |_| random.bits() as u8 | 1;
-        (0..size).map(byte).chain([0]).collect()
-    };
     let requests = [
         Request::Alive,
         Request::Counters,
@@ -45,24 +39,31 @@ fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
         Request::Get("nothing"),
         Request::Fault(0),
     ];
-    let request = &requests[(any >> 16) as usize % requests.len()];
+    let any = random.bits();
+    let mut frame = rig.frame(&requests[(any >> 16) as usize % requests.len()]);
+    let at = (any >> 24) as usize % (frame.len() - 3);
     match any % 16 {
-        0..=10 => garbage(random, size),
-        11 => {
-            let mut frame = rig.frame(request);
-            let last = frame.len() - 1;
-            let at = (any >> 24) as usize % last;
+        // Garbage, seldom longer than any frame.
+        kind @ 0..=11 => {
+            let long = kind == 11 && any >> 32 & 15 == 0;
+            let size = if long {
+                600
+            } else {
+                (any >> 8) as usize % 4 + 1
+            };
+            let byte = |_| random.bits() as u8 | 1;
+            (0..size).map(byte).chain([0]).collect()
+        }
+        12 => {
             // Another byte that does not end a frame.
             frame[at] = (frame[at] ^ (1 << (any % 8))).max(1);
             frame
         }
-        12 => {
-            let mut frame = rig.frame(request);
-            frame.drain(1..2 + (any >> 24) as usize % (frame.len() - 3));
+        13 => {
+            frame.drain(1..2 + at);
             frame
         }
-        13 if any >> 32 & 15 == 0 => garbage(random, 600),
-        _ => rig.frame(request),
+        _ => frame,
     }
 }
 

@@ -8,7 +8,6 @@ use std::println;
 use std::vec::Vec;
 
 use embassy_futures::block_on;
-use kband::arithmetic::Noise;
 use kband_control::wire::{
     KeptFault, Outgoing, Stored, read_answer, write_question, write_request,
 };

@@ -521,24 +521,25 @@ impl Board {
         }
     }
 
-    /// Whether the peripheral of a register has no clock; `same` is its address on the STM32F405.
-    fn unclocked(&mut self, same: u32, address: u32, what: &str) -> bool {
-        if self.clocks.enabled(same) {
-            return false;
-        }
-        let what = format!("{what} {address:#010x}, whose clock is off");
-        self.world.violate(self.now, what);
-        true
-    }
-
-    fn register(&mut self, at: u32) -> u32 {
+    /// Address on the STM32F405 of a register that the program reads or writes, after the events that
+    /// are due; `None` where its peripheral has no clock.
+    fn reach(&mut self, at: u32, what: &str) -> Option<u32> {
         if self.now >= self.next {
             self.run_events();
         }
         let address = self.kind.place(at);
-        if self.unclocked(address, at, "reads") {
-            return 0;
+        let clocked = self.clocks.enabled(address);
+        if !clocked {
+            let what = format!("{what} {at:#010x}, whose clock is off");
+            self.world.violate(self.now, what);
         }
+        clocked.then_some(address)
+    }
+
+    fn register(&mut self, at: u32) -> u32 {
+        let Some(address) = self.reach(at, "reads") else {
+            return 0;
+        };
         let (now, lower) = (self.now, self.lower());
         let offset = address & 0x3ff;
         match address {
@@ -585,13 +586,9 @@ impl Board {
     }
 
     fn set_register(&mut self, at: u32, value: u32) {
-        if self.now >= self.next {
-            self.run_events();
-        }
-        let address = self.kind.place(at);
-        if self.unclocked(address, at, "writes") {
+        let Some(address) = self.reach(at, "writes") else {
             return;
-        }
+        };
         let (now, lower, upper) = (self.now, self.lower(), self.upper());
         let operations = self.flash.operations;
         let offset = address & 0x3ff;

@@ -56,8 +56,6 @@ const ACCESS: u64 = TICKS / 50_000;
 pub const SAMPLE: u16 = 16 + 18;
 /// Exception number of the link's port, USART2.
 pub const LINK: u16 = 16 + 38;
-/// Exception number of the fieldbus's port, UART4.
-pub const FIELDBUS: u16 = 16 + 52;
 /// Exception number of SysTick, the millisecond clock.
 pub const MILLISECOND: u16 = 15;
 const EXCEPTIONS: usize = 16 + 82;
