@@ -3,11 +3,12 @@
 //! It keeps its deadlines, counted in cycles on the emulated chip.
 
 use kband_control::wire::{Request, Response};
-use kband_control::{Event, Shape, State, Target, UpperTone};
+use kband_control::{State, Target};
 use kband_plant::{ClosedLoop, Scene};
+use kband_tests::chip::kind::Kind;
 use kband_tests::chip::{LINK, MILLISECOND, SAMPLE};
 use kband_tests::images::feeder;
-use kband_tests::rig::{Act, Rig, chip_with_image};
+use kband_tests::rig::{Act, Rig, chip_of};
 
 /// Cycles of the core between two samples.
 const DEADLINE: u64 = 8400;
@@ -37,7 +38,7 @@ fn desk(scene: &Scene) -> f64 {
 
 /// The board with this configuration, after 4 s.
 fn board(scene: &Scene) -> Rig {
-    let mut rig = Rig::with(chip_with_image(&feeder()), scene);
+    let mut rig = Rig::with(chip_of(Kind::Stm32f405, &feeder()), scene);
     rig.chip.power_on();
     rig.run(0.3);
     let told = &scene.settings;
@@ -103,11 +104,6 @@ fn the_image_holds_25_hz() {
 #[test]
 fn the_image_holds_100_hz() {
     holds(100.0, 0.41);
-}
-
-#[test]
-fn the_image_holds_120_hz() {
-    holds(120.0, 0.41);
 }
 
 #[test]

@@ -6,11 +6,11 @@
 
 use crate::settings::Settings;
 use kband::feeder::OutOfRange;
-use kband::impact::{Hybrid, Kernel};
+use kband::impact::{Kernel, Single, SingleState};
 use kband::regime::classify::{Classifier, Regime, TimingAccuracy};
 use kband::regime::{Lock, band};
 
-/// Impacts that one slice computes: 38 000 instructions at 300 an impact.
+/// Impacts that one slice computes: 24 000 instructions at 190 an impact.
 const SLICE_IMPACTS: u32 = 128;
 /// Relative step of the scan in k: the middle of a stretch errs by 0.2 %, a fifth of the permitted
 /// amplitude error of 1 %.
@@ -28,13 +28,13 @@ const TRIAL_IMPACTS: u32 = 600;
 const CLASSIFIED_IMPACTS: usize = 64;
 /// Velocity in b w below which a part comes to rest: its hops end within `2e-3/(P (1 - R))`, pull P
 /// (docs/theory-impacts.md#t4.1).
-const MIN_VELOCITY: f64 = 1e-3;
+const MIN_VELOCITY: f32 = 1e-3;
 
 /// One simulated part at one k.
 #[derive(Clone, Copy, Debug)]
 struct Trial {
-    map: Hybrid,
-    state: <Hybrid as Kernel>::State,
+    map: Single,
+    state: SingleState,
     impacts: u32,
     classifier: Classifier<CLASSIFIED_IMPACTS>,
 }
@@ -44,9 +44,9 @@ impl Trial {
         let lock = Lock::build(k, restitution, 1).ok()??;
         let state = lock.state();
         Some(Self {
-            map: Hybrid::build(k, restitution).ok()?,
+            map: Single::build(k, restitution).ok()?,
             // Beside the orbit, which repels here.
-            state: Hybrid::state(state.phase + 0.02, state.velocity).ok()?,
+            state: Single::state(state.phase + 0.02, state.velocity).ok()?,
             impacts: 0,
             classifier: Classifier::build(TimingAccuracy::BOARD).ok()?,
         })
@@ -54,16 +54,16 @@ impl Trial {
 
     /// Computes one impact. Whether the part is chaotic, once it is classified.
     fn step(&mut self) -> Option<bool> {
-        let impact = self.map.impact(self.state);
+        let impact = self.map.land(self.state);
         self.state = impact.next;
         self.impacts += 1;
         // The hops end unless the track's pull is as small. The classification would also call such
         // a part not chaotic; this saves its impacts.
-        if Hybrid::observe(impact.next).velocity < MIN_VELOCITY {
+        if impact.next.velocity < MIN_VELOCITY {
             return Some(false);
         }
         if self.impacts + CLASSIFIED_IMPACTS as u32 > TRIAL_IMPACTS {
-            self.classifier.flight(impact.flight);
+            self.classifier.flight(impact.flight());
         }
         (self.impacts > TRIAL_IMPACTS).then(|| self.classifier.verdict().regime == Regime::Chaotic)
     }

@@ -6,8 +6,8 @@ use super::drive::Swing;
 use super::law::Law;
 use kband::arithmetic::Phase;
 use kband::impact::{
-    AlongLaw, Contact, ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release,
-    Scatter, Tangential, Tone, Wave, WaveMap,
+    Along, Contact, ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter,
+    Tangential, Tone, Wave, WaveMap,
 };
 use kband_control::{Shape, UpperTone};
 
@@ -444,24 +444,20 @@ impl Part {
         } = flight;
         let launch = PartState::new(*phase, 0.0);
         let velocity = self.along / unit;
+        let sine = Wave::sine();
+        let wave = track.wave.unwrap_or(&sine);
         let (displacement, along) = match track.law {
             None => None,
-            Some(Law::Friction(settings)) => {
-                settings.motion_before_impact(track.wave, *k, [*phase, impact.flight], velocity)
-            }
+            Some(Law::Friction(settings)) => Friction::on(wave, *k, settings)
+                .ok()
+                .map(|along| along.motion_before_impact(*phase, impact.flight, velocity)),
             Some(Law::Restitution(settings)) => {
-                Tangential::build(*k, settings)
-                    .ok()
-                    .map(|along| match track.wave {
-                        None => (
-                            along.distance(launch, impact, velocity),
-                            along.velocity_after_impact(launch, impact, velocity),
-                        ),
-                        Some(wave) => (
-                            along.distance_on(wave, launch, impact, velocity),
-                            along.velocity_after_impact_on(wave, launch, impact, velocity),
-                        ),
-                    })
+                Tangential::on(wave, *k, settings).ok().map(|along| {
+                    (
+                        along.distance(launch, impact, velocity),
+                        along.velocity_after_impact(launch, impact, velocity),
+                    )
+                })
             }
         }
         .unwrap_or((0.0, 0.0));
@@ -526,7 +522,6 @@ pub(crate) fn turned(angle: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kband::impact::Friction;
     use kband::impact::FrictionSettings;
     use kband::transport::{Effort, Origin, measure};
 
