@@ -421,7 +421,7 @@ mod tests {
                 Fault::OverAmplitude,
             ),
         ];
-        let after = |cycles, (span, saturated, measured, lead)| {
+        let after = |cycles, (span, saturated, measured, lead): (u16, u16, f32, f32)| {
             let cycle = Cycle {
                 high: 2000 + span,
                 saturated,
