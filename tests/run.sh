@@ -12,7 +12,7 @@
 #                                           each round prints its seed. A seed that fails becomes a test
 #   tests/run.sh --fuzz [SECONDS [TARGET..]] the search for inputs alone, 60 s for each target
 #   tests/run.sh --reproducible             the image of the board from two folders: the same bits
-#   tests/run.sh --features                 the desk with every cargo feature (probe, Parquet, MQTT)
+#   tests/run.sh --features                 the desk with every cargo feature (probe, MQTT)
 #
 # A million launches take 4 s of a core on one tone and 5 s on several: 1000 million take 1 to 2 hours.
 #
@@ -176,7 +176,6 @@ if [ "${1:-}" = --features ]; then
     step "clippy for all features of the desk" 2400 cargo clippy --locked --package kband-host --all-features --all-targets \
         -- -D warnings
     step "desk with all features" 2400 cargo build --locked --package kband-host --all-features --bin kband
-    step "log of the emulated board" 1200 cargo test --locked --package kband-host --features log --test board -- log
     step "probe before an emulated chip" 1200 cargo test --locked --package kband-host --features flash --test probe
     step "readings and events at a broker" 1200 cargo test --locked --package kband-host --features mqtt --test serve -- mqtt
     step "unit tests with all features" 1200 cargo test --locked --package kband-host --all-features --lib

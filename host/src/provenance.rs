@@ -56,7 +56,7 @@ impl Parameter {
 }
 
 /// Options of a result's destination and appearance, which do not change its numbers.
-const ASIDE: [&str; 12] = [
+const ASIDE: [&str; 11] = [
     "threads",
     "out",
     "trace",
@@ -68,7 +68,6 @@ const ASIDE: [&str; 12] = [
     "print_scene",
     "schema",
     "record",
-    "record_log",
 ];
 
 /// Units of values, by their names in the help.
@@ -98,7 +97,7 @@ fn arithmetic(verb: &str, given: &ArgMatches) -> &'static str {
         "simulate" | "report" | "gear" => "plant in f64, controller in f32 as on the board",
         "bench" => "each kernel its own",
         "commission" | "identify" | "monitor" | "settings" | "status" | "target" | "enable"
-        | "disable" | "flash" | "live" | "update" => "the board's: f32",
+        | "disable" | "flash" | "update" => "the board's: f32",
         _ => "f64",
     }
 }

@@ -47,9 +47,6 @@ pub const ORBITS: [[f64; 4]; 11] = [
     [0.05, 0.9, 2.0, 3.0],
 ];
 
-/// Number of impacts over which the cost of an orbit is averaged.
-pub const IMPACTS: u32 = 500;
-
 /// A chattering orbit from lift-off to rest: k, restitution, phase and velocity.
 pub const CHATTER: [f64; 4] = [0.9, 0.5, 1.119_769_515, 0.0];
 

@@ -5,7 +5,6 @@ use core::f64::consts::TAU;
 use super::drive::Swing;
 use super::law::Law;
 use kband::arithmetic::Phase;
-use kband::feeder::OutOfRange;
 use kband::impact::{
     Along, Contact, ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter,
     Tangential, Tone, Wave, WaveMap,
@@ -150,17 +149,9 @@ impl Part {
         (self.rested, self.along, self.lying) = (true, 0.0, Some(time));
     }
 
-    /// Sets its mean restitution from the next impact on; an error for a value out of range.
-    pub fn set_restitution(&mut self, mean: f64) -> Result<(), OutOfRange> {
-        self.restitution = self.restitution.with_mean(mean)?;
-        Ok(())
-    }
-
-    /// Sets the standard deviation of its restitution from the next impact on; an error for a value
-    /// out of range.
-    pub fn set_scatter(&mut self, deviation: f64) -> Result<(), OutOfRange> {
-        self.restitution = self.restitution.with_deviation(deviation)?;
-        Ok(())
+    /// Its restitution, from the next impact on.
+    pub fn restitution_mut(&mut self) -> &mut Scatter {
+        &mut self.restitution
     }
 
     /// Mean restitution, at least 0; a chatter is closed with it.
