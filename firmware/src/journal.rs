@@ -16,13 +16,18 @@
 //! may belong to another machine. The maps of `sequential-storage` do fall back in that way, so
 //! they are not used here.
 //!
-//! A bank begins with a mark; the records follow from byte 32 on. The mark is programmed after the
+//! A bank begins with a mark, in the place of its first record. The mark is programmed after the
 //! erasure of the bank and cleared before its next erasure. A bank without a mark is erased before
 //! its first record, even where it reads as erased. An erasure that was cut short leaves cells that
 //! may not stay erased.
 //!
 //! A journal without any mark or record counts as a new chip; its banks get marks without an
-//! erasure. A cut erasure leaves no such journal, because the other bank is not blank then.
+//! erasure. A cut erasure leaves no such journal, because the other bank is not blank then. Banks
+//! of an older image, with a record in their first slot, are read and appended to unchanged.
+//!
+//! A journal that [converts](Journal::converting) tags its banks behind the mark; the records
+//! follow from byte 32 on. A bank without the tag has slots of an older size. It is read, but gets
+//! no further record: the next one goes to the other bank, and this one is erased after it.
 
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
@@ -45,10 +50,16 @@ const NUMBER: usize = 4;
 const CHECK: usize = 4;
 /// Size of a record's seal, bytes: the largest word that a board's flash programs at once.
 const SEAL: usize = 8;
-/// First bytes of a bank whose erasure was completed. Ones and zeros are equal in number.
+/// First bytes of a bank whose erasure was completed. Ones and zeros are equal in number; the rest
+/// of the slot stays blank.
 const MARK: [u8; 8] = [0x6b, 0x94, 0x62, 0x9d, 0x65, 0x9a, 0x72, 0x8d];
-/// Size of the mark with the blank bytes behind it, bytes.
-const MARK_SIZE: usize = 32;
+/// Bytes behind the mark of a bank whose slots have the present size, where a journal converts.
+const TAG: [u8; 8] = [0x73, 0x8c, 0x6c, 0x93, 0x6f, 0x90, 0x74, 0x8b];
+/// Size of mark and tag with the blank bytes behind them, bytes.
+const TAGGED_MARK: usize = 32;
+/// Largest number of wrong bits in a tag: a quarter, so that no flipped bit changes the size of a
+/// bank's slots.
+const MAX_WRONG_TAG_BITS: u32 = 16;
 /// Number of bytes in a slot beside its content.
 pub const OVERHEAD: usize = NUMBER + CHECK + SEAL;
 /// Number of slots that are read before other tasks run.
@@ -74,10 +85,11 @@ impl Slot {
         if bytes.iter().all(|byte| *byte == 0xff) {
             return Self::Blank;
         }
-        if let Some(rest) = bytes.strip_prefix(&MARK)
-            && rest.iter().all(|byte| *byte == 0xff)
-        {
-            return Self::Mark;
+        if let Some(rest) = bytes.strip_prefix(&MARK) {
+            let rest = rest.strip_prefix(&TAG).unwrap_or(rest);
+            if rest.iter().all(|byte| *byte == 0xff) {
+                return Self::Mark;
+            }
         }
         let Some((body, seal)) = bytes.split_last_chunk::<SEAL>() else {
             return Self::Spoilt;
@@ -99,7 +111,7 @@ impl Slot {
     }
 }
 
-/// Position of a slot: its bank and its index in the bank. Index 0 is the mark's.
+/// Position of a slot: its bank and its index in the bank.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Place {
     bank: usize,
@@ -116,17 +128,20 @@ struct Survey {
     spoilt: [u32; 2],
     /// Whether each bank begins with its mark.
     marked: [bool; 2],
-    /// Number of slots in a bank.
-    slots: u32,
+    /// Whether each bank has slots of the older size.
+    old: [bool; 2],
+    /// Number of slots in each bank.
+    slots: [u32; 2],
 }
 
 impl Survey {
-    fn blank(slots: u32) -> Self {
+    fn blank(old: [bool; 2], slots: [u32; 2]) -> Self {
         Self {
             newest: None,
             used: [0; 2],
             spoilt: [0; 2],
             marked: [false; 2],
+            old,
             slots,
         }
     }
@@ -146,11 +161,18 @@ impl Survey {
         }
     }
 
-    /// Records that the bank was erased and marked.
-    fn clear(&mut self, bank: usize) {
+    /// Records that the bank was erased and marked; it has `slots` slots.
+    fn clear(&mut self, bank: usize, slots: u32) {
         self.used[bank] = 1;
         self.spoilt[bank] = 0;
         self.marked[bank] = true;
+        self.old[bank] = false;
+        self.slots[bank] = slots;
+    }
+
+    /// Whether a record was ever completed in a bank that has its mark.
+    fn has_begun(&self) -> bool {
+        self.newest.is_some() || (0..2).any(|bank| self.marked[bank] && self.spoilt[bank] > 0)
     }
 
     /// Whether the bank's erasure was completed and it holds no record.
@@ -158,12 +180,17 @@ impl Survey {
         self.marked[bank] && self.used[bank] == 1
     }
 
+    /// Whether the bank is erased and has slots of the present size.
+    fn is_ready(&self, bank: usize) -> bool {
+        self.is_erased(bank) && !self.old[bank]
+    }
+
     /// The bank for the next record, and whether it must be prepared first.
     fn next_bank(&self) -> (usize, bool) {
-        let has_room = |bank: usize| self.used[bank] < self.slots;
+        let has_room = |bank: usize| self.used[bank] < self.slots[bank] && !self.old[bank];
         match self.newest {
             Some((Place { bank, .. }, _)) if has_room(bank) => (bank, false),
-            Some((Place { bank, .. }, _)) => (1 - bank, !self.is_erased(1 - bank)),
+            Some((Place { bank, .. }, _)) => (1 - bank, !self.is_ready(1 - bank)),
             None => match [0, 1].into_iter().find(|&b| self.marked[b] && has_room(b)) {
                 Some(bank) => (bank, false),
                 // Records in the fuller bank stay until the new one is stored.
@@ -173,15 +200,16 @@ impl Survey {
     }
 
     /// Whether a spoilt record may be newer than the newest valid one. The other bank is used once
-    /// the first is full, and erased once it is not. It holds no newer record while it is erased:
-    /// its mark is cleared first.
+    /// the first is full or to be converted, and erased once it is not. It holds no newer record
+    /// while it is erased: its mark is cleared first. Only an older image leaves both unmarked.
     fn may_have_lost_newest(&self) -> bool {
         let Some((Place { bank, index }, _)) = self.newest else {
             return self.spoilt != [0; 2];
         };
         let other = 1 - bank;
-        let continues = index + 1 == self.slots && self.marked[other];
-        self.spoilt[bank] > index + 1 || continues && self.spoilt[other] > 0
+        let continues = index + 1 == self.slots[bank] || self.old[bank] && !self.old[other];
+        let begun = self.marked[other] || !self.marked[bank];
+        self.spoilt[bank] > index + 1 || continues && begun && self.spoilt[other] > 0
     }
 }
 
@@ -202,6 +230,8 @@ pub struct Journal<const SLOT: usize> {
     start: u32,
     bank: u32,
     keep: u32,
+    /// Size of a slot in banks without a tag, bytes.
+    old_slot: usize,
     survey: Option<Survey>,
 }
 
@@ -215,6 +245,41 @@ impl<const SLOT: usize> Journal<SLOT> {
         range: core::ops::Range<u32>,
         keep: u32,
     ) -> Result<Self, StoreFailed> {
+        Self::open(flash, range, keep, SLOT)
+    }
+
+    /// As [`Journal::new`], for pages that may hold a journal with slots of `OLD` bytes.
+    ///
+    /// # Errors
+    /// As [`Journal::new`].
+    pub fn converting<const OLD: usize, F: NorFlash>(
+        flash: &F,
+        range: core::ops::Range<u32>,
+        keep: u32,
+    ) -> Result<Self, StoreFailed> {
+        const { assert!(OLD > OVERHEAD && OLD < SLOT) };
+        Self::open(flash, range, keep, OLD)
+    }
+
+    /// A journal that is only read: two pages of `bank` bytes from `start` on, with slots of `OLD`
+    /// bytes or of the present size.
+    pub(crate) fn reading<const OLD: usize>(start: u32, bank: u32) -> Self {
+        const { assert!(OLD > OVERHEAD && OLD < SLOT) };
+        Self {
+            start,
+            bank,
+            keep: 1,
+            old_slot: OLD,
+            survey: None,
+        }
+    }
+
+    fn open<F: NorFlash>(
+        flash: &F,
+        range: core::ops::Range<u32>,
+        keep: u32,
+        old_slot: usize,
+    ) -> Result<Self, StoreFailed> {
         const { assert!(SLOT > OVERHEAD && SLOT.is_multiple_of(SEAL)) };
         let bank = F::ERASE_SIZE as u32;
         let fits = range.start.is_multiple_of(bank)
@@ -226,9 +291,10 @@ impl<const SLOT: usize> Journal<SLOT> {
             start: range.start,
             bank,
             keep,
+            old_slot,
             survey: None,
         };
-        let kept = 1..journal.slots().saturating_sub(1);
+        let kept = 1..journal.slots(false).saturating_sub(1);
         if fits && kept.contains(&keep) {
             Ok(journal)
         } else {
@@ -236,14 +302,29 @@ impl<const SLOT: usize> Journal<SLOT> {
         }
     }
 
-    /// Number of slots in a bank, with the place of its mark.
-    fn slots(&self) -> u32 {
-        1 + self.bank.saturating_sub(MARK_SIZE as u32) / SLOT as u32
+    /// Whether the banks of this journal have tags.
+    fn converts(&self) -> bool {
+        self.old_slot != SLOT
     }
 
-    fn offset(&self, place: Place) -> u32 {
+    /// Sizes of the mark and of a slot, bytes; `old`: of a bank with the older size.
+    fn sizes(&self, old: bool) -> [usize; 2] {
+        match (self.converts(), old) {
+            (true, false) => [TAGGED_MARK, SLOT],
+            _ => [self.old_slot; 2],
+        }
+    }
+
+    /// Number of slots in a bank, with the place of its mark.
+    fn slots(&self, old: bool) -> u32 {
+        let [mark, slot] = self.sizes(old).map(|size| size as u32);
+        1 + self.bank.saturating_sub(mark) / slot
+    }
+
+    fn offset(&self, place: Place, old: bool) -> u32 {
+        let [mark, slot] = self.sizes(old).map(|size| size as u32);
         let records = match place.index.checked_sub(1) {
-            Some(before) => MARK_SIZE as u32 + before * SLOT as u32,
+            Some(before) => mark + before * slot,
             None => 0,
         };
         self.start + place.bank as u32 * self.bank + records
@@ -254,23 +335,36 @@ impl<const SLOT: usize> Journal<SLOT> {
         &self,
         flash: &mut F,
         place: Place,
+        old: bool,
         room: &'a mut [u8; SLOT],
     ) -> Result<&'a [u8], StoreFailed> {
-        let size = if place.index == 0 { MARK_SIZE } else { SLOT };
+        let [mark, slot] = self.sizes(old);
+        let size = if place.index == 0 { mark } else { slot };
         let bytes = room.get_mut(..size).ok_or(StoreFailed::Memory)?;
-        match flash.read(self.offset(place), bytes).await {
+        match flash.read(self.offset(place, old), bytes).await {
             Ok(()) => Ok(bytes),
             Err(_) => Err(StoreFailed::Memory),
         }
     }
 
+    /// Whether the slots of a bank have the older size.
+    async fn is_old<F: NorFlash>(&self, flash: &mut F, bank: usize) -> Result<bool, StoreFailed> {
+        let mut tag = [0; TAG.len()];
+        let offset = self.offset(Place { bank, index: 0 }, false) + MARK.len() as u32;
+        let read = flash.read(offset, &mut tag).await;
+        read.map_err(|_| StoreFailed::Memory)?;
+        let wrong = u64::from_le_bytes(tag) ^ u64::from_le_bytes(TAG);
+        Ok(self.converts() && wrong.count_ones() > MAX_WRONG_TAG_BITS)
+    }
+
     async fn survey_banks<F: NorFlash>(&mut self, flash: &mut F) -> Result<Survey, StoreFailed> {
-        let mut survey = Survey::blank(self.slots());
+        let old = [self.is_old(flash, 0).await?, self.is_old(flash, 1).await?];
+        let mut survey = Survey::blank(old, old.map(|old| self.slots(old)));
         let mut room = [0; SLOT];
-        for bank in 0..2 {
-            for index in 0..survey.slots {
+        for (bank, old) in old.into_iter().enumerate() {
+            for index in 0..survey.slots[bank] {
                 let place = Place { bank, index };
-                let bytes = self.read(flash, place, &mut room).await?;
+                let bytes = self.read(flash, place, old, &mut room).await?;
                 survey.take(place, Slot::read(bytes));
                 if index % SLOTS_PER_SLICE == 0 {
                     yield_now().await;
@@ -281,14 +375,6 @@ impl<const SLOT: usize> Journal<SLOT> {
         Ok(survey)
     }
 
-    /// What is known of the banks, read where nothing is.
-    async fn known<F: NorFlash>(&mut self, flash: &mut F) -> Result<Survey, StoreFailed> {
-        match self.survey {
-            Some(survey) => Ok(survey),
-            None => self.survey_banks(flash).await,
-        }
-    }
-
     /// State of the newest record; its content is copied to `content`. Both banks are read anew.
     pub async fn newest<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
         self.survey = None;
@@ -297,8 +383,12 @@ impl<const SLOT: usize> Journal<SLOT> {
 
     /// As [`Journal::newest`], from what is known of the banks.
     pub async fn last<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
-        let Ok(survey) = self.known(flash).await else {
-            return Newest::Spoilt;
+        let survey = match self.survey {
+            Some(survey) => survey,
+            None => match self.survey_banks(flash).await {
+                Ok(survey) => survey,
+                Err(_) => return Newest::Spoilt,
+            },
         };
         if survey.may_have_lost_newest() {
             return Newest::Spoilt;
@@ -306,25 +396,38 @@ impl<const SLOT: usize> Journal<SLOT> {
         let Some((place, _)) = survey.newest else {
             return Newest::Nothing;
         };
-        let length = content.len().min(SLOT - OVERHEAD);
-        let offset = self.offset(place) + NUMBER as u32;
+        let old = survey.old[place.bank];
+        let [_, slot] = self.sizes(old);
+        let length = content.len().min(slot - OVERHEAD);
+        let offset = self.offset(place, old) + NUMBER as u32;
         match flash.read(offset, &mut content[..length]).await {
             Ok(()) => Newest::Whole,
             Err(_) => Newest::Spoilt,
         }
     }
 
+    /// Whether a record was ever stored, by what is known of the banks. Data of another program are
+    /// none.
+    pub(crate) fn has_begun(&self) -> bool {
+        self.survey.is_none_or(|survey| survey.has_begun())
+    }
+
     /// Whether the newest record is valid and has this content.
     pub async fn holds<F: NorFlash>(&mut self, flash: &mut F, content: &[u8]) -> bool {
-        let Ok(survey) = self.known(flash).await else {
-            return false;
+        let survey = match self.survey {
+            Some(survey) => survey,
+            None => match self.survey_banks(flash).await {
+                Ok(survey) => survey,
+                Err(_) => return false,
+            },
         };
         let newest = survey.newest;
         let Some((place, _)) = newest.filter(|_| !survey.may_have_lost_newest()) else {
             return false;
         };
         let mut room = [0; SLOT];
-        match self.read(flash, place, &mut room).await {
+        let old = survey.old[place.bank];
+        match self.read(flash, place, old, &mut room).await {
             Ok(bytes) => {
                 let whole = matches!(Slot::read(bytes), Slot::Whole(_));
                 whole && content_of(bytes).starts_with(content)
@@ -341,7 +444,10 @@ impl<const SLOT: usize> Journal<SLOT> {
         back: u32,
         content: &mut [u8],
     ) -> Option<u32> {
-        let survey = self.known(flash).await.ok()?;
+        let survey = match self.survey {
+            Some(survey) => survey,
+            None => self.survey_banks(flash).await.ok()?,
+        };
         let (Place { bank, index }, _) = survey.newest?;
         let here = (0..=index).rev().map(|index| Place { bank, index });
         let other = 1 - bank;
@@ -350,7 +456,8 @@ impl<const SLOT: usize> Journal<SLOT> {
         let mut left = back;
         let mut room = [0; SLOT];
         for place in here.chain(there) {
-            let bytes = self.read(flash, place, &mut room).await.ok()?;
+            let old = survey.old[place.bank];
+            let bytes = self.read(flash, place, old, &mut room).await.ok()?;
             match Slot::read(bytes) {
                 Slot::Whole(number) if left == 0 => {
                     copy(content_of(bytes), content);
@@ -371,9 +478,10 @@ impl<const SLOT: usize> Journal<SLOT> {
         flash: &mut F,
         content: &[u8],
     ) -> Result<(), StoreFailed> {
-        let mut survey = self.known(flash).await?;
-        // Read anew where this fails.
-        self.survey = None;
+        let mut survey = match self.survey.take() {
+            Some(survey) => survey,
+            None => self.survey_banks(flash).await?,
+        };
         if survey.used == [0; 2] {
             for bank in 0..2 {
                 self.mark(flash, bank, &mut survey).await?;
@@ -395,20 +503,20 @@ impl<const SLOT: usize> Journal<SLOT> {
         copy(content, &mut said[NUMBER..]);
         copy(&crc32(said).to_le_bytes(), check);
         seal.fill(0);
-        let offset = self.offset(place);
+        let offset = self.offset(place, false);
         let (body, seal) = bytes.split_at(SLOT - SEAL);
         let written = flash.write(offset, body).await.is_ok()
             && (flash.write(offset + body.len() as u32, seal).await).is_ok();
         let mut room = [0; SLOT];
-        if !written || self.read(flash, place, &mut room).await? != bytes {
+        if !written || self.read(flash, place, false, &mut room).await? != bytes {
             return Err(StoreFailed::Memory);
         }
         survey.take(place, Slot::Whole(number));
-        let records = survey.used[bank] - 1;
+        let records = survey.used[bank] - u32::from(survey.marked[bank]);
         // The record is stored. A failed erasure is repeated after the next record, or before the
         // bank is used.
         let erased = records < self.keep
-            || survey.is_erased(1 - bank)
+            || survey.is_ready(1 - bank)
             || self.prepare(flash, 1 - bank, &mut survey).await.is_ok();
         self.survey = erased.then_some(survey);
         // Remains of the erasure must not hide the record.
@@ -418,18 +526,21 @@ impl<const SLOT: usize> Journal<SLOT> {
         Ok(())
     }
 
-    /// Erases a bank and marks it.
+    /// Erases a bank and marks it. One that is erased already gets its tag.
     async fn prepare<F: NorFlash>(
         &self,
         flash: &mut F,
         bank: usize,
         survey: &mut Survey,
     ) -> Result<(), StoreFailed> {
-        let from = self.offset(Place { bank, index: 0 });
-        // The mark is cleared first: it could otherwise survive an erasure that is cut short.
-        let cleared = !survey.marked[bank] || flash.write(from, &[0; MARK.len()]).await.is_ok();
-        if !cleared || flash.erase(from, from + self.bank).await.is_err() {
-            return Err(StoreFailed::Memory);
+        let from = self.offset(Place { bank, index: 0 }, false);
+        if !survey.is_erased(bank) {
+            // The mark is cleared first: it could otherwise survive an erasure that is cut short.
+            let cleared = !survey.marked[bank] || flash.write(from, &[0; MARK.len()]).await.is_ok();
+            if !cleared || flash.erase(from, from + self.bank).await.is_err() {
+                return Err(StoreFailed::Memory);
+            }
+            survey.used[bank] = 0;
         }
         self.mark(flash, bank, survey).await
     }
@@ -442,10 +553,14 @@ impl<const SLOT: usize> Journal<SLOT> {
         survey: &mut Survey,
     ) -> Result<(), StoreFailed> {
         let place = Place { bank, index: 0 };
-        let written = flash.write(self.offset(place), &MARK).await.is_ok();
+        let from = self.offset(place, false);
+        // A bank of the older size has its mark already.
+        let marked = survey.used[bank] > 0 || flash.write(from, &MARK).await.is_ok();
+        let tag = from + MARK.len() as u32;
+        let written = marked && (!self.converts() || flash.write(tag, &TAG).await.is_ok());
         let mut room = [0; SLOT];
-        if written && Slot::read(self.read(flash, place, &mut room).await?) == Slot::Mark {
-            survey.clear(bank);
+        if written && Slot::read(self.read(flash, place, false, &mut room).await?) == Slot::Mark {
+            survey.clear(bank, self.slots(false));
             Ok(())
         } else {
             Err(StoreFailed::Memory)
@@ -489,18 +604,12 @@ mod tests {
     /// with all other slots. Returns the numbers of flips that keep and that spoil the newest
     /// record.
     fn flips<const PAGE: usize>(records: u32) -> [u64; 2] {
+        let slots = PAGE / SLOT;
         let nor = filled::<PAGE>(records);
-        let banks = nor.bytes[..2 * PAGE].chunks_exact(PAGE);
-        let chunks: Vec<&[u8]> = banks
-            .flat_map(|bank| {
-                let (mark, records) = bank.split_at(MARK_SIZE);
-                [mark].into_iter().chain(records.chunks_exact(SLOT))
-            })
-            .collect();
-        let slots = chunks.len() / 2;
+        let chunks: Vec<&[u8]> = nor.bytes[..2 * PAGE].chunks_exact(SLOT).collect();
         let kinds: Vec<Slot> = chunks.iter().map(|chunk| Slot::read(chunk)).collect();
         let survey = |changed: usize, kind: Slot| {
-            let mut survey = Survey::blank(slots as u32);
+            let mut survey = Survey::blank([false; 2], [slots as u32; 2]);
             for (at, &slot) in kinds.iter().enumerate() {
                 let place = Place {
                     bank: at / slots,
@@ -517,7 +626,7 @@ mod tests {
         for (at, chunk) in chunks.iter().enumerate() {
             let mut seen: Vec<(Slot, bool)> = Vec::new();
             let mut bytes = chunk.to_vec();
-            for bit in 0..8 * bytes.len() {
+            for bit in 0..8 * SLOT {
                 bytes[bit / 8] ^= 1 << (bit % 8);
                 let kind = Slot::read(&bytes);
                 bytes[bit / 8] ^= 1 << (bit % 8);
@@ -547,13 +656,13 @@ mod tests {
         let bits = 8 * (SLOT as u64 - SEAL as u64);
         for records in [1, 2, 6, 7, 8, 14, 15] {
             let [kept, spoilt] = flips::<2048>(records);
-            assert_eq!(kept + spoilt, 8 * 2 * (32 + 7 * SLOT as u64));
+            assert_eq!(kept + spoilt, 8 * 2 * 2048);
             // The bits of the newest record without its seal.
             assert_eq!(spoilt, bits, "{records} records");
         }
         for records in [3, 511, 512] {
             let [kept, spoilt] = flips::<{ 128 * 1024 }>(records);
-            assert_eq!(kept + spoilt, 8 * 2 * (32 + 511 * SLOT as u64));
+            assert_eq!(kept + spoilt, 8 * 2 * 128 * 1024);
             assert_eq!(spoilt, bits, "{records} records");
         }
     }
@@ -577,34 +686,68 @@ mod tests {
 
     #[test]
     fn a_bank_is_filled_before_the_other_one_is_begun() {
-        let is_marked = |bytes: &[u8]| Slot::read(&bytes[..MARK_SIZE]) == Slot::Mark;
-        let used = |bytes: &[u8]| {
-            let records = bytes[MARK_SIZE..].chunks(SLOT);
-            records.filter(|slot| slot[0] != 0xff).count()
-        };
+        let is_marked = |bytes: &[u8]| Slot::read(&bytes[..SLOT]) == Slot::Mark;
+        let used = |bytes: &[u8]| bytes.chunks(SLOT).filter(|slot| slot[0] != 0xff).count();
         for records in 1..=7 {
             let nor = filled::<2048>(records);
             let (first, second) = nor.bytes[..4096].split_at(2048);
             assert!(is_marked(first) && is_marked(second));
-            assert_eq!((used(first), used(second)), (records as usize, 0));
+            assert_eq!((used(first), used(second)), (1 + records as usize, 1));
         }
         // The eighth record lies in the second bank; after it the first bank is erased.
         let nor = filled::<2048>(8);
         let (first, second) = nor.bytes[..4096].split_at(2048);
         assert!(is_marked(first) && is_marked(second));
-        assert_eq!((used(first), used(second)), (0, 1));
+        assert_eq!((used(first), used(second)), (1, 2));
+    }
+
+    /// A journal of an older image without marks: records in the first slots, the other bank
+    /// erased.
+    fn unmarked<const PAGE: usize>(records: u32) -> Nor<PAGE> {
+        let mut nor = Nor::<PAGE>::new();
+        let source = filled::<PAGE>(1);
+        for number in 0..records {
+            let place = &mut nor.bytes[number as usize * SLOT..][..SLOT];
+            place.copy_from_slice(&source.bytes[SLOT..2 * SLOT]);
+            place[..4].copy_from_slice(&number.to_le_bytes());
+            place[4..8].copy_from_slice(&number.to_le_bytes());
+            let check = crc32(&place[..SLOT - SEAL - CHECK]);
+            place[SLOT - SEAL - CHECK..SLOT - SEAL].copy_from_slice(&check.to_le_bytes());
+        }
+        nor
+    }
+
+    #[test]
+    fn a_journal_without_marks_is_read_and_appended_to() {
+        for records in 1..=8_u32 {
+            let mut nor = unmarked::<2048>(records);
+            let mut journal = Journal::<SLOT>::new(&nor, 0..4096, 1).unwrap();
+            let mut content = [0; SLOT - OVERHEAD];
+            let newest = block_on(journal.newest(&mut nor, &mut content));
+            assert_eq!(newest, Newest::Whole);
+            assert!(content.starts_with(&(records - 1).to_le_bytes()));
+            for record in records..records + 30 {
+                block_on(journal.append(&mut nor, &record.to_le_bytes())).unwrap();
+                let mut again = Journal::<SLOT>::new(&nor, 0..4096, 1).unwrap();
+                let newest = block_on(again.newest(&mut nor, &mut content));
+                assert_eq!(newest, Newest::Whole);
+                assert!(content.starts_with(&record.to_le_bytes()));
+            }
+        }
     }
 
     #[test]
     fn a_blank_bank_without_mark_is_erased_before_use() {
-        // The other bank reads blank, but its erasure was cut short.
-        let mut nor = filled::<2048>(7);
-        nor.bytes[2048..4096].fill(0xff);
-        nor.weak[1] = true;
-        let mut journal = Journal::<SLOT>::new(&nor, 0..4096, 1).unwrap();
-        block_on(journal.append(&mut nor, b"new")).unwrap();
-        assert!(nor.bytes[2048 + MARK_SIZE + 4..].starts_with(b"new"));
-        assert_eq!(nor.erasures, [1, 1, 0, 0]);
+        // A full bank with its mark, and one without. The other bank reads blank, but its erasure
+        // was cut short.
+        for mut nor in [filled::<2048>(7), unmarked::<2048>(8)] {
+            nor.bytes[2048..4096].fill(0xff);
+            nor.weak[1] = true;
+            let mut journal = Journal::<SLOT>::new(&nor, 0..4096, 1).unwrap();
+            block_on(journal.append(&mut nor, b"new")).unwrap();
+            assert!(nor.bytes[2048 + SLOT + 4..].starts_with(b"new"));
+            assert_eq!(nor.erasures, [1, 1, 0, 0]);
+        }
         // On a new chip no bank is erased until the first one is full.
         assert_eq!(filled::<2048>(7).erasures, [0; 4]);
     }
@@ -616,7 +759,7 @@ mod tests {
         nor.refuses_erasures = true;
         let mut journal = Journal::<SLOT>::new(&nor, 0..4096, 1).unwrap();
         block_on(journal.append(&mut nor, b"new")).unwrap();
-        assert_ne!(Slot::read(&nor.bytes[..MARK_SIZE]), Slot::Mark);
+        assert_ne!(Slot::read(&nor.bytes[..SLOT]), Slot::Mark);
         let mut content = [0; SLOT - OVERHEAD];
         let newest = block_on(journal.newest(&mut nor, &mut content));
         assert!(newest == Newest::Whole && content.starts_with(b"new"));
@@ -629,8 +772,8 @@ mod tests {
         for record in 0..10_u32 {
             let mut journal = Journal::<40>::new(&nor, 0..4096, 32).unwrap();
             block_on(journal.append(&mut nor, &record.to_le_bytes())).unwrap();
-            // The next record was begun.
-            let next = MARK_SIZE + 40 * (2 * record as usize + 1);
+            // The next record was begun; the added slot is the mark's.
+            let next = 40 * (2 * record as usize + 2);
             nor.bytes[next] = 0;
         }
         let mut journal = Journal::<40>::new(&nor, 0..4096, 32).unwrap();
@@ -647,7 +790,7 @@ mod tests {
         for range in [0..2048, 0..6144, 1024..5120, 6144..10_240] {
             assert!(Journal::<SLOT>::new(&nor, range.clone(), 1).is_err());
         }
-        // One record besides the seven kept ones exceeds the bank.
+        // A slot for the mark, one for the new record and seven for the kept ones exceed the bank.
         assert!(Journal::<SLOT>::new(&nor, 0..4096, 7).is_err());
     }
 }

@@ -1,6 +1,6 @@
 //! Log of the board for a debug probe.
 
-use kband_control::{Event, Report};
+use kband_control::{Event, Report, Settings};
 
 use crate::cortex::IDENTITY;
 use crate::last_words::LastWords;
@@ -11,6 +11,21 @@ pub fn start(cause: ResetCause, last_words: &LastWords) {
     defmt::info!("kband {}, started by {}", IDENTITY, cause.name());
     if let Some(words) = last_words.read() {
         defmt::error!("before this reset: {}", words);
+    }
+}
+
+/// Logs each setting that the stored record lacks and its default; bit n of `added` for
+/// `Settings::KEYS[n]`.
+pub fn new_settings(added: u64) {
+    for (number, key) in Settings::KEYS.iter().enumerate() {
+        if added >> number & 1 == 1 {
+            defmt::info!(
+                "settings: {} is new, {} {}",
+                key.name,
+                key.default,
+                key.unit
+            );
+        }
     }
 }
 

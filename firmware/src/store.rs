@@ -56,6 +56,8 @@ pub struct Found {
     pub pin: Option<Pin>,
     /// State of these settings.
     pub condition: Condition,
+    /// Settings that the record lacks, with their defaults: bit n for `Settings::KEYS[n]`.
+    pub added: u64,
 }
 
 impl Found {
@@ -66,6 +68,7 @@ impl Found {
             target: Target::Amplitude(0.0),
             pin: None,
             condition,
+            added: 0,
         }
     }
 }
@@ -125,6 +128,8 @@ pub trait Store {
 pub struct Records<F, W> {
     flash: F,
     settings: Journal<SLOT>,
+    /// Where an older image had the settings. It is read until a record is stored in `settings`.
+    older: Option<Journal<SLOT>>,
     faults: Journal<FAULT_SLOT>,
     waiting: W,
     supply_settled: fn() -> bool,
@@ -144,7 +149,8 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         supply_settled: fn() -> bool,
     ) -> Result<Self, StoreFailed> {
         Ok(Self {
-            settings: Journal::new(&flash, settings, 1)?,
+            settings: Journal::converting::<{ version_3::SLOT }, _>(&flash, settings, 1)?,
+            older: None,
             faults: Journal::new(&flash, faults, KEPT_FAULTS)?,
             flash,
             waiting,
@@ -152,9 +158,39 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         })
     }
 
+    /// Reads the settings from two pages of `page` bytes from `start` on, where an older image had
+    /// them, until a record is stored here.
+    pub fn reading_from(self, start: u32, page: u32) -> Self {
+        Self {
+            older: Some(Journal::reading::<{ version_3::SLOT }>(start, page)),
+            ..self
+        }
+    }
+
+    /// State of the newest record, from what is known of the pages; its content is copied to
+    /// `content`.
+    async fn newest(&mut self, content: &mut [u8; CONTENT]) -> Newest {
+        let newest = self.settings.last(&mut self.flash, content).await;
+        self.or_older(newest, content).await
+    }
+
+    /// `newest`, or the state of the newest record of an older image, if there is one and none was
+    /// stored here.
+    async fn or_older(&mut self, newest: Newest, content: &mut [u8; CONTENT]) -> Newest {
+        match &mut self.older {
+            Some(older) if !self.settings.has_begun() => {
+                match older.last(&mut self.flash, content).await {
+                    Newest::Nothing => newest,
+                    older => older,
+                }
+            }
+            _ => newest,
+        }
+    }
+
     /// The settings of the newest record, whose content is copied to `content`.
     async fn whole(&mut self, content: &mut [u8; CONTENT]) -> Result<Found, StoreFailed> {
-        match self.settings.last(&mut self.flash, content).await {
+        match self.newest(content).await {
             Newest::Whole => decode_settings(content).map_err(|_| StoreFailed::NoSettings),
             _ => Err(StoreFailed::NoSettings),
         }
@@ -186,7 +222,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
     async fn load(&mut self) -> Found {
         let mut content = [0; CONTENT];
         let newest = self.settings.newest(&mut self.flash, &mut content).await;
-        match newest {
+        match self.or_older(newest, &mut content).await {
             Newest::Nothing => Found::none(Condition::Never),
             Newest::Spoilt => Found::none(Condition::Lost),
             Newest::Whole => decode_settings(&content).unwrap_or_else(Found::none),
@@ -200,7 +236,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
         pin: Option<Pin>,
     ) -> Result<(), StoreFailed> {
         let mut content = [0; CONTENT];
-        let newest = self.settings.last(&mut self.flash, &mut content).await;
+        let newest = self.newest(&mut content).await;
         let key = record::key(&content);
         if newest != Newest::Whole || !record::has_recipes(&content) {
             content.fill(0);
@@ -211,7 +247,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
 
     async fn recipes(&mut self) -> Recipes {
         let mut content = [0; CONTENT];
-        let newest = self.settings.last(&mut self.flash, &mut content).await;
+        let newest = self.newest(&mut content).await;
         if newest == Newest::Whole && record::has_recipes(&content) {
             Recipes::of(&content[record::SIZE..])
         } else {
@@ -230,7 +266,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Store for Records<F, W> {
 
     async fn key(&mut self) -> Option<[u8; 32]> {
         let mut content = [0; CONTENT];
-        self.settings.last(&mut self.flash, &mut content).await;
+        self.newest(&mut content).await;
         record::key(&content)
     }
 
@@ -311,6 +347,7 @@ fn fault_of(number: u32, content: &[u8]) -> Option<KeptFault> {
 
 pub(crate) mod encoding;
 mod record;
+mod version_3;
 
 #[cfg(test)]
 pub(crate) mod tests;

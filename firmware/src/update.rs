@@ -210,6 +210,7 @@ impl Update {
         if length == 0 || length > slot.size || !length.is_multiple_of(4) {
             return Err(UpdateRefusal::Length);
         }
+        // With the key all settings have left the sectors 10 and 11, where older images had them.
         if store.key().await.is_none() {
             return Err(UpdateRefusal::NoKey);
         }

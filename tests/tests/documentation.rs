@@ -186,7 +186,7 @@ fn every_name_of_the_glossary_is_in_the_sources() {
     }
 }
 
-/// The glossary explains the names of regimes and states in tables, legends and `kband live`.
+/// The glossary explains the names of regimes and states in tables, legends and `kband status`.
 #[test]
 fn every_regime_and_state_that_is_shown_is_explained() {
     let glossary = fs::read_to_string(root().join("docs/glossary.md")).expect("the glossary");

@@ -8,7 +8,7 @@
 //! - `journal`, `store`, sequential-storage: the memory of the settings, used at rest only.
 //! - `stm32`, Embassy: registers and buffers of the chip, whose ranges their types hold.
 //! - `exchange`, `link`, `bus`: a finished task is not polled again. `station`: a borrow for one call.
-//! - rmodbus: gets requests of the right lengths only. defmt: a log within a log.
+//! - defmt: a log within a log.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;

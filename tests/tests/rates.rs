@@ -110,3 +110,44 @@ fn the_image_holds_100_hz() {
 fn the_image_holds_500_hz() {
     holds(500.0, 0.41);
 }
+
+/// A drive that allows a second tone and responds twice as strongly as configured.
+#[test]
+fn the_image_holds_a_second_tone_and_reports_wrong_settings() {
+    let wanted = UpperTone::new(0.15, 2.356);
+    let mut scene = machine(50.0, 0.35);
+    scene.target = Target::Tones {
+        k: 0.35,
+        shape: Shape::of_two(wanted),
+    };
+    scene.settings.second_tone = 0.25;
+    scene.drive.second_gain = 0.5;
+    let mut rig = Rig::with(chip_with_image(&feeder()), &scene);
+    rig.chip.power_on();
+    rig.run(0.3);
+    for (key, value) in [("second_tone", 0.25), ("second_gain", 0.25)] {
+        rig.request_done(&Request::Set { key, value });
+    }
+    rig.request_done(&Request::Target(scene.target));
+    rig.request_done(&Request::Save);
+    rig.at(1.0, Act::Enable(true));
+    for half in 1..=16 {
+        rig.run(f64::from(half) * 0.5);
+        rig.request_done(&Request::Alive);
+    }
+    let (amplitude, made) = rig.chip.board.world.bench.tones();
+    let normal = f64::from(scene.settings.gravity) * 3_f64.to_radians().cos();
+    let held = normal / (f64::from(amplitude) * (std::f64::consts::TAU * 50.0).powi(2));
+    // As at the desk: the bridge's mean over a sample is its duty to 1/8400.
+    assert!((held / 0.35 - 1.0).abs() < 0.02, "{held}");
+    let made = made.second;
+    assert!((made.ratio - wanted.ratio).abs() < 0.003, "{made:?}");
+    assert!((made.phase - wanted.phase).abs() < 0.03, "{made:?}");
+    let (unlike, events) = (Event::SecondToneUnlike.number(), rig.events());
+    let mut numbers = events.iter().map(|record| record.event);
+    assert!(numbers.any(|number| number == unlike), "{events:?}");
+    // Without the enable input the second tone stops with the first.
+    rig.act(&Act::Enable(false));
+    rig.run(11.0);
+    assert!(rig.amplitude() < 1e-3, "{}", rig.amplitude());
+}

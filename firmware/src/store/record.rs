@@ -21,7 +21,7 @@ use kband_control::wire::Pin;
 use kband_control::{Settings, Target};
 
 use super::encoding::{COUNT, HASHES, PAIR, Words, hash, pairs, put, put_pairs, target_words};
-use super::{CONTENT, Condition, Found};
+use super::{CONTENT, Condition, Found, version_3};
 use crate::recipes;
 
 /// Version of a record's format and meaning; raised when a setting keeps its name and changes its
@@ -46,6 +46,8 @@ pub const KEY_HASHES: [u16; 8] = [
 ];
 
 const _: () = assert!(HEAD + PAIR * (COUNT + KEY_HASHES.len()) <= SIZE);
+// `Found::added` has a bit for each setting.
+const _: () = assert!(COUNT <= u64::BITS as usize);
 
 /// Encodes settings, target, PIN and public key of updates at the begin of a record.
 pub fn encode_settings(
@@ -103,6 +105,7 @@ pub fn decode_settings(content: &[u8; CONTENT]) -> Result<Found, Condition> {
     let mut words = Words(&content[..SIZE]);
     let found = match words.next() {
         Some(VERSION) => decode_pairs(words)?,
+        Some(version_3::SCHEMA) => version_3::decode(words).ok_or(Condition::Lost)?,
         Some(newer) if (VERSION..=LAST_VERSION).contains(&newer) => return Err(Condition::Newer),
         _ => return Err(Condition::Lost),
     };
@@ -116,6 +119,7 @@ fn decode_pairs(mut words: Words<'_>) -> Result<Found, Condition> {
     let pin = words.pin().ok_or(Condition::Lost)?;
     let count = words.next().ok_or(Condition::Lost)? as usize;
     let mut settings = Settings::default();
+    let mut added = u64::MAX >> (u64::BITS as usize - COUNT);
     for (hash, value) in pairs(words.0, count).ok_or(Condition::Lost)? {
         if KEY_HASHES.contains(&hash) {
             continue;
@@ -124,11 +128,13 @@ fn decode_pairs(mut words: Words<'_>) -> Result<Found, Condition> {
         let number = known.ok_or(Condition::Newer)?;
         let key = Settings::KEYS.get(number).ok_or(Condition::Newer)?;
         settings.set(key.name, value).map_err(|_| Condition::Lost)?;
+        added &= !(1 << number);
     }
     Ok(Found {
         settings,
         target,
         pin,
         condition: Condition::Whole,
+        added,
     })
 }

@@ -54,6 +54,24 @@ impl Flash {
         Ok(())
     }
 
+    /// Puts the pages of settings there that an image with records of version 3 wrote in some saves.
+    fn fill_by_version_3(&self, saves: usize) {
+        let bytes = &mut self.0.borrow_mut().bytes;
+        bytes[..2 * PAGE].fill(0xff);
+        for line in include_str!("../../../firmware/src/store/version_3.hex").lines() {
+            let mut words = line
+                .split(' ')
+                .map(|word| usize::from_str_radix(word, 16).unwrap_or(0));
+            let at = words.next().unwrap_or(0);
+            if at < 256 * (1 + saves) {
+                for (byte, word) in bytes[at..].iter_mut().zip(words) {
+                    *byte = word as u8;
+                }
+            }
+        }
+        bytes.copy_within(..256, PAGE);
+    }
+
     /// Sets the number of words until the power fails.
     pub fn power(&self, words: usize) {
         self.0.borrow_mut().power = words;
@@ -132,6 +150,9 @@ fn one(number: u8) -> Target {
     }
 }
 
+/// Smallest byte of an operation that puts the pages of an image with records of version 3 there.
+const OLDER_IMAGE: u8 = 250;
+
 /// A sequence of operations on a memory.
 pub fn store(input: &[u8]) -> bool {
     let flash = Flash::default();
@@ -142,6 +163,12 @@ pub fn store(input: &[u8]) -> bool {
     let mut whole = false;
     while let Some(what) = input.byte() {
         let number = input.byte().unwrap_or(0);
+        if what >= OLDER_IMAGE {
+            flash.fill_by_version_3(usize::from(number) % 7);
+            records = flash.records();
+            sound = true;
+            continue;
+        }
         match what % 5 {
             // Arbitrary content, as after a change of firmware or an accident.
             0 => {

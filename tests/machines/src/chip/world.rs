@@ -114,14 +114,14 @@ impl World {
         self.reading = (reading * self.sensor_supply) as u16;
         self.analogue[CURRENT] = self.bench.current().0;
         self.bench.forget_strikes();
-        let [x, _] = self.bench.plant().motion();
+        let [x, _] = self.bench.motion();
         self.peak = self.peak.max(x.abs());
         self.due += STEP;
     }
 
     /// Amplitude of the track, m.
     pub fn amplitude(&self) -> f32 {
-        let [x, v] = self.bench.plant().motion();
+        let [x, v] = self.bench.motion();
         x.hypot(v / self.angular)
     }
 
