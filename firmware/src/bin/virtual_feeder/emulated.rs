@@ -337,6 +337,7 @@ fn begin(spawner: Spawner) {
             target: scene.target,
             pin: None,
             condition: Condition::Whole,
+            added: 0,
         }
     } else {
         block_on(memory.load())
