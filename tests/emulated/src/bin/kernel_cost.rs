@@ -63,7 +63,7 @@ mod cost {
         name: &str,
         (orbits, chatter): ([[f64; V]; N], [f64; V]),
         begin: fn([f64; V]) -> Start,
-        track: fn(f64) -> Single,
+        track: impl Fn(f64) -> Single + Copy,
     ) -> Cost {
         let costs = orbits.map(|values| {
             let cost = orbit(counter, begin(values));
