@@ -95,9 +95,7 @@ fn arithmetic(verb: &str, given: &ArgMatches) -> &'static str {
             _ => "f64",
         },
         "capture" => "plan in hybrid (fixed point and f32), map and runs in f64",
-        "simulate" | "report" | "gear" => {
-            "plant in f64, controller in f32 and hybrid as on the board"
-        }
+        "simulate" | "gear" => "plant in f64, controller in f32 and hybrid as on the board",
         "bench" => "each kernel its own",
         "commission" | "identify" | "monitor" | "settings" | "status" | "target" | "enable"
         | "disable" | "flash" | "update" => "the board's: f32 and hybrid",
@@ -371,26 +369,6 @@ mod tests {
         assert_eq!(stripped(&csv), "k,b (mm)\n0.4,0.2\n");
         let svg = "<svg>\n<metadata>{}</metadata>\n<path d=\"M0 0\"/>\n</svg>\n";
         assert_eq!(stripped(svg), "<svg>\n<path d=\"M0 0\"/>\n</svg>\n");
-    }
-
-    #[test]
-    fn every_part_of_a_scene_has_its_place() {
-        let table: toml::Table =
-            "seed = 7\n[drive]\nfrequency = 50.0\n[[events]]\nat = 1.0\n[[events]]\nat = 2.0"
-                .parse()
-                .unwrap();
-        let mut found = Vec::new();
-        for (key, value) in &table {
-            flatten(key, value, &mut |key, value| {
-                found.push((key.to_string(), value))
-            });
-        }
-        found.sort_by(|a, b| a.0.cmp(&b.0));
-        let keys: Vec<&str> = found.iter().map(|(key, _)| key.as_str()).collect();
-        assert_eq!(
-            keys,
-            ["drive.frequency", "events.0.at", "events.1.at", "seed"]
-        );
     }
 
     #[test]

@@ -487,26 +487,6 @@ fn a_reader_that_goes_away_ends_a_run_quietly() {
 }
 
 #[test]
-fn a_file_of_more_than_100_mb_is_announced_before_it_is_written() {
-    let folder = folder();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
-        .args("simulate --duration 86400 --trace trace.csv".split(' '))
-        .current_dir(folder.path())
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut said = String::new();
-    let mut lines = std::io::BufReader::new(child.stderr.take().unwrap());
-    std::io::BufRead::read_line(&mut lines, &mut said).unwrap();
-    child.kill().unwrap();
-    child.wait().unwrap();
-    // 4 320 000 cycles of 205 bytes.
-    assert_eq!(said, "note: trace.csv will have about 885 MB\n");
-}
-
-#[test]
 fn gear_draws_its_picture_and_regimes_fit_their_limit_by_default() {
     let folder = folder();
     let small =

@@ -58,15 +58,8 @@ impl Picture {
         self
     }
 
-    /// Adds several panels.
-    pub fn panels(mut self, panels: impl IntoIterator<Item = Panel>) -> Self {
-        self.panels.extend(panels);
-        self
-    }
-
     /// The picture as an SVG document. `about` is its description, empty for none.
-    pub fn to_svg(&self, look: impl Into<Look>, about: &str) -> String {
-        let look = look.into();
+    pub fn to_svg(&self, look: Look, about: &str) -> String {
         let (size, shapes) = self.shapes(look);
         svg::document(size, [&self.title, about], look, &shapes)
     }
@@ -74,8 +67,7 @@ impl Picture {
     /// The picture as a PNG, at twice its size for a screen, at 300 dots per inch for paper.
     ///
     /// `None` only without memory. `about` as for SVG.
-    pub fn to_png(&self, look: impl Into<Look>, about: &str) -> Option<Vec<u8>> {
-        let look = look.into();
+    pub fn to_png(&self, look: Look, about: &str) -> Option<Vec<u8>> {
         let (size, shapes) = self.shapes(look);
         bitmap::png(size, about, look, &shapes)
     }
@@ -198,7 +190,7 @@ mod tests {
 
     #[test]
     fn svg_is_small_and_its_words_are_escaped() {
-        let svg = everything().to_svg(Theme::Light, "");
+        let svg = everything().to_svg(Look::default(), "");
         assert!(svg.len() < 200_000, "{} bytes", svg.len());
         assert!(svg.contains("a &lt; b &amp; c") && svg.contains("k (–)"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
@@ -208,7 +200,9 @@ mod tests {
     #[test]
     fn png_has_ink_on_every_panel() {
         for theme in [Theme::Light, Theme::Dark] {
-            let bytes = everything().to_png(theme, "").unwrap();
+            let bytes = everything()
+                .to_png(Look::new(theme, None, None), "")
+                .unwrap();
             let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes))
                 .read_info()
                 .unwrap();
@@ -250,23 +244,18 @@ mod tests {
                     .strip("band", 0.6, 0.7),
             )
         };
-        let svg =
-            picture(vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)], Vec::new()).to_svg(Theme::Light, "");
+        let svg = picture(vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)], Vec::new())
+            .to_svg(Look::default(), "");
         assert!(svg.contains("some") && svg.contains("2 points beyond the scale"));
         assert!(!svg.contains("others") && !svg.contains("band"));
-        let svg = picture(Vec::new(), vec![(0.3, 1.0), (0.5, 1.0)]).to_svg(Theme::Light, "");
+        let svg = picture(Vec::new(), vec![(0.3, 1.0), (0.5, 1.0)]).to_svg(Look::default(), "");
         assert!(svg.contains("others") && !svg.contains("some") && !svg.contains("beyond"));
     }
 
     #[test]
     fn the_same_picture_gives_the_same_bytes() {
-        assert_eq!(
-            everything().to_svg(Theme::Dark, ""),
-            everything().to_svg(Theme::Dark, "")
-        );
-        assert_eq!(
-            everything().to_png(Theme::Dark, ""),
-            everything().to_png(Theme::Dark, "")
-        );
+        let dark = Look::new(Theme::Dark, None, None);
+        assert_eq!(everything().to_svg(dark, ""), everything().to_svg(dark, ""));
+        assert_eq!(everything().to_png(dark, ""), everything().to_png(dark, ""));
     }
 }

@@ -74,11 +74,6 @@ impl Column {
         }
     }
 
-    /// Whether it contains text.
-    pub fn is_words(&self) -> bool {
-        self.words
-    }
-
     /// Its name.
     pub fn name(&self) -> &'static str {
         self.name

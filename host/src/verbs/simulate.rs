@@ -20,8 +20,8 @@ use crate::report::{self, Format, Printout, Table};
 use crate::simulate::axes::Axes;
 use crate::simulate::sweep::Sweep;
 use crate::simulate::{
-    DEFAULT, Fidelity, Outcome, Runs, SceneFile, SceneText, Watch, draw, run_on, runs, schema,
-    trace, watched,
+    DEFAULT, Fidelity, Runs, SceneFile, SceneText, Watch, draw, run_on, runs, schema, trace,
+    watched,
 };
 
 /// The firmware's control loop against the impact map, for one scene [the default verb].
@@ -148,15 +148,6 @@ impl Arguments {
             (requested, None) => Ok(requested.or(file.fidelity).unwrap_or_default()),
         }
     }
-}
-
-/// The summary of a run in plain words; the last line is the next step.
-fn plain_words(outcome: &Outcome) -> Vec<String> {
-    let seen = summary::Seen::of(outcome);
-    let mut lines = seen.lines();
-    let next = lines.len() - 1;
-    lines.splice(next..next, crate::causes::describe(seen.causes()));
-    lines
 }
 
 /// Runs the scene.

@@ -10,7 +10,7 @@ use kband::transport::{Effort, Origin};
 
 use crate::arguments::{self, DriveArguments, Range, ScatterArguments, Shown};
 use crate::desk::Desk;
-use crate::picture::Picture;
+use crate::picture::{Fill, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, number};
 
@@ -111,7 +111,11 @@ pub struct Arguments {
 /// Computes and prints the speeds.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output()?;
-    let (report, picture) = computed(arguments, desk)?;
+    let feeder = Feeder::build(arguments)?;
+    let (report, picture) = match arguments.friction {
+        Some(_) => friction::computed(feeder, arguments, desk)?,
+        None => speed::computed(feeder, arguments, desk)?,
+    };
     output.show(&report, picture)
 }
 
@@ -130,14 +134,6 @@ fn read(options: &str) -> Result<Arguments, Refusal> {
 
 /// A report, and its picture once it is wanted.
 type Computed = (Printout, Box<dyn FnOnce() -> Picture>);
-
-fn computed(arguments: &Arguments, desk: &Desk) -> Result<Computed, Refusal> {
-    let feeder = Feeder::build(arguments)?;
-    if arguments.friction.is_some() {
-        return friction::computed(feeder, arguments, desk);
-    }
-    speed::computed(feeder, arguments, desk)
-}
 
 /// What is the same for every k.
 #[derive(Clone, Copy, Debug)]
@@ -229,4 +225,23 @@ fn effort(arguments: &Arguments) -> Effort {
         settle: arguments.settle as u64,
         impacts: arguments.impacts as u64,
     }
+}
+
+/// The regimes of a part from rest as stretches of the axis, each to half way to its neighbours.
+fn ribbon(low: f64, high: f64, found: &[(f64, Fill)]) -> Vec<(f64, f64, Fill)> {
+    let middle = |n: usize| 0.5 * (found[n].0 + found[n + 1].0);
+    let mut stretches: Vec<(f64, f64, Fill)> = Vec::new();
+    for (n, (_, fill)) in found.iter().enumerate() {
+        let left = if n == 0 { low } else { middle(n - 1) };
+        let right = if n + 1 == found.len() {
+            high
+        } else {
+            middle(n)
+        };
+        match stretches.last_mut() {
+            Some(last) if last.2 == *fill => last.1 = right,
+            _ => stretches.push((left, right, *fill)),
+        }
+    }
+    stretches
 }

@@ -14,7 +14,7 @@ use kband::regime::wave_band::{WaveBand, WaveBands, WaveLock};
 use kband::transport::{Measured, Motion, Origin, measure, measure_on_tones};
 use serde_json::json;
 
-use super::{Arguments, Computed, Feeder, ORDERS, effort, locks};
+use super::{Arguments, Computed, Feeder, ORDERS, effort, locks, ribbon};
 use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::picture::{Axis, Fill, Panel, Picture};
@@ -590,17 +590,11 @@ fn picture(
         panel = panel.mark(*value, words);
     }
     let rest: Vec<&Row> = rows.iter().filter(|row| row.from_rest).collect();
-    let middle = |n: usize| 0.5 * (rest[n].value + rest[n + 1].value);
-    let stretches = (0..rest.len()).map(|n| {
-        let left = if n == 0 { range.low } else { middle(n - 1) };
-        let right = if n + 1 == rest.len() {
-            range.high
-        } else {
-            middle(n)
-        };
-        (left, right, regime(rest[n].measured.motion).1)
-    });
-    panel = panel.ribbon(stretches.collect(), &FILLS);
+    let regimes = rest
+        .iter()
+        .map(|row| (row.value, regime(row.measured.motion).1));
+    let regimes: Vec<(f64, Fill)> = regimes.collect();
+    panel = panel.ribbon(ribbon(range.low, range.high, &regimes), &FILLS);
     let mut below = Panel::new(
         over.axis(range.low, range.high),
         Axis::new("share of the time", "", 0.0, 1.0),

@@ -62,13 +62,19 @@ fn scene(parts: &[f32], seed: u64, sensor: SensorModel) -> Scene {
 
 fn identified(scene: &Scene) -> Identification {
     let mut closed = ClosedLoop::build(scene).unwrap();
-    for _ in 0..LONGEST {
-        match closed.cycle().report.identification {
-            Identification::Idle | Identification::Listening { .. } => {}
-            done => return done,
-        }
-    }
-    panic!("an identification ends");
+    ended(|| closed.cycle().report.identification)
+}
+
+/// The first result of the cycles.
+fn ended(mut cycle: impl FnMut() -> Identification) -> Identification {
+    let mut told = (0..LONGEST).map(|_| cycle());
+    let ended = told.find(|told| {
+        !matches!(
+            told,
+            Identification::Idle | Identification::Listening { .. }
+        )
+    });
+    ended.expect("an identification ends")
 }
 
 /// Impacts of 1 % of the cycle: without the setting `R` 0.5 is found as 0.518.
@@ -116,27 +122,10 @@ fn other_signals_give_no_restitution() {
 
 /// Result for equal parts in the closed-form plant.
 fn heard_of(restitution: f32, scatter: f32, parts: usize, seed: u64) -> Identification {
-    let scene = Scene {
-        target: Target::Identify,
-        parts: core::iter::repeat_n(restitution, parts).collect(),
-        scatter: core::iter::repeat_n(scatter, parts).collect(),
-        settings: Settings {
-            restitution_low: 0.0,
-            restitution_high: 0.9,
-            ..Settings::default()
-        },
-        seed,
-        ..Scene::default()
-    };
+    let mut scene = scene(&vec![restitution; parts], seed, SensorModel::default());
+    scene.scatter = core::iter::repeat_n(scatter, parts).collect();
     let mut closed = EnvelopeLoop::build(&scene).unwrap();
-    let mut told = (0..LONGEST).map(|_| closed.cycle().report.identification);
-    told.find(|told| {
-        !matches!(
-            told,
-            Identification::Idle | Identification::Listening { .. }
-        )
-    })
-    .expect("an identification ends")
+    ended(|| closed.cycle().report.identification)
 }
 
 /// Some of the lots of `host/tests/tables/identifying.rs`.
