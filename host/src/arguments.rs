@@ -30,7 +30,7 @@ pub struct Printed {
 /// The file a picture or a table goes to, and how it looks.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Drawn {
-    /// Also write a file; its ending says what: .svg or .png the picture, .csv or .json the numbers. It takes the
+    /// Also write a file; its ending says what: .svg, .png or .pdf the picture, .csv or .json the numbers. It takes the
     /// place of an older one of that name; - is standard output, a picture or as --out=-.png says.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -53,7 +53,7 @@ impl Shown {
     /// The destination of the picture or the numbers, checked before anything is computed. A
     /// picture on standard output is refused if `--format` prints numbers there.
     pub fn output(&self) -> Result<Output, Refusal> {
-        self.drawn.output(self.printed.format)
+        self.drawn.output(self.printed.format, false)
     }
 
     /// The same; without `--out`, a picture called `name` beside a printed table.
@@ -71,8 +71,9 @@ impl Shown {
 }
 
 impl Drawn {
-    /// The checked destination beside a result in this form on standard output.
-    pub fn output(&self, format: Format) -> Result<Output, Refusal> {
+    /// The checked destination beside a result in this form on standard output. Numbers that are
+    /// written `by_rows` may also go to a .parquet file.
+    pub fn output(&self, format: Format, by_rows: bool) -> Result<Output, Refusal> {
         let Some(path) = &self.out else {
             return Ok(Output { format, kind: None });
         };
@@ -81,12 +82,16 @@ impl Drawn {
         let kind = match target.ending().as_str() {
             "csv" => Kind::Numbers(Format::Csv),
             "json" => Kind::Numbers(Format::Json),
+            "parquet" if by_rows => {
+                rows_file::check("--out", &target)?;
+                Kind::Numbers(Format::Csv)
+            }
             picture if PICTURES.contains(&picture) => Kind::Picture(self.look),
             other => {
                 return Err(Refusal::value(
                     "ending of --out",
                     format!("'{other}'"),
-                    ".svg or .png for the picture, .csv or .json for the numbers",
+                    ".svg, .png or .pdf for the picture, .csv or .json for the numbers",
                     "give the file one of these endings",
                 ));
             }
@@ -137,15 +142,20 @@ impl Output {
         columns: &[Column],
         work: impl FnOnce(Option<&mut dyn Rows>) -> Result<T, Refusal>,
     ) -> Result<T, Refusal> {
-        let target = match &self.kind {
-            Some((target, Kind::Numbers(_))) => Some(target),
-            _ => None,
-        };
+        let target = self.rows_target();
         let result = rows_file::write(target, columns, work)?;
         if let Some(target) = target {
             eprintln!("{}", target.told());
         }
         Ok(result)
+    }
+
+    /// The file of numbers.
+    pub fn rows_target(&self) -> Option<&Destination> {
+        match &self.kind {
+            Some((target, Kind::Numbers(_))) => Some(target),
+            _ => None,
+        }
     }
 
     /// Prints `report` and writes its picture or its numbers; prints the file's name on standard

@@ -2,6 +2,8 @@
 
 pub mod columns;
 mod json_rows;
+#[cfg(feature = "parquet")]
+mod parquet;
 pub mod rows_file;
 mod table;
 mod value;
@@ -163,6 +165,11 @@ impl Printout {
 
     /// Writes the whole printout to a file.
     pub fn save(&self, format: Format, target: &Destination) -> Result<(), Refusal> {
+        if let (Format::Csv, Some((_, write))) = (format, &self.csv) {
+            let mut counted = table::CountedRows::default();
+            write(&mut counted)?;
+            state_size(target, counted.bytes());
+        }
         target.write(|out| self.write(format, out))
     }
 }
@@ -216,6 +223,19 @@ pub fn print_rows<T>(
     };
     quiet_if_closed(out.flush())?;
     Ok(result)
+}
+
+/// Prints the expected size of a file above 100 MB.
+pub fn state_size(target: &Destination, bytes: u64) {
+    state_size_of(target.path().display(), bytes);
+}
+
+/// [`state_size`] of any destination.
+pub fn state_size_of(target: impl std::fmt::Display, bytes: u64) {
+    if bytes > 100_000_000 {
+        let size = bytes / 1_000_000;
+        eprintln!("note: {target} will have about {size} MB");
+    }
 }
 
 /// The units of the columns that have one.

@@ -178,7 +178,11 @@ fn a_foreign_file_is_replaced_only_where_it_is_named() {
         remove("new.json");
     }
     let run = "simulate --duration 1";
-    for (words, name) in [(run, "kband-simulate.svg"), (run, "kband-simulate.csv")] {
+    for (words, name) in [
+        ("report", "kband-report.html"),
+        (run, "kband-simulate.svg"),
+        (run, "kband-simulate.csv"),
+    ] {
         mine(name);
         kband(&folder, words).refused(&[name, "next: name the file"]);
         assert_eq!(read(name), b"mine");
@@ -484,6 +488,26 @@ fn a_reader_that_goes_away_ends_a_run_quietly() {
         assert_eq!(output.status.code(), Some(0), "{said}");
         assert!(!said.contains("error"), "{said}");
     }
+}
+
+#[test]
+fn a_file_of_more_than_100_mb_is_announced_before_it_is_written() {
+    let folder = folder();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
+        .args("simulate --duration 86400 --trace trace.csv".split(' '))
+        .current_dir(folder.path())
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = String::new();
+    let mut lines = std::io::BufReader::new(child.stderr.take().unwrap());
+    std::io::BufRead::read_line(&mut lines, &mut said).unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    // 4 320 000 cycles of 205 bytes.
+    assert_eq!(said, "note: trace.csv will have about 885 MB\n");
 }
 
 #[test]

@@ -52,7 +52,7 @@ fn png_text(bytes: &[u8]) -> String {
 #[test]
 fn every_kind_of_file_says_what_it_came_from() {
     let folder = tempfile::tempdir().unwrap();
-    for ending in ["csv", "json", "svg", "png"] {
+    for ending in ["csv", "json", "svg", "png", "pdf"] {
         let words = format!("basins --b 0.235 --restitution 0.2 --grid 3 --out a.{ending}");
         let command = format!("kband {words}");
         kband(&folder, &format!("{words} --threads 2")).done();
@@ -79,7 +79,15 @@ fn every_kind_of_file_says_what_it_came_from() {
                 let escaped = escaped.replace("&quot;", "\"").replace("&amp;", "&");
                 serde_json::from_str(&escaped).unwrap()
             }
-            _ => serde_json::from_str(&png_text(&bytes)).unwrap(),
+            "png" => serde_json::from_str(&png_text(&bytes)).unwrap(),
+            _ => {
+                // Its words are ASCII within brackets, which are escaped.
+                let begin = text.find("/Subject (").expect("a subject") + "/Subject (".len();
+                let end = begin + text[begin..].find("\n").unwrap();
+                let line = text[begin..end].trim_end_matches(')').replace("\\", "");
+                let object = &line[..=line.rfind('}').unwrap()];
+                serde_json::from_str(object).unwrap_or_else(|_| panic!("{object}"))
+            }
         };
         complete(&recorded, &command);
     }

@@ -236,17 +236,6 @@ fn a_silent_bus_in_control_is_a_lost_link() {
 }
 
 #[test]
-fn a_frame_of_another_unit_keeps_no_bus_alive() {
-    // The task records requests to this unit only; the silence of the desk's link has no effect.
-    let board = Board::new(0.0);
-    for _ in 0..200 {
-        board.station.record_bus_request();
-        assert!(!board.cycle().limits.contains(Limits::LINK_LOST));
-    }
-    assert!(!board.station.bus_controls());
-}
-
-#[test]
 fn a_save_waits_for_the_link_and_for_the_lock() {
     let mut board = Board::new(1.0);
     assert_eq!(board.write(SAVE, 1), [0x86, 4], "the lock is not known yet");

@@ -36,7 +36,7 @@ fn width(text: &str) -> Result<f64, String> {
 }
 
 /// Endings of the files that pictures are written to.
-pub const PICTURES: [&str; 2] = ["svg", "png"];
+pub const PICTURES: [&str; 3] = ["svg", "png", "pdf"];
 
 impl LookArguments {
     /// Writes the picture as its ending says, one of [`PICTURES`].
@@ -44,10 +44,11 @@ impl LookArguments {
         let look = Look::new(self.theme, self.width, self.font_size);
         let about = provenance::line();
         let bytes = match target.ending().as_str() {
+            "pdf" => picture.to_pdf(look, &about),
             "png" => picture.to_png(look, &about).ok_or_else(|| {
                 Refusal::new(
                     "there is no memory for the picture",
-                    "write an .svg instead",
+                    "write an .svg or .pdf instead",
                 )
             })?,
             _ => picture.to_svg(look, &about).into_bytes(),

@@ -92,11 +92,11 @@ are all here.</p></noscript>
     }
 }
 
-/// A figure for the page's script: its name and caption.
+/// A figure for the page's script: name, caption, and place of its sliders.
 pub fn figure(name: &str, caption: &str) -> String {
     let caption = escaped(caption);
     format!(
-        "<figure id=\"{name}\">\n<div class=\"plot\" tabindex=\"0\" role=\"img\" aria-label=\"{caption}\"></div>\n\
+        "<figure id=\"{name}\">\n<div class=\"controls\"></div>\n<div class=\"plot\" tabindex=\"0\" role=\"img\" aria-label=\"{caption}\"></div>\n\
          <output class=\"reading\"></output>\n<ul class=\"legend\"></ul>\n<figcaption>{caption}</figcaption>\n\
          <details class=\"numbers\"><summary>the numbers of this picture</summary></details>\n</figure>\n"
     )
@@ -128,6 +128,15 @@ pub fn paragraphs(lines: &[String]) -> String {
         .collect()
 }
 
+/// A text in verbatim form, folded.
+pub fn folded(summary: &str, text: &str) -> String {
+    format!(
+        "<details><summary>{}</summary>\n<pre>{}</pre>\n</details>\n",
+        escaped(summary),
+        escaped(text)
+    )
+}
+
 /// A text with HTML's special characters escaped.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
@@ -145,7 +154,10 @@ mod tests {
     fn no_text_ends_the_page_or_asks_for_another_file() {
         let evil = "</script><img src=\"https://x.invalid/a.png\"> & more";
         let html = Page::new(evil, json!({ "name": evil }), "")
-            .section(evil, &(paragraphs(&[evil.into()]) + &figure("one", evil)))
+            .section(
+                evil,
+                &(paragraphs(&[evil.into()]) + &folded(evil, evil) + &figure("one", evil)),
+            )
             .to_html();
         assert!(own(&html) && !own("<!doctype html><html>"));
         assert!(!html.contains("<img") && !html.contains("src=\""));

@@ -1,4 +1,4 @@
-//! Pictures in one house style, drawn once as shapes and written as SVG or PNG.
+//! Pictures in one house style, drawn once as shapes and written as SVG, PNG or PDF.
 //!
 //! Every axis has a unit. The theme defines colours, dashes, markers and hatches, by
 //! number of the series or by regime. So all pictures of kband read alike, also in grey and for
@@ -9,6 +9,7 @@ mod bitmap;
 mod font;
 mod look;
 mod panel;
+mod pdf;
 mod shape;
 mod svg;
 mod theme;
@@ -61,7 +62,14 @@ impl Picture {
     /// The picture as an SVG document. `about` is its description, empty for none.
     pub fn to_svg(&self, look: Look, about: &str) -> String {
         let (size, shapes) = self.shapes(look);
-        svg::document(size, [&self.title, about], look, &shapes)
+        svg::document(size, [&self.title, about, ""], look, &shapes)
+    }
+
+    /// The picture as an SVG element of a page. `name` begins its ids: another one for each picture
+    /// of the page.
+    pub fn to_svg_element(&self, look: Look, name: &str) -> String {
+        let (size, shapes) = self.shapes(look);
+        svg::document(size, [&self.title, "", name], look, &shapes)
     }
 
     /// The picture as a PNG, at twice its size for a screen, at 300 dots per inch for paper.
@@ -70,6 +78,12 @@ impl Picture {
     pub fn to_png(&self, look: Look, about: &str) -> Option<Vec<u8>> {
         let (size, shapes) = self.shapes(look);
         bitmap::png(size, about, look, &shapes)
+    }
+
+    /// The picture as a PDF of one page. `about` as for SVG.
+    pub fn to_pdf(&self, look: Look, about: &str) -> Vec<u8> {
+        let (size, shapes) = self.shapes(look);
+        pdf::document(size, [&self.title, about], look, &shapes)
     }
 
     /// Width and height in pixels, and the shapes.
@@ -229,6 +243,13 @@ mod tests {
             .unwrap();
         assert_eq!(reader.info().width, 992);
         assert_eq!(reader.info().pixel_dims.unwrap().xppu, 11_811);
+        let pdf = everything().to_pdf(column, "");
+        assert!(pdf.starts_with(b"%PDF-") && pdf.ends_with(b"%%EOF"));
+        let text = String::from_utf8_lossy(&pdf);
+        // 84 mm are 238.110 points.
+        assert!(text.contains("/MediaBox [0 0 238.11"), "{}", text.len());
+        assert!(text.contains("/SMask"));
+        assert_eq!(pdf, everything().to_pdf(column, ""));
         // Small letters of 7 points are 12 pixels of the layout, which is accordingly wider.
         let (size, _) = everything().shapes(column);
         assert!((size[0] - 84.0 / 25.4 * 72.0 / (7.0 / 12.0)).abs() < 1e-9);

@@ -1,5 +1,5 @@
-//! A picture as a list of shapes, in pixels of its own size, before its conversion to SVG or
-//! PNG.
+//! A picture as a list of shapes, in pixels of its own size, before its conversion to SVG, PNG or
+//! PDF.
 
 use super::theme::Colour;
 

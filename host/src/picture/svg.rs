@@ -9,10 +9,11 @@ use super::shape::{Anchor, Rect, Shape, Text};
 use super::theme::Colour;
 use super::{Look, bitmap};
 
-/// The SVG document of shapes on a sheet of this size, with title and description.
+/// The SVG document of shapes on a sheet of this size, with title and description. Its ids begin
+/// with `name`.
 pub(super) fn document(
     [width, height]: [f64; 2],
-    [title, about]: [&str; 2],
+    [title, about, name]: [&str; 3],
     look: Look,
     shapes: &[Shape],
 ) -> String {
@@ -20,7 +21,7 @@ pub(super) fn document(
     let mut body = String::new();
     for shape in shapes {
         // Writing to a String cannot fail.
-        let _ = draw(&mut body, &mut clips, shape);
+        let _ = draw(&mut body, &mut clips, name, shape);
     }
     let size = |pixels: f64| {
         if look.on_paper() {
@@ -45,7 +46,7 @@ pub(super) fn document(
         for (n, clip) in clips.iter().enumerate() {
             let _ = writeln!(
                 text,
-                "<clipPath id=\"c{n}\"><rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/></clipPath>",
+                "<clipPath id=\"{name}c{n}\"><rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/></clipPath>",
                 short(clip.left),
                 short(clip.top),
                 short(clip.width),
@@ -57,7 +58,7 @@ pub(super) fn document(
     text + &body + "</svg>\n"
 }
 
-fn draw(out: &mut String, clips: &mut Vec<Rect>, shape: &Shape) -> std::fmt::Result {
+fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> std::fmt::Result {
     match shape {
         Shape::Path(path) => {
             out.push_str("<path d=\"");
@@ -96,7 +97,7 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, shape: &Shape) -> std::fmt::Res
                     clips.push(clip);
                     clips.len() - 1
                 });
-                write!(out, " clip-path=\"url(#c{n})\"")?;
+                write!(out, " clip-path=\"url(#{name}c{n})\"")?;
             }
             out.push_str("/>\n");
             Ok(())

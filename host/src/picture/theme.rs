@@ -233,7 +233,8 @@ impl Theme {
     }
 }
 
-/// The colours of both themes as CSS properties: `--text`, `--series0`, ...
+/// The colours of both themes as CSS properties: `--text`, `--series0`, `--fill0` of the first
+/// [`Fill`], ...
 pub fn page_colours() -> String {
     let of = |theme: Theme| {
         let mut colours = vec![
@@ -242,8 +243,10 @@ pub fn page_colours() -> String {
             ("muted".into(), theme.muted()),
             ("grid".into(), theme.grid()),
             ("axis".into(), theme.axis()),
+            ("strip".into(), theme.strip()),
         ];
         colours.extend((0..7).map(|n| (format!("series{n}"), theme.series(n).0)));
+        colours.extend(Fill::ALL.map(|fill| (format!("fill{}", fill as u8), fill.colour(theme))));
         let lines: String = colours
             .into_iter()
             .map(|(name, colour)| {

@@ -1,8 +1,38 @@
-//! Rows that go straight into a file, CSV or JSON by its ending.
+//! Rows that go straight into a file, CSV, JSON or Parquet by its ending.
 
-use super::{Column, CsvRows, JsonRows, Rows};
+use super::{Column, CsvRows, JsonRows, Rows, Value};
 use crate::file::Destination;
 use crate::refusal::Refusal;
+
+/// Refuses the file of an option whose ending names no form of rows that this build writes.
+pub fn check(option: &str, target: &Destination) -> Result<(), Refusal> {
+    match target.ending().as_str() {
+        "csv" => Ok(()),
+        "parquet" if cfg!(feature = "parquet") => Ok(()),
+        "parquet" => Err(Refusal::value(
+            option,
+            target.path().display(),
+            "a name that ends in .csv: this kband was built without Parquet",
+            "cargo install --path host --features parquet brings it",
+        )),
+        _ => Err(Refusal::value(
+            option,
+            target.path().display(),
+            "a name that ends in .csv or .parquet",
+            "change the ending",
+        )),
+    }
+}
+
+/// Bytes of a row in a file of this ending, about.
+pub fn row_bytes(ending: &str, columns: &[Column], row: &[Value]) -> u64 {
+    let bytes = |(column, value): (&Column, &Value)| match ending {
+        "parquet" => 8,
+        "json" => column.name().len() + value.json().to_string().len() + 11,
+        _ => value.csv().len() + 1,
+    };
+    columns.iter().zip(row).map(bytes).sum::<usize>() as u64
+}
 
 /// Does `work` with rows of these columns that go into `target`, or with none where there is no
 /// target.
@@ -14,7 +44,17 @@ pub fn write<T>(
     let Some(target) = target else {
         return work(None);
     };
+    if target.ending() != "json" {
+        check("the file", target)?;
+    }
     target.write_by(|out| {
+        #[cfg(feature = "parquet")]
+        if target.ending() == "parquet" {
+            let mut rows = super::parquet::ParquetRows::begin(out, columns)?;
+            let result = work(Some(&mut rows))?;
+            rows.end()?;
+            return Ok(result);
+        }
         if target.ending() == "json" {
             let mut rows = JsonRows::begin(out, columns)?;
             let result = work(Some(&mut rows))?;

@@ -74,6 +74,11 @@ impl Column {
         }
     }
 
+    /// Whether it contains text.
+    pub fn is_words(&self) -> bool {
+        self.words
+    }
+
     /// Its name.
     pub fn name(&self) -> &'static str {
         self.name
@@ -274,6 +279,35 @@ impl Rows for CsvRows<'_> {
     }
 }
 
+/// Counter of rows, which writes none.
+#[derive(Default)]
+pub(super) struct CountedRows {
+    rows: u64,
+    measured: u64,
+    bytes: u64,
+}
+
+/// Number of rows whose bytes are counted; their mean is assumed for the others.
+const MEASURED_ROWS: u64 = 1000;
+
+impl CountedRows {
+    /// Bytes of the rows as CSV, estimated from the first ones.
+    pub fn bytes(&self) -> u64 {
+        self.bytes * self.rows / self.measured.max(1)
+    }
+}
+
+impl Rows for CountedRows {
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+        self.rows += 1;
+        if self.measured < MEASURED_ROWS {
+            self.measured += 1;
+            self.bytes += row.iter().map(|v| v.csv().len() as u64 + 1).sum::<u64>();
+        }
+        Ok(())
+    }
+}
+
 /// The refusal of a row that could not be written.
 pub(crate) fn unwritten(error: &std::io::Error) -> Refusal {
     Refusal::new(
@@ -295,6 +329,17 @@ mod tests {
         table.push([0.1.into(), 1.234567.into(), "locked, r = 1".into()]);
         table.push([0.25.into(), Value::Missing, "rest".into()]);
         table
+    }
+
+    #[test]
+    fn counted_rows_have_the_bytes_of_written_ones() {
+        let table = table();
+        let mut counted = CountedRows::default();
+        table.write_rows(&mut counted).unwrap();
+        let mut written = Vec::new();
+        let mut rows = CsvRows { out: &mut written };
+        table.write_rows(&mut rows).unwrap();
+        assert_eq!(counted.bytes(), written.len() as u64);
     }
 
     #[test]

@@ -18,7 +18,7 @@ pub use kband_scene::{
     DEFAULT, Distribution, Fidelity, Lot, Outcome, SETTLED, SceneFile, Watch, describe, kin,
     within_reach, words,
 };
-pub use picture::draw;
+pub use picture::{STATE_FILLS, draw, state_fill};
 pub(crate) use read::SceneText;
 pub use run::{run, run_on, watched};
 pub use runs::Runs;

@@ -10,7 +10,7 @@ use crate::picture::{Axis, Fill, Panel, Picture};
 const MAX_MARKERS: usize = 600;
 
 /// The fills of the controller's states with their names.
-const STATE_FILLS: [(Fill, &str); 6] = [
+pub const STATE_FILLS: [(Fill, &str); 6] = [
     (Fill::Rest, "off"),
     (Fill::HopAndRest, "starting, stopping, holding"),
     (Fill::Undecided, "capturing, lost"),
@@ -20,7 +20,7 @@ const STATE_FILLS: [(Fill, &str); 6] = [
 ];
 
 /// The fill of a state in pictures.
-fn state_fill(state: State) -> Fill {
+pub fn state_fill(state: State) -> Fill {
     match state {
         State::Off => Fill::Rest,
         State::Starting | State::Stopping | State::Holding => Fill::HopAndRest,

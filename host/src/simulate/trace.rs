@@ -5,6 +5,9 @@ use kband_plant::{Moment, Sample};
 
 use crate::report::{Value, fields};
 
+/// Bytes of a row of the trace as CSV, the mean over the default scene.
+pub const ROW_BYTES: u64 = 205;
+
 fields! {
     /// The trace: a row of a cycle.
     pub fn trace(moment: Moment) {

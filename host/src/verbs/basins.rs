@@ -70,7 +70,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let side = arguments.grid;
     let top = arguments.velocity;
     let starts = Starts { side, top };
-    let ends: Arc<[Regime]> = ends(&endings, starts, desk)?.into();
+    let rows = ends(&endings, side, top, desk)?;
+    let ends: Arc<[Regime]> = rows.into();
     let mut counts: Vec<(Regime, usize)> = Vec::new();
     for end in ends.iter() {
         match counts.iter_mut().find(|(known, _)| known == end) {
@@ -150,10 +151,16 @@ impl Starts {
     }
 }
 
-/// Final regimes of the starts, row by row.
-fn ends(endings: &Endings, starts: Starts, desk: &Desk) -> Result<Vec<Regime>, Refusal> {
-    Map::state(0.0, starts.top)?;
-    let side = starts.side;
+/// Final regimes of starts in the middles of `side * side` cells, row by row. Phases are 0..2 pi,
+/// velocities 0..`top`.
+pub(super) fn ends(
+    endings: &Endings,
+    side: usize,
+    top: f64,
+    desk: &Desk,
+) -> Result<Vec<Regime>, Refusal> {
+    Map::state(0.0, top)?;
+    let starts = Starts { side, top };
     // Long blocks keep the registers full except for a few last orbits; short ones suit any number
     // of threads.
     let rows = (side * side / 64).max(TOGETHER).div_ceil(side);

@@ -15,7 +15,8 @@ use kband::regime::band;
 use crate::arguments::{self, ContactArguments, DriveArguments, Range, Shown};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
-use survey::{Lot, LotSettings, Survey};
+use survey::Survey;
+pub(super) use survey::{Lot, LotSettings};
 
 /// The share of time in gear over k and over the second tone, for parts whose restitution scatters.
 #[derive(Clone, Debug, clap::Args)]

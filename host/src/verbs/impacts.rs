@@ -10,15 +10,14 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{
-    Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
-};
+use kband::impact::{Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap};
 
 use crate::arguments::{self, AmplitudeArguments, Drawn, Output, ScatterArguments};
 use crate::desk::{Desk, Progress};
 use crate::file;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Format, Rows, Value, columns, print_rows};
+use crate::report::rows_file::row_bytes;
+use crate::report::{self, Column, Format, Rows, Value, columns, print_rows};
 use portrait::{States, portrait};
 use rows::{LaunchFile, Row, Survey, check_rows, fly_rows, not_held};
 
@@ -35,7 +34,8 @@ A file has the columns k,restitution,phase,velocity (others are ignored); each r
 flight,next_phase,next_velocity; they are empty, with a warning on standard error, where only the \
 arithmetic cannot hold the row. Phases are in rad, velocities in units of b w.
 
-Rows go out as they come, to standard output and to --out FILE.csv or .json: memory does not grow with their number. A table to read has at most 50000 rows, a \
+Rows go out as they come, to standard output and to --out FILE.csv, .json or, where it is built in, \
+.parquet: memory does not grow with their number. A table to read has at most 50000 rows, a \
 picture at most 131072 states.
 
 With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356).")]
@@ -95,9 +95,7 @@ pub struct Arguments {
 pub enum Arithmetic {
     /// f64, the desk's default.
     F64,
-    /// Phase and velocity in fixed point, residual in i64, correction in f32: the board's default.
-    Hybrid,
-    /// Phase in u32, velocity in f32.
+    /// Phase in u32, velocity in f32: the board's.
     F32,
     /// Fixed point alone; slow.
     Integer,
@@ -107,7 +105,7 @@ pub enum Arithmetic {
 
 /// Prints the impacts and draws their phase portrait.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.drawn.output(Format::Table)?;
+    let output = arguments.drawn.output(Format::Table, true)?;
     let tones = [arguments.second_tone, arguments.third_tone].map(Option::unwrap_or_default);
     let one = tones.iter().all(|tone| tone.amplitude == 0.0);
     let drive_text = match arguments.amplitude.or_k(arguments.k)? {
@@ -137,7 +135,6 @@ struct Task<'a> {
 fn on_one_tone(task: &Task) -> Result<States, Refusal> {
     match task.arguments.arithmetic {
         Arithmetic::F64 => task.fly(Map::build, one_by_one),
-        Arithmetic::Hybrid => task.fly(Hybrid::build, one_by_one),
         Arithmetic::F32 => task.fly(Single::build, one_by_one),
         Arithmetic::Integer => task.fly(Integer::build, one_by_one),
         Arithmetic::Batch => {
@@ -155,7 +152,7 @@ fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States, Refusal> {
     match arithmetic {
         Arithmetic::F64 => task.fly(of::<WaveMap>(tones), one_by_one),
         Arithmetic::F32 => task.fly(of::<Single>(tones), one_by_one),
-        Arithmetic::Hybrid | Arithmetic::Integer | Arithmetic::Batch => Err(Refusal::value(
+        Arithmetic::Integer | Arithmetic::Batch => Err(Refusal::value(
             "--arithmetic",
             arithmetic
                 .to_possible_value()
@@ -312,10 +309,13 @@ impl Task<'_> {
             print_rows(self.arguments.format, &columns, |printed| {
                 let mut sink = Sink {
                     task: self,
+                    columns: &columns,
                     printed: Some(printed),
                     file,
                     states: self.output.draws().then(States::new),
                     count: 0,
+                    rows,
+                    bytes: [0; 2],
                     progress: Progress::beside_rows("impacts", rows),
                 };
                 work(&mut sink)?;
@@ -328,13 +328,21 @@ impl Task<'_> {
 /// Receiver of the rows: standard output, a file, and the picture.
 struct Sink<'a, 'p, 'f> {
     task: &'a Task<'a>,
+    columns: &'a [Column],
     /// `None` after its reader has gone away.
     printed: Option<&'p mut (dyn Rows + 'p)>,
     file: Option<&'f mut (dyn Rows + 'f)>,
     states: Option<States>,
     count: u64,
+    /// Number of rows to come.
+    rows: u64,
+    /// Bytes so far, printed and in the file.
+    bytes: [u64; 2],
     progress: Progress,
 }
+
+/// Number of rows from which the size of all is estimated.
+const MEASURED_ROWS: u64 = 1000;
 
 /// Number of rows between two tests for a stop by the user.
 const ROWS_AT_ONCE: u64 = 1024;
@@ -356,10 +364,35 @@ impl Sink<'_, '_, '_> {
             states.add((next.phase, next.velocity));
         }
         self.count += 1;
+        if self.count <= MEASURED_ROWS {
+            self.measure(row);
+        }
         if self.count.is_multiple_of(ROWS_AT_ONCE) {
             self.task.desk.go_on()?;
             self.progress.advance(ROWS_AT_ONCE);
         }
         Ok(())
+    }
+
+    /// Reports the estimated size of all rows after the first ones.
+    fn measure(&mut self, row: &[Value]) {
+        let form = match self.task.arguments.format {
+            Format::Json => "json",
+            Format::Csv | Format::Table => "csv",
+        };
+        let target = self.task.output.rows_target();
+        self.bytes[0] += row_bytes(form, self.columns, row);
+        if let Some(target) = target {
+            self.bytes[1] += row_bytes(&target.ending(), self.columns, row);
+        }
+        if self.count == MEASURED_ROWS {
+            let [printed, saved] = self
+                .bytes
+                .map(|bytes| (bytes as f64 / MEASURED_ROWS as f64 * self.rows as f64) as u64);
+            report::state_size_of("standard output", printed);
+            if let Some(target) = target {
+                report::state_size(target, saved);
+            }
+        }
     }
 }

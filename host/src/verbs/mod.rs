@@ -29,6 +29,7 @@ mod monitor;
 mod paper;
 mod recipe;
 mod registers;
+mod report;
 mod serve;
 pub mod settings;
 mod simulate;
@@ -92,6 +93,7 @@ verbs! {
     Paper => paper,
     Recipe => recipe,
     Registers => registers,
+    Report => report,
     Serve => serve,
     Settings => settings,
     Simulate => simulate,

@@ -2,13 +2,19 @@
 
 mod claims;
 mod engine;
+mod figures;
 mod flight;
 mod hopping;
 mod lock;
 mod motion;
+mod page;
 
-use crate::arguments::Printed;
+use std::path::PathBuf;
+
+use crate::arguments::{self, Printed};
 use crate::desk::Desk;
+use crate::file::Destination;
+use crate::picture::Theme;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, fields};
 
@@ -20,6 +26,7 @@ use engine::{Check, Row};
 #[command(after_help = "Examples:
   kband paper
   kband paper --format json
+  kband paper --restitution 0.5 --out report.html
 
 Each row is recomputed from the exact map and compared with a reference of its own: an integration \
 of the equations of motion, a second formula, or a 20-digit value. residual is the largest \
@@ -27,12 +34,32 @@ deviation over all cases; where it exceeds tolerance the row fails and the exit 
 printed_error is how far the literal print is off in the same measure. Claims of the text and \
 findings of our own are rows without a number.")]
 pub struct Arguments {
+    /// Restitution of the part in the pictures of the page.
+    #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.05, 0.95, ""))]
+    restitution: f64,
+
+    /// Also write one self-contained page with the table and pictures; the name ends in .html.
+    #[arg(long, value_name = "FILE.html")]
+    out: Option<PathBuf>,
+
+    /// Colours of the pictures.
+    #[arg(long, value_enum, default_value_t = Theme::Light)]
+    theme: Theme,
+
     #[command(flatten)]
     printed: Printed,
 }
 
 /// Recomputes the paper.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let target = arguments
+        .out
+        .as_deref()
+        .map(|path| Destination::output(path, "html"))
+        .transpose()?;
+    if let Some(target) = &target {
+        target.ends_in("--out", &["html", "htm"])?;
+    }
     let rows = recompute(desk)?;
     let failed: Vec<String> = rows
         .iter()
@@ -40,6 +67,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         .map(|row| format!("{} {}", row.equation, row.subject))
         .collect();
     report(&rows)?.print(arguments.printed.format)?;
+    if let Some(target) = target {
+        let page = page::page(&rows, arguments.restitution, arguments.theme, desk)?;
+        target.write_bytes(page.as_bytes())?;
+        eprintln!("{}", target.told());
+    }
     if failed.is_empty() {
         return Ok(Exit::Done);
     }
@@ -61,6 +93,19 @@ const CHECKS: [&[Check]; 4] = [
 /// All rows in the order of the page.
 fn recompute(desk: &Desk) -> Result<Vec<Row>, Refusal> {
     engine::recompute(&CHECKS.concat(), 0.0, desk)
+}
+
+/// Number of rows, verdicts and cases.
+fn summarize(rows: &[Row]) -> String {
+    let count = |verdict: &str| rows.iter().filter(|row| row.verdict == verdict).count();
+    format!(
+        "{} rows: {} agree, {} corrected, {} refuted, {} findings of our own",
+        rows.len(),
+        count("agrees"),
+        count("corrected"),
+        count("refuted"),
+        count("own finding"),
+    )
 }
 
 fields! {
@@ -85,18 +130,10 @@ fn report(rows: &[Row]) -> Result<Printout, Refusal> {
         failed => format!("{failed} recomputations DISAGREE with their reference"),
     };
     let cases: u64 = rows.iter().map(|row| row.cases).sum();
-    let count = |verdict: &str| rows.iter().filter(|row| row.verdict == verdict).count();
     lines()
         .printout(rows)
         .heading("M.-O. Hongler, J. Figour, Periodic versus chaotic dynamics in vibratory feeders, Helv. Phys. Acta (1989)")
-        .note(format!(
-            "{} rows: {} agree, {} corrected, {} refuted, {} findings of our own; {cases} cases; {end}",
-            rows.len(),
-            count("agrees"),
-            count("corrected"),
-            count("refuted"),
-            count("own finding"),
-        ))
+        .note(format!("{}; {cases} cases; {end}", summarize(rows)))
         .json(&rows)
 }
 
@@ -107,7 +144,7 @@ mod tests {
     use super::*;
 
     /// The rows, recomputed once for all tests, on two threads.
-    fn rows() -> &'static [Row] {
+    pub(in crate::verbs::paper) fn rows() -> &'static [Row] {
         static ROWS: OnceLock<Vec<Row>> = OnceLock::new();
         ROWS.get_or_init(|| recompute(&Desk::new(Some(2)).unwrap()).unwrap())
     }

@@ -20,8 +20,8 @@ use crate::report::{self, Format, Printout, Table};
 use crate::simulate::axes::Axes;
 use crate::simulate::sweep::Sweep;
 use crate::simulate::{
-    DEFAULT, Fidelity, Runs, SceneFile, SceneText, Watch, draw, run_on, runs, schema, trace,
-    watched,
+    DEFAULT, Fidelity, Outcome, Runs, SceneFile, SceneText, Watch, draw, run_on, runs, schema,
+    trace, watched,
 };
 
 /// The firmware's control loop against the impact map, for one scene [the default verb].
@@ -85,17 +85,17 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "on")]
     image: Option<PathBuf>,
 
-    /// Picture to write, .svg or .png [default: kband-simulate.svg]. A file that is named
+    /// Picture to write, .svg, .png or .pdf [default: kband-simulate.svg]. A file that is named
     /// takes the place of an older one; one that is not, only of what kband wrote itself.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 
-    /// Trace to write, .csv: one row for each drive cycle, or for each run [default:
+    /// Trace to write, .csv or .parquet: one row for each drive cycle, or for each run [default:
     /// kband-simulate.csv, for a single run of up to 10 min and for many].
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
 
-    /// Samples of the last ten drive cycles to write, .csv.
+    /// Samples of the last ten drive cycles to write, .csv or .parquet.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["runs", "sweep", "on"])]
     scope: Option<PathBuf>,
 
@@ -150,6 +150,15 @@ impl Arguments {
     }
 }
 
+/// The summary of a run in plain words; the last line is the next step.
+pub(super) fn plain_words(outcome: &Outcome) -> Vec<String> {
+    let seen = summary::Seen::of(outcome);
+    let mut lines = seen.lines();
+    let next = lines.len() - 1;
+    lines.splice(next..next, crate::causes::describe(seen.causes()));
+    lines
+}
+
 /// Runs the scene.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if arguments.print_scene {
@@ -200,7 +209,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         .transpose()?;
     for (option, target) in [("--trace", &trace), ("--scope", &scope)] {
         if let Some(target) = target {
-            target.ends_in(option, &["csv"])?;
+            rows_file::check(option, target)?;
         }
     }
     let trace = trace.as_ref();
@@ -219,6 +228,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             trace,
             arguments.format,
         );
+    }
+    if let Some(trace) = trace.filter(|trace| trace.ending() == "csv") {
+        let cycles = file.duration * f64::from(file.scene.settings.frequency);
+        report::state_size(trace, cycles as u64 * trace::ROW_BYTES);
     }
     let (traced, scoped) = (trace::trace(), trace::scope());
     let outcome = rows_file::write(trace, &traced.columns(), |cycles| {

@@ -10,9 +10,10 @@ use kband::transport::{Effort, Origin};
 
 use crate::arguments::{self, DriveArguments, Range, ScatterArguments, Shown};
 use crate::desk::Desk;
-use crate::picture::{Fill, Picture};
+use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, number};
+pub use friction::Speed;
 
 /// The conveying speed in every regime, over k or the amplitude.
 #[derive(Clone, Debug, clap::Args)]
@@ -119,7 +120,18 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     output.show(&report, picture)
 }
 
-#[cfg(test)]
+/// The picture that these options draw, for a page that holds several.
+pub fn picture(options: &str, desk: &Desk) -> Result<Picture, Refusal> {
+    let (_, picture) = computed(&read(options)?, desk)?;
+    Ok(picture())
+}
+
+/// The speeds from rest of these options, with friction, for a page that shows many.
+pub fn speeds(options: &str, desk: &Desk) -> Result<Vec<Speed>, Refusal> {
+    let arguments = read(options)?;
+    friction::speeds(&Feeder::build(&arguments)?, &arguments, desk)
+}
+
 fn read(options: &str) -> Result<Arguments, Refusal> {
     #[derive(clap::Parser)]
     struct CommandLine {
@@ -225,23 +237,4 @@ fn effort(arguments: &Arguments) -> Effort {
         settle: arguments.settle as u64,
         impacts: arguments.impacts as u64,
     }
-}
-
-/// The regimes of a part from rest as stretches of the axis, each to half way to its neighbours.
-fn ribbon(low: f64, high: f64, found: &[(f64, Fill)]) -> Vec<(f64, f64, Fill)> {
-    let middle = |n: usize| 0.5 * (found[n].0 + found[n + 1].0);
-    let mut stretches: Vec<(f64, f64, Fill)> = Vec::new();
-    for (n, (_, fill)) in found.iter().enumerate() {
-        let left = if n == 0 { low } else { middle(n - 1) };
-        let right = if n + 1 == found.len() {
-            high
-        } else {
-            middle(n)
-        };
-        match stretches.last_mut() {
-            Some(last) if last.2 == *fill => last.1 = right,
-            _ => stretches.push((left, right, *fill)),
-        }
-    }
-    stretches
 }

@@ -15,6 +15,12 @@ const ELEMENT: &str = "element-6066-11e4-a52e-4f735466cecf";
 
 /// Keys without a character (WebDriver, section 17.4.2).
 pub mod keys {
+    /// End.
+    pub const END: char = '\u{E010}';
+    /// Home.
+    pub const HOME: char = '\u{E011}';
+    /// The arrow to the left.
+    pub const LEFT: char = '\u{E012}';
     /// The arrow to the right.
     pub const RIGHT: char = '\u{E014}';
 }
@@ -85,7 +91,7 @@ impl Browser {
     }
 
     /// Waits until this condition holds on the page.
-    fn wait_for(&self, condition: &str) {
+    pub fn wait_for(&self, condition: &str) {
         let end = Instant::now() + PATIENCE;
         while self.script(&format!("return {condition}")) != true {
             assert!(Instant::now() < end, "never on the page: {condition}");
@@ -119,9 +125,25 @@ impl Browser {
         self.command(&format!("/element/{element}/click"), &json!({}));
     }
 
+    /// Moves the pointer to `x` pixels right of and `y` below an element's middle.
+    pub fn point(&self, selector: &str, x: i32, y: i32) {
+        let origin = json!({ ELEMENT: self.element(selector) });
+        let moved = json!({"type": "pointerMove", "duration": 0, "x": x, "y": y, "origin": origin});
+        self.command(
+            "/actions",
+            &json!({"actions": [{"type": "pointer", "id": "mouse", "actions": [moved]}]}),
+        );
+    }
+
     /// Sets the size of the window, pixels.
     pub fn resize(&self, width: u32, height: u32) {
         self.command("/window/rect", &json!({"width": width, "height": height}));
+    }
+
+    /// The printed page as base64 of a PDF.
+    pub fn print(&self) -> String {
+        let pdf = self.command("/print", &json!({}));
+        pdf.as_str().expect("a PDF").into()
     }
 
     /// Warnings and errors of the browser's log.

@@ -1,6 +1,5 @@
-//! Instruction counts of the sample interrupt, the control of a cycle and the planning.
-//!
-//! Three plans are counted: the capture, the search for the lock of a speed, and gear.
+//! Instruction counts of the sample interrupt, the control of a cycle, and the plans of capture and
+//! gear.
 
 use core::fmt;
 use core::hint::black_box;
@@ -12,7 +11,6 @@ use cortex_m_semihosting::heprintln;
 use kband_control::{AdcCode, Command, Overtone, Settings, Signal, Target, phase_step};
 use kband_firmware::application::Sampler;
 use kband_firmware::board::{Drive, Sense};
-use kband_firmware::cortex::stack_low;
 use kband_firmware::exchange::Exchange;
 use kband_firmware::station::Station;
 use kband_firmware::watch::{Roll, Watched};
@@ -20,8 +18,6 @@ use kband_plant::Bench;
 
 /// Full range of SysTick: 16.7 million ticks, 99 million instructions.
 const FULL: u32 = 0x00ff_ffff;
-/// Number of slices in the search for the lock of a speed, one per order of lock.
-const ORDERS: u32 = 8;
 /// Number of drive cycles that are counted, after as many that are not.
 const CYCLES: u32 = 20;
 
@@ -59,12 +55,12 @@ impl Drive for Taken {
 
 /// Instructions in hundredths for a difference of the counter. An instruction takes 1 ns, a tick
 /// 1000/168 ns.
-pub fn instructions(ticks: u32) -> u64 {
+fn instructions(ticks: u32) -> u64 {
     u64::from(ticks) * 100_000 / 168
 }
 
 /// Starts the counter that [`lap`] reads.
-pub fn begin(timer: &mut SYST) {
+fn begin(timer: &mut SYST) {
     timer.set_clock_source(SystClkSource::Core);
     timer.set_reload(FULL);
     timer.clear_current();
@@ -72,52 +68,10 @@ pub fn begin(timer: &mut SYST) {
 }
 
 /// Number of ticks that `work` takes.
-pub fn lap(work: &mut dyn FnMut()) -> u32 {
+fn lap(work: &mut dyn FnMut()) -> u32 {
     let before = SYST::get_current();
     work();
     before.wrapping_sub(SYST::get_current()) & FULL
-}
-
-/// Counts the instructions of the search for the lock of a speed, slice by slice. The lots are the
-/// trial's, and a narrow one with a band in each order.
-#[inline(never)]
-fn count_speed(station: &Station) {
-    let (settings, target) = (station.settings(), station.target());
-    for (name, lot) in [
-        (
-            "the lot of the trial",
-            (settings.restitution_low, settings.restitution_high),
-        ),
-        ("a narrow lot", (0.1999, 0.2001)),
-    ] {
-        let taken = station.set_settings(&Settings {
-            restitution_low: lot.0,
-            restitution_high: lot.1,
-            ..settings
-        });
-        let asked = station.set_target(Target::Speed(88.0));
-        if taken.is_err() || asked.is_err() {
-            return;
-        }
-        let (mut all, mut longest) = (0, 0);
-        for _ in 0..ORDERS {
-            let ticks = lap(&mut || {
-                black_box(station.plan_step());
-            });
-            all += instructions(ticks) / 100;
-            longest = longest.max(ticks);
-        }
-        heprintln!(
-            "speed of {}: {} instructions in {} slices, most {}",
-            name,
-            all,
-            ORDERS,
-            instructions(longest) / 100
-        );
-    }
-    // The trial's settings were accepted before and are accepted again.
-    let _ = station.set_settings(&settings);
-    let _ = station.set_target(target);
 }
 
 /// Counts the plan for gear slice by slice: for the trial's lot, and for the parts that lose gear
@@ -195,15 +149,13 @@ impl fmt::Display for Searched {
     }
 }
 
-/// Counts the search for a speed and the plan of the capture. Then it counts the control of each
-/// cycle on the way to a lively state, and the sample interrupt over whole cycles. Prints mean and
-/// maximum.
+/// Counts the plans, the control of each cycle on the way to a lively state, and the sample
+/// interrupt over whole cycles. Prints mean and maximum.
 ///
 /// Each sample is counted alone, without the bench. The maximum is exact to the counter's step of
 /// six instructions, the mean to a sixtieth of one.
 pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench: Bench) {
     begin(timer);
-    count_speed(station);
     count_gear(station);
     heprintln!("capture plan: {}", Searched::count(station));
     // Closed loop to a lively state: drive on, parts in flight.
@@ -233,7 +185,6 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
         control / u64::from(cycles),
         instructions(dearest) / 100
     );
-    count_stack();
     count_samples("", signal, &mut bench);
     for (name, tones, current_sensitivity) in [
         (" of two tones", [0.15, 0.0], 0.0),
@@ -271,61 +222,27 @@ fn changed(
     Some(path)
 }
 
-/// Counts the stack check of each cycle.
-fn count_stack() {
-    let (mut sum, mut most) = (0, 0);
-    for _ in 0..CYCLES {
-        let ticks = lap(&mut || {
-            black_box(stack_low());
-        });
-        sum += instructions(ticks) / 100;
-        most = most.max(ticks);
-    }
-    heprintln!(
-        "look at the stack: mean {} most {}",
-        sum / u64::from(CYCLES),
-        instructions(most) / 100
-    );
-}
-
-/// Counts a signal path and the sample interrupt with it.
+/// Counts the sample interrupt with a signal path.
 #[inline(never)]
 fn count_samples(name: &str, signal: Signal, bench: &mut Bench) {
     let mut cycles = 0;
     let empty = (0..1000).map(|_| lap(&mut || ())).sum::<u32>();
     let mut path = signal.clone();
     let mut sampler = Sampler::new(signal, Reading, Taken(0.0), &EXCHANGE, &ROLL);
-    let (mut sum, mut most, mut samples, mut whole_sum, mut whole_most) = (0, 0, 0_u32, 0, 0);
+    let (mut sum, mut most, mut samples) = (0, 0, 0_u32);
     while cycles < CYCLES {
         let code = black_box(bench.sample());
-        let mut sampled = None;
-        let ticks =
-            lap(&mut || sampled = Some(black_box(path.sample_with(black_box(code), || code))));
+        let sampled = path.sample_with(code, || code);
         READING.store(code.0, Ordering::Relaxed);
-        let whole = lap(&mut || sampler.interrupt());
+        let ticks = lap(&mut || sampler.interrupt());
         sum += ticks;
         most = most.max(ticks);
-        whole_sum += whole;
-        whole_most = whole_most.max(whole);
         samples += 1;
-        if let Some(sampled) = sampled {
-            bench.hold(sampled.output, 10_737_418);
-            cycles += u32::from(sampled.wrapped);
-        }
+        bench.hold(sampled.output, 10_737_418);
+        cycles += u32::from(sampled.wrapped);
     }
     let idle = instructions(empty) / 1000;
-    let mean = |sum: u32| (instructions(sum) / u64::from(samples)).saturating_sub(idle) as u32;
-    let peak = |most: u32| (instructions(most).saturating_sub(idle) / 100) as u32;
-    heprintln!(
-        "signal path{}: mean {} most {}",
-        name,
-        mean(sum) / 100,
-        peak(most)
-    );
-    heprintln!(
-        "sample interrupt{}: mean {} most {}",
-        name,
-        mean(whole_sum) / 100,
-        peak(whole_most)
-    );
+    let mean = (instructions(sum) / u64::from(samples)).saturating_sub(idle) / 100;
+    let peak = instructions(most).saturating_sub(idle) / 100;
+    heprintln!("sample interrupt{}: mean {} most {}", name, mean, peak);
 }

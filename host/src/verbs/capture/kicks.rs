@@ -1,6 +1,5 @@
 //! The map of kicks: share of a lot, 0..1, that each kick captures, by simulation.
 
-use kband::impact::Map;
 use kband::regime::capture::{Kick, KickSettings, Plan};
 
 use super::Task;
@@ -52,11 +51,7 @@ impl Kicks {
             };
             let mut locked = 0_u32;
             for part in 0..task.arguments.parts {
-                locked += u32::from(captures::<Map>(
-                    task.lot.part(part as u32),
-                    task.drive,
-                    kick,
-                )?);
+                locked += u32::from(captures(task.lot.part(part as u32), task.drive, kick)?);
             }
             Ok(f64::from(locked) / task.arguments.parts as f64)
         })?;

@@ -15,11 +15,11 @@ data.commissioning.forEach((step, n) => {
   });
   new Chart("amplitude-" + n, () => ({
     x, y: { label: "amplitude b", unit: "mm", low: 0, high: top("b", "setpoint_b") }, height: 240, read, numbers,
-    layers: [{ series: 0, name: "measured", points: of("b") }, { series: 1, name: "asked for", points: of("setpoint_b") }],
+    layers: [{ kind: "line", series: 0, name: "measured", points: of("b") }, { kind: "line", series: 1, name: "asked for", points: of("setpoint_b") }],
   }));
   new Chart("shares-" + n, () => ({
     x, y: { label: "share", low: 0, high: 1.05 }, height: 200, read, numbers,
-    layers: [{ series: 0, name: "output", points: of("output") }, { series: 1, name: "in gear, estimated", points: of("in_gear_estimated") }],
+    layers: [{ kind: "line", series: 0, name: "output", points: of("output") }, { kind: "line", series: 1, name: "in gear, estimated", points: of("in_gear_estimated") }],
   }));
 });
 coloured();

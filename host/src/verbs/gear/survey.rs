@@ -14,7 +14,7 @@ use crate::refusal::Refusal;
 
 /// A lot of parts and how long it is simulated.
 #[derive(Clone, Copy)]
-pub(super) struct LotSettings {
+pub(in crate::verbs) struct LotSettings {
     pub restitution: Restitution,
     /// Number of parts of the lot, with both ends.
     pub parts: usize,
@@ -27,7 +27,7 @@ pub(super) struct LotSettings {
 }
 
 /// The simulated parts.
-pub(super) struct Lot {
+pub(in crate::verbs) struct Lot {
     settings: LotSettings,
     pub(super) restitutions: Vec<f64>,
 }
@@ -144,6 +144,12 @@ impl Lot {
         Ok(Shares(shares))
     }
 
+    /// Mean and smallest share of the parts at one point.
+    pub fn at(&self, wave: &Wave, k: f64) -> Result<[f64; 2], Refusal> {
+        let shares = self.follow(wave, k, Stage::Map)?;
+        Ok([shares.mean(), shares.least()])
+    }
+
     /// Observed drive periods of each part at a named point.
     pub(super) fn watched(&self) -> f64 {
         0.75 * self.settings.periods * (self.settings.runs * Stage::Verdict.effort()) as f64
@@ -166,8 +172,7 @@ impl Survey {
         let place = |n: usize| (&waves[n / k.len()], k[n % k.len()]);
         let map = desk.try_map("gear", waves.len() * k.len(), |n| {
             let (wave, k) = place(n);
-            let shares = lot.follow(wave, k, Stage::Map)?;
-            Ok([shares.mean(), shares.least()])
+            lot.at(wave, k)
         })?;
         let named = |from: usize, to: usize| -> Result<Option<Point>, Refusal> {
             let mut order: Vec<usize> = (from..to).collect();
@@ -272,9 +277,11 @@ mod tests {
                 runs: 20,
                 ..lot(0.3, 0.3, 0.05)
             };
-            let lot = Lot::build(settings).unwrap();
-            let shares = lot.follow(&Wave::sine(), 0.48, Stage::Map);
-            shares.unwrap().mean()
+            let [mean, _] = Lot::build(settings)
+                .unwrap()
+                .at(&Wave::sine(), 0.48)
+                .unwrap();
+            mean
         };
         let [instant, long] = [0.0, 0.02 * std::f64::consts::TAU].map(at);
         assert!(

@@ -14,7 +14,7 @@ use kband::regime::wave_band::{WaveBand, WaveBands, WaveLock};
 use kband::transport::{Measured, Motion, Origin, measure, measure_on_tones};
 use serde_json::json;
 
-use super::{Arguments, Computed, Feeder, ORDERS, effort, locks, ribbon};
+use super::{Arguments, Computed, Feeder, ORDERS, effort, locks};
 use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::picture::{Axis, Fill, Panel, Picture};
@@ -435,6 +435,39 @@ impl Row {
     }
 }
 
+/// How fast a part from rest travels at one throw number.
+#[derive(Clone, Copy, Debug)]
+pub struct Speed {
+    /// Throw number (symbol Gamma).
+    pub throw: f64,
+    /// Amplitude normal to the track in mm (symbol b).
+    pub amplitude: f64,
+    /// mm/s; `None` where friction cannot hold the part.
+    pub speed: Option<f64>,
+    /// S, H-S or H.
+    pub regime: &'static str,
+}
+
+/// The speeds from rest over the throw number.
+pub(super) fn speeds(
+    feeder: &Feeder,
+    arguments: &Arguments,
+    desk: &Desk,
+) -> Result<Vec<Speed>, Refusal> {
+    let task = Task::of(feeder, arguments, Over::Throw)?;
+    let values: Vec<f64> = task.range.values().collect();
+    desk.try_map("conveying", values.len(), |n| {
+        let point = task.at(values[n])?;
+        let measured = task.measured(&point, Origin::Rest)?;
+        Ok(Speed {
+            throw: values[n],
+            amplitude: 1e3 * point.track.amplitude(point.k),
+            speed: measured.conveyed.time_mean().map(|mean| point.speed(mean)),
+            regime: regime(measured.motion).0,
+        })
+    })
+}
+
 pub(super) fn computed(
     feeder: Feeder,
     arguments: &Arguments,
@@ -590,11 +623,17 @@ fn picture(
         panel = panel.mark(*value, words);
     }
     let rest: Vec<&Row> = rows.iter().filter(|row| row.from_rest).collect();
-    let regimes = rest
-        .iter()
-        .map(|row| (row.value, regime(row.measured.motion).1));
-    let regimes: Vec<(f64, Fill)> = regimes.collect();
-    panel = panel.ribbon(ribbon(range.low, range.high, &regimes), &FILLS);
+    let middle = |n: usize| 0.5 * (rest[n].value + rest[n + 1].value);
+    let stretches = (0..rest.len()).map(|n| {
+        let left = if n == 0 { range.low } else { middle(n - 1) };
+        let right = if n + 1 == rest.len() {
+            range.high
+        } else {
+            middle(n)
+        };
+        (left, right, regime(rest[n].measured.motion).1)
+    });
+    panel = panel.ribbon(stretches.collect(), &FILLS);
     let mut below = Panel::new(
         over.axis(range.low, range.high),
         Axis::new("share of the time", "", 0.0, 1.0),

@@ -263,7 +263,7 @@ fn measured(
         _ => start,
     };
     // A quarter of the shortest run, 100 impacts, turns the tangent.
-    let mut growth = Growth::with_settling(&map, 25.max(arguments.impacts as u64 / 40));
+    let mut growth = Growth::new(&map, 25.max(arguments.impacts as u64 / 40));
     let mut phases = PhaseMeans::default();
     let conveyed = measure(
         &map,
@@ -283,10 +283,7 @@ fn measured(
         stationary: phases
             .impact_mean(k, feeder.restitution, &feeder.settings)
             .filter(|_| hops),
-        exponent: growth
-            .exponents()
-            .map(|[largest, _]| largest)
-            .filter(|_| hops),
+        exponent: growth.exponent().filter(|_| hops),
     })
 }
 

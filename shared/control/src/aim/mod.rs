@@ -1,16 +1,4 @@
 //! The amplitude for a target, and the searches that find it with the impact map.
-//!
-//! | file | holds |
-//! |---|---|
-//! | `setpoint` | the amplitude for a target, chosen for the whole lot |
-//! | `gear` | the amplitude at which the lot stays in gear the longest |
-//! | `spared` | that search, with the result of another controller |
-//! | `retune` | whether the plan for gear must be repeated |
-//! | `speed` | the lock that conveys at a wanted speed |
-//! | `flow` | the order of gear that gives a wanted flow |
-//! | `chaos` | the widest chaotic stretch of k |
-//! | `kicks` | the kicks that bring the lot onto a lock |
-//! | `selection` | the target, its setpoint, and the searches that still run |
 
 mod chaos;
 mod flow;
@@ -19,19 +7,12 @@ mod kicks;
 mod retune;
 mod selection;
 mod setpoint;
-#[cfg(any(test, feature = "memo"))]
-mod spared;
 mod speed;
 
-pub use chaos::ChaosResult;
 #[cfg(any(test, feature = "memo"))]
-pub use chaos::ChaosSearch;
-#[cfg(not(any(test, feature = "memo")))]
-pub use gear::GearSearch;
-pub use gear::drive_limits;
+pub use gear::GearPlanned;
+pub use gear::{GearSearch, drive_limits};
 #[cfg(any(test, feature = "memo"))]
 pub use kicks::KickResult;
 pub use selection::Selection;
 pub use setpoint::NoSetpoint;
-#[cfg(any(test, feature = "memo"))]
-pub use spared::{GearPlanned, ReplayedGear as GearSearch};

@@ -207,15 +207,8 @@ pub struct Prediction {
 /// Counters of every sign of a fault.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FaultDetector {
-    still: LeakyCounter,
-    noise: LeakyCounter,
-    saturated: LeakyCounter,
-    inverted: LeakyCounter,
-    unanswered: LeakyCounter,
-    implausible: LeakyCounter,
-    shifted: LeakyCounter,
-    excessive: LeakyCounter,
-    beyond: LeakyCounter,
+    /// Of each sign, in the order of their precedence.
+    signs: [LeakyCounter; 9],
     usual: RatioEstimate,
     turns: ReversalCounter,
 }
@@ -281,48 +274,28 @@ impl FaultDetector {
                     expected.error,
                 )
         };
-        let faults = [
-            (self.still.count(still, DEAD_CYCLES), Fault::SensorLost),
+        let signs = [
+            (still, DEAD_CYCLES, Fault::SensorLost),
+            (saturated, SATURATED_CYCLES, Fault::SensorSaturated),
+            (inverted, INVERTED_CYCLES, Fault::SensorInverted),
             (
-                self.saturated.count(saturated, SATURATED_CYCLES),
-                Fault::SensorSaturated,
-            ),
-            (
-                self.inverted.count(inverted, INVERTED_CYCLES),
-                Fault::SensorInverted,
-            ),
-            (
-                self.noise
-                    .count(unanswered && span <= CUT_WIRE_RANGE_STEPS, CUT_WIRE_CYCLES),
+                unanswered && span <= CUT_WIRE_RANGE_STEPS,
+                CUT_WIRE_CYCLES,
                 Fault::SensorLost,
             ),
-            (
-                self.unanswered.count(unanswered, NO_RESPONSE_CYCLES),
-                Fault::NoResponse,
-            ),
-            (
-                self.excessive.count(excessive, EXCESS_CYCLES),
-                Fault::OverAmplitude,
-            ),
-            (
-                self.implausible.count(weak || strong, IMPLAUSIBLE_CYCLES),
-                Fault::SensorImplausible,
-            ),
-            (
-                self.shifted.count(shifted, IMPLAUSIBLE_CYCLES),
-                Fault::SensorImplausible,
-            ),
-            (
-                self.beyond.count(beyond, EXCESS_CYCLES),
-                Fault::SensorImplausible,
-            ),
-            (oscillates, Fault::AmplitudeOscillates),
+            (unanswered, NO_RESPONSE_CYCLES, Fault::NoResponse),
+            (excessive, EXCESS_CYCLES, Fault::OverAmplitude),
+            (weak || strong, IMPLAUSIBLE_CYCLES, Fault::SensorImplausible),
+            (shifted, IMPLAUSIBLE_CYCLES, Fault::SensorImplausible),
+            (beyond, EXCESS_CYCLES, Fault::SensorImplausible),
         ];
-        let fault = faults.iter().find(|(lasts, _)| *lasts);
-        (
-            fault.map(|&(_, fault)| fault),
-            still || saturated || unanswered || weak,
-        )
+        let mut fault = oscillates.then_some(Fault::AmplitudeOscillates);
+        for (counter, (present, cycles, cause)) in self.signs.iter_mut().zip(signs).rev() {
+            if counter.count(present, cycles) {
+                fault = Some(cause);
+            }
+        }
+        (fault, still || saturated || unanswered || weak)
     }
 
     /// Whether the amplitude has not reversed back and forth about its reference.
@@ -406,72 +379,61 @@ mod tests {
 
     #[test]
     fn each_sign_is_a_fault_at_its_threshold_and_duration() {
-        let moving = moving();
-        let spread = |steps: u16| Cycle {
-            high: 2000 + steps,
-            ..moving.clone()
-        };
-        let clipped = |saturated: u16| Cycle {
-            saturated,
-            ..moving.clone()
-        };
-        let well = (1e-4, -PI / 2.0);
+        // Range and saturated readings of the converter, amplitude and lead: with the sign, and
+        // just without it.
+        let lag = -PI / 2.0;
         let cases = [
-            (spread(1), spread(2), well, well, 3, Fault::SensorLost),
+            ((1, 0, 1e-4, lag), (2, 0, 1e-4, lag), 3, Fault::SensorLost),
             (
-                clipped(4),
-                clipped(3),
-                well,
-                well,
+                (100, 4, 1e-4, lag),
+                (100, 3, 1e-4, lag),
                 5,
                 Fault::SensorSaturated,
             ),
             (
-                moving.clone(),
-                moving.clone(),
-                (1e-4, 0.41),
-                (1e-4, 0.39),
+                (100, 0, 1e-4, 0.41),
+                (100, 0, 1e-4, 0.39),
                 5,
                 Fault::SensorInverted,
             ),
             (
-                moving.clone(),
-                moving.clone(),
-                (1e-4, PI - 0.41),
-                (1e-4, PI - 0.39),
+                (100, 0, 1e-4, PI - 0.41),
+                (100, 0, 1e-4, PI - 0.39),
                 5,
                 Fault::SensorInverted,
             ),
             (
-                moving.clone(),
-                moving.clone(),
-                (1.4e-5, well.1),
-                (1.6e-5, well.1),
+                (100, 0, 1.4e-5, lag),
+                (100, 0, 1.6e-5, lag),
                 15,
                 Fault::NoResponse,
             ),
             (
-                spread(10),
-                spread(11),
-                (1.4e-5, well.1),
-                (1.6e-5, well.1),
+                (10, 0, 1.4e-5, lag),
+                (11, 0, 1.6e-5, lag),
                 8,
                 Fault::SensorLost,
             ),
             (
-                moving.clone(),
-                moving,
-                (1.16e-3, well.1),
-                (1.14e-3, well.1),
+                (100, 0, 1.16e-3, lag),
+                (100, 0, 1.14e-3, lag),
                 2,
                 Fault::OverAmplitude,
             ),
         ];
-        for (ill, sound, (b, lead), (sound_b, sound_lead), cycles, fault) in cases {
-            assert_eq!(after(cycles, &ill, b, lead), Some(fault));
-            assert_eq!(after(cycles - 1, &ill, b, lead), None, "{fault:?}");
+        let after = |cycles, (span, saturated, measured, lead): (u16, u16, f32, f32)| {
+            let cycle = Cycle {
+                high: 2000 + span,
+                saturated,
+                ..moving()
+            };
+            after(cycles, &cycle, measured, lead)
+        };
+        for (ill, sound, cycles, fault) in cases {
+            assert_eq!(after(cycles, ill), Some(fault));
+            assert_eq!(after(cycles - 1, ill), None, "{fault:?}");
             // Short enough to be no implausible amplitude.
-            assert_eq!(after(49, &sound, sound_b, sound_lead), None, "{fault:?}");
+            assert_eq!(after(49, sound), None, "{fault:?}");
         }
     }
 

@@ -7,7 +7,7 @@ use kband::regime::{Lock, band};
 use kband::transport::locked;
 use serde_json::json;
 
-use super::super::{Arguments, Feeder, ORDERS, ribbon};
+use super::super::{Arguments, Feeder, ORDERS};
 use super::{Over, Row};
 use crate::ending::{self, FILLS};
 use crate::picture::{Axis, Fill, Panel, Picture};
@@ -235,11 +235,7 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
             panel = panel.line("locked, equation 20", 6, line);
         }
     }
-    let of_rest = rows.iter().filter(|row| row.from_rest);
-    let regimes: Vec<(f64, Fill)> = of_rest
-        .map(|row| (place(row.k), ending::fill(row.regime)))
-        .collect();
-    let ribbon = ribbon(over.low, over.high, &regimes);
+    let ribbon = ribbon(over, rows, &place);
     let from_rest: Vec<(Fill, String)> = FILLS
         .iter()
         .filter(|(fill, _)| ribbon.iter().any(|stretch| stretch.2 == *fill))
@@ -265,7 +261,7 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
 }
 
 /// The points as markers by the fill of their regime.
-fn marked(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel {
+pub(super) fn marked(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel {
     for (series, (fill, name)) in FILLS.iter().enumerate() {
         let of: Vec<(f64, f64)> = points
             .iter()
@@ -277,4 +273,33 @@ fn marked(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel {
         }
     }
     panel
+}
+
+/// The regime of a part from rest, from half way to the left neighbour to half way to the right
+/// one.
+pub(super) fn ribbon(
+    over: &Over,
+    rows: &[Row],
+    place: &dyn Fn(f64) -> f64,
+) -> Vec<(f64, f64, Fill)> {
+    let found: Vec<(f64, Fill)> = rows
+        .iter()
+        .filter(|row| row.from_rest)
+        .map(|row| (place(row.k), ending::fill(row.regime)))
+        .collect();
+    let middle = |n: usize| 0.5 * (found[n].0 + found[n + 1].0);
+    let mut stretches: Vec<(f64, f64, Fill)> = Vec::new();
+    for (n, (_, fill)) in found.iter().enumerate() {
+        let left = if n == 0 { over.low } else { middle(n - 1) };
+        let right = if n + 1 == found.len() {
+            over.high
+        } else {
+            middle(n)
+        };
+        match stretches.last_mut() {
+            Some(last) if last.2 == *fill => last.1 = right,
+            _ => stretches.push((left, right, *fill)),
+        }
+    }
+    stretches
 }

@@ -1,0 +1,205 @@
+//! Rows as a Parquet file: numbers as doubles, words as text, units and provenance as metadata.
+
+use std::io::Write;
+use std::sync::Arc;
+
+use parquet::basic::{LogicalType, Repetition, Type as Physical};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
+
+use super::{Column, Rows, Value};
+use crate::provenance;
+use crate::refusal::Refusal;
+
+/// Rows of a group: few enough for the memory, many enough for fast reading.
+const ROWS_PER_GROUP: usize = 65_536;
+
+/// Values of a column in an unfinished group, and which rows have one.
+enum Waiting {
+    Numbers(Vec<f64>, Vec<i16>),
+    Words(Vec<ByteArray>, Vec<i16>),
+}
+
+/// Writer of rows as Parquet. Missing values are null. The file's metadata has the JSON objects
+/// `units` (of the columns that have one) and `provenance`.
+pub(super) struct ParquetRows<'a> {
+    writer: SerializedFileWriter<&'a mut (dyn Write + Send)>,
+    waiting: Vec<Waiting>,
+    rows: usize,
+}
+
+impl<'a> ParquetRows<'a> {
+    /// Begins the file of these columns.
+    pub fn begin(out: &'a mut (dyn Write + Send), columns: &[Column]) -> Result<Self, Refusal> {
+        let field = |column: &Column| {
+            let physical = if column.is_words() {
+                Physical::BYTE_ARRAY
+            } else {
+                Physical::DOUBLE
+            };
+            let logical = column.is_words().then_some(LogicalType::String);
+            Type::primitive_type_builder(column.name(), physical)
+                .with_logical_type(logical)
+                .with_repetition(Repetition::OPTIONAL)
+                .build()
+                .map(Arc::new)
+        };
+        let fields = columns.iter().map(field).collect::<Result<_, _>>();
+        let schema = fields
+            .and_then(|fields| {
+                Type::group_type_builder("kband")
+                    .with_fields(fields)
+                    .build()
+            })
+            .map_err(unwritten)?;
+        let units = super::units(columns);
+        let told = provenance::object(units.clone()).to_string();
+        let units = serde_json::Value::Object(units).to_string();
+        let properties = WriterProperties::builder()
+            .set_created_by(concat!("kband version ", env!("CARGO_PKG_VERSION")).into())
+            .set_key_value_metadata(Some(vec![
+                KeyValue::new("units".into(), units),
+                KeyValue::new("provenance".into(), told),
+            ]))
+            .build();
+        let writer = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties));
+        Ok(Self {
+            writer: writer.map_err(unwritten)?,
+            waiting: columns.iter().map(empty).collect(),
+            rows: 0,
+        })
+    }
+
+    fn write_group(&mut self) -> Result<(), ParquetError> {
+        if self.rows == 0 {
+            return Ok(());
+        }
+        self.rows = 0;
+        let mut group = self.writer.next_row_group()?;
+        for waiting in &mut self.waiting {
+            let Some(mut column) = group.next_column()? else {
+                break;
+            };
+            match waiting {
+                Waiting::Numbers(values, there) => {
+                    let typed = column.typed::<DoubleType>();
+                    typed.write_batch(values, Some(there), None)?;
+                    values.clear();
+                    there.clear();
+                }
+                Waiting::Words(values, there) => {
+                    let typed = column.typed::<ByteArrayType>();
+                    typed.write_batch(values, Some(there), None)?;
+                    values.clear();
+                    there.clear();
+                }
+            }
+            column.close()?;
+        }
+        group.close()?;
+        Ok(())
+    }
+
+    /// Ends the file.
+    pub fn end(mut self) -> Result<(), Refusal> {
+        self.write_group().map_err(unwritten)?;
+        self.writer.close().map(|_| ()).map_err(unwritten)
+    }
+}
+
+fn empty(column: &Column) -> Waiting {
+    if column.is_words() {
+        Waiting::Words(Vec::new(), Vec::new())
+    } else {
+        Waiting::Numbers(Vec::new(), Vec::new())
+    }
+}
+
+fn unwritten(error: ParquetError) -> Refusal {
+    super::table::unwritten(&std::io::Error::other(error))
+}
+
+impl Rows for ParquetRows<'_> {
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+        for (waiting, value) in self.waiting.iter_mut().zip(row) {
+            let there = match waiting {
+                Waiting::Numbers(values, there) => {
+                    let before = values.len();
+                    match value {
+                        Value::Number(number) | Value::Short(number) => {
+                            values.extend(Some(*number).filter(|number| number.is_finite()));
+                        }
+                        Value::Count(count) => values.push(*count as f64),
+                        Value::Flag(flag) => values.push(f64::from(u8::from(*flag))),
+                        Value::Text(_) | Value::Missing => {}
+                    }
+                    there.push((values.len() - before) as i16);
+                    continue;
+                }
+                Waiting::Words(values, there) => {
+                    if !matches!(value, Value::Missing) {
+                        values.push(value.read(17).into_bytes().into());
+                    }
+                    there
+                }
+            };
+            there.push(i16::from(!matches!(value, Value::Missing)));
+        }
+        self.rows += 1;
+        if self.rows == ROWS_PER_GROUP {
+            self.write_group().map_err(unwritten)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+
+    use parquet::file::reader::{FileReader, SerializedFileReader};
+    use parquet::record::RowAccessor;
+
+    use super::*;
+
+    #[test]
+    fn written_rows_are_read_with_their_units() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.parquet");
+        let mut file = File::create(&path).unwrap();
+        let columns = [
+            Column::new("time", "s"),
+            Column::new("k", ""),
+            Column::new("state", "").words(),
+        ];
+        let mut rows = ParquetRows::begin(&mut file, &columns).unwrap();
+        // More than a group.
+        let count = ROWS_PER_GROUP as u32 + 10;
+        for n in 0..count {
+            let k = if n % 3 == 0 {
+                Value::Missing
+            } else {
+                0.4.into()
+            };
+            rows.row(&[Value::Short(f64::from(n) * 0.02), k, "locked".into()])
+                .unwrap();
+        }
+        rows.end().unwrap();
+        let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+        let metadata = reader.metadata().file_metadata();
+        assert_eq!(metadata.num_rows(), i64::from(count));
+        let pairs = metadata.key_value_metadata().unwrap();
+        let units = pairs.iter().find(|pair| pair.key == "units").unwrap();
+        assert_eq!(units.value.as_deref(), Some(r#"{"time":"s"}"#));
+        let told = pairs.iter().find(|pair| pair.key == "provenance").unwrap();
+        assert!(told.value.as_ref().unwrap().contains("\"commit\":"));
+        let last = reader.get_row_iter(None).unwrap().last().unwrap().unwrap();
+        assert_eq!(last.get_double(0).unwrap(), f64::from(count - 1) * 0.02);
+        assert_eq!(last.get_double(1).is_ok(), !(count - 1).is_multiple_of(3));
+        assert_eq!(last.get_string(2).unwrap(), "locked");
+    }
+}

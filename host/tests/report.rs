@@ -1,0 +1,207 @@
+//! The page of a feeder in a real browser: its sliders moved, its values compared with what the
+//! verbs say.
+
+mod came;
+
+use std::path::Path;
+
+use came::kband;
+use kband_machines::browser::{Browser, keys};
+use serde_json::Value as Json;
+
+/// The numbers in a text.
+fn numbers(text: &str) -> Vec<f64> {
+    text.replace("..", " ")
+        .split(|sign: char| !(sign.is_ascii_digit() || sign == '.' || sign == '-'))
+        .filter_map(|word| word.trim_matches('.').parse().ok())
+        .collect()
+}
+
+/// Ends of the band, setpoint in mm and margin in percent, as `kband bands` has them of order 1.
+fn band(folder: &Path, lot: &str, frequency: &str) -> [f64; 4] {
+    let words = format!("bands --restitution {lot} --frequency {frequency} --format json");
+    let rows = kband(folder, &words).json();
+    let of = |name: &str| {
+        rows[0][name]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{name} in {rows}"))
+    };
+    [of("b_at_k1"), of("b_at_k2"), of("b"), of("margin")]
+}
+
+#[test]
+fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let file = path.join("page.html");
+    // A page that is named takes the place of what is there.
+    std::fs::write(&file, "mine").unwrap();
+    let said = kband(path, "report --out page.html").ended(0).said;
+    assert!(said.contains("replaced page.html"), "{said}");
+    let html = std::fs::read_to_string(&file).unwrap();
+    assert!(html.len() < 2_000_000, "{} bytes", html.len());
+
+    let browser = Browser::start();
+    browser.resize(1000, 900);
+    browser.open(&file);
+    let whole = |when: &str| {
+        let failed = browser.script("return document.documentElement.dataset.failed ?? ''");
+        assert_eq!(failed, "", "{when}");
+        assert_eq!(browser.complaints(), [""; 0], "{when}");
+    };
+    whole("opened");
+    // Of one file: nothing else was requested.
+    let asked = browser.script("return performance.getEntriesByType('resource').filter((one) => !one.name.startsWith('data:')).map((one) => one.name)");
+    assert_eq!(asked, serde_json::json!([]));
+    assert_eq!(
+        browser.script("return document.querySelectorAll('.plot svg').length"),
+        7
+    );
+
+    // The lot's slider, by its keys as a user has them, four steps of 0.005 to the left; then the
+    // drive's frequency.
+    let verdict = || numbers(&browser.text("#bands .verdict"));
+    let agree = |lot: &str, frequency: &str| {
+        let said = verdict();
+        // R low, high, order, Hz, from, to, setpoint, margin.
+        let [from, to, setpoint, margin] = band(path, lot, frequency);
+        for (printed, expected) in said[4..].iter().zip([from, to, setpoint, margin]) {
+            assert!(
+                (printed / expected - 1.0).abs() < 6e-3,
+                "{said:?}: {expected}"
+            );
+        }
+        assert_eq!(said.len(), 8);
+    };
+    agree("0.18..0.22", "50");
+    browser.press("#lot-low", &keys::LEFT.to_string().repeat(4));
+    assert_eq!(verdict()[..2], [0.16, 0.22]);
+    agree("0.16..0.22", "50");
+    browser.press("#frequency", &keys::END.to_string());
+    agree("0.16..0.22", "200");
+    browser.press("#lot-low", &keys::HOME.to_string());
+    assert!(
+        browser
+            .text("#bands .verdict")
+            .contains("no amplitude locks every part")
+    );
+
+    // Gear falls with the scatter, and the second tone holds what one does not.
+    let gear = |key: char| {
+        browser.press("#scatter", &key.to_string());
+        let said = numbers(&browser.text("#gear .verdict"));
+        (said[0], said[1], said[3])
+    };
+    let (none, wide) = (gear(keys::HOME), gear(keys::END));
+    assert_eq!((none.0, wide.0), (0.0, 0.15));
+    assert!(
+        none.1 > 99.0 && wide.1 < 60.0 && wide.2 > wide.1 + 5.0,
+        "{none:?} {wide:?}"
+    );
+
+    // One map further on: the shares of the verb at the same amplitude.
+    let before = browser.text("#basins .verdict");
+    browser.press("#basin", &keys::RIGHT.to_string());
+    let after = browser.text("#basins .verdict");
+    assert_ne!(before, after);
+    let map =
+        browser.script("return data.basins.maps[document.getElementById('basin').valueAsNumber]");
+    let k = map["k"].to_string();
+    let basins = "basins --restitution 0.2 --grid 80 --impacts 1000 --format json";
+    let printed = kband(path, &format!("{basins} --k {k}")).json();
+    let share = |shares: &Json, name: &str| -> f64 {
+        let shares = shares.as_array().unwrap().iter();
+        let of = shares.filter(|one| one["regime"] == name);
+        of.filter_map(|one| one["share"].as_f64()).sum()
+    };
+    let locked = share(&map["shares"], "locked, r = 1");
+    assert!(locked > 0.1 && (locked - share(&printed["shares"], "locked, r = 1")).abs() < 1e-3);
+
+    // Friction of 0.05 does not hold a part on 3 degrees; more of it conveys more.
+    browser.press("#friction", &keys::HOME.to_string());
+    let slippery = browser.text("#transport .verdict");
+    assert!(slippery.contains("does not hold"), "{slippery}");
+    let fastest = |key: char| {
+        browser.press("#friction", &key.to_string());
+        numbers(&browser.text("#transport .verdict"))[2]
+    };
+    let (low, high) = (fastest(keys::RIGHT), fastest(keys::END));
+    assert!(0.0 < low && low < high, "{low} {high}");
+
+    // The run from its start to its end.
+    browser.press("#time", &keys::HOME.to_string());
+    assert!(
+        browser
+            .text("#amplitude .verdict")
+            .starts_with("At 0 s: off")
+    );
+    browser.press("#time", &keys::END.to_string());
+    assert!(browser.text("#amplitude .verdict").starts_with("At 10 s: "));
+
+    // Values under the pointer, and by the keys without one.
+    browser.point("#gear .plot", 0, 0);
+    let under = browser.text("#gear .reading:not(.verdict)");
+    assert!(
+        under.starts_with("b 0.") && under.contains("mean"),
+        "{under}"
+    );
+    browser.press("#basins .plot", &keys::RIGHT.to_string());
+    let under = browser.text("#basins .reading:not(.verdict)");
+    assert!(under.starts_with("phase 3."), "{under}");
+    browser.click("#bands summary");
+    // A browser reports the unfolding a moment later.
+    browser.wait_for("document.querySelectorAll('#bands .numbers tbody tr').length === 141");
+
+    // Dark and light, a telephone's width, and paper.
+    let background = "return getComputedStyle(document.body).backgroundColor";
+    let first = browser.script(background);
+    browser.click("#colours");
+    assert_ne!(first, browser.script(background));
+    browser.resize(360, 800);
+    let over = browser.script("return document.documentElement.scrollWidth - window.innerWidth");
+    assert!(over.as_f64().unwrap() <= 0.0, "{over} pixels too wide");
+    assert!(browser.print().starts_with("JVBER"), "no PDF");
+    whole("used");
+}
+
+/// For each figure of a page, how many dots and middles of lines' first segments lie within its own
+/// clip, and at how many of them the browser finds the mark.
+const MARKS: &str = "
+    return [...document.querySelectorAll('svg')].map((svg) => {
+        svg.scrollIntoView();
+        let [due, seen] = [0, 0];
+        for (const path of svg.querySelectorAll('path[clip-path]:not([stroke-dasharray])')) {
+            const own = svg.querySelector(path.getAttribute('clip-path').slice(4, -1) + ' rect');
+            const box = own.getBBox();
+            const starts = /M([0-9.-]+) ([0-9.-]+)(?:L([0-9.-]+) ([0-9.-]+))?/g;
+            for (const [, ...ends] of path.getAttribute('d').matchAll(starts)) {
+                const [u, v, s = u, t = v] = ends.map((end) => end && Number(end));
+                const [x, y] = [(u + s) / 2, (v + t) / 2];
+                const [right, below] = [x - box.x, y - box.y];
+                if (right < 1 || right > box.width - 1 || below < 1 || below > box.height - 1) continue;
+                due += 1;
+                const at = new DOMPoint(x, y).matrixTransform(path.getScreenCTM());
+                seen += document.elementsFromPoint(at.x, at.y).includes(path);
+            }
+        }
+        return [due, seen];
+    })";
+
+#[test]
+fn browser_shows_every_mark_of_the_figures_of_paper() {
+    let folder = tempfile::tempdir().unwrap();
+    kband(&folder, "paper --out page.html").ended(0);
+    let browser = Browser::start();
+    // Higher than the highest figure: only what is in the window can be found there.
+    browser.resize(1000, 1500);
+    browser.open(&folder.path().join("page.html"));
+    let figures = browser.script(MARKS);
+    let figures = figures.as_array().unwrap();
+    assert_eq!(figures.len(), 5);
+    for (n, figure) in figures.iter().enumerate() {
+        let [due, seen] = [0, 1].map(|which| figure[which].as_u64().unwrap());
+        assert_eq!(seen, due, "figure {n} of {figures:?}");
+    }
+    let due: u64 = figures.iter().filter_map(|figure| figure[0].as_u64()).sum();
+    assert!(due > 500, "{figures:?}");
+}
