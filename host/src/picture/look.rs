@@ -54,3 +54,9 @@ impl Look {
         self.width.map_or(own, |width| width / self.millimetres())
     }
 }
+
+impl From<Theme> for Look {
+    fn from(theme: Theme) -> Self {
+        Self::new(theme, None, None)
+    }
+}

@@ -60,14 +60,16 @@ impl Picture {
     }
 
     /// The picture as an SVG document. `about` is its description, empty for none.
-    pub fn to_svg(&self, look: Look, about: &str) -> String {
+    pub fn to_svg(&self, look: impl Into<Look>, about: &str) -> String {
+        let look = look.into();
         let (size, shapes) = self.shapes(look);
         svg::document(size, [&self.title, about, ""], look, &shapes)
     }
 
     /// The picture as an SVG element of a page. `name` begins its ids: another one for each picture
     /// of the page.
-    pub fn to_svg_element(&self, look: Look, name: &str) -> String {
+    pub fn to_svg_element(&self, look: impl Into<Look>, name: &str) -> String {
+        let look = look.into();
         let (size, shapes) = self.shapes(look);
         svg::document(size, [&self.title, "", name], look, &shapes)
     }
@@ -75,13 +77,15 @@ impl Picture {
     /// The picture as a PNG, at twice its size for a screen, at 300 dots per inch for paper.
     ///
     /// `None` only without memory. `about` as for SVG.
-    pub fn to_png(&self, look: Look, about: &str) -> Option<Vec<u8>> {
+    pub fn to_png(&self, look: impl Into<Look>, about: &str) -> Option<Vec<u8>> {
+        let look = look.into();
         let (size, shapes) = self.shapes(look);
         bitmap::png(size, about, look, &shapes)
     }
 
     /// The picture as a PDF of one page. `about` as for SVG.
-    pub fn to_pdf(&self, look: Look, about: &str) -> Vec<u8> {
+    pub fn to_pdf(&self, look: impl Into<Look>, about: &str) -> Vec<u8> {
+        let look = look.into();
         let (size, shapes) = self.shapes(look);
         pdf::document(size, [&self.title, about], look, &shapes)
     }
@@ -204,7 +208,7 @@ mod tests {
 
     #[test]
     fn svg_is_small_and_its_words_are_escaped() {
-        let svg = everything().to_svg(Look::default(), "");
+        let svg = everything().to_svg(Theme::Light, "");
         assert!(svg.len() < 200_000, "{} bytes", svg.len());
         assert!(svg.contains("a &lt; b &amp; c") && svg.contains("k (–)"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
@@ -214,9 +218,7 @@ mod tests {
     #[test]
     fn png_has_ink_on_every_panel() {
         for theme in [Theme::Light, Theme::Dark] {
-            let bytes = everything()
-                .to_png(Look::new(theme, None, None), "")
-                .unwrap();
+            let bytes = everything().to_png(theme, "").unwrap();
             let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes))
                 .read_info()
                 .unwrap();
@@ -265,18 +267,23 @@ mod tests {
                     .strip("band", 0.6, 0.7),
             )
         };
-        let svg = picture(vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)], Vec::new())
-            .to_svg(Look::default(), "");
+        let svg =
+            picture(vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)], Vec::new()).to_svg(Theme::Light, "");
         assert!(svg.contains("some") && svg.contains("2 points beyond the scale"));
         assert!(!svg.contains("others") && !svg.contains("band"));
-        let svg = picture(Vec::new(), vec![(0.3, 1.0), (0.5, 1.0)]).to_svg(Look::default(), "");
+        let svg = picture(Vec::new(), vec![(0.3, 1.0), (0.5, 1.0)]).to_svg(Theme::Light, "");
         assert!(svg.contains("others") && !svg.contains("some") && !svg.contains("beyond"));
     }
 
     #[test]
     fn the_same_picture_gives_the_same_bytes() {
-        let dark = Look::new(Theme::Dark, None, None);
-        assert_eq!(everything().to_svg(dark, ""), everything().to_svg(dark, ""));
-        assert_eq!(everything().to_png(dark, ""), everything().to_png(dark, ""));
+        assert_eq!(
+            everything().to_svg(Theme::Dark, ""),
+            everything().to_svg(Theme::Dark, "")
+        );
+        assert_eq!(
+            everything().to_png(Theme::Dark, ""),
+            everything().to_png(Theme::Dark, "")
+        );
     }
 }

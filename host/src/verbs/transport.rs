@@ -112,11 +112,7 @@ pub struct Arguments {
 /// Computes and prints the speeds.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output()?;
-    let feeder = Feeder::build(arguments)?;
-    let (report, picture) = match arguments.friction {
-        Some(_) => friction::computed(feeder, arguments, desk)?,
-        None => speed::computed(feeder, arguments, desk)?,
-    };
+    let (report, picture) = computed(arguments, desk)?;
     output.show(&report, picture)
 }
 
@@ -146,6 +142,14 @@ fn read(options: &str) -> Result<Arguments, Refusal> {
 
 /// A report, and its picture once it is wanted.
 type Computed = (Printout, Box<dyn FnOnce() -> Picture>);
+
+fn computed(arguments: &Arguments, desk: &Desk) -> Result<Computed, Refusal> {
+    let feeder = Feeder::build(arguments)?;
+    if arguments.friction.is_some() {
+        return friction::computed(feeder, arguments, desk);
+    }
+    speed::computed(feeder, arguments, desk)
+}
 
 /// What is the same for every k.
 #[derive(Clone, Copy, Debug)]
