@@ -389,7 +389,7 @@ mod tests {
             phase: 0.7,
             velocity: 0.1,
         };
-        for (k, restitution) in [(0.43, 0.2), (0.6, 0.5), (0.9, 0.1), (0.45, 0.0)] {
+        for (k, restitution) in [(0.43, 0.2), (0.6, 0.5), (0.97, 0.1), (0.45, 0.0)] {
             let endings = Endings::new(k, restitution, 1500).unwrap();
             let map = Map::build(k, restitution).unwrap();
             let mut lifted = 0;
