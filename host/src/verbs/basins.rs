@@ -10,7 +10,7 @@ use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde_json::json;
 
-use crate::arguments::{self, AmplitudeArguments, NoScatter, Shown};
+use crate::arguments::{self, AmplitudeArguments, ContactArguments, NoScatter, Shown};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED, TOGETHER};
 use crate::picture::{Axis, Fill, Grid, Panel, Picture};
@@ -51,6 +51,9 @@ pub struct Arguments {
     impacts: usize,
 
     #[command(flatten)]
+    contact: ContactArguments,
+
+    #[command(flatten)]
     scatter: NoScatter,
 
     #[command(flatten)]
@@ -66,7 +69,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     )?;
     let k = wanted(arguments)?;
     let drive_text = arguments.amplitude.describe(k)?;
-    let endings = Endings::new(k, arguments.restitution, arguments.impacts)?;
+    let contact = arguments.contact.time(arguments.amplitude.hertz())?;
+    let endings = Endings::with_contact(k, arguments.restitution, arguments.impacts, contact)?;
     let side = arguments.grid;
     let top = arguments.velocity;
     let starts = Starts { side, top };
@@ -102,8 +106,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let followed = arguments.impacts;
     let report = Printout::new(table)
         .heading(format!(
-            "Where parts end at {drive_text}, R = {}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
+            "Where parts end at {drive_text}, R = {}{}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
             number(arguments.restitution, 6),
+            arguments.contact.words(),
             number(top, 6)
         ))
         .note(format!("A part that starts from rest: {}", ending::describe_regime(endings.from_rest(), arguments.impacts)))
@@ -230,8 +235,9 @@ fn picture(
         .width(780.0)
         .panel(panel)
         .caption(format!(
-            "{drive_text}, R = {}; {} × {} starts, up to {} impacts each",
+            "{drive_text}, R = {}{}; {} × {} starts, up to {} impacts each",
             number(arguments.restitution, 6),
+            arguments.contact.words(),
             arguments.grid,
             arguments.grid,
             arguments.impacts

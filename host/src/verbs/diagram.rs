@@ -15,7 +15,9 @@ use std::sync::Arc;
 use clap::ValueEnum;
 use serde::Serialize;
 
-use crate::arguments::{self, AmplitudeArguments, Range, ScatterArguments, Shown};
+use crate::arguments::{
+    self, AmplitudeArguments, ContactArguments, Range, ScatterArguments, Shown,
+};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
@@ -63,6 +65,9 @@ pub struct Arguments {
     /// Impacts in each column before the first that is drawn.
     #[arg(long, value_name = "N", default_value = "500", value_parser = arguments::count(0, 10_000_000))]
     settle: usize,
+
+    #[command(flatten)]
+    contact: ContactArguments,
 
     #[command(flatten)]
     scatter: ScatterArguments,
@@ -118,8 +123,9 @@ impl ColumnStart {
 /// Draws the diagram.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output()?;
+    let contact = arguments.contact.time(arguments.amplitude.hertz())?;
     if arguments.show == Show::Regimes {
-        let map = regimes::Map::compute(arguments, desk)?;
+        let map = regimes::Map::compute(arguments, contact, desk)?;
         let report = map.report()?;
         return output.show(&report, || map.picture());
     }
@@ -136,6 +142,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let flown = Flown {
         arguments,
         tracks: &tracks,
+        contact,
         keep,
     };
     let mut starts = arguments.starts.clone();
@@ -145,7 +152,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         range,
         velocity: arguments.show == Show::Velocity,
         branches: flown.follow(&starts, desk)?,
-        bands: bands(over, &values),
+        bands: bands(over, contact, &values),
+        contact,
+        fixed: over.fixed() + &arguments.contact.words(),
         values,
     });
     let report = diagram.report()?;

@@ -11,10 +11,12 @@ use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
+    ContactTime, Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
 };
 
-use crate::arguments::{self, AmplitudeArguments, Drawn, Output, ScatterArguments};
+use crate::arguments::{
+    self, AmplitudeArguments, ContactArguments, Drawn, Output, ScatterArguments,
+};
 use crate::desk::{Desk, Progress};
 use crate::file;
 use crate::refusal::{Exit, Refusal};
@@ -62,6 +64,9 @@ pub struct Arguments {
     velocity: Option<f64>,
 
     #[command(flatten)]
+    contact: ContactArguments,
+
+    #[command(flatten)]
     scatter: ScatterArguments,
 
     /// Number of consecutive impacts; memory does not grow with it.
@@ -107,6 +112,14 @@ pub enum Arithmetic {
     Batch,
 }
 
+impl Arithmetic {
+    fn refuse(self, accepted: &str, next: &str) -> Refusal {
+        let name = self.to_possible_value();
+        let name = name.map_or_else(String::new, |value| value.get_name().to_owned());
+        Refusal::value("--arithmetic", name, accepted, next)
+    }
+}
+
 /// Prints the impacts and draws their phase portrait.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output(Format::Table, true)?;
@@ -121,7 +134,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         desk,
         output: &output,
     };
-    let states = if one {
+    let contact = arguments.contact.time(arguments.amplitude.hertz())?;
+    let states = if !contact.is_instant() {
+        with_contact(&task, tones, contact)?
+    } else if one {
         on_one_tone(&task)?
     } else {
         on_tones(&task, tones)?
@@ -150,22 +166,36 @@ fn on_one_tone(task: &Task) -> Result<States, Refusal> {
 }
 
 fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States, Refusal> {
-    fn of<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, OutOfRange> {
-        move |k, restitution| K::on_tones(tones, k, restitution)
-    }
-    let arithmetic = task.arguments.arithmetic;
-    match arithmetic {
-        Arithmetic::F64 => task.fly(of::<WaveMap>(tones), one_by_one),
-        Arithmetic::F32 => task.fly(of::<Single>(tones), one_by_one),
-        Arithmetic::Hybrid | Arithmetic::Integer | Arithmetic::Batch => Err(Refusal::value(
-            "--arithmetic",
-            arithmetic
-                .to_possible_value()
-                .map_or_else(String::new, |value| value.get_name().to_owned()),
+    match task.arguments.arithmetic {
+        Arithmetic::F64 => task.fly(build_on::<WaveMap>(tones), one_by_one),
+        Arithmetic::F32 => task.fly(build_on::<Single>(tones), one_by_one),
+        other => Err(other.refuse(
             "f64 or f32 with --second-tone or --third-tone",
             "choose one of them, or leave out the tones",
         )),
     }
+}
+
+fn build_on<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, OutOfRange> {
+    move |k, restitution| K::on_tones(tones, k, restitution)
+}
+
+/// Impacts that take time; the map of several tones has one as well.
+fn with_contact(task: &Task, tones: [Tone; 2], contact: ContactTime) -> Result<States, Refusal> {
+    let arithmetic = task.arguments.arithmetic;
+    if arithmetic != Arithmetic::F64 {
+        return Err(arithmetic.refuse(
+            "f64 with --contact",
+            "leave out --arithmetic, or leave out --contact",
+        ));
+    }
+    task.fly(build_on::<WaveMap>(tones), |rows| {
+        let held = rows.iter().map(|Row { kernel, state }| {
+            let (k, restitution) = (kernel.k(), kernel.restitution());
+            contact.hold(restitution, kernel.impact(*state), k, Some(kernel.wave()))
+        });
+        held.collect()
+    })
 }
 
 fn one_by_one<K: Kernel>(rows: &[Row<K>]) -> Vec<Impact<K::State>> {
@@ -279,7 +309,7 @@ impl Task<'_> {
         self.write(&columns, arguments.count as u64, |sink| {
             for n in 1..=arguments.count {
                 if let Some(scatter) = &mut scatter {
-                    row[0].kernel = K::build(k, scatter.draw())?;
+                    row[0].kernel = build(k, scatter.draw())?;
                 }
                 for impact in impacts(&row) {
                     let next = K::observe(impact.next);

@@ -6,11 +6,11 @@ mod interval;
 mod speed;
 
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
-use kband::impact::{PartState, TangentialSettings, Tone};
+use kband::impact::{ContactTime, PartState, TangentialSettings, Tone};
 use kband::regime::Lock;
 use kband::transport::{Effort, Origin};
 
-use crate::arguments::{self, DriveArguments, Range, ScatterArguments, Shown};
+use crate::arguments::{self, ContactArguments, DriveArguments, Range, ScatterArguments, Shown};
 use crate::desk::Desk;
 use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
@@ -111,6 +111,9 @@ pub struct Arguments {
     settle: usize,
 
     #[command(flatten)]
+    contact: ContactArguments,
+
+    #[command(flatten)]
     scatter: ScatterArguments,
 
     #[command(flatten)]
@@ -167,13 +170,20 @@ fn computed(arguments: &Arguments, desk: &Desk) -> Result<Computed, Refusal> {
     if arguments.friction.is_some() {
         return friction::computed(feeder, arguments, desk);
     }
-    if arguments.scatter.scatter > 0.0 && arguments.show != Show::Speed {
-        return Err(Refusal::value(
-            "--scatter",
-            arguments.scatter.scatter,
-            "0 with --show intervals and --show return, whose formulas are those of one restitution",
-            "leave --show out: the speed is measured with scatter",
-        ));
+    for (option, given, of) in [
+        ("--scatter", arguments.scatter.scatter, "one restitution"),
+        ("--contact", arguments.contact.contact, "impacts in no time"),
+    ] {
+        if given > 0.0 && arguments.show != Show::Speed {
+            return Err(Refusal::value(
+                option,
+                given,
+                format!(
+                    "0 with --show intervals and --show return, whose formulas are those of {of}"
+                ),
+                format!("leave --show out: the speed is measured with {option}"),
+            ));
+        }
     }
     match arguments.show {
         Show::Speed => speed::computed(feeder, arguments, desk),
@@ -186,6 +196,8 @@ fn computed(arguments: &Arguments, desk: &Desk) -> Result<Computed, Refusal> {
 #[derive(Clone, Copy, Debug)]
 struct Feeder {
     restitution: f64,
+    contact: ContactTime,
+    milliseconds: ContactArguments,
     track: Track,
     settings: TangentialSettings,
 }
@@ -201,9 +213,18 @@ impl Feeder {
         })?;
         Ok(Self {
             restitution: arguments.restitution,
+            contact: arguments.contact.time(arguments.drive.frequency)?,
+            milliseconds: arguments.contact,
             track,
             settings: TangentialSettings::on(&track, arguments.tangential_restitution),
         })
+    }
+
+    /// The period-1 orbit of an order.
+    fn lock(&self, k: f64, order: u32) -> Option<Lock> {
+        Lock::with_contact(k, self.restitution, order, self.contact)
+            .ok()
+            .flatten()
     }
 
     /// Amplitude in mm at `k`.
@@ -218,13 +239,14 @@ impl Feeder {
 
     fn words(&self) -> String {
         format!(
-            "R = {}, Rt = {}, η = {}, γ = {}°, incline {}°, {} Hz",
+            "R = {}, Rt = {}, η = {}, γ = {}°, incline {}°, {} Hz{}",
             number(self.restitution, 6),
             number(self.settings.restitution, 6),
             number(self.settings.amplitude_ratio, 6),
             number(self.settings.phase_lead.to_degrees(), 6),
             number(self.track.incline().to_degrees(), 6),
             number(self.track.frequency(), 6),
+            self.milliseconds.words(),
         )
     }
 
@@ -259,9 +281,9 @@ impl Feeder {
 const ORDERS: std::ops::RangeInclusive<u32> = 1..=8;
 
 /// The locks that attract at `k` and are flown.
-fn locks(k: f64, restitution: f64) -> Vec<Lock> {
+fn locks(k: f64, feeder: &Feeder) -> Vec<Lock> {
     ORDERS
-        .filter_map(|order| Lock::build(k, restitution, order).ok().flatten())
+        .filter_map(|order| feeder.lock(k, order))
         .filter(|lock| lock.attracts() && lock.is_first_return())
         .collect()
 }
@@ -269,12 +291,12 @@ fn locks(k: f64, restitution: f64) -> Vec<Lock> {
 /// Where parts start at `k`: at rest, on each lock that attracts, and `count` starts that fill
 /// phase and velocity evenly (the additive recurrence of the plastic number), up to the launch
 /// velocity of the highest bounces, `2.5 R/(1-R)`, and a little more.
-fn starts(k: f64, restitution: f64, count: usize) -> Vec<Origin> {
+fn starts(k: f64, feeder: &Feeder, count: usize) -> Vec<Origin> {
     const PLASTIC: f64 = 1.324_717_957_244_746;
-    let highest = 1.0 + 2.5 * restitution / (1.0 - restitution);
+    let highest = 1.0 + 2.5 * feeder.restitution / (1.0 - feeder.restitution);
     let mut starts = vec![Origin::Rest];
     starts.extend(
-        locks(k, restitution)
+        locks(k, feeder)
             .iter()
             .map(|lock| Origin::Hop(lock.state())),
     );

@@ -106,7 +106,7 @@ impl<'a> Seen<'a> {
 
 #[cfg(test)]
 mod tests {
-    use kband::impact::Orbit;
+    use kband::impact::{ContactTime, Orbit};
     use kband::regime::cascade::Cascade;
     use kband::regime::exponent::start_near_lock;
 
@@ -114,7 +114,7 @@ mod tests {
 
     /// Observed regime of a part from rest.
     fn from_rest(k: f64, restitution: f64) -> Regime {
-        let endings = Endings::seen(k, restitution).unwrap();
+        let endings = Endings::seen(k, restitution, ContactTime::INSTANT).unwrap();
         let mut seen = Seen::new(&endings, SEEN);
         for event in Orbit::from_rest(endings.map()) {
             seen.take(&event);
@@ -157,7 +157,7 @@ mod tests {
                 // Within 1 % of a flip 1500 impacts do not decide.
                 for n in 1..99 {
                     let k = window[1] + (window[0] - window[1]) * (f64::from(n) + 0.5) / 100.0;
-                    let endings = Endings::seen(k, restitution).unwrap();
+                    let endings = Endings::seen(k, restitution, ContactTime::INSTANT).unwrap();
                     let orbit = Orbit::new(endings.map(), start_near_lock(endings.map(), 1));
                     let mut seen = Seen::new(&endings, SEEN);
                     for event in orbit {
@@ -187,7 +187,7 @@ mod tests {
             .map(|n| 0.31 + 0.012 * f64::from(n))
             .flat_map(|k| [(k, 0.2), (k, 0.6)])
             .collect();
-        let followed = Endings::of_tracks(&places, FOLLOWED).unwrap();
+        let followed = Endings::of_tracks(&places, FOLLOWED, ContactTime::INSTANT).unwrap();
         let mut open = 0;
         for ((k, restitution), followed) in places.into_iter().zip(followed) {
             match from_rest(k, restitution) {

@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
-use kband::impact::{Impact, Map, Observer, Orbit, PartState, Scatter, StopReason};
+use kband::impact::{ContactTime, Impact, Observer, PartState, Scatter, StopReason};
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde::Serialize;
@@ -100,6 +100,7 @@ pub(super) struct Flown<'a> {
     pub(super) arguments: &'a Arguments,
     /// k and restitution of each column.
     pub(super) tracks: &'a [(f64, f64)],
+    pub(super) contact: ContactTime,
     pub(super) keep: Keep,
 }
 
@@ -117,7 +118,7 @@ impl Flown<'_> {
         desk: &Desk,
     ) -> Result<Vec<Branch>, Refusal> {
         let columns = self.tracks.len();
-        let build = |(k, restitution): &(f64, f64)| Endings::seen(*k, *restitution);
+        let build = |(k, restitution): &(f64, f64)| Endings::seen(*k, *restitution, self.contact);
         let tracks: Vec<Endings> = self.tracks.iter().map(build).collect::<Result<_, _>>()?;
         let mut tasks: Vec<(ColumnStart, usize)> = Vec::new();
         for start in starts {
@@ -206,11 +207,11 @@ impl Flown<'_> {
         let Arguments {
             settle, impacts, ..
         } = *self.arguments;
-        let map = endings.map();
+        let restitution = endings.map().restitution();
         let stream = (column as u64) << 2 | start as u64;
-        let scatter = self.arguments.scatter.stream(map.restitution(), stream)?;
+        let scatter = self.arguments.scatter.stream(restitution, stream)?;
         if let Some(scatter) = scatter {
-            return self.column_in_gear(map, state, scatter);
+            return self.column_in_gear(endings, state, scatter);
         }
         let flown = column::flown(endings, state, settle, impacts);
         Ok(Struck {
@@ -223,16 +224,12 @@ impl Flown<'_> {
     /// The impacts of one column whose restitution scatters, and their gear.
     fn column_in_gear(
         &self,
-        map: &Map,
+        endings: &Endings,
         state: &mut Option<PartState>,
         scatter: Scatter,
     ) -> Result<Struck, Refusal> {
         let (settle, impacts) = (self.arguments.settle, self.arguments.impacts);
-        let orbit = match *state {
-            Some(state) => Orbit::new(map, state),
-            None => Orbit::from_rest(map),
-        };
-        let mut orbit = orbit.scattering(scatter)?;
+        let mut orbit = endings.orbit(*state).scattering(scatter)?;
         let mut struck = Landings::default();
         let mut gears = Gears::watched()?;
         let mut ended = orbit.watch(settle as u64, &mut ());
@@ -273,12 +270,12 @@ pub(super) fn height(velocity: bool, state: PartState) -> f64 {
 /// Stretches of columns in which the period-1 orbits of orders 1 to 5 attract.
 ///
 /// Bisection between two columns locates each edge.
-pub(super) fn bands(over: Over, values: &[f64]) -> Vec<Stretch> {
+pub(super) fn bands(over: Over, contact: ContactTime, values: &[f64]) -> Vec<Stretch> {
     let mut bands = Vec::new();
     for order in 1..=5 {
         let attracts = |x: f64| {
             let (k, restitution) = over.at(x);
-            Lock::build(k, restitution, order)
+            Lock::with_contact(k, restitution, order, contact)
                 .ok()
                 .flatten()
                 .is_some_and(|lock| lock.attracts() && lock.is_first_return())

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use kband::impact::{Impact, Orbit, OrbitEvent, PartState};
+use kband::impact::{Impact, OrbitEvent, PartState};
 use kband::regime::classify::Regime;
 
 use crate::ending::{Endings, SEEN, Seen};
@@ -136,10 +136,7 @@ pub(super) fn flown(
     settle: usize,
     impacts: usize,
 ) -> Flown {
-    let mut orbit = match *state {
-        Some(state) => Orbit::new(endings.map(), state),
-        None => Orbit::from_rest(endings.map()),
-    };
+    let mut orbit = endings.orbit(*state);
     let mut seen = Seen::new(endings, classified_impacts(settle, impacts));
     let total = settle + impacts;
     let mut struck = Vec::with_capacity(impacts.min(SEEN));
@@ -228,7 +225,7 @@ pub(super) fn flown(
 
 #[cfg(test)]
 mod tests {
-    use kband::impact::Map;
+    use kband::impact::{ContactTime, Map, Orbit};
 
     use super::*;
 
@@ -255,7 +252,7 @@ mod tests {
         // Locked, doubled, chaotic, hops and rests, rests for ever.
         for n in 0..120 {
             let k = 0.3 + 0.0061 * f64::from(n);
-            let endings = Endings::seen(k, 0.2).unwrap();
+            let endings = Endings::seen(k, 0.2, ContactTime::INSTANT).unwrap();
             let map = endings.map();
             for (from, settle, impacts) in [
                 (None, 0, 400),

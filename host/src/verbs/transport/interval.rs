@@ -41,9 +41,9 @@ fn found(feeder: &Feeder, k: f64, arguments: &Arguments, desk: &Desk) -> Result<
     let map = Map::build(k, feeder.restitution)?;
     let tangential = Tangential::build(k, feeder.settings)?;
     // More starts than for a speed: each gives one independent value of every correlation.
-    let starts = starts(k, feeder.restitution, arguments.starts.unwrap_or(24));
+    let starts = starts(k, feeder, arguments.starts.unwrap_or(24));
     let watch = |start: Origin, seen: &mut Seen| {
-        measure(&map, tangential, start, effort(arguments), seen).motion == Motion::Hopping
+        measure(start.orbit(&map), tangential, effort(arguments), seen).motion == Motion::Hopping
             && seen.count() > LAGS as u64
     };
     // The longest interval sets the scale of the histogram; the second pass sees the same orbits.

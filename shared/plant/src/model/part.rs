@@ -535,23 +535,22 @@ pub(crate) fn turned(angle: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kband::impact::Friction;
-    use kband::impact::FrictionSettings;
-    use kband::transport::{Effort, Origin, measure};
+    use kband::impact::{Friction, FrictionSettings, Orbit};
+    use kband::transport::{Effort, measure};
 
     /// Samples of a drive cycle in these runs.
     const SAMPLES: u64 = 400;
 
     /// Displacement in b per cycle of a part from rest, over 600 cycles at constant amplitude. The
     /// events are evaluated per sample and the sliding per cycle, as in the plant.
-    fn way(k: f64, law: Law, restitution: f64) -> f64 {
+    fn way(k: f64, law: Law, restitution: f64, contact: ContactTime) -> f64 {
         let (normal_gravity, angular) = (9.81, 314.0);
         let track = Track {
             normal_gravity,
             angular,
             law: Some(law),
             wave: None,
-            contact: ContactTime::INSTANT,
+            contact,
         };
         let amplitude = normal_gravity / (k * angular * angular);
         let swing = |time: u64| Swing {
@@ -601,14 +600,17 @@ mod tests {
                 settle: 1000,
                 impacts: 3000,
             };
-            let found = measure(&map, along, Origin::Rest, effort, &mut ()).conveyed;
-            let expected = found.time_mean().unwrap() * TAU;
-            let found = way(k, Law::Friction(settings), restitution);
-            // Errors: the amplitude has f32 precision, a throw is timed to a sample.
-            assert!(
-                (found / expected - 1.0).abs() < 2e-3,
-                "{throw}: {found} {expected}"
-            );
+            for contact in [0.0, 0.12].map(|c| ContactTime::build(c).unwrap()) {
+                let orbit = Orbit::from_rest(&map).with_contact(contact);
+                let found = measure(orbit, along, effort, &mut ()).conveyed;
+                let expected = found.time_mean().unwrap() * TAU;
+                let found = way(k, Law::Friction(settings), restitution, contact);
+                // Errors: the amplitude has f32 precision, a throw is timed to a sample.
+                assert!(
+                    (found / expected - 1.0).abs() < 2e-3,
+                    "{throw} {contact:?}: {found} {expected}"
+                );
+            }
         }
     }
 }

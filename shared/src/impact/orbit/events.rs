@@ -4,6 +4,7 @@ use super::contact::Contact;
 use super::observe::Observer;
 use super::release::Release;
 use crate::feeder::{OutOfRange, accept};
+use crate::impact::contact_time::ContactTime;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, Kernel, PartState};
 use crate::impact::scatter::Scatter;
@@ -73,6 +74,7 @@ pub struct Orbit<'a, K: Kernel<State = PartState> = Map> {
     scatter: Option<Scatter>,
     /// The last drawn restitution over that of the kernel.
     drawn: f64,
+    contact_time: ContactTime,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,6 +113,7 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
             release: None,
             scatter: None,
             drawn: 1.0,
+            contact_time: ContactTime::INSTANT,
         }
     }
 
@@ -146,6 +149,44 @@ impl<'a, K: Kernel<State = PartState>> Orbit<'a, K> {
         )?;
         self.scatter = Some(scatter);
         Ok(self)
+    }
+
+    /// This orbit with impacts that take time.
+    ///
+    /// The flight of an impact then includes its contact, and its next state is the launch after
+    /// that. A chatter's closed form neglects the contacts.
+    ///
+    /// ```
+    /// use core::f64::consts::TAU;
+    /// use kband::impact::{ContactTime, Kernel, Map, Orbit, OrbitEvent};
+    /// use kband::regime::Lock;
+    /// // 0.4 ms at 50 Hz are 2 % of the cycle.
+    /// let contact = ContactTime::from_milliseconds(0.4, 50.0)?;
+    /// let lock = Lock::with_contact(0.43, 0.2, 1, contact)?.unwrap();
+    /// let map = Map::build(0.43, 0.2)?;
+    /// let mut orbit = Orbit::new(&map, lock.state()).with_contact(contact);
+    /// let Some(OrbitEvent::Impact(impact)) = orbit.next() else {
+    ///     panic!("it hops");
+    /// };
+    /// // Flight and contact together take one cycle.
+    /// assert!((impact.flight - TAU).abs() < 1e-12);
+    /// # Ok::<(), kband::feeder::OutOfRange>(())
+    /// ```
+    pub fn with_contact(self, contact: ContactTime) -> Self {
+        Self {
+            contact_time: contact,
+            ..self
+        }
+    }
+
+    /// Duration of an impact.
+    pub(crate) fn contact_time(&self) -> ContactTime {
+        self.contact_time
+    }
+
+    /// Contact of the part with the track.
+    pub(crate) fn contact(&self) -> Contact {
+        self.contact
     }
 
     /// The last drawn restitution over that of the kernel; 1 without scatter.
@@ -242,7 +283,9 @@ impl<K: Kernel<State = PartState>> Iterator for Orbit<'_, K> {
                 impact
             }
         };
-        let impact = self.scatter_impact(impact);
+        let touch = self.scatter_impact(impact);
+        let restitution = self.contact.restitution() * self.drawn;
+        let impact = (self.contact_time).hold(restitution, touch, self.contact.k(), None);
         self.stage = Stage::Hopping;
         self.state = impact.next;
         Some(OrbitEvent::Impact(impact))

@@ -133,9 +133,8 @@ impl Tangential {
     }
 
     /// Velocity after a flight in which the track's velocity changed by `change`.
-    fn velocity_after_restitution(&self, flight: f64, velocity: f64, change: f64) -> f64 {
-        let arrived = velocity - self.settings.amplitude_ratio * change - self.gravity * flight;
-        self.settings.restitution * arrived
+    fn velocity_before_impact(&self, flight: f64, velocity: f64, change: f64) -> f64 {
+        velocity - self.settings.amplitude_ratio * change - self.gravity * flight
     }
 
     /// [`Tangential::velocity_after_impact`] on a track of several tones.
@@ -156,7 +155,7 @@ impl Tangential {
                 -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
             })
             .sum();
-        self.velocity_after_restitution(d, velocity, change)
+        self.settings.restitution * self.velocity_before_impact(d, velocity, change)
     }
 
     /// Velocity along the track just after the impact (symbol phi', equation 10).
@@ -171,7 +170,7 @@ impl Tangential {
         let lead = launch.phase + self.settings.phase_lead;
         // cos(t+d+gamma) - cos(t+gamma), without cancellation.
         let change = -2.0 * libm::sin(lead + half) * libm::sin(half);
-        self.velocity_after_restitution(d, velocity, change)
+        self.settings.restitution * self.velocity_before_impact(d, velocity, change)
     }
 }
 
@@ -191,6 +190,28 @@ impl AlongLaw for Tangential {
             distance,
             self.velocity_after_impact(launch, impact, velocity),
         )
+    }
+
+    fn arrive(&self, launch: PartState, flight: &Impact<PartState>, velocity: f64) -> (f64, f64) {
+        let lead = launch.phase + self.settings.phase_lead;
+        let change = libm::cos(lead + flight.flight) - libm::cos(lead);
+        (
+            self.distance(launch, flight, velocity),
+            self.velocity_before_impact(flight.flight, velocity, change),
+        )
+    }
+
+    fn rebound(&self, _: PartState, _: &Impact<PartState>, arriving: f64, _: f64) -> f64 {
+        self.settings.restitution * arriving
+    }
+
+    fn push(&self, phase: f64) -> f64 {
+        let TangentialSettings {
+            amplitude_ratio,
+            phase_lead,
+            ..
+        } = self.settings;
+        amplitude_ratio * libm::sin(phase + phase_lead) - self.gravity
     }
 
     /// The velocity decays geometrically over hops that shrink geometrically.
