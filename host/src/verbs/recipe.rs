@@ -23,7 +23,7 @@ use crate::simulate::describe;
 /// List, save, use, delete, export and import the recipes of a board.
 ///
 /// A recipe has a number from 1 to 7 and a name. It holds the target, and the settings of the parts:
-/// restitution, scatter, length, soft start and soft stop. What belongs to the machine is in no recipe.
+/// restitution, scatter, length, contact time, soft start and soft stop. What belongs to the machine is in no recipe.
 /// Saving and deleting need the drive at rest; a recipe may be used while it runs.
 ///
 /// The inputs PC6, PC7 and PC8 of the board select a recipe too: wired to ground they count 1, 2
