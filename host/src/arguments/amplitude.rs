@@ -10,7 +10,8 @@ use crate::report::number;
 /// without a number has `COUNT` values.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct AmplitudeArguments<const COUNT: usize = 200> {
-    /// In place of k: amplitude of the track normal to itself in mm, one value, or a range where k may be one.
+    /// Amplitude of the track normal to itself in mm, instead of --k: one value, or a range where
+    /// --k accepts one.
     #[arg(long, value_name = "MM", value_parser = range_or_value((1e-6, 1e3), COUNT), conflicts_with = "k")]
     pub b: Option<Range>,
 

@@ -30,27 +30,29 @@ use crate::report::{Printout, Value, fields};
   kband bands --restitution 0.18..0.22 --format json
   kband bands --restitution 0.10..0.30 --second-tone 0.15,2.356 --orders 1 --out bands.svg
 
-k2..k1 is the band that all parts share. chaos_edge is where the doublings of the liveliest part \
-pile up; reachable_edge is how far up from k2 every part really locks when it starts from rest.
+k2..k1 is the band that all parts share. chaos_edge is the accumulation point of the period \
+doublings of the highest restitution. From k2 to reachable_edge every part locks when it starts \
+from rest.
 
-With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356); an order may then \
-have several bands. With --scatter, gear k is the controller's choice for the target gear on a drive without limits; in its \
-gear band the predicted share of time in gear is within 0.02 of the best.")]
+With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356). \
+An order may then have several bands. With --scatter, gear k is the k that the controller chooses \
+for the target gear on a drive without limits. In its gear band the predicted share of time in \
+gear is within 0.02 of the best.")]
 pub struct Arguments {
     /// Restitution of the part, or LO..HI of the lot.
     #[arg(long, value_name = "R|LO..HI", default_value = "0.2", value_parser = arguments::restitution)]
     restitution: Restitution,
 
-    /// Standard deviation of restitution from impact to impact (s); the gear band of each order is
-    /// shown with it.
+    /// Standard deviation of restitution from impact to impact (s). It adds the gear band of each
+    /// order.
     #[arg(long, value_name = "S", value_parser = arguments::within(0.0, 0.3, ""))]
     scatter: Option<f64>,
 
-    /// Orders to show, 1 to N.
+    /// Number of orders, from 1.
     #[arg(long, value_name = "N", default_value = "3", value_parser = arguments::count(1, 20))]
     orders: usize,
 
-    /// Second tone of the drive, E of the first one's amplitude at the angle TH in rad.
+    /// Second tone of the track: amplitude over that of the first tone, and angle in rad.
     #[arg(long, value_name = "E,TH", value_parser = arguments::tone)]
     second_tone: Option<Tone>,
 

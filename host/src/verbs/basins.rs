@@ -17,7 +17,7 @@ use crate::picture::{Axis, Fill, Grid, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Table, columns, number};
 
-/// Which regime a part ends in, by the phase and velocity it starts with.
+/// Compute basins of attraction: the final regime of each start, over its phase and velocity.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband basins --k 0.43 --restitution 0.2
@@ -25,7 +25,7 @@ use crate::report::{Printout, Table, columns, number};
   kband basins --b 0.235 --frequency 50 --restitution 0.2
   kband basins --k 0.7 --restitution 0.5 --velocity 4 --out basins.csv
 
-The table says how many starts end in each regime; CSV has a row for each start.")]
+The table has the share of starts in each regime; CSV has a row for each start.")]
 pub struct Arguments {
     /// k = g cos(alpha) / (b w^2).
     #[arg(long, required_unless_present = "b", value_parser = arguments::within(0.001, 1000.0, ""))]
@@ -38,7 +38,7 @@ pub struct Arguments {
     #[arg(long, value_name = "R", value_parser = arguments::within(0.0, 0.999, ""))]
     restitution: f64,
 
-    /// Starts along each side of the grid.
+    /// Number of starts along each side of the grid.
     #[arg(long, value_name = "N", default_value = "200", value_parser = arguments::count(2, 4000))]
     grid: usize,
 
@@ -46,7 +46,7 @@ pub struct Arguments {
     #[arg(long, value_name = "PSI", default_value = "3", value_parser = arguments::within(1e-6, 1000.0, "b w"))]
     velocity: f64,
 
-    /// Impacts after which a start that has not settled counts as undecided.
+    /// Number of impacts after which a start without a final regime counts as undecided.
     #[arg(long, value_name = "N", default_value_t = FOLLOWED, value_parser = arguments::count(10, 10_000_000))]
     impacts: usize,
 

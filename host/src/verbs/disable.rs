@@ -11,8 +11,7 @@ use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
-/// Bring the drive of a board to rest, softly, and keep it there until kband enable or the board's
-/// next reset.
+/// Stop the drive of a board softly. It stays at rest until kband enable or the board's next reset.
 ///
 /// This is no emergency stop: cut the power for that.
 #[derive(Clone, Debug, clap::Args)]

@@ -14,8 +14,8 @@ use crate::report::{self, columns};
 use manual::Word;
 use number::Example;
 
-/// Print what the manual says on a word, a state, an event, a fault or a limit, with its formula
-/// and a number in mm.
+/// Print the manual's text on a word, state, event, fault or limit, with its formula and a number
+/// in mm.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband explain k
@@ -24,13 +24,13 @@ use number::Example;
   kband explain capturing
   kband explain fault 4
 
-Every word of the glossary, every symbol, and whatever kband prints as a state, event, regime, fault or limit.")]
+It knows every word and symbol of the glossary, and every state, event, regime, fault and limit.")]
 pub struct Arguments {
-    /// The word or words; `fault N` and `limit N` by their numbers. Without any, the list of them.
+    /// The word or words; `fault N` or `limit N` for a number. Without a word: the list of them.
     #[arg(value_name = "WORD", value_parser = Topics)]
     words: Vec<String>,
 
-    /// Restitution of the part that the number is of, or LO..HI of the lot.
+    /// Restitution of the part for the number in mm, or LO..HI of the lot.
     #[arg(long, value_name = "R|LO..HI", default_value = "0.2", value_parser = arguments::restitution)]
     restitution: Restitution,
 

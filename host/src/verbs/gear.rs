@@ -18,7 +18,7 @@ use crate::refusal::{Exit, Refusal};
 use survey::Survey;
 pub(super) use survey::{Lot, LotSettings};
 
-/// The share of time in gear over k and over the second tone, for parts whose restitution scatters.
+/// Compute the share of time in gear over k and second tone, for parts whose restitution scatters.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband gear --restitution 0.3 --scatter 0.05
@@ -27,11 +27,11 @@ pub(super) use survey::{Lot, LotSettings};
   kband gear --restitution 0.3 --scatter 0.05 --second-tone 0.15,2.356 --k 0.3..0.5:41 --format csv
   kband gear --restitution 0.3 --scatter 0.05 --b 0.18..0.3 --frequency 50
 
-A part is in gear of order r while it flies once in every r periods of the drive: flights of 0.6 to 1.4 r \
-periods, at least 8 in a row and no rest between, locked, doubled or chaotic. Each run starts from rest, without a \
-kick; the last three quarters count. The points named are the best of the map, chosen by fresh runs of the best \
-ones, and their shares are those of fresh runs again. CSV has a row for each point of the map. \
-With the table the map is drawn into kband-gear.svg where --out names no file.
+A part is in gear of order r while it makes one flight in every r drive periods: at least 8 flights \
+of 0.6 to 1.4 r periods in a row, without a rest. They may be locked, doubled or chaotic. Each run \
+starts from rest without a kick; its last three quarters count. Fresh runs select the best points \
+of the map, and further runs give their shares. CSV has a row for each point of the map. Beside a \
+table the map is drawn into kband-gear.svg, unless --out names a file.
 
 The track moves as sin t + e sin(2 t + th) with th in rad (135 degrees are 2.356).")]
 pub struct Arguments {
@@ -39,25 +39,25 @@ pub struct Arguments {
     #[arg(long, value_name = "R|LO..HI", default_value = "0.3", value_parser = arguments::restitution)]
     restitution: Restitution,
 
-    /// Standard deviation of a part's restitution from impact to impact; bodies that tumble scatter
-    /// by 0.27 to 0.52, beyond this model.
+    /// Standard deviation of a part's restitution from impact to impact. Tumbling bodies have 0.27
+    /// to 0.52, which this model does not cover.
     #[arg(long, value_name = "S", default_value = "0.05", value_parser = arguments::within(0.0, 0.3, ""))]
     scatter: f64,
 
-    /// Drive periods in a flight.
+    /// Order: drive periods of a flight.
     #[arg(long, value_name = "R", default_value = "1", value_parser = arguments::count(1, 10))]
     order: usize,
 
-    /// k, or a range of it [default: up to where the lock of the liveliest part is born, at most
-    /// 1/R].
+    /// k, one value or a range [default: up to the birth of the lock of the highest restitution, at
+    /// most 1 over the order].
     #[arg(long, value_name = "LO..HI[:N]", value_parser = arguments::range_or_value((0.005, 4.0), 41))]
     k: Option<Range>,
 
-    /// In place of k: amplitude normal to the track in mm, one value or a range.
+    /// Amplitude normal to the track in mm, instead of --k: one value or a range.
     #[arg(long, value_name = "MM", value_parser = arguments::range_or_value((1e-6, 1e3), 41), conflicts_with = "k")]
     b: Option<Range>,
 
-    /// This second tone alone, beside the one tone, in place of a search.
+    /// Second tone to compare with the sine, instead of a search.
     #[arg(long, value_name = "E,TH", value_parser = arguments::tone)]
     second_tone: Option<Tone>,
 
@@ -65,31 +65,30 @@ pub struct Arguments {
     #[arg(long, value_name = "E3,TH3", value_parser = arguments::tone)]
     third_tone: Option<Tone>,
 
-    /// Largest second tone that the drive affords; the search goes up to it.
+    /// Largest second tone of the search, over the first tone.
     #[arg(long, value_name = "E", default_value = "0.15", value_parser = arguments::within(0.01, 0.5, ""))]
     largest_second_tone: f64,
 
-    /// Quality of the drive's resonance: it says how much more force at twice the frequency the
-    /// second tone takes.
+    /// Quality of the drive's resonance. From it follows the force that the second tone needs.
     #[arg(long, value_name = "Q", default_value = "25", value_parser = arguments::within(1.0, 1000.0, ""))]
     quality: f64,
 
     #[command(flatten)]
     contact: ContactArguments,
 
-    /// Restitutions of a lot that are tried, its ends among them.
+    /// Number of restitutions of a lot, its ends included.
     #[arg(long, value_name = "N", default_value = "5", value_parser = arguments::count(2, 101))]
     parts: usize,
 
-    /// Runs of each part at each point.
+    /// Number of runs of each part at each point.
     #[arg(long, value_name = "N", default_value = "8", value_parser = arguments::count(1, 1000))]
     runs: usize,
 
-    /// Drive periods of a run.
+    /// Duration of a run in drive periods.
     #[arg(long, value_name = "N", default_value = "250", value_parser = arguments::count(40, 1_000_000))]
     periods: usize,
 
-    /// Seed of the scatter: the same seed gives the same bits, on any number of threads.
+    /// Seed of the random restitutions. Equal seeds give equal bits, with any number of threads.
     #[arg(long, value_name = "N", default_value = "1", value_parser = arguments::seed)]
     seed: u64,
 

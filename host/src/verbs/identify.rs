@@ -13,9 +13,10 @@ use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Table, columns};
 
-/// Ask a board who it is: image, link version, self-test, last words before its reset, counters.
+/// Print the identity of a board: image, link version, self-test, last message before its reset,
+/// counters.
 ///
-/// Exit status 1 where the board speaks another version of the link than this kband.
+/// The exit status is 1 if the board has another version of the link than this kband.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband identify

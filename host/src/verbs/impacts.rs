@@ -25,7 +25,7 @@ use crate::report::{self, Column, Format, Rows, Value, columns, print_rows};
 use portrait::{States, portrait};
 use rows::{LaunchFile, Row, Survey, check_rows, fly_rows, not_held};
 
-/// Consecutive impacts of one orbit, or one impact for each row of a file.
+/// Compute consecutive impacts of one orbit, or one impact for each row of a file.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband impacts --k 0.43 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20
@@ -34,12 +34,13 @@ use rows::{LaunchFile, Row, Survey, check_rows, fly_rows, not_held};
   kband impacts --b 0.235 --frequency 50 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20
   kband impacts --from states.csv --arithmetic f64 --format csv
 
-A file has the columns k,restitution,phase,velocity (others are ignored); each row gives \
-flight,next_phase,next_velocity; they are empty, with a warning on standard error, where only the \
-arithmetic cannot hold the row. Phases are in rad, velocities in units of b w.
+A file has the columns k,restitution,phase,velocity; others are ignored. Each row gives \
+flight,next_phase,next_velocity. If only the arithmetic cannot represent a row, they are empty, with \
+a warning on standard error. Phases are in rad, velocities in units of b w. With --contact the flight \
+includes the contact, and phase and velocity are those after it.
 
-Rows go out as they come, to standard output and to --out FILE.csv, .json or, where it is built in, \
-.parquet: memory does not grow with their number. A table to read has at most 50000 rows, a \
+Each row is written when it is computed, to standard output and to --out FILE.csv, .json or (if \
+built in) .parquet: memory does not grow with their number. A table has at most 50000 rows, a \
 picture at most 131072 states.
 
 With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356).")]
@@ -55,11 +56,11 @@ pub struct Arguments {
     #[arg(long, value_name = "R", value_parser = arguments::number, required_unless_present = "from")]
     restitution: Option<f64>,
 
-    /// Phase of the drive just after an impact, rad.
+    /// Phase of the drive just after an impact in rad.
     #[arg(long, value_name = "T", value_parser = arguments::number, required_unless_present = "from")]
     phase: Option<f64>,
 
-    /// Velocity relative to the track just after it, units of b w, at least 0.
+    /// Velocity relative to the track just after an impact, in units of b w, at least 0.
     #[arg(long, value_name = "PSI", value_parser = arguments::number, required_unless_present = "from")]
     velocity: Option<f64>,
 

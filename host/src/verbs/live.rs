@@ -6,8 +6,8 @@ use crate::arguments;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
-/// A dashboard in the terminal: k against the band, regime, impact phases, faults; keys change the
-/// target.
+/// Show a dashboard in the terminal: k against the band, regime, impact phases, faults. Keys change
+/// the target.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband live
@@ -15,31 +15,30 @@ use crate::refusal::{Exit, Refusal};
   kband live --on /dev/ttyACM0
   kband live --on qemu
 
-Keys: q quits, e takes the enable away or gives it, 1 to 8 ask for a lock of that order, x for \
-chaos, + and - change k, c captures anew, p pauses.")]
+Keys: q quits, e switches the enable off or on, 1 to 8 request a lock of that order, x requests \
+chaos, + and - change k, c starts a new capture, p pauses.")]
 pub struct Arguments {
-    /// Scene to simulate in real time; without one, the default scene.
+    /// Scene to simulate in real time. Default: the built-in scene.
     #[arg(value_name = "SCENE.toml", conflicts_with = "on")]
     scene: Option<PathBuf>,
 
-    /// Look at a board instead: qemu (the emulated CPU, running the default scene) or a serial
-    /// port.
+    /// Show a board instead: qemu (the emulated CPU with the default scene) or a serial port.
     #[arg(long, value_name = "qemu or /dev/PORT")]
     on: Option<String>,
 
-    /// Image for --on qemu, instead of the one that cargo builds here.
+    /// Image for --on qemu. Default: the image that cargo builds here.
     #[arg(long, value_name = "FILE", requires = "on")]
     image: Option<PathBuf>,
 
-    /// File that keeps the settings of --on qemu from run to run; made where there is none.
+    /// File that keeps the settings of --on qemu between runs. It is created if missing.
     #[arg(long, value_name = "FILE", requires = "on")]
     flash_image: Option<PathBuf>,
 
-    /// Seconds of the simulation for one second of the clock.
+    /// Simulated seconds for one second of the clock.
     #[arg(long, value_name = "FACTOR", conflicts_with = "on", default_value = "1", value_parser = arguments::within(0.01, 100.0, ""))]
     speed: f64,
 
-    /// End by itself after this many seconds of the clock.
+    /// Duration in s of the clock.
     #[arg(long = "for", value_name = "SECONDS", value_parser = arguments::within(0.1, 1e6, "s"))]
     limit: Option<f64>,
 }

@@ -11,10 +11,9 @@ use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, fields};
 
-/// The margins of the loop that holds the track's amplitude, on drives at their resonance and
-/// beside it.
+/// Compute the stability margins of the amplitude loop, on drives at their resonance and beside it.
 ///
-/// In cycles of the drive the loop is the same at every frequency.
+/// In drive cycles the loop is the same at every frequency.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband margins

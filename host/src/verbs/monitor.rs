@@ -24,10 +24,10 @@ use watch::Watch;
 /// Time between two looks into the event log; the board takes them for a sign of life too.
 const LOG_POLL_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Print what a board tells: telemetry and event log, as it comes.
+/// Print telemetry and event log of a board as they arrive.
 ///
-/// Ends with Ctrl-C or after --duration or --rows. A record holds the bytes of the link as they
-/// came: cut or damaged anywhere, it loses what was there and nothing else.
+/// Ctrl-C, --duration or --rows end it. A record holds the bytes of the link: damage to it loses
+/// only the damaged messages.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband monitor
@@ -41,46 +41,45 @@ pub struct Arguments {
     #[command(flatten)]
     address: Address,
 
-    /// One row of telemetry every N drive cycles; 0 for the event log alone.
+    /// Drive cycles per row of telemetry; 0: the event log only.
     #[arg(long, value_name = "N", default_value = "10", value_parser = arguments::count(0, 65_535))]
     every: usize,
 
-    /// End after this many seconds of the clock.
+    /// Duration in s of the clock.
     #[arg(long, value_name = "S", value_parser = arguments::within(0.1, 1e7, "s"))]
     duration: Option<f64>,
 
-    /// End after this many rows of telemetry.
+    /// Number of rows of telemetry after which it ends.
     #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000_000))]
     rows: Option<usize>,
 
-    /// Record to a file, to be replayed; a file that is there already is refused.
+    /// Record to a new file, for --replay. An existing file is refused.
     #[arg(long, value_name = "FILE", conflicts_with = "replay")]
     record: Option<PathBuf>,
 
-    /// Print a record instead of a board.
+    /// Print a record instead of a board's messages.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["on", "image", "flash_image", "every", "duration", "rows"])]
     replay: Option<PathBuf>,
 
-    /// Print the board's log as well: the image that runs there, which has the words. A board's log
-    /// comes through --probe.
+    /// Also print the board's log, decoded with this image, which must be the one that runs there.
+    /// A board's log comes through --probe.
     #[arg(long, value_name = "IMAGE")]
     elf: Option<PathBuf>,
 
-    /// Read the log through a debug probe, which one where several are there; the board runs on.
-    /// Without --on the log alone.
+    /// Read the log through a debug probe; name the probe if several are connected. The board runs
+    /// on. Without --on only the log is printed.
     #[arg(long, value_name = "VID:PID[:SERIAL]", num_args = 0..=1, requires = "elf", conflicts_with_all = ["replay", "log"])]
     probe: Option<Option<String>>,
 
-    /// Record the log as well, its bytes as the board writes them, to be printed with --log; a file
-    /// that is there already is refused.
+    /// Also record the log's bytes to a new file, for --log. An existing file is refused.
     #[arg(long, value_name = "FILE", requires = "elf", conflicts_with_all = ["replay", "log"])]
     record_log: Option<PathBuf>,
 
-    /// Print a recorded log instead of a board; needs --elf.
+    /// Print a recorded log instead of a board's; needs --elf.
     #[arg(long, value_name = "FILE", requires = "elf", conflicts_with_all = ["on", "image", "flash_image", "every", "duration", "rows", "record", "replay"])]
     log: Option<PathBuf>,
 
-    /// Form of the rows; json is an object a line.
+    /// Form of the rows; json has an object per line.
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
 }

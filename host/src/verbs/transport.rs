@@ -17,7 +17,7 @@ use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, number};
 pub use friction::Speed;
 
-/// The conveying speed in every regime, over k or the amplitude.
+/// Compute the conveying speed in every regime, over k or amplitude.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband transport --restitution 0.2 --out transport.svg
@@ -29,12 +29,12 @@ pub use friction::Speed;
   kband transport --restitution 0.2 --friction 0.3 --throw 1.5 --over phase-lead
   kband transport --restitution 0.2 --friction 0.3 --second-tone 0.15,2.356 --incline 3
 
-The speed is the mean over time, rests included. Each k is tried from rest, from every lock that \
-attracts there and from starts spread over phase and velocity; one row for each regime they reach. \
-The impact mean is the paper's mean over impacts; closed_form is equation 20 for locked parts and \
-the corrected equation 34 (an impact mean) for others that hop. With --friction parts rub on the \
-track as real ones do, sliding included: S (always in contact), H-S (hops and lies), H (hops on); \
-with --second-tone the track moves as sin t + e sin(2 t + th), along itself likewise.")]
+The speed is the time mean, rests included. Each k is simulated from rest, from every attracting \
+lock, and from starts spread over phase and velocity; each regime that they reach has a row. The \
+impact mean is the paper's mean over impacts. closed_form is equation 20 for locked parts, and the \
+corrected equation 34 (an impact mean) for other parts that hop. --friction replaces the restitution \
+along the track by Coulomb friction. Its regimes are S (always in contact), H-S (hops and lies) and \
+H (hops on). With --second-tone the track moves as sin t + e sin(2 t + th), also along itself.")]
 pub struct Arguments {
     /// Restitution of the part, 0..1, 1 excluded.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 0.999, ""))]
@@ -53,12 +53,13 @@ pub struct Arguments {
     #[arg(long, value_name = "G", value_parser = arguments::range_or_value((1e-3, 1e3), 129), conflicts_with_all = ["k", "b"], requires = "friction")]
     throw: Option<Range>,
 
-    /// Friction of parts on the track: one coefficient, or that of sliding and that of sticking.
+    /// Coefficient of friction of parts on the track: one for both, or those of sliding and
+    /// sticking.
     #[arg(long, value_name = "MU[,MU_S]", value_parser = arguments::friction, conflicts_with_all = ["tangential_restitution", "show", "scatter"])]
     friction: Option<(f64, f64)>,
 
-    /// Second tone of the drive, with --friction: E of the first one's amplitude at the angle TH in
-    /// rad.
+    /// Second tone of the track, with --friction: amplitude over that of the first tone, and angle
+    /// in rad.
     #[arg(long, value_name = "E,TH", value_parser = arguments::tone, requires = "friction")]
     second_tone: Option<Tone>,
 
@@ -66,7 +67,7 @@ pub struct Arguments {
     #[arg(long, value_name = "E3,TH3", value_parser = arguments::tone, requires = "friction")]
     third_tone: Option<Tone>,
 
-    /// What the speed is shown over, with --friction [default: the throw number].
+    /// Quantity of the horizontal axis, with --friction [default: the throw number].
     #[arg(long, value_enum, requires = "friction")]
     over: Option<friction::Over>,
 
@@ -90,23 +91,24 @@ pub struct Arguments {
     #[command(flatten)]
     drive: DriveArguments,
 
-    /// Length of a part in mm: also prints how many pass in an hour, one behind the other.
+    /// Length of a part in mm. It adds the number of parts in an hour, end to end.
     #[arg(long, value_name = "MM", value_parser = arguments::within(1e-3, 1e4, "mm"))]
     part_length: Option<f64>,
 
-    /// What is computed.
+    /// Quantity to compute.
     #[arg(long, value_enum, default_value_t = Show::Speed)]
     show: Show,
 
-    /// Starts for each k, besides rest and the locks [default: 12, with --show intervals 24].
+    /// Number of starts for each k, besides rest and the locks [default: 12, with --show intervals
+    /// 24].
     #[arg(long, value_name = "N", value_parser = arguments::count(2, 10_000))]
     starts: Option<usize>,
 
-    /// Impacts measured from each start.
+    /// Number of impacts measured from each start.
     #[arg(long, value_name = "N", default_value = "3000", value_parser = arguments::count(100, 100_000_000))]
     impacts: usize,
 
-    /// Impacts before the first that is measured.
+    /// Number of impacts discarded first.
     #[arg(long, value_name = "N", default_value = "1000", value_parser = arguments::count(0, 100_000_000))]
     settle: usize,
 
@@ -120,7 +122,7 @@ pub struct Arguments {
     shown: Shown,
 }
 
-/// What is computed.
+/// Quantity to compute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Show {
     /// Speed over k or b, its closed forms and its sensitivity to the amplitude.

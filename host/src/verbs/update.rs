@@ -54,11 +54,11 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["set_key", "on", "pin"])]
     new_key: Option<PathBuf>,
 
-    /// Give the board the public key; in the place of another key only on a board with a PIN.
+    /// Send the public key to the board. It replaces another key only on a board with a PIN.
     #[arg(long, value_name = "FILE.pub")]
     set_key: Option<PathBuf>,
 
-    /// Serial port of the board; without it, the only serial port there is.
+    /// Serial port of the board. Default: the only serial port.
     #[arg(long, value_name = "/dev/PORT")]
     on: Option<String>,
 

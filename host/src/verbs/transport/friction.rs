@@ -21,7 +21,7 @@ use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Column, Field, Printout, View, columns, fields, number};
 
-/// What the speed is shown over.
+/// Quantity of the horizontal axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Over {
     /// The throw number Gamma = 1/k.
