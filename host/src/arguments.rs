@@ -111,8 +111,8 @@ pub fn own_picture(begin: &str) -> bool {
 pub fn refuse_two_forms(path: &Path, format: Format) -> Result<(), Refusal> {
     if path == Path::new("-") && format != Format::Table {
         return Err(Refusal::new(
-            "--out - is a picture on standard output, and --format wants numbers there",
-            "leave --out - out, or leave --format out",
+            "--out - writes a picture to standard output, and --format writes numbers there",
+            "leave out --out -, or leave out --format",
         ));
     }
     Ok(())

@@ -18,6 +18,7 @@ const SECOND_TONE: f32 = 0.15;
 /// Factor by which the drive is made stronger to lift its output limit.
 const STRONGER: f32 = 10.0;
 
+#[cfg(any(feature = "live", test))]
 impl Cause {
     /// Share in gear and remedy without its numbers, in at most 70 characters.
     pub fn short(&self) -> String {

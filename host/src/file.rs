@@ -320,7 +320,7 @@ pub fn read_text(path: &Path) -> Result<String, Refusal> {
 fn tell_left_over(path: &Path) {
     for left in left_over(path) {
         eprintln!(
-            "note: {} is left of a run that was killed; remove it",
+            "note: {} is left from a killed run; remove it",
             left.display()
         );
     }

@@ -123,8 +123,8 @@ fn prepare(flash: &Path) -> Result<(), Refusal> {
         Ok(data) => Err(Refusal::value(
             "--flash-image",
             format!("{} ({} bytes)", flash.display(), data.len()),
-            "a file that --flash-image made: four pages of 4096 bytes",
-            "name a file that is not there yet; it will be made",
+            "a file that --flash-image created: four pages of 4096 bytes",
+            "name a file that does not exist; kband creates it",
         )),
     }
 }

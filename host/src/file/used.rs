@@ -112,7 +112,7 @@ impl Used {
 fn input_and_output(path: &Path) -> Refusal {
     Refusal::new(
         format!("{} is an input of this run and its output", path.display()),
-        "give the output another name: an input is never written over",
+        "give the output another name: an input is never overwritten",
     )
 }
 

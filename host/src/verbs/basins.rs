@@ -64,8 +64,8 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output()?;
     arguments.scatter.check(
-        "a part whose restitution scatters forgets how it started, and ends nowhere",
-        "ask kband gear --scatter for how much of the time it is in gear",
+        "with scatter the long-term motion does not depend on the start, and there is no final regime",
+        "kband gear --scatter computes the share of time in gear",
     )?;
     let k = wanted(arguments)?;
     let drive_text = arguments.amplitude.describe(k)?;

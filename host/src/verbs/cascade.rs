@@ -56,8 +56,8 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output()?;
     arguments.scatter.check(
-        "what scatters repeats nothing that could double",
-        "ask with --noise which doublings can still be seen, or kband exponent --scatter for what is left of the cascade",
+        "with scatter no orbit repeats, so no period can double",
+        "use --noise for the doublings that remain visible, or kband exponent --scatter",
     )?;
     if let Some(noise) = arguments.noise.filter(|noise| !(0.0..=1.0).contains(noise)) {
         return Err(Refusal::value(

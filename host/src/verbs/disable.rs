@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         if Instant::now() > end || desk.go_on().is_err() {
             return Err(Refusal::new(
                 "the enable is withdrawn, but the drive has not come to rest yet",
-                "withdraw the enable input, or cut the power; kband status says what it does",
+                "withdraw the enable input, or cut the power; kband status shows its state",
             ));
         }
     }

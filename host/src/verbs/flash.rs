@@ -68,8 +68,8 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if !arguments.dry_run && !cfg!(feature = "flash") {
         return Err(Refusal::new(
-            "this kband was built without its way to a probe",
-            "build it with it: cargo install --path host --features flash (kband flash --dry-run checks an image without)",
+            "this kband was built without support for debug probes",
+            "install it with: cargo install --path host --features flash (kband flash --dry-run checks an image without)",
         ));
     }
     let path = arguments.image.clone().unwrap_or_else(|| IMAGE.into());
@@ -175,14 +175,14 @@ fn back_up(arguments: &Arguments) -> Result<Option<(Link, Backup)>, Refusal> {
 fn compare(mut link: Link, before: &Backup) -> Result<&'static str, Refusal> {
     let unlike = link.identify().and_then(|()| before.differences(&mut link));
     let unlike = unlike.map_err(|refusal| {
-        refusal.then("look at the board, then compare: kband settings list, kband recipe list")
+        refusal.then("check the board, then compare: kband settings list, kband recipe list")
     })?;
     if unlike.is_empty() {
         return Ok("settings, target and recipes are as before");
     }
     Err(Refusal::new(
         format!(
-            "the new image runs, and the board holds something else: {}",
+            "the new image runs, but settings or recipes differ: {}",
             unlike.join("; ")
         ),
         "kband settings import settings_before_flash.toml --save, and kband recipe import",
@@ -234,11 +234,11 @@ fn runs(image: &Image) -> Vec<Run> {
     for sector in chip.sectors() {
         let bytes = image.bytes_in(&sector);
         let what = if chip.settings.contains(&sector.range.start) {
-            "settings and faults, left alone"
+            "settings and faults, kept"
         } else if bytes > 0 {
             "erased and written"
         } else {
-            "left alone"
+            "kept"
         };
         match runs.last_mut() {
             Some(run) if run.what == what => {

@@ -172,7 +172,7 @@ pub(super) fn allowed(access: Access) -> &'static str {
 fn settings_in_words(kept: Kept) -> &'static str {
     match kept {
         Kept::InUse => "good",
-        Kept::Others => "those in use are not those kept: kband settings save",
+        Kept::Others => "those in use differ from the saved ones: kband settings save",
         Kept::Never => "none were ever saved, the drive stays off: kband settings save",
         Kept::Damaged => {
             "damaged or of a newer firmware, the drive stays off: kband settings import FILE.toml --save"

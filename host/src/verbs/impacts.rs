@@ -262,7 +262,7 @@ impl Task<'_> {
             let first = first.to_string();
             let first = first.trim_start_matches("error: ");
             eprintln!(
-                "left empty, as arithmetic {} cannot hold them: {count} row(s), the first in {first}",
+                "left empty, because arithmetic {} cannot represent them: {count} row(s), the first in {first}",
                 K::NAME
             );
         }

@@ -88,7 +88,7 @@ fn simulation(arguments: &Arguments) -> Result<crate::live::Simulation, Refusal>
 #[cfg(not(feature = "live"))]
 pub fn run(_arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     Err(Refusal::new(
-        "this kband was built without its dashboard",
-        "build it with it: cargo install --path host --features live",
+        "this kband was built without the dashboard",
+        "install it with: cargo install --path host --features live",
     ))
 }

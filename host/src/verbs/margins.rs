@@ -108,7 +108,7 @@ fn report(lines: &[Line]) -> Printout {
     least()
         .printout(lines)
         .heading("amplitude loop, detuned by up to 20 % to either side; the same at 5 to 500 Hz")
-        .note("gain margin: the factor on the loop's gain at which the amplitude swings for ever; phase margin: the lag more")
+        .note("gain margin: factor on the loop gain at the limit of stability; phase margin: additional lag there")
 }
 
 fn picture(lines: &[Line]) -> Picture {

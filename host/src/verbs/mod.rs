@@ -217,7 +217,7 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
         return Some(
             Refusal::new(
                 format!("{verb} alone does nothing"),
-                format!("{verb} --help says more"),
+                format!("{verb} --help shows more"),
             )
             .accepting(format!(
                 "{verb} {}",

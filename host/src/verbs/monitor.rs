@@ -138,7 +138,7 @@ fn through_the_probe(
     ] {
         if given {
             return Err(Refusal::new(
-                format!("{option} is of telemetry, which a probe does not read"),
+                format!("{option} needs telemetry, which a probe does not read"),
                 "name the board's serial port as well: --on /dev/PORT",
             ));
         }

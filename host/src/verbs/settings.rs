@@ -238,13 +238,14 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 fn kept(link: &mut Link, save: bool, address: &Address) -> Result<String, Refusal> {
     if save {
         link.tell(&Request::Save)?;
-        return Ok("kept: the board starts with these settings from now on".into());
+        return Ok("saved: the board starts with these settings from now on".into());
     }
     Ok(if address.is_emulated() {
-        "gone with this emulated board: add --save and --flash-image FILE to keep settings".into()
+        "lost at the end of this emulated board: add --save and --flash-image FILE to keep settings"
+            .into()
     } else {
         format!(
-            "in use until the board's next reset; keep it with: kband settings save{}",
+            "in use until the board's next reset; save it with: kband settings save{}",
             address.options()
         )
     })
@@ -283,7 +284,7 @@ pub(super) fn check_flash(address: &Address, kept: &str) -> Result<(), Refusal> 
 pub(super) fn export(settings: &BoardSettings, image: &str) -> String {
     let mut text = format!(
         "# Settings of a board with kband {}.\n\
-         # kband settings import FILE.toml brings them onto a board; a key left out keeps its value.\n\n",
+         # kband settings import FILE.toml sets them on a board; a key left out keeps its value.\n\n",
         image
     );
     for setting in settings.iter() {

@@ -216,7 +216,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     }
     if arguments.save {
         link.tell(&Request::Save)?;
-        eprintln!("kept: the board starts with it, and with its settings, from now on");
+        eprintln!("saved: the board starts with it, and with its settings, from now on");
     }
     let status = BoardStatus::ask(&mut link)?;
     status.printout()?.print(arguments.printed.format)?;

@@ -197,7 +197,7 @@ fn send(link: &mut Link, image: &[u8], desk: &Desk) -> Result<(), Refusal> {
                         "{} has {has} bytes of the image, {sent} were sent",
                         link.name()
                     ),
-                    "look whether the board restarted; then start the update again",
+                    "check that the board restarted; then start the update again",
                 ));
             }
         }
@@ -251,7 +251,7 @@ fn confirm(
         let unlike = before.differences(link)?;
         if !unlike.is_empty() {
             return Err(Refusal::new(
-                format!("the board holds something else: {}", unlike.join("; ")),
+                format!("settings, target or recipes differ: {}", unlike.join("; ")),
                 "report this, with settings_before_update.toml",
             ));
         }

@@ -219,8 +219,8 @@ fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
         return Err(Refusal::value(
             "--scatter",
             scatter,
-            "0 with --show regimes: what scatters ends nowhere",
-            "ask kband gear --scatter for how much of the time parts are in gear",
+            "0 with --show regimes: with scatter there is no final regime",
+            "kband gear --scatter computes the share of time in gear",
         ));
     }
     Ok((k, restitution))

@@ -38,6 +38,6 @@ impl Watch {
 fn missing() -> Refusal {
     Refusal::new(
         "this kband was built without the log of a board",
-        "build it with it: cargo install --path host --features log",
+        "install it with: cargo install --path host --features log",
     )
 }

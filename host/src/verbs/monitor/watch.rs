@@ -32,8 +32,8 @@ impl Watch {
     #[cfg(not(feature = "flash"))]
     pub(super) fn probed(_: &Path, _: Option<&str>, _: &Desk) -> Result<Self, Refusal> {
         Err(Refusal::new(
-            "this kband was built without its way to a probe",
-            "build it with it: cargo install --path host --features flash",
+            "this kband was built without support for debug probes",
+            "install it with: cargo install --path host --features flash",
         ))
     }
 
