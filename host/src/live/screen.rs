@@ -14,6 +14,7 @@ use ratatui::widgets::{Block, Clear, Paragraph};
 use super::history::{History, WINDOW};
 use super::source::{Assignment, Seen};
 use crate::causes::Cause;
+use crate::report::number;
 use crate::simulate::describe;
 
 /// Request of the user to the screen.
@@ -43,12 +44,13 @@ pub(super) fn draw(
         frame.render_widget(Paragraph::new(small), area);
         return;
     }
+    let foot = foot(history, assignment, area.width);
     let [head, body, events, keys] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Min(14),
         // Half of the lines beyond 24.
         Constraint::Length(5 + area.height.saturating_sub(24) / 2),
-        Constraint::Length(1),
+        Constraint::Length(foot.height() as u16),
     ])
     .areas(area);
     let [left, right] =
@@ -68,32 +70,35 @@ pub(super) fn draw(
     draw_clock(frame, clock, history, assignment);
     draw_numbers(frame, numbers, history, assignment);
     draw_events(frame, events, history, cause);
-    frame.render_widget(Paragraph::new(foot(history, assignment)), keys);
+    frame.render_widget(Paragraph::new(foot), keys);
     if shown.help {
         draw_help(frame, area);
     }
 }
 
-/// Advice if the drive is off, else the keys.
-fn foot(history: &History, assignment: &Assignment) -> Line<'static> {
+/// Advice if the drive is off or held back, else the keys.
+fn foot(history: &History, assignment: &Assignment, width: u16) -> Text<'static> {
     match history.now().and_then(|seen| advice(seen, assignment)) {
-        Some(advice) => Line::from(vec![
-            Span::from("? help  ").dim(),
-            Span::from(advice).yellow(),
-        ]),
+        Some(advice) => {
+            let words = format!("? help  {advice}");
+            let lines = textwrap::wrap(&words, usize::from(width)).into_iter();
+            let lines = lines.map(|line| Line::from(line.into_owned()).yellow());
+            Text::from(lines.collect::<Vec<_>>())
+        }
         None => Line::from(
             "?help  q quit  e enable  1-8 lock  g gear  x chaos  +-k  c capture anew  p pause",
         )
-        .dim(),
+        .dim()
+        .into(),
     }
 }
 
-/// The next step if the drive is off or has no setpoint.
+/// The next step if the drive is off or has no setpoint, or the limits that hold it back.
 fn advice(seen: &Seen, assignment: &Assignment) -> Option<String> {
     if let Some(fault) = seen.fault() {
-        let number = fault.number();
+        let (number, name) = (fault.number(), fault.name());
         return Some(format!(
-            "stopped by fault {number}: kband explain fault {number}"
+            "stopped by fault {number}, {name}: kband explain fault {number}"
         ));
     }
     if seen.telemetry.setpoint <= 0.0 {
@@ -102,8 +107,19 @@ fn advice(seen: &Seen, assignment: &Assignment) -> Option<String> {
             None => "no setpoint yet: the amplitude for this target is being chosen".into(),
         });
     }
-    (seen.state() == State::Off)
-        .then(|| "the drive is off: e enables it; a board needs its input given anew".into())
+    if seen.state() == State::Off {
+        return Some("the drive is off: e enables it; a board needs its input given anew".into());
+    }
+    let limits = limits(seen);
+    (!limits.is_empty()).then(|| format!("limits: {}", limits.join(", ")))
+}
+
+/// Names of the limits that hold the drive back.
+fn limits(seen: &Seen) -> Vec<&'static str> {
+    let held = Limits::ALL
+        .iter()
+        .filter(|limit| limit.bits() & seen.telemetry.limits != 0);
+    held.map(|limit| limit.name()).collect()
 }
 
 /// Keys, letters of the states and signs.
@@ -185,16 +201,30 @@ fn draw_head(
 ) {
     let state = history.now().map_or(State::Off, Seen::state);
     let badge = format!(" {} ", state.name().to_uppercase());
-    let line = Line::from(vec![
+    let target = match assignment.target {
+        // The numbers have its tones.
+        Target::Tones { k, .. } => format!("tones at k = {k}"),
+        other => describe(other),
+    };
+    let words = format!(
+        "{}  {:.1} s  target {target}  ",
+        if paused { " PAUSED" } else { "" },
+        history.time()
+    );
+    let mut line = Line::from(vec![
         Span::from("kband live ").bold(),
         Span::from(badge).fg(Color::Black).bg(look(state).1).bold(),
-        Span::from(format!(
-            "{}  {:.1} s  target {}  {name}",
-            if paused { " PAUSED" } else { "" },
-            history.time(),
-            describe(assignment.target)
-        )),
+        Span::from(words),
     ]);
+    // The end of a long path names the file.
+    let room = usize::from(area.width).saturating_sub(line.width());
+    let length = name.chars().count();
+    line.push_span(if length <= room {
+        name.to_string()
+    } else {
+        let end = name.chars().skip(length + 1 - room.max(1));
+        format!("…{}", end.collect::<String>())
+    });
     frame.render_widget(Paragraph::new(line), area);
 }
 
@@ -422,7 +452,7 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History, assignment
             });
         lines.push(Line::from(format!("speed   {speed}")));
         lines.push(Line::from(format!(
-            "impacts {:.2}, at {:+.2} rad",
+            "impacts {:.2} at {:+.2} rad",
             telemetry.rate, telemetry.phase
         )));
         lines.push(Line::from(match assignment.target {
@@ -444,35 +474,30 @@ fn draw_numbers(frame: &mut Frame<'_>, area: Rect, history: &History, assignment
         }
         if let Some(load) = telemetry.load {
             lines.push(Line::from(format!(
-                "weighed {:.0} g, {:.1} g/s",
-                load.mass, load.flow
+                "weighed {:.0} g, {} g/s",
+                load.mass,
+                number(load.flow.into(), 3)
             )));
         }
-        let kband_control::Shape { second, third } = telemetry.shape;
-        let tones = [(", e", second), (", e3", third)];
-        let upper: String = (tones.into_iter())
-            .filter(|(_, tone)| tone.ratio > 0.0)
-            .map(|(name, tone)| format!("{name} {:.3}", tone.ratio))
-            .collect();
         lines.push(Line::from(format!(
-            "output  {:.1} %{upper}",
+            "output  {:.1} %",
             100.0 * telemetry.output
         )));
-        lines.push(match seen.fault() {
-            Some(fault) => Line::from(format!("fault {}: {}", fault.number(), fault.name()))
-                .red()
-                .bold(),
-            None => Line::from("no fault"),
-        });
-        let held: Vec<&str> = Limits::ALL
-            .iter()
-            .filter(|limit| limit.bits() & telemetry.limits != 0)
-            .map(|limit| limit.name())
-            .collect();
-        lines.push(if held.is_empty() {
-            Line::from("no limit")
-        } else {
-            Line::from(held.join(", ")).yellow()
+        let kband_control::Shape { second, third } = telemetry.shape;
+        if second.ratio > 0.0 {
+            let third = if third.ratio > 0.0 {
+                format!(", e3 {:.3}", third.ratio)
+            } else {
+                String::new()
+            };
+            lines.push(Line::from(format!("tones   e {:.3}{third}", second.ratio)));
+        }
+        // The foot has the names.
+        lines.push(match (seen.fault(), limits(seen).len()) {
+            (Some(fault), _) => Line::from(format!("fault {}", fault.number())).red().bold(),
+            (None, 0) => Line::from("no fault, no limit"),
+            (None, 1) => Line::from("no fault, 1 limit").yellow(),
+            (None, count) => Line::from(format!("no fault, {count} limits")).yellow(),
         });
     }
     frame.render_widget(
@@ -487,19 +512,30 @@ fn draw_events(frame: &mut Frame<'_>, area: Rect, history: &History, cause: Opti
         format!(" events; {} ", cause.short())
     });
     let block = Block::bordered().title(title);
-    let room = usize::from(block.inner(area).height);
-    let mut lines: Vec<Line<'_>> = history
-        .said()
-        .rev()
-        .take(room)
-        .map(|(time, words)| Line::from(format!("{time:8.2} s  {words}")))
-        .collect();
-    lines.reverse();
+    let inner = block.inner(area);
+    let (room, width) = (usize::from(inner.height), usize::from(inner.width));
+    let mut lines: Vec<Line<'_>> = Vec::new();
+    for (time, words) in history.said().rev() {
+        let begin = format!("{time:8.2} s  ");
+        let options = textwrap::Options::new(width)
+            .initial_indent(&begin)
+            .subsequent_indent("            ");
+        let said: Vec<_> = textwrap::wrap(words, options)
+            .into_iter()
+            .map(|line| Line::from(line.into_owned()))
+            .collect();
+        // An older event is shown whole or not at all.
+        if !lines.is_empty() && lines.len() + said.len() > room {
+            break;
+        }
+        lines.splice(0..0, said);
+    }
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
 #[cfg(test)]
 mod tests {
+    use kband_control::{GearMargin, Load, Shape, UpperTone};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
@@ -566,6 +602,70 @@ mod tests {
             "•",
         ] {
             assert!(screen.contains(words), "'{words}' is missing:\n{screen}");
+        }
+    }
+
+    /// Two-digit rates, a load, tones, all limits, a long path and a long refusal.
+    #[test]
+    fn the_longest_values_are_not_cut() {
+        let (source, mut history) = ran(4.0);
+        let mut seen = history.now().unwrap().clone();
+        let telemetry = &mut seen.telemetry;
+        (telemetry.rate, telemetry.phase) = (24.0, -3.04);
+        telemetry.margin = Some(GearMargin {
+            trace: -1.25,
+            restitution: 0.345,
+            error: 0.01,
+            scatter: 0.125,
+            flip: -0.25,
+            to_loss: 50.0,
+        });
+        telemetry.load = Some(Load {
+            mass: 12_345.0,
+            speed: 100.0,
+            flow: 1234.5,
+        });
+        telemetry.output = 1.0;
+        telemetry.shape = Shape::new(UpperTone::new(0.15, 2.0), UpperTone::new(0.05, 1.0));
+        telemetry.limits = Limits::ALL.iter().fold(0, |all, limit| all | limit.bits());
+        history.take(seen);
+        let refusal = "target k = 12 is refused; accepted: 0.02..10; next: change target k and run again, \
+                       or correct the settings of this board with kband settings";
+        history.say(refusal.into());
+        let assignment = source.assignment();
+        let mut terminal = Terminal::new(TestBackend::new(80, 24)).unwrap();
+        let path = "/a/long/path/to/the/folder/with/the/scenes/of/all/lines/line-3.toml";
+        terminal
+            .draw(|frame| draw(frame, &history, &assignment, None, path, Shown::default()))
+            .unwrap();
+        let cells = terminal.backend().buffer().content();
+        let row = |row: &[ratatui::buffer::Cell]| -> String {
+            row.iter().map(|cell| cell.symbol()).collect()
+        };
+        let screen: Vec<String> = cells.chunks(80).map(row).collect();
+        let words = screen
+            .join(" ")
+            .replace(['│', '┌', '┐', '└', '┘', '─'], " ");
+        let words: Vec<&str> = words.split_whitespace().collect();
+        let words = words.join(" ");
+        for expected in [
+            refusal,
+            "lines/line-3.toml",
+            "impacts 24.00 at -3.04 rad",
+            "margin -0.25, trace -1.25",
+            "R 0.345, scatter 0.125",
+            "weighed 12345 g, 1235 g/s",
+            "output 100.0 %",
+            "tones e 0.150, e3 0.050",
+            "no fault, 8 limits",
+            "limits: output at its maximum, amplitude limit, acceleration limit,",
+            "parts do not fit the lot",
+        ] {
+            assert!(
+                words.contains(expected),
+                "'{expected}' is cut:\n{}",
+                screen.join("\n")
+            );
         }
     }
 
@@ -667,6 +767,9 @@ mod tests {
         history.take(source.advance(0.5).unwrap().pop().unwrap());
         let none = shown(80, 24, &history, &source.assignment());
         assert!(none.contains("? help  no setpoint: no band"), "{none}");
+        let why = source.assignment().no_setpoint().unwrap().to_string();
+        let words: Vec<&str> = none.split_whitespace().collect();
+        assert!(words.join(" ").contains(&why), "'{why}' is cut:\n{none}");
     }
 
     #[test]

@@ -3,8 +3,6 @@
 mod picture;
 mod tones;
 
-use std::f64::consts::TAU;
-
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::{ContactTime, TangentialSettings, Tone, Wave};
 use kband::regime::band::{Band, BandError};
@@ -137,21 +135,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     })
 }
 
-/// Settings of a drive that bounds no plan, for a lot.
-fn unbounded(lot: Restitution, scatter: f64, contact: ContactTime) -> Settings {
-    let frequency = f64::from(Settings::default().frequency);
-    Settings {
-        contact: (1e3 * contact.radians() / (TAU * frequency)) as f32,
-        restitution_low: lot.low() as f32,
-        restitution_high: lot.high() as f32,
-        scatter: scatter as f32,
-        gain: 100.0,
-        amplitude_limit: 100.0,
-        acceleration_limit: 1000.0,
-        ..Settings::default()
-    }
-}
-
 fn row(
     lot: Restitution,
     scatter: Option<f64>,
@@ -199,7 +182,7 @@ fn row(
         )?),
         None => None,
     };
-    let plan = |scatter| causes::plan(&unbounded(lot, scatter, contact), order as u8);
+    let plan = |scatter| causes::plan(&causes::unbounded(lot, scatter, contact), order as u8);
     Ok(Row {
         gear: scatter.and_then(plan).map(|(plan, _)| plan),
         order,
@@ -398,7 +381,7 @@ mod tests {
         assert!(rows[1].reach.is_none() && rows[1].first_chaos.is_none());
         let feeder = Settings {
             contact: 0.4,
-            ..unbounded(lot, 0.04, ContactTime::INSTANT)
+            ..causes::unbounded(lot, 0.04, ContactTime::INSTANT)
         };
         let [instant, timed] = rows.map(|row| row.gear.unwrap());
         let (plan, _) = causes::plan(&feeder, 1).unwrap();

@@ -9,10 +9,11 @@ mod survey;
 use std::f64::consts::TAU;
 
 use kband::feeder::{Restitution, Track};
-use kband::impact::{Tone, Wave};
+use kband::impact::{ContactTime, Tone, Wave};
 use kband::regime::band;
 
 use crate::arguments::{self, ContactArguments, DriveArguments, Range, Shown};
+use crate::causes;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use survey::Survey;
@@ -29,8 +30,9 @@ pub(super) use survey::{Lot, LotSettings};
 
 A part is in gear of order r while it makes one flight in every r drive periods: at least 8 flights \
 of 0.6 to 1.4 r periods in a row, without a rest. They may be locked, doubled or chaotic. Each run \
-starts from rest without a kick; its last three quarters count. Fresh runs select the best points \
-of the map, and further runs give their shares. CSV has a row for each point of the map. Beside a \
+starts from rest without a kick; its last three quarters count. On one tone the named point is \
+the controller's choice for gear on a drive without limits, if the map contains it. Otherwise fresh \
+runs select the best points. Further runs give the shares of the named points. CSV has a row for each point of the map. Beside a \
 table the map is drawn into kband-gear.svg, unless --out names a file.
 
 The track moves as sin t + e sin(2 t + th) with th in rad (135 degrees are 2.356).")]
@@ -117,6 +119,13 @@ fn angles(arguments: &Arguments) -> (f64, f64, u32) {
 /// Finds where parts stay in gear.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output_or("kband-gear.svg")?;
+    let survey = surveyed(arguments, desk)?;
+    let report = page::report(arguments, &survey)?;
+    output.show(&report, || page::picture(arguments, &survey))
+}
+
+/// The map and the named points.
+fn surveyed(arguments: &Arguments, desk: &Desk) -> Result<Survey, Refusal> {
     let order = arguments.order as u32;
     let contact = arguments.contact.time(arguments.drive.frequency)?;
     let lot = Lot::build(LotSettings {
@@ -140,14 +149,20 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             Range::new(0.15 / order, (1.02 * born).min(1.0 / order), 41)
         }
     };
-    let survey = Survey::run(
+    Survey::run(
         lot,
         &k.values().collect::<Vec<_>>(),
         &waves(arguments)?,
+        planned(arguments, contact),
         desk,
-    )?;
-    let report = page::report(arguments, &survey)?;
-    output.show(&report, || page::picture(arguments, &survey))
+    )
+}
+
+/// k that the controller chooses for this lot on a drive without limits, as `kband bands` has it.
+fn planned(arguments: &Arguments, contact: ContactTime) -> Option<f64> {
+    let feeder = causes::unbounded(arguments.restitution, arguments.scatter, contact);
+    let (plan, _) = causes::plan(&feeder, arguments.order as u8)?;
+    Some(plan.k.into())
 }
 
 /// The k of a range of amplitudes in mm, evenly spaced in k as the map is drawn.
@@ -175,4 +190,46 @@ fn waves(arguments: &Arguments) -> Result<Vec<Wave>, Refusal> {
         }
     }
     Ok(waves)
+}
+
+#[cfg(test)]
+mod tests {
+    use kband_control::Settings;
+
+    use super::*;
+
+    /// The amplitude on one tone is that of `bands`, and of the controller of `simulate`.
+    #[test]
+    fn gear_names_the_amplitude_of_the_controller() {
+        #[derive(clap::Parser)]
+        struct CommandLine {
+            #[command(flatten)]
+            arguments: Arguments,
+        }
+        let line = "gear --restitution 0.35..0.45 --scatter 0.04 --frequency 60 --k 0.4..0.7:7 \
+                    --second-tone 0.1,2.4 --parts 2 --runs 1 --periods 40";
+        let words = line.split_whitespace();
+        let arguments = <CommandLine as clap::Parser>::parse_from(words).arguments;
+        let desk = Desk::new(Some(1)).unwrap();
+        let survey = surveyed(&arguments, &desk).unwrap();
+        let amplitude = 1e3
+            * arguments
+                .drive
+                .track()
+                .unwrap()
+                .amplitude(survey.one_tone.k);
+        let feeder = Settings {
+            frequency: 60.0,
+            resonance: 60.0,
+            restitution_low: 0.35,
+            restitution_high: 0.45,
+            scatter: 0.04,
+            ..Settings::default()
+        };
+        let (_, expected) = causes::plan(&feeder, 1).unwrap();
+        assert!(
+            (amplitude / expected - 1.0).abs() < 1e-4,
+            "{amplitude} {expected}"
+        );
+    }
 }
