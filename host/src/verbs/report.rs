@@ -123,8 +123,8 @@ fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Resul
     let mut spoken = super::simulate::plain_words(outcome);
     if feeder.has_contact_time() {
         spoken.push(
-            "The figures of bands, basins and speeds below are those of impacts in no time. The table and the share of time in \
-             gear have the contact time of the scene."
+            "The figure of bands below is that of impacts in no time. The others have the contact time of \
+             the scene."
                 .into(),
         );
     }
