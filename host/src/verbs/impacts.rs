@@ -11,7 +11,7 @@ use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    ContactTime, Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
+    ContactTime, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
 };
 
 use crate::arguments::{
@@ -103,9 +103,7 @@ pub struct Arguments {
 pub enum Arithmetic {
     /// f64, the desk's default.
     F64,
-    /// Phase and velocity in fixed point, residual in i64, correction in f32: the board's default.
-    Hybrid,
-    /// Phase in u32, velocity in f32.
+    /// Phase in u32, velocity in f32: the board's.
     F32,
     /// Fixed point alone; slow.
     Integer,
@@ -156,7 +154,6 @@ struct Task<'a> {
 fn on_one_tone(task: &Task) -> Result<States, Refusal> {
     match task.arguments.arithmetic {
         Arithmetic::F64 => task.fly(Map::build, one_by_one),
-        Arithmetic::Hybrid => task.fly(Hybrid::build, one_by_one),
         Arithmetic::F32 => task.fly(Single::build, one_by_one),
         Arithmetic::Integer => task.fly(Integer::build, one_by_one),
         Arithmetic::Batch => {

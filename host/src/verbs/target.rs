@@ -27,7 +27,7 @@ use crate::simulate::{describe, within_reach};
   kband target identify
 
 If the link is silent for link_timeout, the board reduces its amplitude to safe_amplitude. kband \
-monitor and kband live keep the link alive; link_timeout 0 needs none.")]
+monitor and kband status --live keep the link alive; link_timeout 0 needs none.")]
 pub struct Arguments {
     /// Kind of the target.
     #[arg(value_enum)]
