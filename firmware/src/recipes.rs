@@ -130,7 +130,7 @@ mod tests {
         ];
         let settings = Settings {
             restitution_low: 0.01 * f32::from(number),
-            part_length: 1.0 + f32::from(number),
+            contact: 1.0 + f32::from(number),
             ..Settings::default()
         };
         let name = RecipeName::parse(["caps", "12345678901234", "a"][usize::from(number) % 3]);
@@ -163,7 +163,7 @@ mod tests {
         recipes.set(1, Some(&some(1)));
         recipes.0[0][NAME + 1] -= 1;
         let (name, mut recipe) = some(1);
-        recipe.values[6] = Settings::default().part_length;
+        recipe.values[7] = Settings::default().contact;
         assert_eq!(recipes.get(1), Stored::Recipe(name, recipe));
     }
 

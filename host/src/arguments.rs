@@ -30,8 +30,9 @@ pub struct Printed {
 /// The file a picture or a table goes to, and how it looks.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Drawn {
-    /// Also write a file; its ending says what: .svg, .png or .pdf the picture, .csv or .json the numbers. It takes the
-    /// place of an older one of that name; - is standard output, a picture or as --out=-.png says.
+    /// Also write a file. Its ending selects the content: .svg, .png or .pdf for the picture, .csv
+    /// or .json for the numbers. An older file of that name is overwritten. `-` writes the picture
+    /// to standard output, `--out=-.png` another form of it.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 
@@ -110,8 +111,8 @@ pub fn own_picture(begin: &str) -> bool {
 pub fn refuse_two_forms(path: &Path, format: Format) -> Result<(), Refusal> {
     if path == Path::new("-") && format != Format::Table {
         return Err(Refusal::new(
-            "--out - is a picture on standard output, and --format wants numbers there",
-            "leave --out - out, or leave --format out",
+            "--out - writes a picture to standard output, and --format writes numbers there",
+            "leave out --out -, or leave out --format",
         ));
     }
     Ok(())
@@ -236,8 +237,8 @@ pub struct DriveArguments {
 /// Impacts that take time.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct ContactArguments {
-    /// Duration of an impact in ms, from touching the track until the part is back where it touched
-    /// it, up to 7 % of a drive cycle.
+    /// Contact time of an impact in ms, at most 7 % of a drive cycle. It ends when the part is back
+    /// where it touched the track.
     #[arg(long, value_name = "MS", default_value = "0", value_parser = within(0.0, 70.0, "ms"))]
     pub contact: f64,
 }
@@ -268,11 +269,12 @@ impl ContactArguments {
 /// Restitution that scatters from impact to impact.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct ScatterArguments {
-    /// Standard deviation of the restitution from impact to impact (s); bodies that tumble scatter by 0.27 to 0.52, beyond this model.
+    /// Standard deviation of the restitution from impact to impact (s). Tumbling bodies have 0.27
+    /// to 0.52, which this model does not cover.
     #[arg(long, value_name = "S", default_value = "0", value_parser = within(0.0, 0.3, ""))]
     pub scatter: f64,
 
-    /// Seed of the scatter.
+    /// Seed of the random restitutions.
     #[arg(long, value_name = "N", default_value = "1", value_parser = seed)]
     pub seed: u64,
 }
@@ -293,7 +295,7 @@ impl ScatterArguments {
 /// Refuses restitution that scatters, for a question that has no answer then.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct NoScatter {
-    /// Only 0: what this verb tells is that of one restitution.
+    /// Only 0: this verb computes a result of one restitution.
     #[arg(long, value_name = "S", hide = true, value_parser = within(0.0, 0.3, ""))]
     scatter: Option<f64>,
 }

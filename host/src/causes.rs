@@ -4,6 +4,10 @@
 //! bound of the drive or the lot, in the order in which a setter should check them. The result is
 //! the predicted share in gear, 0..1, and the amplitude in mm.
 
+use std::f64::consts::TAU;
+
+use kband::feeder::Restitution;
+use kband::impact::ContactTime;
 use kband::regime::gear::GearPlan;
 use kband_control::{Controller, Limits, Settings, StartCause, Target};
 
@@ -44,6 +48,21 @@ pub fn plan(settings: &Settings, order: u8) -> Option<(GearPlan, f64)> {
     let mut controller = Controller::build(settings, target, StartCause::Ordinary).ok()?;
     while controller.plan_step() {}
     Some((controller.gear()?, f64::from(controller.setpoint()) * 1e3))
+}
+
+/// Settings of a drive that bounds no plan, for a lot.
+pub fn unbounded(lot: Restitution, scatter: f64, contact: ContactTime) -> Settings {
+    let frequency = f64::from(Settings::default().frequency);
+    Settings {
+        contact: (1e3 * contact.radians() / (TAU * frequency)) as f32,
+        restitution_low: lot.low() as f32,
+        restitution_high: lot.high() as f32,
+        scatter: scatter as f32,
+        gain: 100.0,
+        amplitude_limit: 100.0,
+        acceleration_limit: 1000.0,
+        ..Settings::default()
+    }
 }
 
 /// One cause, with its remedy and the predicted effect.

@@ -27,12 +27,12 @@ use crate::refusal::Refusal;
 /// Form of a result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Format {
-    /// Aligned columns to read.
+    /// Aligned columns.
     #[default]
     Table,
-    /// Comma-separated, 17 significant digits, units in the header.
+    /// Comma-separated values with 17 significant digits and units in the header.
     Csv,
-    /// JSON, numbers in full.
+    /// JSON with all digits.
     Json,
 }
 

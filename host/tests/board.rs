@@ -48,7 +48,7 @@ fn an_image_is_checked_without_a_probe() {
     let plan: Value = serde_json::from_str(&plan).unwrap();
     assert_eq!(plan["chip"], "STM32G474RE");
     let last = plan["sectors"].as_array().unwrap().last().unwrap();
-    assert_eq!(last["what"], "settings and faults, left alone");
+    assert_eq!(last["what"], "settings and faults, kept");
     assert_eq!(last["sectors"], serde_json::json!([252, 255]));
     let image = images::build(package, bin, machine);
     let plan = run(&folder, words, &[image.to_str().unwrap()]).done();
@@ -66,7 +66,7 @@ fn an_image_is_checked_without_a_probe() {
     assert_eq!(plan["written"], false);
     assert_eq!(plan["chip"], "STM32F405RG");
     let kept = &sectors[1];
-    assert_eq!(kept["what"], "settings and faults, left alone");
+    assert_eq!(kept["what"], "settings and faults, kept");
     assert_eq!(kept["sectors"], serde_json::json!([1, 4]));
     assert_eq!(plan["option_bytes"], Value::Null);
     // Other option bytes to set are listed; those that cannot be set are refused.

@@ -401,22 +401,17 @@ pub fn transport_speeds(
         let found = match along {
             Along::Kept(kept) => {
                 let tangential = Tangential::build(k[n], TangentialSettings::on(&track, kept))?;
-                measure(&map, tangential, Origin::Rest, effort, &mut ())
+                measure(Orbit::from_rest(&map), tangential, effort, &mut ())
             }
             Along::Friction([sliding, sticking]) => {
                 let settings = FrictionSettings::on(&track, sticking, sliding);
                 if wave.is_sine() {
-                    measure(
-                        &map,
-                        Friction::build(k[n], settings)?,
-                        Origin::Rest,
-                        effort,
-                        &mut (),
-                    )
+                    let friction = Friction::build(k[n], settings)?;
+                    measure(Orbit::from_rest(&map), friction, effort, &mut ())
                 } else {
                     let map = WaveMap::on(wave, k[n], restitution)?;
                     let friction = Friction::on(&wave, k[n], settings)?;
-                    measure_on_tones(&map, friction, Origin::Rest, effort)
+                    measure_on_tones(Origin::Rest.orbit_on_tones(&map), friction, effort)
                 }
             }
         };

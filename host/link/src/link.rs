@@ -286,7 +286,7 @@ impl Link {
             Response::Done => Ok(()),
             Response::Refused(refused) => Err(refusal(&name, refused)),
             other => Err(Refusal::new(
-                format!("{name} answered something else: {other:?}"),
+                format!("{name} sent an unexpected answer: {other:?}"),
                 "reset the board",
             )),
         })?
@@ -346,7 +346,7 @@ impl Link {
             .map_err(|error| {
                 Refusal::new(
                     format!("{}: the link broke: {error}", self.name),
-                    "look whether the board is still there",
+                    "check that the board is connected",
                 )
             })
     }
@@ -409,7 +409,7 @@ impl Link {
                     self.over = true;
                     return Err(Refusal::new(
                         format!("{} ended", self.name),
-                        "look whether the board or the emulator is still there",
+                        "check that the board is connected, or that the emulator runs",
                     ));
                 }
             }
@@ -428,12 +428,12 @@ impl Link {
                 format!(
                     "{name} sent {bytes_received} bytes: {unreadable} unreadable frames and no readable one"
                 ),
-                "look whether this is the board's port, at 115200 baud, and whether the board runs kband",
+                "check that this is the board's port, at 115200 baud, and that the board runs kband",
             );
         }
         Refusal::new(
             format!("{name} does not answer"),
-            "look whether the board runs kband, and whether its send and receive lines are crossed",
+            "check that the board runs kband, and that its send and receive lines are crossed",
         )
     }
 }
@@ -472,11 +472,11 @@ fn refusal(name: &str, refused: Refused<'_>) -> Refusal {
             "withdraw the enable input first",
         ),
         Refused::Unknown => Refusal::new(
-            format!("{name} does not know this setting"),
-            "kband settings lists those it knows",
+            format!("{name} has no such setting"),
+            "kband settings list shows its settings",
         ),
         Refused::Store => Refusal::new(
-            format!("{name} could not keep its settings"),
+            format!("{name} could not save its settings"),
             "the flash may be worn: reset the board and try again",
         ),
         Refused::TooOften => Refusal::new(
@@ -493,11 +493,11 @@ fn refusal(name: &str, refused: Refused<'_>) -> Refusal {
         ),
         Refused::WrongPin => Refusal::new(
             format!("{name} was locked with another PIN"),
-            "give the right one; five wrong ones cost a minute",
+            "give the right PIN; after five wrong ones the board waits for a minute",
         ),
         Refused::Wait(seconds) => Refusal::new(
             format!("{name} was given five wrong PINs"),
-            format!("wait for {seconds} s, then give the right one"),
+            format!("wait for {seconds} s, then give the right PIN"),
         ),
         Refused::Faster(fewest) => Refusal::new(
             format!("the line of {name} carries telemetry every {fewest} drive cycles at most"),

@@ -61,7 +61,7 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
     let name = &path.display();
     let busy = || {
         Refusal::new(
-            format!("{name}: another program holds the port"),
+            format!("{name}: another program uses the port"),
             "close the other kband or terminal program, and try again",
         )
     };
@@ -75,7 +75,7 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
         .map_err(|error| match error.raw_os_error().map(Errno::from_raw_os_error) {
             Some(Errno::BUSY) => busy(),
             Some(Errno::ACCESS) => Refusal::new(
-                format!("{name}: you may not open this port"),
+                format!("{name}: you have no permission to open this port"),
                 "join the group that owns it (sudo usermod -aG dialout $USER), and log in again",
             ),
             _ => Refusal::value(

@@ -102,7 +102,7 @@ impl BoardSettings {
                 "did you mean {}? kband settings list shows all",
                 setting.key
             ),
-            None => "look whether the board runs kband".into(),
+            None => "check that the board runs kband".into(),
         };
         let keys: Vec<&str> = self.iter().map(|setting| &setting.key[..]).collect();
         Err(Refusal::value("key", key, keys.join(", "), next))

@@ -48,7 +48,7 @@ impl Link {
             look(answer).map_err(|other| match other {
                 UpdateAnswer::Refused(why) => refusal(&name, why),
                 _ => Refusal::new(
-                    format!("{name} answered something else than an update needs"),
+                    format!("{name} sent an unexpected answer during the update"),
                     "reset the board",
                 ),
             })
@@ -68,11 +68,11 @@ fn refusal(name: &str, why: UpdateRefusal) -> Refusal {
         ),
         UpdateRefusal::WrongPin => (
             "was locked with another PIN".into(),
-            "give the right one; five wrong ones cost a minute".into(),
+            "give the right PIN; after five wrong ones the board waits for a minute".into(),
         ),
         UpdateRefusal::Wait(seconds) => (
             "was given five wrong PINs".into(),
-            format!("wait for {seconds} s, then give the right one"),
+            format!("wait for {seconds} s, then give the right PIN"),
         ),
         UpdateRefusal::NotInControl => (
             "is controlled by its fieldbus".into(),

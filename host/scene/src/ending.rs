@@ -11,10 +11,11 @@ use std::f64::consts::TAU;
 use std::slice;
 use std::sync::OnceLock;
 
-use kband::impact::{Kernel, Map, PartState};
+use kband::impact::{ContactTime, Impact, Kernel, Map, Orbit, PartState};
 use kband::regime::Lock;
 use kband::regime::MAX_ORDER;
 use kband::regime::classify::Regime;
+use kband::regime::exponent;
 
 pub use gears::{Gears, InGear};
 use memory::MEMORY;
@@ -76,6 +77,7 @@ pub fn name(regime: Regime) -> String {
 #[derive(Clone, Debug)]
 pub struct Endings {
     map: Map,
+    contact: ContactTime,
     /// The attracting period-1 orbits, by order from 1 to the highest.
     locks: Vec<Option<Lock>>,
     /// Final regime of a part from rest, computed where one rests. Every part that rests once shares
@@ -89,15 +91,25 @@ pub struct Endings {
 }
 
 impl Endings {
-    /// The classifier at `k` and a restitution below 1; it gives up an orbit after `impacts`
-    /// impacts.
+    /// The classifier at `k` and a restitution below 1, of impacts in no time; it gives up an orbit
+    /// after `impacts` impacts.
     ///
     /// Errors: a `Refusal` for parameters out of range.
     pub fn new(k: f64, restitution: f64, impacts: usize) -> Result<Self, Refusal> {
+        Self::with_contact(k, restitution, impacts, ContactTime::INSTANT)
+    }
+
+    /// The same of impacts that take time.
+    pub fn with_contact(
+        k: f64,
+        restitution: f64,
+        impacts: usize,
+        contact: ContactTime,
+    ) -> Result<Self, Refusal> {
         let map = Map::build(k, restitution)?;
         let mut locks = Vec::new();
         for order in 1..=MAX_ORDER {
-            let Some(lock) = Lock::build(k, restitution, order)? else {
+            let Some(lock) = Lock::with_contact(k, restitution, order, contact)? else {
                 break;
             };
             locks.push(Some(lock).filter(|lock| lock.attracts() && lock.is_first_return()));
@@ -106,6 +118,7 @@ impl Endings {
         locks.truncate(highest.map_or(0, |n| n + 1));
         Ok(Self {
             map,
+            contact,
             locks,
             after_rest: OnceLock::new(),
             impacts,
@@ -116,8 +129,13 @@ impl Endings {
 
     /// The endings on many tracks, each of a k and a restitution; the regimes of parts from rest are
     /// computed side by side.
-    pub fn of_tracks(tracks: &[(f64, f64)], impacts: usize) -> Result<Vec<Self>, Refusal> {
-        let one = |(k, restitution): &(f64, f64)| Self::new(*k, *restitution, impacts);
+    pub fn of_tracks(
+        tracks: &[(f64, f64)],
+        impacts: usize,
+        contact: ContactTime,
+    ) -> Result<Vec<Self>, Refusal> {
+        let one =
+            |(k, restitution): &(f64, f64)| Self::with_contact(*k, *restitution, impacts, contact);
         let mut all: Vec<Self> = tracks.iter().map(one).collect::<Result<_, _>>()?;
         let ends = together::after_rest(&all);
         for (endings, end) in all.iter_mut().zip(ends) {
@@ -126,9 +144,33 @@ impl Endings {
         Ok(all)
     }
 
-    /// The map of the orbits.
+    /// The map of the orbits, up to the touch.
     pub fn map(&self) -> &Map {
         &self.map
+    }
+
+    /// The orbit that begins just after an impact with `start`, or from rest.
+    pub fn orbit(&self, start: Option<PartState>) -> Orbit<'_> {
+        let orbit = match start {
+            Some(start) => Orbit::new(&self.map, start),
+            None => Orbit::from_rest(&self.map),
+        };
+        orbit.with_contact(self.contact)
+    }
+
+    /// An impact that ends at the touch, with its contact.
+    fn hold(&self, touch: Impact<PartState>) -> Impact<PartState> {
+        let (k, restitution) = (self.map.k(), self.map.restitution());
+        self.contact.hold(restitution, touch, k, None)
+    }
+
+    /// A start near the locked orbit of `order` if it exists, else at lift-off.
+    pub fn start_near_lock(&self, order: u32) -> PartState {
+        let (k, restitution) = (self.map.k(), self.map.restitution());
+        match Lock::with_contact(k, restitution, order, self.contact) {
+            Ok(Some(lock)) => PartState::new(lock.state().phase + 1e-3, lock.state().velocity),
+            _ => exponent::start_near_lock(&self.map, order),
+        }
     }
 
     /// The attracting period-1 orbits.
@@ -159,7 +201,8 @@ impl Endings {
 
     /// Final regimes of parts that start just after an impact, in the order of their starts.
     pub fn of_all(&self, starts: impl ExactSizeIterator<Item = PartState>) -> Vec<Regime> {
-        if starts.len() >= MIN_STARTS_FOR_TABLE {
+        // The bound behind the table is one of impacts in no time.
+        if starts.len() >= MIN_STARTS_FOR_TABLE && self.contact.is_instant() {
             self.to_rest
                 .get_or_init(|| Box::new(ToRest::new(self.map.k(), self.map.restitution())));
         }

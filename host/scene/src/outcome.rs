@@ -367,7 +367,8 @@ impl Outcome {
             return false;
         };
         let order = (time / f64::max(flights, 1.0)).round() as u32;
-        Endings::new(self.k(), f64::from(restitution), FOLLOWED)
+        let contact = scene.settings.contact_time();
+        Endings::with_contact(self.k(), f64::from(restitution), FOLLOWED, contact)
             .is_ok_and(|endings| endings.holds(order))
     }
 

@@ -111,7 +111,7 @@ impl SceneFile {
         if let Some(value) = part.take("friction") {
             scene.friction = Some(parts::read_friction(&part, &value)?);
             if let Some(kept) = part.take("tangential_restitution") {
-                let accepted = "left out beside part.friction: the two are two models of one thing";
+                let accepted = "not together with part.friction: both are models of the motion along the track";
                 return Err(part.refuse("tangential_restitution", &kept, accepted));
             }
             // Friction stops a locked part at every impact.
@@ -243,7 +243,7 @@ impl SceneFile {
                 "drive.third_tone",
                 settings.third_tone,
                 "0 without a second tone",
-                "say drive.second_tone too, for example 0.25, or leave drive.third_tone out",
+                "set drive.second_tone too, for example to 0.25, or leave drive.third_tone out",
             ));
         }
         let configured = [

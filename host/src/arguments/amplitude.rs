@@ -10,11 +10,12 @@ use crate::report::number;
 /// without a number has `COUNT` values.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct AmplitudeArguments<const COUNT: usize = 200> {
-    /// In place of k: amplitude of the track normal to itself in mm, one value, or a range where k may be one.
+    /// Amplitude of the track normal to itself in mm, instead of --k: one value, or a range where
+    /// --k accepts one.
     #[arg(long, value_name = "MM", value_parser = range_or_value((1e-6, 1e3), COUNT), conflicts_with = "k")]
     pub b: Option<Range>,
 
-    /// Drive frequency in Hz, with --b [default: 50].
+    /// Drive frequency in Hz, for options in mm or ms [default: 50].
     #[arg(long, value_name = "HZ", value_parser = within(1.0, 1000.0, "Hz"))]
     frequency: Option<f64>,
 
@@ -27,10 +28,15 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
     /// The track whose amplitude it is.
     pub fn track(self) -> Result<Track, Refusal> {
         let drive = DriveArguments {
-            frequency: self.frequency.unwrap_or(50.0),
+            frequency: self.hertz(),
             incline: self.incline.unwrap_or(3.0),
         };
         Ok(drive.track()?)
+    }
+
+    /// Drive frequency in Hz.
+    pub fn hertz(self) -> f64 {
+        self.frequency.unwrap_or(50.0)
     }
 
     /// k of the given amplitude, or `k`.

@@ -13,16 +13,15 @@ const FLASH_BYTES: usize = 16_384;
 /// The board that a verb talks to.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct Address {
-    /// The board: qemu (the emulated CPU) or its serial port; without it, the only serial port
-    /// there is.
+    /// The board: qemu (the emulated CPU) or its serial port. Default: the only serial port.
     #[arg(long, value_name = "qemu or /dev/PORT", global = true)]
     pub on: Option<String>,
 
-    /// Image for --on qemu, instead of the one that cargo builds here.
+    /// Image for --on qemu. Default: the image that cargo builds here.
     #[arg(long, value_name = "FILE", global = true)]
     pub image: Option<PathBuf>,
 
-    /// File that keeps the settings of --on qemu from run to run; made where there is none.
+    /// File that keeps the settings of --on qemu between runs. It is created if missing.
     #[arg(long, value_name = "FILE", global = true)]
     pub flash_image: Option<PathBuf>,
 }
@@ -119,8 +118,8 @@ fn prepare(flash: &Path) -> Result<(), Refusal> {
         Ok(data) => Err(Refusal::value(
             "--flash-image",
             format!("{} ({} bytes)", flash.display(), data.len()),
-            "a file that --flash-image made: four pages of 4096 bytes",
-            "name a file that is not there yet; it will be made",
+            "a file that --flash-image created: four pages of 4096 bytes",
+            "name a file that does not exist; kband creates it",
         )),
     }
 }

@@ -36,7 +36,7 @@ impl BoardLoop {
         if scene.settings.current_gain > 0.0 {
             return Err(Refusal::new(
                 "the link carries no readings of a current sensor to the board",
-                "set drive.current_gain to 0, or leave --on away",
+                "set drive.current_gain to 0, or leave out --on",
             ));
         }
         link.tell(&Request::Defaults)?;
@@ -126,7 +126,7 @@ impl BoardLoop {
         self.link.ask(&request, |response| match response {
             Response::Cycle { outputs, report } if outputs == check => Ok(report),
             Response::Cycle { .. } => Err(Refusal::new(
-                format!("at {time} s the board's outputs are not the desk's"),
+                format!("at {time} s the board's outputs differ from the desk's"),
                 "this is a fault of kband: report it with the scene",
             )),
             other => Err(Refusal::new(

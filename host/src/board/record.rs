@@ -80,7 +80,7 @@ pub fn replay(
     }
     Err(Refusal::new(
         format!(
-            "this is no record: {} frames in it cannot be read, and none says which board it was",
+            "this is no record: {} frames in it cannot be read, and none identifies the board",
             remains.unreadable
         ),
         "give the path of a file that kband monitor --record wrote",
@@ -104,7 +104,7 @@ fn begins(answer: &Outgoing<'_>) -> Result<(), Refusal> {
             "replay it with the kband that recorded it",
         )),
         Outgoing::Response { .. } | Outgoing::Update { .. } => Err(Refusal::new(
-            "the record does not begin with which board it was",
+            "the record does not begin with the identity of the board",
             "give the path of a file that kband monitor --record wrote",
         )),
     }

@@ -67,7 +67,7 @@ pub fn next<T>(said: &Receiver<T>, desk: &Desk) -> Result<T, Refusal> {
 /// The refusal for work that ended without a result.
 pub fn broken_off() -> Refusal {
     Refusal::new(
-        "the way to the probe broke off",
+        "the connection to the probe was lost",
         "plug the probe in and try again",
     )
 }

@@ -58,7 +58,7 @@ impl Image {
             }
             _ => {
                 return Err(Refusal::new(
-                    "this is no ELF file; .bin and .hex do not say what is checked here",
+                    "this is no ELF file; .bin and .hex lack the data for the checks",
                     BUILD,
                 ));
             }
@@ -98,7 +98,7 @@ impl Image {
             }
             let bytes = segment
                 .data(endian, file)
-                .map_err(|()| Refusal::new("the file is shorter than it says", BUILD))?;
+                .map_err(|()| Refusal::new("the file is shorter than its header says", BUILD))?;
             let (run, length) = (segment.p_vaddr(endian), segment.p_memsz(endian));
             let runs = span(run, length)?;
             if length > 0 && within(&runs, &chip.memory) {

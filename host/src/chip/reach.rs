@@ -34,7 +34,7 @@ impl Reached {
         let mut probe = info.open().map_err(|error| {
             Refusal::new(
                 format!("the probe {name} does not open: {}", causes(&error)),
-                "close other programs that use it, and look whether you may (on Linux its udev rule)",
+                "close other programs that use it, and check your permissions (on Linux its udev rule)",
             )
         })?;
         let unreached = |error: &dyn std::error::Error| {
@@ -89,7 +89,7 @@ impl Reached {
                 "{:#05x} with {size} KiB: {}, for which the image is",
                 self.chip.family, self.chip.name
             ),
-            "nothing was touched: look whether this is the right board, or give its image",
+            "nothing was changed: check that this is the right board, or give its image",
         ))
     }
 
@@ -103,7 +103,7 @@ impl Reached {
         }
         Err(Refusal::new(
             "the flash of this chip is one bank, and the image keeps its settings in the second of two",
-            "nothing was touched: set the chip's option DBANK, as with STM32CubeProgrammer",
+            "nothing was changed: set the chip's option DBANK, as with STM32CubeProgrammer",
         ))
     }
 
@@ -173,7 +173,7 @@ impl Reached {
             .map_err(|error| {
                 Refusal::new(
                     format!(
-                        "the core does not obey the probe {}: {}",
+                        "the core does not respond to the probe {}: {}",
                         self.probe,
                         causes(&error)
                     ),

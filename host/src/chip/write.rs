@@ -21,7 +21,8 @@ const STACK_AND_ENTRY_BYTES: usize = 8;
 const MAX_STATUS_POLLS: usize = 1_000;
 const LONG_LOOKS: usize = 100_000;
 /// The next step after an interrupted run.
-const AGAIN: &str = "run kband flash again: until it ends well the board does not start, and its settings are untouched";
+const AGAIN: &str =
+    "run kband flash again: until it succeeds the board does not start; its settings are kept";
 
 /// Writes an image through a probe, verifies it and starts it; `written` receives numbers of
 /// written bytes.
@@ -167,7 +168,7 @@ fn begin(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refu
     match written {
         Ok((0, true)) => Ok(()),
         Ok((errors, _)) => Err(unwritten(&format!(
-            "its first words do not hold (errors {errors:#x} of the flash's controller)"
+            "its first words read back wrong (errors {errors:#x} of the flash's controller)"
         ))),
         Err(error) => Err(unwritten(&causes(&error))),
     }
@@ -198,7 +199,7 @@ fn unprotected(session: &mut Session, options: OptionBytes) -> Result<(), Refusa
             "kband changes no protection: flash without --option-bytes, or lift it with the vendor's tool, which erases the chip",
         )),
         Err(error) => Err(Refusal::new(
-            format!("the option bytes are not read: {}", causes(&error)),
+            format!("the option bytes cannot be read: {}", causes(&error)),
             "flash without --option-bytes",
         )),
     }
@@ -227,7 +228,7 @@ fn set(session: &mut Session, chip: &Chip, options: OptionBytes) -> Result<(), R
     match held {
         Ok(true) => Ok(()),
         Ok(false) => Err(Refusal::new(
-            "the image is written, but the option bytes do not hold",
+            "the image is written, but the option bytes read back wrong",
             next,
         )),
         Err(error) => Err(Refusal::new(

@@ -65,7 +65,7 @@ fn is_held((_, written): &(PathBuf, Option<Weak<()>>)) -> bool {
 fn input_and_output(path: &Path) -> Refusal {
     Refusal::new(
         format!("{} is an input of this run and its output", path.display()),
-        "give the output another name: an input is never written over",
+        "give the output another name: an input is never overwritten",
     )
 }
 

@@ -3,15 +3,12 @@
 mod picture;
 mod tones;
 
-use std::f64::consts::TAU;
-
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::{ContactTime, TangentialSettings, Tone, Wave};
 use kband::regime::band::{Band, BandError};
 use kband::regime::cascade::{Cascade, Estimate};
 use kband::regime::gear::GearPlan;
 use kband::regime::reach::Reach;
-use kband_control::Settings;
 
 use crate::arguments::{self, ContactArguments, DriveArguments, Shown};
 use crate::causes;
@@ -30,27 +27,29 @@ use crate::report::{Printout, Value, fields};
   kband bands --restitution 0.18..0.22 --format json
   kband bands --restitution 0.10..0.30 --second-tone 0.15,2.356 --orders 1 --out bands.svg
 
-k2..k1 is the band that all parts share. chaos_edge is where the doublings of the liveliest part \
-pile up; reachable_edge is how far up from k2 every part really locks when it starts from rest.
+k2..k1 is the band that all parts share. chaos_edge is the accumulation point of the period \
+doublings of the highest restitution. From k2 to reachable_edge every part locks when it starts \
+from rest.
 
-With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356); an order may then \
-have several bands. With --scatter, gear k is the controller's choice for the target gear on a drive without limits; in its \
-gear band the predicted share of time in gear is within 0.02 of the best.")]
+With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356). \
+An order may then have several bands. With --scatter, gear k is the k that the controller chooses \
+for the target gear on a drive without limits. In its gear band the predicted share of time in \
+gear is within 0.02 of the best.")]
 pub struct Arguments {
     /// Restitution of the part, or LO..HI of the lot.
     #[arg(long, value_name = "R|LO..HI", default_value = "0.2", value_parser = arguments::restitution)]
     restitution: Restitution,
 
-    /// Standard deviation of restitution from impact to impact (s); the gear band of each order is
-    /// shown with it.
+    /// Standard deviation of restitution from impact to impact (s). It adds the gear band of each
+    /// order.
     #[arg(long, value_name = "S", value_parser = arguments::within(0.0, 0.3, ""))]
     scatter: Option<f64>,
 
-    /// Orders to show, 1 to N.
+    /// Number of orders, from 1.
     #[arg(long, value_name = "N", default_value = "3", value_parser = arguments::count(1, 20))]
     orders: usize,
 
-    /// Second tone of the drive, E of the first one's amplitude at the angle TH in rad.
+    /// Second tone of the track: amplitude over that of the first tone, and angle in rad.
     #[arg(long, value_name = "E,TH", value_parser = arguments::tone)]
     second_tone: Option<Tone>,
 
@@ -135,21 +134,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     })
 }
 
-/// Settings of a drive that bounds no plan, for a lot.
-fn unbounded(lot: Restitution, scatter: f64, contact: ContactTime) -> Settings {
-    let frequency = f64::from(Settings::default().frequency);
-    Settings {
-        contact: (1e3 * contact.radians() / (TAU * frequency)) as f32,
-        restitution_low: lot.low() as f32,
-        restitution_high: lot.high() as f32,
-        scatter: scatter as f32,
-        gain: 100.0,
-        amplitude_limit: 100.0,
-        acceleration_limit: 1000.0,
-        ..Settings::default()
-    }
-}
-
 fn row(
     lot: Restitution,
     scatter: Option<f64>,
@@ -197,7 +181,7 @@ fn row(
         )?),
         None => None,
     };
-    let plan = |scatter| causes::plan(&unbounded(lot, scatter, contact), order as u8);
+    let plan = |scatter| causes::plan(&causes::unbounded(lot, scatter, contact), order as u8);
     Ok(Row {
         gear: scatter.and_then(plan).map(|(plan, _)| plan),
         order,
@@ -396,7 +380,7 @@ mod tests {
         assert!(rows[1].reach.is_none() && rows[1].first_chaos.is_none());
         let feeder = Settings {
             contact: 0.4,
-            ..unbounded(lot, 0.04, ContactTime::INSTANT)
+            ..causes::unbounded(lot, 0.04, ContactTime::INSTANT)
         };
         let [instant, timed] = rows.map(|row| row.gear.unwrap());
         let (plan, _) = causes::plan(&feeder, 1).unwrap();

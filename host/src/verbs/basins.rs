@@ -10,14 +10,14 @@ use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde_json::json;
 
-use crate::arguments::{self, AmplitudeArguments, NoScatter, Shown};
+use crate::arguments::{self, AmplitudeArguments, ContactArguments, NoScatter, Shown};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED, TOGETHER};
 use crate::picture::{Axis, Fill, Grid, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Table, columns, number};
 
-/// Which regime a part ends in, by the phase and velocity it starts with.
+/// Compute basins of attraction: the final regime of each start, over its phase and velocity.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband basins --k 0.43 --restitution 0.2
@@ -25,7 +25,7 @@ use crate::report::{Printout, Table, columns, number};
   kband basins --b 0.235 --frequency 50 --restitution 0.2
   kband basins --k 0.7 --restitution 0.5 --velocity 4 --out basins.csv
 
-The table says how many starts end in each regime; CSV has a row for each start.")]
+The table has the share of starts in each regime; CSV has a row for each start.")]
 pub struct Arguments {
     /// k = g cos(alpha) / (b w^2).
     #[arg(long, required_unless_present = "b", value_parser = arguments::within(0.001, 1000.0, ""))]
@@ -38,7 +38,7 @@ pub struct Arguments {
     #[arg(long, value_name = "R", value_parser = arguments::within(0.0, 0.999, ""))]
     restitution: f64,
 
-    /// Starts along each side of the grid.
+    /// Number of starts along each side of the grid.
     #[arg(long, value_name = "N", default_value = "200", value_parser = arguments::count(2, 4000))]
     grid: usize,
 
@@ -46,9 +46,12 @@ pub struct Arguments {
     #[arg(long, value_name = "PSI", default_value = "3", value_parser = arguments::within(1e-6, 1000.0, "b w"))]
     velocity: f64,
 
-    /// Impacts after which a start that has not settled counts as undecided.
+    /// Number of impacts after which a start without a final regime counts as undecided.
     #[arg(long, value_name = "N", default_value_t = FOLLOWED, value_parser = arguments::count(10, 10_000_000))]
     impacts: usize,
+
+    #[command(flatten)]
+    contact: ContactArguments,
 
     #[command(flatten)]
     scatter: NoScatter,
@@ -61,12 +64,13 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output()?;
     arguments.scatter.check(
-        "a part whose restitution scatters forgets how it started, and ends nowhere",
-        "ask kband gear --scatter for how much of the time it is in gear",
+        "with scatter the long-term motion does not depend on the start, and there is no final regime",
+        "kband gear --scatter computes the share of time in gear",
     )?;
     let k = wanted(arguments)?;
     let drive_text = arguments.amplitude.describe(k)?;
-    let endings = Endings::new(k, arguments.restitution, arguments.impacts)?;
+    let contact = arguments.contact.time(arguments.amplitude.hertz())?;
+    let endings = Endings::with_contact(k, arguments.restitution, arguments.impacts, contact)?;
     let side = arguments.grid;
     let top = arguments.velocity;
     let starts = Starts { side, top };
@@ -102,8 +106,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let followed = arguments.impacts;
     let report = Printout::new(table)
         .heading(format!(
-            "Where parts end at {drive_text}, R = {}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
+            "Where parts end at {drive_text}, R = {}{}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
             number(arguments.restitution, 6),
+            arguments.contact.words(),
             number(top, 6)
         ))
         .note(format!("A part that starts from rest: {}", ending::describe_regime(endings.from_rest(), arguments.impacts)))
@@ -230,8 +235,9 @@ fn picture(
         .width(780.0)
         .panel(panel)
         .caption(format!(
-            "{drive_text}, R = {}; {} × {} starts, up to {} impacts each",
+            "{drive_text}, R = {}{}; {} × {} starts, up to {} impacts each",
             number(arguments.restitution, 6),
+            arguments.contact.words(),
             arguments.grid,
             arguments.grid,
             arguments.impacts

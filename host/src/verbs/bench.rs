@@ -8,7 +8,7 @@ use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{fields, number};
 
-/// Run time against error of every arithmetic of the impact map.
+/// Measure run time and error of every arithmetic of the impact map.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband bench
@@ -22,11 +22,11 @@ chatter (1e-6 to 1), sweep (orbits over k and restitution). batch runs in the wi
 this CPU. In a copy of the sources `cargo bench -p kband-host` also times orbits and two \
 tones.")]
 pub struct Arguments {
-    /// How often everything is measured.
+    /// Number of measurement rounds.
     #[arg(long, value_name = "N", default_value = "41", value_parser = arguments::count(1, 1000))]
     rounds: usize,
 
-    /// Launches of each workload.
+    /// Number of launches of each workload.
     #[arg(long, value_name = "N", default_value = "4096", value_parser = arguments::count(512, 1_000_000))]
     launches: usize,
 

@@ -25,8 +25,7 @@ use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::number;
 
-/// Which kick of the amplitude brings parts from rest onto the locked orbit, for a whole lot of
-/// parts.
+/// Find the kick of the amplitude that brings the parts of a lot from rest onto the locked orbit.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband capture --restitution 0.28..0.32 --out capture.svg
@@ -34,14 +33,14 @@ use crate::report::number;
   kband capture --restitution 0.2 --k 0.43 --time-constant 8 --format json
   kband capture --restitution 0.2 --b 0.235 --frequency 50
 
-The plan is the one the board makes, with the board's arithmetic and effort. The map tries kicks \
-of every factor and length on parts of the lot; the runs draw other parts at random, in f64.")]
+The plan is that of the board, with its arithmetic and effort. The map tries kicks of every factor \
+and length on parts of the lot. The runs draw other parts at random and use f64.")]
 pub struct Arguments {
     /// Restitution of the part, or LO..HI of the lot.
     #[arg(long, value_name = "R|LO..HI", default_value = "0.28..0.32", value_parser = arguments::restitution)]
     restitution: Restitution,
 
-    /// Drive cycles per impact of the lock that is wanted.
+    /// Order of the requested lock: drive cycles per impact.
     #[arg(long, value_name = "r", default_value = "1", value_parser = arguments::count(1, 100))]
     order: usize,
 
@@ -52,7 +51,7 @@ pub struct Arguments {
     #[command(flatten)]
     amplitude: AmplitudeArguments,
 
-    /// How far off the true amplitude may be, in per cent.
+    /// Largest error of the amplitude in per cent.
     #[arg(long, value_name = "PERCENT", default_value = "2", value_parser = arguments::within(0.0, 20.0, "per cent"))]
     amplitude_error: f64,
 
@@ -64,11 +63,11 @@ pub struct Arguments {
     #[arg(long, value_name = "FACTOR", default_value = "0", value_parser = arguments::within(0.0, 1.0, ""))]
     start: f64,
 
-    /// Highest amplitude of the drive over the target amplitude.
+    /// Largest amplitude of the drive over the target amplitude.
     #[arg(long, value_name = "FACTOR", default_value = "2.5", value_parser = arguments::within(1.0, 10.0, ""))]
     limit: f64,
 
-    /// Effort of the plan in impacts; the board spends the default.
+    /// Effort of the plan in impacts; the board uses the default.
     #[arg(long, value_name = "IMPACTS", default_value_t = PlanSettings::DEFAULT_EFFORT as usize,
           value_parser = arguments::count(1000, 1_000_000_000))]
     effort: usize,
@@ -78,15 +77,15 @@ pub struct Arguments {
           value_parser = arguments::range_or_value((1.0, 10.0), 46))]
     factor: Range,
 
-    /// Longest kick of the map in drive cycles [default: to suit the plan].
+    /// Longest kick of the map in drive cycles [default: from the plan].
     #[arg(long, value_name = "CYCLES", value_parser = arguments::count(10, 10_000))]
     longest: Option<usize>,
 
-    /// Parts that each kick of the map is tried on.
+    /// Number of parts on which each kick of the map is tried.
     #[arg(long, value_name = "N", default_value = "12", value_parser = arguments::count(1, 1000))]
     parts: usize,
 
-    /// Parts drawn at random for the capture rates.
+    /// Number of random parts for the capture rates.
     #[arg(long, value_name = "N", default_value = "200", value_parser = arguments::count(1, 1_000_000))]
     runs: usize,
 
@@ -94,7 +93,7 @@ pub struct Arguments {
     #[arg(long, value_name = "S", default_value = "1", value_parser = arguments::count(0, usize::MAX))]
     seed: usize,
 
-    /// Kicks tried on each part that the kicks before have not captured.
+    /// Largest number of kicks for a part until it is captured.
     #[arg(long, value_name = "N", default_value = "6", value_parser = arguments::count(1, 20))]
     attempts: usize,
 

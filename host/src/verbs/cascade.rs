@@ -10,7 +10,7 @@ use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, fields, number};
 
-/// Where the locked orbit doubles its period, and doubles again, down to chaos.
+/// Locate the period doublings of the locked orbit, down to chaos.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband cascade --restitution 0.2 --order 1 --doublings 6
@@ -19,21 +19,21 @@ use crate::report::{Printout, fields, number};
   kband cascade --restitution 0.2 --second-tone 0.1,2.487
   kband cascade --restitution 0.2 --noise 0.01
 
-JSON has flips (k of the 1->2, 2->4, ... flips), ratios of their gaps and k_infinity.")]
+JSON has flips (k of the doublings 1->2, 2->4, ...), ratios of their distances, and k_infinity.")]
 pub struct Arguments {
     /// Restitution of the part, 0..1, 1 excluded.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::number)]
     restitution: f64,
 
-    /// Drive cycles per impact of the lock that doubles.
+    /// Order of the lock that doubles: drive cycles per impact.
     #[arg(long, value_name = "r", default_value = "1", value_parser = arguments::count(1, 100))]
     order: usize,
 
-    /// Flips to locate.
+    /// Number of period doublings to locate.
     #[arg(long, value_name = "N", default_value = "6", value_parser = arguments::count(1, MAX_DOUBLINGS))]
     doublings: usize,
 
-    /// Second tone of the drive, E of the first one's amplitude at the angle TH in rad.
+    /// Second tone of the track: amplitude over that of the first tone, and angle in rad.
     #[arg(long, value_name = "E,TH", value_parser = arguments::tone)]
     second_tone: Option<Tone>,
 
@@ -41,7 +41,7 @@ pub struct Arguments {
     #[arg(long, value_name = "E3,TH3", value_parser = arguments::tone)]
     third_tone: Option<Tone>,
 
-    /// Scatter of restitution over its mean, 0..1: tells which doublings can still be seen.
+    /// Scatter of restitution over its mean, 0..1. It shows which doublings remain visible.
     #[arg(long, value_name = "SIGMA", value_parser = arguments::number)]
     noise: Option<f64>,
 
@@ -56,8 +56,8 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output()?;
     arguments.scatter.check(
-        "what scatters repeats nothing that could double",
-        "ask with --noise which doublings can still be seen, or kband exponent --scatter for what is left of the cascade",
+        "with scatter no orbit repeats, so no period can double",
+        "use --noise for the doublings that remain visible, or kband exponent --scatter",
     )?;
     if let Some(noise) = arguments.noise.filter(|noise| !(0.0..=1.0).contains(noise)) {
         return Err(Refusal::value(

@@ -18,33 +18,32 @@ use crate::refusal::{Exit, Refusal};
 use crate::report::shortest;
 use record::Record;
 
-/// Write down a step of a board's commissioning: its settings, its readings, and some seconds of
-/// its telemetry.
+/// Record a step of a board's commissioning: settings, readings, and some seconds of telemetry.
 ///
-/// Each call adds a step to the record; the first says how the board was found, the last how it is
-/// left. The record is one page for the browser, with a picture for each step and the settings
-/// before and after, or the same as JSON.
+/// Each call adds a step to the record. The first step shows the board as found, the last as left.
+/// The record is one page for the browser, or JSON. It has a picture for each step, and the
+/// settings before and after.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband commission line3.html --step 'as found'
   kband commission line3.html --step drive --seconds 10 --note 'empty track, target 0.05 mm'
   kband commission line3.json --step 'as left' --on /dev/ttyACM0
 
-docs/commissioning.md has the steps. Nothing on the board is changed.")]
+docs/commissioning.md has the steps. This command changes nothing on the board.")]
 pub struct Arguments {
-    /// The record, .html or .json; made where there is none, else it grows by this step.
+    /// The record, .html or .json. It is created if missing; otherwise the step is appended.
     #[arg(value_name = "RECORD.html")]
     record: PathBuf,
 
-    /// What this step is.
+    /// Name of the step.
     #[arg(long, value_name = "WORDS")]
     step: String,
 
-    /// What else is to be remembered of it.
+    /// Note on the step.
     #[arg(long, value_name = "WORDS")]
     note: Option<String>,
 
-    /// Seconds of telemetry to keep.
+    /// Duration of the recorded telemetry in s.
     #[arg(long, value_name = "S", default_value = "3", value_parser = arguments::within(0.5, 600.0, "s"))]
     seconds: f64,
 

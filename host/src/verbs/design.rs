@@ -12,17 +12,18 @@ use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Value, fields, number};
 use crate::simulate::{SceneFile, SceneText};
 
-/// Feeders with the drive of a scene: parts a minute against share in gear.
+/// Find feeders for the drive of a scene: parts a minute against share in gear.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband design my.toml
   kband design my.toml --frequency 30..120 --throw-angle 20..35 --out design.svg
   kband design my.toml --incline 0..3 --largest-second-tone 0.15 --format json
 
-Force, quality, swinging mass, stroke and acceleration are those of the scene's drive, along the direction of the \
-motion; the springs are tuned to each frequency. Each row is a feeder of the Pareto front: no other one has both more parts a minute \
-and a larger share in gear. Share and parts a minute are those of simulated parts of the lot; beside them those of a run in \
-the closed loop. With the table the front is drawn into kband-design.svg where --out names no file.")]
+Force, quality, swinging mass, stroke and acceleration are those of the scene's drive, along the \
+direction of the motion. The springs are tuned to each frequency. Each row is a feeder of the \
+Pareto front: no other feeder has both more parts a minute and a larger share in gear. Both come \
+from simulated parts of the lot; further columns have those of a run in the closed loop. Beside a \
+table the front is drawn into kband-design.svg, unless --out names a file.")]
 pub struct Arguments {
     /// Scene file (TOML), `-` for standard input; without one, the default scene.
     #[arg(value_name = "SCENE.toml")]
@@ -32,7 +33,7 @@ pub struct Arguments {
     #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(5.0, 500.0, "Hz"))]
     frequency: Option<[f64; 2]>,
 
-    /// Amplitude normal to the track in mm [default: all that the drive makes].
+    /// Amplitude normal to the track in mm [default: the drive's whole range].
     #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(0.0, 100.0, "mm"))]
     amplitude: Option<[f64; 2]>,
 
@@ -48,7 +49,7 @@ pub struct Arguments {
     #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(-60.0, 60.0, "degrees"))]
     incline: Option<[f64; 2]>,
 
-    /// Largest second tone, over the first [default: drive.second_tone of the scene].
+    /// Largest second tone over the first [default: drive.second_tone of the scene].
     #[arg(long, value_name = "E", value_parser = arguments::within(0.0, 0.5, ""))]
     largest_second_tone: Option<f64>,
 
@@ -56,19 +57,19 @@ pub struct Arguments {
     #[arg(long, value_name = "E3", value_parser = arguments::within(0.0, 0.5, ""))]
     largest_third_tone: Option<f64>,
 
-    /// Smallest share in gear of the front; below the default the board does not report READY.
+    /// Smallest share in gear of the front. Below the default the board does not report READY.
     #[arg(long, value_name = "S", default_value = "0.65", value_parser = arguments::within(0.0, 1.0, ""))]
     least_share: f64,
 
-    /// Candidates.
+    /// Number of candidates.
     #[arg(long, value_name = "N", default_value = "1000000", value_parser = arguments::count(1000, 100_000_000))]
     candidates: usize,
 
-    /// Feeders of the front that are run in the closed loop.
+    /// Number of feeders of the front that are simulated in the closed loop.
     #[arg(long, value_name = "N", default_value = "10", value_parser = arguments::count(1, 100))]
     checked: usize,
 
-    /// Seed of all that is drawn instead of the scene's: the same seed gives the same bits, on any
+    /// Seed of all random numbers instead of the scene's. Equal seeds give equal bits, with any
     /// number of threads.
     #[arg(long, value_name = "N", value_parser = arguments::count(0, 4_294_967_295))]
     seed: Option<usize>,

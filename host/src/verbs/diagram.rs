@@ -13,11 +13,13 @@ use std::sync::Arc;
 use clap::ValueEnum;
 use serde::Serialize;
 
-use crate::arguments::{self, AmplitudeArguments, Range, ScatterArguments, Shown};
+use crate::arguments::{
+    self, AmplitudeArguments, ContactArguments, Range, ScatterArguments, Shown,
+};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
-/// The regimes over k, over the amplitude or over restitution, from rest and followed both ways.
+/// Draw the bifurcation diagram: regimes over k, amplitude or restitution.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband diagram --restitution 0.2 --out diagram.svg
@@ -26,9 +28,10 @@ use crate::refusal::{Exit, Refusal};
   kband diagram --k 0.43 --restitution 0.1..0.5 --out points.csv
   kband diagram --show regimes --k 0.1..0.8:200 --restitution 0..0.9:150 --out regimes.svg
 
-One of --k, --b, --restitution is a range LO..HI or LO..HI:N (else N = 1000 columns). The table \
-and JSON say what each start gives where; CSV has every impact. With --show regimes both --k and \
---restitution are ranges (else 0.1..0.8:200 and 0..0.9:150), of a map of where parts end, from rest and from next to the lock.")]
+One of --k, --b and --restitution is a range, LO..HI or LO..HI:N (default N = 1000 columns). Table \
+and JSON have the regimes that each start reaches; CSV has every impact. With --show regimes --k \
+and --restitution are both ranges (default 0.1..0.8:200 and 0..0.9:150). The map has the final \
+regimes from rest and from next to the lock.")]
 pub struct Arguments {
     /// Restitution of the part, one value or a range [default: 0.2].
     #[arg(long, value_name = "R", value_parser = arguments::range_or_value((0.0, 0.999), COLUMNS))]
@@ -41,11 +44,11 @@ pub struct Arguments {
     #[command(flatten)]
     amplitude: AmplitudeArguments<1000>,
 
-    /// What is drawn upwards.
+    /// Quantity of the vertical axis.
     #[arg(long, value_enum, default_value_t = Show::Phase)]
     show: Show,
 
-    /// How the parts start, one panel each.
+    /// Starts of the parts, one panel each.
     #[arg(
         long,
         value_enum,
@@ -54,13 +57,16 @@ pub struct Arguments {
     )]
     starts: Vec<ColumnStart>,
 
-    /// Impacts drawn in each column.
+    /// Number of impacts drawn in each column.
     #[arg(long, value_name = "N", default_value = "1000", value_parser = arguments::count(1, 1_000_000))]
     impacts: usize,
 
-    /// Impacts in each column before the first that is drawn.
+    /// Number of impacts discarded first in each column.
     #[arg(long, value_name = "N", default_value = "500", value_parser = arguments::count(0, 10_000_000))]
     settle: usize,
+
+    #[command(flatten)]
+    contact: ContactArguments,
 
     #[command(flatten)]
     scatter: ScatterArguments,
@@ -72,14 +78,14 @@ pub struct Arguments {
 /// Default number of columns of a range.
 const COLUMNS: usize = 1000;
 
-/// What is drawn upwards.
+/// Quantity of the vertical axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Show {
     /// Phase of the drive at impact.
     Phase,
     /// Velocity after impact.
     Velocity,
-    /// Restitution, over k: a map of where parts end, from rest and from next to the lock.
+    /// Restitution, over k: a map of the final regimes, from rest and from next to the lock.
     Regimes,
 }
 
@@ -87,11 +93,11 @@ pub enum Show {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ColumnStart {
-    /// From rest, in each column anew.
+    /// From rest in each column.
     Rest,
-    /// From where the column to the left ended: following upwards.
+    /// From the final state of the column to the left.
     Up,
-    /// From where the column to the right ended: following downwards.
+    /// From the final state of the column to the right.
     Down,
 }
 
@@ -116,8 +122,9 @@ impl ColumnStart {
 /// Draws the diagram.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output()?;
+    let contact = arguments.contact.time(arguments.amplitude.hertz())?;
     if arguments.show == Show::Regimes {
-        let map = regimes::Map::compute(arguments, desk)?;
+        let map = regimes::Map::compute(arguments, contact, desk)?;
         let report = map.report()?;
         return output.show(&report, || map.picture());
     }
@@ -130,8 +137,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         over,
         range,
         velocity: arguments.show == Show::Velocity,
-        branches: follow(arguments, &tracks, &starts, desk)?,
-        bands: bands(over, &values),
+        branches: follow(arguments, &tracks, contact, &starts, desk)?,
+        bands: bands(over, contact, &values),
+        contact,
+        fixed: over.fixed() + &arguments.contact.words(),
         values,
     });
     let report = diagram.report()?;

@@ -11,8 +11,7 @@ use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
-/// Bring the drive of a board to rest, softly, and keep it there until kband enable or the board's
-/// next reset.
+/// Stop the drive of a board softly. It stays at rest until kband enable or the board's next reset.
 ///
 /// This is no emergency stop: cut the power for that.
 #[derive(Clone, Debug, clap::Args)]
@@ -44,7 +43,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         if Instant::now() > end || desk.go_on().is_err() {
             return Err(Refusal::new(
                 "the enable is withdrawn, but the drive has not come to rest yet",
-                "withdraw the enable input, or cut the power; kband status says what it does",
+                "withdraw the enable input, or cut the power; kband status shows its state",
             ));
         }
     }

@@ -7,15 +7,14 @@ use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use kband_control::wire::Request;
 
-/// Give the drive of a board back the enable that the desk withdrew; the enable input has to be
-/// given too.
+/// End the stop by kband disable. The drive runs again if the board's enable input is on.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband enable
   kband enable --on /dev/ttyACM0
 
-The desk can never start a machine whose enable input is not given, and a drive starts by an edge of the enable alone: \
-after power-on, and after a fault, the input itself has to be withdrawn and given.")]
+The desk cannot start a machine whose enable input is off. A drive starts at the rising edge of \
+the enable only: after power-on or a fault, switch the input off and on.")]
 pub struct Arguments {
     #[command(flatten)]
     address: Address,

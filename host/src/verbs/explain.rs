@@ -8,7 +8,7 @@ use crate::refusal::{Exit, Refusal};
 use crate::report::{self, columns};
 use manual::Word;
 
-/// Print what the manual says on a word, a state, an event, a fault or a limit.
+/// Print the manual's text on a word, state, event, fault or limit.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband explain k
@@ -17,9 +17,9 @@ use manual::Word;
   kband explain capturing
   kband explain fault 4
 
-Every word of the glossary, every symbol, and whatever kband prints as a state, event, regime, fault or limit.")]
+It knows every word and symbol of the glossary, and every state, event, regime, fault and limit.")]
 pub struct Arguments {
-    /// The word or words; `fault N` and `limit N` by their numbers. Without any, the list of them.
+    /// The word or words; `fault N` or `limit N` for a number. Without a word: the list of them.
     #[arg(value_name = "WORD")]
     words: Vec<String>,
 }

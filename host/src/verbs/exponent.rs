@@ -19,7 +19,7 @@ use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, columns, fields, number};
 
-/// How fast neighbouring orbits part: Lyapunov exponents, with their statistical error.
+/// Measure Lyapunov exponents with their statistical error.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband exponent --restitution 0.2 --k 0.34
@@ -27,9 +27,10 @@ use crate::report::{Printout, columns, fields, number};
   kband exponent --restitution 0.2 --k 0.358 --band
   kband exponent --restitution 0.2 --b 0.2..0.3:200 --frequency 50 --out exponent.svg
 
-Eight orbits share the impacts, which start next to the locked one; --phase and --velocity choose \
-one start. The standard error is the larger of two estimates: from their scatter and from their autocorrelation. An orbit \
-that comes to rest is no chaos: the motion is then 'rest', after so many impacts.")]
+Eight orbits share the impacts. They start next to the locked orbit; --phase and --velocity give \
+one start instead. The standard error is the larger of two estimates: from their scatter and from \
+their autocorrelation. An orbit that comes to rest is not chaotic: its motion is 'rest', with the \
+number of impacts before.")]
 pub struct Arguments {
     /// Restitution of the part, 0..1.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 1.0, ""))]
@@ -42,15 +43,15 @@ pub struct Arguments {
     #[command(flatten)]
     amplitude: AmplitudeArguments,
 
-    /// Impacts that are measured at each k.
+    /// Number of impacts measured at each k.
     #[arg(long, value_name = "N", default_value = "200000", value_parser = arguments::count(320, 1_000_000_000))]
     impacts: usize,
 
-    /// Impacts before the first that is measured.
+    /// Number of impacts discarded first.
     #[arg(long, value_name = "N", default_value = "2000", value_parser = arguments::count(0, 1_000_000_000))]
     settle: usize,
 
-    /// Order of the locked orbit next to which the orbit starts.
+    /// Order of the locked orbit next to which the orbits start.
     #[arg(long, value_name = "r", default_value = "1", value_parser = arguments::count(1, 100))]
     order: usize,
 

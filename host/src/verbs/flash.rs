@@ -22,12 +22,12 @@ const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/feeder";
 
 /// Write the firmware onto the board through a debug probe, verify it and start it.
 ///
-/// The image is checked first: for which chip it is, whether it fits into flash and RAM, whether
-/// its vector table is sound. Then the chip on the probe is, while its program runs on. Then the
-/// drive is switched off, the core is stopped, and only then is anything erased, never the sectors
-/// of the settings. Cut at any moment, the board does not start until it is written again.
+/// First the image is checked: its chip, its size in flash and RAM, and its vector table. Then the
+/// chip at the probe is checked while its program runs. Then the drive is switched off and the core
+/// is stopped. Only then are sectors erased, never those of the settings. After an interruption the
+/// board does not start until it is written again.
 ///
-/// Where a board answers on its link, its settings and recipes are first written to files of this
+/// If a board answers on its link, its settings and recipes are first written to files of this
 /// folder (settings_before_flash.toml, recipes_before_flash.toml), and compared afterwards.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -36,27 +36,27 @@ const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/feeder";
   kband flash --option-bytes
   kband flash my-feeder --probe 0483:3748 --on /dev/ttyACM0")]
 pub struct Arguments {
-    /// The image (ELF); without it, the one that cargo feeder builds here.
+    /// The image (ELF). Default: the image that cargo feeder builds here.
     #[arg(value_name = "IMAGE")]
     image: Option<PathBuf>,
 
-    /// Check the image and print what would be done; needs no probe.
+    /// Check the image and print the steps; needs no probe.
     #[arg(long)]
     dry_run: bool,
 
-    /// Also set the option bytes: brown-out reset at its highest level, the watchdog from reset on.
+    /// Also set the option bytes: brown-out reset at its highest level, watchdog on from reset.
     ///
-    /// All others stay as they are; a chip that is read-protected is refused. Keep the supply on
-    /// meanwhile: a chip whose option bytes are cut short protects itself.
+    /// The other option bytes stay. A read-protected chip is refused. Keep the supply on meanwhile:
+    /// if the writing is interrupted, the chip protects itself.
     #[arg(long)]
     option_bytes: bool,
 
-    /// Which probe, where several are there.
+    /// Debug probe, if several are connected.
     #[arg(long, value_name = "VID:PID[:SERIAL]")]
     probe: Option<String>,
 
-    /// Serial port of the board's link, for the files of its settings and recipes; without it, the
-    /// only serial port there is.
+    /// Serial port of the board's link, for its settings and recipes. Default: the only serial
+    /// port.
     #[arg(long, value_name = "/dev/PORT")]
     on: Option<String>,
 
@@ -68,8 +68,8 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if !arguments.dry_run && !cfg!(feature = "flash") {
         return Err(Refusal::new(
-            "this kband was built without its way to a probe",
-            "build it with it: cargo install --path host --features flash (kband flash --dry-run checks an image without)",
+            "this kband was built without support for debug probes",
+            "install it with: cargo install --path host --features flash (kband flash --dry-run checks an image without)",
         ));
     }
     let path = arguments.image.clone().unwrap_or_else(|| IMAGE.into());
@@ -175,14 +175,14 @@ fn back_up(arguments: &Arguments) -> Result<Option<(Link, Backup)>, Refusal> {
 fn compare(mut link: Link, before: &Backup) -> Result<&'static str, Refusal> {
     let unlike = link.identify().and_then(|()| before.differences(&mut link));
     let unlike = unlike.map_err(|refusal| {
-        refusal.then("look at the board, then compare: kband settings list, kband recipe list")
+        refusal.then("check the board, then compare: kband settings list, kband recipe list")
     })?;
     if unlike.is_empty() {
         return Ok("settings, target and recipes are as before");
     }
     Err(Refusal::new(
         format!(
-            "the new image runs, and the board holds something else: {}",
+            "the new image runs, but settings or recipes differ: {}",
             unlike.join("; ")
         ),
         "kband settings import settings_before_flash.toml --save, and kband recipe import",
@@ -234,11 +234,11 @@ fn runs(image: &Image) -> Vec<Run> {
     for sector in chip.sectors() {
         let bytes = image.bytes_in(&sector);
         let what = if chip.settings.contains(&sector.range.start) {
-            "settings and faults, left alone"
+            "settings and faults, kept"
         } else if bytes > 0 {
             "erased and written"
         } else {
-            "left alone"
+            "kept"
         };
         match runs.last_mut() {
             Some(run) if run.what == what => {

@@ -9,16 +9,17 @@ mod survey;
 use std::f64::consts::TAU;
 
 use kband::feeder::{Restitution, Track};
-use kband::impact::{Tone, Wave};
+use kband::impact::{ContactTime, Tone, Wave};
 use kband::regime::band;
 
 use crate::arguments::{self, ContactArguments, DriveArguments, Range, Shown};
+use crate::causes;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use survey::Survey;
 pub(super) use survey::{Lot, LotSettings};
 
-/// The share of time in gear over k and over the second tone, for parts whose restitution scatters.
+/// Compute the share of time in gear over k and second tone, for parts whose restitution scatters.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband gear --restitution 0.3 --scatter 0.05
@@ -27,11 +28,12 @@ pub(super) use survey::{Lot, LotSettings};
   kband gear --restitution 0.3 --scatter 0.05 --second-tone 0.15,2.356 --k 0.3..0.5:41 --format csv
   kband gear --restitution 0.3 --scatter 0.05 --b 0.18..0.3 --frequency 50
 
-A part is in gear of order r while it flies once in every r periods of the drive: flights of 0.6 to 1.4 r \
-periods, at least 8 in a row and no rest between, locked, doubled or chaotic. Each run starts from rest, without a \
-kick; the last three quarters count. The points named are the best of the map, chosen by fresh runs of the best \
-ones, and their shares are those of fresh runs again. CSV has a row for each point of the map. \
-With the table the map is drawn into kband-gear.svg where --out names no file.
+A part is in gear of order r while it makes one flight in every r drive periods: at least 8 flights \
+of 0.6 to 1.4 r periods in a row, without a rest. They may be locked, doubled or chaotic. Each run \
+starts from rest without a kick; its last three quarters count. On one tone the named point is \
+the controller's choice for gear on a drive without limits, if the map contains it. Otherwise fresh \
+runs select the best points. Further runs give the shares of the named points. CSV has a row for each point of the map. Beside a \
+table the map is drawn into kband-gear.svg, unless --out names a file.
 
 The track moves as sin t + e sin(2 t + th) with th in rad (135 degrees are 2.356).")]
 pub struct Arguments {
@@ -39,25 +41,25 @@ pub struct Arguments {
     #[arg(long, value_name = "R|LO..HI", default_value = "0.3", value_parser = arguments::restitution)]
     restitution: Restitution,
 
-    /// Standard deviation of a part's restitution from impact to impact; bodies that tumble scatter
-    /// by 0.27 to 0.52, beyond this model.
+    /// Standard deviation of a part's restitution from impact to impact. Tumbling bodies have 0.27
+    /// to 0.52, which this model does not cover.
     #[arg(long, value_name = "S", default_value = "0.05", value_parser = arguments::within(0.0, 0.3, ""))]
     scatter: f64,
 
-    /// Drive periods in a flight.
+    /// Order: drive periods of a flight.
     #[arg(long, value_name = "R", default_value = "1", value_parser = arguments::count(1, 10))]
     order: usize,
 
-    /// k, or a range of it [default: up to where the lock of the liveliest part is born, at most
-    /// 1/R].
+    /// k, one value or a range [default: up to the birth of the lock of the highest restitution, at
+    /// most 1 over the order].
     #[arg(long, value_name = "LO..HI[:N]", value_parser = arguments::range_or_value((0.005, 4.0), 41))]
     k: Option<Range>,
 
-    /// In place of k: amplitude normal to the track in mm, one value or a range.
+    /// Amplitude normal to the track in mm, instead of --k: one value or a range.
     #[arg(long, value_name = "MM", value_parser = arguments::range_or_value((1e-6, 1e3), 41), conflicts_with = "k")]
     b: Option<Range>,
 
-    /// This second tone alone, beside the one tone, in place of a search.
+    /// Second tone to compare with the sine, instead of a search.
     #[arg(long, value_name = "E,TH", value_parser = arguments::tone)]
     second_tone: Option<Tone>,
 
@@ -65,31 +67,30 @@ pub struct Arguments {
     #[arg(long, value_name = "E3,TH3", value_parser = arguments::tone)]
     third_tone: Option<Tone>,
 
-    /// Largest second tone that the drive affords; the search goes up to it.
+    /// Largest second tone of the search, over the first tone.
     #[arg(long, value_name = "E", default_value = "0.15", value_parser = arguments::within(0.01, 0.5, ""))]
     largest_second_tone: f64,
 
-    /// Quality of the drive's resonance: it says how much more force at twice the frequency the
-    /// second tone takes.
+    /// Quality of the drive's resonance. From it follows the force that the second tone needs.
     #[arg(long, value_name = "Q", default_value = "25", value_parser = arguments::within(1.0, 1000.0, ""))]
     quality: f64,
 
     #[command(flatten)]
     contact: ContactArguments,
 
-    /// Restitutions of a lot that are tried, its ends among them.
+    /// Number of restitutions of a lot, its ends included.
     #[arg(long, value_name = "N", default_value = "5", value_parser = arguments::count(2, 101))]
     parts: usize,
 
-    /// Runs of each part at each point.
+    /// Number of runs of each part at each point.
     #[arg(long, value_name = "N", default_value = "8", value_parser = arguments::count(1, 1000))]
     runs: usize,
 
-    /// Drive periods of a run.
+    /// Duration of a run in drive periods.
     #[arg(long, value_name = "N", default_value = "250", value_parser = arguments::count(40, 1_000_000))]
     periods: usize,
 
-    /// Seed of the scatter: the same seed gives the same bits, on any number of threads.
+    /// Seed of the random restitutions. Equal seeds give equal bits, with any number of threads.
     #[arg(long, value_name = "N", default_value = "1", value_parser = arguments::seed)]
     seed: u64,
 
@@ -118,6 +119,13 @@ fn angles(arguments: &Arguments) -> (f64, f64, u32) {
 /// Finds where parts stay in gear.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output_or("kband-gear.svg")?;
+    let survey = surveyed(arguments, desk)?;
+    let report = page::report(arguments, &survey)?;
+    output.show(&report, || page::picture(arguments, &survey))
+}
+
+/// The map and the named points.
+fn surveyed(arguments: &Arguments, desk: &Desk) -> Result<Survey, Refusal> {
     let order = arguments.order as u32;
     let contact = arguments.contact.time(arguments.drive.frequency)?;
     let lot = Lot::build(LotSettings {
@@ -141,14 +149,20 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             Range::new(0.15 / order, (1.02 * born).min(1.0 / order), 41)
         }
     };
-    let survey = Survey::run(
+    Survey::run(
         lot,
         &k.values().collect::<Vec<_>>(),
         &waves(arguments)?,
+        planned(arguments, contact),
         desk,
-    )?;
-    let report = page::report(arguments, &survey)?;
-    output.show(&report, || page::picture(arguments, &survey))
+    )
+}
+
+/// k that the controller chooses for this lot on a drive without limits, as `kband bands` has it.
+fn planned(arguments: &Arguments, contact: ContactTime) -> Option<f64> {
+    let feeder = causes::unbounded(arguments.restitution, arguments.scatter, contact);
+    let (plan, _) = causes::plan(&feeder, arguments.order as u8)?;
+    Some(plan.k.into())
 }
 
 /// The k of a range of amplitudes in mm, evenly spaced in k as the map is drawn.
@@ -176,4 +190,46 @@ fn waves(arguments: &Arguments) -> Result<Vec<Wave>, Refusal> {
         }
     }
     Ok(waves)
+}
+
+#[cfg(test)]
+mod tests {
+    use kband_control::Settings;
+
+    use super::*;
+
+    /// The amplitude on one tone is that of `bands`, and of the controller of `simulate`.
+    #[test]
+    fn gear_names_the_amplitude_of_the_controller() {
+        #[derive(clap::Parser)]
+        struct CommandLine {
+            #[command(flatten)]
+            arguments: Arguments,
+        }
+        let line = "gear --restitution 0.35..0.45 --scatter 0.04 --frequency 60 --k 0.4..0.7:7 \
+                    --second-tone 0.1,2.4 --parts 2 --runs 1 --periods 40";
+        let words = line.split_whitespace();
+        let arguments = <CommandLine as clap::Parser>::parse_from(words).arguments;
+        let desk = Desk::new(Some(1)).unwrap();
+        let survey = surveyed(&arguments, &desk).unwrap();
+        let amplitude = 1e3
+            * arguments
+                .drive
+                .track()
+                .unwrap()
+                .amplitude(survey.one_tone.k);
+        let feeder = Settings {
+            frequency: 60.0,
+            resonance: 60.0,
+            restitution_low: 0.35,
+            restitution_high: 0.45,
+            scatter: 0.04,
+            ..Settings::default()
+        };
+        let (_, expected) = causes::plan(&feeder, 1).unwrap();
+        assert!(
+            (amplitude / expected - 1.0).abs() < 1e-4,
+            "{amplitude} {expected}"
+        );
+    }
 }

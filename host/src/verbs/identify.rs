@@ -13,9 +13,10 @@ use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, Table, columns};
 
-/// Ask a board who it is: image, link version, self-test, last words before its reset, counters.
+/// Print the identity of a board: image, link version, self-test, last message before its reset,
+/// counters.
 ///
-/// Exit status 1 where the board speaks another version of the link than this kband.
+/// The exit status is 1 if the board has another version of the link than this kband.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband identify
@@ -171,7 +172,7 @@ pub(super) fn allowed(access: Access) -> &'static str {
 fn settings_in_words(kept: Kept) -> &'static str {
     match kept {
         Kept::InUse => "good",
-        Kept::Others => "those in use are not those kept: kband settings save",
+        Kept::Others => "those in use differ from the saved ones: kband settings save",
         Kept::Never => "none were ever saved, the drive stays off: kband settings save",
         Kept::Damaged => {
             "damaged or of a newer firmware, the drive stays off: kband settings import FILE.toml --save"

@@ -38,8 +38,12 @@ idle! {
     ["diagram"], |given| given.is("show", "regimes"), "with --show regimes",
         ["starts", "impacts", "settle"],
         "it is a map over k and restitution, from rest and from next to the lock";
-    ["basins", "capture", "diagram", "exponent", "impacts"], |given| !given.has("b"), "without --b",
+    ["capture", "exponent"], |given| !given.has("b"), "without --b",
         ["frequency", "incline"], "k holds both already";
+    ["basins", "diagram", "impacts"], |given| !given.has("b"), "without --b",
+        ["incline"], "k holds it already";
+    ["basins", "diagram", "impacts"], |given| !given.has("b") && !given.has("contact"),
+        "without --b or --contact", ["frequency"], "k holds it already";
     ["exponent"], |given| given.has("phase") && !given.has("band"), "with --phase and --velocity",
         ["order"], "the orbit starts where they say, not near a lock";
     ["simulate"], |given| given.has("print_scene") || given.has("schema"), "with --print-scene and --schema",
@@ -148,6 +152,7 @@ mod tests {
             "cascade --width column --font-size 7 --out a.png",
             "diagram --scatter 0.05 --seed 3",
             "diagram --b 0.1..0.2 --frequency 60",
+            "diagram --contact 0.4 --frequency 60",
             "gear --seed 3",
             "gear --scatter 0 --seed 3",
             "gear --largest-second-tone 0.2",

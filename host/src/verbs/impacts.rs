@@ -10,9 +10,13 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap};
+use kband::impact::{
+    ContactTime, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
+};
 
-use crate::arguments::{self, AmplitudeArguments, Drawn, Output, ScatterArguments};
+use crate::arguments::{
+    self, AmplitudeArguments, ContactArguments, Drawn, Output, ScatterArguments,
+};
 use crate::desk::{Desk, Progress};
 use crate::file;
 use crate::refusal::{Exit, Refusal};
@@ -21,7 +25,7 @@ use crate::report::{self, Column, Format, Rows, Value, columns, print_rows};
 use portrait::{States, portrait};
 use rows::{LaunchFile, Row, Survey, check_rows, fly_rows, not_held};
 
-/// Consecutive impacts of one orbit, or one impact for each row of a file.
+/// Compute consecutive impacts of one orbit, or one impact for each row of a file.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband impacts --k 0.43 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20
@@ -30,12 +34,13 @@ use rows::{LaunchFile, Row, Survey, check_rows, fly_rows, not_held};
   kband impacts --b 0.235 --frequency 50 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20
   kband impacts --from states.csv --arithmetic f64 --format csv
 
-A file has the columns k,restitution,phase,velocity (others are ignored); each row gives \
-flight,next_phase,next_velocity; they are empty, with a warning on standard error, where only the \
-arithmetic cannot hold the row. Phases are in rad, velocities in units of b w.
+A file has the columns k,restitution,phase,velocity; others are ignored. Each row gives \
+flight,next_phase,next_velocity. If only the arithmetic cannot represent a row, they are empty, with \
+a warning on standard error. Phases are in rad, velocities in units of b w. With --contact the flight \
+includes the contact, and phase and velocity are those after it.
 
-Rows go out as they come, to standard output and to --out FILE.csv, .json or, where it is built in, \
-.parquet: memory does not grow with their number. A table to read has at most 50000 rows, a \
+Each row is written when it is computed, to standard output and to --out FILE.csv, .json or (if \
+built in) .parquet: memory does not grow with their number. A table has at most 50000 rows, a \
 picture at most 131072 states.
 
 With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356).")]
@@ -51,13 +56,16 @@ pub struct Arguments {
     #[arg(long, value_name = "R", value_parser = arguments::number, required_unless_present = "from")]
     restitution: Option<f64>,
 
-    /// Phase of the drive just after an impact, rad.
+    /// Phase of the drive just after an impact in rad.
     #[arg(long, value_name = "T", value_parser = arguments::number, required_unless_present = "from")]
     phase: Option<f64>,
 
-    /// Velocity relative to the track just after it, units of b w, at least 0.
+    /// Velocity relative to the track just after an impact, in units of b w, at least 0.
     #[arg(long, value_name = "PSI", value_parser = arguments::number, required_unless_present = "from")]
     velocity: Option<f64>,
+
+    #[command(flatten)]
+    contact: ContactArguments,
 
     #[command(flatten)]
     scatter: ScatterArguments,
@@ -103,6 +111,14 @@ pub enum Arithmetic {
     Batch,
 }
 
+impl Arithmetic {
+    fn refuse(self, accepted: &str, next: &str) -> Refusal {
+        let name = self.to_possible_value();
+        let name = name.map_or_else(String::new, |value| value.get_name().to_owned());
+        Refusal::value("--arithmetic", name, accepted, next)
+    }
+}
+
 /// Prints the impacts and draws their phase portrait.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.drawn.output(Format::Table, true)?;
@@ -117,7 +133,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         desk,
         output: &output,
     };
-    let states = if one {
+    let contact = arguments.contact.time(arguments.amplitude.hertz())?;
+    let states = if !contact.is_instant() {
+        with_contact(&task, tones, contact)?
+    } else if one {
         on_one_tone(&task)?
     } else {
         on_tones(&task, tones)?
@@ -145,22 +164,36 @@ fn on_one_tone(task: &Task) -> Result<States, Refusal> {
 }
 
 fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States, Refusal> {
-    fn of<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, OutOfRange> {
-        move |k, restitution| K::on_tones(tones, k, restitution)
-    }
-    let arithmetic = task.arguments.arithmetic;
-    match arithmetic {
-        Arithmetic::F64 => task.fly(of::<WaveMap>(tones), one_by_one),
-        Arithmetic::F32 => task.fly(of::<Single>(tones), one_by_one),
-        Arithmetic::Integer | Arithmetic::Batch => Err(Refusal::value(
-            "--arithmetic",
-            arithmetic
-                .to_possible_value()
-                .map_or_else(String::new, |value| value.get_name().to_owned()),
+    match task.arguments.arithmetic {
+        Arithmetic::F64 => task.fly(build_on::<WaveMap>(tones), one_by_one),
+        Arithmetic::F32 => task.fly(build_on::<Single>(tones), one_by_one),
+        other => Err(other.refuse(
             "f64 or f32 with --second-tone or --third-tone",
             "choose one of them, or leave out the tones",
         )),
     }
+}
+
+fn build_on<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, OutOfRange> {
+    move |k, restitution| K::on_tones(tones, k, restitution)
+}
+
+/// Impacts that take time; the map of several tones has one as well.
+fn with_contact(task: &Task, tones: [Tone; 2], contact: ContactTime) -> Result<States, Refusal> {
+    let arithmetic = task.arguments.arithmetic;
+    if arithmetic != Arithmetic::F64 {
+        return Err(arithmetic.refuse(
+            "f64 with --contact",
+            "leave out --arithmetic, or leave out --contact",
+        ));
+    }
+    task.fly(build_on::<WaveMap>(tones), |rows| {
+        let held = rows.iter().map(|Row { kernel, state }| {
+            let (k, restitution) = (kernel.k(), kernel.restitution());
+            contact.hold(restitution, kernel.impact(*state), k, Some(kernel.wave()))
+        });
+        held.collect()
+    })
 }
 
 fn one_by_one<K: Kernel>(rows: &[Row<K>]) -> Vec<Impact<K::State>> {
@@ -226,7 +259,7 @@ impl Task<'_> {
             let first = first.to_string();
             let first = first.trim_start_matches("error: ");
             eprintln!(
-                "left empty, as arithmetic {} cannot hold them: {count} row(s), the first in {first}",
+                "left empty, because arithmetic {} cannot represent them: {count} row(s), the first in {first}",
                 K::NAME
             );
         }
@@ -274,7 +307,7 @@ impl Task<'_> {
         self.write(&columns, arguments.count as u64, |sink| {
             for n in 1..=arguments.count {
                 if let Some(scatter) = &mut scatter {
-                    row[0].kernel = K::build(k, scatter.draw())?;
+                    row[0].kernel = build(k, scatter.draw())?;
                 }
                 for impact in impacts(&row) {
                     let next = K::observe(impact.next);

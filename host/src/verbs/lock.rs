@@ -7,22 +7,22 @@ use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
-/// Save the settings of a board with a PIN: then its link reads, and changes nothing without it.
+/// Save the settings of a board with a PIN. Then its link is read-only without that PIN.
 ///
-/// Reading and stopping the drive stay possible. A debug probe that erases the settings removes a
-/// forgotten PIN.
+/// Stopping the drive stays possible. To remove a forgotten PIN, erase the settings with a debug
+/// probe.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband lock 4711
   kband lock --none
   kband lock 4711 --on /dev/ttyACM0
 
-The drive must be at rest. The lock is closed after each start of the board; kband unlock opens it.")]
+The drive must be at rest. Each start of the board locks the link; kband unlock unlocks it.")]
 pub struct Arguments {
     #[command(flatten)]
     address: Address,
 
-    /// 4 to 8 digits.
+    /// PIN, 4 to 8 digits.
     #[arg(value_parser = pin, required_unless_present = "none")]
     pin: Option<Pin>,
 

@@ -31,7 +31,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
                     "VERB",
                     name,
                     known,
-                    "kband --help says what each is for",
+                    "kband --help describes each verb",
                 ));
             };
             verb.clone()

@@ -11,10 +11,9 @@ use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, fields};
 
-/// The margins of the loop that holds the track's amplitude, on drives at their resonance and
-/// beside it.
+/// Compute the stability margins of the amplitude loop, on drives at their resonance and beside it.
 ///
-/// In cycles of the drive the loop is the same at every frequency.
+/// In drive cycles the loop is the same at every frequency.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband margins
@@ -109,7 +108,7 @@ fn report(lines: &[Line]) -> Printout {
     least()
         .printout(lines)
         .heading("amplitude loop, detuned by up to 20 % to either side; the same at 5 to 500 Hz")
-        .note("gain margin: the factor on the loop's gain at which the amplitude swings for ever; phase margin: the lag more")
+        .note("gain margin: factor on the loop gain at the limit of stability; phase margin: additional lag there")
 }
 
 fn picture(lines: &[Line]) -> Picture {

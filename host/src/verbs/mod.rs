@@ -104,28 +104,28 @@ verbs! {
     Update => update,
 }
 
-/// Vibratory feeders at the desk: what a part does on a shaken track, and the drive that holds it
-/// there.
+/// Simulate and operate vibratory feeders: parts on a vibrating track, and the drive that keeps
+/// them in step.
 #[derive(Debug, Parser)]
 #[command(
     name = "kband",
     version = version(),
     subcommand_required = false,
     after_help = "Start here:
-  kband                                    a feeder that is built in: mm, g, mm/s, parts a minute
-  kband explain restitution                how it is measured: let a part drop
-  kband simulate --print-scene > my.toml   the built-in feeder, to be made yours
-  kband simulate my.toml                   what yours does
-  kband bands --restitution 0.2 --frequency 50   the mm at which parts lock
-Every verb shows an example: kband help VERB
+  kband                                    simulate the built-in feeder: mm, g, mm/s, parts a minute
+  kband explain restitution                how to measure it: drop a part
+  kband simulate --print-scene > my.toml   write the built-in feeder to a file, for your changes
+  kband simulate my.toml                   simulate your feeder
+  kband bands --restitution 0.2 --frequency 50   the amplitudes in mm at which parts lock
+Each verb has examples: kband help VERB
 
-Files: one that is named takes the place of an older one of its name; one that nobody named, as the picture \
-of kband simulate, only of one that kband wrote; an input is never written over. A scene, rows and settings \
-are read from standard input where the file is -, and an output that is named - is standard output; words go to \
-standard error then."
+Files: an output that you name overwrites an older file. An output with a default name, as the \
+picture of kband simulate, overwrites only a file that kband wrote. An input is never overwritten. \
+`-` as scene, rows or settings is standard input. `-` as output is standard output; messages then go \
+to standard error."
 )]
 struct CommandLine {
-    /// Number of threads; the result does not depend on it [default: one for each core].
+    /// Number of threads; the result does not depend on it [default: number of cores].
     #[arg(long, global = true, display_order = 1000, value_name = "N",
           value_parser = arguments::count(1, 1024))]
     threads: Option<usize>,
@@ -213,7 +213,7 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
         return Some(
             Refusal::new(
                 format!("{verb} alone does nothing"),
-                format!("{verb} --help says more"),
+                format!("{verb} --help shows more"),
             )
             .accepting(format!(
                 "{verb} {}",

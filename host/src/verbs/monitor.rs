@@ -21,10 +21,10 @@ pub(super) use rows::{Row, columns};
 /// Time between two looks into the event log; the board takes them for a sign of life too.
 const LOG_POLL_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Print what a board tells: telemetry and event log, as it comes.
+/// Print telemetry and event log of a board as they arrive.
 ///
-/// Ends with Ctrl-C or after --duration or --rows. A record holds the bytes of the link as they
-/// came: cut or damaged anywhere, it loses what was there and nothing else.
+/// Ctrl-C, --duration or --rows end it. A record holds the bytes of the link: damage to it loses
+/// only the damaged messages.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband monitor
@@ -35,27 +35,27 @@ pub struct Arguments {
     #[command(flatten)]
     address: Address,
 
-    /// One row of telemetry every N drive cycles; 0 for the event log alone.
+    /// Drive cycles per row of telemetry; 0: the event log only.
     #[arg(long, value_name = "N", default_value = "10", value_parser = arguments::count(0, 65_535))]
     every: usize,
 
-    /// End after this many seconds of the clock.
+    /// Duration in s of the clock.
     #[arg(long, value_name = "S", value_parser = arguments::within(0.1, 1e7, "s"))]
     duration: Option<f64>,
 
-    /// End after this many rows of telemetry.
+    /// Number of rows of telemetry after which it ends.
     #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000_000))]
     rows: Option<usize>,
 
-    /// Record to a file, to be replayed; a file that is there already is refused.
+    /// Record to a new file, for --replay. An existing file is refused.
     #[arg(long, value_name = "FILE", conflicts_with = "replay")]
     record: Option<PathBuf>,
 
-    /// Print a record instead of a board.
+    /// Print a record instead of a board's messages.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["on", "image", "flash_image", "every", "duration", "rows"])]
     replay: Option<PathBuf>,
 
-    /// Form of the rows; json is an object a line.
+    /// Form of the rows; json has an object per line.
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
 }

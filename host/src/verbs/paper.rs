@@ -20,25 +20,25 @@ use crate::report::{Printout, fields};
 
 use engine::{Check, Row};
 
-/// Every equation, number and claim of the paper (Hongler & Figour 1989): printed, recomputed,
-/// verdict.
+/// Check every equation, number and claim of the paper (Hongler & Figour 1989): printed,
+/// recomputed, verdict.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband paper
   kband paper --format json
   kband paper --restitution 0.5 --out report.html
 
-Each row is recomputed from the exact map and compared with a reference of its own: an integration \
+Each row is recomputed from the exact map and compared with an independent reference: an integration \
 of the equations of motion, a second formula, or a 20-digit value. residual is the largest \
-deviation over all cases; where it exceeds tolerance the row fails and the exit status is 1. \
-printed_error is how far the literal print is off in the same measure. Claims of the text and \
-findings of our own are rows without a number.")]
+deviation over all cases. If it exceeds tolerance, the row fails and the exit status is 1. \
+printed_error is the same deviation of the literal print. Claims of the text and findings of our \
+own are rows without a number.")]
 pub struct Arguments {
     /// Restitution of the part in the pictures of the page.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.05, 0.95, ""))]
     restitution: f64,
 
-    /// Also write one self-contained page with the table and pictures; the name ends in .html.
+    /// Also write one self-contained page with table and pictures; the name ends in .html.
     #[arg(long, value_name = "FILE.html")]
     out: Option<PathBuf>,
 

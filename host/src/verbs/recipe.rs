@@ -22,12 +22,12 @@ use crate::simulate::describe;
 
 /// List, save, use, delete, export and import the recipes of a board.
 ///
-/// A recipe has a number from 1 to 7 and a name. It holds the target, and the settings of the parts:
-/// restitution, scatter, length, soft start and soft stop. What belongs to the machine is in no recipe.
-/// Saving and deleting need the drive at rest; a recipe may be used while it runs.
+/// A recipe has a number from 1 to 7 and a name. It holds the target, and the settings of the
+/// parts: restitution, scatter, length, contact time, soft start and soft stop. It holds no
+/// settings of the machine. Saving and deleting need the drive at rest; using a recipe does not.
 ///
-/// The inputs PC6, PC7 and PC8 of the board select a recipe too: wired to ground they count 1, 2
-/// and 4. With all of them open the saved target counts.
+/// The inputs PC6, PC7 and PC8 of the board also select a recipe: wired to ground they count 1, 2
+/// and 4. With all of them open the saved target is in use.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband recipe list
@@ -50,46 +50,46 @@ pub struct Arguments {
 /// What is done with the recipes.
 #[derive(Clone, Debug, clap::Subcommand)]
 enum Action {
-    /// Print all recipes, and which one is in use.
+    /// Print all recipes, and the one in use.
     #[command(after_help = "Example:\n  kband recipe list --format json")]
     List,
-    /// Save the present target and the present settings of the parts as a recipe.
+    /// Save the present target and settings of the parts as a recipe.
     #[command(after_help = "Example:\n  kband recipe save 1 'M3 screws'")]
     Save {
-        /// Its number.
+        /// Number of the recipe.
         #[arg(value_parser = number())]
         number: u8,
-        /// Its name, 1 to 14 printable characters of ASCII.
+        /// Name of the recipe, 1 to 14 printable characters of ASCII.
         #[arg(value_parser = name)]
         name: RecipeName,
     },
-    /// Use a recipe until another target is set; 0: the saved target and its parts.
+    /// Use a recipe until another target is set; 0: the saved target with its parts.
     #[command(after_help = "Example:\n  kband recipe use 1")]
     Use {
-        /// Its number.
+        /// Number of the recipe.
         #[arg(value_parser = clap::value_parser!(u8).range(0..=i64::from(Recipe::COUNT)))]
         number: u8,
     },
     /// Delete a recipe.
     #[command(after_help = "Example:\n  kband recipe delete 1")]
     Delete {
-        /// Its number.
+        /// Number of the recipe.
         #[arg(value_parser = number())]
         number: u8,
     },
-    /// Write all recipes to a file that can be read, changed and imported.
+    /// Write all recipes to a text file, which can be edited and imported.
     #[command(after_help = "Example:\n  kband recipe export recipes.toml")]
     Export {
         /// The file; `-` for standard output.
         #[arg(value_name = "FILE.toml")]
         file: PathBuf,
     },
-    /// Save the recipes of a file: all of them, or none where one is refused.
+    /// Save the recipes of a file: all of them, or none if one is refused.
     ///
     /// Recipes whose numbers the file does not name stay.
     #[command(after_help = "Example:\n  kband recipe import recipes.toml")]
     Import {
-        /// The file, as export writes it; `-` for standard input.
+        /// A file as export writes it; `-` for standard input.
         #[arg(value_name = "FILE.toml")]
         file: PathBuf,
     },

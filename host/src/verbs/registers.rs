@@ -7,10 +7,10 @@ use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::fields;
 
-/// The registers of a board on its fieldbus, Modbus RTU.
+/// Print the registers of a board on its fieldbus, Modbus RTU.
 ///
-/// Functions 3 and 4 read them, 6 and 16 write them. Addresses are those in the frame, from 0: many
-/// masters add 1, or 40001.
+/// Functions 3 and 4 read them, 6 and 16 write them. Addresses are those in the frame, from 0; many
+/// masters add 1 or 40001.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband registers

@@ -16,7 +16,7 @@ use crate::report::number;
 use crate::simulate::{self, Outcome, SceneText};
 use data::Feeder;
 
-/// One self-contained page for the browser: bands, gear, basins, speed and a run of one feeder,
+/// Write one self-contained page for the browser: bands, gear, basins, speed and a run of a feeder,
 /// with sliders.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -24,14 +24,15 @@ use data::Feeder;
   kband report my.toml --out my.html
   kband report --restitution 0.28..0.32 --scatter 0.06 --frequency 60 --out feeder.html
 
-The page is one file: it asks for no other, needs no network, prints, and is light or dark as the reader likes. What its \
-sliders show was computed beforehand, on a grid, and stands in it as JSON.")]
+The page is one file. It needs no other file and no network, can be printed, and follows the \
+browser's light or dark theme. The values behind its sliders are computed beforehand on a grid, and \
+are in the page as JSON.")]
 pub struct Arguments {
     /// Scene file (TOML), `-` for standard input; without one, the default scene.
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
 
-    /// Restitution of the lot instead of the scene's; the simulated parts become its middle.
+    /// Restitution of the lot instead of the scene's. The simulated parts have its middle.
     #[arg(long, value_name = "R|LO..HI", value_parser = arguments::restitution)]
     restitution: Option<Restitution>,
 
@@ -47,8 +48,8 @@ pub struct Arguments {
     #[arg(long, value_name = "DEG", value_parser = arguments::within(-60.0, 60.0, "degrees"))]
     incline: Option<f64>,
 
-    /// Page to write, .html [default: kband-report.html]. A file that is named takes the place of
-    /// an older one; one that is not, only of what kband wrote itself.
+    /// Page to write, .html [default: kband-report.html]. A named file is overwritten, the default
+    /// only if kband wrote it.
     #[arg(long, value_name = "FILE.html")]
     out: Option<PathBuf>,
 }
@@ -122,8 +123,8 @@ fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Resul
     let mut spoken = super::simulate::plain_words(outcome);
     if feeder.has_contact_time() {
         spoken.push(
-            "The figures of bands, basins and speeds below are those of impacts in no time. The table and the share of time in \
-             gear have the contact time of the scene."
+            "The figure of bands below is that of impacts in no time. The others have the contact time of \
+             the scene."
                 .into(),
         );
     }

@@ -34,15 +34,14 @@ const LONGEST_STEP: Duration = Duration::from_millis(200);
 
 /// Serve the registers of a simulated feeder, or with --on those of a board, on Modbus TCP.
 ///
-/// The simulation is the same controller on the same track as in kband simulate, in real time, from
-/// power-on, with the enable input given after 0.5 s. So a PLC's program can be tested before there
-/// is a machine. Registers and rules are those of a board: kband registers. Where the scene leaves
-/// the bus off, it has the authority to command and to acknowledge (bus 2). Nothing that is saved
-/// outlasts the run.
+/// The simulation is that of kband simulate, in real time from power-on; the enable input is on
+/// after 0.5 s. A PLC's program can thus be tested without a machine. Registers and rules are those
+/// of a board: kband registers. If the scene leaves the bus off, the bus may command and
+/// acknowledge (bus 2). Saved values are lost at the end.
 ///
-/// With --on kband is the gateway to a board: its own server answers, over the link. The settings
-/// bus and bus_address give the authority, as on its serial bus; both share one control word and
-/// bus_timeout. Where strap or PIN make the link read-only, clients only read.
+/// With --on kband is a gateway to a board, whose own server answers over the link. The settings
+/// bus and bus_address give the authority, as on its serial bus. Both share one control word and
+/// bus_timeout. If strap or PIN make the link read-only, clients can only read.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband serve
@@ -51,24 +50,25 @@ const LONGEST_STEP: Duration = Duration::from_millis(200);
   kband serve --on /dev/ttyACM0
   kband serve --on /dev/ttyACM0 --mqtt broker.plant:1883 --topic line3/feeder
 
-Modbus TCP has no password: on another address than the loopback everybody on that network may command the feeder. \
-Ctrl-C ends it.")]
+Modbus TCP has no password: on another address than the loopback, everybody on that network can \
+command the feeder. Ctrl-C ends it.")]
 pub struct Arguments {
-    /// Scene to simulate; without one, the default scene.
+    /// Scene to simulate. Default: the built-in scene.
     #[arg(value_name = "SCENE.toml", conflicts_with = "on")]
     scene: Option<PathBuf>,
 
     #[command(flatten)]
     address: Address,
 
-    /// Address and port to listen at; port 0 takes a free one.
+    /// Address and port to listen at; port 0 selects a free one.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:1502", value_parser = arguments::socket)]
     modbus: SocketAddr,
 
     /// Also publish to this MQTT broker: readings once a second, and events.
     ///
-    /// Messages are JSON with the names of kband monitor: TOPIC/readings and TOPIC/event. TOPIC/status is online or offline, the
-    /// last will. Nothing is received. A broker that is away is tried again each second.
+    /// Messages are JSON with the names of kband monitor: TOPIC/readings and TOPIC/event.
+    /// TOPIC/status is online, or offline by the last will. kband subscribes to nothing. It retries
+    /// a missing broker each second.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:1883")]
     mqtt: Option<String>,
 
@@ -76,7 +76,7 @@ pub struct Arguments {
     #[arg(long, value_name = "TOPIC", default_value = "kband", requires = "mqtt")]
     topic: String,
 
-    /// End by itself after this many seconds.
+    /// Duration in s.
     #[arg(long = "for", value_name = "SECONDS", value_parser = arguments::within(0.1, 1e6, "s"))]
     limit: Option<f64>,
 }

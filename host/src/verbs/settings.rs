@@ -22,14 +22,13 @@ use crate::file::{self, Destination};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Format, Printout, fields, shortest};
 
-/// List, change, keep, export and import the settings of a board.
+/// List, change, save, export and import the settings of a board.
 ///
-/// The board checks every value; what it does not accept is refused and nothing is changed. A
-/// changed setting counts at once and until the board's next reset, a saved one for good. Both need
-/// the drive at rest.
+/// The board checks every value; a refused value changes nothing. A changed setting is in use at
+/// once, until the board's next reset. A saved one stays. Both need the drive at rest.
 ///
-/// --on qemu is a board that starts anew with each command. Its settings outlast the command where
-/// --flash-image names the file of its flash and they are saved.
+/// --on qemu is a board that starts with each command. It keeps saved settings in the file that
+/// --flash-image names.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
     arg_required_else_help = false,
@@ -62,67 +61,67 @@ enum Action {
     /// Print one setting.
     #[command(after_help = "Example:\n  kband settings get frequency")]
     Get {
-        /// Its key.
+        /// Key of the setting.
         key: String,
     },
     /// Change one setting until the board's next reset.
     #[command(after_help = "Example:\n  kband settings set incline -2.5")]
     Set {
-        /// Its key.
+        /// Key of the setting.
         key: String,
-        /// Its new value, in its unit.
+        /// New value in the unit of the setting.
         #[arg(allow_negative_numbers = true, value_parser = arguments::number)]
         value: f64,
-        /// Keep it, and all other settings as they are now, beyond a loss of power.
+        /// Also save all present settings, beyond a loss of power.
         #[arg(long)]
         save: bool,
     },
-    /// Keep the settings as they are now beyond a loss of power.
+    /// Save the present settings, beyond a loss of power.
     #[command(after_help = "Example:\n  kband settings save")]
     Save,
-    /// Write all settings to a file that can be read, changed and imported.
+    /// Write all settings to a text file, which can be edited and imported.
     #[command(after_help = "Example:\n  kband settings export mine.toml")]
     Export {
         /// The file; `-` for standard output.
         #[arg(value_name = "FILE.toml")]
         file: PathBuf,
     },
-    /// Take the settings of a file: all of them, or none where one is refused.
+    /// Set the settings of a file: all of them, or none if one is refused.
     ///
     /// Settings that the file does not name keep their values.
     #[command(after_help = "Example:\n  kband settings import mine.toml --save")]
     Import {
-        /// The file, as export writes it; `-` for standard input.
+        /// A file as export writes it; `-` for standard input.
         #[arg(value_name = "FILE.toml")]
         file: PathBuf,
-        /// Keep them beyond a loss of power.
+        /// Also save them, beyond a loss of power.
         #[arg(long)]
         save: bool,
     },
-    /// Have the board listen to its parts, and print the interval of restitution that it offers.
+    /// Estimate the restitution of the parts on a board, and print the proposed interval.
     ///
-    /// With parts of one kind on the track and the enable input given, the board shakes them so
-    /// that they chatter and hears their restitution; it needs about a minute. Nothing is changed
+    /// It needs parts of one kind on the track, and the enable input on. The board lets the parts
+    /// chatter and estimates their restitution; this takes about a minute. It changes nothing
     /// without --apply.
     #[command(
         after_help = "Examples:\n  kband settings commission --on /dev/ttyACM0\n  kband settings commission --sensor --on /dev/ttyACM0\n  kband settings commission --second-tone --on /dev/ttyACM0"
     )]
     Commission {
-        /// Take and keep the interval; the drive is brought to rest for it.
+        /// Set and save the proposed values; the drive is stopped for it.
         #[arg(long)]
         apply: bool,
-        /// Measure the accelerometer at rest and at the present target instead, and offer
+        /// Measure the accelerometer at rest and at the present target instead, and propose
         /// sensor_rest, gain, their tolerances and, with a current sensor, current_gain.
         #[arg(long, conflicts_with_all = ["second_tone", "third_tone"])]
         sensor: bool,
-        /// Measure what the track answers at twice the drive's frequency instead, and offer
+        /// Measure the track's response at twice the drive's frequency instead, and propose
         /// second_gain and second_lag.
         #[arg(long)]
         second_tone: bool,
-        /// The same at three times the drive's frequency: third_gain and third_lag.
+        /// Measure the response at three times the drive's frequency: third_gain and third_lag.
         #[arg(long, conflicts_with = "second_tone")]
         third_tone: bool,
-        /// Give up after so many seconds.
+        /// Time limit in s.
         #[arg(long, value_name = "S", default_value = "300", value_parser = arguments::within(1.0, 86_400.0, "s"))]
         within: f64,
     },
@@ -239,13 +238,14 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
 fn kept(link: &mut Link, save: bool, address: &Address) -> Result<String, Refusal> {
     if save {
         link.tell(&Request::Save)?;
-        return Ok("kept: the board starts with these settings from now on".into());
+        return Ok("saved: the board starts with these settings from now on".into());
     }
     Ok(if address.is_emulated() {
-        "gone with this emulated board: add --save and --flash-image FILE to keep settings".into()
+        "lost at the end of this emulated board: add --save and --flash-image FILE to keep settings"
+            .into()
     } else {
         format!(
-            "in use until the board's next reset; keep it with: kband settings save{}",
+            "in use until the board's next reset; save it with: kband settings save{}",
             address.options()
         )
     })
@@ -284,7 +284,7 @@ pub(super) fn check_flash(address: &Address, kept: &str) -> Result<(), Refusal> 
 pub(super) fn export(settings: &BoardSettings, image: &str) -> String {
     let mut text = format!(
         "# Settings of a board with kband {}.\n\
-         # kband settings import FILE.toml brings them onto a board; a key left out keeps its value.\n\n",
+         # kband settings import FILE.toml sets them on a board; a key left out keeps its value.\n\n",
         image
     );
     for setting in settings.iter() {

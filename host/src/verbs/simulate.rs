@@ -24,9 +24,10 @@ use crate::simulate::{
     trace, watched,
 };
 
-/// The firmware's control loop against the impact map, for one scene [the default verb].
+/// Simulate the firmware's control loop with parts by the impact map, for one scene [the default
+/// verb].
 ///
-/// Prints what happened and what came of it, draws it, and writes the trace of every drive cycle.
+/// It prints events and results, draws a picture, and writes a trace of every drive cycle.
 #[derive(Clone, Debug, Default, clap::Args)]
 #[command(after_help = "Examples:
   kband simulate
@@ -42,20 +43,20 @@ pub struct Arguments {
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
 
-    /// Print the default scene, commented, and stop.
+    /// Print the default scene with comments.
     #[arg(long)]
     print_scene: bool,
 
-    /// Print the JSON schema of scenes, for editors, and stop.
+    /// Print the JSON schema of scenes, for editors.
     #[arg(long)]
     schema: bool,
 
-    /// How finely it is simulated, instead of what the scene says [default: envelope, or waveform
-    /// with a scope or a board].
+    /// Fidelity of the simulation instead of the scene's [default: envelope, or waveform with a
+    /// scope or a board].
     #[arg(long, value_enum)]
     fidelity: Option<Fidelity>,
 
-    /// Restitution of the lot instead of the scene's; the simulated parts become its middle.
+    /// Restitution of the lot instead of the scene's. The simulated parts have its middle.
     #[arg(long, value_name = "R or LO..HI", value_parser = arguments::restitution)]
     restitution: Option<Restitution>,
 
@@ -63,30 +64,30 @@ pub struct Arguments {
     #[arg(long, value_name = "S", value_parser = arguments::within(0.1, 86_400.0, "s"))]
     duration: Option<f64>,
 
-    /// Run it N times with restitution, amplitude error and noise drawn anew, beside as many runs
-    /// that set the amplitude from the band alone.
+    /// Number of runs with random restitution, amplitude error and noise, beside as many runs with
+    /// the amplitude from the band alone.
     #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000))]
     runs: Option<usize>,
 
-    /// Seed of all that is drawn (noise, parts, runs) instead of the scene's.
+    /// Seed of all random numbers (noise, parts, runs) instead of the scene's.
     #[arg(long, value_name = "S", value_parser = arguments::count(0, 4_294_967_295))]
     seed: Option<usize>,
 
-    /// Run it at N values of a numeric key of the scene; several make every combination.
+    /// Run the scene at N values of a numeric key; several sweeps make every combination.
     #[arg(long, value_name = "KEY=A..B:N", value_parser = Axes::parse)]
     sweep: Vec<Axes>,
 
-    /// Run the controller on a board, in lock-step with the plant at the desk: qemu (the emulated
-    /// CPU) or a serial port; its drive stays off.
+    /// Run the controller on a board, in lock-step with the simulated plant: qemu (the emulated
+    /// CPU) or a serial port. The board's drive stays off.
     #[arg(long, value_name = "qemu or /dev/PORT", conflicts_with_all = ["runs", "sweep"])]
     on: Option<String>,
 
-    /// Image for --on qemu, instead of the one that cargo builds here.
+    /// Image for --on qemu. Default: the image that cargo builds here.
     #[arg(long, value_name = "FILE", requires = "on")]
     image: Option<PathBuf>,
 
-    /// Picture to write, .svg, .png or .pdf [default: kband-simulate.svg]. A file that is named
-    /// takes the place of an older one; one that is not, only of what kband wrote itself.
+    /// Picture to write, .svg, .png or .pdf [default: kband-simulate.svg]. A named file is
+    /// overwritten, the default only if kband wrote it.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 

@@ -12,8 +12,8 @@ use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 pub(super) use board_status::BoardStatus;
 
-/// Print how a board is just now: inputs, readings, amplitude, margins, faults, and what to do
-/// next.
+/// Print the present state of a board: inputs, readings, amplitude, margins, faults, and the next
+/// step.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband status
@@ -23,7 +23,7 @@ pub struct Arguments {
     #[command(flatten)]
     address: Address,
 
-    /// Ask again twice a second, until Ctrl-C.
+    /// Repeat twice a second, until Ctrl-C.
     #[arg(long)]
     live: bool,
 

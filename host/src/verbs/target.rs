@@ -12,10 +12,10 @@ use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::simulate::{describe, within_reach};
 
-/// Tell a board what it is to do with its parts, or, without a target, print how it is.
+/// Set the target of a board. Without a target, print the board's state.
 ///
-/// The target counts at once; --save keeps it, with all settings, beyond a loss of power, for which
-/// the drive has to be at rest.
+/// The target is in use at once. --save saves it with all settings, beyond a loss of power; the
+/// drive must be at rest for it.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband target
@@ -26,19 +26,19 @@ use crate::simulate::{describe, within_reach};
   kband target k 0.41
   kband target identify
 
-A board whose link falls silent goes to the smaller of its amplitude and safe_amplitude after link_timeout: kband \
-monitor or kband status --live keep the link up, a link_timeout of 0 needs none.")]
+If the link is silent for link_timeout, the board reduces its amplitude to safe_amplitude. kband \
+monitor and kband status --live keep the link alive; link_timeout 0 needs none.")]
 pub struct Arguments {
-    /// What is wanted.
+    /// Kind of the target.
     #[arg(value_enum)]
     kind: Option<Kind>,
 
-    /// Its number: drive cycles a flight for gear and order (1 where it is left out), k, mm, mm/s, or
-    /// parts a minute.
+    /// Value of the target: drive cycles of a flight for gear and order (default 1), k, mm, mm/s,
+    /// g/s or parts a minute.
     #[arg(allow_negative_numbers = true, value_parser = arguments::number)]
     value: Option<f64>,
 
-    /// Keep it beyond a loss of power.
+    /// Also save it, beyond a loss of power.
     #[arg(long)]
     save: bool,
 
@@ -52,9 +52,9 @@ pub struct Arguments {
 /// What can be wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Kind {
-    /// Parts in gear for as much of the time as their scatter allows.
+    /// Parts in gear, for the largest share of time that their scatter allows.
     Gear,
-    /// Parts in lock, one impact every so many cycles.
+    /// Parts in lock, with one impact in this number of drive cycles.
     Order,
     /// A value of k.
     K,
@@ -63,15 +63,15 @@ pub(super) enum Kind {
     /// A conveying speed in mm/s.
     #[value(name = "mm/s")]
     MmPerS,
-    /// Grams per second of parts in gear: what leaves the track.
+    /// Flow of parts in gear in grams per second.
     #[value(name = "g/s")]
     GPerS,
-    /// Parts a minute, touching each other, of the setting part_length.
+    /// Parts a minute, touching each other; needs the setting part_length.
     #[value(name = "parts/min")]
     PartsPerMinute,
-    /// Parts in chaos.
+    /// Chaotic motion of the parts.
     Chaos,
-    /// The parts' restitution, by listening.
+    /// Estimation of the parts' restitution from their impacts.
     Identify,
 }
 
@@ -216,7 +216,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     }
     if arguments.save {
         link.tell(&Request::Save)?;
-        eprintln!("kept: the board starts with it, and with its settings, from now on");
+        eprintln!("saved: the board starts with it, and with its settings, from now on");
     }
     let status = BoardStatus::ask(&mut link)?;
     status.printout()?.print(arguments.printed.format)?;

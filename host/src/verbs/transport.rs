@@ -4,18 +4,18 @@ mod friction;
 mod speed;
 
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
-use kband::impact::{PartState, TangentialSettings, Tone};
+use kband::impact::{ContactTime, PartState, TangentialSettings, Tone};
 use kband::regime::Lock;
 use kband::transport::{Effort, Origin};
 
-use crate::arguments::{self, DriveArguments, Range, ScatterArguments, Shown};
+use crate::arguments::{self, ContactArguments, DriveArguments, Range, ScatterArguments, Shown};
 use crate::desk::Desk;
 use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, number};
 pub use friction::Speed;
 
-/// The conveying speed in every regime, over k or the amplitude.
+/// Compute the conveying speed in every regime, over k or amplitude.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband transport --restitution 0.2 --out transport.svg
@@ -25,12 +25,14 @@ pub use friction::Speed;
   kband transport --restitution 0.2 --friction 0.3 --throw 1.5 --over phase-lead
   kband transport --restitution 0.2 --friction 0.3 --second-tone 0.15,2.356 --incline 3
 
-The speed is the mean over time, rests included. Each k is tried from rest, from every lock that \
-attracts there and from starts spread over phase and velocity; one row for each regime they reach. \
-The impact mean is the paper's mean over impacts; closed_form is equation 20 for locked parts and \
-the corrected equation 34 (an impact mean) for others that hop. With --friction parts rub on the \
-track as real ones do, sliding included: S (always in contact), H-S (hops and lies), H (hops on); \
-with --second-tone the track moves as sin t + e sin(2 t + th), along itself likewise.")]
+The speed is the time mean, rests included. Each k is simulated from rest, from every attracting \
+lock, and from starts spread over phase and velocity; each regime that they reach has a row. The \
+impact mean is the paper's mean over impacts. closed_form is equation 20 for locked parts, and the \
+corrected equation 34 (an impact mean) for other parts that hop. --friction replaces the restitution \
+along the track by Coulomb friction. Its regimes are S (always in contact), H-S (hops and lies) and \
+H (hops on). With --second-tone the track moves as sin t + e sin(2 t + th), also along itself. \
+The speed with --contact is checked against closed forms for locked parts. For parts that come to \
+rest it differs from that of kband simulate, and neither is checked.")]
 pub struct Arguments {
     /// Restitution of the part, 0..1, 1 excluded.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 0.999, ""))]
@@ -49,12 +51,13 @@ pub struct Arguments {
     #[arg(long, value_name = "G", value_parser = arguments::range_or_value((1e-3, 1e3), 129), conflicts_with_all = ["k", "b"], requires = "friction")]
     throw: Option<Range>,
 
-    /// Friction of parts on the track: one coefficient, or that of sliding and that of sticking.
+    /// Coefficient of friction of parts on the track: one for both, or those of sliding and
+    /// sticking.
     #[arg(long, value_name = "MU[,MU_S]", value_parser = arguments::friction, conflicts_with_all = ["tangential_restitution", "scatter"])]
     friction: Option<(f64, f64)>,
 
-    /// Second tone of the drive, with --friction: E of the first one's amplitude at the angle TH in
-    /// rad.
+    /// Second tone of the track, with --friction: amplitude over that of the first tone, and angle
+    /// in rad.
     #[arg(long, value_name = "E,TH", value_parser = arguments::tone, requires = "friction")]
     second_tone: Option<Tone>,
 
@@ -62,7 +65,7 @@ pub struct Arguments {
     #[arg(long, value_name = "E3,TH3", value_parser = arguments::tone, requires = "friction")]
     third_tone: Option<Tone>,
 
-    /// What the speed is shown over, with --friction [default: the throw number].
+    /// Quantity of the horizontal axis, with --friction [default: the throw number].
     #[arg(long, value_enum, requires = "friction")]
     over: Option<friction::Over>,
 
@@ -86,21 +89,24 @@ pub struct Arguments {
     #[command(flatten)]
     drive: DriveArguments,
 
-    /// Length of a part in mm: also prints how many pass in an hour, one behind the other.
+    /// Length of a part in mm. It adds the number of parts in an hour, end to end.
     #[arg(long, value_name = "MM", value_parser = arguments::within(1e-3, 1e4, "mm"))]
     part_length: Option<f64>,
 
-    /// Starts for each k, besides rest and the locks.
+    /// Number of starts for each k, besides rest and the locks.
     #[arg(long, value_name = "N", default_value = "12", value_parser = arguments::count(2, 10_000))]
     starts: usize,
 
-    /// Impacts measured from each start.
+    /// Number of impacts measured from each start.
     #[arg(long, value_name = "N", default_value = "3000", value_parser = arguments::count(100, 100_000_000))]
     impacts: usize,
 
-    /// Impacts before the first that is measured.
+    /// Number of impacts discarded first.
     #[arg(long, value_name = "N", default_value = "1000", value_parser = arguments::count(0, 100_000_000))]
     settle: usize,
+
+    #[command(flatten)]
+    contact: ContactArguments,
 
     #[command(flatten)]
     scatter: ScatterArguments,
@@ -155,6 +161,8 @@ fn computed(arguments: &Arguments, desk: &Desk) -> Result<Computed, Refusal> {
 #[derive(Clone, Copy, Debug)]
 struct Feeder {
     restitution: f64,
+    contact: ContactTime,
+    milliseconds: ContactArguments,
     track: Track,
     settings: TangentialSettings,
 }
@@ -170,9 +178,18 @@ impl Feeder {
         })?;
         Ok(Self {
             restitution: arguments.restitution,
+            contact: arguments.contact.time(arguments.drive.frequency)?,
+            milliseconds: arguments.contact,
             track,
             settings: TangentialSettings::on(&track, arguments.tangential_restitution),
         })
+    }
+
+    /// The period-1 orbit of an order.
+    fn lock(&self, k: f64, order: u32) -> Option<Lock> {
+        Lock::with_contact(k, self.restitution, order, self.contact)
+            .ok()
+            .flatten()
     }
 
     /// Amplitude in mm at `k`.
@@ -187,13 +204,14 @@ impl Feeder {
 
     fn words(&self) -> String {
         format!(
-            "R = {}, Rt = {}, η = {}, γ = {}°, incline {}°, {} Hz",
+            "R = {}, Rt = {}, η = {}, γ = {}°, incline {}°, {} Hz{}",
             number(self.restitution, 6),
             number(self.settings.restitution, 6),
             number(self.settings.amplitude_ratio, 6),
             number(self.settings.phase_lead.to_degrees(), 6),
             number(self.track.incline().to_degrees(), 6),
             number(self.track.frequency(), 6),
+            self.milliseconds.words(),
         )
     }
 
@@ -207,9 +225,9 @@ impl Feeder {
 const ORDERS: std::ops::RangeInclusive<u32> = 1..=8;
 
 /// The locks that attract at `k` and are flown.
-fn locks(k: f64, restitution: f64) -> Vec<Lock> {
+fn locks(k: f64, feeder: &Feeder) -> Vec<Lock> {
     ORDERS
-        .filter_map(|order| Lock::build(k, restitution, order).ok().flatten())
+        .filter_map(|order| feeder.lock(k, order))
         .filter(|lock| lock.attracts() && lock.is_first_return())
         .collect()
 }
@@ -217,12 +235,12 @@ fn locks(k: f64, restitution: f64) -> Vec<Lock> {
 /// Where parts start at `k`: at rest, on each lock that attracts, and `count` starts that fill
 /// phase and velocity evenly (the additive recurrence of the plastic number), up to the launch
 /// velocity of the highest bounces, `2.5 R/(1-R)`, and a little more.
-fn starts(k: f64, restitution: f64, count: usize) -> Vec<Origin> {
+fn starts(k: f64, feeder: &Feeder, count: usize) -> Vec<Origin> {
     const PLASTIC: f64 = 1.324_717_957_244_746;
-    let highest = 1.0 + 2.5 * restitution / (1.0 - restitution);
+    let highest = 1.0 + 2.5 * feeder.restitution / (1.0 - feeder.restitution);
     let mut starts = vec![Origin::Rest];
     starts.extend(
-        locks(k, restitution)
+        locks(k, feeder)
             .iter()
             .map(|lock| Origin::Hop(lock.state())),
     );

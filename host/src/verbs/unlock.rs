@@ -7,18 +7,18 @@ use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 
-/// Give a board its PIN: the desk may change it until its next start or kband lock.
+/// Unlock a board with its PIN. The desk may change the board until its next start or kband lock.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband unlock 4711
   kband unlock 4711 --on /dev/ttyACM0
 
-Five wrong PINs cost a minute.")]
+After five wrong PINs the board waits for a minute.")]
 pub struct Arguments {
     #[command(flatten)]
     address: Address,
 
-    /// 4 to 8 digits.
+    /// PIN, 4 to 8 digits.
     #[arg(value_parser = pin)]
     pin: Pin,
 }

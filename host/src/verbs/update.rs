@@ -54,11 +54,11 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["set_key", "on", "pin"])]
     new_key: Option<PathBuf>,
 
-    /// Give the board the public key; in the place of another key only on a board with a PIN.
+    /// Send the public key to the board. It replaces another key only on a board with a PIN.
     #[arg(long, value_name = "FILE.pub")]
     set_key: Option<PathBuf>,
 
-    /// Serial port of the board; without it, the only serial port there is.
+    /// Serial port of the board. Default: the only serial port.
     #[arg(long, value_name = "/dev/PORT")]
     on: Option<String>,
 
@@ -197,7 +197,7 @@ fn send(link: &mut Link, image: &[u8], desk: &Desk) -> Result<(), Refusal> {
                         "{} has {has} bytes of the image, {sent} were sent",
                         link.name()
                     ),
-                    "look whether the board restarted; then start the update again",
+                    "check that the board restarted; then start the update again",
                 ));
             }
         }
@@ -251,7 +251,7 @@ fn confirm(
         let unlike = before.differences(link)?;
         if !unlike.is_empty() {
             return Err(Refusal::new(
-                format!("the board holds something else: {}", unlike.join("; ")),
+                format!("settings, target or recipes differ: {}", unlike.join("; ")),
                 "report this, with settings_before_update.toml",
             ));
         }

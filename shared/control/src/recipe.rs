@@ -9,7 +9,7 @@ use kband::feeder::OutOfRange;
 /// Largest length of a recipe's name, bytes.
 const NAME_BYTES: usize = 14;
 /// Number of settings in a recipe.
-const VALUES: usize = 7;
+const VALUES: usize = 8;
 
 /// Name of a recipe: 1 to 14 printable characters of ASCII.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -84,6 +84,7 @@ impl Recipe {
         "soft_start",
         "soft_stop",
         "part_length",
+        "contact",
     ];
 
     /// The recipe of this target and of these settings.
@@ -138,6 +139,7 @@ mod tests {
             scatter: 0.02,
             soft_start: 1.5,
             part_length: 12.0,
+            contact: 0.4,
             ..Settings::default()
         };
         let recipe = Recipe::of(Target::K(0.4), &parts);
@@ -147,6 +149,7 @@ mod tests {
             scatter: 0.02,
             soft_start: 1.5,
             part_length: 12.0,
+            contact: 0.4,
             ..machine
         };
         assert_eq!(recipe.applied_to(&machine), Ok(wanted));
@@ -154,6 +157,11 @@ mod tests {
         reversed.values[0] = 0.7;
         let refused = reversed.applied_to(&machine).unwrap_err();
         assert_eq!(refused.parameter, "restitution_high");
+        // 1.2 ms are 7.2 % of a cycle at the machine's 60 Hz.
+        let mut long = recipe;
+        long.values[7] = 1.2;
+        let refused = long.applied_to(&machine).unwrap_err();
+        assert_eq!(refused.parameter, "contact");
         let mut outside = recipe;
         outside.values[5] = 0.0;
         assert_eq!(

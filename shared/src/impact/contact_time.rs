@@ -9,7 +9,7 @@ use core::f64::consts::TAU;
 
 use crate::arithmetic::square_root_single;
 use crate::feeder::{OutOfRange, accept_in};
-use crate::impact::kernel::PartState;
+use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::{Wave, in_turn};
 
 /// Duration of an impact (symbol c): the part is on the track from touching it until it is back
@@ -90,6 +90,28 @@ impl ContactTime {
             phase,
             self.launch_speed(restitution, struck.velocity, k - push),
         )
+    }
+
+    /// `impact`, which ends at the touch, with its contact, on a track with this k; `None` is a
+    /// sine.
+    ///
+    /// The flight then includes the contact, and the next state is the launch after it. A part that
+    /// rests (flight 0) has none.
+    pub fn hold(
+        self,
+        restitution: f64,
+        impact: Impact<PartState>,
+        k: f64,
+        wave: Option<&Wave>,
+    ) -> Impact<PartState> {
+        if self.is_instant() || impact.flight <= 0.0 {
+            return impact;
+        }
+        Impact {
+            flight: impact.flight + self.radians,
+            next: self.launch(restitution, impact.next, k, wave),
+            ..impact
+        }
     }
 
     /// Launch speed in `b w` at the end of the contact; 0 where the part rests.

@@ -1,6 +1,8 @@
 //! Displacement and time of an orbit (equations 10 and 11).
 
-use crate::impact::{Along, Contact, ContactMotion, Impact, Observer, PartState, Tangential};
+use crate::impact::{
+    Along, Contact, ContactMotion, ContactTime, Impact, Observer, PartState, Tangential,
+};
 
 /// Displacement and time of an orbit along the track.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -11,7 +13,7 @@ pub struct Conveyed {
     pub rests: u64,
     /// Displacement along the track in units of b.
     pub distance: f64,
-    /// Time in flight, chatter included, in rad of drive phase.
+    /// Time in flight, chatter and contacts included, in rad of drive phase.
     pub flying: f64,
     /// Time at rest in rad of drive phase, sliding included.
     pub resting: f64,
@@ -99,6 +101,7 @@ impl Conveyed {
 pub struct Conveying<A = Tangential> {
     along: A,
     contact: Contact,
+    contact_time: ContactTime,
     velocity: f64,
     /// Phase of the last rest.
     rest_phase: f64,
@@ -116,11 +119,20 @@ impl<A: Along> Conveying<A> {
         Self {
             along,
             contact,
+            contact_time: ContactTime::INSTANT,
             velocity: 0.0,
             rest_phase: 0.0,
             before: Conveyed::default(),
             has_lifted_off: false,
             conveyed: Conveyed::default(),
+        }
+    }
+
+    /// Observer of an orbit whose impacts take time.
+    pub(super) fn with_contact(self, contact_time: ContactTime) -> Self {
+        Self {
+            contact_time,
+            ..self
         }
     }
 
@@ -149,6 +161,7 @@ impl<A: Along> Conveying<A> {
         *self = Self {
             velocity: self.velocity,
             rest_phase: self.rest_phase,
+            contact_time: self.contact_time,
             ..Self::new(self.along, self.contact)
         };
     }
@@ -157,7 +170,17 @@ impl<A: Along> Conveying<A> {
 impl<A: Along> Observer for Conveying<A> {
     #[inline]
     fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
-        let (distance, velocity) = self.along.move_in_flight(launch, impact, self.velocity);
+        let (distance, velocity) = if self.contact_time.is_instant() {
+            self.along.move_in_flight(launch, impact, self.velocity)
+        } else {
+            self.along.move_through_contact(
+                launch,
+                impact,
+                self.velocity,
+                self.contact_time,
+                self.contact.restitution(),
+            )
+        };
         self.conveyed.add_flight(distance, impact.flight);
         self.velocity = velocity;
     }

@@ -75,7 +75,19 @@ pub fn velocity_in_phase(
 
 /// Tangent of the incline at which a locked part has speed 0 (equation 23; at gamma = 0 equation
 /// 22): `eta cos(t0 + gamma) (1 - Rt) / (pi r k (1 + Rt))`.
+///
+/// With a contact time it is where [`velocity`], which is linear in the tangent, is 0.
 pub fn critical_slope(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
+    if !lock.contact().is_instant() {
+        let [level, steep] = [0.0, 1.0].map(|incline_tangent| {
+            let settings = TangentialSettings {
+                incline_tangent,
+                ..*settings
+            };
+            velocity(lock, k, &settings)
+        });
+        return level / (level - steep);
+    }
     let rt = settings.restitution;
     settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead) * (1.0 - rt)
         / (PI * f64::from(lock.order()) * k * (1.0 + rt))

@@ -22,5 +22,5 @@ pub use interval::Intervals;
 pub use sample_mean::SampleMean;
 pub use scattered::{WaveLaw, convey_from_rest};
 pub use sensitivity::Sensitivity;
-pub use survey::{Effort, Measured, Motion, Origin, measure, measure_scattered};
+pub use survey::{Effort, Measured, Motion, Origin, measure};
 pub use wave_survey::measure_on_tones;

@@ -144,7 +144,7 @@ pub fn convey_from_rest(
 mod tests {
     use super::*;
     use crate::impact::{FrictionSettings, TangentialSettings, Tone, Wave};
-    use crate::transport::{Effort, Motion, Origin, measure_on_tones};
+    use crate::transport::{Effort, Motion, measure_on_tones};
 
     fn waves() -> [Wave; 2] {
         let second = Tone::new(0.15, 2.5);
@@ -172,7 +172,7 @@ mod tests {
                     settle: 1000,
                     impacts: 3000,
                 };
-                let survey = measure_on_tones(&map, law, Origin::Rest, effort);
+                let survey = measure_on_tones(WaveOrbit::from_rest(&map), law, effort);
                 assert_eq!(survey.motion, motion, "{k}");
                 let expected = survey.conveyed.time_mean().unwrap();
                 let scatter = [Scatter::build(0.2, 0.0, 1).unwrap()];

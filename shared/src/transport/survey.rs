@@ -1,8 +1,7 @@
 //! Measurement of the conveying speed of one orbit after its transient.
 
 use super::conveyed::{Conveyed, Conveying};
-use crate::feeder::OutOfRange;
-use crate::impact::{Along, Contact, Map, Observer, Orbit, PartState, Scatter, StopReason};
+use crate::impact::{Along, Map, Observer, Orbit, PartState, StopReason, WaveMap, WaveOrbit};
 
 /// Mean time between rests, in rad, from which a part counts as hopping. A rest is shorter than a
 /// drive period, so below 1 % of the time is spent at rest.
@@ -29,6 +28,24 @@ pub enum Origin {
     Hop(PartState),
 }
 
+impl Origin {
+    /// The orbit from here on a track with one tone.
+    pub fn orbit(self, map: &Map) -> Orbit<'_> {
+        match self {
+            Self::Rest => Orbit::from_rest(map),
+            Self::Hop(state) => Orbit::new(map, state),
+        }
+    }
+
+    /// The orbit from here on a track with several tones.
+    pub fn orbit_on_tones(self, map: &WaveMap) -> WaveOrbit<'_> {
+        match self {
+            Self::Rest => WaveOrbit::from_rest(map),
+            Self::Hop(state) => WaveOrbit::new(map, state),
+        }
+    }
+}
+
 /// Long-term motion of a part, as far as conveying is concerned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
@@ -51,13 +68,15 @@ pub struct Measured {
     pub conveyed: Conveyed,
 }
 
-/// Simulates the orbit from `start` through its transient and measures its conveying; `also`
-/// observes the measured part too.
+/// Simulates an orbit through its transient and measures its conveying; `also` observes the measured
+/// part too.
+///
+/// With random restitution it measures the requested impacts, because nothing repeats.
 ///
 /// ```
-/// use kband::impact::{Kernel, Map, Tangential, TangentialSettings};
+/// use kband::impact::{Kernel, Map, Orbit, Tangential, TangentialSettings};
 /// use kband::regime::Lock;
-/// use kband::transport::{Effort, Motion, Origin, locked, measure};
+/// use kband::transport::{Effort, Motion, locked, measure};
 ///
 /// let along = TangentialSettings {
 ///     restitution: 0.3,
@@ -69,9 +88,8 @@ pub struct Measured {
 /// let lock = Lock::build(0.43, 0.2, 1)?.unwrap();
 /// let effort = Effort { settle: 100, impacts: 100 };
 /// let run = measure(
-///     &map,
+///     Orbit::new(&map, lock.state()),
 ///     Tangential::build(0.43, along)?,
-///     Origin::Hop(lock.state()),
 ///     effort,
 ///     &mut (),
 /// );
@@ -82,44 +100,12 @@ pub struct Measured {
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 pub fn measure(
-    map: &Map,
-    along: impl Along,
-    start: Origin,
-    effort: Effort,
-    also: &mut impl Observer,
-) -> Measured {
-    measure_along(map, start_orbit(map, start), along, effort, also)
-}
-
-/// [`measure`] with random restitution drawn by `scatter`, over the requested impacts, because
-/// nothing repeats.
-pub fn measure_scattered(
-    map: &Map,
-    along: impl Along,
-    start: Origin,
-    effort: Effort,
-    scatter: Scatter,
-    also: &mut impl Observer,
-) -> Result<Measured, OutOfRange> {
-    let orbit = start_orbit(map, start).scattering(scatter)?;
-    Ok(measure_along(map, orbit, along, effort, also))
-}
-
-fn start_orbit(map: &Map, start: Origin) -> Orbit<'_> {
-    match start {
-        Origin::Rest => Orbit::from_rest(map),
-        Origin::Hop(state) => Orbit::new(map, state),
-    }
-}
-
-fn measure_along(
-    map: &Map,
     mut orbit: Orbit<'_>,
     along: impl Along,
     effort: Effort,
     also: &mut impl Observer,
 ) -> Measured {
-    let mut conveying = Conveying::new(along, Contact::new(map));
+    let mut conveying = Conveying::new(along, orbit.contact()).with_contact(orbit.contact_time());
     orbit.watch(effort.settle, &mut conveying);
     conveying.restart();
     let (ended, steady) = measure_until_steady(&mut orbit, &mut conveying, effort, also);
@@ -191,7 +177,9 @@ fn measure_until_steady<A: Along>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Kernel, Tangential, TangentialSettings};
+    use crate::impact::{ContactTime, Kernel, Tangential, TangentialSettings};
+    use crate::regime::Lock;
+    use crate::transport::locked;
 
     /// Parameters of the paper's section on chaotic conveying (docs/theory-transport.md#t8.2).
     const CHAOTIC_SETTINGS: TangentialSettings = TangentialSettings {
@@ -212,24 +200,61 @@ mod tests {
         };
         // At k = 0.43 a part from rest chatters to rest every three cycles; one that starts on the
         // lock stays there (docs/theory-capture.md#t7.1).
-        let lying = measure(&map, tangential, Origin::Rest, effort, &mut ());
+        let lying = measure(Orbit::from_rest(&map), tangential, effort, &mut ());
         assert_eq!(lying.motion, Motion::HopAndRest);
         let locked = Origin::Hop(Map::state(0.457, 0.45).unwrap());
         assert_eq!(
-            measure(&map, tangential, locked, effort, &mut ()).motion,
+            measure(locked.orbit(&map), tangential, effort, &mut ()).motion,
             Motion::Hopping
         );
         let heavy = Map::build(1.5, 0.5).unwrap();
         let tangential = Tangential::build(1.5, settings).unwrap();
-        let resting = measure(&heavy, tangential, Origin::Rest, effort, &mut ());
+        let resting = measure(Orbit::from_rest(&heavy), tangential, effort, &mut ());
         assert_eq!(
             (resting.motion, resting.conveyed.time_mean()),
             (Motion::Rest, None)
         );
         let thrown = Origin::Hop(Map::state(1.0, 2.0).unwrap());
         assert_eq!(
-            measure(&heavy, tangential, thrown, effort, &mut ()).motion,
+            measure(thrown.orbit(&heavy), tangential, effort, &mut ()).motion,
             Motion::Rest
         );
+    }
+
+    /// In lock the speed is the closed form, and 0 on the critical slope.
+    #[test]
+    fn speed_in_lock_with_contact_is_the_closed_form() {
+        let effort = Effort {
+            settle: 400,
+            impacts: 400,
+        };
+        for (k, restitution, order, percent) in [
+            (0.43, 0.2, 1, 1.0),
+            (0.56, 0.35, 1, 2.0),
+            (0.7, 0.5, 1, 4.0),
+            (0.23, 0.2, 2, 2.0),
+        ] {
+            let contact = ContactTime::build(percent * 0.01 * core::f64::consts::TAU).unwrap();
+            let lock = Lock::with_contact(k, restitution, order, contact);
+            let lock = lock.unwrap().unwrap();
+            let map = Map::build(k, restitution).unwrap();
+            let settings = TangentialSettings {
+                phase_lead: 0.4,
+                ..CHAOTIC_SETTINGS
+            };
+            let critical = TangentialSettings {
+                incline_tangent: locked::critical_slope(&lock, k, &settings),
+                ..settings
+            };
+            for settings in [settings, critical] {
+                let along = Tangential::build(k, settings).unwrap();
+                let orbit = Orbit::new(&map, lock.state()).with_contact(contact);
+                let found = measure(orbit, along, effort, &mut ()).conveyed;
+                let expected = locked::velocity(&lock, k, &settings);
+                let error = found.time_mean().unwrap() - expected;
+                assert!(error.abs() < 1e-9, "{k} {percent}: {error}");
+            }
+            assert!(locked::velocity(&lock, k, &critical).abs() < 1e-12);
+        }
     }
 }

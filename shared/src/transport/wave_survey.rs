@@ -1,23 +1,20 @@
 //! Measurement of the conveying speed on a track with several tones and friction.
 
 use super::conveyed::Conveyed;
-use super::survey::{CONVERGENCE_PERIODS, Effort, Measured, Origin, classify_run};
-use crate::impact::{Along, Friction, OrbitEvent, StopReason, WaveMap, WaveOrbit};
+use super::survey::{CONVERGENCE_PERIODS, Effort, Measured, classify_run};
+use crate::impact::{Along, Friction, Impact, OrbitEvent, PartState, StopReason, WaveOrbit};
 
 /// Largest number of lift-off phases in a turn; after as many lift-offs the phases repeat.
 const MAX_LIFT_OFF_PHASES: usize = 3;
 
-/// [`measure`](super::measure) on the track of `map` with friction; `along` must be built for the
-/// same track and k.
+/// [`measure`](super::measure) on a track of several tones with friction; `along` must be built for
+/// the same track and k.
 ///
 /// A part may have several lift-off phases in a cycle. If it comes to rest, it is measured between
 /// two lift-offs at the same phase, once its velocity there has converged.
-pub fn measure_on_tones(map: &WaveMap, along: Friction, start: Origin, effort: Effort) -> Measured {
+pub fn measure_on_tones(orbit: WaveOrbit<'_>, along: Friction, effort: Effort) -> Measured {
     let mut run = Run {
-        orbit: match start {
-            Origin::Rest => WaveOrbit::from_rest(map),
-            Origin::Hop(state) => WaveOrbit::new(map, state),
-        },
+        orbit,
         along,
         velocity: 0.0,
         rested: 0.0,
@@ -62,6 +59,17 @@ impl Run<'_> {
         (ended, false)
     }
 
+    /// Distance and velocity along the track at the launch after `impact`.
+    fn move_to_launch(&self, before: PartState, impact: &Impact<PartState>) -> (f64, f64) {
+        let (contact, velocity) = (self.orbit.contact(), self.velocity);
+        if contact.is_instant() {
+            return self.along.move_in_flight(before, impact, velocity);
+        }
+        let restitution = self.orbit.restitution();
+        self.along
+            .move_through_contact(before, impact, velocity, contact, restitution)
+    }
+
     /// Simulates this number of impacts, or until a lift-off at a selected phase.
     fn simulate(&mut self, impacts: u64, until: impl Fn(f64) -> bool) -> StopReason {
         let last = self.conveyed.impacts + impacts;
@@ -70,8 +78,7 @@ impl Run<'_> {
             match self.orbit.next() {
                 None => return StopReason::RestsForEver,
                 Some(OrbitEvent::Impact(impact)) => {
-                    let (distance, velocity) =
-                        self.along.move_in_flight(before, &impact, self.velocity);
+                    let (distance, velocity) = self.move_to_launch(before, &impact);
                     self.conveyed.add_flight(distance, impact.flight);
                     self.velocity = velocity;
                 }
@@ -99,7 +106,7 @@ mod tests {
     use core::f64::consts::TAU;
 
     use super::*;
-    use crate::impact::{FrictionSettings, Kernel, Map, PartState, Tone, Wave};
+    use crate::impact::{ContactTime, FrictionSettings, Kernel, Map, Orbit, Tone, Wave, WaveMap};
     use crate::transport::{Motion, measure};
 
     fn settings(mu: f64) -> FrictionSettings {
@@ -129,9 +136,13 @@ mod tests {
             let k = 0.36 + 0.013 * f64::from(n);
             let along = Friction::build(k, settings(0.3)).unwrap();
             let map = Map::build(k, 0.2).unwrap();
-            let one = measure(&map, along, Origin::Rest, EFFORT, &mut ());
+            // Every third part with contacts that take time.
+            let contact = ContactTime::build(if n % 3 == 0 { 0.1 } else { 0.0 }).unwrap();
+            let orbit = Orbit::from_rest(&map).with_contact(contact);
+            let one = measure(orbit, along, EFFORT, &mut ());
             let map = WaveMap::build(k, 0.2).unwrap();
-            let same = measure_on_tones(&map, along, Origin::Rest, EFFORT);
+            let orbit = WaveOrbit::from_rest(&map).with_contact(contact);
+            let same = measure_on_tones(orbit, along, EFFORT);
             assert_eq!(one.motion, same.motion, "{k}");
             motions[one.motion as usize] += 1;
             let (one, same) = (one.conveyed, same.conveyed);
@@ -165,7 +176,7 @@ mod tests {
             let k = (0.45 + 0.5 * part(11)) * wave.highest_throw();
             let along = Friction::on(&wave, k, settings(0.2 + 0.2 * part(13))).unwrap();
             let map = WaveMap::on(wave, k, 0.1).unwrap();
-            let found = measure_on_tones(&map, along, Origin::Rest, EFFORT);
+            let found = measure_on_tones(WaveOrbit::from_rest(&map), along, EFFORT);
             if found.motion != Motion::HopAndRest {
                 continue;
             }
@@ -173,7 +184,7 @@ mod tests {
                 settle: 317,
                 impacts: 5000,
             };
-            let again = measure_on_tones(&map, along, Origin::Rest, longer);
+            let again = measure_on_tones(WaveOrbit::from_rest(&map), along, longer);
             let time = found.conveyed.flying + found.conveyed.resting;
             let cycles = time / TAU;
             assert!((cycles - cycles.round()).abs() < 1e-9, "{n}: {cycles}");
@@ -253,7 +264,7 @@ mod tests {
             let moves = |throw: f64| {
                 let (k, along) = (1.0 / throw, Friction::on(&wave, 1.0 / throw, rub).unwrap());
                 let map = WaveMap::on(wave, k, 0.2).unwrap();
-                measure_on_tones(&map, along, Origin::Rest, EFFORT).conveyed
+                measure_on_tones(WaveOrbit::from_rest(&map), along, EFFORT).conveyed
             };
             let hops = 1.0 / wave.highest_throw();
             let first =

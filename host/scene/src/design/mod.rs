@@ -228,7 +228,7 @@ impl Design {
                 "order of the target",
                 order,
                 "1: one flight in every drive cycle",
-                "say gear = 1 in [target]",
+                "set gear = 1 in [target]",
             ));
         }
         let settings = &file.scene.settings;

@@ -7,9 +7,9 @@ use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Impact, Map, Orbit, OrbitEvent, PartState};
+use kband::impact::{Impact, OrbitEvent, PartState};
 use kband::regime::classify::Regime;
-use kband::regime::{exponent, gear};
+use kband::regime::gear;
 
 use super::followed::{Followed, Said};
 use super::{Endings, FOLLOWED};
@@ -48,7 +48,7 @@ pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
     let mut thrown = Vec::new();
     for (track, endings) in tracks.iter().enumerate() {
         // A block has no release: an orbit computes the first flight.
-        let first = Orbit::from_rest(&endings.map).find_map(|event| match event {
+        let first = endings.orbit(None).find_map(|event| match event {
             OrbitEvent::Impact(impact) => Some(impact),
             _ => None,
         });
@@ -73,16 +73,16 @@ pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
 
 /// The regime of an orbit from lift-off that comes to rest after this impact.
 fn hops_and_rests(tracks: &[Endings], query: &Query, last: PartState) -> Regime {
-    let cycles = (query.followed.time() + until_lift_off(&tracks[query.track].map, last)) / TAU;
+    let cycles = (query.followed.time() + until_lift_off(&tracks[query.track], last)) / TAU;
     Regime::HopAndRest {
         cycles: cycles.round() as u32,
     }
 }
 
 /// Time in rad from the last impact before a rest to the next lift-off.
-fn until_lift_off(map: &Map, last: PartState) -> f64 {
+fn until_lift_off(endings: &Endings, last: PartState) -> f64 {
     let mut time = 0.0;
-    for event in Orbit::new(map, last) {
+    for event in endings.orbit(Some(last)) {
         match event {
             OrbitEvent::Impact(impact) => time += impact.flight,
             OrbitEvent::Rest { chatter, .. } => time += chatter,
@@ -134,7 +134,7 @@ fn follow(
     loop {
         let mut waiting: Vec<(PartState, Query)> = Vec::new();
         fly(
-            queries.map(|(start, query)| (&tracks[query.track].map, start, query)),
+            queries.map(|(start, query)| (&tracks[query.track], start, query)),
             |query, impact| query.goes_on(&tracks[query.track], impact),
             |query, last| match query.said {
                 Said::Ends(end) => ends[query.answer] = end,
@@ -175,22 +175,22 @@ pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
             flights: 0,
             stays: true,
         };
-        let map = &tracks[track].map;
-        let mut orbit = Orbit::new(map, exponent::start_near_lock(map, order));
+        let endings = &tracks[track];
+        let mut orbit = endings.orbit(Some(endings.start_near_lock(order)));
         // Up to its first impact: a period-1 orbit that does not exist begins with a throw.
         loop {
             match orbit.next() {
                 Some(OrbitEvent::Impact(impact)) => {
                     if held.goes_on(&impact) {
-                        flown.push((map, impact.next, held));
+                        flown.push((endings, impact.next, held));
                     } else {
-                        tracks[track].set_held(order, held.stays);
+                        endings.set_held(order, held.stays);
                     }
                     break;
                 }
                 Some(OrbitEvent::LiftOff { .. }) if held.flights == 0 => held.flights += 1,
                 _ => {
-                    tracks[track].set_held(order, false);
+                    endings.set_held(order, false);
                     break;
                 }
             }
@@ -231,7 +231,7 @@ const MIN_BLOCK_ORBITS: usize = 16;
 /// A flying orbit.
 struct Flying<'m, W> {
     lane: usize,
-    map: &'m Map,
+    endings: &'m Endings,
     last: PartState,
     watch: W,
 }
@@ -241,15 +241,15 @@ struct Flying<'m, W> {
 /// An orbit ends when `goes_on` returns false or when it rests; `done` gets its observer and its
 /// last state.
 fn fly<'m, W>(
-    mut orbits: impl Iterator<Item = (&'m Map, PartState, W)>,
+    mut orbits: impl Iterator<Item = (&'m Endings, PartState, W)>,
     mut goes_on: impl FnMut(&mut W, &Impact<PartState>) -> bool,
     mut done: impl FnMut(W, PartState),
 ) {
     let mut next = |lane: usize| {
-        let (map, last, watch) = orbits.next()?;
+        let (endings, last, watch) = orbits.next()?;
         Some(Flying {
             lane,
-            map,
+            endings,
             last,
             watch,
         })
@@ -259,7 +259,7 @@ fn fly<'m, W>(
         let mut block = Block::new();
         for orbit in &flying {
             // Every lane is one of the block's.
-            let _ = block.put(orbit.lane, orbit.map, orbit.last);
+            let _ = block.put(orbit.lane, &orbit.endings.map, orbit.last);
         }
         while flying.len() >= MIN_BLOCK_ORBITS {
             block.advance(1);
@@ -268,8 +268,13 @@ fn fly<'m, W>(
                 let lane = orbit.lane;
                 // A lane that rests from the start has no impact.
                 let struck = block.impact(lane).filter(|impact| impact.flight > 0.0);
-                let on = struck.is_some_and(|impact| {
+                let on = struck.is_some_and(|touch| {
+                    let impact = orbit.endings.hold(touch);
                     orbit.last = impact.next;
+                    if !orbit.endings.contact.is_instant() {
+                        // The block ends at the touch: the launch after the contact starts anew.
+                        let _ = block.put(lane, &orbit.endings.map, orbit.last);
+                    }
                     goes_on(&mut orbit.watch, &impact) && !block.rests(lane)
                 });
                 if on {
@@ -278,7 +283,7 @@ fn fly<'m, W>(
                 }
                 let ended = match next(lane) {
                     Some(new) => {
-                        let _ = block.put(lane, new.map, new.last);
+                        let _ = block.put(lane, &new.endings.map, new.last);
                         place += 1;
                         std::mem::replace(&mut flying[place - 1], new)
                     }
@@ -292,7 +297,7 @@ fn fly<'m, W>(
         }
     }
     for mut orbit in flying {
-        for event in Orbit::new(orbit.map, orbit.last) {
+        for event in orbit.endings.orbit(Some(orbit.last)) {
             let OrbitEvent::Impact(impact) = event else {
                 break;
             };
@@ -307,22 +312,25 @@ fn fly<'m, W>(
 
 #[cfg(test)]
 mod tests {
-    use kband::impact::Kernel;
+    use kband::impact::{ContactTime, Kernel, Map, Orbit};
 
     use super::*;
 
     /// Final regime of one orbit, event by event.
-    fn alone(endings: &Endings, orbit: Orbit<'_>, mut followed: Followed) -> Option<Regime> {
-        for event in orbit {
+    fn alone(
+        endings: &Endings,
+        start: Option<PartState>,
+        mut followed: Followed,
+    ) -> Option<Regime> {
+        for event in endings.orbit(start) {
             match event {
                 OrbitEvent::Impact(impact) => match followed.take(endings, &impact) {
                     Said::Ends(end) => return Some(end),
                     Said::GoesOn => {}
                     Said::Rests => return None,
                     Said::Asks(order) => {
-                        let map = &endings.map;
                         let period = TAU * f64::from(order);
-                        let mut orbit = Orbit::new(map, exponent::start_near_lock(map, order));
+                        let mut orbit = endings.orbit(Some(endings.start_near_lock(order)));
                         let stays = (0..MAX_GEAR_IMPACTS).all(|n| match orbit.next() {
                             Some(OrbitEvent::Impact(impact)) => {
                                 n < SETTLING_IMPACTS || gear::is_in_gear(impact.flight, period)
@@ -351,36 +359,39 @@ mod tests {
             .map(|n| 0.31 + 0.02 * f64::from(n))
             .flat_map(|k| [(k, 0.2), (k, 0.0), (k, 0.6)])
             .collect();
-        let together = Endings::of_tracks(&places, 1500).unwrap();
-        let start = PartState {
-            phase: 0.7,
-            velocity: 0.9,
-        };
-        let starts: Vec<(usize, PartState)> = (0..places.len()).map(|n| (n, start)).collect();
-        let ends = of_each(&together, starts.into_iter());
         let mut chaotic = 0;
-        for (n, (k, restitution)) in places.into_iter().enumerate() {
-            let one = Endings::new(k, restitution, 1500).unwrap();
-            let from_rest = Orbit::from_rest(&one.map);
-            let after_rest = alone(&one, from_rest, Followed::new(FOLLOWED));
-            let hops = matches!(
-                together[n].from_rest(),
-                Regime::HopAndRest { .. } | Regime::Rest
-            );
-            assert_eq!(after_rest.is_none(), hops, "{k} {restitution}");
-            if let Some(end) = after_rest {
-                assert_eq!(together[n].from_rest(), end, "{k} {restitution}");
+        let all = [0.0, 0.1].map(|c| {
+            let contact = ContactTime::build(c).unwrap();
+            let together = Endings::of_tracks(&places, 1500, contact).unwrap();
+            let start = PartState {
+                phase: 0.7,
+                velocity: 0.9,
+            };
+            let starts: Vec<(usize, PartState)> = (0..places.len()).map(|n| (n, start)).collect();
+            let ends = of_each(&together, starts.into_iter());
+            for (n, (k, restitution)) in places.iter().copied().enumerate() {
+                let one = Endings::with_contact(k, restitution, 1500, contact).unwrap();
+                let after_rest = alone(&one, None, Followed::new(FOLLOWED));
+                let hops = matches!(
+                    together[n].from_rest(),
+                    Regime::HopAndRest { .. } | Regime::Rest
+                );
+                assert_eq!(after_rest.is_none(), hops, "{k} {restitution}");
+                if let Some(end) = after_rest {
+                    assert_eq!(together[n].from_rest(), end, "{k} {restitution}");
+                }
+                assert_eq!(
+                    one.from_rest(),
+                    together[n].from_rest(),
+                    "{k} {restitution}"
+                );
+                let end = alone(&one, Some(start), Followed::new(1500));
+                assert_eq!(ends[n], end.unwrap_or(one.from_rest()), "{k} {restitution}");
+                chaotic += u32::from(ends[n] == Regime::Chaotic);
             }
-            assert_eq!(
-                one.from_rest(),
-                together[n].from_rest(),
-                "{k} {restitution}"
-            );
-            let end = alone(&one, Orbit::new(&one.map, start), Followed::new(1500));
-            assert_eq!(ends[n], end.unwrap_or(one.from_rest()), "{k} {restitution}");
-            chaotic += u32::from(ends[n] == Regime::Chaotic);
-        }
-        assert!(chaotic > 0);
+            ends
+        });
+        assert!(chaotic > 0 && all[0] != all[1]);
     }
 
     #[test]

@@ -6,7 +6,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use kband::impact::{Kernel, Map, Observer, Orbit, OrbitEvent, PartState};
+use kband::impact::{ContactTime, Kernel, Map, Observer, Orbit, OrbitEvent, PartState};
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde::Serialize;
@@ -102,6 +102,7 @@ pub(super) struct Stretch {
 pub(super) fn follow(
     arguments: &Arguments,
     tracks: &[(f64, f64)],
+    contact: ContactTime,
     starts: &[ColumnStart],
     desk: &Desk,
 ) -> Result<Vec<Branch>, Refusal> {
@@ -132,7 +133,13 @@ pub(super) fn follow(
         for column in &order {
             desk.go_on()?;
             let stream = (*column as u64) << 2 | start as u64;
-            flown.push(fly(arguments, tracks[*column], stream, &mut state)?);
+            flown.push(fly(
+                arguments,
+                tracks[*column],
+                contact,
+                stream,
+                &mut state,
+            )?);
         }
         if start == ColumnStart::Down {
             flown.reverse();
@@ -151,17 +158,22 @@ pub(super) fn follow(
     }
     // What scatters has no final regime.
     if arguments.scatter.scatter == 0.0 {
-        classify(tracks, &mut branches, desk)?;
+        classify(tracks, contact, &mut branches, desk)?;
     }
     Ok(branches)
 }
 
 /// Decides the final regimes of all columns.
-fn classify(tracks: &[(f64, f64)], branches: &mut [Branch], desk: &Desk) -> Result<(), Refusal> {
+fn classify(
+    tracks: &[(f64, f64)],
+    contact: ContactTime,
+    branches: &mut [Branch],
+    desk: &Desk,
+) -> Result<(), Refusal> {
     let columns = tracks.len();
     let endings = desk.spread("regimes", columns, TOGETHER, |places| {
         let of: Vec<_> = places.iter().map(|n| tracks[*n]).collect();
-        Endings::of_tracks(&of, FOLLOWED)
+        Endings::of_tracks(&of, FOLLOWED, contact)
     })?;
     for branch in branches {
         let from = |n: usize| branch.columns[n].from.map(|from| (n, from));
@@ -185,6 +197,7 @@ fn classify(tracks: &[(f64, f64)], branches: &mut [Branch], desk: &Desk) -> Resu
 fn fly(
     arguments: &Arguments,
     (k, restitution): (f64, f64),
+    contact: ContactTime,
     stream: u64,
     state: &mut Option<PartState>,
 ) -> Result<Column, Refusal> {
@@ -193,7 +206,8 @@ fn fly(
     let mut orbit = match from {
         Some(from) => Orbit::new(&map, from),
         None => Orbit::from_rest(&map),
-    };
+    }
+    .with_contact(contact);
     if let Some(scatter) = arguments.scatter.stream(restitution, stream)? {
         orbit = orbit.scattering(scatter)?;
     }
@@ -241,12 +255,12 @@ pub(super) fn height(velocity: bool, state: PartState) -> f64 {
 /// Stretches of columns in which the period-1 orbits of orders 1 to 5 attract.
 ///
 /// Bisection between two columns locates each edge.
-pub(super) fn bands(over: Over, values: &[f64]) -> Vec<Stretch> {
+pub(super) fn bands(over: Over, contact: ContactTime, values: &[f64]) -> Vec<Stretch> {
     let mut bands = Vec::new();
     for order in 1..=5 {
         let attracts = |x: f64| {
             let (k, restitution) = over.at(x);
-            Lock::build(k, restitution, order)
+            Lock::with_contact(k, restitution, order, contact)
                 .ok()
                 .flatten()
                 .is_some_and(|lock| lock.attracts() && lock.is_first_return())

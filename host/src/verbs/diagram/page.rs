@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
-use kband::impact::PartState;
+use kband::impact::{ContactTime, PartState};
 use kband::regime::Lock;
 
 use super::Arguments;
@@ -17,6 +17,9 @@ use crate::report::{Printout, Rows, Table, columns, number};
 
 pub(super) struct Diagram {
     pub(super) over: Over,
+    /// What is the same in every column.
+    pub(super) fixed: String,
+    pub(super) contact: ContactTime,
     pub(super) range: Range,
     /// Whether velocities are drawn, else phases.
     pub(super) velocity: bool,
@@ -65,7 +68,7 @@ impl Diagram {
             number(self.range.low, 6),
             number(self.range.high, 6),
             self.range.count,
-            self.over.fixed()
+            self.fixed
         ));
         if left_out > 0 {
             report = report.note(format!(
@@ -137,7 +140,11 @@ impl Diagram {
             Axis::new("velocity ψ after impact", "b·ω", 0.0, high + room)
         } else {
             Axis::new(
-                "impact phase t",
+                if self.contact.is_instant() {
+                    "impact phase t"
+                } else {
+                    "phase t after the contact"
+                },
                 "rad",
                 (low - room).max(-PI),
                 (high + room).min(PI),
@@ -155,7 +162,7 @@ impl Diagram {
         ))
         .caption(format!(
             "{}{}; {} impacts in each of {} columns, after {} to settle",
-            self.over.fixed(),
+            self.fixed,
             match arguments.scatter.scatter {
                 0.0 => String::new(),
                 scatter => format!(", scattering by {scatter}"),
@@ -242,7 +249,9 @@ impl Diagram {
         let on = |keep: &dyn Fn(&Lock) -> bool| {
             let point = |x: f64| {
                 let (k, restitution) = self.over.at(x);
-                let lock = Lock::build(k, restitution, order).ok().flatten();
+                let lock = Lock::with_contact(k, restitution, order, self.contact)
+                    .ok()
+                    .flatten();
                 let shown = lock.filter(|lock| lock.is_first_return() && keep(lock));
                 let y = shown.map_or(f64::NAN, |lock| self.shown(lock.state()));
                 (x, y)

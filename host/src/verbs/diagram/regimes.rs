@@ -1,12 +1,12 @@
 //! The regimes over k and restitution at once.
 
 use kband::feeder::OutOfRange;
+use kband::impact::ContactTime;
 use kband::regime::band::{birth, flip};
 use kband::regime::classify::Regime;
-use kband::regime::exponent::start_near_lock;
 
 use super::{Arguments, COLUMNS};
-use crate::arguments::Range;
+use crate::arguments::{ContactArguments, Range};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, FOLLOWED, TOGETHER};
 use crate::picture::{Axis, Fill, Grid, Panel, Picture};
@@ -20,6 +20,7 @@ const MAX_MAP_POINTS: usize = 250_000;
 pub(super) struct Map {
     k: Range,
     restitution: Range,
+    contact: ContactArguments,
     /// Row by row from the lowest restitution, for each of [`STARTS`].
     ends: [Vec<Regime>; 2],
 }
@@ -34,14 +35,18 @@ const STARTS: [(&str, &str); 2] = [
 ];
 
 impl Map {
-    pub(super) fn compute(arguments: &Arguments, desk: &Desk) -> Result<Self, Refusal> {
+    pub(super) fn compute(
+        arguments: &Arguments,
+        contact: ContactTime,
+        desk: &Desk,
+    ) -> Result<Self, Refusal> {
         let (k, restitution) = ranges(arguments)?;
         let of_row = |restitution| k.values().map(move |k| (k, restitution));
         let places: Vec<(f64, f64)> = restitution.values().flat_map(of_row).collect();
         let ends = desk.spread("regimes", places.len(), TOGETHER, |places_of| {
             let tracks: Vec<_> = places_of.iter().map(|n| places[*n]).collect();
-            let endings = Endings::of_tracks(&tracks, FOLLOWED)?;
-            let starts = endings.iter().map(|track| start_near_lock(track.map(), 1));
+            let endings = Endings::of_tracks(&tracks, FOLLOWED, contact)?;
+            let starts = endings.iter().map(|track| track.start_near_lock(1));
             let from_lock = ending::of_each(&endings, starts.enumerate()).into_iter();
             Ok(endings
                 .iter()
@@ -53,6 +58,7 @@ impl Map {
         Ok(Self {
             k,
             restitution,
+            contact: arguments.contact,
             ends: [from_rest, from_lock],
         })
     }
@@ -104,13 +110,14 @@ impl Map {
         }
         Printout::new(table)
             .heading(format!(
-                "Where a part ends: k = {}..{} ({}), R = {}..{} ({})",
+                "Where a part ends: k = {}..{} ({}), R = {}..{} ({}){}",
                 number(self.k.low, 6),
                 number(self.k.high, 6),
                 self.k.count,
                 number(self.restitution.low, 6),
                 number(self.restitution.high, 6),
-                self.restitution.count
+                self.restitution.count,
+                self.contact.words()
             ))
             .note("--out FILE.svg draws the map, FILE.csv lists its points")
             .csv_of(full)
@@ -126,8 +133,10 @@ impl Map {
         let mut picture = Picture::new("Regimes over k and restitution")
             .width(780.0)
             .caption(format!(
-                "{} × {} parts, each followed for up to {FOLLOWED} impacts",
-                self.k.count, self.restitution.count
+                "{} × {} parts, each followed for up to {FOLLOWED} impacts{}",
+                self.k.count,
+                self.restitution.count,
+                self.contact.words()
             ));
         for start in 0..STARTS.len() {
             picture = picture.panel(self.panel(start));
@@ -210,8 +219,8 @@ fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
         return Err(Refusal::value(
             "--scatter",
             scatter,
-            "0 with --show regimes: what scatters ends nowhere",
-            "ask kband gear --scatter for how much of the time parts are in gear",
+            "0 with --show regimes: with scatter there is no final regime",
+            "kband gear --scatter computes the share of time in gear",
         ));
     }
     Ok((k, restitution))

@@ -168,7 +168,15 @@ impl Lot {
 }
 
 impl Survey {
-    pub fn run(lot: Lot, k: &[f64], waves: &[Wave], desk: &Desk) -> Result<Self, Refusal> {
+    /// The map over `k` and `waves`. On one tone the named point is at `planned`, the controller's
+    /// choice, where the map contains it.
+    pub fn run(
+        lot: Lot,
+        k: &[f64],
+        waves: &[Wave],
+        planned: Option<f64>,
+        desk: &Desk,
+    ) -> Result<Self, Refusal> {
         let place = |n: usize| (&waves[n / k.len()], k[n % k.len()]);
         let map = desk.try_map("gear", waves.len() * k.len(), |n| {
             let (wave, k) = place(n);
@@ -192,17 +200,22 @@ impl Survey {
                 shares: lot.follow(wave, k, Stage::Verdict)?,
             }))
         };
-        let one_tone =
-            named(0, k.len())?.ok_or_else(|| Refusal::new("no k was given", "give --k LO..HI"))?;
-        let two_tones = named(k.len(), waves.len() * k.len())?;
-        let band_middle = match lot.middle_of_band()? {
-            Some(k) => Some(Point {
-                wave: Wave::sine(),
+        let on_sine = |k| -> Result<Point, Refusal> {
+            let wave = Wave::sine();
+            Ok(Point {
+                wave,
                 k,
-                shares: lot.follow(&Wave::sine(), k, Stage::Verdict)?,
-            }),
-            None => None,
+                shares: lot.follow(&wave, k, Stage::Verdict)?,
+            })
         };
+        let (low, high) = (k.first(), k.last());
+        let one_tone = match planned {
+            Some(planned) if low <= Some(&planned) && Some(&planned) <= high => on_sine(planned)?,
+            _ => named(0, k.len())?
+                .ok_or_else(|| Refusal::new("no k was given", "give --k LO..HI"))?,
+        };
+        let two_tones = named(k.len(), waves.len() * k.len())?;
+        let band_middle = lot.middle_of_band()?.map(on_sine).transpose()?;
         Ok(Self {
             lot,
             k: k.to_vec(),
@@ -256,7 +269,7 @@ mod tests {
         let desk = Desk::new(Some(2)).unwrap();
         let k: Vec<f64> = (0..16).map(|n| 0.30 + 0.02 * f64::from(n)).collect();
         let lot = Lot::build(lot(0.3, 0.3, 0.05)).unwrap();
-        let found = Survey::run(lot, &k, &waves(), &desk).unwrap();
+        let found = Survey::run(lot, &k, &waves(), None, &desk).unwrap();
         // An independent sketch has 0.82 at k = 0.45, and 1.00 with the second tone.
         let (one, two) = (&found.one_tone, found.two_tones.as_ref().unwrap());
         assert!((0.40..=0.50).contains(&one.k), "{}", one.k);
@@ -299,7 +312,7 @@ mod tests {
                 seed,
                 ..lot(0.2, 0.3, 0.06)
             };
-            Survey::run(Lot::build(settings).unwrap(), &k, &waves(), &desk)
+            Survey::run(Lot::build(settings).unwrap(), &k, &waves(), None, &desk)
                 .unwrap()
                 .map
         };

@@ -71,7 +71,11 @@ pub(super) fn portrait(arguments: &Arguments, drive_text: &str, states: States) 
     )
     .height(460.0);
     let map = match arguments.restitution {
-        Some(r) => format!("{drive_text}, R = {}; ", number(r, 6)),
+        Some(r) => format!(
+            "{drive_text}, R = {}{}; ",
+            number(r, 6),
+            arguments.contact.words()
+        ),
         None => String::new(),
     };
     let drawn = if every > 1 {

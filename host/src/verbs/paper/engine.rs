@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 use kband::feeder::OutOfRange;
-use kband::impact::{Impact, Kernel, Map, Observer, PartState, Tangential, TangentialSettings};
-use kband::transport::{Conveyed, Effort, Origin, SampleMean, measure};
+use kband::impact::{
+    Impact, Kernel, Map, Observer, Orbit, PartState, Tangential, TangentialSettings,
+};
+use kband::transport::{Conveyed, Effort, SampleMean, measure};
 use serde::{Deserialize, Serialize};
 use toml::Spanned;
 
@@ -223,7 +225,7 @@ pub(super) fn convey(
 ) -> Result<Conveyed, OutOfRange> {
     let tangential = Tangential::build(map.k(), along)?;
     let effort = Effort { settle, impacts };
-    Ok(measure(map, tangential, Origin::Hop(launch), effort, &mut ()).conveyed)
+    Ok(measure(Orbit::new(map, launch), tangential, effort, &mut ()).conveyed)
 }
 
 /// Mean and standard error of the mean.

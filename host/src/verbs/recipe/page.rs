@@ -82,7 +82,7 @@ impl Entry {
             let known = Settings::KEYS.iter().find(|known| known.name == key);
             let accepted = known.map_or("", |known| known.accepted);
             // Files of older versions lack it.
-            if key == "part_length" && item.get(key).is_none() {
+            if ["part_length", "contact"].contains(&key) && item.get(key).is_none() {
                 continue;
             }
             *place = value(item, &lines, key, accepted, |value| {
@@ -276,6 +276,7 @@ mod tests {
             },
         ];
         let settings = Settings {
+            contact: 0.4,
             scatter: 0.07,
             ..Settings::default()
         };
@@ -308,7 +309,7 @@ mod tests {
             let Err(refusal) = Entry::parse(&text[..length]) else {
                 // The last key is not required, or its number lost digits.
                 let kept = text[..length].trim_end().lines().last().unwrap_or_default();
-                let last = ["soft_stop = 0.4", "part_length = 0"];
+                let last = ["soft_stop = 0.4", "part_length = 0", "contact = 0"];
                 assert!(last.iter().any(|begin| kept.starts_with(begin)), "{kept}");
                 continue;
             };
@@ -320,8 +321,8 @@ mod tests {
     fn a_value_out_of_range_names_its_line_and_the_range() {
         let text = export(&recipes(), "0.1.0");
         for (old, new, line, accepted) in [
-            ("number = 2", "number = 8", 20, "from 1 to 7"),
-            ("number = 2", "number = 1", 20, "each number once"),
+            ("number = 2", "number = 8", 21, "from 1 to 7"),
+            ("number = 2", "number = 1", 21, "each number once"),
             ("scatter = 0.07", "scatter = 0.4", 13, "0.0..0.3"),
             (
                 "soft_stop = 0.4",

@@ -269,7 +269,7 @@ fn basin_maps(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
     let mut maps = Vec::new();
     for n in 0..BASIN_MAPS {
         let k = 1.0 / (from + (to - from) * n as f64 / (BASIN_MAPS - 1) as f64);
-        let endings = Endings::new(k, restitution, BASIN_IMPACTS)?;
+        let endings = Endings::with_contact(k, restitution, BASIN_IMPACTS, feeder.contact)?;
         let ends = basins::ends(&endings, BASIN_SIDE, BASIN_VELOCITY, desk)?;
         let signs: String = ends
             .iter()
@@ -315,12 +315,13 @@ fn speeds(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
         let found = transport::speeds(
             &format!(
                 "--restitution {} --friction {friction} --throw {THROWS} --frequency {} --incline={} --amplitude-ratio {} \
-                 --phase-lead={} --impacts 300 --settle 300",
+                 --phase-lead={} --impacts 300 --settle 300 --contact {}",
                 feeder.lot.middle().min(0.95),
                 track.frequency(),
                 track.incline().to_degrees(),
                 track.amplitude_ratio(),
                 track.phase_lead().to_degrees(),
+                1e3 * feeder.contact.radians() / (TAU * track.frequency()),
             ),
             desk,
         )?;

@@ -11,7 +11,7 @@ impl Broker {
     pub fn begin(_host: &str, _port: u16, _status: String) -> Result<Self, Refusal> {
         Err(Refusal::new(
             "this kband was built without MQTT",
-            "build it with it: cargo install --path host --features mqtt",
+            "install it with: cargo install --path host --features mqtt",
         ))
     }
 

@@ -43,7 +43,7 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
     let found = found?;
     let (low, high) = offered(&found);
     let note = format!(
-        "offered: restitution_low = {low}, restitution_high = {high} (twice the deviation, {HALF_WIDTH} at least)"
+        "proposed: restitution_low = {low}, restitution_high = {high} (twice the deviation, {HALF_WIDTH} at least)"
     );
     let mut offer = [("restitution_low", low), ("restitution_high", high)];
     // Above the present interval the upper end is set first.
@@ -75,21 +75,22 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, 
                     format!(
                         "the restitution was not identified: {}",
                         match why {
-                            Unidentified::Quiet => "no impact is heard that repeats every cycle",
+                            Unidentified::Quiet =>
+                                "no impact was detected that repeats in every cycle",
                             Unidentified::Dead => {
                                 "the parts bounce so little, or so unevenly, that the ringing of an impact hides the next"
                             }
                             Unidentified::Scattered =>
                                 "only the parts' first landing repeats: their restitution scatters, from impact to impact or from part to part",
                             Unidentified::Unsteady =>
-                                "the drive did not hold the amplitudes that are needed still in time",
+                                "the drive did not hold the required amplitudes in time",
                             Unidentified::Unlike =>
-                                "what is heard is not the chatter of parts of one restitution",
+                                "the detected impacts are not the chatter of parts of one restitution",
                         }
                     ),
                     match why {
                         Unidentified::Scattered | Unidentified::Dead => {
-                            "put one single part on the track and try again: of one the scatter is heard too"
+                            "put a single part on the track and try again: for one part the scatter is estimated too"
                         }
                         _ => "put parts of one kind on the track, a dozen or so, and try again",
                     },
@@ -108,10 +109,10 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, 
     }
     Err(Refusal::new(
         format!(
-            "after {} s the board has heard {heard} hops and has no result",
+            "after {} s the board has detected {heard} hops and has no result",
             within.as_secs()
         ),
-        "give it longer with --within S; it needs up to 80 s of its own time",
+        "raise --within S; it needs up to 80 s of its own time",
     ))
 }
 

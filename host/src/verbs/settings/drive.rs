@@ -24,7 +24,7 @@ pub(super) fn why_off(link: &mut Link) -> Result<Option<Refusal>, Refusal> {
     Ok((off || fault).then(|| {
         Refusal::new(
             format!("{} does not run its drive{}", link.name(), if fault { ": it stopped in a fault" } else { "" }),
-            "give the enable input (after a fault withdraw it first); kband monitor says which fault",
+            "give the enable input (after a fault withdraw it first); kband monitor shows the fault",
         )
     }))
 }

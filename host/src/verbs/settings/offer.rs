@@ -51,7 +51,7 @@ impl Commissioning<'_> {
             notes.push(taken?);
         } else {
             let options = self.address.options();
-            notes.push("nothing was changed; to take it, with the drive at rest:".into());
+            notes.push("nothing was changed; to set it, with the drive at rest:".into());
             notes.extend(offered.iter().enumerate().map(|(n, (key, value))| {
                 let last = n + 1 == offered.len();
                 let save = if last { " --save" } else { "" };

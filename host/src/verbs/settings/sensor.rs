@@ -162,15 +162,15 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
         .map(|(key, value)| format!("{key} = {value}"))
         .collect();
     let mut notes = vec![
-        format!("offered: {}", assigned.join(", ")),
+        format!("proposed: {}", assigned.join(", ")),
         format!(
-            "at rest the axis sees {seen:.2} g, by sensor_zero and sensitivity: it is to be {:.2} where it is normal to the track, 0 where the sensor passes no direct voltage",
+            "at rest the sensor measures {seen:.2} g, with sensor_zero and sensitivity; expected: {:.2} if its axis is normal to the track, 0 if the sensor passes no direct voltage",
             f64::from(known.incline).to_radians().cos()
         ),
     ];
     if (quiet.mean - 1.0).abs() > MAX_GAIN_DEVIATION {
         notes.push(format!(
-            "the track moves {:.2} times as far as gain says: check sensitivity by tilting the track before you take this",
+            "the track moves {:.2} times as far as gain says: check sensitivity by tilting the track before you set this",
             quiet.mean
         ));
     }
@@ -191,7 +191,7 @@ fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f6
         sum += f64::from(measured.ok_or_else(|| {
             Refusal::new(
                 "the board does not send its status",
-                "kband flash brings the firmware of this desk",
+                "kband flash writes the firmware of this desk",
             )
         })?);
         link.listen(READING_INTERVAL)?;
@@ -223,7 +223,7 @@ fn measure(
     let ratio = ratio(known, &cycles).ok_or_else(|| {
         Refusal::new(
             format!("the drive did not hold its amplitude for {wanted} cycles"),
-            "see with kband monitor what holds it back; give it longer with --within S",
+            "kband monitor shows the limit; raise --within S",
         )
     })?;
     let amplitudes = cycles.iter().map(|cycle| f64::from(cycle.amplitude));

@@ -151,15 +151,15 @@ pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<(),
     let Some(found) = answer(upper, &cycles?) else {
         return Err(Refusal::new(
             format!("no {name} was made for {AVERAGED_CYCLES} cycles"),
-            "see with kband monitor what holds the drive back; give it longer with --within S",
+            "kband monitor shows the limit; raise --within S",
         ));
     };
     let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
     let (gain, lag) = (digits(found.gain, 1e4), digits(found.lag, 10.0));
     let [of_gain, of_lag] = keys;
     let notes = vec![
-        format!("offered: {of_gain} = {gain}, {of_lag} = {lag}"),
-        "measured anew with these it is more exact: what was told before is the beginning".into(),
+        format!("proposed: {of_gain} = {gain}, {of_lag} = {lag}"),
+        "repeat the measurement with these values: the result is then more accurate".into(),
     ];
     let view = View::of(vec![
         Field::all(Column::of_key(of_gain, "mm").digits(4), |found: &Answer| {

@@ -46,7 +46,7 @@ impl BoardStatus {
             status: status.ok_or_else(|| {
                 Refusal::new(
                     "the board does not report its inputs",
-                    "kband flash brings the firmware of this desk",
+                    "kband flash writes the firmware of this desk",
                 )
             })?,
             telemetry,
@@ -253,7 +253,7 @@ impl BoardStatus {
                 "kband explain {}; kband status --live shows it running",
                 state.name()
             ),
-            None => "kband flash brings the firmware of this desk".into(),
+            None => "kband flash writes the firmware of this desk".into(),
         }
     }
 }

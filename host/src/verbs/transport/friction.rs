@@ -21,7 +21,7 @@ use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Column, Field, Printout, View, columns, fields, number};
 
-/// What the speed is shown over.
+/// Quantity of the horizontal axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Over {
     /// The throw number Gamma = 1/k.
@@ -214,7 +214,7 @@ impl<'a> Task<'a> {
     fn locked(&self, k: f64) -> Result<Vec<Origin>, Refusal> {
         let restitution = self.arguments.restitution;
         if self.shape.wave.is_sine() {
-            let starts = locks(k, restitution).into_iter();
+            let starts = locks(k, &self.feeder).into_iter();
             return Ok(starts.map(|lock| Origin::Hop(lock.state())).collect());
         }
         let mut starts = Vec::new();
@@ -231,10 +231,12 @@ impl<'a> Task<'a> {
         let along = Friction::on(wave, k, point.settings)?;
         if wave.is_sine() {
             let map = Map::build(k, restitution)?;
-            return Ok(measure(&map, along, start, effort, &mut ()));
+            let orbit = start.orbit(&map).with_contact(self.feeder.contact);
+            return Ok(measure(orbit, along, effort, &mut ()));
         }
         let map = WaveMap::on(*wave, k, restitution)?;
-        Ok(measure_on_tones(&map, along, start, effort))
+        let orbit = start.orbit_on_tones(&map).with_contact(self.feeder.contact);
+        Ok(measure_on_tones(orbit, along, effort))
     }
 
     /// The regimes at one value: from rest, and from each lock that attracts where that is another.
@@ -366,7 +368,11 @@ impl<'a> Task<'a> {
                 number(self.amplitude / feeder.amplitude(1.0), 4)
             ));
         }
-        words.push(format!("{} Hz", number(feeder.track.frequency(), 6)));
+        words.push(format!(
+            "{} Hz{}",
+            number(feeder.track.frequency(), 6),
+            feeder.milliseconds.words()
+        ));
         words.extend(self.shape.words());
         words.join(", ")
     }
@@ -665,19 +671,24 @@ mod tests {
 
     #[test]
     fn a_lock_with_friction_is_the_paper_with_no_speed_kept() {
-        use kband::impact::TangentialSettings;
+        use kband::impact::{ContactTime, TangentialSettings};
         use kband::regime::Lock;
         use kband::transport::locked;
-        let rows = found("--k 0.43 --friction 0.3 --restitution 0.2 --incline 3");
-        let hopping = rows
-            .iter()
-            .find(|row| row.measured.motion == Motion::Hopping)
-            .unwrap();
-        let lock = Lock::build(0.43, 0.2, 1).unwrap().unwrap();
-        let dead = TangentialSettings::on(&hopping.point.track, 0.0);
-        let expected = locked::velocity(&lock, 0.43, &dead);
-        let mean = hopping.measured.conveyed.time_mean().unwrap();
-        assert!((mean - expected).abs() < 1e-9, "{mean} {expected}");
+        for milliseconds in [0.0, 0.4] {
+            let rows = found(&format!(
+                "--k 0.43 --friction 0.3 --restitution 0.2 --incline 3 --contact {milliseconds}"
+            ));
+            let hopping = rows
+                .iter()
+                .find(|row| row.measured.motion == Motion::Hopping)
+                .unwrap();
+            let contact = ContactTime::from_milliseconds(milliseconds, 50.0).unwrap();
+            let lock = Lock::with_contact(0.43, 0.2, 1, contact).unwrap().unwrap();
+            let dead = TangentialSettings::on(&hopping.point.track, 0.0);
+            let expected = locked::velocity(&lock, 0.43, &dead);
+            let mean = hopping.measured.conveyed.time_mean().unwrap();
+            assert!((mean - expected).abs() < 1e-9, "{mean} {expected}");
+        }
     }
 
     /// Speeds by small time steps and a contact that takes time, each with its own error:

@@ -8,7 +8,7 @@ use kband::impact::{Growth, Kernel, Map, Scatter, Tangential};
 use kband::regime::band;
 use kband::regime::classify::Regime;
 use kband::transport::stationary::PhaseMeans;
-use kband::transport::{Origin, SampleMean, Sensitivity, measure, measure_scattered};
+use kband::transport::{Origin, SampleMean, Sensitivity, measure};
 
 use super::{Arguments, Computed, Feeder, effort, starts};
 use crate::arguments::Range;
@@ -204,7 +204,7 @@ fn rows(
 ) -> Result<Vec<Row>, Refusal> {
     let mut tasks: Vec<(usize, Origin)> = Vec::new();
     for (n, k) in over.k.iter().enumerate() {
-        let starts = starts(*k, feeder.restitution, arguments.starts);
+        let starts = starts(*k, feeder, arguments.starts);
         tasks.extend(starts.into_iter().map(|start| (n, start)));
     }
     // What scatters has no ending.
@@ -215,7 +215,7 @@ fn rows(
     };
     let endings = desk.spread("regimes", constant, TOGETHER, |columns| {
         let tracks = columns.iter().map(|n| (over.k[*n], feeder.restitution));
-        Endings::of_tracks(&tracks.collect::<Vec<_>>(), FOLLOWED)
+        Endings::of_tracks(&tracks.collect::<Vec<_>>(), FOLLOWED, feeder.contact)
     })?;
     let runs = desk.try_map("conveying", tasks.len(), |task| {
         let (n, start) = tasks[task];
@@ -266,14 +266,14 @@ fn measured(
     let mut growth = Growth::new(&map, 25.max(arguments.impacts as u64 / 40));
     let mut phases = PhaseMeans::default();
     let conveyed = measure(
-        &map,
+        start.orbit(&map).with_contact(feeder.contact),
         tangential,
-        start,
         effort(arguments),
         &mut (&mut growth, &mut phases),
     )
     .conveyed;
-    let hops = conveyed.rests == 0;
+    // Tangent map and closed form are those of impacts in no time.
+    let known = conveyed.rests == 0 && feeder.contact.is_instant();
     Ok(Run {
         regime,
         in_gear: None,
@@ -282,8 +282,8 @@ fn measured(
         interval: conveyed.mean_interval(),
         stationary: phases
             .impact_mean(k, feeder.restitution, &feeder.settings)
-            .filter(|_| hops),
-        exponent: growth.exponent().filter(|_| hops),
+            .filter(|_| known),
+        exponent: growth.exponent().filter(|_| known),
     })
 }
 
@@ -298,15 +298,16 @@ fn scattered(
     let tangential = Tangential::build(k, feeder.settings)?;
     let mut watched = Gears::watched()?;
     let mut phases = PhaseMeans::default();
-    let measured = measure_scattered(
-        &map,
+    let conveyed = measure(
+        start
+            .orbit(&map)
+            .scattering(scatter)?
+            .with_contact(feeder.contact),
         tangential,
-        start,
         effort(arguments),
-        scatter,
         &mut (&mut watched, &mut phases),
-    )?;
-    let conveyed = measured.conveyed;
+    )
+    .conveyed;
     Ok(Run {
         regime: Regime::Undecided,
         in_gear: watched.longest(),
@@ -315,7 +316,7 @@ fn scattered(
         interval: conveyed.mean_interval(),
         stationary: phases
             .impact_mean(k, feeder.restitution, &feeder.settings)
-            .filter(|_| conveyed.rests == 0),
+            .filter(|_| conveyed.rests == 0 && feeder.contact.is_instant()),
         exponent: None,
     })
 }

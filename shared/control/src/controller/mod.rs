@@ -788,8 +788,8 @@ impl Controller {
         self.carry_out(decision);
     }
 
-    /// Tests whether the parts fit the lot that gear of order 1 is planned for. The verdict stays until
-    /// the track is empty; then the target begins anew.
+    /// Tests whether the parts fit the lot that gear is planned for. The verdict stays until the track
+    /// is empty; then the target begins anew.
     fn watch_fit(&mut self) {
         if self.selection.is_misfit() {
             if self.listener.empty {
@@ -797,9 +797,7 @@ impl Controller {
             }
             return;
         }
-        // Out of gear of a higher order parts settle in one of several orbits; the map does not
-        // predict in which.
-        if self.selection.gear_order() == Some(1)
+        if self.selection.gear_order().is_some()
             && self.machine.settled()
             && self.listener.is_misfit()
         {

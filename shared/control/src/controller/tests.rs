@@ -397,6 +397,7 @@ fn a_recipe_gives_the_setpoint_of_its_own_parts() {
         scatter: 0.02,
         soft_start: 1.5,
         soft_stop: 0.7,
+        contact: 0.4,
         ..machine
     };
     let target = Target::Gear { order: 1 };

@@ -83,7 +83,7 @@ fn requests() -> Vec<Request<'static>> {
 fn recipe() -> Recipe {
     Recipe {
         target: Target::K(0.41),
-        values: [0.18, 0.22, 0.05, 0.3, 0.5, 0.75, 12.0],
+        values: [0.18, 0.22, 0.05, 0.3, 0.5, 0.75, 12.0, 0.4],
     }
 }
 

@@ -522,8 +522,8 @@ pub(crate) fn turned(angle: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kband::impact::FrictionSettings;
-    use kband::transport::{Effort, Origin, measure};
+    use kband::impact::{FrictionSettings, Orbit};
+    use kband::transport::{Effort, measure};
 
     /// Samples of a drive cycle in these runs.
     const SAMPLES: u64 = 400;
@@ -587,7 +587,7 @@ mod tests {
                 settle: 1000,
                 impacts: 3000,
             };
-            let found = measure(&map, along, Origin::Rest, effort, &mut ()).conveyed;
+            let found = measure(Orbit::from_rest(&map), along, effort, &mut ()).conveyed;
             let expected = found.time_mean().unwrap() * TAU;
             let found = way(k, Law::Friction(settings), restitution);
             // Errors: the amplitude has f32 precision, a throw is timed to a sample.

@@ -89,15 +89,15 @@ fn tumbling_bodies_are_detected_and_conveyed_faster() {
     }
 }
 
-/// Random feeders of 20 to 180 Hz whose impacts the sensor hears. The misses have two or three parts.
+/// Random feeders of 20 to 180 Hz whose impacts the sensor detects. In gear of order 1 the misses
+/// have two or three parts. In gear of order 2 the lot itself is in gear for 0.02 to 0.17 of the
+/// time: only the phases of the impacts then tell tumbling bodies from it.
 #[test]
 fn tumbling_bodies_are_detected_at_any_frequency() {
-    let (mut found, mut missed) = (0, Vec::new());
+    let (mut found, mut missed) = ([0; 2], [0; 2]);
     for number in 0..60 {
         let (mut scene, order) = random_lot(3, number);
-        if order != 1 {
-            continue;
-        }
+        let order = usize::from(order - 1);
         let mut noise = Noise::new(number);
         let [median, scatter] =
             [(-0.36, 0.33), (0.27, 0.5)].map(|(a, b)| between(&mut noise, a, b));
@@ -115,12 +115,12 @@ fn tumbling_bodies_are_detected_at_any_frequency() {
         let after = detected(&mut closed, WITHIN);
         let (moment, ..) = closed.cycle();
         if after.is_some() {
-            found += 1;
+            found[order] += 1;
         } else if !moment.report.limits.contains(Limits::DEAF) {
-            missed.push(number);
+            missed[order] += 1;
         }
     }
-    assert_eq!((found, missed), (22, vec![11, 36, 50]));
+    assert_eq!((found, missed), ([22, 10], [3, 15]));
 }
 
 #[test]

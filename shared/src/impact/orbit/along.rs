@@ -2,6 +2,7 @@
 
 use super::contact::Contact;
 use crate::feeder::{OutOfRange, accept_in};
+use crate::impact::contact_time::ContactTime;
 use crate::impact::kernel::{Impact, PartState};
 
 /// Refuses a motion out of range: `k`, `eta`, gamma in rad, or the tangent of the incline.
@@ -46,6 +47,42 @@ pub trait Along: Copy {
         impact: &Impact<PartState>,
         velocity: f64,
     ) -> (f64, f64);
+
+    /// The same where the impact takes time, of a part with this restitution: distance in b and
+    /// velocity after flight and contact (docs/theory-real-parts.md#t10.6).
+    fn move_through_contact(
+        &self,
+        launch: PartState,
+        impact: &Impact<PartState>,
+        velocity: f64,
+        contact: ContactTime,
+        restitution: f64,
+    ) -> (f64, f64) {
+        let touch = Impact {
+            flight: impact.flight - contact.radians(),
+            ..*impact
+        };
+        let (distance, arriving) = self.arrive(launch, &touch, velocity);
+        let left = self.rebound(launch, &touch, arriving, restitution)
+            + contact.gain_along(restitution) * self.push(impact.next.phase);
+        let carried = 0.5 * (arriving + left) * contact.radians();
+        (distance + carried, left)
+    }
+
+    /// Distance in b and velocity along the track at the end of a flight, before the impact.
+    fn arrive(&self, launch: PartState, flight: &Impact<PartState>, velocity: f64) -> (f64, f64);
+
+    /// Velocity along the track after an impact that a part meets with `arriving`.
+    fn rebound(
+        &self,
+        launch: PartState,
+        flight: &Impact<PartState>,
+        arriving: f64,
+        restitution: f64,
+    ) -> f64;
+
+    /// Acceleration of a free part along the track, relative to it, in `b w^2`.
+    fn push(&self, phase: f64) -> f64;
 
     /// The infinitely many hops of `chatter` rad that bring a part to rest after `last`.
     fn move_in_chatter(

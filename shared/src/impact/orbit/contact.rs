@@ -30,6 +30,16 @@ impl Contact {
         Map::build(k, restitution).map(|map| Self::new(&map))
     }
 
+    /// k of the track.
+    pub(crate) fn k(&self) -> f64 {
+        self.track.k
+    }
+
+    /// Restitution of the part.
+    pub(crate) fn restitution(&self) -> f64 {
+        self.restitution
+    }
+
     /// Phase where a resting part is thrown off (`arcsin k`) in rad; `None` where it rests for ever
     /// (k >= 1).
     pub fn lift_off(&self) -> Option<f64> {

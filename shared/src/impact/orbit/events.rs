@@ -4,6 +4,7 @@ use super::contact::Contact;
 use super::observe::Observer;
 use super::release::Release;
 use crate::feeder::{OutOfRange, accept};
+use crate::impact::contact_time::ContactTime;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, Kernel, PartState};
 use crate::impact::scatter::Scatter;
@@ -71,6 +72,7 @@ pub struct Orbit<'a> {
     scatter: Option<Scatter>,
     /// The last drawn restitution over that of the map.
     drawn: f64,
+    contact_time: ContactTime,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,6 +96,7 @@ impl<'a> Orbit<'a> {
             release: None,
             scatter: None,
             drawn: 1.0,
+            contact_time: ContactTime::INSTANT,
         }
     }
 
@@ -119,6 +122,27 @@ impl<'a> Orbit<'a> {
         )?;
         self.scatter = Some(scatter);
         Ok(self)
+    }
+
+    /// This orbit with impacts that take time.
+    ///
+    /// The flight of an impact then includes its contact, and its next state is the launch after
+    /// that. A chatter's closed form neglects the contacts.
+    pub fn with_contact(self, contact: ContactTime) -> Self {
+        Self {
+            contact_time: contact,
+            ..self
+        }
+    }
+
+    /// Duration of an impact.
+    pub(crate) fn contact_time(&self) -> ContactTime {
+        self.contact_time
+    }
+
+    /// Contact of the part with the track.
+    pub(crate) fn contact(&self) -> Contact {
+        self.contact
     }
 
     /// The last drawn restitution over that of the map; 1 without scatter.
@@ -215,7 +239,9 @@ impl Iterator for Orbit<'_> {
                 impact
             }
         };
-        let impact = self.scatter_impact(impact);
+        let touch = self.scatter_impact(impact);
+        let restitution = self.contact.restitution() * self.drawn;
+        let impact = (self.contact_time).hold(restitution, touch, self.contact.k(), None);
         self.stage = Stage::Hopping;
         self.state = impact.next;
         Some(OrbitEvent::Impact(impact))

@@ -107,6 +107,16 @@ impl Tangential {
         impact: &Impact<PartState>,
         velocity: f64,
     ) -> f64 {
+        self.settings.restitution * self.velocity_before_impact(launch, impact, velocity)
+    }
+
+    /// Velocity along the track at the end of a flight.
+    fn velocity_before_impact(
+        &self,
+        launch: PartState,
+        impact: &Impact<PartState>,
+        velocity: f64,
+    ) -> f64 {
         let d = impact.flight;
         let lead = launch.phase + self.settings.phase_lead;
         // S'(t+d+gamma) - S'(t+gamma), without cancellation.
@@ -119,8 +129,7 @@ impl Tangential {
                 -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
             })
             .sum();
-        let arrived = velocity - self.settings.amplitude_ratio * change - self.gravity * d;
-        self.settings.restitution * arrived
+        velocity - self.settings.amplitude_ratio * change - self.gravity * d
     }
 }
 
@@ -140,6 +149,22 @@ impl Along for Tangential {
             distance,
             self.velocity_after_impact(launch, impact, velocity),
         )
+    }
+
+    fn arrive(&self, launch: PartState, flight: &Impact<PartState>, velocity: f64) -> (f64, f64) {
+        (
+            self.distance(launch, flight, velocity),
+            self.velocity_before_impact(launch, flight, velocity),
+        )
+    }
+
+    fn rebound(&self, _: PartState, _: &Impact<PartState>, arriving: f64, _: f64) -> f64 {
+        self.settings.restitution * arriving
+    }
+
+    fn push(&self, phase: f64) -> f64 {
+        let shaken = self.wave.motion(phase + self.settings.phase_lead)[2];
+        self.settings.amplitude_ratio * shaken - self.gravity
     }
 
     /// The velocity decays geometrically over hops that shrink geometrically.

@@ -3,7 +3,7 @@
 use super::events::{OrbitEvent, Stage};
 use super::release::Release;
 use crate::impact::contact_time::ContactTime;
-use crate::impact::kernel::{Impact, PartState};
+use crate::impact::kernel::PartState;
 use crate::impact::scatter::Scatter;
 use crate::impact::wave::in_turn;
 use crate::impact::wave_map::{ChatterLimits, Hop, WaveMap};
@@ -71,14 +71,14 @@ impl<'a> WaveOrbit<'a> {
         Self { contact, ..self }
     }
 
-    /// `impact` with its contact.
-    fn hold(&self, impact: Impact<PartState>, restitution: f64) -> Impact<PartState> {
-        let (k, wave) = (self.map.k(), self.map.wave());
-        Impact {
-            flight: impact.flight + self.contact.radians(),
-            next: (self.contact).launch(restitution, impact.next, k, Some(wave)),
-            ..impact
-        }
+    /// Duration of an impact.
+    pub(crate) fn contact(&self) -> ContactTime {
+        self.contact
+    }
+
+    /// Mean restitution.
+    pub(crate) fn restitution(&self) -> f64 {
+        self.restitution
     }
 
     /// Starts again from rest, phase 0, with a restitution drawn by `scatter` at each impact.
@@ -139,9 +139,8 @@ impl Iterator for WaveOrbit<'_> {
         }
         let restitution = drawn.unwrap_or(self.restitution);
         impact.next.velocity *= restitution;
-        if !self.contact.is_instant() {
-            impact = self.hold(impact, restitution);
-        }
+        let (k, wave) = (self.map.k(), self.map.wave());
+        let impact = self.contact.hold(restitution, impact, k, Some(wave));
         self.stage = Stage::Hopping;
         self.state = impact.next;
         Some(OrbitEvent::Impact(impact))

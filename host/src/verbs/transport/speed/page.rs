@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
+use kband::regime::band;
 use kband::regime::classify::Regime;
-use kband::regime::{Lock, band};
 use kband::transport::locked;
 use serde_json::json;
 
@@ -17,9 +17,7 @@ use crate::report::{Printout, columns, fields};
 pub(super) fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
     match row.regime {
         Regime::Locked { order } => {
-            let lock = Lock::build(row.k, feeder.restitution, order)
-                .ok()
-                .flatten()?;
+            let lock = feeder.lock(row.k, order)?;
             Some(locked::velocity(&lock, row.k, &feeder.settings))
         }
         Regime::Doubled { .. } | Regime::Periodic { .. } | Regime::Chaotic | Regime::Undecided => {
@@ -30,7 +28,8 @@ pub(super) fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
 }
 
 pub(super) fn bound(feeder: &Feeder) -> Option<f64> {
-    (feeder.settings.phase_lead == 0.0).then(|| locked::bound(feeder.restitution, &feeder.settings))
+    let known = feeder.settings.phase_lead == 0.0 && feeder.contact.is_instant();
+    known.then(|| locked::bound(feeder.restitution, &feeder.settings))
 }
 
 /// The drive, and what was asked of it.
@@ -101,7 +100,7 @@ pub(super) fn report(
         .iter()
         .filter_map(|row| critical_slope(feeder, row))
         .collect();
-    let in_phase = (feeder.settings.phase_lead == 0.0)
+    let in_phase = (feeder.settings.phase_lead == 0.0 && feeder.contact.is_instant())
         .then(|| locked::critical_slope_in_phase(feeder.restitution, &feeder.settings))
         .map(|tangent| tangent.atan().to_degrees());
     let mut report = view.printout(rows).heading(format!(
@@ -137,9 +136,7 @@ fn critical_slope(feeder: &Feeder, row: &Row) -> Option<f64> {
     let Regime::Locked { order } = row.regime else {
         return None;
     };
-    let lock = Lock::build(row.k, feeder.restitution, order)
-        .ok()
-        .flatten()?;
+    let lock = feeder.lock(row.k, order)?;
     let tangent = locked::critical_slope(&lock, row.k, &feeder.settings);
     Some(tangent.atan().to_degrees())
 }
@@ -211,7 +208,7 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     };
     let lock = |order: u32| {
         smooth(&|k| {
-            let lock = Lock::build(k, feeder.restitution, order).ok().flatten()?;
+            let lock = feeder.lock(k, order)?;
             lock.attracts()
                 .then(|| locked::velocity(&lock, k, &feeder.settings))
         })

@@ -177,6 +177,12 @@ impl Friction {
         (velocity * d + distance, velocity + gained)
     }
 
+    /// Speed normal to the track at the end of a flight, in `b w`.
+    fn arrival_speed(&self, launch: PartState, flight: &Impact<PartState>) -> f64 {
+        let arrival = -(launch.velocity + self.normal.velocity(launch.phase, flight.flight));
+        arrival.max(0.0)
+    }
+
     /// A chatter of `chatter` rad that brings a part to rest after `last`.
     pub(crate) fn integrate_chatter(
         &self,
@@ -348,14 +354,31 @@ impl Along for Friction {
         impact: &Impact<PartState>,
         velocity: f64,
     ) -> (f64, f64) {
-        let (t, d) = (launch.phase, impact.flight);
-        let (distance, arriving) = self.motion_before_impact(t, d, velocity);
-        let arrival = -(launch.velocity + self.normal.velocity(t, d));
-        let impulse = arrival.max(0.0) + impact.next.velocity;
+        let (distance, arriving) = self.arrive(launch, impact, velocity);
+        let impulse = self.arrival_speed(launch, impact) + impact.next.velocity;
         (
             distance,
             self.settings.velocity_after_impact(arriving, impulse),
         )
+    }
+
+    fn arrive(&self, launch: PartState, flight: &Impact<PartState>, velocity: f64) -> (f64, f64) {
+        self.motion_before_impact(launch.phase, flight.flight, velocity)
+    }
+
+    fn rebound(
+        &self,
+        launch: PartState,
+        flight: &Impact<PartState>,
+        arriving: f64,
+        restitution: f64,
+    ) -> f64 {
+        let impulse = (1.0 + restitution) * self.arrival_speed(launch, flight);
+        self.settings.velocity_after_impact(arriving, impulse)
+    }
+
+    fn push(&self, phase: f64) -> f64 {
+        self.free.at(phase)
     }
 
     fn move_in_chatter(
