@@ -273,8 +273,9 @@ class RecoilPlant(YadePlant):
     def hold(self, outputs: list[float], steps: list[int]) -> None:
         self.rest = self.static * np.array(outputs)
         self.time += SAMPLE
-        # The spring at the middle of the sample.
-        ahead = self.throw[0] + 0.5 * SAMPLE * self.throw[1]
+        # The spring at the middle of the time in which the force acts. YADE's velocities are half a
+        # step behind its places, and so is this time.
+        ahead = self.throw[0] + 0.5 * (SAMPLE - O.dt) * self.throw[1]
         force = self.natural**2 * (self.rest - ahead) - self.natural / QUALITY * self.throw[1]
         for body, up in zip(self.boxes, (self.mass * force + self.weight).tolist()):
             O.forces.setPermF(body, Vector3(0.0, 0.0, up))
