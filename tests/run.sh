@@ -12,7 +12,7 @@
 #                                           each round prints its seed. A seed that fails becomes a test
 #   tests/run.sh --fuzz [SECONDS [TARGET..]] the search for inputs alone, 60 s for each target
 #   tests/run.sh --reproducible             the image of the board from two folders: the same bits
-#   tests/run.sh --features                 the desk with every cargo feature (probe, Parquet, MQTT)
+#   tests/run.sh --features                 the desk with every cargo feature (probe, MQTT)
 #
 # A million launches take 4 s of a core on one tone and 5 s on several: 1000 million take 1 to 2 hours.
 #
@@ -109,18 +109,16 @@ export CARGO_NET_OFFLINE=true
 if [ "${1:-}" = --soak ]; then
     millions=${2:-100} seed=${3:-1}
     case $millions$seed in *[!0-9]*) echo "tests/run.sh: --soak takes a number of millions and a seed"; exit 2 ;; esac
-    step "soak" $((3600 + 60 * millions)) cargo run --release --locked --package kband-tests --bin soak -- "$millions" "$seed"
-    step "set-up of every k" 3600 cargo test --release --locked --package kband --lib -- --ignored every_single_k
-    step "soak on several tones" $((3600 + 60 * millions)) \
-        cargo run --release --locked --package kband-tests --bin soak -- --tones "$millions" "$seed"
+    step "soak" $((7200 + 120 * millions)) env KBAND_MILLIONS="$millions" KBAND_SEED="$seed" \
+        cargo test --release --locked --package kband-tests --test first_impact -- --nocapture
     step "random scenes" 7200 env KBAND_SCENES=2000 KBAND_SEED=2 \
         cargo test --release --locked --package kband-tests --test random_scenes -- --nocapture
-    step "day" 7200 cargo run --release --locked --package kband-tests --bin day
+    step "day" 7200 env KBAND_DAYS=1 cargo test --release --locked --package kband-tests --test day
     step "flood" 7200 env KBAND_FRAMES=1000000 KBAND_SEED=2 \
         cargo test --release --locked --package kband-tests --test flood -- --nocapture
     step "mutants" 14400 tests/mutants/run.py
     step "search by coverage" 7200 tests/fuzz/run.sh 300
-    step "week" 7200 cargo run --release --locked --package kband-tests --bin day -- --days 7 --fidelity envelope
+    step "week" 7200 env KBAND_DAYS=7 cargo test --release --locked --package kband-tests --test day
     finish
 fi
 
@@ -178,7 +176,6 @@ if [ "${1:-}" = --features ]; then
     step "clippy for all features of the desk" 2400 cargo clippy --locked --package kband-host --all-features --all-targets \
         -- -D warnings
     step "desk with all features" 2400 cargo build --locked --package kband-host --all-features --bin kband
-    step "log of the emulated board" 1200 cargo test --locked --package kband-host --features log --test board -- log
     step "probe before an emulated chip" 1200 cargo test --locked --package kband-host --features flash --test probe
     step "readings and events at a broker" 1200 cargo test --locked --package kband-host --features mqtt --test serve -- mqtt
     step "unit tests with all features" 1200 cargo test --locked --package kband-host --all-features --lib

@@ -80,19 +80,6 @@ mod tests {
     }
 
     #[test]
-    fn a_pin_locks_and_unlocks_until_the_next_start() {
-        let mut lock = LinkLock::new(None);
-        assert_eq!(lock.access(false), Access::Full);
-        lock.close(Some(pin("0420")));
-        assert_eq!(lock.access(false), Access::Locked);
-        assert_eq!(lock.unlock(pin("420420"), 1), Err(Refusal::WrongPin));
-        assert_eq!(lock.unlock(pin("0420"), 1), Ok(()));
-        assert_eq!(lock.access(false), Access::Full);
-        assert_eq!(lock.access(true), Access::Strapped);
-        assert_eq!(LinkLock::new(lock.pin()).access(false), Access::Locked);
-    }
-
-    #[test]
     fn five_wrong_pins_cost_a_minute() {
         let mut lock = LinkLock::new(Some(pin("12345678")));
         for _ in 0..5 {

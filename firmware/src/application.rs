@@ -313,6 +313,28 @@ mod tests {
         })))
     }
 
+    /// A sampler of the default scene, whose enable input is read once a cycle or shows `contact`.
+    fn sampled(contact: Option<Contact>) -> (&'static Exchange, Shared, Sampler<Shared, Shared>) {
+        static ROLL: Roll = Roll::of(&[Watched::Samples]);
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let scene = Scene::default();
+        let desk = desk(&scene);
+        desk.0.borrow_mut().contact = contact;
+        let signal = Signal::build(&scene.settings).unwrap();
+        let sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
+        (exchange, desk, sampler)
+    }
+
+    /// A command at 50 Hz; an amplitude of 0 switches off at once.
+    fn command(amplitude: f32) -> Command {
+        Command {
+            amplitude,
+            immediate: amplitude <= 0.0,
+            step: phase_step(50.0),
+            ..Command::default()
+        }
+    }
+
     /// Runs the application over a scene for some cycles. `late` samples pass before each cycle's
     /// control may run.
     fn run(scene: &Scene, cycles: usize, late: usize) -> (Vec<Report>, Vec<bool>, u32) {
@@ -324,7 +346,6 @@ mod tests {
             target: scene.target,
             pin: None,
             condition: Condition::Whole,
-            added: 0,
         };
         let start = StartCause::Ordinary;
         let controller = Station::controller(&found, start).unwrap();
@@ -381,102 +402,49 @@ mod tests {
         assert!(!off[fault - 1] && off[fault + 1]);
     }
 
-    #[test]
-    fn control_within_its_deadline_gives_the_same_report() {
-        // The changes lie in the later half of their cycles. With a delay of 100 samples the
-        // control reads the same inputs. The sensor is lost after cycle 150; only switching off
-        // acts within a cycle.
-        let scene = scene();
-        let (prompt, _, _) = run(&scene, 149, 0);
-        let (later, _, missed) = run(&scene, 149, 100);
-        assert_eq!(missed, 0);
-        for (n, (a, b)) in prompt.iter().zip(&later).enumerate() {
-            assert_eq!(a, b, "cycle {n}");
-        }
-    }
-
-    /// Number of cycles until a sampler switches its drive off. The commands may be valid, absent
-    /// or not a number.
-    fn until_off(
-        exchange: &'static Exchange,
-        commands: impl Fn(u32) -> Option<f32>,
-    ) -> Option<u32> {
-        static ROLL: Roll = Roll::of(&[Watched::Samples]);
-        let scene = Scene::default();
-        let desk = desk(&scene);
-        let signal = Signal::build(&scene.settings).unwrap();
-        let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
+    /// Number of cycles until a sampler switches its drive off, and whether that is reported. The
+    /// commands may be valid, absent or not a number.
+    fn until_off(commands: impl Fn(u32) -> Option<f32>) -> (Option<u32>, bool) {
+        let (exchange, desk, mut sampler) = sampled(None);
         let mut started = false;
-        (0..40).find(|&cycle| {
+        let off = (0..40).find(|&cycle| {
             if let Some(amplitude) = commands(cycle) {
-                exchange.command(Command {
-                    amplitude,
-                    step: phase_step(50.0),
-                    ..Command::default()
-                });
+                exchange.command(command(amplitude));
             }
-            for _ in 0..400 {
-                sampler.interrupt();
-            }
+            (0..400).for_each(|_| sampler.interrupt());
             started |= !desk.0.borrow().off;
             started && desk.0.borrow().off
-        })
+        });
+        (off, exchange.late())
     }
 
     #[test]
     fn a_forced_off_drive_stays_off_until_commanded_off() {
-        static ROLL: Roll = Roll::of(&[Watched::Samples]);
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
-        let scene = Scene::default();
-        let desk = desk(&scene);
-        let signal = Signal::build(&scene.settings).unwrap();
-        let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
-        let mut cycle = |command: Option<Command>| {
-            if let Some(command) = command {
-                exchange.command(command);
+        let (exchange, desk, mut sampler) = sampled(None);
+        let mut cycle = |amplitude: Option<f32>| {
+            if let Some(amplitude) = amplitude {
+                exchange.command(command(amplitude));
             }
             (0..400).for_each(|_| sampler.interrupt());
             (!desk.0.borrow().off, exchange.late())
         };
-        let on = Command {
-            amplitude: 0.2,
-            step: phase_step(50.0),
-            ..Command::default()
-        };
-        let off = Command {
-            immediate: true,
-            step: phase_step(50.0),
-            ..Command::default()
-        };
-        assert_eq!(cycle(Some(on)), (true, false));
+        assert_eq!(cycle(Some(0.2)), (true, false));
         for _ in 0..5 {
             cycle(None);
         }
         assert_eq!(cycle(None), (false, true));
         for _ in 0..3 {
-            assert_eq!(cycle(Some(on)), (false, true));
+            assert_eq!(cycle(Some(0.2)), (false, true));
         }
-        assert_eq!(cycle(Some(off)), (false, false));
-        assert_eq!(cycle(Some(on)), (true, false));
+        assert_eq!(cycle(Some(0.0)), (false, false));
+        assert_eq!(cycle(Some(0.2)), (true, false));
     }
 
     /// Runs a sampler with one constant command a cycle. Each contact state lasts for the given
     /// time in ms. Returns whether the drive was off at every sample, and the enable input that the
     /// control receives.
     fn commanded(amplitude: f32, contacts: &[(Contact, u32)]) -> (bool, EnableCycle) {
-        static ROLL: Roll = Roll::of(&[Watched::Samples]);
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
-        let scene = Scene::default();
-        let desk = desk(&scene);
-        desk.0.borrow_mut().contact = Some(Contact::Open);
-        let signal = Signal::build(&scene.settings).unwrap();
-        let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
-        let command = Command {
-            amplitude,
-            immediate: amplitude <= 0.0,
-            step: phase_step(50.0),
-            ..Command::default()
-        };
+        let (exchange, desk, mut sampler) = sampled(Some(Contact::Open));
         let mut context = Context::from_waker(Waker::noop());
         let mut last = None;
         let mut stays_off = true;
@@ -489,7 +457,7 @@ mod tests {
                     && let Poll::Ready((_, enable)) = pin!(exchange.next()).poll(&mut context)
                 {
                     last = enable;
-                    exchange.command(command);
+                    exchange.command(command(amplitude));
                 }
             }
         }
@@ -524,41 +492,26 @@ mod tests {
 
     #[test]
     fn a_withdrawn_enable_input_switches_off_in_the_interrupt() {
-        static ROLL: Roll = Roll::of(&[Watched::Samples]);
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
-        let scene = Scene::default();
-        let desk = desk(&scene);
-        let signal = Signal::build(&scene.settings).unwrap();
-        let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
+        let (exchange, desk, mut sampler) = sampled(Some(Contact::Open));
         let mut after = |contact: Contact, samples: u32| {
             desk.0.borrow_mut().contact = Some(contact);
             (0..samples).for_each(|_| sampler.interrupt());
             desk.0.borrow().off
         };
-        let on = Command {
-            amplitude: 0.2,
-            step: phase_step(50.0),
-            ..Command::default()
-        };
-        let off = Command {
-            immediate: true,
-            step: phase_step(50.0),
-            ..Command::default()
-        };
         after(Contact::Open, 2100);
         after(Contact::Closed, 500);
-        exchange.command(on);
+        exchange.command(command(0.2));
         assert!(!after(Contact::Closed, 10));
         assert!(!after(Contact::Open, 8) && after(Contact::Open, 1));
         // The input returns before the control has read it: the control must command the drive off
         // first.
         after(Contact::Open, 2100);
         after(Contact::Closed, 500);
-        exchange.command(on);
+        exchange.command(command(0.2));
         assert!(after(Contact::Closed, 10));
-        exchange.command(off);
+        exchange.command(command(0.0));
         after(Contact::Closed, 10);
-        exchange.command(on);
+        exchange.command(command(0.2));
         assert!(!after(Contact::Closed, 10));
     }
 
@@ -574,12 +527,8 @@ mod tests {
 
     #[test]
     fn a_new_signal_path_is_taken_at_the_next_sample() {
-        static ROLL: Roll = Roll::of(&[Watched::Samples]);
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let (exchange, _, mut sampler) = sampled(None);
         let mut settings = Scene::default().settings;
-        let desk = desk(&Scene::default());
-        let signal = Signal::build(&settings).unwrap();
-        let mut sampler = Sampler::new(signal, desk.clone(), desk, exchange, &ROLL);
         let mut step = || {
             let before = sampler.phase();
             sampler.interrupt();
@@ -594,20 +543,15 @@ mod tests {
 
     #[test]
     fn old_commands_and_nan_outputs_switch_off() {
-        let exchange = || -> &'static Exchange { Box::leak(Box::new(Exchange::new())) };
-        let going = exchange();
-        assert_eq!(until_off(going, |_| Some(0.2)), None);
-        assert!(!going.late());
+        assert_eq!(until_off(|_| Some(0.2)), (None, false));
         // The last command comes in cycle 9.
-        let hung = exchange();
-        let last = until_off(hung, |cycle| (cycle < 10).then_some(0.2));
+        let (last, late) = until_off(|cycle| (cycle < 10).then_some(0.2));
         assert!(last.is_some_and(|cycle| cycle < 9 + 5), "{last:?}");
-        assert!(hung.late());
+        assert!(late);
         for bad in [f32::NAN, f32::INFINITY, 1.5] {
-            let wild = exchange();
-            let last = until_off(wild, |cycle| Some(if cycle < 10 { 0.2 } else { bad }));
+            let (last, late) = until_off(|cycle| Some(if cycle < 10 { 0.2 } else { bad }));
             assert!(last.is_some_and(|cycle| cycle <= 11), "{bad}: {last:?}");
-            assert!(wild.late());
+            assert!(late);
         }
     }
 

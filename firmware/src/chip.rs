@@ -5,16 +5,48 @@
 //! memory, `NAME.x`, in this crate's folder. Both have the name of the cargo feature that chooses
 //! the board, and `main.rs` names the file.
 
+use cortex_m::peripheral::NVIC;
 use embassy_stm32::adc::{Adc, SampleTime};
-use embassy_stm32::pac::Interrupt;
+use embassy_stm32::pac::{self, Interrupt};
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::{Peri, Peripherals};
+use embassy_time::Instant;
 
 use kband_control::wire::SetUp;
 
 use crate::start::ResetFlags;
 use crate::store::{Store, StoreFailed};
+use crate::supply::Supply;
 use crate::update::Slot;
+
+/// EXTI line of the supply monitor.
+const SUPPLY_LINE: usize = 16;
+
+static SUPPLY: Supply = Supply::new();
+
+/// Records a crossing of the supply monitor's level, in its interrupt. The bridge stays open until
+/// the control has read the fault.
+pub fn supply_crossed() {
+    SUPPLY.falls();
+    pac::EXTI
+        .pr(0)
+        .write(|lines| lines.set_line(SUPPLY_LINE, true));
+}
+
+/// Enables the interrupt of the supply monitor at both edges: the settling time starts at the
+/// return of the supply.
+pub fn watch_supply(interrupt: Interrupt) {
+    for edges in [pac::EXTI.rtsr(0), pac::EXTI.ftsr(0), pac::EXTI.imr(0)] {
+        edges.modify(|lines| lines.set_line(SUPPLY_LINE, true));
+    }
+    // SAFETY: no critical section relies on this interrupt's mask; its handler uses atomics and
+    // registers.
+    unsafe { NVIC::unmask(interrupt) };
+}
+
+fn now() -> u32 {
+    Instant::now().as_millis() as u32
+}
 
 /// A chip whose clocks run.
 pub struct Started {
@@ -44,11 +76,23 @@ pub trait Chip {
     /// the bridge. Also switches the flash's read-ahead on.
     fn watch(clocks_sound: bool);
 
-    /// Whether the supply is below the chip's minimum, or was since the last call.
-    fn supply_low() -> bool;
+    /// Whether the supply is below the monitor's level, 2.9 V.
+    fn is_below() -> bool;
+
+    /// Whether the supply is low, or was since the last call.
+    fn supply_low() -> bool {
+        SUPPLY.take_is_low(Self::is_below(), now())
+    }
+
+    /// Whether the supply was good for the settling time.
+    fn supply_settled() -> bool {
+        SUPPLY.is_settled(Self::is_below(), now())
+    }
 
     /// Whether the supply is high enough to close the bridge; read in the sample that closes it.
-    fn supply_allows() -> bool;
+    fn supply_allows() -> bool {
+        !SUPPLY.has_fallen() && !Self::is_below()
+    }
 
     /// Starts the window watchdog, which [`crate::stm32::Window`] feeds.
     fn start_window();

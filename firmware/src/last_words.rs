@@ -1,9 +1,11 @@
 //! Last message of the firmware, kept across a reset: up to 244 bytes of UTF-8 text.
 //!
 //! The record lies in RAM that the start-up code does not clear. After power-on it is arbitrary: a
-//! record counts only with its mark and a valid checksum (FNV-1a: Fowler, Noll and Vo 1991).
+//! record counts only with its mark and a valid checksum.
 
 use core::fmt;
+
+use kband_control::wire::crc32;
 
 /// Longest stored text, bytes; a longer one is cut.
 const CAPACITY: usize = 244;
@@ -40,14 +42,14 @@ impl LastWords {
         *self = Self::EMPTY;
         // The writer never fails: text beyond the capacity is dropped.
         let _ = fmt::Write::write_fmt(self, words);
-        self.check = checksum(&self.text);
+        self.check = crc32(&self.text);
         self.mark = MARK;
     }
 
     /// The stored text, if its record is valid.
     pub fn read(&self) -> Option<&str> {
         let length = usize::try_from(self.length).ok()?;
-        if self.mark != MARK || self.check != checksum(&self.text) {
+        if self.mark != MARK || self.check != crc32(&self.text) {
             return None;
         }
         core::str::from_utf8(self.text.get(..length)?).ok()
@@ -71,14 +73,6 @@ impl fmt::Write for LastWords {
         }
         Ok(())
     }
-}
-
-/// FNV-1a of 32 bits: a few instructions and no table. It detects arbitrary RAM content, not an
-/// attack.
-fn checksum(bytes: &[u8]) -> u32 {
-    bytes.iter().fold(0x811c_9dc5, |sum, byte| {
-        (sum ^ u32::from(*byte)).wrapping_mul(0x0100_0193)
-    })
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@
 #[cfg(test)]
 extern crate std;
 
-pub mod access;
+mod access;
 pub mod application;
 pub mod board;
 pub mod bus;
@@ -24,14 +24,14 @@ pub mod chip;
 pub mod cortex;
 pub mod enable;
 pub mod exchange;
-pub mod journal;
+mod journal;
 pub mod last_words;
 pub mod link;
 #[cfg(target_os = "none")]
 pub mod log;
 pub mod recipes;
 pub mod resets;
-pub mod saves;
+mod saves;
 pub mod selector;
 pub mod start;
 pub mod station;

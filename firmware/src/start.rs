@@ -72,7 +72,6 @@ impl ResetCause {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kband_control::{Controller, Cycle, Inputs, Settings, State, Target};
 
     #[test]
     fn only_no_flag_at_all_is_power_on() {
@@ -95,36 +94,5 @@ mod tests {
             ..ResetFlags::default()
         };
         assert_eq!(ResetCause::of(watchdog), ResetCause::Watchdog);
-    }
-
-    #[test]
-    fn no_start_obeys_an_enable_input_that_was_there_before() {
-        for cause in [
-            ResetCause::Power,
-            ResetCause::BrownOut,
-            ResetCause::Watchdog,
-            ResetCause::Software,
-        ] {
-            let target = Target::Locked { order: 1 };
-            let mut controller =
-                Controller::build(&Settings::default(), target, cause.start()).unwrap();
-            let mut state = |enable| {
-                let inputs = Inputs {
-                    enable,
-                    ..Inputs::default()
-                };
-                controller.cycle(&Cycle::default(), &inputs).state
-            };
-            for _ in 0..100 {
-                assert_ne!(state(true), State::Starting, "{cause:?}");
-            }
-            // A fault is acknowledged in half a second (25 cycles); after power-on there is none.
-            let cycles = if cause == ResetCause::Power { 1 } else { 25 };
-            for cycle in 1..=cycles {
-                let acknowledged = state(false) == State::Off;
-                assert_eq!(acknowledged, cycle == cycles, "{cause:?}");
-            }
-            assert_eq!(state(true), State::Starting, "{cause:?}");
-        }
     }
 }

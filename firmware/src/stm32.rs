@@ -301,15 +301,9 @@ fn latch_edges() {
     pac::SYSCFG
         .exticr(ENABLE / 4)
         .modify(|pins| pins.set_exti(ENABLE % 4, PORT_B));
-    pac::EXTI
-        .rtsr(0)
-        .modify(|lines| lines.set_line(ENABLE, true));
-    pac::EXTI
-        .ftsr(0)
-        .modify(|lines| lines.set_line(ENABLE, true));
-    pac::EXTI
-        .imr(0)
-        .modify(|lines| lines.set_line(ENABLE, true));
+    for edges in [pac::EXTI.rtsr(0), pac::EXTI.ftsr(0), pac::EXTI.imr(0)] {
+        edges.modify(|lines| lines.set_line(ENABLE, true));
+    }
 }
 
 /// Inputs: enable on PB0 (3.3 V runs the drive), thermal switch on PB1 (to ground while cool). The

@@ -47,32 +47,11 @@ impl Trial {
         scene: linked,
     };
 
-    /// The default scene with a lot that makes the plan take its largest effort.
-    pub const LARGEST_PLAN: Self = Self {
-        name: "lively",
-        cycles: 500,
-        scene: largest_plan,
-    };
-
     /// The default scene, without end.
     pub const RUN: Self = Self {
         name: "run",
         cycles: u32::MAX,
         scene: running,
-    };
-
-    /// The default scene up to a sag of the board's supply.
-    pub const BEFORE_SAG: Self = Self {
-        name: "before the sag",
-        cycles: 60,
-        scene: powered,
-    };
-
-    /// The scene after the sag: the enable input stays on, is withdrawn and is given again.
-    pub const AFTER_SAG: Self = Self {
-        name: "after the sag",
-        cycles: 200,
-        scene: sagged,
     };
 
     /// The trial of this name.
@@ -131,15 +110,6 @@ fn two_tones() -> Scene {
     scene
 }
 
-/// The default scene with livelier parts.
-fn largest_plan() -> Scene {
-    let mut scene = Scene::default();
-    scene.parts.fill(0.5);
-    scene.settings.restitution_low = 0.48;
-    scene.settings.restitution_high = 0.52;
-    scene
-}
-
 /// The default scene with the target of the desk's built-in scene, gear of order 1.
 fn geared(mut scene: Scene) -> Scene {
     scene.target = Target::Gear { order: 1 };
@@ -165,20 +135,6 @@ fn running() -> Scene {
         change: Change::Link(false),
     };
     scene.disturbances.insert(0, unheard).ok();
-    scene
-}
-
-/// The default scene with the enable input withdrawn from 1 s to 2 s.
-fn sagged() -> Scene {
-    let mut scene = Scene::default();
-    let changes = [(1.015, false), (2.015, true)];
-    scene.disturbances = changes
-        .map(|(at, enable)| Disturbance {
-            at,
-            change: Change::Enable(enable),
-        })
-        .into_iter()
-        .collect();
     scene
 }
 

@@ -136,11 +136,6 @@ impl Output {
         matches!(self.kind, Some((_, Kind::Picture(_))))
     }
 
-    /// Whether rows of numbers are wanted, in the file or on standard output.
-    pub fn lists(&self) -> bool {
-        self.format == Format::Csv || matches!(self.kind, Some((_, Kind::Numbers(Format::Csv))))
-    }
-
     /// Calls `work` with the writer of rows; with `None` if the output is a picture or nothing.
     pub fn rows<T>(
         &self,

@@ -18,15 +18,6 @@ const SECOND_TONE: f32 = 0.15;
 /// Factor by which the drive is made stronger to lift its output limit.
 const STRONGER: f32 = 10.0;
 
-impl Cause {
-    /// Share in gear and remedy without its numbers, in at most 70 characters.
-    pub fn short(&self) -> String {
-        let remedy = self.remedy.split([':', '(']).next().unwrap_or_default();
-        let share = number(self.best.share, 2);
-        format!("{share} in gear with {}", remedy.trim_end())
-    }
-}
-
 /// The predicted best setpoint of a lot on a drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Best {
@@ -278,10 +269,6 @@ mod tests {
         let begin =
             "0 in gear at 0.327 mm with parts that do not fit the lot: restitution 0.19..0.21";
         assert!(lines[0].starts_with(begin), "{lines:?}");
-        assert_eq!(
-            found[0].short(),
-            "0 in gear with parts that do not fit the lot"
-        );
     }
 
     #[test]
@@ -306,10 +293,6 @@ mod tests {
         };
         let other = cache.causes(&poor, 1, Best::of(&poor, 1), Limits::NO_SETPOINT);
         assert_ne!(other, first);
-        // Every short form fits the title of a list 78 characters wide.
-        for cause in first.iter().chain(&other) {
-            assert!(cause.short().len() <= 66, "{}", cause.short());
-        }
         assert_eq!(cache.causes(&weak, 1, now, Limits::default()), []);
         let served = served();
         let best = Best::of(&served, 1);

@@ -150,7 +150,6 @@ impl Destination {
             ));
         }
         let written = used::writes(path)?;
-        tell_left_over(path);
         Ok(Self {
             path: path.into(),
             replaces: path.is_file(),
@@ -315,36 +314,6 @@ pub fn read_text(path: &Path) -> Result<String, Refusal> {
     Ok(text)
 }
 
-/// Reports temporary files that killed runs left beside `path`. It does not remove them: a process
-/// of another machine that writes into the same folder is invisible here.
-fn tell_left_over(path: &Path) {
-    for left in left_over(path) {
-        eprintln!(
-            "note: {} is left of a run that was killed; remove it",
-            left.display()
-        );
-    }
-}
-
-/// Temporary files for `path` whose process has ended.
-fn left_over(path: &Path) -> Vec<PathBuf> {
-    let processes = Path::new("/proc/self");
-    let (Ok(entries), true) = (fs::read_dir(folder(path)), processes.exists()) else {
-        return Vec::new();
-    };
-    let begin = format!(".{}.", name_of(path));
-    let dead = |name: &str| {
-        let process = name.strip_prefix(&begin)?.strip_suffix(UNFINISHED_ENDING)?;
-        let process = process.parse::<u32>().ok()?;
-        (!processes.with_file_name(process.to_string()).exists()).then_some(())
-    };
-    entries
-        .flatten()
-        .filter(|entry| dead(&entry.file_name().to_string_lossy()).is_some())
-        .map(|entry| entry.path())
-        .collect()
-}
-
 fn name_of(path: &Path) -> std::borrow::Cow<'_, str> {
     path.file_name().unwrap_or_default().to_string_lossy()
 }
@@ -427,23 +396,6 @@ mod tests {
         target.write_bytes(b"rows").unwrap();
         assert_eq!(reader.join().unwrap(), b"rows");
         assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
-        fs::remove_dir_all(folder).unwrap();
-    }
-
-    #[test]
-    fn only_files_of_killed_runs_are_found() {
-        let folder = folder_of("killed");
-        // The largest number that Linux gives to a process is 2^22.
-        let left = folder.join(".a.csv.4194999.unfinished");
-        for name in [
-            left.clone(),
-            folder.join(format!(".a.csv.{}.unfinished", std::process::id())),
-            folder.join(".b.csv.4194999.unfinished"),
-            folder.join(".a.csv.notes.unfinished"),
-        ] {
-            fs::write(name, "").unwrap();
-        }
-        assert_eq!(left_over(&folder.join("a.csv")), [left]);
         fs::remove_dir_all(folder).unwrap();
     }
 

@@ -12,8 +12,6 @@
 //! | [`chip`] | the board's chip: its image, and the way to it through a debug probe |
 //! | [`desk`] | work on all cores, progress, Ctrl-C |
 //! | [`ending`] | where an orbit of the exact map ends |
-//! | `live` | the dashboard in the terminal |
-//! | `log` | the log of a board |
 //! | `page` | pages for the browser, of one file each |
 //! | `picture` | pictures of one house style, SVG and PNG |
 //! | `random` | random numbers that are the same in every run |
@@ -30,10 +28,6 @@ pub mod chip;
 pub mod desk;
 pub mod ending;
 pub(crate) mod file;
-#[cfg(feature = "live")]
-mod live;
-#[cfg(feature = "log")]
-pub mod log;
 pub(crate) mod page;
 pub(crate) mod picture;
 pub mod provenance;

@@ -56,7 +56,7 @@ impl Parameter {
 }
 
 /// Options of a result's destination and appearance, which do not change its numbers.
-const ASIDE: [&str; 12] = [
+const ASIDE: [&str; 11] = [
     "threads",
     "out",
     "trace",
@@ -68,7 +68,6 @@ const ASIDE: [&str; 12] = [
     "print_scene",
     "schema",
     "record",
-    "record_log",
 ];
 
 /// Units of values, by their names in the help.
@@ -90,18 +89,15 @@ const UNITS: [(&str, &str); 11] = [
 fn arithmetic(verb: &str, given: &ArgMatches) -> &'static str {
     match verb {
         "impacts" => match chosen(given, "arithmetic").as_deref() {
-            Some("hybrid") => "hybrid: fixed point and f32",
             Some("f32") => "f32 with a phase of 32 bits",
             Some("integer") => "integers of 32 bits",
             _ => "f64",
         },
-        "capture" => "plan in hybrid (fixed point and f32), map and runs in f64",
-        "simulate" | "report" | "gear" => {
-            "plant in f64, controller in f32 and hybrid as on the board"
-        }
+        "capture" => "plan and map in f32, runs in f64",
+        "simulate" | "report" | "gear" => "plant in f64, controller in f32 as on the board",
         "bench" => "each kernel its own",
         "commission" | "identify" | "monitor" | "settings" | "status" | "target" | "enable"
-        | "disable" | "flash" | "live" | "update" => "the board's: f32 and hybrid",
+        | "disable" | "flash" | "update" => "the board's: f32",
         _ => "f64",
     }
 }

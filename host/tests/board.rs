@@ -4,8 +4,6 @@ mod came;
 
 use std::fs::File;
 use std::path::Path;
-#[cfg(feature = "log")]
-use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use came::Came;
@@ -379,120 +377,6 @@ fn a_board_is_monitored_recorded_and_replayed() {
 }
 
 #[test]
-fn the_log_is_refused_without_the_feature_or_the_image() {
-    let folder = folder();
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    let image = image.to_str().unwrap();
-    let built_in = cfg!(feature = "log");
-    let expected = if built_in {
-        ["none.defmt", "recorded log"]
-    } else {
-        ["without the log", "--features log"]
-    };
-    run(&folder, "monitor --log none.defmt", &["--elf", image]).refused(&expected);
-    if built_in {
-        std::fs::write(folder.path().join("notes.txt"), "no image").unwrap();
-        let words = "monitor --log notes.txt --elf notes.txt";
-        run(&folder, words, &[]).refused(&["notes.txt", "cargo feeder"]);
-    }
-    let words = "monitor --on /dev/null";
-    run(&folder, words, &["--elf", image]).refused(&["debug probe", "--log FILE"]);
-}
-
-/// The events in the log lines of what `kband monitor` printed.
-#[cfg(feature = "log")]
-fn logged(out: &str) -> Vec<(u32, String)> {
-    let rows = out.lines().map(|row| serde_json::from_str(row).unwrap());
-    rows.filter_map(|row: Value| {
-        let words = row["event"].as_str()?.strip_prefix("log ")?;
-        let (cycle, event) = words.split_once(" info: cycle ")?.1.split_once(": ")?;
-        let (event, _) = event.split_once(" (k ")?;
-        Some((cycle.parse().unwrap(), event.to_string()))
-    })
-    .collect()
-}
-
-#[cfg(feature = "log")]
-#[test]
-fn the_log_of_the_emulated_board_is_decoded_with_its_image() {
-    use kband_control::StartCause;
-    use kband_plant::{Change, ClosedLoop, Disturbance, Scene};
-
-    let folder = folder();
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    let image = image.to_str().unwrap();
-    let status = Command::new(kband_machines::root().join("tests/emulator"))
-        .args([
-            "--limit",
-            LIMIT,
-            "--word",
-            "default",
-            "--log",
-            "raw.defmt",
-            image,
-        ])
-        .current_dir(folder.path())
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status()
-        .unwrap();
-    assert!(status.success());
-    // From power-on, with the enable input given once the board is up: as its trial is.
-    let enables = [(0.0, Change::Enable(false)), (0.1, Change::Enable(true))];
-    let scene = Scene {
-        start: StartCause::PowerOn,
-        disturbances: enables
-            .map(|(at, change)| Disturbance { at, change })
-            .into_iter()
-            .collect(),
-        ..Scene::default()
-    };
-    let mut closed = ClosedLoop::build(&scene).unwrap();
-    let expected: Vec<(u32, String)> = (0..500)
-        .flat_map(|_| {
-            let report = closed.cycle().report;
-            let events: Vec<_> = report.events.iter().collect();
-            events
-                .into_iter()
-                .map(move |event| (report.cycle, event.name().to_string()))
-        })
-        .collect();
-    let out = run(
-        &folder,
-        "monitor --log raw.defmt --format json",
-        &["--elf", image],
-    )
-    .done();
-    assert!(out.contains("started by power-on"), "{out}");
-    assert_eq!(logged(&out), expected, "{out}");
-
-    // Damaged, it loses what was there and finds itself again.
-    let mut raw = std::fs::read(folder.path().join("raw.defmt")).unwrap();
-    raw[2] ^= 0x55;
-    raw.truncate(raw.len() - 3);
-    std::fs::write(folder.path().join("bad.defmt"), raw).unwrap();
-    let out = run(
-        &folder,
-        "monitor --log bad.defmt --format json",
-        &["--elf", image],
-    )
-    .done();
-    assert_eq!(logged(&out), expected[..expected.len() - 1], "{out}");
-
-    // Beside the telemetry of a board that runs, recorded and printed again.
-    let words = "monitor --rows 5 --format json --record-log again.defmt";
-    let out = kband_with(&folder, words, &["--elf", image]).done();
-    let logged_lines = logged(&out);
-    assert_eq!(logged_lines[0], expected[0], "{out}");
-    assert!(out.contains("\"state\":\"starting\""), "{out}");
-    let again = "monitor --log again.defmt --format json";
-    let again = run(&folder, again, &["--elf", image]).done();
-    assert_eq!(logged(&again), logged_lines);
-    kband_with(&folder, words, &["--elf", image]).refused(&["again.defmt", "is there already"]);
-}
-
-#[test]
 fn an_identification_that_has_no_result_yet_changes_nothing() {
     let folder = folder();
     let flash = || std::fs::read(folder.path().join("board.flash")).unwrap();
@@ -721,6 +605,16 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
     assert!(
         reading.contains("holding") && (b - 0.15).abs() < 0.005,
         "{reading}"
+    );
+
+    // In the other colours it is drawn anew.
+    let background = "return getComputedStyle(document.body).backgroundColor";
+    let first = browser.script(background);
+    browser.click("#colours");
+    assert_ne!(first, browser.script(background));
+    assert_eq!(
+        browser.script("return document.documentElement.dataset.failed ?? ''"),
+        ""
     );
 
     // No other file is taken for a record, and it is also JSON.

@@ -177,14 +177,6 @@ fn a_foreign_file_is_replaced_only_where_it_is_named() {
         assert!(said.contains("wrote new.json"), "{verb}: {said}");
         remove("new.json");
     }
-    // What takes seconds in a build for tests, once: times, and the page of the paper. That of a
-    // feeder replaces one in the test that looks at it.
-    for (verb, name) in [
-        ("bench --rounds 1 --launches 512", "old.svg"),
-        ("paper", "old.html"),
-    ] {
-        replaces(verb, name);
-    }
     let run = "simulate --duration 1";
     for (words, name) in [
         ("report", "kband-report.html"),
@@ -229,22 +221,6 @@ fn a_dash_is_standard_output_and_words_go_to_standard_error() {
     let refused = kband(&folder, "simulate --duration 1 --out - --trace -");
     refused.refused(&["two outputs of this run"]);
     assert_eq!(names(&folder), ["a.svg"]);
-}
-
-#[test]
-#[cfg(target_os = "linux")]
-fn what_a_killed_run_left_is_said_and_left_alone() {
-    let folder = folder();
-    // The largest number that Linux gives to a process is 2^22.
-    let left = ".rows.csv.4194999.unfinished";
-    std::fs::write(folder.path().join(left), "half").unwrap();
-    let came = kband(&folder, "bands --restitution 0.2 --out rows.csv").ended(0);
-    assert!(came.said.contains(left), "{}", came.said);
-    assert!(
-        came.said
-            .contains("left of a run that was killed; remove it")
-    );
-    assert_eq!(names(&folder), [left, "rows.csv"]);
 }
 
 #[test]
@@ -305,13 +281,7 @@ fn any_number_of_threads_gives_the_same_bytes() {
 
 #[test]
 fn help_and_version_end_well() {
-    for line in [
-        "--help",
-        "--version",
-        "impacts --help",
-        "completions bash",
-        "completions fish",
-    ] {
+    for line in ["--help", "--version", "impacts --help"] {
         let came = kband(folder(), line).ended(0);
         assert!(!came.out.is_empty() && came.said.is_empty(), "{line}");
     }
@@ -323,14 +293,12 @@ fn an_input_is_never_written_over_by_whatever_name() {
     let place = |name: &str| folder.path().join(name);
     let rows = "k,restitution,phase,velocity\n0.43,0.2,0.1,0.4\n";
     std::fs::write(place("s.csv"), rows).unwrap();
-    std::fs::hard_link(place("s.csv"), place("t.csv")).unwrap();
     let scene = scene(&folder);
     std::fs::write(place("my.toml"), &scene).unwrap();
     let before = names(&folder);
     for (line, cause) in [
         ("impacts --from s.csv --out s.csv", "an input of this run"),
         ("impacts --from s.csv --out ./s.csv", "an input of this run"),
-        ("impacts --from s.csv --out t.csv", "an input of this run"),
         ("simulate my.toml --trace my.toml", "an input of this run"),
         ("simulate my.toml --out ./my.toml", "an input of this run"),
         (
@@ -561,4 +529,44 @@ fn design_says_what_it_changes_for_the_feeder_of_the_scene() {
     assert!(said.contains("\nYour feeder at 50 Hz: 37"), "{said}");
     assert!(said.contains("held by: the drive's stroke"), "{said}");
     assert_eq!(names(&folder), ["kband-design.svg"]);
+}
+
+/// A pseudo-terminal as standard error shows the progress of a command.
+#[test]
+#[cfg(unix)]
+fn a_long_command_is_seen_to_work_before_its_first_step_is_done() {
+    use std::io::Read;
+
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use rustix::termios::{Winsize, tcsetwinsize};
+
+    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&far).unwrap();
+    unlockpt(&far).unwrap();
+    let size = Winsize {
+        ws_row: 24,
+        ws_col: 80,
+        ws_xpixel: 0,
+        ws_ypixel: 0,
+    };
+    tcsetwinsize(&far, size).unwrap();
+    let name = ptsname(&far, Vec::new()).unwrap().into_string().unwrap();
+    let terminal = std::fs::File::options().write(true).open(name).unwrap();
+    // One step of some minutes.
+    let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
+        .args(["exponent", "--k", "0.34", "--impacts", "1000000000"])
+        .env("TERM", "xterm")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(terminal)
+        .spawn()
+        .unwrap();
+    let (mut far, mut said, mut bytes) = (std::fs::File::from(far), String::new(), [0; 256]);
+    while !(said.contains("exponent [") && said.contains("2s so far")) {
+        let count = far.read(&mut bytes).unwrap();
+        said += &String::from_utf8_lossy(&bytes[..count]);
+    }
+    assert!(child.try_wait().unwrap().is_none());
+    child.kill().unwrap();
+    child.wait().unwrap();
 }

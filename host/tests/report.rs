@@ -197,7 +197,7 @@ fn browser_shows_every_mark_of_the_figures_of_paper() {
     browser.open(&folder.path().join("page.html"));
     let figures = browser.script(MARKS);
     let figures = figures.as_array().unwrap();
-    assert_eq!(figures.len(), 7);
+    assert_eq!(figures.len(), 5);
     for (n, figure) in figures.iter().enumerate() {
         let [due, seen] = [0, 1].map(|which| figure[which].as_u64().unwrap());
         assert_eq!(seen, due, "figure {n} of {figures:?}");

@@ -2,6 +2,7 @@
 
 use core::f64::consts::{PI, TAU};
 use core::fmt;
+use core::ops::RangeBounds;
 
 /// Standard gravity, m/s^2 (ISO 80000-3).
 pub const STANDARD_GRAVITY: f64 = 9.806_65;
@@ -47,6 +48,16 @@ pub fn accept(
     }
 }
 
+/// `value` if it is in `range`, else an error that names the parameter.
+pub(crate) fn accept_in(
+    parameter: &'static str,
+    value: f64,
+    range: impl RangeBounds<f64>,
+    accepted: &'static str,
+) -> Result<f64, OutOfRange> {
+    accept(parameter, value, range.contains(&value), accepted)
+}
+
 /// Restitution of the part normal to the track (symbol R), an interval within 0..=1.
 ///
 /// Parts of one lot differ, so plans for a lot use the interval. A single part has `low == high`.
@@ -68,8 +79,8 @@ pub struct Restitution {
 impl Restitution {
     /// The interval `low..=high`; an error unless `0 <= low <= high <= 1`.
     pub fn interval(low: f64, high: f64) -> Result<Self, OutOfRange> {
-        accept("restitution", low, (0.0..=1.0).contains(&low), "0..1")?;
-        accept("restitution", high, (0.0..=1.0).contains(&high), "0..1")?;
+        accept_in("restitution", low, 0.0..=1.0, "0..1")?;
+        accept_in("restitution", high, 0.0..=1.0, "0..1")?;
         accept(
             "restitution (high bound)",
             high,
@@ -151,36 +162,16 @@ impl Track {
             phase_lead,
             gravity,
         } = settings;
-        accept(
-            "frequency",
-            frequency,
-            (1.0..=1000.0).contains(&frequency),
-            "1..1000 Hz",
-        )?;
-        accept(
-            "incline",
-            incline,
-            (-60.0..=60.0).contains(&incline),
-            "-60..60 degrees",
-        )?;
-        accept(
-            "amplitude_ratio",
-            amplitude_ratio,
-            (0.0..=100.0).contains(&amplitude_ratio),
-            "0..100",
-        )?;
-        accept(
+        accept_in("frequency", frequency, 1.0..=1000.0, "1..1000 Hz")?;
+        accept_in("incline", incline, -60.0..=60.0, "-60..60 degrees")?;
+        accept_in("amplitude_ratio", amplitude_ratio, 0.0..=100.0, "0..100")?;
+        accept_in(
             "phase_lead",
             phase_lead,
-            (-180.0..=180.0).contains(&phase_lead),
+            -180.0..=180.0,
             "-180..180 degrees",
         )?;
-        accept(
-            "gravity",
-            gravity,
-            (0.1..=30.0).contains(&gravity),
-            "0.1..30 m/s^2",
-        )?;
+        accept_in("gravity", gravity, 0.1..=30.0, "0.1..30 m/s^2")?;
         Ok(Self {
             angular_frequency: TAU * frequency,
             incline: incline * (PI / 180.0),
@@ -269,28 +260,12 @@ mod tests {
 
     #[test]
     fn refusal_names_the_parameter() {
-        let refused = Track::build(TrackSettings {
-            incline: 90.0,
-            ..PAPER
-        })
-        .unwrap_err();
-        assert_eq!(refused.parameter, "incline");
-        assert_eq!(
-            Track::build(TrackSettings {
-                frequency: f64::NAN,
-                ..PAPER
-            })
-            .unwrap_err()
-            .parameter,
-            "frequency"
-        );
-        assert_eq!(
-            Restitution::interval(0.3, 0.2).unwrap_err().parameter,
-            "restitution (high bound)"
-        );
-        assert_eq!(
-            Restitution::single(1.1).unwrap_err().parameter,
-            "restitution"
-        );
+        let refused = |settings| Track::build(settings).unwrap_err().parameter;
+        let incline = 90.0;
+        assert_eq!(refused(TrackSettings { incline, ..PAPER }), "incline");
+        let frequency = f64::NAN;
+        assert_eq!(refused(TrackSettings { frequency, ..PAPER }), "frequency");
+        let reversed = Restitution::interval(0.3, 0.2).unwrap_err();
+        assert_eq!(reversed.parameter, "restitution (high bound)");
     }
 }

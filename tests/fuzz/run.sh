@@ -32,9 +32,7 @@ fi
 # Link-time optimization would take long and gain nothing here.
 export CARGO_PROFILE_RELEASE_LTO=off
 # --target keeps the build scripts apart from the instrumented program.
-features=libfuzzer
-case " $* " in *" log "*) features=libfuzzer,log ;; esac
-RUSTFLAGS=$flags cargo build --locked --release --package kband-fuzz --features "$features" --bin fuzz --target "$host" \
+RUSTFLAGS=$flags cargo build --locked --release --package kband-fuzz --features libfuzzer --bin fuzz --target "$host" \
     --target-dir "$folder" || exit 1
 
 targets=("$@")

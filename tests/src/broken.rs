@@ -94,13 +94,7 @@ impl Broken {
             }
         }
         self.last = report;
-        Moment {
-            time: self.bench.time(),
-            report,
-            strikes: self.bench.plant().strikes().len() as u32,
-            displacement: self.bench.plant().displacement(),
-            load: self.bench.plant().load(),
-        }
+        self.bench.moment(report)
     }
 
     /// The samples of one cycle.
@@ -162,7 +156,7 @@ pub fn run(file: &SceneFile, how: Break) -> Outcome {
     let mut closed = Broken::build(&file.scene, how);
     let cycle = || {
         let moment = closed.cycle();
-        Ok((moment, closed.bench.plant().strikes().to_vec()))
+        Ok((moment, closed.bench.strikes().to_vec()))
     };
     Outcome::of(file, cycle, Watch::KEPT, &mut |_| Ok(()))
         .unwrap_or_else(|refusal| panic!("{refusal}"))

@@ -1,7 +1,7 @@
 //! Impacts of the f64 map to 30 digits, by one Newton step in double-double arithmetic (Dekker
 //! 1971).
 
-use std::f64::consts::{FRAC_PI_2, TAU};
+use std::f64::consts::FRAC_PI_2;
 
 use kband::arithmetic::Twofold;
 use kband::impact::{Kernel, Map, PartState};
@@ -11,8 +11,6 @@ use kband::impact::{Kernel, Map, PartState};
 pub struct Refined {
     /// Duration of the flight in rad.
     pub flight: Twofold,
-    /// Phase of the impact in rad, 0..2 pi.
-    pub phase: Twofold,
     /// Speed of arrival in units of `b w`.
     pub arrival: f64,
 }
@@ -63,11 +61,8 @@ pub fn refine(map: &Map, state: PartState) -> Option<Refined> {
     };
     let step = -gap.value() / slope.value();
     let flight = time.plus(Twofold::from(step));
-    let phase = phase.plus(flight);
-    let turns = (phase.value() / TAU).floor();
     (step.abs() <= 1e-9 * d).then(|| Refined {
         flight,
-        phase: phase.minus(QUARTER.times(Twofold::from(4.0 * turns))),
         arrival: -(slope.value() + curvature * step),
     })
 }

@@ -3,8 +3,7 @@
 use std::fmt::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::time::Duration;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use kband::arithmetic::Phase;
 use kband::impact::Tone;
@@ -13,12 +12,6 @@ use kband::impact::batch::{Block, LANES};
 use crate::bench::{Bench, Judged};
 use crate::states::{self, Kind, Launch, Random};
 use crate::verdict::Verdict;
-
-/// Watchdog period, and the number of periods at one launch after which its search counts as
-/// endless. That is two minutes of the watchdog's own run time, so a busy or sleeping machine does
-/// not trigger it.
-const WATCH: Duration = Duration::from_millis(5);
-const PATIENCE: u32 = 24_000;
 
 /// Launches per track: the set-up in every arithmetic takes as long as one verdict.
 const TOGETHER: usize = 8;
@@ -43,7 +36,7 @@ pub struct Tally {
 
 impl Tally {
     /// Adds another tally.
-    pub fn add(&mut self, other: &Self) {
+    fn add(&mut self, other: &Self) {
         self.launches += other.launches;
         self.flagged += other.flagged;
         self.undecided += other.undecided;
@@ -101,9 +94,8 @@ fn judged(bench: &Bench, launch: &Launch) -> Result<Judged, String> {
         .map_err(|cause| format!("{launch:?}\n    {cause}"))
 }
 
-/// Tries one block of launches in every arithmetic; `current` holds the number of the current
-/// launch.
-fn block(launches: &[Launch], current: &AtomicUsize, tell: &impl Fn(&str)) -> Tally {
+/// Tries one block of launches in every arithmetic.
+fn block(launches: &[Launch], tell: &impl Fn(&str)) -> Tally {
     let mut tally = Tally::default();
     let tracks = launches.iter().step_by(TOGETHER);
     let benches: Vec<Bench> = tracks
@@ -118,7 +110,6 @@ fn block(launches: &[Launch], current: &AtomicUsize, tell: &impl Fn(&str)) -> Ta
     }
     lanes.advance(1);
     for (lane, launch) in launches.iter().enumerate() {
-        current.store(lane, Ordering::Relaxed);
         tally.launches += 1;
         let judged = judged(&benches[lane / TOGETHER], launch).and_then(|judged| {
             let alone = judged.impact;
@@ -151,8 +142,7 @@ fn block(launches: &[Launch], current: &AtomicUsize, tell: &impl Fn(&str)) -> Ta
 /// Tries `count` launches of every kind, from tracks of one tone or of several, on `threads`
 /// threads and reports wrong impacts as they come.
 ///
-/// An endless search ends the process and prints its launch. The seed alone determines the
-/// launches.
+/// The seed alone determines the launches.
 pub fn soak(
     count: u64,
     on_tones: bool,
@@ -162,74 +152,29 @@ pub fn soak(
 ) -> Vec<(Kind, Tally)> {
     let blocks = count.div_ceil(LANES as u64).max(1);
     let one = |kind| {
-        let draw = |number| launches(kind, on_tones, seed, number);
-        let tell = |cause: &str| tell(&format!("{kind:?}: {cause}"));
-        (kind, watched(blocks, threads, &draw, &tell))
-    };
-    Kind::ALL.map(one).into()
-}
-
-/// The tally of `blocks` blocks of launches, on `threads` threads.
-///
-/// If the place of a block's current launch does not change for too long, the process prints that
-/// launch and ends.
-fn watched(
-    blocks: u64,
-    threads: usize,
-    draw: &(impl Fn(u64) -> Vec<Launch> + Sync),
-    tell: &(impl Fn(&str) + Sync),
-) -> Tally {
-    let next = AtomicU64::new(0);
-    let total = Mutex::new(Tally::default());
-    let places: Vec<(AtomicU64, AtomicUsize)> =
-        (0..threads.max(1)).map(|_| Default::default()).collect();
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = places
-            .iter()
-            .map(|(number, current)| {
-                let (next, total) = (&next, &total);
-                scope.spawn(move || {
-                    loop {
-                        let n = next.fetch_add(1, Ordering::Relaxed);
-                        if n >= blocks {
-                            return;
-                        }
-                        number.store(n, Ordering::Relaxed);
-                        let tally = block(&draw(n), current, tell);
-                        if let Ok(mut total) = total.lock() {
-                            total.add(&tally);
-                        }
-                    }
-                })
-            })
-            .collect();
-        let mut seen = vec![(u64::MAX, usize::MAX, 0_u32); places.len()];
-        while !workers
-            .iter()
-            .all(std::thread::ScopedJoinHandle::is_finished)
-        {
-            std::thread::sleep(WATCH);
-            for ((number, current), seen) in places.iter().zip(&mut seen) {
-                let now = (
-                    number.load(Ordering::Relaxed),
-                    current.load(Ordering::Relaxed),
-                );
-                if (seen.0, seen.1) != now {
-                    *seen = (now.0, now.1, 0);
+        let (next, total) = (AtomicU64::new(0), Mutex::new(Tally::default()));
+        let work = || {
+            loop {
+                let number = next.fetch_add(1, Ordering::Relaxed);
+                if number >= blocks {
+                    return;
                 }
-                seen.2 += 1;
-                if seen.2 > PATIENCE {
-                    let launches = draw(now.0);
-                    tell(&format!(
-                        "no end of the search from {:?}",
-                        launches.get(now.1)
-                    ));
-                    std::process::exit(1);
+                let tally = block(&launches(kind, on_tones, seed, number), &|cause| {
+                    tell(&format!("{kind:?}: {cause}"));
+                });
+                if let Ok(mut total) = total.lock() {
+                    total.add(&tally);
                 }
             }
-        }
-    });
-    total.into_inner().unwrap_or_default()
+        };
+        std::thread::scope(|scope| {
+            for _ in 0..threads.max(1) {
+                scope.spawn(work);
+            }
+        });
+        (kind, total.into_inner().unwrap_or_default())
+    };
+    Kind::ALL.map(one).into()
 }
 
 /// The impacts of every arithmetic for one launch, and the verdict.

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use kband::impact::{Hybrid, Impact, Integer, Kernel, Map, PartState, Single, WaveMap};
+use kband::impact::{Impact, Integer, Kernel, Map, PartState, Single, WaveMap};
 
 use crate::states::Launch;
 
@@ -122,14 +122,6 @@ impl Tried for WaveMap {
         4.0 * launch.rounding(d)
     }
     const STEPS: [f64; 2] = [0.0; 2];
-}
-
-impl Tried for Hybrid {
-    fn rounding(_: &Launch, d: f64) -> f64 {
-        // Sines to 2^-30, short hops in f32; the cosine at launch to 2^-36.
-        3e-9 * d.min(1.0) + 1.5e-11 * d
-    }
-    const STEPS: [f64; 2] = [STEP, VELOCITY_STEP];
 }
 
 impl Tried for Integer {

@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use kband_tests::chip::core::{COUNTER, Code, Core, Fault, Flat};
+use kband_tests::chip::core::{COUNTER, Core, Fault, Flat};
 use kband_tests::emulator::{self, Machine, Options};
 use kband_tests::states::Random;
 
@@ -323,11 +323,11 @@ fn compare(code: &mut Vec<u16>, expected: u32, count: u32) {
 /// Final words of the cases on the emulated core.
 fn left(cases: &[Case]) -> Vec<u32> {
     let mut memory = Flat::new(FLASH, image(cases, None));
-    let (mut core, mut code) = (Core::default(), Code::default());
+    let mut core = Core::default();
     core.reset(MEMORY + 0x2_0000, FLASH + 0x41);
     core.float = true;
     loop {
-        match core.step(&mut code, &mut memory) {
+        match core.step(&mut memory) {
             Ok(_) => {}
             Err(Fault::Breakpoint) => break,
             Err(fault) => panic!("{fault:?} at {:#x}", core.r[COUNTER]),

@@ -6,9 +6,8 @@
 
 use kband_control::Target;
 use kband_control::wire::{Request, Response};
+use kband_tests::chip::kind::Kind;
 use kband_tests::chip::{LINK, SAMPLE};
-use kband_tests::emulator::Machine;
-use kband_tests::images;
 use kband_tests::rig::{Act, Rig};
 use kband_tests::states::Random;
 
@@ -27,12 +26,6 @@ fn number(variable: &str, otherwise: u64) -> u64 {
 
 /// A frame of the flood with its end; mostly refused ones, because answers occupy the line.
 fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
-    let any = random.bits();
-    let size = (any >> 8) as usize % 4 + 1;
-    let garbage = |random: &mut Random, size: usize| -> Vec<u8> {
-        let byte = |_| random.bits() as u8 | 1;
-        (0..size).map(byte).chain([0]).collect()
-    };
     let requests = [
         Request::Alive,
         Request::Counters,
@@ -46,33 +39,48 @@ fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
         Request::Get("nothing"),
         Request::Fault(0),
     ];
-    let request = &requests[(any >> 16) as usize % requests.len()];
+    let any = random.bits();
+    let mut frame = rig.frame(&requests[(any >> 16) as usize % requests.len()]);
+    let at = (any >> 24) as usize % (frame.len() - 3);
     match any % 16 {
-        0..=10 => garbage(random, size),
-        11 => {
-            let mut frame = rig.frame(request);
-            let last = frame.len() - 1;
-            let at = (any >> 24) as usize % last;
+        // Garbage, seldom longer than any frame.
+        kind @ 0..=11 => {
+            let long = kind == 11 && any >> 32 & 15 == 0;
+            let size = if long {
+                600
+            } else {
+                (any >> 8) as usize % 4 + 1
+            };
+            let byte = |_| random.bits() as u8 | 1;
+            (0..size).map(byte).chain([0]).collect()
+        }
+        12 => {
             // Another byte that does not end a frame.
             frame[at] = (frame[at] ^ (1 << (any % 8))).max(1);
             frame
         }
-        12 => {
-            let mut frame = rig.frame(request);
-            frame.drain(1..2 + (any >> 24) as usize % (frame.len() - 3));
+        13 => {
+            frame.drain(1..2 + at);
             frame
         }
-        13 if any >> 32 & 15 == 0 => garbage(random, 600),
-        _ => rig.frame(request),
+        _ => frame,
     }
 }
 
 #[test]
 fn a_flood_of_frames_delays_no_sample_and_is_counted() {
+    flood(Kind::Stm32f405);
+}
+
+#[test]
+fn nor_on_the_stm32g474() {
+    flood(Kind::Stm32g474);
+}
+
+fn flood(kind: Kind) {
     let frames = number("KBAND_FRAMES", 10_000);
     let mut random = Random::new(number("KBAND_SEED", 1));
-    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
-    let mut rig = Rig::boot(&image);
+    let mut rig = Rig::boot_on(kind);
     rig.run(0.3);
     rig.request_done(&Request::Target(Target::K(0.41)));
     rig.request_done(&Request::Save);

@@ -111,46 +111,6 @@ fn every_golden_impact_on_tones_has_the_right_root() {
     assert!(counted > 2_500, "{counted}");
 }
 
-/// Fixed-point value in units of 1e-20, of an f64 in 2^-10..2^9 or of a decimal with at least 20
-/// places.
-fn fixed(value: f64) -> i128 {
-    let bits = value.to_bits();
-    let mantissa = i128::from(bits & ((1 << 52) - 1) | 1 << 52);
-    let exponent = (bits >> 52) as i32 - 1075;
-    let scaled = mantissa * 10_i128.pow(20);
-    (scaled + (1_i128 << (-exponent - 1))) >> -exponent
-}
-
-fn fixed_decimal(text: &str) -> i128 {
-    let (whole, places) = text.split_once('.').unwrap();
-    let places: i128 = places[..20].parse().unwrap();
-    whole.parse::<i128>().unwrap() * 10_i128.pow(20) + places
-}
-
-#[test]
-fn the_oracle_in_twofold_rounds_phases_correctly() {
-    let mut counted = 0;
-    for golden in impacts() {
-        let map = Map::build(golden.k, golden.restitution).unwrap();
-        let Some(exact) = exact::refine(&map, golden.state) else {
-            continue;
-        };
-        let phase = exact.phase.value();
-        let expected = golden.next_phase.unwrap();
-        if golden.condition < 1000.0 && phase > 0.1 && expected.len() > 22 {
-            let error = (fixed(phase) - fixed_decimal(expected)).abs();
-            let ulp = 1e20 * (f64::from_bits(phase.to_bits() + 1) - phase);
-            assert!(
-                error as f64 <= 0.51 * ulp + 2.0,
-                "{} ulp: {expected} {phase}",
-                error as f64 / ulp
-            );
-            counted += 1;
-        }
-    }
-    assert!(counted > 900, "{counted}");
-}
-
 /// Residual of the f64 map in roundings of the gap's terms, against 30 digits of the oracle.
 #[test]
 fn the_residual_of_f64_is_within_four_roundings() {

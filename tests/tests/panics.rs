@@ -8,7 +8,7 @@
 //! - `journal`, `store`, sequential-storage: the memory of the settings, used at rest only.
 //! - `stm32`, Embassy: registers and buffers of the chip, whose ranges their types hold.
 //! - `exchange`, `link`, `bus`: a finished task is not polled again. `station`: a borrow for one call.
-//! - rmodbus: gets requests of the right lengths only. defmt: a log within a log.
+//! - defmt: a log within a log.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -131,37 +131,4 @@ fn no_panic_can_be_reached_from_the_sample_interrupt() {
             .any(|name| name.contains("6signal6Signal14process_sample"))
     );
     assert!(!names.iter().any(|name| panics(name)), "{names:?}");
-}
-
-/// The image contains no path of this computer: it has the same bits from any folder
-/// (tests/reproducible.sh).
-#[test]
-fn no_folder_of_this_computer_is_in_the_image() {
-    for features in ["stm32f405rg", "stm32g474re"] {
-        let image = images::build_with("kband-firmware", "feeder", Machine::CortexM4F, features);
-        let bytes = std::fs::read(image).unwrap();
-        let home = std::env::home_dir().unwrap();
-        let cargo = std::env::var_os("CARGO_HOME").map_or(home.join(".cargo"), Into::into);
-        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-        for folder in [cargo.as_path(), root] {
-            let path = folder.to_str().unwrap().as_bytes();
-            let found = bytes.windows(path.len()).position(|part| part == path);
-            assert_eq!(found, None, "{} for {features}", folder.display());
-        }
-    }
-}
-
-/// The board computes in f32 and integers. The map in f64 would take 35 KiB of its flash.
-#[test]
-fn the_map_in_f64_is_not_in_the_image() {
-    let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
-    let bytes = std::fs::read(image).unwrap();
-    let file = object::File::parse(&*bytes).unwrap();
-    let of = |module: &str| -> Vec<&str> {
-        let names = file.symbols().filter_map(|symbol| symbol.name().ok());
-        names.filter(|name| name.contains(module)).collect()
-    };
-    // The mangled path of a symbol: each name after its length.
-    assert!(!of("6impact6anchor").is_empty(), "the board's own map");
-    assert_eq!(of("6impact6double"), Vec::<&str>::new());
 }

@@ -185,28 +185,3 @@ fn the_public_names_are_the_accepted_ones() {
         compare(&names, list);
     }
 }
-
-#[test]
-fn a_name_that_goes_and_one_that_comes_are_both_seen() {
-    let [before, after] = [["a", "b", "c"], ["a", "c", "d"]].map(|lines| lines.map(String::from));
-    assert_eq!(missing(&before, &after), ["b"]);
-    assert_eq!(missing(&after, &before), ["d"]);
-}
-
-#[test]
-fn what_a_type_derives_stands_behind_its_name() {
-    let named = ["pub struct a::B<S>", "pub a::B::c: S", "pub enum a::D"].map(String::from);
-    let derived = [
-        "impl core::marker::Copy for a::D",
-        "impl<S: core::clone::Clone> core::clone::Clone for a::B<S>",
-    ];
-    let lines = with_derived(&named, &derived);
-    assert_eq!(
-        lines,
-        [
-            "pub struct a::B<S>: Clone",
-            "pub a::B::c: S",
-            "pub enum a::D: Copy"
-        ]
-    );
-}

@@ -312,7 +312,7 @@ pub unsafe extern "C" fn kband_plant_displacement(
         // SAFETY: as the caller says.
         let plant = unsafe { object(plant.cast_mut(), "plant")? };
         // SAFETY: as the caller says.
-        unsafe { put(displacement, "displacement", plant.0.plant().displacement()) }
+        unsafe { put(displacement, "displacement", plant.0.displacement()) }
     })
 }
 

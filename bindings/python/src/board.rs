@@ -76,7 +76,7 @@ impl Board {
         };
         let link = py.detach(|| {
             let link = if on == "qemu" {
-                Link::emulate([image.as_deref(), None, None], emulated, go_on)
+                Link::emulate([image.as_deref(), None], emulated, go_on)
             } else {
                 Link::open(on.as_ref(), go_on)
             };

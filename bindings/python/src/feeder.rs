@@ -73,18 +73,18 @@ impl Plant {
     /// Displacement (m) and velocity (m/s) of the track normal to itself.
     #[getter]
     fn motion(&self) -> [f32; 2] {
-        self.0.plant().motion()
+        self.0.motion()
     }
 
     /// Mean displacement of the parts along the track in m.
     #[getter]
     fn displacement(&self) -> f64 {
-        self.0.plant().displacement()
+        self.0.displacement()
     }
 
     /// Impacts since the last call: number of the part, phase in rad, speed in m/s.
     fn impacts(&mut self) -> Vec<(u8, f64, f64)> {
-        let strikes = self.0.plant().strikes().iter();
+        let strikes = self.0.strikes().iter();
         let impacts = strikes.map(|strike| (strike.part, strike.phase, strike.speed));
         let impacts = impacts.collect();
         self.0.forget_strikes();

@@ -6,8 +6,8 @@ use std::task::Poll;
 
 use kband::feeder::{Restitution, STANDARD_GRAVITY, Track, TrackSettings};
 use kband::impact::{
-    ContactTime, Friction, FrictionSettings, Hybrid, Kernel, Map, Orbit, OrbitEvent, PartState,
-    Scatter, Tangential, TangentialSettings, WaveMap,
+    ContactTime, Friction, FrictionSettings, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter,
+    Tangential, TangentialSettings, WaveMap,
 };
 use kband::regime::band::{Band, BandError};
 use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner};
@@ -280,7 +280,7 @@ pub fn capture_plan(
         start: 0.0,
         limit,
     });
-    let mut planner = Planner::<Hybrid>::new(PlanSettings {
+    let mut planner = Planner::new(PlanSettings {
         lot: Lot {
             k,
             restitution,

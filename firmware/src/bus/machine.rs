@@ -1,6 +1,6 @@
 //! The board behind the registers.
 
-use kband_bus::{Authority, Machine, Refused, Seen};
+use kband_bus::{Authority, Exception, Machine, Seen};
 use kband_control::wire::{Access, Record, Telemetry};
 use kband_control::{Settings, Target};
 
@@ -48,34 +48,36 @@ impl Machine for Registers<'_> {
         self.station.take_bus_command(run, acknowledge);
     }
 
-    fn set_target(&mut self, target: Target) -> Result<(), Refused> {
-        self.station.set_target(target).map_err(|_| Refused::Value)
+    fn set_target(&mut self, target: Target) -> Result<(), Exception> {
+        self.station
+            .set_target(target)
+            .map_err(|_| Exception::Value)
     }
 
-    fn set_settings(&mut self, settings: &Settings) -> Result<(), Refused> {
+    fn set_settings(&mut self, settings: &Settings) -> Result<(), Exception> {
         self.station
             .set_settings(settings)
             .map_err(|refused| match refused {
-                SettingsRefused::Running => Refused::Busy,
-                SettingsRefused::OutOfRange(_) => Refused::Value,
+                SettingsRefused::Running => Exception::Busy,
+                SettingsRefused::OutOfRange(_) => Exception::Value,
             })
     }
 
-    fn save(&mut self) -> Result<(), Refused> {
+    fn save(&mut self) -> Result<(), Exception> {
         if self.station.request_save() {
             Ok(())
         } else {
-            Err(Refused::Busy)
+            Err(Exception::Busy)
         }
     }
 
-    fn select_recipe(&mut self, recipe: u16) -> Result<(), Refused> {
-        let number = u8::try_from(recipe).map_err(|_| Refused::Value)?;
+    fn select_recipe(&mut self, recipe: u16) -> Result<(), Exception> {
+        let number = u8::try_from(recipe).map_err(|_| Exception::Value)?;
         self.station
             .use_recipe(number)
             .map_err(|refused| match refused {
-                RecipeRefused::Running => Refused::Busy,
-                RecipeRefused::Missing | RecipeRefused::OutOfRange(_) => Refused::Value,
+                RecipeRefused::Running => Exception::Busy,
+                RecipeRefused::Missing | RecipeRefused::OutOfRange(_) => Exception::Value,
             })
     }
 }

@@ -102,29 +102,15 @@ fn disable_driver() {
     pac::GPIOC.bsrr().write(|pins| pins.set_br(ENABLE, true));
 }
 
-/// Flags of the port.
-struct Flags {
-    received: bool,
-    damaged: bool,
-    empty: bool,
-    sent: bool,
-}
-
 #[cfg(feature = "stm32f405rg")]
 mod registers {
-    use super::{Flags, pac};
+    use super::pac::{self, usart::regs::Sr};
 
-    pub fn flags() -> Flags {
-        let status = pac::UART4.sr().read();
-        Flags {
-            received: status.rxne() || status.ore(),
-            damaged: status.pe() || status.fe() || status.ne() || status.ore(),
-            empty: status.txe(),
-            sent: status.tc(),
-        }
+    pub fn status() -> Sr {
+        pac::UART4.sr().read()
     }
 
-    /// Reads the byte; after a read of the flags this clears those of the receiver.
+    /// Reads the byte; after a read of the status this clears the receiver's flags.
     pub fn read() -> u8 {
         pac::UART4.dr().read().dr() as u8
     }
@@ -136,19 +122,13 @@ mod registers {
 
 #[cfg(feature = "stm32g474re")]
 mod registers {
-    use super::{Flags, pac};
+    use super::pac::{self, usart::regs::Isr};
 
-    pub fn flags() -> Flags {
-        let status = pac::UART4.isr().read();
-        Flags {
-            received: status.rxne() || status.ore(),
-            damaged: status.pe() || status.fe() || status.ne() || status.ore(),
-            empty: status.txe(),
-            sent: status.tc(),
-        }
+    pub fn status() -> Isr {
+        pac::UART4.isr().read()
     }
 
-    /// Reads the byte and clears the flags of the receiver.
+    /// Reads the byte and clears the receiver's flags.
     pub fn read() -> u8 {
         pac::UART4.icr().write(|clear| {
             clear.set_pe(true);
@@ -171,13 +151,14 @@ mod registers {
 #[inline]
 pub fn interrupt(line: &BusLine, now: u32) {
     let port = pac::UART4;
-    let flags = registers::flags();
-    if flags.received {
+    let status = registers::status();
+    if status.rxne() || status.ore() {
+        let damaged = status.pe() || status.fe() || status.ne() || status.ore();
         let byte = registers::read();
-        line.receive((!flags.damaged).then_some(byte), now);
+        line.receive((!damaged).then_some(byte), now);
     }
     let control = port.cr1().read();
-    if flags.empty && control.txeie() {
+    if status.txe() && control.txeie() {
         match line.next() {
             Some(byte) => registers::write(byte),
             None => port.cr1().modify(|control| {
@@ -185,7 +166,7 @@ pub fn interrupt(line: &BusLine, now: u32) {
                 control.set_tcie(true);
             }),
         }
-    } else if flags.sent && control.tcie() {
+    } else if status.tc() && control.tcie() {
         disable_driver();
         port.cr1().modify(|control| control.set_tcie(false));
         line.end_sending();

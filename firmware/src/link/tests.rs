@@ -8,7 +8,6 @@ use std::println;
 use std::vec::Vec;
 
 use embassy_futures::block_on;
-use kband::arithmetic::Noise;
 use kband_control::wire::{
     KeptFault, Outgoing, Stored, read_answer, write_question, write_request,
 };
@@ -57,7 +56,6 @@ impl Store for Memory {
             target,
             pin,
             condition: Condition::Whole,
-            added: 0,
         };
         Ok(())
     }
@@ -103,7 +101,6 @@ const FOUND: fn(Condition) -> Found = |condition| Found {
     target: Target::Locked { order: 1 },
     pin: None,
     condition,
-    added: 0,
 };
 
 const IMAGE: Image = Image {
@@ -560,61 +557,6 @@ fn endless_input_blocks_neither_telemetry_nor_tasks() {
     }
 }
 
-/// Sends a million frames of random bytes: noise, cut, spliced and altered frames. None panics,
-/// none changes a setting, all are counted, and a valid request in between is answered.
-#[test]
-fn garbage_is_counted_and_changes_nothing() {
-    const FRAMES: u32 = 1_000_000;
-    let mut board = Board::new();
-    let mut noise = Noise::new(7);
-    let mut buffer = [0; MAX_FRAME_BYTES];
-    let set = Request::set("frequency", 61.0);
-    let sound = write_request(&mut buffer, 3, &set).unwrap().to_vec();
-    let mut counted = 0_u32;
-    for n in 0..FRAMES {
-        let mut below = |limit: usize| noise.bits() as usize % limit;
-        let mut frame = match below(4) {
-            0 => (0..below(400)).map(|_| below(256) as u8).collect(),
-            1 => sound[..1 + below(sound.len() - 2)].to_vec(),
-            2 => {
-                let mut bent = sound.clone();
-                let at = below(bent.len() - 1);
-                bent[at] ^= 1 << below(8);
-                bent
-            }
-            _ => [
-                &sound[..1 + below(sound.len() - 2)],
-                &sound[below(3)..][1..],
-            ]
-            .concat(),
-        };
-        frame.push(0);
-        if frame.starts_with(&sound) {
-            // The splice has restored the valid frame by chance: send another one.
-            frame = std::vec![9, 9, 0];
-        }
-        let answers = board.send(&frame).len();
-        assert_eq!(answers, 0, "{frame:x?}");
-        if n % 64 == 0 {
-            board.cycle();
-            let counters = board.service.counters();
-            let all = counters.corrupt + counters.oversized + counters.foreign + counters.unknown;
-            assert!(all > counted, "{counters:?}");
-            counted = all;
-            assert_eq!(counters.requests, n / 64);
-            board.ask(&Request::Get("frequency"), |response| match response {
-                Response::Setting(setting) => assert_eq!(setting.value, 50.0),
-                other => panic!("{other:?}"),
-            });
-        }
-    }
-    let counters = board.service.counters();
-    assert!(
-        counters.oversized > 0 && counters.corrupt > 0,
-        "{counters:?}"
-    );
-}
-
 #[test]
 fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     use kband_control::wire::{fold_output, write_reading};
@@ -809,34 +751,6 @@ fn defaults_drive_nothing_until_settings_are_saved() {
     assert_eq!(state(&mut board), (State::Fault, invalid));
     board.done(&Request::Save);
     assert_eq!(state(&mut board), (State::Starting, None));
-}
-
-/// For every cause of the start and every request, defaults in place of lost settings move no
-/// track.
-#[test]
-fn defaults_in_the_place_of_lost_settings_move_nothing() {
-    for condition in [Condition::Never, Condition::Lost, Condition::Newer] {
-        let found = Found::none(condition);
-        assert_eq!(found.target, Target::Amplitude(0.0));
-        let mut board = Board::with(found);
-        for request in [
-            Request::Defaults,
-            Request::Enable(true),
-            Request::Target(Target::K(0.5)),
-            Request::set("safe_amplitude", 0.5),
-            Request::Alive,
-        ] {
-            board.done(&request);
-            for cycle in 0..60 {
-                // Withdrawn long enough to acknowledge a fault, then enabled.
-                board.enable = cycle >= 30;
-                board.cycle();
-                let report = board.station.report();
-                assert_eq!(report.command.amplitude, 0.0, "{request:?}");
-                assert_eq!(report.state, State::Fault, "{request:?}");
-            }
-        }
-    }
 }
 
 #[test]

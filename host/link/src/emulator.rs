@@ -43,13 +43,11 @@ fn check_version(printed: &str) -> Result<(), Refusal> {
     ))
 }
 
-/// Starts the emulator with its serial port on pipes, its settings kept in the file `flash` and its
-/// log written into the file `log`.
+/// Starts the emulator with its serial port on pipes, its settings kept in the file `flash`.
 pub fn start(
     image: Option<&Path>,
     emulated: Emulated,
     flash: Option<&Path>,
-    log: Option<&Path>,
 ) -> Result<Child, Refusal> {
     let image = image.map_or_else(|| PathBuf::from(IMAGE), Path::to_path_buf);
     if !image.is_file() {
@@ -94,9 +92,8 @@ pub fn start(
             "-monitor",
             "none",
         ])
-        .arg("-serial")
-        .arg(log.map_or("null".into(), |log| format!("file:{}", log.display())))
-        .args(["-serial", "stdio", "-semihosting-config"])
+        .args(["-serial", "null", "-serial", "stdio"])
+        .arg("-semihosting-config")
         .arg(words)
         .arg("-kernel")
         .arg(&image)

@@ -64,14 +64,14 @@ pub struct Link {
 }
 
 impl Link {
-    /// The link to the emulated CPU, which runs `image`. It keeps its settings in the file `flash`
-    /// and its log in the file `log`; `go_on` is called during a wait.
+    /// The link to the emulated CPU, which runs `image`. It keeps its settings in the file
+    /// `flash`; `go_on` is called during a wait.
     pub fn emulate(
-        [image, flash, log]: [Option<&Path>; 3],
+        [image, flash]: [Option<&Path>; 2],
         emulated: Emulated,
         go_on: Ask,
     ) -> Result<Self, Refusal> {
-        let mut child = emulator::start(image, emulated, flash, log)?;
+        let mut child = emulator::start(image, emulated, flash)?;
         let (Some(output), Some(input)) = (child.stdin.take(), child.stdout.take()) else {
             return Err(Refusal::new(
                 "qemu-system-arm has no pipes",

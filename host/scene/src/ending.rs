@@ -3,7 +3,6 @@
 mod followed;
 mod gears;
 mod memory;
-mod seen;
 mod to_rest;
 mod together;
 
@@ -19,9 +18,8 @@ use kband::regime::classify::Regime;
 
 pub use gears::{Gears, InGear};
 use memory::MEMORY;
-pub use seen::{SEEN, Seen};
 use to_rest::ToRest;
-pub use together::{hold, of_each};
+pub use together::of_each;
 
 use crate::refusal::Refusal;
 
@@ -128,11 +126,6 @@ impl Endings {
         Ok(all)
     }
 
-    /// The classifier for [`Seen`].
-    pub fn seen(k: f64, restitution: f64) -> Result<Self, Refusal> {
-        Self::new(k, restitution, 0)
-    }
-
     /// The map of the orbits.
     pub fn map(&self) -> &Map {
         &self.map
@@ -189,7 +182,8 @@ impl Endings {
         self.held(order) == Some(true)
     }
 
-    /// The computed value of [`Endings::holds`], if any; false for orders without chaos detection.
+    /// Whether irregular flights in gear of an order stay there, if computed; false for orders without
+    /// chaos detection.
     fn held(&self, order: u32) -> Option<bool> {
         match order.checked_sub(1).and_then(|n| self.held.get(n as usize)) {
             Some(held) => held.get().copied(),

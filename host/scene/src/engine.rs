@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use kband::regime::gear::StrikeCount;
-use kband_control::{ChaosResult, Controller, Events, GearPlanned, KickResult, Load, State};
+use kband_control::{Controller, Events, GearPlanned, KickResult, Load, State};
 use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Moment, Sample, Scene, Strike};
 
 use crate::refusal::Refusal;
@@ -267,14 +267,12 @@ const MAX_CACHED_PLANS: usize = 256;
 /// run.
 pub(crate) struct Plans {
     kicks: Vec<KickResult>,
-    chaos: Vec<ChaosResult>,
     gear: Vec<GearPlanned>,
     strikes: VecDeque<StrikeCount>,
 }
 
 static PLANS: Mutex<Plans> = Mutex::new(Plans {
     kicks: Vec::new(),
-    chaos: Vec::new(),
     gear: Vec::new(),
     strikes: VecDeque::new(),
 });
@@ -287,10 +285,7 @@ impl Plans {
     /// Spares a controller the searches that another one has done.
     #[inline]
     pub(crate) fn share(controller: &mut Controller) {
-        if controller.kicks_search().is_some()
-            || controller.chaos_search().is_some()
-            || controller.gear_search().is_some()
-        {
+        if controller.kicks_search().is_some() || controller.gear_search().is_some() {
             Self::spare(controller);
         }
         if controller.strikes_search().is_some() {
@@ -331,11 +326,6 @@ impl Plans {
         {
             controller.supply_kicks(known.clone());
         }
-        if let Some(requested) = controller.chaos_search()
-            && let Some(known) = plans.chaos.iter().find(|found| found.lot == requested)
-        {
-            controller.supply_chaos(*known);
-        }
         if let Some(requested) = controller.gear_search()
             && let Some(known) = plans.gear.iter().find(|plan| plan.settings == *requested)
         {
@@ -344,9 +334,8 @@ impl Plans {
     }
 
     fn keep(controller: &Controller) {
-        let (planned, found) = (controller.planned(), controller.chaos_found());
-        let geared = controller.gear_planned();
-        if planned.is_none() && found.is_none() && geared.is_none() {
+        let (planned, geared) = (controller.planned(), controller.gear_planned());
+        if planned.is_none() && geared.is_none() {
             return;
         }
         let plans = &mut *Self::all();
@@ -356,7 +345,6 @@ impl Plans {
         remember(&mut plans.kicks, planned, |plan, new| {
             plan.settings == new.settings
         });
-        remember(&mut plans.chaos, found, |plan, new| plan.lot == new.lot);
     }
 }
 

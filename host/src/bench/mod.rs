@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use baseline::{Bracket, Textbook};
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Hybrid, Integer, Kernel, Map, Single};
+use kband::impact::{Integer, Kernel, Map, Single};
 use workload::Launch;
 
 /// Relative flight difference (in rad, over 1 + flight) above which a flight is another root. The
@@ -43,7 +43,6 @@ pub fn contestants(launches: &[Launch]) -> Vec<Box<dyn Contestant>> {
             blocks: vec![Block::new(); launches.len().div_ceil(LANES)],
             lanes: Kernels::new(launches),
         }),
-        Box::new(Kernels::<Hybrid>::new(launches)),
         Box::new(Kernels::<Single>::new(launches)),
         Box::new(Kernels::<Integer>::new(launches)),
     ]

@@ -25,10 +25,6 @@ pub struct Address {
     /// File that keeps the settings of --on qemu from run to run; made where there is none.
     #[arg(long, value_name = "FILE", global = true)]
     pub flash_image: Option<PathBuf>,
-
-    /// File that an emulated board writes its log into.
-    #[arg(skip)]
-    pub log: Option<PathBuf>,
 }
 
 impl Address {
@@ -38,7 +34,6 @@ impl Address {
             on: Some(on.into()),
             image: image.map(Path::to_path_buf),
             flash_image: None,
-            log: None,
         }
     }
 
@@ -77,7 +72,7 @@ impl Address {
             if let Some(flash) = &self.flash_image {
                 prepare(flash)?;
             }
-            let files = [&self.image, &self.flash_image, &self.log].map(Option::as_deref);
+            let files = [&self.image, &self.flash_image].map(Option::as_deref);
             return Link::emulate(files, emulated, Box::new(|| Ok(())));
         }
         self.refuse_emulated_options()?;

@@ -3,7 +3,7 @@
 use kband_control::wire::{Request, Response, fold_output, write_reading};
 use kband_control::{Report, SAMPLE_RATE, Settings, Signal, StartCause};
 use kband_link::{Link, tell};
-use kband_plant::{Bench, Moment, Plant, Scene};
+use kband_plant::{Bench, Moment, Scene};
 
 use crate::refusal::Refusal;
 
@@ -69,13 +69,7 @@ impl BoardLoop {
         }
         let report = self.end(&run)?;
         self.signal.command(report.command);
-        Ok(Moment {
-            time: self.bench.time(),
-            report,
-            strikes: self.bench.plant().strikes().len() as u32,
-            displacement: self.bench.plant().displacement(),
-            load: self.bench.plant().load(),
-        })
+        Ok(self.bench.moment(report))
     }
 
     /// The board starts anew after a brown-out.
@@ -143,7 +137,7 @@ impl BoardLoop {
     }
 
     /// The plant.
-    pub fn plant(&self) -> &Plant {
-        self.bench.plant()
+    pub fn plant(&self) -> &Bench {
+        &self.bench
     }
 }

@@ -7,15 +7,11 @@ mod model;
 #[cfg(feature = "flash")]
 mod reach;
 #[cfg(feature = "flash")]
-mod ring;
-#[cfg(feature = "flash")]
 mod write;
 
 #[cfg(test)]
 pub(crate) use image::tests::slot_elf;
 pub use image::{Image, Piece};
 pub use model::{CHIPS, Chip, Controller, OptionBytes, STM32F405RG, STM32G474RE, Sector};
-#[cfg(feature = "flash")]
-pub use ring::follow;
 #[cfg(feature = "flash")]
 pub use write::write;

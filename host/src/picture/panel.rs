@@ -7,8 +7,6 @@ mod map;
 mod style;
 mod words;
 
-use std::sync::Arc;
-
 use axes::Pixels;
 use item::Item;
 use legend::Key;
@@ -117,9 +115,8 @@ impl Panel {
 
     /// A density of points in evenly spaced columns, the first and last at the ends of the axis.
     ///
-    /// All columns have the same width, so no stripes appear. Each column lists heights and their
-    /// numbers of points.
-    pub fn columns(mut self, name: &str, columns: Vec<Arc<[(f32, u32)]>>) -> Self {
+    /// All columns have the same width, so no stripes appear. Each column lists heights.
+    pub fn columns(mut self, name: &str, columns: Vec<Vec<f32>>) -> Self {
         self.key(Key::Ink, name);
         self.items.push(Item::Columns(columns));
         self

@@ -1,11 +1,10 @@
-//! Shapes as a PDF of one page; text stays text, searchable and sharp at any size.
+//! Shapes as a PDF of one page; text is drawn as outlines.
 
-use std::collections::BTreeMap;
-
+use ab_glyph::{OutlineCurve, Point, point};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
-use pdf_writer::types::{CidFontType, FontFlags, LineJoinStyle, SystemInfo, UnicodeCmap};
-use pdf_writer::{Content, Filter, Finish, Name, Pdf, Ref, Str, TextStr};
+use pdf_writer::types::LineJoinStyle;
+use pdf_writer::{Content, Filter, Finish, Name, Pdf, Ref, TextStr};
 
 use super::shape::{Anchor, Path, Raster, Shape, Text};
 use super::theme::Colour;
@@ -16,17 +15,8 @@ const PAGES: Ref = Ref::new(2);
 const PAGE: Ref = Ref::new(3);
 const CONTENT: Ref = Ref::new(4);
 const INFO: Ref = Ref::new(5);
-/// First object of the faces, five objects each.
-const FACES: i32 = 6;
 /// First object of the opacities, followed by images with their masks.
-const REST: i32 = FACES + 10;
-
-/// Glyphs are identified by their numbers in the font.
-const IDENTITY: SystemInfo<'static> = SystemInfo {
-    registry: Str(b"Adobe"),
-    ordering: Str(b"Identity"),
-    supplement: 0,
-};
+const REST: i32 = 6;
 
 /// The PDF of shapes on a sheet of this size.
 pub(super) fn document(
@@ -76,11 +66,6 @@ pub(super) fn document(
         .contents(CONTENT)
         .media_box(pdf_writer::Rect::new(0.0, 0.0, width, height));
     let mut resources = page.resources();
-    let mut faces = resources.fonts();
-    for bold in [false, true] {
-        faces.pair(face_name(bold), face(bold));
-    }
-    faces.finish();
     let mut opacities = resources.ext_g_states();
     for (name, state, _) in &states {
         opacities.pair(Name(name.as_bytes()), state);
@@ -102,20 +87,9 @@ pub(super) fn document(
     for (n, raster) in sheet.images.iter().enumerate() {
         embed_image(&mut pdf, image(n).1, raster);
     }
-    for bold in [false, true] {
-        embed_face(&mut pdf, bold);
-    }
     pdf.stream(CONTENT, &deflated(&sheet.content.finish()))
         .filter(Filter::FlateDecode);
     pdf.finish()
-}
-
-fn face(bold: bool) -> Ref {
-    Ref::new(FACES + 5 * i32::from(bold))
-}
-
-fn face_name(bold: bool) -> Name<'static> {
-    Name(if bold { b"Bold" } else { b"Regular" })
 }
 
 struct Sheet<'a> {
@@ -204,25 +178,42 @@ impl<'a> Sheet<'a> {
             Anchor::End => width,
         };
         let (x, y) = text.at;
-        // The sheet is upside down: letters are turned upright.
         let place = if text.upright {
-            [0.0, -1.0, -1.0, 0.0, x as f32, (y + shift) as f32]
+            [0.0, -1.0, 1.0, 0.0, x as f32, (y + shift) as f32]
         } else {
-            [1.0, 0.0, 0.0, -1.0, (x - shift) as f32, y as f32]
+            [1.0, 0.0, 0.0, 1.0, (x - shift) as f32, y as f32]
         };
-        let glyphs: Vec<u8> = font::numbers(&text.words, text.bold)
-            .flat_map(|(_, glyph, _)| glyph.to_be_bytes())
-            .collect();
         self.content.save_state();
         self.opacity(text.colour.opacity);
         let [red, green, blue] = parts(text.colour);
         self.content.set_fill_rgb(red, green, blue);
-        self.content.begin_text();
-        self.content
-            .set_font(face_name(text.bold), text.size as f32);
-        self.content.set_text_matrix(place);
-        self.content.show(Str(&glyphs));
-        self.content.end_text();
+        self.content.transform(place);
+        let (content, mut end) = (&mut self.content, None);
+        font::outline(&text.words, text.size, text.bold, |curve| {
+            let (OutlineCurve::Line(start, _)
+            | OutlineCurve::Quad(start, ..)
+            | OutlineCurve::Cubic(start, ..)) = curve;
+            if end != Some(start) {
+                content.move_to(start.x, start.y);
+            }
+            // A PDF has no quadratic curves: each is a cubic one.
+            let (first, second, last) = match curve {
+                OutlineCurve::Line(a, b) => (a, b, b),
+                OutlineCurve::Quad(a, b, c) => {
+                    let towards = |from: Point| {
+                        point(
+                            from.x + (b.x - from.x) * 2.0 / 3.0,
+                            from.y + (b.y - from.y) * 2.0 / 3.0,
+                        )
+                    };
+                    (towards(a), towards(c), c)
+                }
+                OutlineCurve::Cubic(_, b, c, d) => (b, c, d),
+            };
+            content.cubic_to(first.x, first.y, second.x, second.y, last.x, last.y);
+            end = Some(last);
+        });
+        self.content.fill_nonzero();
         self.content.restore_state();
     }
 }
@@ -267,61 +258,6 @@ fn embed_image(pdf: &mut Pdf, object: Ref, raster: &Raster) {
     image.filter(Filter::FlateDecode);
     image.width(width).height(height).bits_per_component(8);
     image.color_space().device_gray();
-}
-
-/// Embeds the whole bundled font: it is small and contains only the signs of kband's pictures.
-fn embed_face(pdf: &mut Pdf, bold: bool) {
-    let [composite, face, descriptor, file, unicode] =
-        std::array::from_fn(|n| Ref::new(self::face(bold).get() + n as i32));
-    let name = Name(if bold {
-        b"KbandSans-Bold"
-    } else {
-        b"KbandSans"
-    });
-    pdf.type0_font(composite)
-        .base_font(name)
-        .encoding_predefined(Name(b"Identity-H"))
-        .descendant_font(face)
-        .to_unicode(unicode);
-    let letters: BTreeMap<u16, (char, f32)> = font::all(bold)
-        .map(|(letter, glyph, advance)| (glyph, (letter, 1000.0 * advance as f32)))
-        .collect();
-    let mut cid = pdf.cid_font(face);
-    cid.subtype(CidFontType::Type2)
-        .base_font(name)
-        .system_info(IDENTITY)
-        .font_descriptor(descriptor)
-        .default_width(600.0)
-        .cid_to_gid_map_predefined(Name(b"Identity"));
-    let mut widths = cid.widths();
-    for (glyph, (_, width)) in &letters {
-        widths.consecutive(*glyph, [*width]);
-    }
-    widths.finish();
-    cid.finish();
-    let measures = font::measures(bold);
-    let thousandth = |length: f64| (1000.0 * length).round() as f32;
-    let [left, lower, right, upper] = measures.bounds.map(thousandth);
-    pdf.font_descriptor(descriptor)
-        .name(name)
-        .flags(FontFlags::SYMBOLIC)
-        .bbox(pdf_writer::Rect::new(left, lower, right, upper))
-        .italic_angle(0.0)
-        .ascent(thousandth(measures.ascent))
-        .descent(thousandth(measures.descent))
-        .cap_height(thousandth(measures.capital))
-        .stem_v(thousandth(measures.stem))
-        .font_file2(file);
-    let bytes = font::file(bold);
-    pdf.stream(file, &deflated(bytes))
-        .filter(Filter::FlateDecode)
-        .pair(Name(b"Length1"), bytes.len() as i32);
-    let mut map = UnicodeCmap::new(Name(b"Letters"), IDENTITY);
-    for (glyph, (letter, _)) in &letters {
-        map.pair(*glyph, *letter);
-    }
-    pdf.stream(unicode, &deflated(&map.finish()))
-        .filter(Filter::FlateDecode);
 }
 
 fn deflated(bytes: &[u8]) -> Vec<u8> {

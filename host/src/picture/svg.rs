@@ -2,6 +2,9 @@
 
 use std::fmt::Write;
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
 use super::shape::{Anchor, Rect, Shape, Text};
 use super::theme::Colour;
 use super::{Look, bitmap};
@@ -116,7 +119,7 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
                 short(place.top),
                 short(place.width),
                 short(place.height),
-                base64(&bitmap::indexed_png(&large)),
+                STANDARD.encode(bitmap::indexed_png(&large)),
             )
         }
     }
@@ -169,42 +172,9 @@ fn escape(text: &str) -> String {
         .replace('>', "&gt;")
 }
 
-fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for chunk in bytes.chunks(3) {
-        let word = chunk.iter().enumerate().fold(0_u32, |word, (n, byte)| {
-            word | u32::from(*byte) << (16 - 8 * n)
-        });
-        for n in 0..4 {
-            text.push(if n <= chunk.len() {
-                char::from(LETTERS[(word >> (18 - 6 * n)) as usize & 63])
-            } else {
-                '='
-            });
-        }
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn base64_of_the_vectors_of_rfc_4648() {
-        for (plain, coded) in [
-            ("", ""),
-            ("f", "Zg=="),
-            ("fo", "Zm8="),
-            ("foo", "Zm9v"),
-            ("foob", "Zm9vYg=="),
-            ("fooba", "Zm9vYmE="),
-            ("foobar", "Zm9vYmFy"),
-        ] {
-            assert_eq!(base64(plain.as_bytes()), coded);
-        }
-    }
 
     #[test]
     fn coordinates_are_short() {

@@ -51,31 +51,6 @@ fn of_field(field: &Field) -> Value {
     })
 }
 
-/// The numeric keys of a scene, with their sections, for `--sweep`.
-pub fn keys() -> Vec<String> {
-    let schema = schema();
-    let number = |value: &Value| {
-        let kind = value["type"].as_str();
-        matches!(kind, Some("number" | "integer"))
-            || value.get("oneOf").is_some()
-            || value.get("anyOf").is_some()
-    };
-    let mut keys = Vec::new();
-    for (name, value) in schema["properties"].as_object().into_iter().flatten() {
-        if number(value) {
-            keys.push(name.clone());
-        }
-        // The expectations of a scene change nothing in it.
-        let inner = value["properties"].as_object().filter(|_| name != "expect");
-        let inner = inner
-            .into_iter()
-            .flatten()
-            .filter(|(_, value)| number(value));
-        keys.extend(inner.map(|(key, _)| format!("{name}.{key}")));
-    }
-    keys
-}
-
 /// The properties that a name of the template stands for.
 fn properties(name: &str) -> Map<String, Value> {
     let of_settings = |names: &[&'static str]| -> Map<String, Value> {

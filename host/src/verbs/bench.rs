@@ -150,7 +150,7 @@ fn picture(lines: &[Line]) -> Picture {
         ("desk", &["f64", "batch"]),
         (
             "microcontrollers' arithmetic, run at the desk",
-            &["hybrid", "f32", "integer"],
+            &["f32", "integer"],
         ),
     ];
     let place = |line: &Line| (line.time.median, line.errors.median.max(FOOT));
@@ -214,7 +214,7 @@ mod tests {
             errors: Errors::of(&[]),
         };
         assert_eq!(doubt(&[line("f64", 4.9)]), None);
-        let warning = doubt(&[line("f64", 4.9), line("hybrid", 6.0)]).unwrap();
-        assert!(warning.contains("12 % of the median for hybrid on low"));
+        let warning = doubt(&[line("f64", 4.9), line("f32", 6.0)]).unwrap();
+        assert!(warning.contains("12 % of the median for f32 on low"));
     }
 }

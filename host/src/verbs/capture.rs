@@ -15,7 +15,7 @@ use page::report;
 use std::task::Poll;
 
 use kband::feeder::Restitution;
-use kband::impact::{ContactTime, Hybrid};
+use kband::impact::ContactTime;
 use kband::regime::band::Band;
 use kband::regime::band::BandError;
 use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner};
@@ -182,7 +182,7 @@ impl<'a> Task<'a> {
     }
 
     fn plan(&self, desk: &Desk) -> Result<Plan, Refusal> {
-        let mut planner = Planner::<Hybrid>::new(PlanSettings {
+        let mut planner = Planner::new(PlanSettings {
             lot: self.lot,
             drive: self.drive,
             time_constant: self.arguments.time_constant,

@@ -1,13 +1,11 @@
 //! `kband diagram`: the bifurcation diagram.
 
 mod branch;
-mod column;
 mod over;
 mod page;
 mod regimes;
 
-use branch::{Flown, bands};
-use column::Keep;
+use branch::{bands, follow};
 use page::Diagram;
 
 use std::sync::Arc;
@@ -126,25 +124,13 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let (over, range) = over::chosen(arguments)?;
     let values: Vec<f64> = range.values().collect();
     let tracks: Vec<(f64, f64)> = values.iter().map(|x| over.at(*x)).collect();
-    let keep = if output.lists() {
-        Keep::States
-    } else if output.draws() {
-        Keep::Heights
-    } else {
-        Keep::Count
-    };
-    let flown = Flown {
-        arguments,
-        tracks: &tracks,
-        keep,
-    };
     let mut starts = arguments.starts.clone();
     starts.dedup();
     let diagram = Arc::new(Diagram {
         over,
         range,
         velocity: arguments.show == Show::Velocity,
-        branches: flown.follow(&starts, desk)?,
+        branches: follow(arguments, &tracks, &starts, desk)?,
         bands: bands(over, &values),
         values,
     });

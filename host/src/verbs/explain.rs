@@ -1,25 +1,18 @@
-//! `kband explain`: the manual's text on a word, with its formula and an example in mm.
+//! `kband explain`: the manual's text on a word.
 
 mod manual;
-mod number;
 mod plain;
 
-use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
-use kband::feeder::Restitution;
-
-use crate::arguments::{self, DriveArguments};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::{self, columns};
 use manual::Word;
-use number::Example;
 
-/// Print what the manual says on a word, a state, an event, a fault or a limit, with its formula
-/// and a number in mm.
+/// Print what the manual says on a word, a state, an event, a fault or a limit.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband explain k
-  kband explain flip --restitution 0.4 --frequency 100
+  kband explain flip
   kband explain in gear
   kband explain capturing
   kband explain fault 4
@@ -27,15 +20,8 @@ use number::Example;
 Every word of the glossary, every symbol, and whatever kband prints as a state, event, regime, fault or limit.")]
 pub struct Arguments {
     /// The word or words; `fault N` and `limit N` by their numbers. Without any, the list of them.
-    #[arg(value_name = "WORD", value_parser = Topics)]
+    #[arg(value_name = "WORD")]
     words: Vec<String>,
-
-    /// Restitution of the part that the number is of, or LO..HI of the lot.
-    #[arg(long, value_name = "R|LO..HI", default_value = "0.2", value_parser = arguments::restitution)]
-    restitution: Restitution,
-
-    #[command(flatten)]
-    drive: DriveArguments,
 }
 
 /// A word that the manual explains in a paragraph or more.
@@ -81,41 +67,13 @@ topics! {
     "limit" "What holds the drive back; limit N for one." ["limits"] "faults.md" ["## Limit "];
 }
 
-/// Takes any word, and completes the topics.
-#[derive(Clone, Debug)]
-struct Topics;
-
-impl TypedValueParser for Topics {
-    type Value = String;
-
-    fn parse_ref(
-        &self,
-        command: &clap::Command,
-        argument: Option<&clap::Arg>,
-        value: &std::ffi::OsStr,
-    ) -> Result<String, clap::Error> {
-        StringValueParser::new().parse_ref(command, argument, value)
-    }
-
-    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        let single = TOPICS.iter().filter(|topic| !topic.name.contains(' '));
-        Some(Box::new(single.map(|topic| {
-            PossibleValue::new(topic.name).help(topic.help)
-        })))
-    }
-}
-
 /// Prints the explanation of the word.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     if arguments.words.is_empty() {
         report::print(&topics())?;
         return Ok(Exit::Done);
     }
-    let example = Example {
-        track: arguments.drive.track()?,
-        lot: arguments.restitution,
-    };
-    let explained = text(&arguments.words, &example)?;
+    let explained = text(&arguments.words)?;
     report::print(&plain::plain(&explained))?;
     Ok(Exit::Done)
 }
@@ -131,7 +89,7 @@ fn topics() -> String {
 }
 
 /// The manual's text on these words, as Markdown.
-fn text(words: &[String], example: &Example) -> Result<String, Refusal> {
+fn text(words: &[String]) -> Result<String, Refusal> {
     if let [kind, number] = words
         && let Ok(number) = number.parse::<u32>()
     {
@@ -141,28 +99,18 @@ fn text(words: &[String], example: &Example) -> Result<String, Refusal> {
     let name = query.trim().to_lowercase().replace('_', " ");
     // An option has hyphens: --second-tone.
     let spoken = name.trim_start_matches('-').replace('-', " ");
-    explained(query.trim(), &name, example)
-        .or_else(|| explained(&spoken, &spoken, example))
+    explained(query.trim(), &name)
+        .or_else(|| explained(&spoken, &spoken))
         .ok_or_else(|| unknown(query.trim(), &name))
 }
 
 /// The explanation of one word, as typed and in lower case; `None` without one.
-fn explained(query: &str, name: &str, example: &Example) -> Option<String> {
-    let mut parts: Vec<String> = Vec::new();
+fn explained(query: &str, name: &str) -> Option<String> {
     let topic = TOPICS
         .iter()
         .find(|topic| topic.name == name || topic.others.contains(&name));
     let rows = glossary(query, name);
-    for word in &rows {
-        parts.push(entry(word));
-        let term = word.term.split(", ").next();
-        parts.extend(term.and_then(|term| example.of(term)));
-    }
-    if rows.is_empty()
-        && let Some(topic) = topic
-    {
-        parts.extend(example.of(topic.name));
-    }
+    let mut parts: Vec<String> = rows.iter().map(entry).collect();
     parts.extend(manual::state(name));
     parts.extend(manual::event(name));
     parts.extend(manual::fault_or_limit(name));
@@ -282,16 +230,8 @@ mod tests {
     use super::*;
 
     fn explanation(words: &str) -> Result<String, Refusal> {
-        let example = Example {
-            track: DriveArguments {
-                frequency: 50.0,
-                incline: 3.0,
-            }
-            .track()?,
-            lot: Restitution::interval(0.18, 0.22)?,
-        };
         let words: Vec<String> = words.split(' ').map(Into::into).collect();
-        text(&words, &example).map(|text| plain::plain(&text))
+        text(&words).map(|text| plain::plain(&text))
     }
 
     #[test]
@@ -398,32 +338,5 @@ mod tests {
         {
             assert!(explanation(name).is_ok(), "{name}");
         }
-    }
-
-    #[test]
-    fn a_word_comes_with_its_formula_and_a_number_in_mm() {
-        // b = g cos(3 degrees)/(k w^2) = 9.80665 x 0.998630/(0.431391 x 98696.04) = 0.230013 mm.
-        let explanation = |word: &str| explanation(word).unwrap().replace('\n', " ");
-        let k = explanation("k");
-        assert!(k.contains("k = g cos(alpha)/(b w^2)"), "{k}");
-        assert!(
-            k.contains("At 50 Hz, 3 degrees, R = 0.18..0.22: k = 0.4314 is b = 0.2300 mm"),
-            "{k}"
-        );
-        for word in [
-            "b",
-            "throw number",
-            "lift-off",
-            "band",
-            "lock",
-            "setpoint",
-            "margin",
-            "flip",
-            "cascade",
-            "lot",
-        ] {
-            assert!(explanation(word).contains(" mm"), "{word}");
-        }
-        assert!(explanation("V").contains(" mm/s in lock"));
     }
 }

@@ -29,11 +29,6 @@ macro_rules! idle {
 }
 
 idle! {
-    ["transport"], |given| given.is("show", "return"), "with --show return",
-        ["restitution", "tangential-restitution", "phase-lead", "starts", "impacts", "settle", "part-length"],
-        "it is the map of dead parts, in closed form";
-    ["transport"], |given| given.is("show", "intervals"), "with --show intervals",
-        ["part-length"], "it computes times between impacts, no speed";
     ["transport"], |given| given.has("friction"), "with --friction",
         ["starts", "part-length"], "each speed is that of a part from rest";
     ["bands"], |given| given.has("second_tone") || given.has("third_tone"), "with --second-tone",
@@ -119,7 +114,7 @@ pub fn check(verb: &str, matches: &ArgMatches) -> Result<(), Refusal> {
         return refuse(
             option,
             "without a picture",
-            "give --out FILE.svg, FILE.png or FILE.pdf",
+            "give --out FILE.svg or FILE.png",
         );
     }
     let scatter = matches.try_get_one::<f64>("scatter").ok().flatten();
@@ -150,7 +145,7 @@ mod tests {
     fn options_that_do_something_are_taken() {
         for line in [
             "cascade --theme dark --out a.svg",
-            "cascade --width column --font-size 7 --out a.pdf",
+            "cascade --width column --font-size 7 --out a.png",
             "diagram --scatter 0.05 --seed 3",
             "diagram --b 0.1..0.2 --frequency 60",
             "gear --seed 3",

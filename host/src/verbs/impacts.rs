@@ -10,9 +10,7 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{
-    Hybrid, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
-};
+use kband::impact::{Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap};
 
 use crate::arguments::{self, AmplitudeArguments, Drawn, Output, ScatterArguments};
 use crate::desk::{Desk, Progress};
@@ -97,9 +95,7 @@ pub struct Arguments {
 pub enum Arithmetic {
     /// f64, the desk's default.
     F64,
-    /// Phase and velocity in fixed point, residual in i64, correction in f32: the board's default.
-    Hybrid,
-    /// Phase in u32, velocity in f32.
+    /// Phase in u32, velocity in f32: the board's.
     F32,
     /// Fixed point alone; slow.
     Integer,
@@ -139,7 +135,6 @@ struct Task<'a> {
 fn on_one_tone(task: &Task) -> Result<States, Refusal> {
     match task.arguments.arithmetic {
         Arithmetic::F64 => task.fly(Map::build, one_by_one),
-        Arithmetic::Hybrid => task.fly(Hybrid::build, one_by_one),
         Arithmetic::F32 => task.fly(Single::build, one_by_one),
         Arithmetic::Integer => task.fly(Integer::build, one_by_one),
         Arithmetic::Batch => {
@@ -157,7 +152,7 @@ fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States, Refusal> {
     match arithmetic {
         Arithmetic::F64 => task.fly(of::<WaveMap>(tones), one_by_one),
         Arithmetic::F32 => task.fly(of::<Single>(tones), one_by_one),
-        Arithmetic::Hybrid | Arithmetic::Integer | Arithmetic::Batch => Err(Refusal::value(
+        Arithmetic::Integer | Arithmetic::Batch => Err(Refusal::value(
             "--arithmetic",
             arithmetic
                 .to_possible_value()

@@ -11,7 +11,6 @@ mod bench;
 mod capture;
 mod cascade;
 mod commission;
-mod completions;
 mod design;
 mod diagram;
 mod disable;
@@ -23,7 +22,6 @@ mod gear;
 mod identify;
 mod idle;
 pub mod impacts;
-mod live;
 mod lock;
 mod man;
 mod margins;
@@ -78,7 +76,6 @@ verbs! {
     Capture => capture,
     Cascade => cascade,
     Commission => commission,
-    Completions => completions,
     Design => design,
     Diagram => diagram,
     Disable => disable,
@@ -89,7 +86,6 @@ verbs! {
     Gear => gear,
     Identify => identify,
     Impacts => impacts,
-    Live => live,
     Lock => lock,
     Man => man,
     Margins => margins,
@@ -151,7 +147,7 @@ fn version() -> &'static str {
     &WORDS
 }
 
-/// The command line as clap sees it, for completions and the manual.
+/// The command line as clap sees it, also for the manual pages.
 pub fn command() -> clap::Command {
     // A phase or an incline may be negative, in every verb.
     CommandLine::command().mut_subcommands(|verb| verb.allow_negative_numbers(true))

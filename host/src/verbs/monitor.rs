@@ -1,8 +1,6 @@
 //! `kband monitor`: telemetry and event log of a board, recorded and replayed.
 
 mod rows;
-#[cfg_attr(not(feature = "log"), path = "monitor/no_watch.rs")]
-mod watch;
 
 use std::fs::File;
 use std::io::BufReader;
@@ -19,7 +17,6 @@ use crate::refusal::{Exit, Refusal};
 use crate::report::Format;
 use rows::Rows;
 pub(super) use rows::{Row, columns};
-use watch::Watch;
 
 /// Time between two looks into the event log; the board takes them for a sign of life too.
 const LOG_POLL_INTERVAL: Duration = Duration::from_millis(200);
@@ -33,10 +30,7 @@ const LOG_POLL_INTERVAL: Duration = Duration::from_millis(200);
   kband monitor
   kband monitor --on /dev/ttyACM0 --every 1 --record shift.kband
   kband monitor --replay shift.kband --format csv
-  kband monitor --on qemu --duration 5
-  kband monitor --elf my-feeder --probe
-  kband monitor --on /dev/ttyACM0 --elf my-feeder --probe 0483:3748
-  kband monitor --elf my-feeder --log shift.defmt")]
+  kband monitor --on qemu --duration 5")]
 pub struct Arguments {
     #[command(flatten)]
     address: Address,
@@ -61,25 +55,6 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["on", "image", "flash_image", "every", "duration", "rows"])]
     replay: Option<PathBuf>,
 
-    /// Print the board's log as well: the image that runs there, which has the words. A board's log
-    /// comes through --probe.
-    #[arg(long, value_name = "IMAGE")]
-    elf: Option<PathBuf>,
-
-    /// Read the log through a debug probe, which one where several are there; the board runs on.
-    /// Without --on the log alone.
-    #[arg(long, value_name = "VID:PID[:SERIAL]", num_args = 0..=1, requires = "elf", conflicts_with_all = ["replay", "log"])]
-    probe: Option<Option<String>>,
-
-    /// Record the log as well, its bytes as the board writes them, to be printed with --log; a file
-    /// that is there already is refused.
-    #[arg(long, value_name = "FILE", requires = "elf", conflicts_with_all = ["replay", "log"])]
-    record_log: Option<PathBuf>,
-
-    /// Print a recorded log instead of a board; needs --elf.
-    #[arg(long, value_name = "FILE", requires = "elf", conflicts_with_all = ["on", "image", "flash_image", "every", "duration", "rows", "record", "replay"])]
-    log: Option<PathBuf>,
-
     /// Form of the rows; json is an object a line.
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
@@ -88,13 +63,9 @@ pub struct Arguments {
 /// Prints until the user stops it.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut rows = Rows::new(arguments.format);
-    match (&arguments.replay, &arguments.log, &arguments.elf) {
-        (Some(path), ..) => again(path, &mut rows, desk)?,
-        (None, Some(log), Some(elf)) => recorded(elf, log, &mut rows)?,
-        (None, None, Some(elf)) if arguments.probe.is_some() && arguments.address.on.is_none() => {
-            through_the_probe(arguments, elf, &mut rows, desk)?;
-        }
-        _ => now(arguments, &mut rows, desk)?,
+    match &arguments.replay {
+        Some(path) => again(path, &mut rows, desk)?,
+        None => now(arguments, &mut rows, desk)?,
     }
     Ok(Exit::Done)
 }
@@ -111,56 +82,6 @@ fn again(path: &Path, rows: &mut Rows, desk: &Desk) -> Result<(), Refusal> {
             "{} frames could not be read, {} bytes at the end are no whole frame",
             remains.unreadable, remains.cut
         );
-    }
-    Ok(())
-}
-
-/// Prints a recorded log.
-fn recorded(elf: &Path, log: &Path, rows: &mut Rows) -> Result<(), Refusal> {
-    let mut watch = Watch::recorded(elf, log)?;
-    rows.log(&mut watch)?;
-    rows.close();
-    unreadable(&watch);
-    Ok(())
-}
-
-/// Prints the log that a probe reads, without a link to the board.
-fn through_the_probe(
-    arguments: &Arguments,
-    elf: &Path,
-    rows: &mut Rows,
-    desk: &Desk,
-) -> Result<(), Refusal> {
-    for (option, given) in [
-        ("--record", arguments.record.is_some()),
-        ("--rows", arguments.rows.is_some()),
-        ("--image", arguments.address.image.is_some()),
-        ("--flash-image", arguments.address.flash_image.is_some()),
-    ] {
-        if given {
-            return Err(Refusal::new(
-                format!("{option} is of telemetry, which a probe does not read"),
-                "name the board's serial port as well: --on /dev/PORT",
-            ));
-        }
-    }
-    let wanted = arguments.probe.iter().flatten().next();
-    check(arguments.record_log.as_deref())?;
-    let mut watch = Watch::probed(elf, wanted.map(String::as_str), desk)?;
-    record_log(&mut watch, arguments)?;
-    let begun = Instant::now();
-    let limit = arguments.duration.map(Duration::from_secs_f64);
-    let mut going = true;
-    while going && desk.go_on().is_ok() {
-        going = rows.log(&mut watch)? && limit.is_none_or(|limit| begun.elapsed() < limit);
-        if going {
-            std::thread::sleep(LOG_POLL_INTERVAL);
-        }
-    }
-    rows.close();
-    unreadable(&watch);
-    if let Some(path) = &arguments.record_log {
-        eprintln!("recorded to {}", path.display());
     }
     Ok(())
 }
@@ -183,54 +104,13 @@ fn made(path: &Path) -> Result<File, Refusal> {
     made.map_err(|error| Refusal::file(path, &error, "check space and permissions of the folder"))
 }
 
-fn record_log(watch: &mut Watch, arguments: &Arguments) -> Result<(), Refusal> {
-    if let Some(path) = &arguments.record_log {
-        watch.record(made(path)?);
-    }
-    Ok(())
-}
-
-fn unreadable(watch: &Watch) {
-    if watch.unreadable() > 0 {
-        eprintln!("{} frames of the log could not be read", watch.unreadable());
-    }
-}
-
 /// Prints a board.
 fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusal> {
     let path = arguments.record.as_deref();
     check(path)?;
-    check(arguments.record_log.as_deref())?;
-    let mut address = arguments.address.clone();
-    let mut watch = match &arguments.elf {
-        None => None,
-        Some(_) if address.is_emulated() && arguments.probe.is_some() => {
-            return Err(Refusal::new(
-                "the emulated board has no probe",
-                "leave --probe out: its log comes without",
-            ));
-        }
-        Some(elf) if address.is_emulated() => {
-            let (watch, file) = Watch::emulated(elf)?;
-            address.log = Some(file);
-            Some(watch)
-        }
-        Some(elf) => match &arguments.probe {
-            Some(wanted) => Some(Watch::probed(elf, wanted.as_deref(), desk)?),
-            None => {
-                return Err(Refusal::new(
-                    "a board writes its log into memory that only a debug probe reads",
-                    "add --probe, or print a record of it: kband monitor --elf IMAGE --log FILE",
-                ));
-            }
-        },
-    };
-    let mut link = address.open(Emulated::Running)?;
+    let mut link = arguments.address.open(Emulated::Running)?;
     if let Some(path) = path {
         link.record(made(path)?)?;
-    }
-    if let Some(watch) = &mut watch {
-        record_log(watch, arguments)?;
     }
     let frequency = link.ask(&Request::Get("frequency"), |response| match response {
         Response::Setting(setting) => Some(Said::Setting(setting.key.into(), setting.value)),
@@ -264,18 +144,12 @@ fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusa
                 }
             };
         }
-        if let Some(watch) = &mut watch {
-            going &= rows.log(watch)?;
-        }
         going &=
             log(&mut link, rows)? && arguments.rows.is_none_or(|most| rows.cycles < most as u64);
     }
     link.tell(&Request::Telemetry(0))?;
     rows.close();
-    if let Some(watch) = &watch {
-        unreadable(watch);
-    }
-    for path in path.iter().chain(&arguments.record_log.as_deref()) {
+    if let Some(path) = path {
         eprintln!("recorded to {}", path.display());
     }
     if link.unreadable() > 0 {

@@ -112,12 +112,7 @@ const PICTURE: &str = "kband-simulate.svg";
 
 /// Whether a file with this beginning has the rows of a run, or of many.
 fn own_rows(begin: &str) -> bool {
-    if begin.starts_with(provenance::FIRST) {
-        return true;
-    }
-    let head = begin.lines().next().unwrap_or_default();
-    // The header of kband 0.1, which had no provenance.
-    head.starts_with("time (s),amplitude (mm),k,") || head.contains(",kicks,b (mm),k,")
+    begin.starts_with(provenance::FIRST)
 }
 
 /// Default file of the trace.

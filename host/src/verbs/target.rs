@@ -27,7 +27,7 @@ use crate::simulate::{describe, within_reach};
   kband target identify
 
 A board whose link falls silent goes to the smaller of its amplitude and safe_amplitude after link_timeout: kband \
-monitor or kband live keep the link up, a link_timeout of 0 needs none.")]
+monitor or kband status --live keep the link up, a link_timeout of 0 needs none.")]
 pub struct Arguments {
     /// What is wanted.
     #[arg(value_enum)]

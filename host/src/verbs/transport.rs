@@ -1,8 +1,6 @@
 //! `kband transport`: how fast parts travel.
 
-mod dead;
 mod friction;
-mod interval;
 mod speed;
 
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
@@ -23,8 +21,6 @@ pub use friction::Speed;
   kband transport --restitution 0.2 --out transport.svg
   kband transport --restitution 0.9 --k 0.03..0.1 --amplitude-ratio 2 --part-length 12
   kband transport --restitution 0.5 --b 0.1..0.3 --frequency 50 --incline 3 --format csv
-  kband transport --restitution 0.9 --k 0.05 --show intervals --out intervals.svg
-  kband transport --k 0.2 --show return --out return.svg
   kband transport --restitution 0.2 --friction 0.3 --throw 0.3..3.5 --incline 3 --out friction.svg
   kband transport --restitution 0.2 --friction 0.3 --throw 1.5 --over phase-lead
   kband transport --restitution 0.2 --friction 0.3 --second-tone 0.15,2.356 --incline 3
@@ -54,7 +50,7 @@ pub struct Arguments {
     throw: Option<Range>,
 
     /// Friction of parts on the track: one coefficient, or that of sliding and that of sticking.
-    #[arg(long, value_name = "MU[,MU_S]", value_parser = arguments::friction, conflicts_with_all = ["tangential_restitution", "show", "scatter"])]
+    #[arg(long, value_name = "MU[,MU_S]", value_parser = arguments::friction, conflicts_with_all = ["tangential_restitution", "scatter"])]
     friction: Option<(f64, f64)>,
 
     /// Second tone of the drive, with --friction: E of the first one's amplitude at the angle TH in
@@ -94,13 +90,9 @@ pub struct Arguments {
     #[arg(long, value_name = "MM", value_parser = arguments::within(1e-3, 1e4, "mm"))]
     part_length: Option<f64>,
 
-    /// What is computed.
-    #[arg(long, value_enum, default_value_t = Show::Speed)]
-    show: Show,
-
-    /// Starts for each k, besides rest and the locks [default: 12, with --show intervals 24].
-    #[arg(long, value_name = "N", value_parser = arguments::count(2, 10_000))]
-    starts: Option<usize>,
+    /// Starts for each k, besides rest and the locks.
+    #[arg(long, value_name = "N", default_value = "12", value_parser = arguments::count(2, 10_000))]
+    starts: usize,
 
     /// Impacts measured from each start.
     #[arg(long, value_name = "N", default_value = "3000", value_parser = arguments::count(100, 100_000_000))]
@@ -117,18 +109,7 @@ pub struct Arguments {
     shown: Shown,
 }
 
-/// What is computed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Show {
-    /// Speed over k or b, its closed forms and its sensitivity to the amplitude.
-    Speed,
-    /// Times between impacts at one k: histogram F(z), mean, autocorrelation.
-    Intervals,
-    /// First-return map of dead parts (R and Rt to 0) at one k.
-    Return,
-}
-
-/// Computes and prints the requested quantity.
+/// Computes and prints the speeds.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let output = arguments.shown.output()?;
     let (report, picture) = computed(arguments, desk)?;
@@ -167,19 +148,7 @@ fn computed(arguments: &Arguments, desk: &Desk) -> Result<Computed, Refusal> {
     if arguments.friction.is_some() {
         return friction::computed(feeder, arguments, desk);
     }
-    if arguments.scatter.scatter > 0.0 && arguments.show != Show::Speed {
-        return Err(Refusal::value(
-            "--scatter",
-            arguments.scatter.scatter,
-            "0 with --show intervals and --show return, whose formulas are those of one restitution",
-            "leave --show out: the speed is measured with scatter",
-        ));
-    }
-    match arguments.show {
-        Show::Speed => speed::computed(feeder, arguments, desk),
-        Show::Intervals => interval::computed(feeder, arguments, desk),
-        Show::Return => dead::computed(feeder, arguments, desk),
-    }
+    speed::computed(feeder, arguments, desk)
 }
 
 /// What is the same for every k.
@@ -231,27 +200,6 @@ impl Feeder {
     /// k at an amplitude in mm, within the range of the map.
     fn k_of(&self, amplitude: f64) -> Result<f64, Refusal> {
         arguments::k_of(&self.track, amplitude)
-    }
-
-    /// The one requested k.
-    fn single_k(&self, arguments: &Arguments) -> Result<f64, Refusal> {
-        let given = arguments.k.or(arguments.b);
-        match given {
-            Some(range) if range.count == 1 => match arguments.b {
-                Some(b) => self.k_of(b.low),
-                None => Ok(range.low),
-            },
-            Some(range) => Err(Refusal::value(
-                if arguments.b.is_some() { "--b" } else { "--k" },
-                range,
-                "one value with --show intervals and --show return",
-                "for example --k 0.05",
-            )),
-            None => Err(Refusal::new(
-                "--show intervals and --show return need --k or --b",
-                "give one value, for example --k 0.05",
-            )),
-        }
     }
 }
 

@@ -8,7 +8,7 @@
 //!
 //! ```
 //! use kband_bus::{Answer, Server, rtu};
-//! # use kband_bus::{Machine, Refused, Seen};
+//! # use kband_bus::{Exception, Machine, Seen};
 //! # use kband_control::{Settings, Target, wire::Record};
 //! # struct Desk;
 //! # impl Machine for Desk {
@@ -16,9 +16,9 @@
 //! #     fn settings(&self) -> Settings { Settings::default() }
 //! #     fn event(&self, _: u32) -> Option<Record> { None }
 //! #     fn command(&mut self, _: bool, _: bool) {}
-//! #     fn set_target(&mut self, _: Target) -> Result<(), Refused> { Ok(()) }
-//! #     fn set_settings(&mut self, _: &Settings) -> Result<(), Refused> { Ok(()) }
-//! #     fn save(&mut self) -> Result<(), Refused> { Ok(()) }
+//! #     fn set_target(&mut self, _: Target) -> Result<(), Exception> { Ok(()) }
+//! #     fn set_settings(&mut self, _: &Settings) -> Result<(), Exception> { Ok(()) }
+//! #     fn save(&mut self) -> Result<(), Exception> { Ok(()) }
 //! # }
 //! // Unit 17 reads the state, register 5.
 //! let request = [17, 3, 0, 5, 0, 1, 0x96, 0x9b];
@@ -40,11 +40,10 @@ mod protocol;
 pub mod registers;
 pub mod rtu;
 mod server;
-mod session;
 mod target;
 pub mod tcp;
 mod write;
 
-pub use machine::{Authority, Machine, Refused, SaveProgress, Seen};
+pub use machine::{Authority, Machine, SaveProgress, Seen};
 pub use protocol::{Answer, Counters, Exception, MAX_ADU_BYTES};
-pub use session::Server;
+pub use server::Server;

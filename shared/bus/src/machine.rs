@@ -3,6 +3,8 @@
 use kband_control::wire::{Record, Status, Telemetry};
 use kband_control::{Settings, State, Target};
 
+use crate::protocol::Exception;
+
 /// What the bus may do: the setting `bus`, where the bus is in control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
@@ -113,20 +115,10 @@ impl Seen<'_> {
     }
 }
 
-/// Reason for which a drive refused a command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refused {
-    /// A number is out of range, or there is no such thing.
-    Value,
-    /// The authority does not suffice, or something else is in control.
-    NotInControl,
-    /// The drive runs, or the memory is busy.
-    Busy,
-}
-
 /// A drive on the bus.
 ///
-/// The server has checked authority and addresses before it calls a command.
+/// The server has checked authority and addresses before it calls a command. An error is the answer
+/// of the bus: `Value`, `NotInControl` or `Busy`.
 pub trait Machine {
     /// What the drive shows now.
     fn seen(&self) -> Seen<'_>;
@@ -147,28 +139,28 @@ pub trait Machine {
     ///
     /// # Errors
     /// The drive refuses it and keeps the previous one.
-    fn set_target(&mut self, target: Target) -> Result<(), Refused>;
+    fn set_target(&mut self, target: Target) -> Result<(), Exception>;
 
     /// Sets other settings.
     ///
     /// # Errors
     /// The drive refuses them and keeps the previous ones.
-    fn set_settings(&mut self, settings: &Settings) -> Result<(), Refused>;
+    fn set_settings(&mut self, settings: &Settings) -> Result<(), Exception>;
 
     /// Requests that settings and target are saved; [`Seen::save`] shows the progress.
     ///
     /// # Errors
     /// The drive runs, or the previous save is not done.
-    fn save(&mut self) -> Result<(), Refused>;
+    fn save(&mut self) -> Result<(), Exception>;
 
     /// Selects a recipe.
     ///
     /// # Errors
     /// There is no such recipe. Without recipes only 0 is accepted.
-    fn select_recipe(&mut self, recipe: u16) -> Result<(), Refused> {
+    fn select_recipe(&mut self, recipe: u16) -> Result<(), Exception> {
         match recipe {
             0 => Ok(()),
-            _ => Err(Refused::Value),
+            _ => Err(Exception::Value),
         }
     }
 }

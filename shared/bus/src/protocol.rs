@@ -2,8 +2,6 @@
 
 use heapless::Vec;
 
-use crate::machine::Refused;
-
 /// Largest request or answer, bytes: unit, function and 252 bytes of data.
 pub const MAX_ADU_BYTES: usize = 254;
 /// Bytes before the unit in the frames of TCP.
@@ -36,16 +34,6 @@ pub enum Exception {
     NotInControl = 4,
     /// The drive runs, or the memory is busy.
     Busy = 6,
-}
-
-impl From<Refused> for Exception {
-    fn from(refused: Refused) -> Self {
-        match refused {
-            Refused::Value => Self::Value,
-            Refused::NotInControl => Self::NotInControl,
-            Refused::Busy => Self::Busy,
-        }
-    }
 }
 
 /// Counters of a server since its start.

@@ -2,7 +2,7 @@
 
 use crate::machine::Machine;
 use crate::protocol::Answer;
-use crate::session::Server;
+use crate::server::Server;
 
 /// Largest frame, bytes: the request and its checksum.
 pub const MAX_FRAME_BYTES: usize = crate::MAX_ADU_BYTES + CHECK_BYTES;
@@ -12,7 +12,7 @@ const CHECK_BYTES: usize = 2;
 pub const BROADCAST: u8 = 0;
 
 /// Bits of a character with start, parity and stop.
-pub const CHARACTER_BITS: u32 = 11;
+const CHARACTER_BITS: u32 = 11;
 
 /// Silence in us that ends a frame: 3.5 characters; above 19200 baud 1.75 ms.
 pub fn silence_us(baud: u32) -> u32 {

@@ -2,7 +2,7 @@
 
 use crate::machine::Machine;
 use crate::protocol::{Answer, MAX_ADU_BYTES};
-use crate::session::Server;
+use crate::server::Server;
 
 /// Size of the header before the unit, bytes: transaction, protocol, length.
 pub const HEADER_BYTES: usize = 6;

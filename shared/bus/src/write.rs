@@ -5,7 +5,7 @@ use kband_control::{Settings, Target};
 use crate::machine::{Authority, Machine};
 use crate::protocol::Exception;
 use crate::registers::{self, Access, CONTROL, KIND, NUMBER, RECIPE, Register, SAVE};
-use crate::session::Server;
+use crate::server::Server;
 use crate::target;
 
 /// Bit of the control word: run.

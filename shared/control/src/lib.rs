@@ -26,8 +26,6 @@ extern crate std;
 
 mod aim;
 mod angle;
-#[cfg(test)]
-mod bounds;
 mod controller;
 mod drive;
 mod hear;
@@ -36,22 +34,22 @@ mod inputs;
 mod recipe;
 mod report;
 mod saturate;
+#[cfg(test)]
+mod seeded;
 mod settings;
 mod state;
 mod supervise;
 mod target;
 
 #[cfg(feature = "memo")]
-pub use aim::{ChaosResult, GearPlanned, KickResult};
+pub use aim::{GearPlanned, KickResult};
 pub use aim::{NoSetpoint, drive_limits};
 pub use angle::phase_of;
 pub use angle::{SAMPLE_RATE, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
 pub use drive::LoopMargins;
 pub use drive::{Shape, UPPER, UpperTone, affordable_tones};
-pub use hear::{
-    AdcCode, Command, Cycle, GEAR_WINDOW, GearMargin, GearShare, Load, Overtone, Sampled, Signal,
-};
+pub use hear::{AdcCode, Command, Cycle, GearMargin, GearShare, Load, Overtone, Sampled, Signal};
 pub use identify::{Identification, Identified, Unidentified};
 pub use inputs::{BusCommand, Inputs, StartCause};
 pub use recipe::{Recipe, RecipeName};
@@ -65,8 +63,7 @@ pub use target::Target;
 pub mod signal_path {
     pub use crate::hear::{
         DetectedImpact, EnergyHistogram, Fold, HighPass, MAX_BLANKED_SHARE, MAX_IMPACTS_PER_CYCLE,
-        OnsetConstants, OnsetDetector, QUARTILE, SECTORS, SECTORS_HANDED, Sectors, StandardOnset,
-        last_cycle_gain, push_weight,
+        OnsetDetector, SECTORS, SECTORS_HANDED, Sectors, last_cycle_gain, push_weight,
     };
 }
 pub mod wire;

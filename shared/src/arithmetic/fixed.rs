@@ -56,18 +56,13 @@ macro_rules! signed {
     )+};
 }
 
-macro_rules! rounded_to {
+macro_rules! constants {
     ($($bits:ty)+) => {$(
         impl<const F: u32> Fixed<F, $bits> {
             /// Nearest number to a constant.
             pub const fn from_constant(value: f64) -> Self {
                 let scaled = value * steps(F);
                 Self(if scaled < 0.0 { scaled - 0.5 } else { scaled + 0.5 } as $bits)
-            }
-
-            #[inline(always)]
-            pub const fn wrapping_sub(self, other: Self) -> Self {
-                Self(self.0.wrapping_sub(other.0))
             }
         }
     )+};
@@ -84,63 +79,17 @@ macro_rules! nearest_in {
     )+};
 }
 
-macro_rules! in_32_bits {
-    ($($bits:ty)+) => {$(
-        impl<const F: u32> Fixed<F, $bits> {
-            /// Number from an f32, rounded towards 0, saturating.
-            #[inline(always)]
-            pub fn from_single(value: f32) -> Self {
-                Self((value * steps(F) as f32) as $bits)
-            }
-
-            /// The nearest f32.
-            #[inline(always)]
-            pub fn single(self) -> f32 {
-                self.0 as f32 * (1.0 / steps(F)) as f32
-            }
-        }
-    )+};
-}
-
 signed!(i32 i64);
-rounded_to!(i32 i64 u32);
+constants!(i32 i64 u32);
 nearest_in!(i64 u32);
-#[cfg(test)]
-nearest_in!(i32);
-in_32_bits!(i32 u32);
 
 impl<const F: u32> Fixed<F> {
-    /// One step.
-    pub const STEP: Self = Self(1);
-    /// 1, if it is in range.
-    pub const ONE: Self = Self(1 << F);
-
-    #[inline(always)]
-    pub const fn wrapping_add(self, other: Self) -> Self {
-        Self(self.0.wrapping_add(other.0))
-    }
-
-    #[inline(always)]
-    pub const fn saturating_sub(self, other: Self) -> Self {
-        Self(self.0.saturating_sub(other.0))
-    }
-
     /// The product in steps of 2^-`H`, from its upper half, which is rounded down.
     #[inline(always)]
     pub fn times<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H> {
+        const { assert!(H + 32 <= F + G) };
         let upper = ((i64::from(self.0) * i64::from(other.0)) >> 32) as i32;
-        Fixed(if H + 32 < F + G {
-            upper >> (F + G - H - 32)
-        } else {
-            upper << (H + 32 - F - G)
-        })
-    }
-
-    /// Full product in steps of 2^-`H`, rounded down, modulo 2^32 steps.
-    #[inline(always)]
-    pub const fn product<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H> {
-        const { assert!(H <= F + G) };
-        Fixed(((self.0 as i64 * other.0 as i64) >> (F + G - H)) as i32)
+        Fixed(upper >> (F + G - H - 32))
     }
 
     /// Full product.
@@ -157,20 +106,6 @@ impl<const F: u32> Fixed<F, i64> {
     pub const fn times<const G: u32, const H: u32>(self, other: Fixed<G, i64>) -> Fixed<H, i64> {
         const { assert!(H <= F + G) };
         Fixed(((self.0 as i128 * other.0 as i128) >> (F + G - H)) as i64)
-    }
-
-    /// Product in steps of 2^-`H`, rounded down, modulo 2^32 steps; it must fit 64 bits.
-    #[inline(always)]
-    pub const fn product<const G: u32, const H: u32>(self, other: Fixed<G>) -> Fixed<H> {
-        const { assert!(H <= F + G) };
-        Fixed(((self.0 * other.0 as i64) >> (F + G - H)) as i32)
-    }
-
-    /// The number in steps of 2^-`G`, rounded down, modulo 2^32 steps.
-    #[inline(always)]
-    pub const fn narrow<const G: u32>(self) -> Fixed<G> {
-        const { assert!(G <= F) };
-        Fixed((self.0 >> (F - G)) as i32)
     }
 }
 
@@ -190,16 +125,6 @@ impl Velocity {
     /// Bits in units of 2^-26.
     pub const fn bits(self) -> u32 {
         self.0.0
-    }
-
-    /// Velocity from a fixed-point number.
-    pub(crate) const fn from_fixed(value: Fixed<26, u32>) -> Self {
-        Self(value)
-    }
-
-    /// The fixed-point number.
-    pub(crate) const fn fixed(self) -> Fixed<26, u32> {
-        self.0
     }
 
     /// Nearest velocity to `value` in `b w`, saturating.
@@ -225,7 +150,7 @@ mod tests {
         let number = |x: Fixed<28>| f64::from(x.0) / steps(28);
         for a in [-3.7, -0.01, 0.0, 1e-8, 1.0, 3.25] {
             for b in [-7.9, -1.0, 0.3, 6.0] {
-                let (x, y) = (Fixed::<28>::nearest(a), Fixed::<28>::nearest(b));
+                let (x, y) = (Fixed::<28>::from_constant(a), Fixed::<28>::from_constant(b));
                 let exact = number(x) * number(y);
                 let upper: Fixed<22> = x.times(y);
                 assert_eq!(
@@ -235,29 +160,19 @@ mod tests {
                 );
                 let whole: Fixed<56, i64> = x.whole(y);
                 assert_eq!(whole.0 as f64, exact * steps(56), "{a} {b}");
-                let lower: Fixed<24> = x.product(y);
-                assert_eq!(lower, whole.narrow());
                 let wide = |x: Fixed<28>| Fixed::<28, i64>(i64::from(x.0)).to::<58>();
                 assert_eq!(wide(x).times::<58, 56>(wide(y)), whole, "{a} {b}");
             }
-            let x = Fixed::<28>::nearest(a);
+            let x = Fixed::<28>::from_constant(a);
             assert_eq!(
                 f64::from(x.to::<20>().0),
                 libm::floor(number(x) * steps(20))
             );
             assert_eq!(x.scaled::<27>().to::<28>(), x + x);
-            let single = Fixed::<20>::nearest(a).single();
-            assert_eq!(Fixed::<20>::from_single(single), Fixed::<20>::nearest(a));
         }
-        assert_eq!(Fixed::<28>::from_constant(PI), Fixed::<28>::nearest(PI));
-        assert_eq!(Fixed::<28>::from_constant(-PI), Fixed::<28>::nearest(-PI));
-    }
-
-    #[test]
-    fn velocity_rounds_to_the_nearest_step() {
-        for value in [0.0, 1e-9, 0.3, 1.0, 28.999, 59.999_999_99] {
-            let error = Velocity::nearest(value).value() - value;
-            assert!(error.abs() <= 0.5 / steps(26), "{value} {error}");
+        for value in [PI, -PI] {
+            let nearest = Fixed::<28, i64>::nearest(value).0;
+            assert_eq!(i64::from(Fixed::<28>::from_constant(value).0), nearest);
         }
     }
 }

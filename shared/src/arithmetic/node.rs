@@ -93,10 +93,8 @@ pub(crate) fn sine_cosine(node: u32) -> [Fixed<60, i64>; 2] {
     }
 }
 
-/// A node for the kernel with an FPU and a wide multiplier.
+/// A node for sums of tones on a CPU without f64.
 pub(crate) struct Fine {
-    /// Sine and cosine, nearest f32.
-    pub single: [f32; 2],
     /// Sine and cosine, nearest.
     pub fixed: [Fixed<30>; 2],
     /// Cosine, nearest.
@@ -107,7 +105,6 @@ pub(crate) struct Fine {
 pub(crate) static FINE_NODES: [Fine; COUNT] = {
     let mut table = [const {
         Fine {
-            single: [0.0; 2],
             fixed: [Fixed(0); 2],
             cosine: Fixed(0),
         }
@@ -116,7 +113,6 @@ pub(crate) static FINE_NODES: [Fine; COUNT] = {
     while j < COUNT {
         let [sine, cosine] = [TWOFOLD_NODES[j][0].high, TWOFOLD_NODES[j][1].high];
         table[j] = Fine {
-            single: [sine as f32, cosine as f32],
             fixed: [
                 Fixed::<30>::from_constant(sine),
                 Fixed::<30>::from_constant(cosine),

@@ -2,7 +2,6 @@
 //! f64.
 
 use super::Phase;
-use super::fixed::Fixed;
 use super::square_root_single;
 
 /// A number above 0, with a mantissa of at least 2^58 in steps of 2^-`places`; or 0.
@@ -22,8 +21,6 @@ impl Positive {
     };
     /// Radians in a step of a phase.
     pub const RADIANS_PER_STEP: Self = Self::from_f64(Phase::RADIANS_PER_STEP);
-    /// 1 / (2 pi).
-    pub const TURNS_PER_RADIAN: Self = Self::from_f64(1.0 / core::f64::consts::TAU);
 
     /// Number from a normal f64 above 0, exactly.
     #[inline(always)]
@@ -106,30 +103,6 @@ impl Positive {
         f32::from_bits(nearly.wrapping_sub(up as u32).wrapping_add(down as u32))
     }
 
-    /// Product with a relative error of at most 2^-62, too small.
-    #[inline(always)]
-    pub const fn times(self, other: Self) -> Self {
-        let (high, low) = product(self.mantissa, other.mantissa);
-        self.scaled(other, high, low)
-    }
-
-    /// `k pi` rounded as in f64, then to the nearest step of 2^-48, for k in 0.005..=4.
-    #[inline(always)]
-    pub const fn times_pi_in_double(self) -> Fixed<48, i64> {
-        const PI: Positive = Positive::from_f64(core::f64::consts::PI);
-        let (high, low) = product(self.mantissa, PI.mantissa);
-        let places = self.places + PI.places - 64;
-        // Below 2^63 the last of the 53 bits is the eleventh from below, else the one above it. The
-        // last bit of all is the sticky bit. The product is below 0.79 2^64, so rounding up cannot
-        // overflow.
-        let large = (high >> 63) as u32;
-        let wide = high | (low != 0) as u64;
-        let last = (high as u32 >> (10 + large)) & 1;
-        let rounded = wide + (0x1ff + (large << 9) + last) as u64;
-        let twice = rounded >> ((places - 49) & 31);
-        Fixed(((twice + 1) >> 1) as i64)
-    }
-
     /// Nearest f32 to the product with an integer.
     #[inline(always)]
     pub fn times_integer_single(self, n: u32) -> f32 {
@@ -139,22 +112,6 @@ impl Positive {
         let shift = n.leading_zeros();
         let high = upper(u64::from(n << shift) << 32, self.mantissa);
         Self::from_many_steps(high, self.places + shift as i32 - 32).single()
-    }
-
-    #[inline(always)]
-    const fn scaled(self, other: Self, high: u64, low: u64) -> Self {
-        let places = self.places + other.places - 64;
-        if high >> 63 == 1 || high == 0 {
-            Self {
-                mantissa: high,
-                places,
-            }
-        } else {
-            Self {
-                mantissa: high << 1 | low >> 63,
-                places: places + 1,
-            }
-        }
     }
 }
 
@@ -185,91 +142,4 @@ pub(crate) const fn upper(a: u64, b: u64) -> u64 {
     let (a_high, a_low) = (a >> 32, a & LOW_HALF);
     let (b_high, b_low) = (b >> 32, b & LOW_HALF);
     a_high * b_high + ((a_high * b_low) >> 32) + ((a_low * b_high) >> 32)
-}
-
-/// Upper and lower half of the product.
-#[inline(always)]
-pub(crate) const fn product(a: u64, b: u64) -> (u64, u64) {
-    let (a_high, a_low) = (a >> 32, a & LOW_HALF);
-    let (b_high, b_low) = (b >> 32, b & LOW_HALF);
-    let low = a_low * b_low;
-    let one = a_high * b_low + (low >> 32);
-    let two = a_low * b_high + (one & LOW_HALF);
-    (
-        a_high * b_high + (one >> 32) + (two >> 32),
-        two << 32 | low & LOW_HALF,
-    )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Numbers of all magnitudes and patterns.
-    fn numbers() -> impl Iterator<Item = f64> {
-        (0..200_000_u64).map(|n| {
-            let bits = n.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            let mantissa = match n % 5 {
-                0 => 0,
-                1 => (1 << 52) - 1,
-                2 => bits >> 12 & !((1 << 30) - 1),
-                _ => bits >> 12,
-            };
-            f64::from_bits((1023 - 30 + n % 61) << 52 | mantissa)
-        })
-    }
-
-    #[test]
-    fn conversion_is_exact_and_rounds_as_f64() {
-        let pi = core::f64::consts::PI;
-        for x in numbers() {
-            let number = Positive::from_f64(x);
-            assert_eq!(number.single().to_bits(), (x as f32).to_bits(), "{x:e}");
-            let inverse = number.inverse_single(x as f32);
-            assert_eq!(inverse.to_bits(), ((1.0 / x) as f32).to_bits(), "{x:e}");
-            if (0.005..4.0).contains(&x) {
-                let product = number.times_pi_in_double();
-                let expected = libm::round(x * pi * (1_u64 << 48) as f64);
-                assert_eq!(product.0 as f64, expected, "{x:e}");
-                let steps = libm::round(x * 1_073_741_824.0) as u64;
-                assert_eq!(number.nearest(30), steps, "{x:e}");
-            }
-        }
-        for places in [0, 1, 29, 30, 31] {
-            assert_eq!(Positive::from_f64(1.0).nearest(places), 1 << places);
-        }
-        assert_eq!(Positive::from_f64(0.5).nearest(0), 1);
-        assert_eq!(Positive::from_f64(0.499).nearest(0), 0);
-        assert_eq!(Positive::from_f64(0.249).nearest(0), 0);
-        assert_eq!(Positive::ZERO.single().to_bits(), 0);
-        assert_eq!(Positive::ZERO.nearest(30), 0);
-    }
-
-    #[test]
-    fn root_and_product_have_60_bits() {
-        let off = |a: Positive, b: Positive| {
-            // In steps of the mantissa.
-            let shift = a.places - b.places;
-            let (a, b) = (u128::from(a.mantissa) << 2, u128::from(b.mantissa) << 2);
-            let a = match shift {
-                0 => a,
-                1 => a >> 1,
-                -1 => a << 1,
-                _ => return u128::MAX,
-            };
-            a.abs_diff(b) >> 2
-        };
-        for x in numbers() {
-            let number = Positive::from_f64(x);
-            let square = number.mantissa >> (1 + number.places as u32 % 3);
-            let root = Positive::from_many_steps(root(square), 32);
-            let square_again = product(root.mantissa, root.mantissa).0;
-            assert!(square_again - upper(root.mantissa, root.mantissa) <= 2);
-            let again = Positive::from_steps(square_again, 0);
-            assert!(
-                off(again, Positive::from_steps(square, 0)) < 48,
-                "{square} {root:?}"
-            );
-        }
-    }
 }

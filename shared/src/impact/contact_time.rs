@@ -8,7 +8,7 @@
 use core::f64::consts::TAU;
 
 use crate::arithmetic::square_root_single;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::kernel::PartState;
 use crate::impact::wave::{Wave, in_turn};
 
@@ -42,10 +42,10 @@ impl ContactTime {
     ///
     /// Errors: `OutOfRange`, where the first order no longer holds.
     pub fn build(radians: f64) -> Result<Self, OutOfRange> {
-        accept(
+        accept_in(
             "contact",
             radians,
-            (0.0..=0.07 * TAU).contains(&radians),
+            0.0..=0.07 * TAU,
             "0..0.4398 rad, 7 % of a drive cycle",
         )?;
         Ok(Self { radians })

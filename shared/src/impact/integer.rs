@@ -8,7 +8,9 @@ use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::trigonometry::{RADIANS_PER_TURN_FINE, sine_cosine_exact};
 use crate::arithmetic::{Phase, Velocity};
 use crate::feeder::OutOfRange;
-use crate::impact::kernel::{HybridState, Impact, Kernel, Landing, PartState};
+use crate::impact::kernel::{
+    Impact, Kernel, Landing, MAX_VELOCITY, PartState, accept_phase, accept_velocity,
+};
 use crate::impact::set_up::SetUp;
 
 /// Steps after which the current place counts as the impact; measured: at most 22.
@@ -34,6 +36,18 @@ const TURNS_PER_RADIAN: Fixed<60, i64> =
 /// A time in turns: up to 2^11 of them, in 6.5e-14 of a step of the phase.
 type Turns = Fixed<48, i64>;
 
+/// A state of [`Integer`]: 8 bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct IntegerState {
+    /// Phase of the drive (symbol t), steps of 2^-32 turns.
+    pub phase: Phase,
+    /// Velocity relative to the track (symbol psi), steps of 2^-26 `b w`.
+    pub velocity: Velocity,
+}
+
+/// Largest accepted velocity.
+const TOP_VELOCITY: Velocity = Velocity::from_bits(Fixed::<26, u32>::from_constant(MAX_VELOCITY).0);
+
 /// The impact map in integers (`integer`), the map in fixed point.
 ///
 /// It is the slowest map and the simplest: no table of branches, no f32, one way to every impact.
@@ -41,17 +55,7 @@ type Turns = Fixed<48, i64>;
 /// half its step (7.4e-10 rad), the velocity to two of its own (3e-8). The first impact is the
 /// right one down to a gap of 1e-8 over a hump; gaps below 4e-9 are flagged.
 ///
-/// State and range as [`Hybrid`](crate::impact::Hybrid).
-///
-/// ```
-/// use kband::impact::{Integer, Kernel, Map};
-///
-/// let (integer, map) = (Integer::build(0.34, 0.2)?, Map::build(0.34, 0.2)?);
-/// let start = Integer::state(0.7, 0.36)?;
-/// let expected = map.impact(Integer::observe(start)).flight;
-/// assert!((integer.land(start).flight() - expected).abs() < 1.5e-9);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
+/// Range as [`Single`](crate::impact::Single).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integer {
     k: Fixed<60, i64>,
@@ -65,8 +69,12 @@ pub struct Integer {
 
 impl Integer {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
-    pub fn land(&self, state: HybridState) -> Landing<HybridState> {
-        let state = state.limited();
+    pub fn land(&self, state: IntegerState) -> Landing<IntegerState> {
+        let bits = state.velocity.bits().min(TOP_VELOCITY.bits());
+        let state = IntegerState {
+            velocity: Velocity::from_bits(bits),
+            ..state
+        };
         let throws = (state.phase - self.lift_off).bits() < self.hump;
         if state.velocity == Velocity::ZERO && !throws {
             return Landing {
@@ -106,7 +114,7 @@ impl Integer {
         let velocity = (speed * u64::from(self.restitution.0) + (1 << 31)) >> 32;
         Landing {
             steps,
-            next: HybridState {
+            next: IntegerState {
                 phase: state.phase + Phase::from_bits(steps as u32),
                 velocity: Velocity::from_bits(velocity as u32),
             },
@@ -127,7 +135,7 @@ struct Flight<'a> {
 }
 
 impl<'a> Flight<'a> {
-    fn new(map: &'a Integer, state: HybridState) -> Self {
+    fn new(map: &'a Integer, state: IntegerState) -> Self {
         let phase = Fixed::<32, i64>(state.phase.bits().into()).to();
         let [sine, cosine] = sine_cosine_exact(phase);
         let velocity = Fixed::<26, i64>(state.velocity.bits().into()).to();
@@ -246,7 +254,7 @@ impl Place {
 }
 
 impl Kernel for Integer {
-    type State = HybridState;
+    type State = IntegerState;
 
     const NAME: &'static str = "integer";
 
@@ -262,19 +270,24 @@ impl Kernel for Integer {
         })
     }
 
-    fn state(phase: f64, velocity: f64) -> Result<HybridState, OutOfRange> {
-        HybridState::build(phase, velocity)
+    fn state(phase: f64, velocity: f64) -> Result<IntegerState, OutOfRange> {
+        accept_phase(phase)?;
+        accept_velocity(velocity)?;
+        Ok(IntegerState {
+            phase: Phase::from_radians(phase),
+            velocity: Velocity::nearest(velocity),
+        })
     }
 
-    fn is_in_range(state: HybridState) -> bool {
-        state.is_in_range()
+    fn is_in_range(state: IntegerState) -> bool {
+        state.velocity <= TOP_VELOCITY
     }
 
-    fn observe(state: HybridState) -> PartState {
-        state.to_part_state()
+    fn observe(state: IntegerState) -> PartState {
+        PartState::new(state.phase.radians(), state.velocity.value())
     }
 
-    fn impact(&self, state: HybridState) -> Impact<HybridState> {
+    fn impact(&self, state: IntegerState) -> Impact<IntegerState> {
         self.land(state).impact()
     }
 }

@@ -1,8 +1,7 @@
 //! State of a part, its impact, and the impact map as a trait over the arithmetics.
 
 use super::wave::Tone;
-use crate::arithmetic::fixed::Fixed;
-use crate::arithmetic::{Phase, Velocity};
+use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept};
 
 /// State of a part just after an impact.
@@ -22,50 +21,6 @@ impl PartState {
     }
 }
 
-/// A state of [`Hybrid`](super::Hybrid) and of [`Integer`](super::Integer): 8 bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct HybridState {
-    /// Phase of the drive (symbol t), steps of 2^-32 turns.
-    pub phase: Phase,
-    /// Velocity relative to the track (symbol psi), steps of 2^-26 `b w`.
-    pub velocity: Velocity,
-}
-
-impl HybridState {
-    /// Largest accepted velocity.
-    pub(super) const MAX_VELOCITY: Velocity =
-        Velocity::from_fixed(Fixed::<26, u32>::from_constant(MAX_VELOCITY));
-
-    /// A state from a phase in rad and a velocity in `b w`, at most [`MAX_VELOCITY`].
-    pub(super) fn build(phase: f64, velocity: f64) -> Result<Self, OutOfRange> {
-        accept_phase(phase)?;
-        accept_velocity(velocity)?;
-        Ok(Self {
-            phase: Phase::from_radians(phase),
-            velocity: Velocity::nearest(velocity),
-        })
-    }
-
-    /// The state as phase in rad and velocity in `b w`.
-    pub(super) fn to_part_state(self) -> PartState {
-        PartState::new(self.phase.radians(), self.velocity.value())
-    }
-
-    pub(super) fn is_in_range(self) -> bool {
-        self.velocity <= Self::MAX_VELOCITY
-    }
-
-    /// The state with its velocity limited to the accepted range.
-    #[inline(always)]
-    pub(super) fn limited(self) -> Self {
-        let bits = self.velocity.bits().min(Self::MAX_VELOCITY.bits());
-        Self {
-            velocity: Velocity::from_bits(bits),
-            ..self
-        }
-    }
-}
-
 /// One flight and the impact that ends it, in the arithmetic of the state `S`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Impact<S> {
@@ -75,19 +30,6 @@ pub struct Impact<S> {
     pub next: S,
     /// Whether an earlier or later touch is within rounding of this decision: the flight grazes.
     pub grazes: bool,
-}
-
-/// An impact in f32, for searches that follow many parts on a CPU without f64.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SingleImpact<S> {
-    /// Duration of the flight (symbol d) in rad of drive phase, at least 0.
-    pub flight: f32,
-    /// Phase of the drive (symbol t) in rad, 0..2 pi.
-    pub phase: f32,
-    /// Velocity relative to the track (symbol psi) in units of `b w`, just after the impact.
-    pub velocity: f32,
-    /// The state just after the impact.
-    pub next: S,
 }
 
 /// One flight on a microcontroller, with its time in exact steps of the phase.
@@ -122,7 +64,7 @@ impl<S> Landing<S> {
 /// The impact map in one arithmetic: parameters in, set-up constants kept, one impact per call.
 ///
 /// ```
-/// use kband::impact::{Hybrid, Integer, Kernel, Map, Single};
+/// use kband::impact::{Integer, Kernel, Map, Single};
 ///
 /// /// The flight from one state, in rad.
 /// fn flight<K: Kernel>() -> Result<f64, kband::feeder::OutOfRange> {
@@ -130,7 +72,6 @@ impl<S> Landing<S> {
 ///     Ok(kernel.impact(K::state(0.5, 0.45)?).flight)
 /// }
 /// let exact = flight::<Map>()?;
-/// assert!((flight::<Hybrid>()? - exact).abs() < 2e-8);
 /// assert!((flight::<Integer>()? - exact).abs() < 1e-7);
 /// assert!((flight::<Single>()? - exact).abs() < 1e-5);
 /// assert_eq!(Map::build(0.43, 1.2).unwrap_err().parameter, "restitution");
@@ -167,53 +108,9 @@ pub trait Kernel: Sized {
     /// The first impact after `state`. A resting part (velocity 0 where `sin t < k`) stays, with
     /// flight 0.
     fn impact(&self, state: Self::State) -> Impact<Self::State>;
-
-    /// [`Kernel::impact`] in f32, rounded to nearest; without f64 where the arithmetic has none.
-    fn impact_single(&self, state: Self::State) -> SingleImpact<Self::State> {
-        let impact = self.impact(state);
-        let PartState { phase, velocity } = Self::observe(impact.next);
-        SingleImpact {
-            flight: impact.flight as f32,
-            phase: phase as f32,
-            velocity: velocity as f32,
-            next: impact.next,
-        }
-    }
-
-    /// The state at the same phase with its velocity times `factor`, at least 0.
-    ///
-    /// It rescales a part after the amplitude, the unit of velocity, has changed.
-    fn scaled(state: Self::State, factor: f32) -> Result<Self::State, OutOfRange> {
-        let PartState { phase, velocity } = Self::observe(state);
-        Self::state(phase, velocity * f64::from(factor))
-    }
-
-    /// The state at rest at a phase in rad, 0..2 pi.
-    fn resting(phase: f32) -> Result<Self::State, OutOfRange> {
-        Self::state(f64::from(phase), 0.0)
-    }
 }
 
 /// The impact map on a track of several tones, in one arithmetic.
-///
-/// ```
-/// use kband::impact::{Kernel, Tone, WaveKernel, WaveMap, Single};
-///
-/// /// The velocity of parts locked to two tones.
-/// fn locked<K: WaveKernel>() -> Result<f64, kband::feeder::OutOfRange> {
-///     let second = Tone { amplitude: 0.15, angle: 2.356 };
-///     let kernel = K::on_tones([second, Tone::default()], 0.35, 0.2)?;
-///     let mut state = K::state(0.5, 0.45)?;
-///     for _ in 0..100 {
-///         state = kernel.impact(state).next;
-///     }
-///     Ok(K::observe(state).velocity)
-/// }
-/// // psi = 2 pi k R/(1 + R), whatever the tones.
-/// assert!((locked::<WaveMap>()? - 0.366_519_142_918_809).abs() < 1e-12);
-/// assert!((locked::<Single>()? - 0.366_519_142_918_809).abs() < 1e-6);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 pub trait WaveKernel: Kernel {
     /// The map on a track with this second and third harmonic, for `k` and a restitution.
     ///

@@ -13,8 +13,7 @@
 //! | [`Map`] | f64, desk | `double/{first,tall,short,low}.rs` | `double/search.rs` |
 //! | `WaveMap` | f64, two or three tones | `wave_map/first.rs` | `wave_map/search.rs` |
 //! | `batch::Block` | many f64 orbits | `batch/mod.rs` | `double/first.rs` |
-//! | [`Hybrid`] | CPU with f32: the board | `anchor/{hybrid,candidate}.rs` | `anchor/search.rs` |
-//! | [`Single`] | f32, one tone | `anchor/{single,candidate}.rs` | `anchor/search.rs` |
+//! | [`Single`] | f32, one tone: the board | `anchor/{single,candidate}.rs` | `anchor/search.rs` |
 //! | [`Single`] | f32, two or three tones | `anchor/wave_single/search.rs` | |
 //! | [`Integer`] | fixed point alone | `integer.rs` | |
 //!
@@ -35,17 +34,15 @@ mod set_up;
 mod wave;
 mod wave_map;
 
-pub use anchor::Single;
-pub use anchor::{Hybrid, SingleState};
+pub use anchor::{Single, SingleState};
 pub use contact_time::ContactTime;
 pub(crate) use contact_time::speed_gain;
 #[cfg(test)]
 pub(crate) use contact_time::spring;
 pub use double::Map;
-pub use integer::Integer;
+pub use integer::{Integer, IntegerState};
 pub use kernel::WaveKernel;
-pub use kernel::{HybridState, Impact, Kernel, Landing, PartState, SingleImpact};
-pub use orbit::AlongLaw;
+pub use kernel::{Impact, Kernel, Landing, PartState};
 pub use orbit::LIFT_OFF_DELAY;
 pub use orbit::Release;
 pub use orbit::{Along, ContactMotion, Friction, FrictionSettings};

@@ -2,7 +2,7 @@
 //! clipped).
 
 use crate::arithmetic::gauss;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 
 /// Largest standard deviation of the restitution; bodies that tumble have 0.27 to 0.52.
 const MAX_DEVIATION: f64 = 0.5;
@@ -43,16 +43,16 @@ impl Scatter {
 
     /// The same stream, about another mean in -1..=1.
     pub fn with_mean(self, mean: f64) -> Result<Self, OutOfRange> {
-        accept("restitution", mean, (-1.0..=1.0).contains(&mean), "-1..1")?;
+        accept_in("restitution", mean, -1.0..=1.0, "-1..1")?;
         Ok(Self { mean, ..self })
     }
 
     /// The same stream, with another standard deviation in 0..=0.5.
     pub fn with_deviation(self, deviation: f64) -> Result<Self, OutOfRange> {
-        accept(
+        accept_in(
             "scatter",
             deviation,
-            (0.0..=MAX_DEVIATION).contains(&deviation),
+            0.0..=MAX_DEVIATION,
             "0..0.5, the standard deviation of restitution from impact to impact",
         )?;
         Ok(Self { deviation, ..self })

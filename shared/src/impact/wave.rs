@@ -8,7 +8,7 @@
 use core::f64::consts::{FRAC_PI_2, TAU};
 
 use crate::arithmetic::lane::{Lane, sine_cosine};
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 
 /// One harmonic of the track's motion: `amplitude sin(n t + angle)`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -90,15 +90,8 @@ impl Wave {
             ("third tone, amplitude", "third tone, angle"),
         ];
         for (tone, (amplitude, angle)) in [second, third].into_iter().zip(names) {
-            let is_accepted = (0.0..=0.5).contains(&tone.amplitude);
-            accept(
-                amplitude,
-                tone.amplitude,
-                is_accepted,
-                "0..0.5 of the first",
-            )?;
-            let is_accepted = (-TAU..=TAU).contains(&tone.angle);
-            accept(angle, tone.angle, is_accepted, "-6.2832..6.2832 rad")?;
+            accept_in(amplitude, tone.amplitude, 0.0..=0.5, "0..0.5 of the first")?;
+            accept_in(angle, tone.angle, -TAU..=TAU, "-6.2832..6.2832 rad")?;
         }
         Ok(Self::from_tones(second, third))
     }
@@ -182,10 +175,12 @@ impl Wave {
         self.third
     }
 
-    /// The tones, each with its number; the first has amplitude 1 and angle 0.
+    /// The tones that are present, each with its number; the first has amplitude 1 and angle 0.
     pub(crate) fn tones(&self) -> impl Iterator<Item = (f64, Tone)> {
         let first = Tone::new(1.0, 0.0);
-        [(1.0, first), (2.0, self.second), (3.0, self.third)].into_iter()
+        [(1.0, first), (2.0, self.second), (3.0, self.third)]
+            .into_iter()
+            .filter(|(_, tone)| tone.amplitude > 0.0)
     }
 
     /// Whether the wave is a sine, without harmonics.

@@ -411,34 +411,6 @@ mod tests {
     }
 
     #[test]
-    fn only_low_restitutions_touch_before_their_return() {
-        // At R = 0 a launch needs sin t0 > k, so k < (1 + pi^2 r^2)^(-1/2).
-        for order in [1_u32, 2, 3, 100] {
-            let r = f64::from(order);
-            let edge = first_return_edge(0.0, order).unwrap();
-            let expected = 1.0 / libm::sqrt(1.0 + PI * PI * r * r);
-            assert!((edge / expected - 1.0).abs() < 4.0 * f64::EPSILON);
-        }
-        for order in [1, 2, 3, 7, 20] {
-            for step in 3..100 {
-                let restitution = f64::from(step) / 100.0;
-                let (k2, k1) = (
-                    flip(restitution, order).unwrap(),
-                    birth(restitution, order).unwrap(),
-                );
-                for part in 1..10 {
-                    let k = k2 + (k1 - k2) * f64::from(part) / 10.0;
-                    let lock = Lock::build(k, restitution, order).unwrap().unwrap();
-                    assert!(
-                        lock.is_first_return(),
-                        "R {restitution} order {order} k {k}"
-                    );
-                }
-            }
-        }
-    }
-
-    #[test]
     fn edge_matches_the_first_touch_of_the_map() {
         let (mut touching, mut worst) = (0, 0.0_f64);
         for order in 1..=100 {

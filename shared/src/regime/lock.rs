@@ -5,26 +5,26 @@
 
 use core::f64::consts::{PI, TAU};
 
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::{ContactTime, Kernel, Map, PartState};
 
 /// Highest lock order computed; up to R = 0.2 the band of order 100 is narrower than 1e-5 in k.
 pub const MAX_ORDER: u32 = 100;
 
 pub(super) fn accept_order(order: u32) -> Result<f64, OutOfRange> {
-    accept(
+    accept_in(
         "order",
         f64::from(order),
-        (1..=MAX_ORDER).contains(&order),
+        1.0..=f64::from(MAX_ORDER),
         "1..100 drive cycles per impact",
     )
 }
 
 pub(super) fn accept_restitution(restitution: f64) -> Result<f64, OutOfRange> {
-    accept(
+    accept_in(
         "restitution",
         restitution,
-        (0.0..1.0).contains(&restitution),
+        0.0..1.0,
         "0..1, 1 itself excluded: without loss no orbit attracts",
     )
 }

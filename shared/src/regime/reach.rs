@@ -140,12 +140,4 @@ mod tests {
             assert!(found.edge.is_none() && found.share < 0.02, "{found:?}");
         }
     }
-
-    #[test]
-    fn isolated_locks_are_found() {
-        // Above R = 0.26 the first flights from rest end near the locked orbit at single k only.
-        assert_eq!(from_rest(0.4441, 0.26, 1).unwrap(), FromRest::Locks);
-        assert_eq!(from_rest(0.50, 0.26, 1).unwrap(), FromRest::Rests);
-        assert_eq!(from_rest(1.2, 0.8, 1).unwrap(), FromRest::Rests);
-    }
 }

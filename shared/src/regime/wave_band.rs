@@ -530,35 +530,4 @@ mod tests {
             assert!(own.iter().any(|band| band.contains(k)), "{restitution}");
         }
     }
-
-    #[test]
-    fn second_tone_locks_from_rest_where_one_does_not() {
-        let lock =
-            |wave: &Wave, k: f64| WaveLock::find_attracting(wave, k, 0.2, 1).unwrap().unwrap();
-        assert!((lock(&Wave::sine(), 0.43).k - 0.43).abs() < 1e-14);
-        assert_eq!(
-            WaveLock::find_attracting(&Wave::sine(), 0.5, 0.2, 1),
-            Ok(None)
-        );
-        assert!(lock(&Wave::sine(), 0.405).is_reached_from_rest(600));
-        assert!(!lock(&Wave::sine(), 0.43).is_reached_from_rest(600));
-        for k in [0.25, 0.30, 0.35] {
-            assert!(
-                lock(&two_tones(0.15, 2.356), k).is_reached_from_rest(600),
-                "{k}"
-            );
-        }
-    }
-
-    #[test]
-    fn refusals_name_the_parameter() {
-        let wave = Wave::sine();
-        let refused = |restitution, order| {
-            WaveBands::find(&wave, restitution, order)
-                .unwrap_err()
-                .parameter
-        };
-        assert_eq!(refused(1.0, 1), "restitution");
-        assert_eq!(refused(0.2, 0), "order");
-    }
 }

@@ -95,29 +95,6 @@ impl Conveyed {
 /// With tangential restitution it is 0 at rest, so each lift-off starts the same orbit. The sums
 /// after the first lift-off are kept apart: up to the second they are exactly one period. With
 /// friction that holds once the velocity at lift-off has converged.
-///
-/// ```
-/// use kband::impact::{Contact, Kernel, Map, Orbit, Tangential, TangentialSettings};
-/// use kband::regime::Lock;
-/// use kband::transport::{Conveying, locked};
-/// let (k, restitution) = (0.43, 0.2);
-/// let along = TangentialSettings {
-///     restitution: 0.3,
-///     amplitude_ratio: 1.5,
-///     phase_lead: 0.0,
-///     incline_tangent: 0.05,
-/// };
-/// let map = Map::build(k, restitution)?;
-/// let lock = Lock::build(k, restitution, 1)?.expect("0.43 is in the first band");
-/// let mut conveying = Conveying::new(Tangential::build(k, along)?, Contact::new(&map));
-/// let mut orbit = Orbit::new(&map, lock.state());
-/// orbit.watch(100, &mut conveying);
-/// conveying.restart();
-/// orbit.watch(100, &mut conveying);
-/// let speed = conveying.conveyed().time_mean().expect("the part moves");
-/// assert!((speed - locked::velocity(&lock, k, &along)).abs() < 1e-9);
-/// # Ok::<(), Box<dyn core::error::Error>>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conveying<A = Tangential> {
     along: A,
@@ -274,12 +251,5 @@ mod tests {
         assert!((closed.distance - hops.distance).abs() < 2.0 * chatter * chatter);
         assert!(closed.distance > 1e3 * chatter * chatter);
         assert!((closed.flying / hops.flying - 1.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn means_without_events_are_none() {
-        assert_eq!(Conveyed::default().time_mean(), None);
-        assert_eq!(Conveyed::default().impact_mean(), None);
-        assert_eq!(Conveyed::default().mean_interval(), None);
     }
 }

@@ -148,8 +148,7 @@ impl<const BINS: usize, const LAGS: usize> Observer for Intervals<BINS, LAGS> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Kernel, Map, Orbit};
-    use crate::transport::SampleMean;
+    use crate::impact::{Kernel, Map};
 
     fn interval(flight: f64) -> Impact<PartState> {
         Impact {
@@ -183,27 +182,5 @@ mod tests {
             (intervals.autocorrelation(0), intervals.autocorrelation(4)),
             (None, None)
         );
-    }
-
-    /// Chaotic flights are no renewal process (docs/theory-transport.md#t8.7): the lag-1
-    /// correlation differs from 0 by many standard errors. Its sign depends on the regime.
-    #[test]
-    fn chaotic_flights_are_correlated() {
-        for (k, restitution, sign) in [(0.05, 0.9, 1.0), (0.34, 0.2, -1.0)] {
-            let map = Map::build(k, restitution).unwrap();
-            let spread = SampleMean::from_values((0..8).map(|n| {
-                let start = Map::state(0.4 + 1e-3 * f64::from(n), 0.45).unwrap();
-                let mut orbit = Orbit::new(&map, start);
-                orbit.watch(300, &mut ());
-                let mut intervals = Intervals::<1, 1>::new(0.0, 1e3, 0.0);
-                orbit.watch(3000, &mut intervals);
-                intervals.autocorrelation(1).unwrap()
-            }));
-            let (mean, error) = (spread.mean().unwrap(), spread.error().unwrap());
-            assert!(
-                sign * mean > 6.0 * error && mean.abs() > 0.2,
-                "{k} {restitution}: {mean} +- {error}"
-            );
-        }
     }
 }

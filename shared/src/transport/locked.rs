@@ -3,7 +3,6 @@
 
 use core::f64::consts::PI;
 
-use crate::feeder::Restitution;
 use crate::impact::TangentialSettings;
 use crate::regime::Lock;
 
@@ -72,25 +71,6 @@ pub fn velocity_in_phase(
 ) -> f64 {
     let drive = settings.amplitude_ratio * (1.0 - restitution) / (1.0 + restitution);
     PI * f64::from(order) * k * drive - incline_loss(order, k, settings)
-}
-
-/// Mean of [`velocity_in_phase`] over a lot with uniformly distributed restitution R1..R2, in units
-/// of `b w`.
-///
-/// It is `W = pi r k { eta (2 ln((1+R2)/(1+R1))/(R2-R1) - 1) - tan(alpha) (1+Rt)/(1-Rt) }`. In gear
-/// each part has the mean speed of its lock at any k (docs/theory-real-parts.md#t10.1).
-pub fn mean_velocity_in_phase(
-    order: u32,
-    k: f64,
-    lot: Restitution,
-    settings: &TangentialSettings,
-) -> f64 {
-    let width = lot.high() - lot.low();
-    if width < 1e-6 {
-        return velocity_in_phase(order, k, lot.middle(), settings);
-    }
-    let share = 2.0 * libm::log1p(width / (1.0 + lot.low())) / width - 1.0;
-    PI * f64::from(order) * k * settings.amplitude_ratio * share - incline_loss(order, k, settings)
 }
 
 /// Tangent of the incline at which a locked part has speed 0 (equation 23; at gamma = 0 equation
@@ -215,18 +195,6 @@ mod tests {
             amplitude_ratio: 1.5,
             phase_lead,
             incline_tangent,
-        }
-    }
-
-    #[test]
-    fn lot_speed_is_the_mean_of_its_parts() {
-        let settings = settings(0.0, 0.05);
-        for (low, high) in [(0.1, 0.3), (0.0, 0.9), (0.2, 0.2), (0.2, 0.2 + 1e-9)] {
-            let lot = Restitution::interval(low, high).unwrap();
-            let parts = (0..2000).map(|n| low + (high - low) * (f64::from(n) + 0.5) / 2000.0);
-            let sum: f64 = parts.map(|r| velocity_in_phase(2, 0.4, r, &settings)).sum();
-            let mean = mean_velocity_in_phase(2, 0.4, lot, &settings);
-            assert!((mean - sum / 2000.0).abs() < 1e-6, "{low} {high}: {mean}");
         }
     }
 }

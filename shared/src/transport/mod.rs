@@ -4,19 +4,6 @@
 //! per impact, which weighs short and long hops equally; here it is the impact mean. Velocities are
 //! relative to the track in units of `b w`, displacements in units of b. A velocity times
 //! [`crate::feeder::Track::velocity_unit`] is in m/s.
-//!
-//! | module | holds |
-//! |---|---|
-//! | `conveyed` | the observer that sums distance and time of an orbit (equations 10 and 11) |
-//! | `locked` | closed forms of the locked regime, critical slope, bound (20 to 23, 37) |
-//! | `stationary` | the exact impact mean of any hopping regime (34, corrected) |
-//! | `survey` | measuring one orbit after it has settled |
-//! | `wave_survey` | the same on several tones, with friction |
-//! | `scattered` | speed and time in gear of parts whose restitution scatters |
-//! | `interval` | distribution and correlation of the times between impacts (28 to 32) |
-//! | `inelastic` | the limit of restitution 0, a one-dimensional map (38) |
-//! | `sensitivity` | how the speed answers a change of amplitude |
-//! | `sample_mean` | mean and standard error of independent values |
 
 mod conveyed;
 mod inelastic;

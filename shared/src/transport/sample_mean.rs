@@ -2,15 +2,6 @@
 //! 419).
 
 /// Mean and variance of successive values.
-///
-/// ```
-/// use kband::transport::SampleMean;
-///
-/// let spread = SampleMean::from_values([1.0, 2.0, 3.0, 4.0]);
-/// assert_eq!(spread.mean(), Some(2.5));
-/// // sqrt((2 * 1.5^2 + 2 * 0.5^2)/3/4)
-/// assert!((spread.error().unwrap() - (5.0_f64 / 12.0).sqrt()).abs() < 1e-15);
-/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SampleMean {
     count: u64,

@@ -2,10 +2,10 @@
 
 use core::f64::consts::TAU;
 
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept, accept_in};
 use crate::impact::{
-    AlongLaw, ChatterLimits, Friction, Impact, OrbitEvent, PartState, Scatter, Tangential, Wave,
-    WaveMap, WaveOrbit,
+    Along, ChatterLimits, Friction, Impact, OrbitEvent, PartState, Scatter, Tangential, WaveMap,
+    WaveOrbit,
 };
 use crate::regime::gear::{GearWatch, Share};
 
@@ -15,9 +15,9 @@ const MAX_LAWS: usize = 64;
 /// A law of the motion along a track of several tones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WaveLaw {
-    /// Restitution along the track, on the tones of this wave.
-    Tangential(Wave, Tangential),
-    /// Coulomb friction; it has its own wave.
+    /// Restitution along the track.
+    Tangential(Tangential),
+    /// Coulomb friction.
     Friction(Friction),
 }
 
@@ -25,10 +25,7 @@ impl WaveLaw {
     /// Distance in b and velocity in `b w` after a flight.
     fn fly(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> (f64, f64) {
         match self {
-            Self::Tangential(wave, law) => (
-                law.distance_on(wave, launch, impact, velocity),
-                law.velocity_after_impact_on(wave, launch, impact, velocity),
-            ),
+            Self::Tangential(law) => law.move_in_flight(launch, impact, velocity),
             Self::Friction(law) => law.move_in_flight(launch, impact, velocity),
         }
     }
@@ -79,25 +76,6 @@ impl Ways<'_> {
 ///
 /// `each` receives the index of a part, its time in gear, and for each law its time mean velocity
 /// along the track in `b w`. Both are over the last three quarters of the time.
-///
-/// ```
-/// use kband::impact::{Scatter, Tangential, TangentialSettings, Wave, WaveMap};
-/// use kband::transport::{WaveLaw, convey_from_rest};
-/// let (wave, k) = (Wave::sine(), 0.40);
-/// let settings = TangentialSettings {
-///     restitution: 0.0,
-///     amplitude_ratio: 1.5,
-///     phase_lead: 0.0,
-///     incline_tangent: 0.0,
-/// };
-/// let law = WaveLaw::Tangential(wave, Tangential::build(k, settings)?);
-/// let scatter = Scatter::build(0.2, 0.02, 1)?;
-/// convey_from_rest(&WaveMap::on(wave, k, 0.2)?, &[law], &[scatter], 1, 1000.0, |_, share, speeds| {
-///     // In gear the impact mean is that of the lock: pi k eta (1 - R)/(1 + R).
-///     assert!(share.share() > 0.9 && (speeds[0] / 1.2566 - 1.0).abs() < 0.1);
-/// })?;
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 pub fn convey_from_rest(
     map: &WaveMap,
     laws: &[WaveLaw],
@@ -106,12 +84,7 @@ pub fn convey_from_rest(
     periods: f64,
     mut each: impl FnMut(usize, Share, &[f64]),
 ) -> Result<(), OutOfRange> {
-    accept(
-        "periods",
-        periods,
-        (16.0..=1e7).contains(&periods),
-        "16..1e7 drive periods",
-    )?;
+    accept_in("periods", periods, 16.0..=1e7, "16..1e7 drive periods")?;
     accept(
         "number of laws",
         laws.len() as f64,
@@ -170,8 +143,7 @@ pub fn convey_from_rest(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{FrictionSettings, TangentialSettings, Tone};
-    use crate::regime::gear::shares_from_rest;
+    use crate::impact::{FrictionSettings, TangentialSettings, Tone, Wave};
     use crate::transport::{Effort, Motion, Origin, measure_on_tones};
 
     fn waves() -> [Wave; 2] {
@@ -180,22 +152,6 @@ mod tests {
             Wave::sine(),
             Wave::build(second, Tone::default()).expect("in range"),
         ]
-    }
-
-    #[test]
-    fn shares_are_those_without_motion_along_the_track() {
-        for (wave, k) in waves().into_iter().zip([0.44, 0.42]) {
-            let map = WaveMap::on(wave, k, 0.3).unwrap();
-            let scatters = [1, 2, 3].map(|seed| Scatter::build(0.3, 0.08, seed).unwrap());
-            let mut expected = [Share::default(); 3];
-            shares_from_rest(&map, &scatters, 1, 300.0, |n, share| expected[n] = share).unwrap();
-            let mut found = [Share::default(); 3];
-            convey_from_rest(&map, &[], &scatters, 1, 300.0, |n, share, _| {
-                found[n] = share;
-            })
-            .unwrap();
-            assert_eq!(found, expected);
-        }
     }
 
     /// Without scatter the speed is that of an independent measurement, also with rests.
@@ -241,7 +197,7 @@ mod tests {
                     phase_lead: 0.4,
                     incline_tangent,
                 };
-                WaveLaw::Tangential(wave, Tangential::build(k, settings).unwrap())
+                WaveLaw::Tangential(Tangential::on(&wave, k, settings).unwrap())
             };
             let laws = [law(1.0, 0.0), law(0.0, 1.0), law(1.7, 0.06)];
             let map = WaveMap::on(wave, k, 0.3).unwrap();

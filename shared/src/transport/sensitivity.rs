@@ -16,14 +16,6 @@ pub struct Sensitivity {
 impl Sensitivity {
     /// Sensitivity from the velocities W (in `b w`, with standard errors) at two values of k,
     /// `low < high`. `None` if they differ in sign.
-    ///
-    /// ```
-    /// use kband::transport::Sensitivity;
-    ///
-    /// // In lock W is proportional to k: a change of amplitude changes nothing.
-    /// let lock = Sensitivity::between((0.40, 0.80, 0.0), (0.44, 0.88, 0.0)).unwrap();
-    /// assert!(lock.value.abs() < 1e-12 && lock.error == 0.0);
-    /// ```
     pub fn between(
         (low, at_low, low_error): (f64, f64, f64),
         (high, at_high, high_error): (f64, f64, f64),

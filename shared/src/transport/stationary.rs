@@ -108,19 +108,3 @@ impl Observer for PhaseMeans {
 pub fn mean_velocity(k: f64, restitution: f64, mean_interval: f64) -> f64 {
     k * mean_interval * restitution / (1.0 + restitution)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn impact_mean_is_none_out_of_phase() {
-        let settings = TangentialSettings {
-            restitution: 0.3,
-            amplitude_ratio: 2.0,
-            phase_lead: 0.1,
-            incline_tangent: 0.05,
-        };
-        assert_eq!(impact_mean(0.1, 0.9, &settings, 40.0), None);
-    }
-}

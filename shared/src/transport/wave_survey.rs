@@ -2,7 +2,7 @@
 
 use super::conveyed::Conveyed;
 use super::survey::{CONVERGENCE_PERIODS, Effort, Measured, Origin, classify_run};
-use crate::impact::{AlongLaw, Friction, OrbitEvent, StopReason, WaveMap, WaveOrbit};
+use crate::impact::{Along, Friction, OrbitEvent, StopReason, WaveMap, WaveOrbit};
 
 /// Largest number of lift-off phases in a turn; after as many lift-offs the phases repeat.
 const MAX_LIFT_OFF_PHASES: usize = 3;
@@ -12,32 +12,6 @@ const MAX_LIFT_OFF_PHASES: usize = 3;
 ///
 /// A part may have several lift-off phases in a cycle. If it comes to rest, it is measured between
 /// two lift-offs at the same phase, once its velocity there has converged.
-///
-/// ```
-/// use kband::impact::{Friction, FrictionSettings, Tone, Wave, WaveMap};
-/// use kband::transport::{Effort, Motion, Origin, measure_on_tones};
-///
-/// let second = Tone { amplitude: 0.15, angle: 2.356 };
-/// let wave = Wave::build(second, Tone::default())?;
-/// let settings = FrictionSettings {
-///     sticking: 0.3,
-///     sliding: 0.3,
-///     amplitude_ratio: 1.5,
-///     phase_lead: 0.0,
-///     incline_tangent: 3.0_f64.to_radians().tan(),
-/// };
-/// let k = 1.0 / 1.2;
-/// let effort = Effort { settle: 1000, impacts: 3000 };
-/// let run = measure_on_tones(
-///     &WaveMap::on(wave, k, 0.2)?,
-///     Friction::on(&wave, k, settings)?,
-///     Origin::Rest,
-///     effort,
-/// );
-/// assert_eq!(run.motion, Motion::HopAndRest);
-/// assert!(run.conveyed.time_mean().is_some_and(|speed| speed > 0.0));
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 pub fn measure_on_tones(map: &WaveMap, along: Friction, start: Origin, effort: Effort) -> Measured {
     let mut run = Run {
         orbit: match start {

@@ -1,7 +1,7 @@
 //! Workloads for the kernels that every machine runs alike.
 
 use kband::impact::{
-    Hybrid, HybridState, Integer, Kernel, Landing, Single, SingleState, Tone, WaveKernel,
+    Integer, IntegerState, Kernel, Landing, Single, SingleState, Tone, WaveKernel,
 };
 
 /// A kernel with its step in machine units.
@@ -12,22 +12,12 @@ pub trait Machine: Kernel + Copy {
     fn bits(state: Self::State) -> [u32; 2];
 }
 
-impl Machine for Hybrid {
-    #[inline(always)]
-    fn land(&self, state: HybridState) -> Landing<HybridState> {
-        Hybrid::land(self, state)
-    }
-    fn bits(state: HybridState) -> [u32; 2] {
-        [state.phase.bits(), state.velocity.bits()]
-    }
-}
-
 impl Machine for Integer {
     #[inline(always)]
-    fn land(&self, state: HybridState) -> Landing<HybridState> {
+    fn land(&self, state: IntegerState) -> Landing<IntegerState> {
         Integer::land(self, state)
     }
-    fn bits(state: HybridState) -> [u32; 2] {
+    fn bits(state: IntegerState) -> [u32; 2] {
         [state.phase.bits(), state.velocity.bits()]
     }
 }
@@ -56,9 +46,6 @@ pub const ORBITS: [[f64; 4]; 11] = [
     [0.2, 0.9, 2.0, 3.0],
     [0.05, 0.9, 2.0, 3.0],
 ];
-
-/// Number of impacts over which the cost of an orbit is averaged.
-pub const IMPACTS: u32 = 500;
 
 /// A chattering orbit from lift-off to rest: k, restitution, phase and velocity.
 pub const CHATTER: [f64; 4] = [0.9, 0.5, 1.119_769_515, 0.0];
@@ -144,8 +131,7 @@ fn hash<K: Machine>(kernel: &K, start: K::State, count: u32, mut hash: u32) -> u
 /// each.
 pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
     [
-        (Hybrid::NAME, hash_orbits::<Hybrid> as fn(u32) -> u32),
-        (Single::NAME, hash_orbits::<Single>),
+        (Single::NAME, hash_orbits::<Single> as fn(u32) -> u32),
         (Integer::NAME, |count| hash_orbits::<Integer>(count / 10)),
         ("f32-tones", |count| hash_waves::<Single>(count / 4)),
     ]

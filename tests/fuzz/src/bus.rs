@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 
 use kband_bus::rtu::{self, crc};
-use kband_bus::{Answer, Authority, Machine, Refused, Seen, Server, tcp};
+use kband_bus::{Answer, Authority, Exception, Machine, Seen, Server, tcp};
 use kband_control::wire::Record;
 use kband_control::{Settings, Target};
 
@@ -49,15 +49,15 @@ impl Machine for Drive {
         *self.commands.borrow_mut() += 1;
     }
 
-    fn set_target(&mut self, target: Target) -> Result<(), Refused> {
+    fn set_target(&mut self, target: Target) -> Result<(), Exception> {
         assert!(self.authority >= Authority::Command);
         self.target = target;
         Ok(())
     }
 
-    fn set_settings(&mut self, settings: &Settings) -> Result<(), Refused> {
+    fn set_settings(&mut self, settings: &Settings) -> Result<(), Exception> {
         assert!(self.authority >= Authority::Command && !self.running);
-        settings.check().map_err(|_| Refused::Value)?;
+        settings.check().map_err(|_| Exception::Value)?;
         let bus = |settings: &Settings| {
             let of = |key: &str| settings.get(key).map(f32::to_bits);
             [
@@ -74,7 +74,7 @@ impl Machine for Drive {
         Ok(())
     }
 
-    fn save(&mut self) -> Result<(), Refused> {
+    fn save(&mut self) -> Result<(), Exception> {
         assert!(self.authority >= Authority::Command && !self.running);
         Ok(())
     }

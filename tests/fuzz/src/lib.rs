@@ -11,8 +11,6 @@ pub mod board;
 pub mod bus;
 pub mod desk;
 pub mod frames;
-#[cfg(feature = "log")]
-pub mod log;
 pub mod mutate;
 pub mod store;
 
@@ -90,13 +88,6 @@ pub const TARGETS: &[Target] = &[
         name: "store",
         run: store::store,
         short: 3000,
-        words: &[],
-    },
-    #[cfg(feature = "log")]
-    Target {
-        name: "log",
-        run: log::log,
-        short: 40_000,
         words: &[],
     },
 ];

@@ -54,19 +54,3 @@ fn no_input_is_more_than_refused() {
         assert!((made as u64) < count, "{}: nothing is refused", target.name);
     }
 }
-
-#[test]
-fn a_mutator_is_the_same_for_a_seed_and_another_for_another() {
-    let corpus = [b"k = 0.41".to_vec(), vec![0; 40]];
-    let inputs = |seed| {
-        let mut mutator = Mutator::new(&corpus, &[b"word"], seed);
-        (0..100).map(|_| mutator.make()).collect::<Vec<_>>()
-    };
-    assert_eq!(inputs(1), inputs(1));
-    assert_ne!(inputs(1), inputs(2));
-    assert!(
-        inputs(1)
-            .iter()
-            .any(|input| input.windows(4).any(|w| w == b"word"))
-    );
-}

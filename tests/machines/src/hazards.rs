@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use crate::chip::Hang;
 use crate::chip::kind::Kind;
 use crate::chip::world::Seen;
-use crate::draw::{Draw, failure};
 use crate::images::feeder_on;
 use crate::rig::{Act, Rig, chip_of};
 use kband_control::wire::Request;
@@ -30,8 +29,6 @@ pub struct Hazard {
     pub scene: Scene,
     /// The requested target.
     pub target: Target,
-    /// Time after which the desk is silent, s.
-    pub link_ends: f64,
     /// Times in s and the failures.
     pub acts: Vec<(f64, Act)>,
     /// Time of the first failure, s.
@@ -71,7 +68,6 @@ impl Hazard {
             name,
             scene,
             target,
-            link_ends: f64::INFINITY,
             acts: Vec::new(),
             from: FAILURE_TIME,
             until: 4.3,
@@ -91,27 +87,10 @@ impl Hazard {
         self
     }
 
-    fn first_failure(mut self, seconds: f64) -> Self {
-        self.from = seconds;
-        self
-    }
-
     /// Sets the end, s.
     pub fn end(mut self, seconds: f64) -> Self {
         self.until = seconds;
         self
-    }
-
-    /// Hard limit of the amplitude, mm.
-    pub fn limit(&self) -> f64 {
-        let Settings {
-            frequency,
-            amplitude_limit,
-            acceleration_limit,
-            ..
-        } = self.scene.settings;
-        let square = (core::f32::consts::TAU * frequency).powi(2);
-        f64::from(amplitude_limit.min(1e3 * acceleration_limit / square))
     }
 
     /// A board with this chip, its machine's settings set and saved.
@@ -138,9 +117,8 @@ impl Hazard {
     /// A board with this chip at the first failure. The common part of scenarios runs once.
     pub fn before(&self, kind: Kind) -> Rig {
         let Self { scene, target, .. } = self;
-        let heard = self.link_ends.min(self.from);
         cached_rig(
-            format!("{kind:?} {scene:?} {target:?} {heard} {}", self.from),
+            format!("{kind:?} {scene:?} {target:?} {}", self.from),
             || {
                 let mut rig = self.commissioned(kind);
                 self.run_to_failure(&mut rig);
@@ -157,11 +135,11 @@ impl Hazard {
         })
     }
 
-    /// Sends a frame of the desk every 0.3 s between two times, as long as the desk is not silent.
-    fn send_alive(&self, rig: &mut Rig, from: f64, to: f64) {
+    /// Sends a frame of the desk every 0.3 s between two times.
+    fn send_alive(rig: &mut Rig, from: f64, to: f64) {
         let times = (0..).map(|n| COMMISSIONED_TIME + 0.3 * f64::from(n));
         for time in times.skip_while(|time| *time < from) {
-            if time >= to.min(self.link_ends) {
+            if time >= to {
                 break;
             }
             let frame = rig.frame(&Request::Alive);
@@ -171,7 +149,7 @@ impl Hazard {
 
     /// Runs the board up to the first failure.
     fn run_to_failure(&self, rig: &mut Rig) {
-        self.send_alive(rig, COMMISSIONED_TIME, self.from);
+        Self::send_alive(rig, COMMISSIONED_TIME, self.from);
         rig.at(ENABLE_TIME, Act::Enable(true)).run(self.from);
     }
 
@@ -180,7 +158,7 @@ impl Hazard {
         if rig.time() < self.from {
             self.run_to_failure(&mut rig);
         }
-        self.send_alive(&mut rig, self.from, self.until);
+        Self::send_alive(&mut rig, self.from, self.until);
         for (time, act) in &self.acts {
             rig.at(*time, act.clone());
         }
@@ -209,188 +187,45 @@ fn cached_rig(name: String, make: impl FnOnce() -> Rig) -> Rig {
     place.get_or_init(make).clone()
 }
 
-/// Converter counts as an acceleration, m/s^2, by the settings.
-fn steps(count: f32, settings: &Settings) -> f32 {
-    count * settings.converter_reference / 4096.0 / settings.sensitivity * 9.806_65
-}
-
-/// A strong drive with a narrow limit.
-fn strong_drive(name: &'static str) -> Hazard {
-    Hazard::of(name, 50.0, Target::Amplitude(0.242)).with(|scene| {
-        scene.settings.gain = 5.0;
-        scene.settings.amplitude_limit = 1.0;
-        scene.drive.gain = 5.0;
-    })
-}
-
-/// A machine of 500 Hz, k 0.41, for which a converter count is a large acceleration.
-fn machine_of_500_hz(name: &'static str) -> Hazard {
-    Hazard::of(name, 500.0, Target::K(0.41)).with(|scene| {
-        scene.settings.safe_amplitude = 0.005;
-        scene.sensor.noise = steps(1.5, &scene.settings);
-    })
-}
-
 /// A change of track or sensor at a time in s.
 pub fn plant(time: f64, change: Change) -> (f64, Act) {
     (time, Act::Plant(change))
 }
 
-/// Failures of the sensor, its cable and its supply.
-pub fn of_the_sensor() -> Vec<Hazard> {
-    let bounces = (0..20).flat_map(|n| {
-        let time = FAILURE_TIME + 0.065 * f64::from(n);
-        [
-            plant(time, Change::SensorLost(true)),
-            plant(time + 0.05, Change::SensorLost(false)),
-        ]
-    });
-    let fades = (0..=16).map(|n| {
-        let share = 1.0 - 0.8 * n as f32 / 16.0;
-        plant(
-            FAILURE_TIME + 0.06 * f64::from(n),
-            Change::Sensitivity(share),
-        )
-    });
-    let no_step = steps(1.5, &Settings::default());
-    vec![
+/// Failures of the sensor and of its supply on a strong drive with a narrow limit.
+pub fn of_the_sensor() -> [Hazard; 3] {
+    let strong_drive = |name| {
+        Hazard::of(name, 50.0, Target::Amplitude(0.242)).with(|scene| {
+            scene.settings.gain = 5.0;
+            scene.settings.amplitude_limit = 1.0;
+            scene.drive.gain = 5.0;
+        })
+    };
+    [
         strong_drive("sensitivity falls to 0.2")
             .acts([plant(FAILURE_TIME, Change::Sensitivity(0.2))]),
-        strong_drive("sensitivity fades to 0.2")
-            .acts(fades)
-            .end(4.8),
-        strong_drive("its cable bounces").acts(bounces),
-        strong_drive("it is turned").acts([plant(FAILURE_TIME, Change::SensorInverted(true))]),
         strong_drive("its supply falls to half")
             .acts([(FAILURE_TIME, Act::SensorSupply(0.5))])
             .end(5.5),
         strong_drive("its supply is gone").acts([(FAILURE_TIME, Act::SensorSupply(0.0))]),
-        machine_of_500_hz("it stands still, 500 Hz")
-            .acts([plant(FAILURE_TIME, Change::SensorLost(true))]),
-        machine_of_500_hz("it gives noise alone, 500 Hz").acts([
-            plant(FAILURE_TIME, Change::Noise(no_step)),
-            plant(FAILURE_TIME, Change::Sensitivity(0.0)),
-        ]),
     ]
 }
 
-/// A machine at half its hard limit whose sensor measures the share `seen` of 1 g at rest.
-/// Commissioned with `kband settings commission --sensor`, or not.
-pub fn of_sensitivity(name: &'static str, commissioned: bool, seen: f32) -> Hazard {
-    Hazard::of(name, 50.0, Target::Amplitude(0.5)).with(|scene| {
-        if commissioned {
-            scene.settings.sensor_rest = 1.65 + 0.1 * seen;
-            scene.settings.gain_tolerance = 1.3;
-            scene.settings.load_tolerance = 1.3;
-        }
-    })
-}
-
-/// As a commissioned [`of_sensitivity`] that measures nothing of gravity, with a current sensor of
-/// 2 A at full output.
+/// A machine at half its hard limit, commissioned with `kband settings commission --sensor`. Its
+/// sensor measures nothing of gravity, a current sensor 2 A at full output.
 pub fn of_current(name: &'static str) -> Hazard {
-    of_sensitivity(name, true, 0.0).with(measure_current)
-}
-
-/// Adds that current sensor.
-pub fn measure_current(scene: &mut Scene) {
-    scene.settings.current_sensitivity = 0.3;
-    scene.settings.current_gain = 0.5;
-    scene.drive.current_gain = 0.5;
+    Hazard::of(name, 50.0, Target::Amplitude(0.5)).with(|scene| {
+        scene.settings.sensor_rest = 1.65;
+        scene.settings.gain_tolerance = 1.3;
+        scene.settings.load_tolerance = 1.3;
+        scene.settings.current_sensitivity = 0.3;
+        scene.settings.current_gain = 0.5;
+        scene.drive.current_gain = 0.5;
+    })
 }
 
 /// Time at rest, just before the enable input comes on, s.
 pub const AT_REST: f64 = 1.05;
-
-/// Temperature drift of a healthy sensor: sensitivity and voltage, before the start and once more
-/// in the run.
-pub fn drifts(sensitivity: f32, volts: f32) -> Hazard {
-    let drift = |time: f64, share: f32| {
-        [
-            plant(time, Change::Sensitivity(1.0 + share * (sensitivity - 1.0))),
-            (time, Act::SensorOffset(share * volts)),
-        ]
-    };
-    let acts = [drift(AT_REST, 0.7), drift(FAILURE_TIME, 1.0)];
-    of_sensitivity("a healthy sensor drifts", true, 1.0)
-        .with(|scene| scene.parts = Scene::default().parts)
-        .acts(acts.into_iter().flatten())
-        .end(5.0)
-}
-
-/// A random machine with a failing sensor; `None` where it takes longer than `seconds`.
-pub fn of_any_sensor(draw: &mut Draw, seconds: f64) -> Option<Hazard> {
-    let failure = failure(draw);
-    let until = ENABLE_TIME + 3.0 * failure.ready;
-    if until > seconds {
-        return None;
-    }
-    let mut hazard = Hazard::of("a machine at random", 50.0, failure.scene.target);
-    hazard.scene = failure.scene;
-    (hazard.from, hazard.until) = (ENABLE_TIME, until);
-    let changes = failure.changes.into_iter();
-    hazard.acts = changes
-        .map(|(time, change)| plant(ENABLE_TIME + time, change))
-        .collect();
-    Some(hazard)
-}
-
-/// Failures of link, setpoint and sweep that must not raise the amplitude.
-pub fn of_the_setpoint() -> Vec<Hazard> {
-    let silent = |mut hazard: Hazard| {
-        hazard.scene.settings.link_timeout = 0.8;
-        (hazard.link_ends, hazard.from) = (2.2, 2.3);
-        hazard.until = 5.6;
-        hazard
-    };
-    vec![
-        silent(Hazard::of(
-            "link lost, target 0",
-            50.0,
-            Target::Amplitude(0.0),
-        )),
-        silent(Hazard::of("link lost, 120 Hz", 120.0, Target::K(0.41))),
-        silent(
-            // The largest amplitude accepted here.
-            Hazard::of("link lost, 300 Hz", 300.0, Target::K(0.41))
-                .with(|scene| scene.settings.safe_amplitude = 0.033),
-        ),
-        Hazard::of("no setpoint", 50.0, Target::Speed(900.0)),
-        strong_drive("sweep of a strong drive")
-            .with(|scene| {
-                scene.settings.amplitude_limit = 0.25;
-                scene.settings.tracking = 2.0;
-            })
-            .first_failure(1.2)
-            .end(6.0),
-    ]
-}
-
-/// Healthy machines that must start with any accepted `tracking`. A search of 7 or 8 Hz at 50 Hz
-/// takes 20 s; only its start is run. The same share of 200 Hz is searched to its end.
-pub fn bands() -> Vec<Hazard> {
-    let band = |name, half_width: f32| {
-        Hazard::of(name, 200.0, Target::K(0.41))
-            .with(|scene| {
-                scene.settings.tracking = half_width;
-                scene.settings.safe_amplitude = 0.005;
-            })
-            .first_failure(1.2)
-    };
-    let slow = |name, half_width: f32| {
-        Hazard::of(name, 50.0, Target::Amplitude(0.23))
-            .with(|scene| {
-                scene.settings.tracking = half_width;
-                scene.settings.safe_amplitude = 0.03;
-            })
-            .first_failure(1.2)
-    };
-    vec![
-        slow("tracking 7 Hz", 7.0).end(12.0),
-        slow("tracking 8 Hz", 8.0).end(3.0),
-        band("tracking 32 Hz of 200", 32.0).end(6.0),
-    ]
-}
 
 /// Withdraws the enable input between two times, s.
 fn withdrawn(from: f64, to: f64) -> [(f64, Act); 2] {
@@ -429,23 +264,6 @@ pub fn over_current() -> Hazard {
     Hazard::of("over-current", 50.0, Target::Amplitude(0.2))
         .acts(passes.into_iter().chain(withdrawn(3.0, 3.6)))
         .end(4.2)
-}
-
-/// Target gear: with parts whose scatter is so large from 4 s on that they hop irregularly, and
-/// without parts.
-pub fn of_gear() -> [Hazard; 2] {
-    const LOST: f64 = 7.0;
-    let parts = Hazard::of("parts fall out of gear", 50.0, Target::Gear { order: 1 })
-        .with(|scene| scene.parts = Scene::default().parts)
-        .acts([
-            plant(LOST, Change::Restitution(0.6)),
-            plant(LOST, Change::Scatter(0.1)),
-        ])
-        .end(10.0);
-    [
-        parts,
-        Hazard::of("gear without a part", 50.0, Target::Gear { order: 1 }),
-    ]
 }
 
 /// Program errors at [`FAILURE_TIME`] on a chip. `panics` is the address of a function that panics, `stack`

@@ -92,29 +92,6 @@ fn keep(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> P
     kept
 }
 
-/// The folder in which a build for `machine` wrote this file for its linker; the newest of several.
-///
-/// # Panics
-/// Nothing was built yet.
-pub fn script_folder(name: &str, machine: Machine) -> PathBuf {
-    let builds = images_folder()
-        .join(machine.target())
-        .join("firmware/build");
-    let entries = std::fs::read_dir(&builds).expect("something was built");
-    let written = |folder: &PathBuf| {
-        folder
-            .join(name)
-            .metadata()
-            .and_then(|file| file.modified())
-    };
-    entries
-        .flatten()
-        .map(|entry| entry.path().join("out"))
-        .filter(|folder| folder.join(name).is_file())
-        .max_by_key(|folder| written(folder).ok())
-        .unwrap_or_else(|| panic!("no {name} in {}", builds.display()))
-}
-
 /// Address of a symbol of an image.
 ///
 /// # Panics
@@ -174,27 +151,6 @@ pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
         .filter(|symbol| symbol.size() > 0 && symbol.name().is_ok_and(|full| full.contains(&part)))
         .map(|symbol| symbol.address() as u32..(symbol.address() + symbol.size()) as u32)
         .collect()
-}
-
-/// Compiles one source file for `machine` and links it with these scripts, searched for in
-/// `folders` in order.
-///
-/// # Panics
-/// The target is missing; one line names the command that installs it.
-pub fn link(source: &Path, machine: Machine, folders: &[PathBuf], scripts: &[&str]) -> Output {
-    limited("120", "rustc", |rustc| {
-        rustc.args(toolchain(machine.target())).arg(source);
-        rustc.args(["--edition", "2024", "--target", machine.target()]);
-        rustc.args(["-C", "panic=abort", "-C", "opt-level=1"]);
-        rustc.arg("-o").arg(source.with_extension("elf"));
-        for folder in folders {
-            rustc.arg("-L").arg(folder);
-        }
-        for script in scripts {
-            rustc.arg("-C").arg(format!("link-arg={script}"));
-        }
-        rustc.env_remove("RUSTFLAGS");
-    })
 }
 
 /// Arguments that choose a toolchain with `target`.

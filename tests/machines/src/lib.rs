@@ -5,12 +5,10 @@
 pub mod browser;
 pub mod bus;
 pub mod chip;
-pub mod count;
 pub mod draw;
 pub mod emulator;
 pub mod hazards;
 pub mod images;
-pub mod log;
 pub mod probe;
 pub mod rig;
 pub mod terminal;

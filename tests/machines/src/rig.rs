@@ -63,8 +63,6 @@ pub enum Act {
     Store(u32, u32),
     /// Supply of the sensor over its nominal one.
     SensorSupply(f32),
-    /// Drift of the sensor's voltage, V.
-    SensorOffset(f32),
 }
 
 /// Ticks for a time in s.
@@ -121,15 +119,15 @@ impl Rig {
     /// # Panics
     /// The file is no image.
     pub fn boot(image: &Path) -> Self {
-        Self::boot_chip(chip_with_image(image))
+        Self::boot_with(chip_of(Kind::default(), image))
     }
 
     /// As [`Rig::boot`], with the image of the board with this chip.
     pub fn boot_on(kind: Kind) -> Self {
-        Self::boot_chip(chip_of(kind, &images::feeder_on(kind)))
+        Self::boot_with(chip_of(kind, &images::feeder_on(kind)))
     }
 
-    fn boot_chip(chip: Chip) -> Self {
+    fn boot_with(chip: Chip) -> Self {
         let mut rig = Self::with(chip, &Scene::default());
         rig.chip.power_on();
         rig
@@ -208,7 +206,6 @@ impl Rig {
                 let _ = board.store(*address, 4, *value);
             }
             Act::SensorSupply(share) => board.world.sensor_supply = *share,
-            Act::SensorOffset(volts) => board.world.sensor_offset = *volts,
         }
         self.chip.board.refresh();
     }
@@ -434,14 +431,6 @@ impl Rig {
 }
 
 /// A chip without supply with an image whose checksum is filled in as `kband flash` does.
-///
-/// # Panics
-/// The file is no image for this chip.
-pub fn chip_with_image(image: &Path) -> Chip {
-    chip_of(Kind::default(), image)
-}
-
-/// As [`chip_with_image`], with this chip.
 ///
 /// # Panics
 /// The file is no image for this chip.

@@ -23,12 +23,31 @@ impl Terminal {
     /// # Panics
     /// It does not start.
     pub fn start(image: &Path, word: &str, limit: Duration) -> Self {
+        Self::spawn(image, &["--serial", "pty", "--word", word], limit, &root())
+    }
+
+    /// Starts the emulated board with its drive enabled, the fieldbus on a terminal and this file as
+    /// its flash.
+    ///
+    /// # Panics
+    /// It does not start.
+    pub fn on_bus(image: &Path, flash: &Path, limit: Duration) -> Self {
+        let folder = flash.parent().expect("the flash lies in a folder");
+        let name = flash.file_name().and_then(|name| name.to_str());
+        let name = name.expect("a name in UTF-8");
+        let options = ["--bus", "pty", "--word", "run", "--flash", name];
+        Self::spawn(image, &options, limit, folder)
+    }
+
+    fn spawn(image: &Path, options: &[&str], limit: Duration, place: &Path) -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
         let said = folder.path().join("said");
         let emulator = Command::new(root().join("tests/emulator"))
             .args(["--limit", &limit.as_secs_f64().to_string()])
-            .args(["--clock", "free", "--serial", "pty", "--word", word])
+            .args(["--clock", "free"])
+            .args(options)
             .arg(image)
+            .current_dir(place)
             .stdin(Stdio::null())
             .stdout(File::create(&said).expect("a file can be made"))
             .stderr(Stdio::null())

@@ -1,6 +1,5 @@
 //! Chip STM32F405RG with a crystal of 8 MHz: Olimex STM32-H405 and similar boards.
 
-use cortex_m::peripheral::NVIC;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::flash::Flash;
@@ -9,14 +8,12 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
-use embassy_time::Instant;
 use kband_control::wire::SetUp;
-use kband_firmware::chip::{Chip, Started};
+use kband_firmware::chip::{Chip, Started, supply_crossed, watch_supply};
 use kband_firmware::cortex::{remembers_running, waiting_faults};
 use kband_firmware::start::ResetFlags;
 use kband_firmware::stm32::{Window, drive_off};
 use kband_firmware::store::{Records, StoreFailed};
-use kband_firmware::supply::Supply;
 use kband_firmware::update::Slot;
 use kband_firmware::waiting::Waiting;
 
@@ -33,9 +30,6 @@ mod slot;
 const CRYSTAL: u32 = 8_000_000;
 /// Highest level of the supply monitor: 2.9 V (DS8626, table 19).
 const HIGHEST_LEVEL: u8 = 7;
-/// EXTI line of the supply monitor.
-const SUPPLY_LINE: usize = 16;
-
 /// The loader, at the begin of the flash: the chip starts it, and it starts this program.
 #[used]
 #[unsafe(link_section = ".loader")]
@@ -43,27 +37,16 @@ static LOADER: [u8; LOADER_BYTES.len()] = *LOADER_BYTES;
 const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")).len()] =
     include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin"));
 
-static SUPPLY: Supply = Supply::new();
-
-/// Whether the supply is below the monitor's level.
-fn is_below() -> bool {
-    pac::PWR.csr1().read().pvdo()
-}
-
 /// Whether the supply was good for the settling time.
 fn supply_settled() -> bool {
-    SUPPLY.is_settled(is_below(), Instant::now().as_millis() as u32)
+    Board::supply_settled()
 }
 
-/// Interrupt at each crossing of the monitor's level. It opens the bridge first; the bridge stays
-/// open until the control has read the fault.
+/// Interrupt at each crossing of the monitor's level. It opens the bridge first.
 #[interrupt]
 fn PVD() {
     drive_off();
-    SUPPLY.falls();
-    pac::EXTI
-        .pr(0)
-        .write(|lines| lines.set_line(SUPPLY_LINE, true));
+    supply_crossed();
 }
 
 /// The board's chip.
@@ -120,28 +103,12 @@ impl Chip for Board {
             control.set_pls(HIGHEST_LEVEL);
             control.set_pvde(true);
         });
-        pac::EXTI
-            .rtsr(0)
-            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
-        // Both edges: the settling time starts at the return of the supply.
-        pac::EXTI
-            .ftsr(0)
-            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
-        pac::EXTI
-            .imr(0)
-            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
-        // SAFETY: no critical section relies on this interrupt's mask; its handler uses atomics and
-        // registers.
-        unsafe { NVIC::unmask(pac::Interrupt::PVD) };
+        watch_supply(pac::Interrupt::PVD);
         flash::read_ahead();
     }
 
-    fn supply_low() -> bool {
-        SUPPLY.take_is_low(is_below(), Instant::now().as_millis() as u32)
-    }
-
-    fn supply_allows() -> bool {
-        !SUPPLY.has_fallen() && !is_below()
+    fn is_below() -> bool {
+        pac::PWR.csr1().read().pvdo()
     }
 
     fn start_window() {
@@ -171,17 +138,15 @@ impl Chip for Board {
         (Adc::new(converter), SampleTime::CYCLES28)
     }
 
-    /// Settings in sectors 1 and 2, faults in sectors 3 and 4. Older images had the settings in
-    /// sectors 10 and 11.
+    /// Settings in sectors 1 and 2, faults in sectors 3 and 4.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
-        let records = Records::new(
+        Records::new(
             Sectors(Flash::new_blocking(flash)),
             0..2 * flash::PAGE,
             2 * flash::PAGE..4 * flash::PAGE,
             waiting_faults().ok_or(StoreFailed::Memory)?,
             supply_settled,
-        )?;
-        Ok(records.reading_from(flash::OLDER_SETTINGS, flash::OLDER_PAGE))
+        )
     }
 
     fn slot(restart: fn()) -> Option<Slot> {

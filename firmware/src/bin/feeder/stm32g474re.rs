@@ -1,6 +1,5 @@
 //! Chip STM32G474RE on its Nucleo board, on the internal oscillator.
 
-use cortex_m::peripheral::NVIC;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcConfig, SampleTime};
 use embassy_stm32::flash::Flash;
@@ -8,14 +7,12 @@ use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
-use embassy_time::Instant;
 use kband_control::wire::SetUp;
-use kband_firmware::chip::{Chip, Started};
+use kband_firmware::chip::{Chip, Started, supply_crossed, watch_supply};
 use kband_firmware::cortex::{remembers_running, waiting_faults};
 use kband_firmware::start::ResetFlags;
 use kband_firmware::stm32::Window;
 use kband_firmware::store::{Records, StoreFailed};
-use kband_firmware::supply::Supply;
 use kband_firmware::waiting::Waiting;
 
 use flash::Pages;
@@ -29,29 +26,16 @@ const HIGHEST_LEVEL: u8 = 6;
 /// Bit R1MODE of PWR_CR5: range 1 without boost (RM0440, 6.4.5).
 const NORMAL_RANGE_1: u32 = 1 << 8;
 
-/// EXTI line of the supply monitor.
-const SUPPLY_LINE: usize = 16;
-
-static SUPPLY: Supply = Supply::new();
-
-/// Whether the supply is below the monitor's level.
-fn is_below() -> bool {
-    pac::PWR.sr2().read().pvdo()
-}
-
 /// Whether the supply was good for the settling time.
 fn supply_settled() -> bool {
-    SUPPLY.is_settled(is_below(), Instant::now().as_millis() as u32)
+    Board::supply_settled()
 }
 
 /// Interrupt at each crossing of the monitor's level. The break of TIM1 opens the bridge in
 /// hardware.
 #[interrupt]
 fn PVD_PVM() {
-    SUPPLY.falls();
-    pac::EXTI
-        .pr(0)
-        .write(|lines| lines.set_line(SUPPLY_LINE, true));
+    supply_crossed();
 }
 
 /// The board's chip.
@@ -108,28 +92,12 @@ impl Chip for Board {
             breaks.set_cll(true);
             breaks.set_eccl(true);
         });
-        pac::EXTI
-            .rtsr(0)
-            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
-        // Both edges: the settling time starts at the return of the supply.
-        pac::EXTI
-            .ftsr(0)
-            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
-        pac::EXTI
-            .imr(0)
-            .modify(|lines| lines.set_line(SUPPLY_LINE, true));
-        // SAFETY: no critical section relies on this interrupt's mask; its handler uses atomics and
-        // registers.
-        unsafe { NVIC::unmask(pac::Interrupt::PVD_PVM) };
+        watch_supply(pac::Interrupt::PVD_PVM);
         pac::FLASH.acr().modify(|access| access.set_prften(true));
     }
 
-    fn supply_low() -> bool {
-        SUPPLY.take_is_low(is_below(), Instant::now().as_millis() as u32)
-    }
-
-    fn supply_allows() -> bool {
-        !SUPPLY.has_fallen() && !is_below()
+    fn is_below() -> bool {
+        pac::PWR.sr2().read().pvdo()
     }
 
     fn start_window() {

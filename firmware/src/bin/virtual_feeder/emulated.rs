@@ -3,11 +3,9 @@
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-use cortex_m::peripheral::scb::{Exception, VectActive};
-use cortex_m::peripheral::{NVIC, SCB};
-use cortex_m::register::primask;
+use cortex_m::peripheral::NVIC;
 use cortex_m_rt::exception;
-use cortex_m_semihosting::{debug, heprintln, hio, syscall1};
+use cortex_m_semihosting::{debug, heprintln, syscall1};
 use embassy_executor::Spawner;
 use embassy_futures::block_on;
 use embassy_stm32::interrupt;
@@ -16,22 +14,21 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Timer;
 use kband::feeder::OutOfRange;
-use kband_control::wire::{KeptFault, Pin, SetUp};
-use kband_control::{AdcCode, Inputs, Report, Settings, Signal, Target};
+use kband_control::wire::{Pin, SetUp};
+use kband_control::{AdcCode, Inputs, Report, Signal, Target};
 use kband_firmware::application::{Sampler, control};
 use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
 use kband_firmware::bus::bus;
 use kband_firmware::bus::uart::{self, Uart};
 use kband_firmware::cortex::{
-    IDENTITY, Owned, count_millisecond, microseconds, remembers_running, stack_free, stack_low,
-    stack_use, take_last_words,
+    IDENTITY, Owned, count_millisecond, microseconds, stack_free, stack_low, stack_use,
+    take_last_words,
 };
 use kband_firmware::exchange::Exchange;
 use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service, link};
 use kband_firmware::log;
-use kband_firmware::recipes::Recipes;
-use kband_firmware::start::{ResetCause, ResetFlags};
+use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
 use kband_firmware::store::{Condition, Found, Records, Store, StoreFailed};
 use kband_firmware::trial::{TraceRow, Trial};
@@ -41,8 +38,6 @@ use kband_plant::{Bench, Scene};
 use static_cell::StaticCell;
 use systick_timer::SystickDriver;
 
-use crate::count::count;
-use crate::count_link;
 use crate::flash::FlashFile;
 use crate::logger;
 use crate::serial::{self, Serial};
@@ -58,7 +53,7 @@ const BUS_SLOWNESS: u32 = 16;
 const SAMPLE_TICKS: u16 = 25_000 - 1;
 /// Largest number of samples in a millisecond with a desk on the link: the board's sample rate.
 const SAMPLES_A_MILLISECOND: u32 = 20;
-/// Number of interrupts until the emulated watchdog resets: half a second of emulated time.
+/// Number of interrupts until the emulated watchdog ends the run: half a second of emulated time.
 const WATCHDOG_SAMPLES: u32 = 20_000;
 /// Semihosting operation that returns the command line.
 const GET_CMDLINE: usize = 0x15;
@@ -74,36 +69,17 @@ static SAMPLER: Owned<Sampler<Bed, Bed>> = Owned::new();
 static BENCH: Mutex<CriticalSectionRawMutex, RefCell<Option<(Bench, f32)>>> =
     Mutex::new(RefCell::new(None));
 
-/// The emulated reset cause, in RAM that a reset leaves unchanged like the chip's register.
-#[unsafe(link_section = ".uninit.cause")]
-static CAUSE: AtomicU32 = AtomicU32::new(0);
-/// Value of the cause after a watchdog reset.
-const CAUSE_WATCHDOG: u32 = 0x5744_4f47;
-/// Value of the cause after a reset by the firmware.
-const CAUSE_SOFTWARE: u32 = 0x534f_4654;
-
+/// Nothing to switch: the bench is held by the samples, which end with the run.
 #[unsafe(no_mangle)]
-extern "Rust" fn kband_drive_off() {
-    // While a sample may still come, the drive could be switched on again. The hard fault masks
-    // all.
-    let masked = !primask::read().is_active()
-        || SCB::vect_active() == VectActive::Exception(Exception::HardFault);
-    let words: &[u8] = if masked {
-        b"drive off\n"
-    } else {
-        b"drive off until the next sample\n"
-    };
-    // A stream of its own: a fault may have left the state of `heprintln` inconsistent.
-    if let Ok(mut stream) = hio::hstderr() {
-        // A failed write has no remedy.
-        let _ = stream.write_all(words);
-    }
-}
+extern "Rust" fn kband_drive_off() {}
 
 #[unsafe(no_mangle)]
 extern "Rust" fn kband_halt() -> ! {
-    CAUSE.store(CAUSE_SOFTWARE, Ordering::Relaxed);
-    SCB::sys_reset()
+    heprintln!(
+        "last words: {}",
+        take_last_words().read().unwrap_or_default()
+    );
+    finish(false)
 }
 
 const IMAGE: Image = Image {
@@ -157,105 +133,30 @@ impl Panel for Bed {
     }
 }
 
-/// Prints the trace and ends the run at its end, or prints nothing and runs on.
-struct Trace {
-    left: Option<u32>,
-    end: fn() -> !,
-}
+/// Prints this many rows of the trace and ends the run, or prints nothing and runs on.
+struct Trace(Option<u32>);
 
 impl Monitor for Trace {
     fn report(&mut self, report: &Report, _ready: bool) {
         log::report(report);
-        if let Some(left) = &mut self.left {
+        if let Some(left) = &mut self.0 {
             heprintln!("{}", TraceRow(report));
             *left -= 1;
             if *left == 0 {
-                (self.end)();
+                finish(true);
             }
         }
     }
 }
 
 /// Memory of the settings: a file of the desk, or none, where each start is the first.
-struct Memory(Option<Records<FlashFile, Waiting>>);
+type Memory = Records<FlashFile, Waiting>;
 
-impl Memory {
-    /// Opens the file of this name; no memory for an empty name.
-    fn open(name: &str) -> Result<Self, StoreFailed> {
-        if name.is_empty() {
-            return Ok(Self(None));
-        }
-        let file = FlashFile::open(name).map_err(|_| StoreFailed::Memory)?;
-        let [settings, faults] = file.ranges();
-        let records = Records::new(file, settings, faults, Waiting::EMPTY, || true)?;
-        Ok(Self(Some(records)))
-    }
-}
-
-impl Store for Memory {
-    async fn load(&mut self) -> Found {
-        match &mut self.0 {
-            Some(records) => records.load().await,
-            None => Found::default(),
-        }
-    }
-
-    async fn save(
-        &mut self,
-        settings: &Settings,
-        target: Target,
-        pin: Option<Pin>,
-    ) -> Result<(), StoreFailed> {
-        match &mut self.0 {
-            Some(records) => records.save(settings, target, pin).await,
-            None => Err(StoreFailed::Memory),
-        }
-    }
-
-    async fn recipes(&mut self) -> Recipes {
-        match &mut self.0 {
-            Some(records) => records.recipes().await,
-            None => Recipes::default(),
-        }
-    }
-
-    async fn save_recipes(&mut self, recipes: &Recipes) -> Result<(), StoreFailed> {
-        match &mut self.0 {
-            Some(records) => records.save_recipes(recipes).await,
-            None => Err(StoreFailed::Memory),
-        }
-    }
-
-    async fn key(&mut self) -> Option<[u8; 32]> {
-        self.0.as_mut()?.key().await
-    }
-
-    async fn save_key(&mut self, key: &[u8; 32]) -> Result<(), StoreFailed> {
-        match &mut self.0 {
-            Some(records) => records.save_key(key).await,
-            None => Err(StoreFailed::Memory),
-        }
-    }
-
-    fn supply_is_good(&self) -> bool {
-        true
-    }
-
-    fn take_fault(&mut self, fault: &KeptFault) {
-        if let Some(records) = &mut self.0 {
-            records.take_fault(fault);
-        }
-    }
-
-    async fn keep_faults(&mut self) {
-        if let Some(records) = &mut self.0 {
-            records.keep_faults().await;
-        }
-    }
-
-    async fn fault(&mut self, back: u32) -> Option<KeptFault> {
-        self.0.as_mut()?.fault(back).await
-    }
+/// Opens the file of this name; no memory for an empty name.
+fn open_memory(name: &str) -> Result<Memory, StoreFailed> {
+    let file = FlashFile::open(name).map_err(|_| StoreFailed::Memory)?;
+    let [settings, faults] = file.ranges();
+    Records::new(file, settings, faults, Waiting::EMPTY, || true)
 }
 
 /// A watchdog that counts samples.
@@ -280,10 +181,8 @@ static BY_MILLISECOND: AtomicBool = AtomicBool::new(false);
 fn sample() {
     if HUNGRY.fetch_add(1, Ordering::Relaxed) >= WATCHDOG_SAMPLES {
         cortex_m::interrupt::disable();
-        kband_drive_off();
         heprintln!("watchdog bites");
-        CAUSE.store(CAUSE_WATCHDOG, Ordering::Relaxed);
-        SCB::sys_reset();
+        finish(false);
     }
     // A pause of the samples is no failure: the interrupt checks in.
     ROLL.check_in(Watched::Samples);
@@ -302,9 +201,6 @@ fn sample() {
 /// Counts milliseconds for the time driver.
 #[exception]
 fn SysTick() {
-    if count_link::sample() {
-        return;
-    }
     TIME.systick_interrupt();
     EXCHANGE.bus.poll(count_millisecond() / BUS_SLOWNESS);
     if BY_MILLISECOND.load(Ordering::Relaxed) {
@@ -351,15 +247,6 @@ async fn supervise() {
     }
 }
 
-fn passed() -> ! {
-    finish(true)
-}
-
-/// Restarts the chip with the reset flag of power-on only, as after a sag of its supply.
-fn sag() -> ! {
-    SCB::sys_reset()
-}
-
 fn finish(good: bool) -> ! {
     let (used, size) = stack_use();
     heprintln!("stack {} of {} bytes", used, size);
@@ -371,13 +258,6 @@ fn finish(good: bool) -> ! {
     loop {
         cortex_m::asm::wfi();
     }
-}
-
-/// Recurses until the stack has left the RAM.
-#[allow(unconditional_recursion)]
-fn deepen(depth: u32) -> u32 {
-    let room = core::hint::black_box([depth; 64]);
-    deepen(depth + 1).wrapping_add(core::hint::black_box(room)[7])
 }
 
 /// Arguments after the image's name on the semihosting command line.
@@ -395,16 +275,6 @@ fn arguments(buffer: &mut [u8; 256]) -> &str {
     line.split_once(' ').map_or("", |(_, rest)| rest.trim())
 }
 
-fn reset_cause() -> ResetCause {
-    let flags = CAUSE.swap(0, Ordering::Relaxed);
-    ResetCause::of(ResetFlags {
-        watchdog: flags == CAUSE_WATCHDOG,
-        software: flags == CAUSE_SOFTWARE,
-        sag: false,
-        remembered: remembers_running(),
-    })
-}
-
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     begin(spawner);
@@ -414,8 +284,8 @@ async fn main(spawner: Spawner) {
 /// Builds the station in its place, and its signal path. Each large part is built in a call of its
 /// own, so that their stack use does not add up.
 #[inline(never)]
-fn place(found: &Found, cause: ResetCause) -> Result<(&'static Station, Signal), OutOfRange> {
-    let start = cause.start();
+fn place(found: &Found) -> Result<(&'static Station, Signal), OutOfRange> {
+    let start = ResetCause::Power.start();
     let controller = Station::controller(found, start)?;
     let station =
         STATION.init_with(|| Station::new(found, start, &controller, &EXCHANGE, LastWords::EMPTY));
@@ -428,32 +298,6 @@ fn place_bench(scene: &Scene) -> Result<(), OutOfRange> {
     let bench = Bench::build(scene)?;
     BENCH.lock(|cell| cell.replace(Some((bench, 0.0))));
     Ok(())
-}
-
-/// Counts instructions, and ends the run.
-#[inline(never)]
-fn count_with_bench(core: &mut cortex_m::Peripherals, signal: Signal, station: &Station) -> ! {
-    if let Some((bench, _)) = BENCH.lock(RefCell::take) {
-        count(&mut core.SYST, signal, station, bench);
-    }
-    finish(true)
-}
-
-/// Counts the requests of the link, and ends the run. The bench stays in its place: the stack has
-/// no room for it beside a request.
-#[inline(never)]
-fn count_link_with_bench(
-    core: &mut cortex_m::Peripherals,
-    signal: Signal,
-    station: &Station,
-    memory: Memory,
-) -> ! {
-    let bench = BENCH.lock(RefCell::as_ptr);
-    // SAFETY: nothing else in this run uses the bench.
-    if let Some((bench, _)) = unsafe { &mut *bench } {
-        count_link::count(&mut core.SYST, IMAGE, memory, station, signal, bench);
-    }
-    finish(true)
 }
 
 /// Builds the sample interrupt in its place.
@@ -470,42 +314,12 @@ fn begin(spawner: Spawner) {
     let mut buffer = [0; 256];
     let words = arguments(&mut buffer);
     let (word, file) = words.split_once(' ').unwrap_or((words, ""));
-    let cause = reset_cause();
-    heprintln!("kband {} {:?}", IDENTITY, cause);
-    let last_words = take_last_words();
+    heprintln!("kband {}", IDENTITY);
     logger::start();
-    log::start(cause, &last_words);
-    if cause != ResetCause::Power && word != "sag" {
-        match last_words.read() {
-            Some(words) => heprintln!("last words: {}", words),
-            None => heprintln!("no last words"),
-        }
-        finish(false);
-    }
-    match word {
-        "identity" => finish(true),
-        "panic" => panic!("asked to"),
-        "fault" => {
-            // SAFETY: nothing is there: the read is meant to fault.
-            let _ = unsafe { (0xF000_0000 as *const u32).read_volatile() };
-        }
-        "overflow" => {
-            heprintln!("{}", deepen(0));
-        }
-        "stray" => {
-            NVIC::pend(pac::Interrupt::TIM2);
-            // SAFETY: no critical section relies on this interrupt's mask.
-            unsafe { NVIC::unmask(pac::Interrupt::TIM2) };
-        }
-        _ => {}
-    }
+    log::start(ResetCause::Power, &LastWords::EMPTY);
     let trial = match word {
-        "hang" | "count" | "count-link" => Trial::ALL.first().copied(),
-        "count-lively" => Some(Trial::LARGEST_PLAN),
         "link" => Some(Trial::LINK),
         "run" => Some(Trial::RUN),
-        "sag" if cause == ResetCause::Power => Some(Trial::BEFORE_SAG),
-        "sag" => Some(Trial::AFTER_SAG),
         name => Trial::named(name),
     };
     let Some((trial, mut core)) = trial.zip(cortex_m::Peripherals::take()) else {
@@ -513,21 +327,21 @@ fn begin(spawner: Spawner) {
         finish(false);
     };
     let scene = trial.scene();
-    let Ok(mut memory) = Memory::open(file) else {
+    let Ok(mut memory) = open_memory(file) else {
         heprintln!("no flash in {}", file);
         finish(false);
     };
-    let found = match &memory.0 {
-        Some(_) => block_on(memory.load()),
-        None => Found {
+    let found = if file.is_empty() {
+        Found {
             settings: scene.settings,
             target: scene.target,
             pin: None,
             condition: Condition::Whole,
-            added: 0,
-        },
+        }
+    } else {
+        block_on(memory.load())
     };
-    let built = place(&found, cause).and_then(|placed| {
+    let built = place(&found).and_then(|placed| {
         place_bench(&scene)?;
         Ok(placed)
     });
@@ -539,19 +353,11 @@ fn begin(spawner: Spawner) {
             finish(false);
         }
     };
-    if matches!(word, "count" | "count-lively") {
-        count_with_bench(&mut core, signal, station);
-    }
-    if word == "count-link" {
-        count_link_with_bench(&mut core, signal, station, memory);
-    }
     place_sampler(signal);
     let linked = matches!(word, "link" | "run");
-    // QEMU's TIM3 does not survive a reset of its machine.
-    let by_millisecond = linked || word == "sag";
-    BY_MILLISECOND.store(by_millisecond, Ordering::Relaxed);
+    BY_MILLISECOND.store(linked, Ordering::Relaxed);
     TIME.start(&mut core.SYST);
-    if !by_millisecond {
+    if !linked {
         pac::TIM3.arr().write(|reload| reload.set_arr(SAMPLE_TICKS));
         pac::TIM3.dier().modify(|enable| enable.set_uie(true));
         pac::TIM3.cr1().modify(|control| control.set_cen(true));
@@ -565,15 +371,7 @@ fn begin(spawner: Spawner) {
         spawner.spawn(desk_link(station, memory, found.pin).expect("spawned once"));
         spawner.spawn(fieldbus(station).expect("spawned once"));
     }
-    if word != "hang" {
-        let trace = Trace {
-            left: (!linked).then_some(trial.cycles),
-            end: match (word, cause) {
-                ("sag", ResetCause::Power) => sag,
-                _ => passed,
-            },
-        };
-        spawner.spawn(drive_cycle(station, trace).expect("spawned once"));
-    }
+    let trace = Trace((!linked).then_some(trial.cycles));
+    spawner.spawn(drive_cycle(station, trace).expect("spawned once"));
     spawner.spawn(supervise().expect("spawned once"));
 }

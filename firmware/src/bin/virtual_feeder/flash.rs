@@ -23,13 +23,20 @@ impl NorFlashError for FileFailed {
 /// A file as NOR flash: writing clears bits, erasing sets the bits of a page. Ending the emulator
 /// in between is a power cut.
 pub struct FlashFile {
-    handle: usize,
+    /// `None`: the flash is blank, and nothing can be written.
+    handle: Option<usize>,
     length: usize,
 }
 
 impl FlashFile {
-    /// Opens the file as flash of the file's size.
+    /// Opens the file as flash of the file's size; with an empty name a blank flash.
     pub fn open(name: &str) -> Result<Self, FileFailed> {
+        if name.is_empty() {
+            return Ok(Self {
+                handle: None,
+                length: 4 * PAGE,
+            });
+        }
         let mut room = [0; 257];
         let bytes = name.as_bytes();
         // The terminating zero stays.
@@ -47,7 +54,10 @@ impl FlashFile {
         if length == FAILED {
             return Err(FileFailed);
         }
-        Ok(Self { handle, length })
+        Ok(Self {
+            handle: Some(handle),
+            length,
+        })
     }
 
     /// Pages for the settings, and pages for the faults.
@@ -56,27 +66,33 @@ impl FlashFile {
         [0..half, half..whole]
     }
 
-    fn seek(&mut self, offset: u32) -> Result<(), FileFailed> {
+    /// The file at this place in it.
+    fn seek(&mut self, offset: u32) -> Result<usize, FileFailed> {
+        let handle = self.handle.ok_or(FileFailed)?;
         // SAFETY: SYS_SEEK takes an open file and a place in it.
-        match unsafe { syscall!(SEEK, self.handle, offset) } {
-            0 => Ok(()),
+        match unsafe { syscall!(SEEK, handle, offset) } {
+            0 => Ok(handle),
             _ => Err(FileFailed),
         }
     }
 
     fn put(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FileFailed> {
-        self.seek(offset)?;
+        let handle = self.seek(offset)?;
         // SAFETY: SYS_WRITE reads so many bytes from there, and returns how many it left.
-        match unsafe { syscall!(WRITE, self.handle, bytes.as_ptr(), bytes.len()) } {
+        match unsafe { syscall!(WRITE, handle, bytes.as_ptr(), bytes.len()) } {
             0 => Ok(()),
             _ => Err(FileFailed),
         }
     }
 
     fn get(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FileFailed> {
-        self.seek(offset)?;
+        if self.handle.is_none() {
+            bytes.fill(0xff);
+            return Ok(());
+        }
+        let handle = self.seek(offset)?;
         // SAFETY: SYS_READ writes at most so many bytes there, and returns how many it left.
-        match unsafe { syscall!(READ, self.handle, bytes.as_mut_ptr(), bytes.len()) } {
+        match unsafe { syscall!(READ, handle, bytes.as_mut_ptr(), bytes.len()) } {
             0 => Ok(()),
             _ => Err(FileFailed),
         }

@@ -9,15 +9,6 @@
 //! - `link`: runs the default scene with the enable input off. Answers on USART2, and as a Modbus
 //!   server on UART4 where the settings switch the bus on, until it is ended from outside.
 //! - `run`: the same with the enable input on, at the board's speed where the desk is fast enough.
-//! - `count`: counts the instructions of the sample interrupt, the control and the plan of the
-//!   capture. It needs a clock that counts them.
-//! - `count-link`: counts those of each request of the link, and the delay that a flood of them
-//!   causes to a sample. It needs the same clock.
-//! - `identity`: prints the image's version and commit.
-//! - `panic`, `fault`, `overflow`, `stray`: causes a panic, a hard fault, a stack overflow, an
-//!   unexpected interrupt.
-//! - `sag`: runs for a while, is reset as by a sag of its supply, and runs on.
-//! - `hang`: a task never returns; the watchdog must reset.
 //!
 //! The log always goes to USART1.
 //!
@@ -25,10 +16,6 @@
 //! pages of 4096 bytes, 0xff where nothing was written yet.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-#[cfg(target_os = "none")]
-mod count;
-#[cfg(target_os = "none")]
-mod count_link;
 #[cfg(target_os = "none")]
 mod emulated;
 #[cfg(target_os = "none")]

@@ -105,7 +105,7 @@ pub(super) fn law(
         None => {
             let kept = f64::from(scene.settings.tangential_restitution);
             let settings = TangentialSettings::on(track, kept);
-            WaveLaw::Tangential(*wave, Tangential::build(k, settings)?)
+            WaveLaw::Tangential(Tangential::on(wave, k, settings)?)
         }
     })
 }

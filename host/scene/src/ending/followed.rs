@@ -36,20 +36,12 @@ pub(super) struct Followed {
 impl Followed {
     pub(super) fn new(limit: usize) -> Self {
         Self {
-            weigh_next: JUDGED_AFTER_IMPACTS.min(limit),
-            ..Self::weighed_at(limit)
-        }
-    }
-
-    /// An orbit that is judged only when it is given up.
-    pub(super) fn weighed_at(limit: usize) -> Self {
-        Self {
             count: 0,
             look_next: 1,
             time: 0.0,
             kept: Kept::NONE,
             keep_next: 16,
-            weigh_next: limit,
+            weigh_next: JUDGED_AFTER_IMPACTS.min(limit),
             limit,
             row: Row::default(),
             memory: Memory::default(),
@@ -59,11 +51,6 @@ impl Followed {
     /// Time in rad since the first launch.
     pub(super) fn time(&self) -> f64 {
         self.time
-    }
-
-    /// Whether its last impacts approach a cycle, however slowly.
-    pub(super) fn settles(&self) -> bool {
-        self.memory.settles()
     }
 
     /// Takes the next impact and returns the state of the decision.

@@ -15,9 +15,6 @@ const CYCLE: f64 = 4_294_967_296.0;
 /// repeats.
 const RETURN_TOLERANCE: u32 = 1024;
 
-/// The same for a slow approach to a cycle: 1/1024 cycle, 6e-3 rad.
-const SLOW_RETURN_TOLERANCE: u32 = 1 << 22;
-
 /// The same on the approach to a cycle of one impact that is found: 2e-4 rad. One of more impacts
 /// is followed for fewer periods, and found from nearer.
 const APPROACH_TOLERANCE: u32 = 1 << 17;
@@ -75,22 +72,9 @@ impl Memory {
     /// With fewer the classifier's verdict is chaos. Times within a cycle suffice, which a CPU
     /// compares four at once.
     fn may_repeat(&self) -> bool {
-        self.repeats(RETURN_TOLERANCE, |near, of| 2 * near >= of)
-    }
-
-    /// Whether every impact nearly repeats after some number of impacts, as on a slow approach to a
-    /// cycle.
-    pub(super) fn settles(&self) -> bool {
-        self.repeats(SLOW_RETURN_TOLERANCE, |near, of| near == of)
-    }
-
-    /// Whether, after some number of impacts, `enough` of them repeat within `apart`.
-    ///
-    /// `enough` takes the number of repeats and the number of compared impacts.
-    fn repeats(&self, apart: u32, enough: impl Fn(usize, usize) -> bool) -> bool {
         let times = self.times();
         (1..=times.len() / 3)
-            .any(|impacts| enough(near(&times, impacts, apart), times.len() - impacts))
+            .any(|impacts| 2 * near(&times, impacts, RETURN_TOLERANCE) >= times.len() - impacts)
     }
 
     /// Times of the last impacts within their cycles.

@@ -158,7 +158,7 @@ fn follow(
 ///
 /// A gear has one attractor at a time, so one orbit from beside the period-1 orbit decides. Long
 /// transients count as lost: all of them leave gear sooner or later.
-pub fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
+pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
     let mut flown = Vec::new();
     for (track, order) in gears.iter().copied() {
         let mut held = Held {

@@ -1,7 +1,5 @@
 //! Items between the axes.
 
-use std::sync::Arc;
-
 use super::axes::Pixels;
 use super::map::{Grid, raster};
 use super::style::marks;
@@ -28,8 +26,8 @@ pub(super) enum Item {
         bars: Vec<(f64, f64, f64)>,
     },
     Density(Vec<(f64, f64)>),
-    /// Heights and their numbers of points, of evenly spaced columns.
-    Columns(Vec<Arc<[(f32, u32)]>>),
+    /// Heights of evenly spaced columns.
+    Columns(Vec<Vec<f32>>),
     Heat {
         grid: Grid<f64>,
         scale: Axis,

@@ -63,9 +63,8 @@ impl Panel {
         let of = |item: &Item| match item {
             Item::Markers { points, .. } | Item::Density(points) => count(points),
             Item::Columns(columns) => {
-                let lost = columns.iter().flat_map(|column| column.iter());
-                let lost = lost.filter(|(y, _)| outside(&self.y, f64::from(*y)));
-                lost.map(|(_, times)| *times as usize).sum()
+                let lost = columns.iter().flatten();
+                lost.filter(|y| outside(&self.y, f64::from(**y))).count()
             }
             _ => 0,
         };

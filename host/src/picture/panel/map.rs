@@ -1,7 +1,6 @@
 //! Maps of values and densities of points, as rasters.
 
 use std::collections::HashSet;
-use std::sync::Arc;
 
 use super::axes::Pixels;
 use super::style::{frame_of, label, upright};
@@ -55,12 +54,12 @@ impl Counts {
         }
     }
 
-    /// Adds points at a relative height, 0 at the bottom; values outside 0..1 are omitted.
-    fn add(&mut self, column: usize, up: f64, times: u32) {
+    /// Adds a point at a relative height, 0 at the bottom; values outside 0..1 are omitted.
+    fn add(&mut self, column: usize, up: f64) {
         if (0.0..=1.0).contains(&up) {
             let column = column.min(self.columns - 1);
             let row = (((1.0 - up) * self.rows as f64) as usize).min(self.rows - 1);
-            self.counts[row * self.columns + column] += times;
+            self.counts[row * self.columns + column] += 1;
         }
     }
 
@@ -104,17 +103,17 @@ impl Pixels<'_> {
             let across = self.panel.x.part(*x);
             if (-1e-9..=1.0 + 1e-9).contains(&across) {
                 let column = (across * counts.columns as f64).floor().max(0.0);
-                counts.add(column as usize, self.panel.y.part(*y), 1);
+                counts.add(column as usize, self.panel.y.part(*y));
             }
         }
         counts.raster(theme)
     }
 
-    pub(super) fn columns(&self, theme: Theme, columns: &[Arc<[(f32, u32)]>]) -> Raster {
+    pub(super) fn columns(&self, theme: Theme, columns: &[Vec<f32>]) -> Raster {
         let mut counts = Counts::new(columns.len(), (1.5 * self.plot.height) as usize);
         for (column, heights) in columns.iter().enumerate() {
-            for (y, times) in heights.iter() {
-                counts.add(column, self.panel.y.part(f64::from(*y)), *times);
+            for y in heights {
+                counts.add(column, self.panel.y.part(f64::from(*y)));
             }
         }
         counts.raster(theme)

@@ -224,7 +224,7 @@ mod tests {
             ]
         };
         // A marker on the right, a line above: the text goes to the left.
-        let first = obstacles.choose("hybrid", &around(100.0, 100.0)).unwrap();
+        let first = obstacles.choose("single", &around(100.0, 100.0)).unwrap();
         assert_eq!(first.anchor, Anchor::End);
         // Earlier texts keep their place.
         let second = obstacles.choose("integer", &around(100.0, 100.0)).unwrap();

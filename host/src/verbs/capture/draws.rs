@@ -4,7 +4,6 @@
 //! is simulated on the exact map: without a kick, then with the plan's kicks until one captures it.
 //! The results are shares of the parts, 0..1.
 
-use kband::impact::Map;
 use kband::regime::capture::{Kick, Plan, Trial};
 
 use super::Task;
@@ -33,13 +32,13 @@ impl Rates {
                 order: task.lot.order,
                 contact: task.lot.contact,
             };
-            let alone = captures::<Map>(part, task.drive, Kick::NONE)?;
+            let alone = captures(part, task.drive, Kick::NONE)?;
             for attempt in 0..attempts {
                 let drive = if attempt == 0 { task.drive } else { task.again };
                 let Some(kick) = plan.attempt(attempt as u32) else {
                     break;
                 };
-                if captures::<Map>(part, drive, kick)? {
+                if captures(part, drive, kick)? {
                     return Ok((alone, Some(attempt)));
                 }
             }

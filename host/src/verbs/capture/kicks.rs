@@ -1,6 +1,5 @@
 //! The map of kicks: share of a lot, 0..1, that each kick captures, by simulation.
 
-use kband::impact::Map;
 use kband::regime::capture::{Kick, KickSettings, Plan};
 
 use super::Task;
@@ -19,17 +18,6 @@ pub(super) struct Kicks {
     /// from the target to the factor.
     pub(super) slow: Option<(u16, f32)>,
     pub(super) shares: Vec<f64>,
-    pub(super) best: Option<Widest>,
-}
-
-/// The kick of the map in the middle of the widest patch.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Widest {
-    pub(super) kick: KickSettings,
-    pub(super) share: f64,
-    /// Tolerated error of the factor, as a fraction, and of the length in cycles, both at once.
-    pub(super) factor_margin: f64,
-    pub(super) length_margin: f64,
 }
 
 /// Number of lengths in a map.
@@ -55,7 +43,6 @@ impl Kicks {
             lengths,
             slow,
             shares: Vec::new(),
-            best: None,
         };
         let columns = map.lengths.len();
         map.shares = desk.try_map("capture map", map.factors.len() * columns, |cell| {
@@ -64,15 +51,10 @@ impl Kicks {
             };
             let mut locked = 0_u32;
             for part in 0..task.arguments.parts {
-                locked += u32::from(captures::<Map>(
-                    task.lot.part(part as u32),
-                    task.drive,
-                    kick,
-                )?);
+                locked += u32::from(captures(task.lot.part(part as u32), task.drive, kick)?);
             }
             Ok(f64::from(locked) / task.arguments.parts as f64)
         })?;
-        map.best = map.widest();
         Ok(map)
     }
 
@@ -101,47 +83,6 @@ impl Kicks {
         shares
             .filter_map(|(cell, share)| Some((self.kick(cell).ok()?.settings(), *share)))
             .collect()
-    }
-
-    /// The middle of the largest square of cells that capture at least 0.9 of the best share. The
-    /// square lies inside the map.
-    pub(super) fn widest(&self) -> Option<Widest> {
-        let columns = self.lengths.len();
-        let rows = self.factors.len();
-        let most = self.shares.iter().copied().fold(0.0, f64::max);
-        if most <= 0.0 {
-            return None;
-        }
-        let least = 0.9 * most;
-        let mut best: Option<(usize, usize)> = None;
-        for cell in 0..self.shares.len() {
-            let (row, column) = (cell / columns, cell % columns);
-            let room = row
-                .min(column)
-                .min(rows - 1 - row)
-                .min(columns - 1 - column);
-            let reach = (0..=room)
-                .take_while(|reach| {
-                    (row - reach..=row + reach).all(|row| {
-                        (column - reach..=column + reach)
-                            .all(|column| self.shares[row * columns + column] >= least)
-                    })
-                })
-                .last();
-            if let Some(reach) = reach
-                && best.is_none_or(|(_, widest)| reach > widest)
-            {
-                best = Some((cell, reach));
-            }
-        }
-        let (cell, reach) = best?;
-        let (row, column) = (cell / columns, cell % columns);
-        Some(Widest {
-            kick: self.kick(cell).ok()?.settings(),
-            share: self.shares[cell],
-            factor_margin: (self.factors[row + reach] - self.factors[row]) / self.factors[row],
-            length_margin: f64::from(self.lengths[column + reach] - self.lengths[column]),
-        })
     }
 
     pub(super) fn picture(&self, task: &Task<'_>, plan: &Plan) -> Picture {
@@ -183,9 +124,6 @@ impl Kicks {
         if let Some((x, y)) = planned.filter(|(x, y)| *x <= right && *y <= top) {
             panel = panel.markers("planned as on the board", 1, vec![(x, y)]);
         }
-        if let Some(best) = self.best {
-            panel = panel.markers("widest margin", 2, vec![place(best.kick)]);
-        }
         let shape = match self.slow {
             None => "rectangular kicks".to_string(),
             Some((hold, way)) => format!(
@@ -203,34 +141,5 @@ impl Kicks {
                 task.arguments.parts
             ))
             .panel(panel)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_widest_patch_is_found_and_its_margin_stays_inside() {
-        let mut map = Kicks {
-            factors: (0..20).map(|n| 1.0 + 0.05 * f64::from(n)).collect(),
-            lengths: (0..20).map(|n| 3 * n).collect(),
-            slow: None,
-            shares: vec![0.5; 400],
-            best: None,
-        };
-        for row in 4..=10 {
-            for column in 8..=14 {
-                map.shares[row * 20 + column] = 1.0;
-            }
-        }
-        map.shares[17 * 20 + 2] = 1.0;
-        let best = map.widest().unwrap();
-        assert_eq!((best.kick.hold, best.share), (33, 1.0));
-        assert!((f64::from(best.kick.factor) - 1.35).abs() < 1e-6);
-        assert_eq!(best.length_margin, 9.0);
-        assert!((best.factor_margin - 0.15 / 1.35).abs() < 1e-9);
-        map.shares.fill(0.0);
-        assert_eq!(map.widest(), None);
     }
 }

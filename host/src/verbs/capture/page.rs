@@ -101,16 +101,6 @@ pub(super) fn report(
         task.arguments.effort,
         plan.kicks
     ));
-    if let Some(best) = map.best.filter(|best| best.length_margin > 0.0) {
-        report = report.note(format!(
-            "widest patch of the map: {}; {:.0} % of the parts, and hardly fewer with the factor +-{:.1} % and \
-             the length +-{:.0} cycles",
-            spelled(best.kick),
-            100.0 * best.share,
-            100.0 * best.factor_margin,
-            best.length_margin
-        ));
-    }
     let kick_alone = tried().without(columns::SHARE);
     let kick = |kick: KickSettings| kick_alone.object(&Tried::of("", kick, 0.0));
     let cells: Vec<Tried> = (map.cells().into_iter())
@@ -133,12 +123,6 @@ pub(super) fn report(
             "kicks": plan.kicks,
             "attempts": kicks.into_iter().map(kick).collect::<Vec<_>>(),
         },
-        "widest": map.best.map(|best| serde_json::json!({
-            "kick": kick(best.kick),
-            "share": best.share,
-            "factor_margin": best.factor_margin,
-            "length_margin": best.length_margin,
-        })),
         "runs": task.arguments.runs,
         "seed": task.arguments.seed,
         "captured_alone": rates.alone,

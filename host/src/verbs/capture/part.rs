@@ -1,6 +1,5 @@
 //! One part and one kick: whether it captures the part.
 
-use kband::impact::Kernel;
 use kband::regime::capture::{DriveLag, Kick, Outcome, Trial, TrialRun};
 
 use crate::refusal::Refusal;
@@ -9,12 +8,8 @@ use crate::refusal::Refusal;
 const MOST_IMPACTS: u32 = 20_000;
 
 /// Whether `kick` captures a part.
-pub(super) fn captures<K: Kernel>(
-    part: Trial,
-    drive: DriveLag,
-    kick: Kick,
-) -> Result<bool, Refusal> {
-    let mut trial_run = TrialRun::<K>::new(part, drive, kick)?;
+pub(super) fn captures(part: Trial, drive: DriveLag, kick: Kick) -> Result<bool, Refusal> {
+    let mut trial_run = TrialRun::new(part, drive, kick)?;
     while trial_run.steps() < MOST_IMPACTS {
         if let Some(outcome) = trial_run.simulate_impact() {
             return Ok(outcome == Outcome::Locked);

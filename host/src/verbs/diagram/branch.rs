@@ -4,21 +4,25 @@
 //! state of the column before: continuation upwards or downwards. Bisection locates the columns
 //! between which the period-1 orbits attract. Heights are velocities in `b w`, or phases in rad.
 
-use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
-use kband::impact::{Impact, Map, Observer, Orbit, PartState, Scatter, StopReason};
+use kband::impact::{Kernel, Map, Observer, Orbit, OrbitEvent, PartState};
 use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde::Serialize;
 
-use super::column::{self, Impacts, Keep};
 use super::over::Over;
-use super::{Arguments, ColumnStart, Show};
+use super::{Arguments, ColumnStart};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, Gears, InGear, TOGETHER};
+use crate::ending::{self, Endings, FOLLOWED, Gears, InGear, TOGETHER};
 use crate::picture::Fill;
 use crate::refusal::Refusal;
+
+/// The impacts of one start, column by column.
+pub(super) struct Branch {
+    pub(super) start: ColumnStart,
+    pub(super) columns: Vec<Column>,
+}
 
 impl Branch {
     /// Runs of neighbouring columns with one ending: first and last column.
@@ -34,24 +38,20 @@ impl Branch {
     }
 }
 
-/// The impacts of one start, column by column.
-pub(super) struct Branch {
-    pub(super) start: ColumnStart,
-    pub(super) columns: Vec<Struck>,
-}
-
 /// The impacts of one column, and its ending.
-pub(super) struct Struck {
-    pub(super) impacts: Impacts,
+pub(super) struct Column {
+    /// Where its part starts; `None` from rest.
+    from: Option<PartState>,
+    /// The states after the impacts that are drawn.
+    pub(super) states: Vec<PartState>,
     pub(super) ending: Ending,
-    gear: Option<u32>,
 }
 
 /// How a column ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Ending {
-    /// A regime, decided over a number of impacts.
-    Regime(Regime, usize),
+    /// A regime.
+    Regime(Regime),
     /// Its restitution scatters, and it is in gear for a share of the time.
     InGear(Option<InGear>),
 }
@@ -62,7 +62,7 @@ impl Ending {
     fn is_one_with(self, other: Self) -> bool {
         let tenth = |gear: InGear| (gear.order, (10.0 * gear.share).round() as u32);
         match (self, other) {
-            (Self::Regime(one, _), Self::Regime(other, _)) => one == other,
+            (Self::Regime(one), Self::Regime(other)) => one == other,
             (Self::InGear(one), Self::InGear(other)) => one.map(tenth) == other.map(tenth),
             _ => false,
         }
@@ -70,7 +70,7 @@ impl Ending {
 
     pub(super) fn name(self) -> String {
         match self {
-            Self::Regime(regime, impacts) => ending::describe_regime(regime, impacts),
+            Self::Regime(regime) => ending::describe_regime(regime, FOLLOWED),
             Self::InGear(Some(gear)) => {
                 format!("in gear about {:.1}, r = {}", gear.share, gear.order)
             }
@@ -81,7 +81,7 @@ impl Ending {
     /// Its fill; `None` with scattering restitution.
     pub(super) fn fill(self) -> Option<Fill> {
         match self {
-            Self::Regime(regime, _) => Some(ending::fill(regime)),
+            Self::Regime(regime) => Some(ending::fill(regime)),
             Self::InGear(_) => None,
         }
     }
@@ -95,169 +95,137 @@ pub(super) struct Stretch {
     pub(super) high: f64,
 }
 
-/// The columns to simulate.
-pub(super) struct Flown<'a> {
-    pub(super) arguments: &'a Arguments,
-    /// k and restitution of each column.
-    pub(super) tracks: &'a [(f64, f64)],
-    pub(super) keep: Keep,
+/// All branches over columns of k and restitution.
+///
+/// A followed branch is one task, because each column needs the one before it; from rest each
+/// column is a task.
+pub(super) fn follow(
+    arguments: &Arguments,
+    tracks: &[(f64, f64)],
+    starts: &[ColumnStart],
+    desk: &Desk,
+) -> Result<Vec<Branch>, Refusal> {
+    let columns = tracks.len();
+    let mut tasks: Vec<(ColumnStart, usize)> = Vec::new();
+    for start in starts {
+        match start {
+            ColumnStart::Rest => tasks.extend((0..columns).map(|column| (*start, column))),
+            ColumnStart::Up | ColumnStart::Down => tasks.push((*start, 0)),
+        }
+    }
+    // Threads take tasks from both ends: the long tasks are there.
+    tasks.sort_by_key(|(start, _)| match start {
+        ColumnStart::Up => 0,
+        ColumnStart::Rest => 1,
+        ColumnStart::Down => 2,
+    });
+    let results = desk.try_map("diagram", tasks.len(), |task| -> Result<_, Refusal> {
+        let (start, column) = tasks[task];
+        let mut order: Vec<usize> = (0..columns).collect();
+        match start {
+            ColumnStart::Rest => order = vec![column],
+            ColumnStart::Up => {}
+            ColumnStart::Down => order.reverse(),
+        }
+        let mut flown = Vec::with_capacity(order.len());
+        let mut state = None;
+        for column in &order {
+            desk.go_on()?;
+            let stream = (*column as u64) << 2 | start as u64;
+            flown.push(fly(arguments, tracks[*column], stream, &mut state)?);
+        }
+        if start == ColumnStart::Down {
+            flown.reverse();
+        }
+        Ok(flown)
+    })?;
+    let none = |start: &ColumnStart| Branch {
+        start: *start,
+        columns: Vec::new(),
+    };
+    let mut branches: Vec<Branch> = starts.iter().map(none).collect();
+    for ((start, _), columns) in tasks.iter().zip(results) {
+        if let Some(branch) = branches.iter_mut().find(|branch| branch.start == *start) {
+            branch.columns.extend(columns);
+        }
+    }
+    // What scatters has no final regime.
+    if arguments.scatter.scatter == 0.0 {
+        classify(tracks, &mut branches, desk)?;
+    }
+    Ok(branches)
 }
 
-impl Flown<'_> {
-    fn impacts(&self, states: Vec<PartState>, period: Option<usize>, count: usize) -> Impacts {
-        let height = |state| height(self.arguments.show == Show::Velocity, state);
-        Impacts::new(states, period, count, self.keep, height)
-    }
-
-    /// All branches. A followed branch is one task, because each column needs the one before it;
-    /// from rest each column is a task.
-    pub(super) fn follow(
-        &self,
-        starts: &[ColumnStart],
-        desk: &Desk,
-    ) -> Result<Vec<Branch>, Refusal> {
-        let columns = self.tracks.len();
-        let build = |(k, restitution): &(f64, f64)| Endings::seen(*k, *restitution);
-        let tracks: Vec<Endings> = self.tracks.iter().map(build).collect::<Result<_, _>>()?;
-        let mut tasks: Vec<(ColumnStart, usize)> = Vec::new();
-        for start in starts {
-            match start {
-                ColumnStart::Rest => tasks.extend((0..columns).map(|column| (*start, column))),
-                ColumnStart::Up | ColumnStart::Down => tasks.push((*start, 0)),
-            }
-        }
-        // Threads take tasks from both ends: the long tasks are there.
-        tasks.sort_by_key(|(start, _)| match start {
-            ColumnStart::Up => 0,
-            ColumnStart::Rest => 1,
-            ColumnStart::Down => 2,
-        });
-        let work = |task: usize| -> Result<Vec<Struck>, Refusal> {
-            let (start, column) = tasks[task];
-            let mut order: Vec<usize> = (0..columns).collect();
-            match start {
-                ColumnStart::Rest => order = vec![column],
-                ColumnStart::Up => {}
-                ColumnStart::Down => order.reverse(),
-            }
-            let mut flown = Vec::with_capacity(order.len());
-            let mut state = None;
-            for column in &order {
-                desk.go_on()?;
-                flown.push(self.column(start, *column, &tracks[*column], &mut state)?);
-            }
-            if start == ColumnStart::Down {
-                flown.reverse();
-            }
-            Ok(flown)
-        };
-        let results = desk.try_map("diagram", tasks.len(), work)?;
-        let none = |start: &ColumnStart| Branch {
-            start: *start,
-            columns: Vec::new(),
-        };
-        let mut branches: Vec<Branch> = starts.iter().map(none).collect();
-        for ((start, _), columns) in tasks.iter().zip(results) {
-            if let Some(branch) = branches.iter_mut().find(|branch| branch.start == *start) {
-                branch.columns.extend(columns);
-            }
-        }
-        self.separate_transients(&tracks, &mut branches, desk)?;
-        Ok(branches)
-    }
-
-    /// Chaos in a gear that does not hold may be a transient. The gears are tried side by side.
-    fn separate_transients(
-        &self,
-        tracks: &[Endings],
-        branches: &mut [Branch],
-        desk: &Desk,
-    ) -> Result<(), Refusal> {
-        let columns = branches
-            .iter()
-            .flat_map(|branch| branch.columns.iter().enumerate());
-        let gears: BTreeSet<(usize, u32)> = columns
-            .filter_map(|(column, struck)| Some((column, struck.gear?)))
-            .collect();
-        let gears: Vec<_> = gears.into_iter().collect();
-        desk.spread("diagram", gears.len(), TOGETHER, |places| {
-            ending::hold(tracks, &places.iter().map(|n| gears[*n]).collect());
-            Ok(vec![(); places.len()])
+/// Decides the final regimes of all columns.
+fn classify(tracks: &[(f64, f64)], branches: &mut [Branch], desk: &Desk) -> Result<(), Refusal> {
+    let columns = tracks.len();
+    let endings = desk.spread("regimes", columns, TOGETHER, |places| {
+        let of: Vec<_> = places.iter().map(|n| tracks[*n]).collect();
+        Endings::of_tracks(&of, FOLLOWED)
+    })?;
+    for branch in branches {
+        let from = |n: usize| branch.columns[n].from.map(|from| (n, from));
+        let hopping: Vec<(usize, PartState)> = (0..columns).filter_map(from).collect();
+        let ends = desk.spread("regimes", hopping.len(), TOGETHER, |places| {
+            let starts: Vec<_> = places.iter().map(|n| hopping[*n]).collect();
+            Ok(ending::of_each(&endings, starts.into_iter()))
         })?;
-        for branch in branches {
-            for (struck, track) in branch.columns.iter_mut().zip(tracks) {
-                if let (Some(order), Ending::Regime(regime, _)) = (struck.gear, &mut struck.ending)
-                    && !track.holds(order)
-                {
-                    *regime = Regime::Undecided;
-                }
-            }
+        for (column, endings) in branch.columns.iter_mut().zip(&endings) {
+            column.ending = Ending::Regime(endings.from_rest());
         }
-        Ok(())
-    }
-
-    fn column(
-        &self,
-        start: ColumnStart,
-        column: usize,
-        endings: &Endings,
-        state: &mut Option<PartState>,
-    ) -> Result<Struck, Refusal> {
-        let Arguments {
-            settle, impacts, ..
-        } = *self.arguments;
-        let map = endings.map();
-        let stream = (column as u64) << 2 | start as u64;
-        let scatter = self.arguments.scatter.stream(map.restitution(), stream)?;
-        if let Some(scatter) = scatter {
-            return self.column_in_gear(map, state, scatter);
+        for ((n, _), end) in hopping.iter().zip(ends) {
+            branch.columns[*n].ending = Ending::Regime(end);
         }
-        let flown = column::flown(endings, state, settle, impacts);
-        Ok(Struck {
-            impacts: self.impacts(flown.states, flown.period, flown.count),
-            ending: Ending::Regime(flown.regime, column::classified_impacts(settle, impacts)),
-            gear: flown.gear,
-        })
     }
-
-    /// The impacts of one column whose restitution scatters, and their gear.
-    fn column_in_gear(
-        &self,
-        map: &Map,
-        state: &mut Option<PartState>,
-        scatter: Scatter,
-    ) -> Result<Struck, Refusal> {
-        let (settle, impacts) = (self.arguments.settle, self.arguments.impacts);
-        let orbit = match *state {
-            Some(state) => Orbit::new(map, state),
-            None => Orbit::from_rest(map),
-        };
-        let mut orbit = orbit.scattering(scatter)?;
-        let mut struck = Landings::default();
-        let mut gears = Gears::watched()?;
-        let mut ended = orbit.watch(settle as u64, &mut ());
-        if ended != StopReason::RestsForEver {
-            ended = orbit.watch(impacts as u64, &mut (&mut struck, &mut gears));
-        }
-        let rests = ended == StopReason::RestsForEver;
-        *state = (!rests).then(|| orbit.state());
-        let count = struck.0.len();
-        Ok(Struck {
-            impacts: self.impacts(struck.0, None, count),
-            ending: Ending::InGear(gears.longest().filter(|_| !rests)),
-            gear: None,
-        })
-    }
+    Ok(())
 }
 
-/// The states just after the impacts.
-#[derive(Default)]
-struct Landings(Vec<PartState>);
-
-impl Observer for Landings {
-    fn impact(&mut self, _: PartState, impact: &Impact<PartState>) {
-        self.0.push(impact.next);
+/// Simulates the impacts of one column of k and restitution from `state`, or from rest for `None`.
+/// The final state replaces `state`, `None` after a rest for ever.
+fn fly(
+    arguments: &Arguments,
+    (k, restitution): (f64, f64),
+    stream: u64,
+    state: &mut Option<PartState>,
+) -> Result<Column, Refusal> {
+    let map = Map::build(k, restitution)?;
+    let from = *state;
+    let mut orbit = match from {
+        Some(from) => Orbit::new(&map, from),
+        None => Orbit::from_rest(&map),
+    };
+    if let Some(scatter) = arguments.scatter.stream(restitution, stream)? {
+        orbit = orbit.scattering(scatter)?;
     }
+    let total = arguments.settle + arguments.impacts;
+    let (mut states, mut count) = (Vec::new(), 0);
+    let mut gears = Gears::watched()?;
+    while count < total
+        && let before = orbit.state()
+        && let Some(event) = orbit.next()
+    {
+        count += usize::from(matches!(event, OrbitEvent::Impact(_)));
+        match event {
+            OrbitEvent::Impact(impact) if count > arguments.settle => {
+                states.push(impact.next);
+                gears.impact(before, &impact);
+            }
+            OrbitEvent::Rest { chatter, phase } if count >= arguments.settle => {
+                gears.rest(before, chatter, phase);
+            }
+            OrbitEvent::LiftOff { wait, phase } if count >= arguments.settle => {
+                gears.lift_off(wait, phase);
+            }
+            _ => {}
+        }
+    }
+    let hops = count == total;
+    *state = hops.then(|| orbit.state());
+    Ok(Column {
+        from,
+        states,
+        ending: Ending::InGear(gears.longest().filter(|_| hops)),
+    })
 }
 
 /// Ordinate of a state in the diagram: velocity in `b w`, or phase in rad, -pi..pi.

@@ -57,7 +57,7 @@ impl Diagram {
             .branches
             .iter()
             .flat_map(|branch| &branch.columns)
-            .map(|column| column.impacts.count)
+            .map(|column| column.states.len())
             .sum();
         let mut report = Printout::new(table).heading(format!(
             "Regimes over {} = {}..{} ({} columns), {}",
@@ -107,7 +107,7 @@ impl Diagram {
         for branch in &self.branches {
             let start = branch.start.name();
             for (x, column) in self.values.iter().zip(&branch.columns) {
-                for state in column.impacts.states() {
+                for state in &column.states {
                     rows.row(&[
                         start.into(),
                         (*x).into(),
@@ -126,14 +126,11 @@ impl Diagram {
     }
 
     pub(super) fn picture(&self, arguments: &Arguments) -> Picture {
-        let spans = self.branches.iter().flat_map(|branch| {
-            branch
-                .columns
-                .iter()
-                .filter_map(|column| column.impacts.span)
-        });
-        let (low, high) = spans.fold((0.0, 0.1), |(low, high): (f64, f64), span| {
-            (low.min(span.0), high.max(span.1))
+        let columns = self.branches.iter().flat_map(|branch| &branch.columns);
+        let states = columns.flat_map(|column| &column.states);
+        let (low, high) = states.fold((0.0, 0.1), |(low, high): (f64, f64), state| {
+            let y = self.shown(*state);
+            (low.min(y), high.max(y))
         });
         let room = 0.05 * (high - low);
         let y_axis = if self.velocity {
@@ -177,8 +174,10 @@ impl Diagram {
         for (place, branch) in self.branches.iter().enumerate() {
             // One legend serves all panels.
             let named = |name: &'static str| if place == 0 { name } else { "" };
-            let heights = branch.columns.iter();
-            let heights = heights.map(|column| column.impacts.heights(|state| self.shown(state)));
+            let heights = branch.columns.iter().map(|column| {
+                let states = column.states.iter();
+                states.map(|state| self.shown(*state) as f32).collect()
+            });
             let mut panel = Panel::new(self.over.axis(self.range), y_axis.clone())
                 .heading(branch.start.words())
                 .height(if self.branches.len() == 1 {

@@ -244,7 +244,7 @@ pub fn fly_rows<K: Kernel>(
 
 #[cfg(test)]
 mod tests {
-    use kband::impact::Hybrid;
+    use kband::impact::Single;
 
     use super::*;
 
@@ -252,7 +252,7 @@ mod tests {
     fn a_row_that_only_the_arithmetic_cannot_hold_is_left_out() {
         let path = Path::new("a.csv");
         let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n0.4,0.2,1,2\n0.4,0.2,1,80\n";
-        let check = |text: &str| check_rows(path, text.as_bytes(), Hybrid::build, |_| Ok(()));
+        let check = |text: &str| check_rows(path, text.as_bytes(), Single::build, |_| Ok(()));
         let found = check(text).unwrap();
         let (count, first) = found.left.unwrap();
         assert_eq!((found.rows, count), (3, 2));
@@ -265,7 +265,7 @@ mod tests {
             held.extend(rows.iter().map(Option::is_some));
             Ok(())
         };
-        fly_rows(path, text.as_bytes(), Hybrid::build, each).unwrap();
+        fly_rows(path, text.as_bytes(), Single::build, each).unwrap();
         assert_eq!(held, [false, true, false]);
         // A file without any usable row is refused.
         let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n";

@@ -1,11 +1,10 @@
-//! Telemetry, events and log as rows.
+//! Telemetry and events as rows.
 
 use std::io::{Stdout, stdout};
 
 use kband_control::wire::{Record, Telemetry};
 use kband_control::{Event, Fault, Limits, State, UpperTone};
 
-use super::watch::Watch;
 use crate::board::{Clock, Said};
 use crate::refusal::Refusal;
 use crate::report::{Column, Format, Value, fields, number, shortest};
@@ -131,18 +130,6 @@ impl Rows {
                 self.stream.row(&self.row.start(&image))
             }
         }
-    }
-
-    /// Prints what is new in a log; whether there is still somebody who reads.
-    pub(super) fn log(&mut self, watch: &mut Watch) -> Result<bool, Refusal> {
-        for words in watch.lines()? {
-            let mut row = vec![Value::Missing; BEFORE_THE_EVENT];
-            row.push(words.into());
-            if !self.stream.row(&row)? {
-                return Ok(false);
-            }
-        }
-        Ok(true)
     }
 
     /// Says how much it was.

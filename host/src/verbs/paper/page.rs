@@ -57,15 +57,6 @@ pub(super) fn page(
             "Wide chaos, R = 0.9: the time mean grows like the amplitude and exceeds the bound (37) of the \
              impact mean.",
         ),
-        (
-            conveying("--restitution 0.9 --k 0.05 --show intervals")?,
-            "The renewal picture (28) to (32), measured: the distribution of the intervals, and their \
-             correlation.",
-        ),
-        (
-            conveying("--k 0.2 --show return")?,
-            "The limit (38) of dead parts: a map of the launch phase alone.",
-        ),
     ];
     let dark = if theme == Theme::Dark {
         " class=\"dark\""

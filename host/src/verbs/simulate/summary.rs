@@ -374,7 +374,7 @@ impl Seen {
                     self.lot
                 )
             }
-            _ => "kband explain holding; kband live shows it running".into(),
+            _ => "kband explain holding; the picture shows the run".into(),
         }
     }
 }

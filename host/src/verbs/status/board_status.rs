@@ -250,7 +250,7 @@ impl BoardStatus {
             }
             Some(_) if let [Cause { remedy, .. }, ..] = &self.causes[..] => remedy.clone(),
             Some(state) => format!(
-                "kband explain {}; kband live shows it running",
+                "kband explain {}; kband status --live shows it running",
                 state.name()
             ),
             None => "kband flash brings the firmware of this desk".into(),

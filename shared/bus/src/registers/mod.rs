@@ -19,15 +19,15 @@ use list::{
 pub(crate) use list::{CONTROL, KIND, NUMBER, RECIPE, SAVE};
 
 /// Version of the table, in a register: raised with each new register other than a setting.
-pub const TABLE_VERSION: u16 = 1;
+pub(crate) const TABLE_VERSION: u16 = 1;
 /// Address of the first setting; setting n is at this plus 2 n.
 pub const FIRST_SETTING: u16 = 100;
 /// Address of the newest event.
-pub const FIRST_EVENT: u16 = 1000;
+const FIRST_EVENT: u16 = 1000;
 /// Number of events that the table shows, the newest first.
 pub const EVENTS: u16 = 8;
 /// Number of registers of an event.
-pub const EVENT_REGISTERS: u16 = 8;
+const EVENT_REGISTERS: u16 = 8;
 /// Form of a register's content.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Form {

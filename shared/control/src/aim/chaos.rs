@@ -6,11 +6,11 @@
 
 use crate::settings::Settings;
 use kband::feeder::OutOfRange;
-use kband::impact::{Hybrid, Kernel};
+use kband::impact::{Kernel, Single, SingleState};
 use kband::regime::classify::{Classifier, Regime, TimingAccuracy};
 use kband::regime::{Lock, band};
 
-/// Impacts that one slice computes: 38 000 instructions at 300 an impact.
+/// Impacts that one slice computes: 24 000 instructions at 190 an impact.
 const SLICE_IMPACTS: u32 = 128;
 /// Relative step of the scan in k: the middle of a stretch errs by 0.2 %, a fifth of the permitted
 /// amplitude error of 1 %.
@@ -28,13 +28,13 @@ const TRIAL_IMPACTS: u32 = 600;
 const CLASSIFIED_IMPACTS: usize = 64;
 /// Velocity in b w below which a part comes to rest: its hops end within `2e-3/(P (1 - R))`, pull P
 /// (docs/theory-impacts.md#t4.1).
-const MIN_VELOCITY: f64 = 1e-3;
+const MIN_VELOCITY: f32 = 1e-3;
 
 /// One simulated part at one k.
 #[derive(Clone, Copy, Debug)]
 struct Trial {
-    map: Hybrid,
-    state: <Hybrid as Kernel>::State,
+    map: Single,
+    state: SingleState,
     impacts: u32,
     classifier: Classifier<CLASSIFIED_IMPACTS>,
 }
@@ -44,9 +44,9 @@ impl Trial {
         let lock = Lock::build(k, restitution, 1).ok()??;
         let state = lock.state();
         Some(Self {
-            map: Hybrid::build(k, restitution).ok()?,
+            map: Single::build(k, restitution).ok()?,
             // Beside the orbit, which repels here.
-            state: Hybrid::state(state.phase + 0.02, state.velocity).ok()?,
+            state: Single::state(state.phase + 0.02, state.velocity).ok()?,
             impacts: 0,
             classifier: Classifier::build(TimingAccuracy::BOARD).ok()?,
         })
@@ -54,34 +54,19 @@ impl Trial {
 
     /// Computes one impact. Whether the part is chaotic, once it is classified.
     fn step(&mut self) -> Option<bool> {
-        let impact = self.map.impact(self.state);
+        let impact = self.map.land(self.state);
         self.state = impact.next;
         self.impacts += 1;
         // The hops end unless the track's pull is as small. The classification would also call such
         // a part not chaotic; this saves its impacts.
-        if Hybrid::observe(impact.next).velocity < MIN_VELOCITY {
+        if impact.next.velocity < MIN_VELOCITY {
             return Some(false);
         }
         if self.impacts + CLASSIFIED_IMPACTS as u32 > TRIAL_IMPACTS {
-            self.classifier.flight(impact.flight);
+            self.classifier.flight(impact.flight());
         }
         (self.impacts > TRIAL_IMPACTS).then(|| self.classifier.verdict().regime == Regime::Chaotic)
     }
-}
-
-/// A finished search for chaos: its lot, its k, its number of slices.
-///
-/// Equal lots give the same k after the same number of slices. A controller that gets the result of
-/// another one skips the search
-/// ([`Controller::supply_chaos`](crate::Controller::supply_chaos)).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ChaosResult {
-    /// Lowest and highest restitution of the lot.
-    pub lot: [f32; 2],
-    /// k in the middle of the widest stretch; `None` where the lot has none.
-    pub k: Option<f64>,
-    /// Number of slices it needed.
-    pub slices: u32,
 }
 
 /// The search for the widest stretch of k that is chaotic for the lot's lowest, middle and highest
@@ -99,10 +84,6 @@ pub struct ChaosSearch {
     growing: Option<(f64, f64)>,
     longest: Option<(f64, f64)>,
     done: bool,
-    lot: [f32; 2],
-    slices: u32,
-    /// The result of this search, or of another one for the same lot.
-    known: Option<ChaosResult>,
 }
 
 impl ChaosSearch {
@@ -121,9 +102,6 @@ impl ChaosSearch {
             growing: None,
             longest: None,
             done: false,
-            lot: [settings.restitution_low, settings.restitution_high],
-            slices: 0,
-            known: None,
         })
     }
 
@@ -132,19 +110,9 @@ impl ChaosSearch {
         if self.done {
             return false;
         }
-        self.slices = self.slices.saturating_add(1);
-        if let Some(known) = self.known {
-            self.done = self.slices >= known.slices;
-            return !self.done;
-        }
         for _ in 0..SLICE_IMPACTS {
             if self.k < self.lowest {
                 self.done = true;
-                self.known = Some(ChaosResult {
-                    lot: self.lot,
-                    k: self.longest.map(|(high, low)| libm::sqrt(high * low)),
-                    slices: self.slices,
-                });
                 return false;
             }
             let restitution = self.parts.get(self.part).copied();
@@ -183,24 +151,11 @@ impl ChaosSearch {
         self.k *= 1.0 - SCAN_STEP;
     }
 
-    /// The lot of the running search; `None` once a result is supplied or found.
-    #[cfg(any(test, feature = "memo"))]
-    pub fn asked(&self) -> Option<[f32; 2]> {
-        (!self.done && self.known.is_none()).then_some(self.lot)
-    }
-
-    /// Supplies the result of a search for an equal lot. It appears after the same number of
-    /// slices.
-    #[cfg(any(test, feature = "memo"))]
-    pub fn supply(&mut self, known: ChaosResult) {
-        if self.asked() == Some(known.lot) {
-            self.known = Some(known);
-        }
-    }
-
-    /// The result, once the search is over.
-    pub fn result(&self) -> Option<&ChaosResult> {
-        self.known.as_ref().filter(|_| self.done)
+    /// The result, once the search is over: k in the middle of the widest stretch, or `None` where
+    /// the lot has none.
+    pub fn result(&self) -> Option<Option<f64>> {
+        let middle = self.longest.map(|(high, low)| libm::sqrt(high * low));
+        self.done.then_some(middle)
     }
 }
 
@@ -222,7 +177,7 @@ mod tests {
             slices += 1;
             assert!(slices < 2000);
         }
-        (search.result().unwrap().k, slices)
+        (search.result().unwrap(), slices)
     }
 
     #[test]
@@ -240,28 +195,6 @@ mod tests {
                 exponent::measure(&map, exponent::start_near_lock(&map, 1), settings).unwrap();
             assert_eq!(found.dynamics, Dynamics::Chaotic, "R {middle} k {k}");
         }
-    }
-
-    #[test]
-    fn replayed_search_repeats_result_and_slice() {
-        let settings = Settings::default();
-        let mut first = ChaosSearch::begin(&settings).unwrap();
-        while first.step() {}
-        let found = *first.result().unwrap();
-        let mut spared = ChaosSearch::begin(&settings).unwrap();
-        spared.supply(ChaosResult {
-            lot: [0.1, 0.2],
-            ..found
-        });
-        assert_eq!(spared.asked(), Some(found.lot));
-        spared.step();
-        spared.supply(found);
-        let mut slices = 2;
-        while spared.step() {
-            slices += 1;
-        }
-        assert_eq!(slices, found.slices);
-        assert_eq!(spared.result(), Some(&found));
     }
 
     #[test]

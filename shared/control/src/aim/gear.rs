@@ -4,7 +4,7 @@
 //! idle time.
 
 use super::setpoint::{Choice, Level, NoSetpoint};
-use crate::drive::{Response, Scale, Shape, absolute};
+use crate::drive::{Scale, Shape, absolute, upper_response};
 use crate::settings::Settings;
 use kband::feeder::OutOfRange;
 use kband::regime::band;
@@ -31,9 +31,23 @@ fn limits_at(settings: &Settings, scale: &Scale) -> GearLimits {
         displacement: scale.k(settings.amplitude_limit * 1e-3),
         acceleration: scale.normal_gravity / settings.acceleration_limit,
         output: scale.k(settings.output_maximum * scale.full_amplitude),
-        overtones: (Response::at(settings).upper)
-            .map(|answer| scale.full_amplitude / absolute(answer)),
+        overtones: upper_response(settings).map(|answer| scale.full_amplitude / absolute(answer)),
     }
+}
+
+/// A finished search for gear: its settings, and its plans with the slices that found them.
+///
+/// Equal settings give the same plans after the same numbers of slices. A controller that gets the
+/// result of another one skips the search
+/// ([`Controller::supply_gear`](crate::Controller::supply_gear)).
+#[cfg(any(test, feature = "memo"))]
+#[derive(Clone, Debug, PartialEq)]
+pub struct GearPlanned {
+    /// Settings of the search.
+    pub settings: GearPlanSettings,
+    /// Each plan with the number of the slice that found it; the last one is settled. There is at
+    /// most one per round of the search.
+    pub found: heapless::Vec<(u32, GearPlan), 8>,
 }
 
 /// The search for the k at which the lot stays in gear the longest, within the drive's reach.
@@ -43,6 +57,9 @@ pub struct GearSearch {
     plan: Option<GearPlan>,
     /// Whether the last slice found a new plan.
     fresh: bool,
+    /// Slices so far, the plans that they found, and whether these were supplied.
+    #[cfg(any(test, feature = "memo"))]
+    memo: (u32, GearPlanned, bool),
 }
 
 impl GearSearch {
@@ -79,21 +96,65 @@ impl GearSearch {
             planner: GearPlanner::new(asked)?,
             plan: None,
             fresh: false,
+            #[cfg(any(test, feature = "memo"))]
+            memo: (
+                0,
+                GearPlanned {
+                    settings: asked,
+                    found: heapless::Vec::new(),
+                },
+                false,
+            ),
         }))
     }
 
     /// Computes one slice. Whether more remain.
     pub fn step(&mut self) -> bool {
+        #[cfg(any(test, feature = "memo"))]
+        if let (slices, planned, true) = &mut self.memo {
+            *slices += 1;
+            let found = planned.found.iter().find(|(after, _)| after == slices);
+            let found = found.map(|(_, plan)| *plan);
+            self.take(found);
+            return !self.is_over();
+        }
         let more = self.planner.advance(SLICE);
         let found = self.planner.plan().copied();
         self.take(found.filter(|plan| self.plan != Some(*plan)));
+        #[cfg(any(test, feature = "memo"))]
+        {
+            self.memo.0 += 1;
+            if let Some(plan) = self.last_plan().copied() {
+                let _ = self.memo.1.found.push((self.memo.0, plan));
+            }
+        }
         more
     }
 
     /// Stores the plan of a slice, if it found one.
-    pub(super) fn take(&mut self, found: Option<GearPlan>) {
+    fn take(&mut self, found: Option<GearPlan>) {
         self.fresh = found.is_some();
         self.plan = found.or(self.plan);
+    }
+
+    /// Settings of the running search; `None` once a result is supplied or found.
+    #[cfg(any(test, feature = "memo"))]
+    pub fn asked(&self) -> Option<&GearPlanSettings> {
+        Some(&self.memo.1.settings).filter(|_| !self.is_over() && !self.memo.2)
+    }
+
+    /// Supplies the result of an equal search. Its plans appear after the same numbers of slices.
+    #[cfg(any(test, feature = "memo"))]
+    pub fn supply(&mut self, known: GearPlanned) {
+        if self.asked() == Some(&known.settings) {
+            (self.memo.1, self.memo.2) = (known, true);
+        }
+    }
+
+    /// The finished search.
+    #[cfg(any(test, feature = "memo"))]
+    pub fn planned(&self) -> Option<&GearPlanned> {
+        Some(&self.memo.1).filter(|_| self.is_over())
     }
 
     /// The settings of the search.
@@ -149,5 +210,38 @@ mod tests {
         };
         let scale = Scale::at(&served, 50.0);
         assert!(GearSearch::begin(1, &served, &scale).unwrap().is_ok());
+    }
+
+    #[test]
+    fn replayed_search_repeats_plans_and_slices() {
+        let settings = Settings::default();
+        let search = |settings: &Settings| {
+            let scale = Scale::at(settings, settings.frequency);
+            GearSearch::begin(1, settings, &scale).unwrap().unwrap()
+        };
+        let mut first = search(&settings);
+        let mut spared = search(&settings);
+        let mut found = std::vec![];
+        while first.step() {
+            found.push(first.plan().copied());
+        }
+        let planned = first.planned().unwrap().clone();
+        assert!(planned.found.len() > 3);
+        // The result of another lot is refused.
+        let mut other = search(&Settings {
+            restitution_high: 0.3,
+            ..settings
+        });
+        other.supply(planned.clone());
+        assert!(other.asked().is_some());
+        spared.step();
+        spared.supply(planned.clone());
+        assert_eq!(spared.plan().copied(), found[0]);
+        for plan in &found[1..] {
+            assert!(spared.step());
+            assert_eq!(spared.plan(), plan.as_ref());
+        }
+        assert!(!spared.step() && spared.is_over());
+        assert_eq!(spared.planned(), Some(&planned));
     }
 }

@@ -8,7 +8,6 @@ use core::task::Poll;
 use crate::hear::LockWindow;
 use crate::settings::Settings;
 use kband::feeder::OutOfRange;
-use kband::impact::Hybrid;
 use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner};
 
 /// Impacts that one slice computes: at most 0.2 million instructions, for which 300 drive cycles
@@ -35,7 +34,7 @@ pub struct KickResult {
 /// The search for kicks in slices; the default searches for nothing.
 #[derive(Clone, Debug, Default)]
 pub struct KickSearch {
-    planner: Option<Planner<Hybrid>>,
+    planner: Option<Planner>,
     #[cfg(any(test, feature = "memo"))]
     settings: Option<PlanSettings>,
     slices: u32,

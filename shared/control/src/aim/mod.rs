@@ -4,7 +4,6 @@
 //! |---|---|
 //! | `setpoint` | the amplitude for a target, chosen for the whole lot |
 //! | `gear` | the amplitude at which the lot stays in gear the longest |
-//! | `spared` | that search, with the result of another controller |
 //! | `retune` | whether the plan for gear must be repeated |
 //! | `speed` | the lock that conveys at a wanted speed |
 //! | `flow` | the order of gear that gives a wanted flow |
@@ -19,19 +18,12 @@ mod kicks;
 mod retune;
 mod selection;
 mod setpoint;
-#[cfg(any(test, feature = "memo"))]
-mod spared;
 mod speed;
 
-pub use chaos::ChaosResult;
 #[cfg(any(test, feature = "memo"))]
-pub use chaos::ChaosSearch;
-#[cfg(not(any(test, feature = "memo")))]
-pub use gear::GearSearch;
-pub use gear::drive_limits;
+pub use gear::GearPlanned;
+pub use gear::{GearSearch, drive_limits};
 #[cfg(any(test, feature = "memo"))]
 pub use kicks::KickResult;
 pub use selection::Selection;
 pub use setpoint::NoSetpoint;
-#[cfg(any(test, feature = "memo"))]
-pub use spared::{GearPlanned, ReplayedGear as GearSearch};

@@ -3,7 +3,7 @@
 use core::f32::consts::PI;
 
 use super::GearSearch;
-use super::chaos::{ChaosResult, ChaosSearch};
+use super::chaos::ChaosSearch;
 use super::flow::{FlowChoice, FlowStep};
 use super::kicks::KickSearch;
 use super::retune::Retuning;
@@ -172,8 +172,8 @@ impl Selection {
         self.level = Level::None(NoSetpoint::Chaos);
     }
 
-    /// The result of the search for chaos, once it is over.
-    pub fn found_chaos(&self) -> Option<&ChaosResult> {
+    /// The result of the search for chaos, once it is over: its k, if there is one.
+    pub fn found_chaos(&self) -> Option<Option<f64>> {
         self.chaos.as_ref().and_then(ChaosSearch::result)
     }
 

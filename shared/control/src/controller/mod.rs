@@ -10,7 +10,7 @@ use crate::aim::{NoSetpoint, Selection};
 use crate::angle::{phase_of, radians_of};
 use crate::supervise::{
     Clearance, Decision, EnableResponse, FaultDetector, Interlock, LimitInputs, LimitMonitor,
-    Observation, Prediction, RestTest, Standstill, StateMachine, SwingResult, TestSwing,
+    Observation, Prediction, RestTest, StateMachine, SwingResult, TestSwing,
 };
 use crate::target::Target;
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
@@ -22,7 +22,7 @@ use crate::drive::{
 };
 use crate::hear::{
     Cycle, DriveState, GearEstimator, ImpactEvidence, Listener, LoadEvents, LoadMeter,
-    MissedImpactDetector, Tuned, Weighed,
+    MissedImpactDetector, Weighed,
 };
 use crate::identify::{self, Driven, Identifier, Step};
 use crate::inputs::{Inputs, StartCause};
@@ -310,30 +310,23 @@ impl Controller {
                     .amplitude
                     .control_under_load(motion.first, struck, reference, most)
                     .unwrap_or_else(|| [self.amplitude.cycle(measured, reference, most), 0.0]);
-                let wanted = self.machine.listens_for_chaos();
                 let drive_state = DriveState {
                     count: self.count,
                     lead,
                     order: self.order().unwrap_or(1),
                     k: self.scale.k(measured),
                     shape: self.measured.shape,
-                };
-                let stands = self.machine.kick().is_none()
-                    && self.reference.now == goal
-                    && (measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal;
-                let tuned = Tuned {
-                    lot: self.selection.lot(&self.settings),
-                    lead,
-                    order: drive_state.order,
-                    k: drive_state.k,
-                    shape: drive_state.shape,
                     step: self.scale.step,
-                    stands,
+                    lot: self.selection.lot(&self.settings),
+                    stands: self.machine.kick().is_none()
+                        && self.reference.now == goal
+                        && (measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal,
                     contact: self.settings.contact_time(),
                     detects_gear: self.detects_gear(),
+                    needs_regime: self.machine.listens_for_chaos(),
                 };
                 self.listener
-                    .cycle(cycle, &drive_state, self.selection.lock(), &tuned, wanted);
+                    .cycle(cycle, &drive_state, self.selection.lock());
                 self.follow_resonance(measured);
                 self.control_tones(&motion, &mut events);
             }
@@ -553,11 +546,9 @@ impl Controller {
 
     /// Follows the enable input, and the run bit of a bus in control.
     fn follow_enable_input(&mut self, inputs: &Inputs, measured: f32, events: &mut Events) {
-        let rest = Standstill {
-            at_rest: self.reference.now <= 0.0
-                && measured < REST_AMPLITUDE_SHARE * self.scale.ceiling,
-            patience: 4.0 * self.settings.soft_stop * self.settings.frequency,
-        };
+        let at_rest =
+            self.reference.now <= 0.0 && measured < REST_AMPLITUDE_SHARE * self.scale.ceiling;
+        let patience = 4.0 * self.settings.soft_stop * self.settings.frequency;
         let waits = !inputs.enable || inputs.bus.is_some_and(|bus| !bus.runs());
         if waits && !self.machine.running() {
             self.rest_test.restart();
@@ -567,9 +558,9 @@ impl Controller {
             Some(false) if self.selection.chosen() => Clearance::Granted,
             _ => Clearance::Pending,
         };
-        let response = self
-            .machine
-            .follow_enable_input(inputs, clearance, &rest, events);
+        let response =
+            self.machine
+                .follow_enable_input(inputs, clearance, (at_rest, patience), events);
         match response {
             Some(EnableResponse::Acknowledged) => self.faults = FaultDetector::default(),
             Some(EnableResponse::Stopping) if self.resonance.is_sweeping() => {
@@ -632,19 +623,28 @@ impl Controller {
             None => self.settings.link_timeout,
             Some(_) => self.settings.bus_timeout,
         };
+        let mut causes = Limits::default();
+        // The frequencies of a sweep differ from that of the setpoint.
+        let above_ceiling = !self.resonance.is_sweeping()
+            && self.selection.setpoint(&self.scale) > self.scale.ceiling;
+        for (limit, present) in [
+            (Limits::NO_SETPOINT, self.selection.no_setpoint().is_some()),
+            (self.scale.ceiling_limit, above_ceiling),
+            (Limits::DEAF, self.deafness.is_deaf()),
+            (Limits::MISFIT, self.selection.is_misfit()),
+            (
+                Limits::SECOND_TONE,
+                self.tones.missing_tones() != [false; UPPER],
+            ),
+        ] {
+            causes.set(limit, present);
+        }
         self.limits.cycle(&LimitInputs {
             running: self.machine.running(),
             frame_received: inputs.link_heard,
             link_timeout: (timeout > 0.0).then_some(timeout * self.settings.frequency),
-            no_setpoint: self.selection.no_setpoint().is_some(),
-            // The frequencies of a sweep differ from that of the setpoint.
-            above_ceiling: !self.resonance.is_sweeping()
-                && self.selection.setpoint(&self.scale) > self.scale.ceiling,
-            ceiling_limit: self.scale.ceiling_limit,
-            no_impacts: self.deafness.is_deaf(),
-            misfit: self.selection.is_misfit(),
             saturated: self.amplitude.saturated(),
-            tones: self.tones.missing_tones() != [false; UPPER],
+            causes,
         });
     }
 
@@ -912,16 +912,14 @@ fn refused(target: Target, accepted: &'static str) -> OutOfRange {
 /// The estimator of gear: for the configured lot, or for any restitution if the identification
 /// estimates it.
 fn build_gear_estimator(settings: &Settings, any: bool) -> GearEstimator {
-    let Settings {
-        restitution_low,
-        restitution_high,
-        scatter,
-        ..
-    } = *settings;
     let estimator = if any {
-        GearEstimator::new(0.0, 1.0, scatter)
+        GearEstimator::new(0.0, 1.0, settings.scatter)
     } else {
-        GearEstimator::new(restitution_low, restitution_high, scatter)
+        GearEstimator::new(
+            settings.restitution_low,
+            settings.restitution_high,
+            settings.scatter,
+        )
     };
     estimator.with_contact(settings.contact_time())
 }

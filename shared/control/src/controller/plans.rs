@@ -1,7 +1,7 @@
 //! Results of one controller's searches, supplied to another with equal settings (memoization).
 
 use super::Controller;
-use crate::aim::{ChaosResult, ChaosSearch, GearPlanned, GearSearch, KickResult};
+use crate::aim::{GearPlanned, GearSearch, KickResult};
 use kband::regime::capture::PlanSettings;
 use kband::regime::gear::{GearPlan, GearPlanSettings, StrikeCount, StrikeSettings};
 
@@ -51,22 +51,5 @@ impl Controller {
     /// Supplies the count of [`Controller::strikes_search`], made elsewhere.
     pub fn supply_strikes(&mut self, count: &StrikeCount) {
         self.listener.share.know(count);
-    }
-
-    /// The lot whose chaos [`Controller::plan_step`] searches for; `None` where there is no search.
-    pub fn chaos_search(&self) -> Option<[f32; 2]> {
-        self.selection.chaos.as_ref().and_then(ChaosSearch::asked)
-    }
-
-    /// Supplies the result of the search of [`Controller::chaos_search`], from another controller.
-    pub fn supply_chaos(&mut self, known: ChaosResult) {
-        if let Some(chaos) = &mut self.selection.chaos {
-            chaos.supply(known);
-        }
-    }
-
-    /// The finished search for chaos of the present target.
-    pub fn chaos_found(&self) -> Option<ChaosResult> {
-        self.selection.found_chaos().copied()
     }
 }

@@ -5,7 +5,6 @@ use crate::Report;
 use crate::signal_path::DetectedImpact;
 use kband::regime::classify::Regime;
 
-mod lockout;
 mod table;
 
 #[test]
@@ -14,16 +13,8 @@ fn regimes_are_detected_after_the_cycle_counter_wraps() {
     let mut controller =
         Controller::build(&Settings::default(), target, StartCause::Ordinary).unwrap();
     controller.count = u32::MAX - 150;
-    let inputs = Inputs {
-        enable: true,
-        ..Inputs::default()
-    };
-    let mut cycle = Cycle {
-        samples: 400,
-        low: 1500,
-        high: 2500,
-        ..Cycle::default()
-    };
+    let inputs = enabled();
+    let mut cycle = ideal(&controller);
     let impact = DetectedImpact {
         phase: Phase::from_radians(0.445),
         strength: 5.0,
@@ -64,20 +55,31 @@ fn obeyed(controller: &Controller) -> f32 {
     0.5 * controller.scale.full_amplitude * absolute(next + running)
 }
 
-/// A cycle of such a drive, and some slices.
-fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
-    let cycle = Cycle {
+/// Readings of the next cycle of such a drive.
+fn ideal(controller: &Controller) -> Cycle {
+    Cycle {
         samples: 400,
         quadrature: -obeyed(controller) * controller.scale.angular_squared,
         low: 1500,
         high: 2500,
         ..Cycle::default()
-    };
+    }
+}
+
+fn enabled() -> Inputs {
+    Inputs {
+        enable: true,
+        ..Inputs::default()
+    }
+}
+
+/// A cycle of such a drive, and some slices.
+fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
     let inputs = Inputs {
         enable,
         ..Inputs::default()
     };
-    let report = controller.cycle(&cycle, &inputs);
+    let report = controller.cycle(&ideal(controller), &inputs);
     for _ in 0..slices {
         controller.plan_step();
     }
@@ -91,20 +93,12 @@ fn a_drive_that_is_held_off_stops_without_a_ramp() {
     let (mut controller, held) = driven(Target::K(0.5));
     assert!(held.command.amplitude > 0.1);
     let cycle = |controller: &mut Controller, held_off: bool| {
-        let cycle = Cycle {
-            samples: 400,
-            quadrature: -obeyed(controller) * controller.scale.angular_squared,
-            low: 1500,
-            high: 2500,
-            ..Cycle::default()
-        };
         let inputs = Inputs {
-            enable: true,
             held_off,
             chatters: held_off,
-            ..Inputs::default()
+            ..enabled()
         };
-        controller.cycle(&cycle, &inputs)
+        controller.cycle(&ideal(controller), &inputs)
     };
     let first = cycle(&mut controller, true);
     assert_eq!(
@@ -158,19 +152,9 @@ fn nan_reading_stops_the_drive_and_is_forgotten() {
                     held = follow(&mut controller, true, 1);
                 }
                 assert!(held.command.amplitude > 0.1 && controller.is_ready());
-                let mut cycle = Cycle {
-                    samples: 400,
-                    quadrature: -obeyed(&controller) * controller.scale.angular_squared,
-                    low: 1500,
-                    high: 2500,
-                    ..Cycle::default()
-                };
+                let mut cycle = ideal(&controller);
                 spoil(&mut cycle, bad);
-                let inputs = Inputs {
-                    enable: true,
-                    ..Inputs::default()
-                };
-                let mut report = controller.cycle(&cycle, &inputs);
+                let mut report = controller.cycle(&cycle, &enabled());
                 for _ in 0..10 {
                     assert_eq!(report.fault, Some(Fault::ControlLate));
                     assert_eq!(report.command.amplitude, 0.0);
@@ -239,6 +223,8 @@ fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
     let mut controller =
         Controller::build(&limited, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
     controller.set_target(Target::K(0.4)).unwrap();
+    let reports = (0..60).map(|_| follow(&mut controller, true, 1));
+    assert_eq!(reports.last().unwrap().limits, Limits::AMPLITUDE);
 }
 
 #[test]
@@ -264,10 +250,6 @@ fn off_the_resonance_the_output_reaches_less() {
 
 #[test]
 fn target_out_of_reach_moves_nothing() {
-    let enabled = Inputs {
-        enable: true,
-        ..Inputs::default()
-    };
     for target in [
         Target::Amplitude(0.3),
         Target::K(0.4),
@@ -277,7 +259,7 @@ fn target_out_of_reach_moves_nothing() {
         let why = controller.no_setpoint();
         assert!(matches!(why, Some(NoSetpoint::Output { .. })), "{why:?}");
         for _ in 0..200 {
-            let report = controller.cycle(&Cycle::default(), &enabled);
+            let report = controller.cycle(&Cycle::default(), &enabled());
             assert_eq!(report.command.amplitude, 0.0, "{:?}", report.state);
         }
         assert!(controller.report().limits.contains(Limits::NO_SETPOINT));
@@ -377,9 +359,8 @@ fn interrupted_search_serves_the_last_target() {
                 }
                 _ => {
                     let inputs = Inputs {
-                        enable: true,
                         over_temperature: true,
-                        ..Inputs::default()
+                        ..enabled()
                     };
                     let report = controller.cycle(&Cycle::default(), &inputs);
                     assert_eq!(report.state, State::Fault);

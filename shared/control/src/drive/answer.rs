@@ -1,6 +1,4 @@
-//! Frequency response of the drive: the track's motion at its frequency and at multiples of it.
-//!
-//! Each value is configured, or that of a second-order resonance.
+//! Frequency response of the drive: configured, or that of a second-order resonance.
 
 use core::f32::consts::PI;
 
@@ -10,37 +8,27 @@ use super::shape::UPPER;
 use crate::angle::SAMPLE_RATE;
 use crate::settings::Settings;
 
-/// The track's displacement in m at full output, by the output's phase: `x = Im(answer e^(i phi))`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Response {
-    /// At twice and three times the drive's frequency, by as many times its phase.
-    pub upper: [Complex; UPPER],
-}
-
-impl Response {
-    /// The response of the configured drive.
-    pub fn at(settings: &Settings) -> Self {
-        let response = |gain: f32, lag: f32, frequency: f32| {
-            if gain > 0.0 {
-                let lag = lag * (PI / 180.0);
-                Complex::new(libm::cosf(lag), -libm::sinf(lag)) * (gain * 1e-3)
-            } else {
-                resonant(settings, frequency)
-            }
-        };
-        let once = settings.frequency;
-        Self {
-            upper: [
-                response(settings.second_gain, settings.second_lag, 2.0 * once),
-                response(settings.third_gain, settings.third_lag, 3.0 * once),
-            ],
+/// The track's displacement in m at full output at twice and three times the drive's frequency,
+/// against as many times the output's phase: `x = Im(answer e^(i n phi))`.
+pub fn upper_response(settings: &Settings) -> [Complex; UPPER] {
+    let response = |gain: f32, lag: f32, frequency: f32| {
+        if gain > 0.0 {
+            let lag = lag * (PI / 180.0);
+            Complex::new(libm::cosf(lag), -libm::sinf(lag)) * (gain * 1e-3)
+        } else {
+            resonant(settings, frequency)
         }
-    }
+    };
+    let once = settings.frequency;
+    [
+        response(settings.second_gain, settings.second_lag, 2.0 * once),
+        response(settings.third_gain, settings.third_lag, 3.0 * once),
+    ]
 }
 
 /// Response of the drive's resonance at a frequency in Hz, in m, with the output held between
 /// samples.
-pub fn resonant(settings: &Settings, frequency: f32) -> Complex {
+fn resonant(settings: &Settings, frequency: f32) -> Complex {
     let x = frequency / settings.resonance;
     let denominator = Complex::new(1.0 - x * x, x / settings.quality);
     let held = PI * frequency / SAMPLE_RATE as f32;

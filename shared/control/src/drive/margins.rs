@@ -106,34 +106,9 @@ impl LoopMargins {
         Ok(Self::around(open, plant.pole))
     }
 
-    /// Margins of the loop off the resonance with its model, on a drive of another resonance than
-    /// configured; `None` for a first-order loop. The error names a setting out of range.
-    pub fn of_detuned(
-        configured: &Settings,
-        actual: &Settings,
-    ) -> Result<Option<Self>, OutOfRange> {
-        let control = AmplitudeLoop::build(configured)?;
-        actual.check()?;
-        let (plant, model) = (Plant::of(actual), Plant::of(configured));
-        let [.., forgetting] = control.gains().map(f64::from);
-        let open = |turned: Complex| {
-            let left = turned - 1.0 + forgetting;
-            forgetting * (plant.at(turned) - model.at(turned)) / left
-        };
-        let found = (forgetting > 0.0).then(|| {
-            let [first, second] = [plant, model].map(|of| Self::around(open, of.pole));
-            Self {
-                gain: first.gain.min(second.gain),
-                phase: first.phase.min(second.phase),
-                distance: first.distance.min(second.distance),
-            }
-        });
-        Ok(found)
-    }
-
     /// Margins of an open loop over the angle per cycle, which changes quickly near the turn of a
     /// pole.
-    fn around(open: impl Fn(Complex) -> Complex, pole: Complex) -> Self {
+    pub(super) fn around(open: impl Fn(Complex) -> Complex, pole: Complex) -> Self {
         let turn = libm::fabs(libm::atan2(pole.im, pole.re));
         // A decay within a few cycles is smooth enough for the even angles.
         let width = (-libm::log(length(pole))).min(0.2);
@@ -250,32 +225,5 @@ mod tests {
         }
         std::println!("{least:?}");
         assert!(least[0] > 3.9 && least[1] > 65.0, "{least:?}");
-    }
-
-    /// Off the resonance any other resonance may be the true one.
-    #[test]
-    fn detuned_loop_keeps_margins_at_a_wrong_resonance() {
-        let mut least = [f64::INFINITY; 3];
-        for quality in [5.0, 25.0, 100.0, 200.0] {
-            for assumed in detunings().step_by(5) {
-                for true_one in detunings().step_by(7) {
-                    let configured = drive(quality, assumed);
-                    let mut actual = drive(quality, true_one);
-                    actual.resonance *= configured.frequency / actual.frequency;
-                    actual.frequency = configured.frequency;
-                    let found = LoopMargins::of_detuned(&configured, &actual).unwrap();
-                    let Some(found) = found else {
-                        continue;
-                    };
-                    let found = [found.gain, found.phase, found.distance];
-                    for (least, found) in least.iter_mut().zip(found) {
-                        *least = least.min(found);
-                    }
-                }
-            }
-        }
-        std::println!("{least:?}");
-        let [gain, phase, distance] = least;
-        assert!(gain > 3.4 && phase > 90.0 && distance > 0.7, "{least:?}");
     }
 }

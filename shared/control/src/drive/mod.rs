@@ -27,7 +27,7 @@ mod tone;
 mod tones;
 
 pub use amplitude::AmplitudeLoop;
-pub use answer::Response;
+pub use answer::upper_response;
 pub use envelope::absolute;
 pub use margins::LoopMargins;
 pub use observer::ImpactPhase;

@@ -136,7 +136,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::bounds::seeded;
+    use crate::seeded::seeded;
 
     proptest! {
         #![proptest_config(seeded())]

@@ -37,7 +37,7 @@ impl UpperTone {
     }
 
     /// `e (cos th + i sin th)`.
-    pub fn phasor(&self) -> Complex {
+    pub(crate) fn phasor(&self) -> Complex {
         let (sine, cosine) = sine_cosine_single(phase_of(self.phase));
         Complex::new(cosine, sine) * self.ratio
     }

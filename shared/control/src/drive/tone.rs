@@ -222,6 +222,7 @@ impl ToneLoop {
 mod tests {
     use num_complex::Complex64;
 
+    use super::super::margins::LoopMargins;
     use super::*;
 
     /// Gain margin, phase margin in degrees and least distance to -1 of the loop. The mode's
@@ -238,29 +239,21 @@ mod tests {
         let half = core::f64::consts::PI * f64::from(harmonic);
         let decay = half * (1.0 + off) / f64::from(quality);
         let pole = turn(2.0 * half * off) * (-decay).exp();
-        let open = |angle: f64| {
-            let late = turn(-angle);
+        let open = |turned: Complex64| {
+            let late = turned.conj();
             // Two cycles of dead time, the mean of a cycle's ends, the envelope, the sum.
             learning * late * late * (late + 1.0) * 0.5 * (Complex64::new(1.0, 0.0) - pole)
                 / ((Complex64::new(1.0, 0.0) - pole * late) * (Complex64::new(1.0, 0.0) - late))
         };
-        let (mut gain, mut phase, mut distance) = (f64::INFINITY, 180.0_f64, f64::INFINITY);
-        for way in [1.0, -1.0] {
-            let mut before = open(way * 1e-5);
-            for n in 1..6000 {
-                let angle = 1e-5 * (core::f64::consts::PI / 1e-5).powf(f64::from(n) / 6000.0);
-                let now = open(way * angle);
-                if (now.im < 0.0) != (before.im < 0.0) && now.re < 0.0 {
-                    gain = gain.min(-1.0 / now.re);
-                }
-                if (now.norm_sqr() < 1.0) != (before.norm_sqr() < 1.0) {
-                    phase = phase.min(180.0 - now.im.atan2(now.re).to_degrees().abs());
-                }
-                distance = distance.min((now + 1.0).norm_sqr().sqrt());
-                before = now;
-            }
-        }
-        [gain, phase, distance]
+        let [ahead, back] = [true, false].map(|ahead| {
+            let turned = |z: Complex64| if ahead { z } else { z.conj() };
+            LoopMargins::around(|z| open(turned(z)), pole)
+        });
+        [
+            ahead.gain.min(back.gain),
+            ahead.phase.min(back.phase),
+            ahead.distance.min(back.distance),
+        ]
     }
 
     /// In drive cycles the loop is the same at every frequency, 5 to 500 Hz.

@@ -36,24 +36,10 @@ pub fn last_cycle_gain(at: Complex, share: f32) -> Complex {
 mod tests {
     use super::*;
 
-    /// Solves three linear equations.
-    fn solved(mut rows: [[f64; 4]; 3]) -> [f64; 3] {
-        for i in 0..3 {
-            let pivot = rows[i];
-            for j in (0..3).filter(|j| *j != i) {
-                let ratio = rows[j][i] / pivot[i];
-                for (entry, pivot) in rows[j].iter_mut().zip(pivot) {
-                    *entry -= ratio * pivot;
-                }
-            }
-        }
-        core::array::from_fn(|n| rows[n][3] / rows[n][n])
-    }
-
-    /// Least-squares sine and cosine of the sawtooth, for impacts with this scatter and blanked
-    /// share.
-    fn fitted(scatter: f64, share: f64) -> [f64; 2] {
-        let turn = 2.0 * core::f64::consts::PI;
+    /// Bias of the least-squares cosine of the sawtooth, for impacts with this scatter and blanked
+    /// share. The motion is even in the phase, so only cosine and mean are fitted.
+    fn fitted_bias(scatter: f64, share: f64) -> f64 {
+        let turn = core::f64::consts::TAU;
         let motion = |phase: f64| {
             let (mut sum, mut weight) = (0.0, 0.0);
             for n in -20..=20 {
@@ -65,32 +51,28 @@ mod tests {
             }
             sum / weight
         };
-        let mut rows = [[0.0; 4]; 3];
-        for n in 0..720 {
-            let phase = (f64::from(n) - 359.5) / 720.0 * turn;
-            if phase.abs() < 0.5 * share * turn {
-                continue;
-            }
-            let (sine, cosine) = libm::sincos(phase);
-            let parts = [sine, cosine, 1.0, motion(phase)];
-            for (row, part) in rows.iter_mut().zip(parts) {
-                for (entry, other) in row.iter_mut().zip(parts) {
-                    *entry += part * other;
+        let fit = |share: f64| {
+            let [mut count, mut x, mut xx, mut y, mut xy] = [0.0; 5];
+            for n in 0..720 {
+                let phase = (f64::from(n) - 359.5) / 720.0 * turn;
+                if phase.abs() >= 0.5 * share * turn {
+                    let (cosine, moved) = (libm::cos(phase), motion(phase));
+                    count += 1.0;
+                    x += cosine;
+                    xx += cosine * cosine;
+                    y += moved;
+                    xy += cosine * moved;
                 }
             }
-        }
-        let [sine, cosine, _] = solved(rows);
-        [sine, cosine]
+            (xy - x * y / count) / (xx - x * x / count)
+        };
+        fit(share) - fit(0.0)
     }
 
     #[test]
     fn sawtooth_lies_between_one_phase_and_wide_scatter() {
         for share in [0.1, 0.2, 0.3] {
-            let [one, wide] = [0.0, 0.4].map(|scatter| {
-                let (part, whole) = (fitted(scatter, share), fitted(scatter, 0.0));
-                assert!((part[0] - whole[0]).abs() < 1e-9);
-                part[1] - whole[1]
-            });
+            let [one, wide] = [0.0, 0.4].map(|scatter| fitted_bias(scatter, share));
             let told = f64::from(BLANKING_BIAS) * share;
             assert!(wide < told && told < one, "{share}: {wide} {told} {one}");
         }

@@ -117,7 +117,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::bounds::seeded;
+    use crate::seeded::seeded;
 
     const SOUND: ImpactEvidence = ImpactEvidence {
         listening: true,
@@ -139,86 +139,51 @@ mod tests {
 
     #[test]
     fn silence_is_deafness_only_where_the_map_says_that_it_is_loud() {
-        assert!(!deaf_after(31, &SOUND) && deaf_after(32, &SOUND));
-        // Thrown from rest too softly for detection, until a kick has thrown the parts.
-        let soft = ImpactEvidence {
-            thrown: 0.1,
-            ..SOUND
-        };
-        assert!(!deaf_after(200, &soft));
-        let kicked = ImpactEvidence {
-            kicked: true,
-            ..soft
-        };
-        assert!(deaf_after(32, &kicked));
-        let off = ImpactEvidence {
-            near: false,
-            ..SOUND
-        };
-        assert!(!deaf_after(200, &off));
-        // Noise above the height of a lock.
-        let noisy = ImpactEvidence {
-            noise: 0.3,
-            ..SOUND
-        };
-        assert!(deaf_after(32, &noisy));
-        for heard in [
-            ImpactEvidence { rate: 0.3, ..SOUND },
-            ImpactEvidence {
-                listening: false,
-                ..SOUND
-            },
-        ] {
-            assert!(!deaf_after(200, &heard));
+        type Change = fn(&mut ImpactEvidence);
+        let cases: [(Change, u8, bool); 10] = [
+            (|_| {}, 31, false),
+            (|_| {}, 32, true),
+            // Thrown from rest too softly for detection, until a kick has thrown the parts.
+            (|sound| sound.thrown = 0.1, 200, false),
+            (|sound| (sound.thrown, sound.kicked) = (0.1, true), 32, true),
+            (|sound| sound.near = false, 200, false),
+            // Noise above the height of a lock; detections without a phase are noise, too.
+            (|sound| sound.noise = 0.3, 32, true),
+            (
+                |sound| (sound.noise, sound.rate, sound.concentration) = (0.3, 1.5, 0.3),
+                32,
+                true,
+            ),
+            (
+                |sound| (sound.noise, sound.rate, sound.concentration) = (0.3, 1.5, 0.9),
+                200,
+                false,
+            ),
+            (|sound| sound.rate = 0.3, 200, false),
+            (|sound| sound.listening = false, 200, false),
+        ];
+        for (n, (change, cycles, deaf)) in cases.into_iter().enumerate() {
+            let mut sound = SOUND;
+            change(&mut sound);
+            assert_eq!(deaf_after(cycles, &sound), deaf, "{n}");
         }
     }
 
     #[test]
-    fn noise_without_a_phase_counts_as_silence() {
-        let noisy = ImpactEvidence {
-            noise: 0.3,
-            rate: 1.5,
-            concentration: 0.3,
-            ..SOUND
-        };
-        assert!(deaf_after(32, &noisy));
-        let regular = ImpactEvidence {
-            concentration: 0.9,
-            ..noisy
-        };
-        assert!(!deaf_after(200, &regular));
-    }
-
-    #[test]
     fn coincident_impacts_do_not_count_as_one_part() {
-        let crowd = ImpactEvidence {
-            together: true,
-            noise: 1.6,
+        let crowd = |together, noise| ImpactEvidence {
+            together,
+            noise,
             rate: 1.0,
             concentration: 1.0,
             ..SOUND
         };
-        assert!(deaf_after(32, &crowd));
-        let mut deafness = MissedImpactDetector::default();
-        for (sound, only) in [
-            (crowd, true),
-            (
-                ImpactEvidence {
-                    noise: 1.4,
-                    ..crowd
-                },
-                false,
-            ),
-            (
-                ImpactEvidence {
-                    together: false,
-                    ..crowd
-                },
-                false,
-            ),
-        ] {
-            deafness.cycle(&sound);
-            assert_eq!(deafness.hears_crowds_only(), only, "{sound:?}");
+        assert!(deaf_after(32, &crowd(true, 1.6)));
+        for (together, noise, only) in [(true, 1.6, true), (true, 1.4, false), (false, 1.6, false)]
+        {
+            let mut deafness = MissedImpactDetector::default();
+            deafness.cycle(&crowd(together, noise));
+            assert_eq!(deafness.hears_crowds_only(), only, "{together} {noise}");
         }
     }
 

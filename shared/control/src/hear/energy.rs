@@ -20,7 +20,7 @@ pub struct Sectors {
 }
 
 /// Running sums of the residual's energy by phase of the output.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct EnergyHistogram {
     /// Sums by sector, in groups as they are handed over.
     sums: [[f32; SECTORS_HANDED]; SECTORS / SECTORS_HANDED],
@@ -29,12 +29,6 @@ pub struct EnergyHistogram {
 }
 
 impl EnergyHistogram {
-    /// Sums at zero.
-    pub const EMPTY: Self = Self {
-        sums: [[0.0; SECTORS_HANDED]; SECTORS / SECTORS_HANDED],
-        next: 0,
-    };
-
     /// Sector of a phase, 0..32.
     #[inline(always)]
     pub fn sector(phase: Phase) -> usize {
@@ -55,32 +49,5 @@ impl EnergyHistogram {
         handed.energy = self.sums[next];
         self.sums[next] = [0.0; SECTORS_HANDED];
         self.next = (next + 1) as u8;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn each_sector_is_handed_over_once_in_four_cycles_and_emptied() {
-        let mut energy = EnergyHistogram::EMPTY;
-        let (mut handed, mut phase) = ([0.0; SECTORS], Phase::ZERO);
-        for _ in 0..40 {
-            for _ in 0..400 {
-                energy.add(phase, 2.0);
-                phase += Phase::from_bits(u32::MAX / 400 + 1);
-            }
-            let mut sectors = Sectors::default();
-            energy.hand_over(&mut sectors);
-            let Sectors { first, energy } = sectors;
-            for (n, energy) in energy.iter().enumerate() {
-                handed[usize::from(first) + n] += energy;
-            }
-        }
-        // 12 or 13 samples of 4 in each sector, over the first 37 to 40 cycles.
-        for sum in handed {
-            assert!((37.0 * 48.0..=40.0 * 52.0).contains(&sum), "{sum}");
-        }
     }
 }

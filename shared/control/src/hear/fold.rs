@@ -220,16 +220,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn what_is_not_wanted_is_not_summed() {
-        let mut fold = Fold::EMPTY;
-        for n in 0..2000_u32 {
-            fold.add(Phase::from_bits(n << 24), 1.0);
-            let mut folded = Folded::default();
-            fold.finish(None, 1 << 24, &mut folded);
-            assert_eq!(folded, Folded::default());
-        }
-        assert_eq!(fold.sums, [0.0; PLACES]);
-    }
 }

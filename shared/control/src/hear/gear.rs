@@ -18,11 +18,12 @@ use super::signal::Cycle;
 use crate::angle::{phase_of, radians_of};
 use crate::drive::{Shape, UPPER};
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
+use kband::feeder::Restitution;
 use kband::impact::ContactTime;
 use kband::regime::gear;
 
 /// Memory of the share of time in gear, in drive cycles (exponential forgetting).
-pub const GEAR_WINDOW: f32 = 64.0;
+const GEAR_WINDOW: f32 = 64.0;
 /// Memory of the estimated restitution, in impacts: its standard error is an eleventh of the
 /// scatter.
 const RESTITUTION_MEMORY_IMPACTS: f32 = 128.0;
@@ -233,7 +234,7 @@ fn gauss(x: f32) -> f32 {
     0.4 * libm::expf(-0.5 * x * x)
 }
 
-/// State of the drive in one cycle, as the estimator needs it.
+/// State of drive and settings in one cycle, as the estimators need it.
 #[derive(Clone, Copy, Debug)]
 pub struct DriveState {
     /// Number of the cycle.
@@ -246,6 +247,19 @@ pub struct DriveState {
     pub k: f32,
     /// Measured shape of the track's motion.
     pub shape: Shape,
+    /// Advance of the phase per sample.
+    pub step: u32,
+    /// Configured or identified restitutions of the lot (symbol R), and their scatter from impact
+    /// to impact (symbol s).
+    pub lot: Option<(Restitution, f32)>,
+    /// Whether the amplitude has settled at its setpoint.
+    pub stands: bool,
+    /// Configured duration of an impact.
+    pub contact: ContactTime,
+    /// Whether gear is to be detected for READY; only then is the short histogram fitted.
+    pub detects_gear: bool,
+    /// Whether a decision needs the regime.
+    pub needs_regime: bool,
 }
 
 /// Estimator of gear from single impacts.

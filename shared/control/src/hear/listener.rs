@@ -5,7 +5,7 @@
 use super::gear::{DriveState, GearEstimator};
 use super::margin::GearMargin;
 use super::phases::PhaseStatistics;
-use super::share::{GearEvidence, GearShare, ShareHearing, Tuned};
+use super::share::{GearEvidence, GearShare, ShareHearing};
 use super::signal::Cycle;
 use crate::angle::{SAMPLE_RATE, phase_of, radians_of};
 use crate::hear::LockWindow;
@@ -107,21 +107,14 @@ impl Listener {
         (self.in_gear_detected, self.supported, self.silent) = (false, f32::INFINITY, 0.0);
     }
 
-    /// Updates all estimates with one cycle; `wanted` is whether a decision needs the regime.
-    pub fn cycle(
-        &mut self,
-        cycle: &Cycle,
-        with: &DriveState,
-        lock: Option<&LockWindow>,
-        tuned: &Tuned,
-        wanted: bool,
-    ) {
+    /// Updates all estimates with one cycle.
+    pub fn cycle(&mut self, cycle: &Cycle, with: &DriveState, lock: Option<&LockWindow>) {
         let DriveState { count, lead, .. } = *with;
         self.gear.cycle(cycle, with);
-        self.share.cycle(cycle, tuned);
-        self.frequency = tuned.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
-        self.watch_silence(cycle, tuned);
-        if tuned.detects_gear {
+        self.share.cycle(cycle, with);
+        self.frequency = with.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
+        self.watch_silence(cycle, with.order);
+        if with.detects_gear {
             self.update_gear_detection();
         }
         self.phases.cycle(cycle, count, lead, lock);
@@ -132,7 +125,8 @@ impl Listener {
                 .impact((time >> 32) as u32, Phase::from_bits(time as u32));
         }
         self.classifier.cycle(count);
-        if count.is_multiple_of(CLASSIFICATION_PERIOD_CYCLES) && (self.always_classifies || wanted)
+        if count.is_multiple_of(CLASSIFICATION_PERIOD_CYCLES)
+            && (self.always_classifies || with.needs_regime)
         {
             self.regime = Some(self.correct_verdict(self.classifier.verdict(), lock));
         }
@@ -140,13 +134,13 @@ impl Listener {
 
     /// Detects an empty track (no impact for a second, and for four flights), and clears the
     /// estimates.
-    fn watch_silence(&mut self, cycle: &Cycle, tuned: &Tuned) {
+    fn watch_silence(&mut self, cycle: &Cycle, order: u8) {
         if !cycle.heard.is_empty() {
             (self.silent, self.empty) = (0.0, false);
             return;
         }
         self.silent += 1.0;
-        let patience = (EMPTY_SECONDS * self.frequency).max(EMPTY_FLIGHTS * f32::from(tuned.order));
+        let patience = (EMPTY_SECONDS * self.frequency).max(EMPTY_FLIGHTS * f32::from(order));
         self.empty = self.silent > patience;
         if self.empty {
             self.gear.reset();

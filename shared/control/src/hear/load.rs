@@ -79,7 +79,7 @@ pub struct Weighed {
 }
 
 /// Estimator of the load from the power beyond the empty track's.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct LoadMeter {
     /// Mass of the track in g, its length in mm.
     track: f32,
@@ -133,24 +133,10 @@ impl LoadMeter {
             natural: TAU * settings.resonance,
             force: settings.gain * 1e-3 / settings.quality,
             loss: 1.0 / settings.quality,
-            restitution: 0.0,
             along: [cosine, sine].map(|part| part * settings.amplitude_ratio),
-            incline_loss: 0.0,
-            incline: 0.0,
-            kept: 0.0,
-            contact: ContactTime::INSTANT,
             tare: 1.0,
-            detuned: 0.0,
             silent: f32::INFINITY,
-            amplitude: 0.0,
-            blanked: 0.0,
-            at: Complex::new(0.0, 0.0),
-            concentration: 0.0,
-            deficit: 0.0,
-            before: Complex::new(0.0, 0.0),
-            mass_ratio: 0.0,
-            cycles: 0.0,
-            load: None,
+            ..Self::default()
         };
         meter.set_lot(settings);
         Some(meter)
@@ -193,32 +179,22 @@ impl LoadMeter {
     /// returned motion satisfies the equation of spring, loss and drive with that acceleration, for
     /// any parts.
     pub fn cycle(&mut self, seen: &Weighed) -> Complex {
-        let Weighed {
-            motion,
-            output,
-            square,
-            frequency,
-            normal_gravity,
-            in_gear,
-            order,
-            ..
-        } = *seen;
-        let turns = f32::from(order.max(1));
+        let turns = f32::from(seen.order.max(1));
         let restitution = seen.restitution.unwrap_or(self.restitution);
         let slip = (1.0 - restitution) / (1.0 + restitution);
         // Amplitude b at k = 1.
-        let unit = normal_gravity / square;
-        let bare = square_root_single(motion.norm_sqr());
-        let before = core::mem::replace(&mut self.before, motion);
+        let unit = seen.normal_gravity / seen.square;
+        let bare = square_root_single(seen.motion.norm_sqr());
+        let before = core::mem::replace(&mut self.before, seen.motion);
         self.silent = if seen.heard { 0.0 } else { self.silent + 1.0 };
         if bare < 1e-3 * unit {
             self.amplitude = bare;
-            return motion;
+            return seen.motion;
         }
         // Zero-order hold: half a sample of delay.
-        let (sine, cosine) = sine_cosine_single(phase_of(PI * frequency / SAMPLE_RATE as f32));
-        let natural = self.natural * self.natural / square;
-        let told = output * Complex::new(cosine, -sine) * (natural * self.force);
+        let (sine, cosine) = sine_cosine_single(phase_of(PI * seen.frequency / SAMPLE_RATE as f32));
+        let natural = self.natural * self.natural / seen.square;
+        let told = seen.output * Complex::new(cosine, -sine) * (natural * self.force);
         let forced = told * self.tare;
         let loss = square_root_single(natural) * self.loss;
         let empty = Complex::new(natural - 1.0 + self.detuned, loss);
@@ -227,11 +203,11 @@ impl LoadMeter {
             (self.blanked, self.concentration, self.deficit) = (0.0, 0.0, 0.0);
             // Without detected impacts, a track that throws parts is empty.
             if seen.settled && bare > unit {
-                let shown = told / motion;
+                let shown = told / seen.motion;
                 self.tare += (loss / shown.im.max(0.1 * loss) - self.tare) * TARE_GAIN;
                 self.detuned += ((shown * self.tare).re - empty.re) * TARE_GAIN;
             }
-            return motion;
+            return seen.motion;
         }
         // Phase of the impacts, from the motion before correction.
         self.blanked += (seen.blanked - self.blanked) * PHASE_GAIN;
@@ -241,12 +217,13 @@ impl LoadMeter {
         let cosine_at = |k: f32| (seen.cosine).unwrap_or_else(|| (PI * turns * k * slip).min(1.0));
         let cosine = cosine_at(unit / bare);
         let sine = square_root_single((1.0 - cosine * cosine).max(0.0));
-        self.at = motion * (1.0 / bare) * Complex::new(cosine, -sine);
-        let between = motion - last_cycle_gain(self.at, seen.blanked) * (before - motion).conj();
+        self.at = seen.motion * (1.0 / bare) * Complex::new(cosine, -sine);
+        let between =
+            seen.motion - last_cycle_gain(self.at, seen.blanked) * (before - seen.motion).conj();
         // Without motion between the impacts there is no quotient.
         if between.norm_sqr() < 1e-6 * bare * bare {
             self.amplitude = bare;
-            return motion;
+            return seen.motion;
         }
         let weight = push_weight(self.blanked);
         let mut more = (between + forced * weight) / ((empty * weight + 1.0) * between);
@@ -262,7 +239,7 @@ impl LoadMeter {
         self.amplitude = amplitude;
         let taken = (forced / found - empty).im - grown;
         let share = taken / (2.0 * k * cosine.max(0.1));
-        if !seen.settled || !seen.sine || in_gear < IN_GEAR {
+        if !seen.settled || !seen.sine || seen.in_gear < IN_GEAR {
             self.forget();
             return found;
         }

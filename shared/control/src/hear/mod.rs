@@ -37,16 +37,15 @@ pub use deaf::{ImpactEvidence, MissedImpactDetector};
 pub use energy::{EnergyHistogram, SECTORS, SECTORS_HANDED, Sectors};
 pub use fold::Fold;
 pub use fold::{HANDED, Layout, PLACES};
-pub use gear::{DriveState, GEAR_WINDOW, GearEstimator};
+pub use gear::{DriveState, GearEstimator};
 pub use listener::Listener;
 pub use load::{Load, LoadMeter, Weighed};
 pub use lock::LockWindow;
 pub use margin::GearMargin;
 
-pub use share::{GearShare, Tuned};
+pub use share::GearShare;
 
-pub use onset::{DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetDetector, QUARTILE};
-pub use onset::{HighPass, OnsetConstants, StandardOnset};
+pub use onset::{DetectedImpact, HighPass, MAX_IMPACTS_PER_CYCLE, OnsetDetector};
 pub use signal::MAX_BLANKED_SHARE;
 pub use signal::{AdcCode, Command, Cycle, Overtone, Sampled, Signal};
 pub use weighing::LoadEvents;

@@ -5,7 +5,6 @@
 //! stochastic approximation, after Robbins and Monro 1951). An exponentially decaying envelope of
 //! the last impact prevents repeated detections.
 
-use core::marker::PhantomData;
 use core::ops::{Add, Mul, Sub};
 
 use kband::arithmetic::Phase;
@@ -22,44 +21,12 @@ pub struct DetectedImpact {
     pub strength: f32,
 }
 
-/// Constants of the onset detector, shared by the detector and its closed form in the plant.
-pub trait OnsetConstants: Copy {
-    /// Corner of both high-passes times 2 pi over the sample rate: 1 kHz at 20 kHz, gain of 1/400
-    /// at 50 Hz.
-    const CORNER: f64 = 0.27;
-    /// Decay factor of the envelope per sample: time constant of 1.4 ms at 20 kHz.
-    const ENVELOPE_DECAY: f64 = 0.965;
-    /// Rise time of a ringing, in samples: 0.6 ms at 20 kHz, a quarter period at 420 Hz.
-    const RISE_SAMPLES: u32 = 12;
-    /// Detection threshold over the RMS of the noise: 2 false alarms in 10^9 samples of Gaussian
-    /// noise, or one in 7 hours.
-    const THRESHOLD: f64 = 6.0;
-    /// Minimum height of a new impact over the envelope of the last one; less is its own ringing.
-    const MIN_OVER_ENVELOPE: f64 = 1.5;
-    /// Envelope over the threshold above which the demodulator blanks samples.
-    const LOUD: f64 = 2.0;
-    /// Step of the running median per sample, relative to its value.
-    const MEDIAN_STEP: f64 = 1.0 / 1024.0;
-    /// Settling time before the first detection, in samples: some 60 time constants of the
-    /// high-passes.
-    const SETTLING_SAMPLES: u32 = 200;
-}
-
-/// Median magnitude of Gaussian noise over its RMS: the third quartile of the normal distribution.
-pub const QUARTILE: f64 = 0.6745;
-
-/// Standard constants.
-#[derive(Clone, Copy, Debug)]
-pub struct StandardOnset;
-
-impl OnsetConstants for StandardOnset {}
-
 /// First-order high-pass filter, for real or complex samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HighPass<T>(T);
 
 impl<T> HighPass<T> {
-    /// Filters one sample with this corner ([`OnsetConstants::CORNER`]).
+    /// Filters one sample with this corner ([`OnsetDetector::CORNER`]).
     #[inline(always)]
     pub fn filter<F>(&mut self, corner: F, sample: T) -> T
     where
@@ -72,13 +39,13 @@ impl<T> HighPass<T> {
 
 /// Detects the onset of impacts, sample by sample.
 ///
-/// Two first-order high-passes ([`OnsetConstants::CORNER`]) suppress the drive's own acceleration and keep
+/// Two first-order high-passes ([`OnsetDetector::CORNER`]) suppress the drive's own acceleration and keep
 /// most of an impact's ringing. The residual is compared with its running median and with the
 /// decaying envelope of the last impact. One ringing is therefore one impact.
 #[derive(Clone, Copy, Debug)]
-pub struct OnsetDetector<O = StandardOnset> {
+pub struct OnsetDetector {
     passes: [HighPass<f32>; 2],
-    /// Running median of the residual's magnitude, in m/s^2: [`QUARTILE`] of the noise's RMS.
+    /// Running median of the residual's magnitude, in m/s^2: [`OnsetDetector::QUARTILE`] of the noise's RMS.
     median: f32,
     /// Decaying envelope of the last ringing, in m/s^2.
     ringing: f32,
@@ -87,47 +54,55 @@ pub struct OnsetDetector<O = StandardOnset> {
     rising: u32,
     /// Samples until the filters have settled.
     settling: u32,
-    constants: PhantomData<O>,
 }
 
 impl OnsetDetector {
+    /// Median magnitude of Gaussian noise over its RMS: the third quartile of the normal
+    /// distribution.
+    pub const QUARTILE: f64 = 0.6745;
+    /// Corner of both high-passes times 2 pi over the sample rate: 1 kHz at 20 kHz, gain of 1/400
+    /// at 50 Hz.
+    pub const CORNER: f64 = 0.27;
+    /// Decay factor of the envelope per sample: time constant of 1.4 ms at 20 kHz.
+    pub const ENVELOPE_DECAY: f64 = 0.965;
+    /// Rise time of a ringing, in samples: 0.6 ms at 20 kHz, a quarter period at 420 Hz.
+    pub const RISE_SAMPLES: u32 = 12;
+    /// Detection threshold over the RMS of the noise: 2 false alarms in 10^9 samples of Gaussian
+    /// noise, or one in 7 hours.
+    pub const THRESHOLD: f64 = 6.0;
+    /// Minimum height of a new impact over the envelope of the last one; less is its own ringing.
+    pub const MIN_OVER_ENVELOPE: f64 = 1.5;
+    /// Envelope over the threshold above which the demodulator blanks samples.
+    pub const LOUD: f64 = 2.0;
+    /// Step of the running median per sample, relative to its value.
+    pub const MEDIAN_STEP: f64 = 1.0 / 1024.0;
+    /// Settling time before the first detection, in samples: some 60 time constants of the
+    /// high-passes.
+    pub const SETTLING_SAMPLES: u32 = 200;
+    /// Detection threshold over the running median.
+    const MEDIAN_THRESHOLD: f32 = Self::THRESHOLD as f32 / Self::QUARTILE as f32;
+
     /// Detector with a minimum noise of `floor`, in m/s^2 (the converter's resolution).
     pub fn new(floor: f32) -> Self {
-        Self::with_constants(floor)
-    }
-}
-
-impl<O: OnsetConstants> OnsetDetector<O> {
-    const CORNER: f32 = O::CORNER as f32;
-    const MEMORY: f32 = O::ENVELOPE_DECAY as f32;
-    const OVER_MEMORY: f32 = O::MIN_OVER_ENVELOPE as f32;
-    /// Detection threshold over the running median.
-    const THRESHOLD: f32 = O::THRESHOLD as f32 / QUARTILE as f32;
-    /// Blanking threshold over the running median.
-    const LOUD: f32 = O::LOUD as f32 * Self::THRESHOLD;
-
-    /// As [`OnsetDetector::new`], with the constants of `O`.
-    pub fn with_constants(floor: f32) -> Self {
         Self {
             passes: [HighPass::default(); 2],
             median: floor,
             ringing: 0.0,
             floor,
             rising: 0,
-            settling: O::SETTLING_SAMPLES,
-            constants: PhantomData,
+            settling: Self::SETTLING_SAMPLES,
         }
     }
 
     /// RMS of the residual's noise in m/s^2.
     pub fn noise(&self) -> f32 {
-        self.median * (1.0 / QUARTILE as f32)
+        self.median * (1.0 / Self::QUARTILE as f32)
     }
 
     /// Whether an impact was just detected, or still rings loudly.
     #[inline]
     pub fn rings(&self) -> bool {
-        self.rising > 0 || self.ringing > Self::LOUD * self.median
+        self.rising > 0 || self.ringing > Self::LOUD as f32 * Self::MEDIAN_THRESHOLD * self.median
     }
 
     /// Filters the acceleration of one sample (m/s^2) and detects an onset; returns its height.
@@ -140,28 +115,29 @@ impl<O: OnsetConstants> OnsetDetector<O> {
     #[inline]
     pub fn residual(&mut self, acceleration: f32) -> f32 {
         let [first, second] = &mut self.passes;
-        let once = first.filter(Self::CORNER, acceleration);
-        second.filter(Self::CORNER, once)
+        let once = first.filter(Self::CORNER as f32, acceleration);
+        second.filter(Self::CORNER as f32, once)
     }
 
     /// Updates the threshold with one residual (m/s^2); returns its magnitude at an onset.
     #[inline]
     pub fn detect(&mut self, residual: f32) -> Option<f32> {
         let height = if residual < 0.0 { -residual } else { residual };
-        let step = self.median * O::MEDIAN_STEP as f32;
+        let step = self.median * Self::MEDIAN_STEP as f32;
         if height > self.median {
             self.median += step;
         } else if self.median > self.floor {
             self.median -= step;
         }
-        let above = height > Self::THRESHOLD * self.median;
-        let begins = above && height > Self::OVER_MEMORY * self.ringing && self.rising == 0;
+        let above = height > Self::MEDIAN_THRESHOLD * self.median;
+        let begins =
+            above && height > Self::MIN_OVER_ENVELOPE as f32 * self.ringing && self.rising == 0;
         self.rising = if begins {
-            O::RISE_SAMPLES
+            Self::RISE_SAMPLES
         } else {
             self.rising.saturating_sub(1)
         };
-        self.ringing *= Self::MEMORY;
+        self.ringing *= Self::ENVELOPE_DECAY as f32;
         if above && height > self.ringing {
             self.ringing = height;
         }

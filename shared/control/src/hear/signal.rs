@@ -7,8 +7,8 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::energy::{EnergyHistogram, SECTORS_HANDED, Sectors};
-use super::fold::{Fold, Folded, HANDED};
+use super::energy::{EnergyHistogram, Sectors};
+use super::fold::{Fold, Folded};
 use super::onset::{DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetDetector};
 use crate::angle::phase_step;
 use crate::drive::UPPER;
@@ -112,18 +112,15 @@ pub struct Cycle {
 impl Cycle {
     /// Whether all measurements are finite and small enough for squares.
     pub(crate) fn is_finite(&self) -> bool {
-        let Self {
-            in_phase,
-            quadrature,
-            upper,
-            mean,
-            noise,
-            blanked,
-            current,
-            ..
-        } = self;
-        let single = [in_phase, quadrature, mean, noise, blanked, current];
-        let mut all = upper.as_flattened().iter().chain(single);
+        let single = [
+            self.in_phase,
+            self.quadrature,
+            self.mean,
+            self.noise,
+            self.blanked,
+            self.current,
+        ];
+        let mut all = self.upper.as_flattened().iter().chain(&single);
         all.all(|number| number.abs() < MAX_ACCELERATION)
     }
 }
@@ -211,7 +208,7 @@ impl CycleTiming {
 }
 
 /// Sums over a cycle.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     /// Cosine and sine sums at the drive's frequency.
     first: [f32; 2],
@@ -223,13 +220,6 @@ struct Sums {
 }
 
 impl Sums {
-    const NONE: Self = Self {
-        first: [0.0; 2],
-        accelerations: 0.0,
-        weight: 0.0,
-        blanked: 0.0,
-    };
-
     /// Adds a sample with this weight.
     #[inline(always)]
     fn add(&mut self, share: f32, [by_cosine, by_sine]: [f32; 2], swing: f32) {
@@ -273,27 +263,6 @@ struct CurrentMeter {
 /// let wraps = (0..2010).filter(|_| signal.sample(AdcCode(2048)).wrapped).count();
 /// assert_eq!(wraps, 5);
 /// # Ok::<(), Box<dyn core::error::Error>>(())
-/// ```
-///
-/// Demodulation of an acceleration:
-///
-/// ```
-/// use kband::arithmetic::sine_cosine_single;
-/// use kband_control::{AdcCode, Settings, Signal};
-/// let settings = Settings::default();
-/// let mut signal = Signal::build(&settings)?;
-/// // A track whose acceleration is 20 m/s^2 times the sine of the output's phase, read by the converter.
-/// let zero = settings.sensor_zero / settings.converter_reference * 4096.0;
-/// for _ in 0..2000 {
-///     let step = kband::arithmetic::Phase::from_bits(kband_control::phase_step(50.0));
-///     let (sine, _) = sine_cosine_single(signal.phase() + step);
-///     let code = zero + 20.0 * sine / signal.resolution() + 0.5;
-///     signal.sample(AdcCode(code as u16));
-/// }
-/// let cycle = signal.cycle();
-/// assert!((cycle.quadrature - 20.0).abs() < 0.01);
-/// assert!(cycle.in_phase.abs() < 0.01);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Signal {
@@ -341,6 +310,10 @@ impl Signal {
         let volts = settings.converter_reference / (f32::from(full) + 1.0);
         let scale = volts / settings.sensitivity * STANDARD_GRAVITY as f32;
         let step = phase_step(settings.frequency);
+        let empty = Cycle {
+            low: u16::MAX,
+            ..Cycle::default()
+        };
         Ok(Self {
             scale,
             zero: settings.sensor_zero / volts,
@@ -360,55 +333,27 @@ impl Signal {
                 settings.upper_tones() as u8
             },
             pending: Command {
-                amplitude: 0.0,
-                lead: Phase::ZERO,
-                overtones: [Overtone::NONE; UPPER],
                 step,
-                immediate: false,
-                fold: None,
-                whole: false,
+                ..Command::default()
             },
             next_amplitude: [0.0; 2],
             mean: 0.0,
-            sums: Sums::NONE,
+            sums: Sums::default(),
             multiples: [[0.0; 2]; UPPER],
             found: [[0.0; 2]; 1 + UPPER],
             readings: Readings::NONE,
-            cycles: [Self::EMPTY; 2],
+            cycles: [empty.clone(), empty],
             whole: 1,
             detector: OnsetDetector::new(scale),
             fold: Fold::EMPTY,
-            energy: EnergyHistogram::EMPTY,
+            energy: EnergyHistogram::default(),
             current: CurrentMeter {
                 scale: volts / settings.current_sensitivity,
                 mean: settings.sensor_zero / volts,
-                sums: Sums::NONE,
+                sums: Sums::default(),
             },
         })
     }
-
-    const EMPTY: Cycle = Cycle {
-        samples: 0,
-        in_phase: 0.0,
-        quadrature: 0.0,
-        upper: [[0.0; 2]; UPPER],
-        mean: 0.0,
-        low: u16::MAX,
-        high: 0,
-        saturated: 0,
-        noise: 0.0,
-        blanked: 0.0,
-        current: 0.0,
-        heard: Vec::new(),
-        folded: Folded {
-            first: 0,
-            residual: [0.0; HANDED],
-        },
-        sectors: Sectors {
-            first: 0,
-            energy: [0.0; SECTORS_HANDED],
-        },
-    };
 
     /// Processes the reading of one sample; returns the output to hold until the next.
     ///
@@ -542,7 +487,7 @@ impl Signal {
         let running = if self.whole == 0 { second } else { first };
         running.current = 2.0 * *scale * inverse * square_root_single(square);
         *mean += sums.accelerations * inverse;
-        *sums = Sums::NONE;
+        *sums = Sums::default();
         sums.add(share, products, swing);
     }
 

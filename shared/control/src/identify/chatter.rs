@@ -4,7 +4,7 @@
 
 use core::f32::consts::TAU;
 
-use kband::impact::{ContactTime, Hybrid, Kernel, LIFT_OFF_DELAY, Release};
+use kband::impact::{ContactTime, Kernel, LIFT_OFF_DELAY, Release, Single};
 
 /// Largest number of predicted impacts; further ones are too faint for detection.
 pub const IMPACTS: usize = 16;
@@ -26,29 +26,29 @@ impl Chatter {
     #[inline(never)]
     pub fn of(k: f64, restitution: f32, contact: ContactTime) -> Option<Self> {
         let restitution = restitution.max(1e-3);
-        let map = Hybrid::build(k, f64::from(restitution)).ok()?;
+        let map = Single::build(k, f64::from(restitution)).ok()?;
         if k >= 1.0 {
             return None;
         }
         let lift_off = libm::asin(k);
         let Release { mut impact, .. } = Release::build(&map, lift_off, LIFT_OFF_DELAY)?;
         let landing = (lift_off + LIFT_OFF_DELAY + impact.flight) as f32;
-        let first = Hybrid::observe(impact.next).velocity as f32;
+        let first = impact.next.velocity;
         if first <= 0.0 {
             return None;
         }
         let (mut time, mut rest) = (0.0, f32::INFINITY);
         let mut impacts = [(f32::INFINITY, 0.0); IMPACTS];
         for slot in &mut impacts {
-            let speed = Hybrid::observe(impact.next).velocity as f32 / first;
+            let speed = impact.next.velocity / first;
             *slot = (time, speed);
             let mut launch = impact.next;
             let mut held = 0.0;
             if !contact.is_instant() {
-                let struck = Hybrid::observe(launch);
+                let struck = Single::observe(launch);
                 let left = contact.launch(f64::from(restitution), struck, k, None);
                 held = contact.radians() as f32;
-                launch = Hybrid::state(left.phase, left.velocity).ok()?;
+                launch = Single::state(left.phase, left.velocity).ok()?;
                 if left.velocity == 0.0 {
                     rest = time + held;
                     break;

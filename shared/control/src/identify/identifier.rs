@@ -17,7 +17,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use super::chatter::Chatter;
-use super::fit::{Circumstances, Fit, LANDING_OFFSET, Verdict};
+use super::fit::{Fit, LANDING_OFFSET, Verdict};
 use crate::angle::phase_of;
 use crate::hear::{Cycle, GearMargin};
 use crate::hear::{HANDED, Layout};
@@ -371,11 +371,8 @@ impl Identifier {
                 if let Some(first) = usize::from(folded.first).checked_sub(1) {
                     self.fit.store(first, &folded.residual);
                     if first + HANDED >= Layout::of(driven.step).places {
-                        self.fit.begin(Circumstances {
-                            k: self.sum / f64::from(FOLD_CYCLES),
-                            normal_gravity: driven.normal_gravity,
-                            step: driven.step,
-                        });
+                        let k = self.sum / f64::from(FOLD_CYCLES);
+                        self.fit.begin(k, driven.normal_gravity, driven.step);
                         self.stage = Stage::Comparing;
                     }
                 }
@@ -592,28 +589,6 @@ fn resting_k(k: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn rests(k: f64, restitution: f32) -> bool {
-        Chatter::of(k, restitution, ContactTime::INSTANT).is_some_and(|chatter| chatter.rests())
-    }
-
-    #[test]
-    fn the_way_down_begins_and_ends_where_its_constants_say() {
-        assert!(rests(FIRST_K, 0.84) && !rests(FIRST_K, 0.88));
-        assert!(rests(resting_k(LOWEST_K), 0.25));
-        // 5 % of k moves the second impact by about half a period of the default ringing, 0.065 rad
-        // at 50 Hz.
-        for (k, restitution) in [(0.45, 0.1), (0.56, 0.3), (0.85, 0.8)] {
-            let second = |k| {
-                Chatter::of(k, restitution, ContactTime::INSTANT)
-                    .unwrap()
-                    .impacts()[1]
-                    .0
-            };
-            let moved = second(k) - second(k * (1.0 + FOLD_K_RANGE));
-            assert!((0.05..0.12).contains(&moved), "{restitution}: {moved}");
-        }
-    }
 
     #[test]
     fn result_stays_until_the_next_identification() {

@@ -5,7 +5,7 @@
 //! elimination; `left` is the residual sum of squares.
 
 use crate::angle::phase_of;
-use crate::hear::{HighPass, OnsetConstants, StandardOnset};
+use crate::hear::{HighPass, OnsetDetector};
 use kband::arithmetic::sine_cosine_single;
 use num_complex::Complex32 as Complex;
 
@@ -16,8 +16,8 @@ use crate::saturate::saturate;
 const COLUMNS: usize = 8;
 /// Index of the first column of the cubic.
 const FIRST_CUBIC_COLUMN: usize = 4;
-/// Corner of the high-passes that the fold passed ([`Onset::CORNER`]).
-const CORNER: f32 = StandardOnset::CORNER as f32;
+/// Corner of the high-passes that the fold passed .
+const CORNER: f32 = OnsetDetector::CORNER as f32;
 /// Scale of the derivative's columns, which makes them as large as the ringing's own.
 const DERIVATIVE_SCALE: f32 = 0.01;
 /// Pivot up to which a column is linearly dependent and left out.
@@ -254,7 +254,6 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::hear::OnsetDetector;
     use kband::arithmetic::Noise;
 
     const RINGING: SampledRinging = SampledRinging {
@@ -285,21 +284,6 @@ mod tests {
             heard(n);
         }
         (0..200).map(heard).collect()
-    }
-
-    #[test]
-    fn a_train_is_explained_but_for_the_noise_and_no_other_is() {
-        let noise = 0.04;
-        let folded = folded(noise);
-        let right = fit_train(&folded, 1, RINGING, true, &TRAIN);
-        // 200 samples of noise through high-passes that keep 0.65 of its power, less eight columns:
-        // 0.2, with a standard deviation of 0.02.
-        assert!((0.1..0.3).contains(&right.left), "{right:?}");
-        assert!(right.without > 50.0 * right.left, "{right:?}");
-        let wrong = TRAIN.map(|(at, strength)| (if at > 50.0 { at + 3.0 } else { at }, strength));
-        let wrong = fit_train(&folded, 1, RINGING, true, &wrong);
-        // Error of three samples of a ringing 0.3 times 4 high.
-        assert!(wrong.left > 3.0 * right.left, "{wrong:?}");
     }
 
     #[test]

@@ -204,13 +204,13 @@ mod tests {
 
     use super::*;
     use kband::feeder::Restitution;
-    use kband::impact::{ContactTime, Hybrid};
+    use kband::impact::ContactTime;
     use kband::regime::band::Band;
     use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner};
 
     fn plan(low: f64, high: f64) -> Plan {
         let restitution = Restitution::interval(low, high).unwrap();
-        let mut planner = Planner::<Hybrid>::new(PlanSettings {
+        let mut planner = Planner::new(PlanSettings {
             lot: Lot {
                 k: Band::common(restitution, 1).unwrap().setpoint(),
                 restitution,

@@ -207,15 +207,8 @@ pub struct Prediction {
 /// Counters of every sign of a fault.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FaultDetector {
-    still: LeakyCounter,
-    noise: LeakyCounter,
-    saturated: LeakyCounter,
-    inverted: LeakyCounter,
-    unanswered: LeakyCounter,
-    implausible: LeakyCounter,
-    shifted: LeakyCounter,
-    excessive: LeakyCounter,
-    beyond: LeakyCounter,
+    /// Of each sign, in the order of their precedence.
+    signs: [LeakyCounter; 9],
     usual: RatioEstimate,
     turns: ReversalCounter,
 }
@@ -281,48 +274,28 @@ impl FaultDetector {
                     expected.error,
                 )
         };
-        let faults = [
-            (self.still.count(still, DEAD_CYCLES), Fault::SensorLost),
+        let signs = [
+            (still, DEAD_CYCLES, Fault::SensorLost),
+            (saturated, SATURATED_CYCLES, Fault::SensorSaturated),
+            (inverted, INVERTED_CYCLES, Fault::SensorInverted),
             (
-                self.saturated.count(saturated, SATURATED_CYCLES),
-                Fault::SensorSaturated,
-            ),
-            (
-                self.inverted.count(inverted, INVERTED_CYCLES),
-                Fault::SensorInverted,
-            ),
-            (
-                self.noise
-                    .count(unanswered && span <= CUT_WIRE_RANGE_STEPS, CUT_WIRE_CYCLES),
+                unanswered && span <= CUT_WIRE_RANGE_STEPS,
+                CUT_WIRE_CYCLES,
                 Fault::SensorLost,
             ),
-            (
-                self.unanswered.count(unanswered, NO_RESPONSE_CYCLES),
-                Fault::NoResponse,
-            ),
-            (
-                self.excessive.count(excessive, EXCESS_CYCLES),
-                Fault::OverAmplitude,
-            ),
-            (
-                self.implausible.count(weak || strong, IMPLAUSIBLE_CYCLES),
-                Fault::SensorImplausible,
-            ),
-            (
-                self.shifted.count(shifted, IMPLAUSIBLE_CYCLES),
-                Fault::SensorImplausible,
-            ),
-            (
-                self.beyond.count(beyond, EXCESS_CYCLES),
-                Fault::SensorImplausible,
-            ),
-            (oscillates, Fault::AmplitudeOscillates),
+            (unanswered, NO_RESPONSE_CYCLES, Fault::NoResponse),
+            (excessive, EXCESS_CYCLES, Fault::OverAmplitude),
+            (weak || strong, IMPLAUSIBLE_CYCLES, Fault::SensorImplausible),
+            (shifted, IMPLAUSIBLE_CYCLES, Fault::SensorImplausible),
+            (beyond, EXCESS_CYCLES, Fault::SensorImplausible),
         ];
-        let fault = faults.iter().find(|(lasts, _)| *lasts);
-        (
-            fault.map(|&(_, fault)| fault),
-            still || saturated || unanswered || weak,
-        )
+        let mut fault = oscillates.then_some(Fault::AmplitudeOscillates);
+        for (counter, (present, cycles, cause)) in self.signs.iter_mut().zip(signs).rev() {
+            if counter.count(present, cycles) {
+                fault = Some(cause);
+            }
+        }
+        (fault, still || saturated || unanswered || weak)
     }
 
     /// Whether the amplitude has not reversed back and forth about its reference.

@@ -15,20 +15,10 @@ pub struct LimitInputs {
     pub frame_received: bool,
     /// Timeout of the link in cycles; `None` where its silence is permitted.
     pub link_timeout: Option<f32>,
-    /// Whether there is no setpoint.
-    pub no_setpoint: bool,
-    /// Whether the setpoint is beyond a hard limit.
-    pub above_ceiling: bool,
-    /// The hard limit that sets the ceiling.
-    pub ceiling_limit: Limits,
     /// Whether the output is at its limit.
     pub saturated: bool,
-    /// Whether no impact is detected where impacts are required.
-    pub no_impacts: bool,
-    /// Whether the parts do not fit the configured lot.
-    pub misfit: bool,
-    /// Whether an upper tone is smaller than wanted.
-    pub tones: bool,
+    /// The limits whose causes count at once.
+    pub causes: Limits,
 }
 
 /// The limits that hold the drive back, and how long their causes have lasted.
@@ -62,22 +52,13 @@ impl LimitMonitor {
         } else {
             0
         };
-        let running = inputs.running;
-        self.limits.set(Limits::LINK_LOST, running && lost);
-        self.limits
-            .set(Limits::NO_SETPOINT, running && inputs.no_setpoint);
-        for limit in [Limits::AMPLITUDE, Limits::ACCELERATION] {
-            let cut = inputs.above_ceiling && inputs.ceiling_limit == limit;
-            self.limits.set(limit, running && cut);
+        self.limits = Limits::default();
+        if inputs.running {
+            self.limits = inputs.causes;
+            self.limits.set(Limits::LINK_LOST, lost);
+            let limited = self.saturated_for > SATURATION_CYCLES;
+            self.limits.set(Limits::OUTPUT, limited);
         }
-        self.limits.set(Limits::DEAF, running && inputs.no_impacts);
-        self.limits.set(Limits::MISFIT, running && inputs.misfit);
-        self.limits
-            .set(Limits::SECOND_TONE, running && inputs.tones);
-        self.limits.set(
-            Limits::OUTPUT,
-            running && self.saturated_for > SATURATION_CYCLES,
-        );
     }
 
     /// The drive is off, so no limit holds it back.
@@ -91,17 +72,13 @@ impl LimitMonitor {
 mod tests {
     use super::*;
 
+    /// A limit of another cause stays all the time.
     const FREE: LimitInputs = LimitInputs {
         running: true,
         frame_received: false,
         link_timeout: Some(100.0),
-        no_setpoint: false,
-        above_ceiling: false,
-        ceiling_limit: Limits::AMPLITUDE,
-        no_impacts: false,
-        misfit: false,
         saturated: false,
-        tones: false,
+        causes: Limits::MISFIT,
     };
 
     /// Number of equal cycles after which a limit holds, of 1000.
@@ -123,7 +100,7 @@ mod tests {
         };
         for _ in 0..2 {
             monitor.cycle(&heard);
-            assert!(monitor.limits().is_empty());
+            assert_eq!(monitor.limits(), Limits::MISFIT);
             assert_eq!(silent(&mut monitor), Some(101));
         }
         monitor.cycle(&heard);
@@ -149,46 +126,15 @@ mod tests {
         for _ in 0..SATURATION_CYCLES {
             monitor.cycle(&saturated);
         }
-        assert!(monitor.limits().is_empty());
+        assert_eq!(monitor.limits(), Limits::MISFIT);
         monitor.cycle(&FREE);
         let limit = Limits::OUTPUT;
         assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
         monitor.cycle(&FREE);
-        assert!(monitor.limits().is_empty());
+        assert_eq!(monitor.limits(), Limits::MISFIT);
         assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
         monitor.rest();
         assert!(monitor.limits().is_empty());
         assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
-    }
-
-    #[test]
-    fn each_cause_is_its_limit_while_the_drive_runs() {
-        type Cause = fn(&mut LimitInputs);
-        let causes: [(Cause, Limits); 6] = [
-            (|inputs| inputs.no_setpoint = true, Limits::NO_SETPOINT),
-            (|inputs| inputs.above_ceiling = true, Limits::AMPLITUDE),
-            (
-                |inputs| {
-                    inputs.above_ceiling = true;
-                    inputs.ceiling_limit = Limits::ACCELERATION;
-                },
-                Limits::ACCELERATION,
-            ),
-            (|inputs| inputs.no_impacts = true, Limits::DEAF),
-            (|inputs| inputs.misfit = true, Limits::MISFIT),
-            (|inputs| inputs.tones = true, Limits::SECOND_TONE),
-        ];
-        for (set, limit) in causes {
-            let mut inputs = FREE;
-            set(&mut inputs);
-            let mut monitor = LimitMonitor::default();
-            monitor.cycle(&inputs);
-            assert_eq!(monitor.limits(), limit);
-            monitor.cycle(&FREE);
-            assert!(monitor.limits().is_empty());
-            inputs.running = false;
-            monitor.cycle(&inputs);
-            assert!(monitor.limits().is_empty());
-        }
     }
 }

@@ -6,7 +6,6 @@
 
 use super::capture::{Capture, CaptureEvent, DetectedLock};
 use super::interlock::Interlock;
-use crate::aim::ChaosResult;
 use crate::inputs::Inputs;
 use crate::state::{Event, Events, Fault, Limits, State};
 use kband::regime::capture::Plan;
@@ -70,15 +69,6 @@ pub enum Clearance {
     Refused(Fault),
 }
 
-/// Observations of a drive that stops.
-#[derive(Clone, Copy, Debug)]
-pub struct Standstill {
-    /// Whether the track is at rest.
-    pub at_rest: bool,
-    /// Cycles after which the track counts as at rest.
-    pub patience: f32,
-}
-
 /// Observations of a running drive in one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Observation<'a> {
@@ -92,8 +82,8 @@ pub struct Observation<'a> {
     pub regime: Option<&'a Verdict>,
     /// The planned kicks that bring the parts onto the lock.
     pub plan: Option<&'a Plan>,
-    /// Result of the search for chaos, once it is over.
-    pub chaos: Option<&'a ChaosResult>,
+    /// k of chaos, if the lot has one; `None` before the search is over.
+    pub chaos: Option<Option<f64>>,
 }
 
 /// Decision that the state machine leaves to the controller.
@@ -247,12 +237,13 @@ impl StateMachine {
         self.back_to_lock()
     }
 
-    /// Follows the enable input: starts, stops, or acknowledges a fault.
+    /// Follows the enable input: starts, stops, or acknowledges a fault. A drive that stops is off
+    /// once the track is at rest, or after so many cycles.
     pub fn follow_enable_input(
         &mut self,
         inputs: &Inputs,
         clearance: Clearance,
-        rest: &Standstill,
+        (at_rest, patience): (bool, f32),
         events: &mut Events,
     ) -> Option<EnableResponse> {
         self.interlock.watch(inputs);
@@ -282,7 +273,7 @@ impl StateMachine {
                 Some(EnableResponse::Started)
             }
             State::Stopping => {
-                if self.in_state > 0 && (rest.at_rest || self.in_state as f32 > rest.patience) {
+                if self.in_state > 0 && (at_rest || self.in_state as f32 > patience) {
                     self.enter(State::Off);
                     events.push(Event::Stopped);
                 }
@@ -402,8 +393,8 @@ impl StateMachine {
     }
 
     /// Leaves the lock for chaos once the search for chaos is over.
-    fn leave_lock(&mut self, chaos: Option<&ChaosResult>, events: &mut Events) -> Decision {
-        match chaos.map(|chaos| chaos.k) {
+    fn leave_lock(&mut self, chaos: Option<Option<f64>>, events: &mut Events) -> Decision {
+        match chaos {
             None => Decision::Stay,
             Some(Some(k)) => {
                 self.glide = Glide::Gliding;
@@ -489,14 +480,10 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::bounds::seeded;
     use crate::inputs::StartCause;
+    use crate::seeded::seeded;
 
     const PACE: f32 = 50.0;
-    const AT_REST: Standstill = Standstill {
-        at_rest: true,
-        patience: 0.0,
-    };
 
     fn begin(start: StartCause) -> StateMachine {
         StateMachine::begin(Interlock::begin(start, PACE), PACE, 8.0)
@@ -509,7 +496,7 @@ mod tests {
             machine.follow_enable_input(
                 inputs,
                 Clearance::Granted,
-                &AT_REST,
+                (true, 0.0),
                 &mut Events::default(),
             );
         }
@@ -581,25 +568,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn a_drive_that_is_held_off_stops_and_does_not_start() {
-        let given = Inputs {
-            enable: true,
-            ..Inputs::default()
-        };
-        let held = Inputs {
-            held_off: true,
-            ..given
-        };
-        let mut machine = begin(StartCause::Ordinary);
-        assert_eq!(after(&mut machine, 100, &held), State::Off);
-        assert_eq!(after(&mut machine, 1, &given), State::Starting);
-        assert_eq!(after(&mut machine, 1, &held), State::Stopping);
-        assert_eq!(after(&mut machine, 100, &held), State::Off);
-        // A chattering input acknowledges no fault.
-        machine.fail(Fault::SensorLost, &mut Events::default());
-        assert_eq!(after(&mut machine, 1000, &held), State::Fault);
     }
 }

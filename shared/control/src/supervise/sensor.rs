@@ -47,22 +47,14 @@ pub struct RestTest {
 impl RestTest {
     /// The test for these settings.
     pub fn build(settings: &Settings) -> Self {
-        let Settings {
-            sensitivity,
-            sensor_zero,
-            sensor_rest,
-            converter_reference,
-            converter_bits,
-            ..
-        } = *settings;
-        let per_volt = STANDARD_GRAVITY as f32 / sensitivity;
-        let step = converter_reference / libm::exp2f(converter_bits);
-        let rest = (sensor_rest - sensor_zero) * per_volt;
+        let per_volt = STANDARD_GRAVITY as f32 / settings.sensitivity;
+        let step = settings.converter_reference / libm::exp2f(settings.converter_bits);
+        let rest = (settings.sensor_rest - settings.sensor_zero) * per_volt;
         // The sensitivity drifts by a share of full gravity, whatever share the axis measures. A
         // wrong `sensor_zero` does not narrow the bound.
         let bound = (OFFSET_DRIFT + step) * per_volt + SENSITIVITY_DRIFT * STANDARD_GRAVITY as f32;
         Self {
-            commissioned: (sensor_rest > 0.0).then_some([rest, bound]),
+            commissioned: (settings.sensor_rest > 0.0).then_some([rest, bound]),
             length: libm::ceilf(REST_SECONDS * settings.frequency),
             cycles: 0.0,
             sum: 0.0,

@@ -10,21 +10,6 @@ use kband_control::{Command, Controller, Cycle, PLAN_SLICES, StartCause, Target,
 
 /// Controller and envelope plant, joined as in [`ClosedLoop`](crate::ClosedLoop). A command at the
 /// end of a cycle takes effect in the cycle after next.
-///
-/// ```
-/// use kband_plant::{ClosedLoop, EnvelopeLoop, Scene};
-/// let scene = Scene::default();
-/// let mut closed = ClosedLoop::build(&scene)?;
-/// let mut envelope = EnvelopeLoop::build(&scene)?;
-/// let mut apart = 0.0_f32;
-/// for _ in 0..300 {
-///     let (slow, fast) = (closed.cycle().report, envelope.cycle().report);
-///     apart = apart.max((slow.amplitude - fast.amplitude).abs() / 1e-3);
-/// }
-/// // Two noises, one feeder: 1 % of the full amplitude, 1 mm, at every moment.
-/// assert!(apart < 0.01, "{apart}");
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Debug)]
 pub struct EnvelopeLoop {
     controller: Controller,
@@ -73,16 +58,12 @@ impl EnvelopeLoop {
 
     /// As [`EnvelopeLoop::cycle`], without a [moment](EnvelopeLoop::moment).
     pub fn advance(&mut self) {
-        self.pass(|_| {});
+        self.advance_spared(|_| {});
     }
 
     /// As [`EnvelopeLoop::advance`]; `share` can give the controller stored results of the searches
     /// it begins in this cycle.
     pub fn advance_spared(&mut self, share: impl FnOnce(&mut Controller)) {
-        self.pass(share);
-    }
-
-    fn pass(&mut self, share: impl FnOnce(&mut Controller)) {
         let mut cycle = self.run();
         if self.timeline.sagged() {
             self.restart();
@@ -161,12 +142,6 @@ impl EnvelopeLoop {
     /// Sets whether READY is detected, as [`Controller::watch_ready`] does.
     pub fn watch_ready(&mut self, watched: bool) {
         self.controller.watch_ready(watched);
-    }
-
-    /// Sets the total mass of the parts over that of the track.
-    #[cfg(test)]
-    pub(crate) fn heap(&mut self, total: f64) {
-        self.plant.heap(total);
     }
 
     /// The controller.

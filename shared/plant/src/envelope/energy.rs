@@ -154,7 +154,7 @@ impl RingingEnergy {
         if samples > 0 && height > NEGLIGIBLE_HEIGHT_SQUARED {
             let mut before = self.tail(left, height);
             // The first sector is partial; each later one contains one of two numbers of samples.
-            let mut within = u64::from(self.samples_in(ahead(phase)));
+            let mut within = u64::from(ahead(phase).div_ceil(self.step));
             let mut advance = (within as u32).wrapping_mul(self.step);
             let mut decay = self.decay.at(within.min(samples));
             let shorter = self.sector * self.step;
@@ -185,17 +185,6 @@ impl RingingEnergy {
         } else {
             Complex::new(0.0, 0.0)
         };
-    }
-
-    /// Number of samples that start within a phase interval of at most a sector.
-    fn samples_in(&self, ahead: u32) -> u32 {
-        // An interval within one step of a sector needs no division.
-        let step = i64::from(self.step);
-        let left = i64::from(ahead) - i64::from(self.sector) * step;
-        if left > step || left <= -step {
-            return ahead.div_ceil(self.step);
-        }
-        self.sector + u32::from(left > 0)
     }
 
     /// Sum of the squares of `Im(left r^n)` for n >= 0; `height` is |left|^2.
@@ -242,71 +231,7 @@ mod tests {
     use crate::model::drive::Ringing;
     use crate::model::scene::SensorModel;
     use kband_control::signal_path::EnergyHistogram;
-    use kband_control::signal_path::{HighPass, OnsetConstants, StandardOnset};
-
-    #[test]
-    fn samples_of_a_sector_are_counted_without_a_division() {
-        let none = [Complex::new(0.0, 0.0); FILTER_TRANSIENT_SAMPLES];
-        let mut energy = RingingEnergy::new(Complex::new(-0.05, 0.754), &none, &none);
-        let sector = 1_u32 << SECTOR_SHIFT;
-        for step in [
-            1,
-            12_345_679,
-            u32::MAX / 400 + 1,
-            sector - 1,
-            sector,
-            sector + 1,
-            1 << 30,
-        ] {
-            energy.begin(0, Phase::ZERO, step);
-            for ahead in [
-                1,
-                step - 1,
-                step,
-                step + 1,
-                sector / 3,
-                sector - step.min(sector - 1),
-                sector,
-            ] {
-                let ahead = ahead.clamp(1, sector);
-                assert_eq!(
-                    energy.samples_in(ahead),
-                    ahead.div_ceil(step),
-                    "{step} {ahead}"
-                );
-            }
-        }
-    }
-
-    /// The sums do not depend on the step of the summation, from sectors below one sample to many
-    /// samples.
-    #[test]
-    fn a_ringing_is_summed_alike_in_any_steps() {
-        let ringing = Complex::new(-0.05, 0.754);
-        let steady: [Complex; FILTER_TRANSIENT_SAMPLES] =
-            core::array::from_fn(|n| exp(ringing * n as f64));
-        let response = core::array::from_fn(|n| steady[n] * (1.0 + 0.5 / (n as f64 + 1.0)));
-        for step in [u32::MAX / 4000, u32::MAX / 400 + 1, u32::MAX / 41, 1 << 28] {
-            let sums = |stride: u64| {
-                let mut energy = RingingEnergy::new(ringing, &response, &steady);
-                energy.begin(100, Phase::from_bits(1 << 30), step);
-                for (sample, height) in [(107, 5.0), (111, 0.4), (190, -2.0)] {
-                    while energy.at < sample {
-                        energy.advance((energy.at + stride).min(sample));
-                    }
-                    energy.strike(sample, Complex::new(height, 0.3));
-                }
-                energy.advance(400);
-                energy.sums
-            };
-            let (whole, single) = (sums(1000), sums(1));
-            for (whole, single) in whole.iter().zip(single) {
-                // Some hundred powers with errors of 2e-14 each, of sums of at most 300.
-                assert!((whole - single).abs() < 1e-9, "{step}: {whole} {single}");
-            }
-            assert!(whole.iter().sum::<f64>() > 100.0);
-        }
-    }
+    use kband_control::signal_path::{HighPass, OnsetDetector};
 
     /// Random impacts, some of them nearly simultaneous: each sector's energy agrees with the sum
     /// over samples.
@@ -316,7 +241,7 @@ mod tests {
         let mut model = OnsetModel::new(&sensor);
         let mut ringing = Ringing::new(sensor.ringing_frequency, sensor.ringing_decay * 1e-3);
         let mut passes = [HighPass::default(); 2];
-        let mut energy = EnergyHistogram::EMPTY;
+        let mut energy = EnergyHistogram::default();
         let step = u32::MAX / 400 + 1;
         let swing = Complex::new(7.0, -20.0);
         model.tune(TAU / 400.0);
@@ -339,8 +264,8 @@ mod tests {
                 let drive = swing.re * libm::cos(TAU * (n as f64) / 400.0)
                     - swing.im * libm::sin(TAU * (n as f64) / 400.0);
                 let reading = ringing.acceleration() + drive as f32;
-                let once = passes[0].filter(StandardOnset::CORNER as f32, reading);
-                let residual = passes[1].filter(StandardOnset::CORNER as f32, once);
+                let once = passes[0].filter(OnsetDetector::CORNER as f32, reading);
+                let residual = passes[1].filter(OnsetDetector::CORNER as f32, once);
                 energy.add(Phase::from_bits(phase), residual);
                 ringing.step();
                 phase = phase.wrapping_add(step);

@@ -50,15 +50,6 @@ impl TrackLoad {
         self.shares.get(part).copied().unwrap_or(0.0)
     }
 
-    /// Sets the total mass of the parts over that of the track.
-    #[cfg(test)]
-    pub(crate) fn heap(&mut self, total: f64) {
-        let sum: f64 = self.shares.iter().sum();
-        for share in &mut self.shares {
-            *share *= total / sum;
-        }
-    }
-
     /// Begins a cycle at an angular frequency in rad/s and returns the last cycle's force.
     pub fn begin(&mut self, angular: f64) -> Complex {
         self.angular = angular;

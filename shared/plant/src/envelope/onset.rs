@@ -4,7 +4,6 @@
 //! running median is modelled as the quantile of noise, the drive's leakage and ringing.
 
 use core::f64::consts::{PI, TAU};
-use core::marker::PhantomData;
 
 use num_complex::Complex64 as Complex;
 
@@ -16,7 +15,7 @@ use crate::model::scene::SensorModel;
 use kband::arithmetic::Noise;
 use kband::arithmetic::Phase;
 use kband_control::SAMPLE_RATE;
-use kband_control::signal_path::{HighPass, OnsetConstants, QUARTILE, Sectors, StandardOnset};
+use kband_control::signal_path::{HighPass, OnsetDetector, Sectors};
 
 /// Samples after an impact in which its residual is evaluated. They cover a quarter period at 500
 /// Hz, the lowest ringing frequency of a scene, and a period at the default.
@@ -37,7 +36,7 @@ const HIDDEN_SHARE_FORGETTING: f64 = 5e-4;
 /// Both high-pass filters are linear. So the residual of a ringing, n samples after its first, is
 /// its complex start times a constant of n.
 #[derive(Clone, Copy, Debug)]
-pub struct OnsetModel<O = StandardOnset> {
+pub struct OnsetModel {
     ringing: Complex,
     /// Residual of a ringing of unit height n samples after its start. It is the imaginary part of
     /// a complex number; real parts come first, then imaginary parts.
@@ -75,7 +74,6 @@ pub struct OnsetModel<O = StandardOnset> {
     last: Ring,
     /// First sample at which the next impact can be detected.
     open: u64,
-    constants: PhantomData<O>,
 }
 
 /// Constants of the detector for a drive phase of `theta` rad a sample.
@@ -137,8 +135,8 @@ impl Ring {
     ///
     /// It is branch-free, because loud samples are unpredictable for the processor.
     #[inline(always)]
-    fn remember<O: OnsetConstants>(&mut self, residual: f64) {
-        let memory = self.memory * O::ENVELOPE_DECAY;
+    fn remember(&mut self, residual: f64) {
+        let memory = self.memory * OnsetDetector::ENVELOPE_DECAY;
         let high = if residual > self.loud { residual } else { 0.0 };
         self.memory = if high > memory { high } else { memory };
         let out = if self.memory > self.least {
@@ -152,15 +150,15 @@ impl Ring {
 
     /// Updates the memory with the remaining samples of the last ringing. The noise is omitted,
     /// because the result only affects whether a close impact counts as the same ringing.
-    fn complete<O: OnsetConstants>(&mut self, residuals: &[f64; RESIDUAL_SAMPLES]) {
+    fn complete(&mut self, residuals: &[f64; RESIDUAL_SAMPLES]) {
         for residual in residuals.iter().skip(self.known) {
-            self.remember::<O>(residual.abs());
+            self.remember(residual.abs());
         }
     }
 
     /// Residuals of all ringings in the samples from its first on, without noise.
     #[inline(always)]
-    fn residuals<O>(&self, model: &OnsetModel<O>) -> [f64; RESIDUAL_SAMPLES] {
+    fn residuals(&self, model: &OnsetModel) -> [f64; RESIDUAL_SAMPLES] {
         let mut residuals = sines(self.began, &model.response);
         if !self.is_alone() {
             let before = sines(self.under, &model.steady);
@@ -172,14 +170,14 @@ impl Ring {
     }
 
     /// Remaining complex height and remaining memory of the ringing at a sample.
-    fn left<O: OnsetConstants>(&self, model: &OnsetModel<O>, sample: u64) -> (Complex, f64) {
+    fn left(&self, model: &OnsetModel, sample: u64) -> (Complex, f64) {
         let since = sample.saturating_sub(self.sample);
         if since >= model.forgotten {
             return (Complex::new(0.0, 0.0), 0.0);
         }
         let memory = if self.known < RESIDUAL_SAMPLES {
             let mut whole = *self;
-            whole.complete::<O>(&self.residuals(model));
+            whole.complete(&self.residuals(model));
             whole.memory
         } else {
             self.memory
@@ -235,38 +233,31 @@ pub struct HeardAt {
 }
 
 impl OnsetModel {
+    /// Detection threshold over the running median.
+    const THRESHOLD: f64 = OnsetDetector::THRESHOLD / OnsetDetector::QUARTILE;
+
     /// The detector's response to the ringing of a sensor.
     pub fn new(sensor: &SensorModel) -> Self {
-        Self::with(sensor)
-    }
-}
-
-impl<O: OnsetConstants> OnsetModel<O> {
-    /// Detection threshold over the running median.
-    const THRESHOLD: f64 = O::THRESHOLD / QUARTILE;
-
-    /// As [`OnsetModel::new`], for a detector with other constants.
-    pub fn with(sensor: &SensorModel) -> Self {
         let h = 1.0 / f64::from(SAMPLE_RATE);
         let ringing = Complex::new(
             -h / (f64::from(sensor.ringing_decay) * 1e-3),
             TAU * f64::from(sensor.ringing_frequency) * h,
         );
         let high_passed = |passes: &mut [HighPass<Complex>; 2], sample| {
-            let once = passes[0].filter(O::CORNER, sample);
-            passes[1].filter(O::CORNER, once)
+            let once = passes[0].filter(OnsetDetector::CORNER, sample);
+            passes[1].filter(OnsetDetector::CORNER, once)
         };
         let mut passes = [HighPass::default(); 2];
         let response: [Complex; RESIDUAL_SAMPLES] =
             core::array::from_fn(|n| high_passed(&mut passes, exp(ringing * n as f64)));
         // Power gain of white noise: the sum of the squared impulse response.
         let (mut passes, mut power, mut sample) = ([HighPass::default(); 2], 0.0, 1.0.into());
-        for _ in 0..O::SETTLING_SAMPLES {
+        for _ in 0..OnsetDetector::SETTLING_SAMPLES {
             let left = high_passed(&mut passes, sample).re;
             power += left * left;
             sample = 0.0.into();
         }
-        let forgetting = libm::log(O::ENVELOPE_DECAY);
+        let forgetting = libm::log(OnsetDetector::ENVELOPE_DECAY);
         let steady: [Complex; RESIDUAL_SAMPLES] = core::array::from_fn(|n| {
             let since = n as f64 - (RESIDUAL_SAMPLES - 1) as f64;
             response[RESIDUAL_SAMPLES - 1] * exp(ringing * since)
@@ -281,7 +272,7 @@ impl<O: OnsetConstants> OnsetModel<O> {
             share: libm::sqrt(steady[0].norm_sqr()),
             noise_gain: libm::sqrt(power),
             filling: -HIDDEN_SHARE_FORGETTING / ringing.re,
-            tuning: Tuning::new(ringing, 0.0, O::CORNER),
+            tuning: Tuning::new(ringing, 0.0, OnsetDetector::CORNER),
             hidden: 0.0,
             raised: 0.0,
             onset: core::array::from_fn(|n| exp(ringing * (n as f64 / START_SHARES as f64))),
@@ -291,15 +282,14 @@ impl<O: OnsetConstants> OnsetModel<O> {
             forgetting: forgetting.max(ringing.re),
             forgotten: (libm::log(NEGLIGIBLE_PEAK) / forgetting) as u64,
             last: Ring::NONE,
-            open: u64::from(O::SETTLING_SAMPLES),
-            constants: PhantomData,
+            open: u64::from(OnsetDetector::SETTLING_SAMPLES),
         }
     }
 
     /// Sets the drive's phase advance, `theta` rad a sample.
     pub fn tune(&mut self, theta: f64) {
         if theta != self.tuning.theta {
-            self.tuning = Tuning::new(self.ringing, theta, O::CORNER);
+            self.tuning = Tuning::new(self.ringing, theta, OnsetDetector::CORNER);
         }
     }
 
@@ -319,7 +309,8 @@ impl<O: OnsetConstants> OnsetModel<O> {
         // Noise has 0.6745 of the RMS, a sine its RMS; the interpolation is within 0.013 of
         // numerical integration.
         let square = swing * swing;
-        let alone = QUARTILE + square * (0.14 + (0.86 - QUARTILE) * square);
+        let alone =
+            OnsetDetector::QUARTILE + square * (0.14 + (0.86 - OnsetDetector::QUARTILE) * square);
         // Solves P(|n| > m) = (1/2 - q)/(1 - q) for m within 1/50.
         let hidden = self.hidden.min(0.4);
         let of_noise = hidden * (0.787 + hidden * (0.287 + 5.44 * hidden));
@@ -374,21 +365,13 @@ impl<O: OnsetConstants> OnsetModel<O> {
         background: Background,
         noise: &mut Noise,
     ) -> (Option<HeardAt>, Complex) {
-        let Struck {
-            sample,
-            share,
-            height,
-        } = struck;
-        let Background {
-            median,
-            rms,
-            mut leak,
-        } = background;
-        let began = self.start_of(share) * height;
+        let sample = struck.sample;
+        let mut leak = background.leak;
+        let began = self.start_of(struck.share) * struck.height;
         self.energy.strike(sample, began);
         self.raised += HIDDEN_SHARE_FORGETTING * self.excess(&self.last, sample);
         let (under, memory) = self.last.left(self, sample);
-        let loud = Self::THRESHOLD * median;
+        let loud = Self::THRESHOLD * background.median;
         let mut ring = Ring {
             began,
             sample,
@@ -397,27 +380,27 @@ impl<O: OnsetConstants> OnsetModel<O> {
             memory,
             leak,
             loud,
-            least: O::LOUD * loud,
+            least: OnsetDetector::LOUD * loud,
             out: NO_SAMPLE,
         };
         let residuals = ring.residuals(self);
         // The residual of a ringing never exceeds the ringing itself.
-        let quiet = height + under.l1_norm() + leak.l1_norm() + 3.5 * rms < loud;
+        let quiet = struck.height + under.l1_norm() + leak.l1_norm() + 3.5 * background.rms < loud;
         let mut heard = None;
         while ring.known < RESIDUAL_SAMPLES && !quiet {
-            let left = residuals[ring.known] + leak.re + rms * f64::from(noise.gauss());
+            let left = residuals[ring.known] + leak.re + background.rms * f64::from(noise.gauss());
             leak *= self.tuning.turn;
             let residual = left.abs();
             let at = sample + ring.known as u64;
-            let above = residual > O::MIN_OVER_ENVELOPE * ring.memory;
-            ring.remember::<O>(residual);
+            let above = residual > OnsetDetector::MIN_OVER_ENVELOPE * ring.memory;
+            ring.remember(residual);
             if residual > loud && above && at >= self.open {
                 heard = Some(HeardAt {
                     sample: at,
                     strength: residual,
                 });
                 // Dead time while the ringing may still rise.
-                self.open = at + u64::from(O::RISE_SAMPLES) + 1;
+                self.open = at + u64::from(OnsetDetector::RISE_SAMPLES) + 1;
                 ring.out = ring.out.min(ring.known - 1);
                 break;
             }
@@ -425,7 +408,7 @@ impl<O: OnsetConstants> OnsetModel<O> {
         let sum = self.is_detected(&mut ring, &residuals, heard.is_some());
         self.last = ring;
         if !quiet {
-            let rings = height * self.share / median;
+            let rings = struck.height * self.share / background.median;
             let lasts = hiding(logarithm(rings.max(1.0) as f32));
             self.hidden += lasts * self.filling;
         }
@@ -481,7 +464,7 @@ impl<O: OnsetConstants> OnsetModel<O> {
         if !heard && rings.l1_norm() < ring.least && ring.memory < ring.least {
             return own;
         }
-        ring.complete::<O>(residuals);
+        ring.complete(residuals);
         if ring.out == NO_SAMPLE {
             return own;
         }
@@ -580,14 +563,13 @@ mod tests {
 
     use super::*;
     use crate::model::drive::Ringing;
-    use kband_control::signal_path::OnsetDetector;
 
     /// Detection samples of the detector itself, and of the closed form.
-    fn both<O: OnsetConstants>(height: f32, spacing: f64, sigma: f32) -> [Vec<u64>; 2] {
+    fn both(height: f32, spacing: f64, sigma: f32) -> [Vec<u64>; 2] {
         let sensor = SensorModel::default();
-        let mut detector = OnsetDetector::<O>::with_constants(0.01);
+        let mut detector = OnsetDetector::new(0.01);
         let mut ringing = Ringing::new(2400.0, 1e-3);
-        let mut fast = OnsetModel::<O>::with(&sensor);
+        let mut fast = OnsetModel::new(&sensor);
         let mut noise = [Noise::new(3), Noise::new(4)];
         let mut heard = [Vec::new(), Vec::new()];
         let mut next = 9000.25;
@@ -628,7 +610,7 @@ mod tests {
     fn it_finds_what_the_detector_finds_when_the_detector_finds_it() {
         for (height, spacing, sigma) in [(6.0, 400.3, 0.15), (6.0, 133.7, 0.15), (2.0, 811.1, 0.1)]
         {
-            let [slow, fast] = both::<StandardOnset>(height, spacing, sigma);
+            let [slow, fast] = both(height, spacing, sigma);
             assert!(slow.len() > 50);
             assert_eq!(slow.len(), fast.len(), "{height} {spacing}");
             for (slow, fast) in slow.iter().zip(&fast) {
@@ -636,7 +618,7 @@ mod tests {
                 assert!(slow.abs_diff(*fast) <= 2, "{slow} {fast}");
             }
         }
-        let [slow, fast] = both::<StandardOnset>(0.4, 400.3, 0.15);
+        let [slow, fast] = both(0.4, 400.3, 0.15);
         assert!(slow.is_empty() && fast.is_empty());
     }
 
@@ -682,7 +664,7 @@ mod tests {
                 fast.pass(200);
             }
         }
-        let median = f64::from(detector.noise()) * QUARTILE;
+        let median = f64::from(detector.noise()) * OnsetDetector::QUARTILE;
         (heard, [median, fast.median(libm::sqrt(square), swinging)])
     }
 
@@ -716,85 +698,6 @@ mod tests {
                 );
             }
         }
-    }
-
-    /// The standard constants with one of them changed.
-    macro_rules! but {
-        ($($name:ident: $constant:ident: $kind:ty = $value:expr;)+) => { $(
-            #[derive(Clone, Copy)]
-            struct $name;
-            impl OnsetConstants for $name {
-                const $constant: $kind = $value;
-            }
-        )+ };
-    }
-
-    but! {
-        Corner: CORNER: f64 = 0.8;
-        Memory: ENVELOPE_DECAY: f64 = 0.998;
-        Rise: RISE_SAMPLES: u32 = 200;
-        Threshold: THRESHOLD: f64 = 20.0;
-        OverMemory: MIN_OVER_ENVELOPE: f64 = 150.0;
-        Loud: LOUD: f64 = 0.5;
-        Settling: SETTLING_SAMPLES: u32 = 30_000;
-    }
-
-    #[test]
-    fn closed_form_follows_the_detector_constants() {
-        fn changed<O: OnsetConstants>(height: f32, spacing: f64, sigma: f32) {
-            let [standard, _] = both::<StandardOnset>(height, spacing, sigma);
-            let [slow, fast] = both::<O>(height, spacing, sigma);
-            assert!(slow.len() < 3 * standard.len() / 4, "{}", slow.len());
-            assert!(slow.len().abs_diff(fast.len()) <= 1, "{slow:?} {fast:?}");
-        }
-        changed::<Corner>(1.5, 811.1, 0.1);
-        changed::<Memory>(6.0, 133.7, 0.15);
-        changed::<Rise>(6.0, 133.7, 0.15);
-        changed::<Threshold>(1.5, 811.1, 0.1);
-        changed::<OverMemory>(6.0, 133.7, 0.15);
-        changed::<Settling>(6.0, 133.7, 0.15);
-    }
-
-    /// Number of blanked samples after an impact: by the detector and by the closed form.
-    fn blanked<O: OnsetConstants>() -> [f64; 2] {
-        let mut detector = OnsetDetector::<O>::with_constants(0.1);
-        let mut ringing = Ringing::new(2400.0, 1e-3);
-        let rings = (0..4000).filter(|&sample| {
-            if sample == 400 {
-                ringing.strike(6.0, 0.25);
-            }
-            detector.sample(ringing.acceleration());
-            ringing.step();
-            detector.rings()
-        });
-        let rings = rings.count() as f64;
-        let mut fast = OnsetModel::<O>::with(&SensorModel::default());
-        fast.begin(400, 4000, Phase::ZERO, 1 << 20);
-        let struck = Struck {
-            sample: 400,
-            share: 0.25,
-            height: 6.0,
-        };
-        // The detector starts with its floor as median.
-        let background = Background {
-            median: 0.1,
-            rms: 0.0,
-            leak: Complex::default(),
-        };
-        fast.impact(struck, background, &mut Noise::new(1));
-        [rings, fast.blanked(4000) * 4000.0]
-    }
-
-    #[test]
-    fn a_changed_loudness_changes_what_is_blanked_in_both() {
-        let ([slow, fast], [standard, _]) = (blanked::<Loud>(), blanked::<StandardOnset>());
-        // Blanking to a quarter of the height lasts ln 4 / 0.0356 = 39 samples longer; the
-        // detector's median falls meanwhile.
-        assert!(
-            (30.0..50.0).contains(&(slow - standard)),
-            "{slow} {standard}"
-        );
-        assert!((slow - fast).abs() < 6.0, "{slow} {fast}");
     }
 
     #[test]

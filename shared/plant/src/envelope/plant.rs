@@ -15,9 +15,7 @@ use super::recurrence::{Demodulated, Recurrence, turn};
 use super::sense::Sense;
 use super::track_motion::TrackMotion;
 use super::upper::UpperEnvelope;
-use crate::model::crowd::{
-    MAX_STRIKES, all_at_rest, mean_displacement, set_restitution, set_scatter,
-};
+use crate::model::crowd::{MAX_STRIKES, all_at_rest, change_restitution, mean_displacement};
 use crate::model::hopper::Hopper;
 use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
@@ -27,8 +25,8 @@ use kband::arithmetic::Phase;
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
 use kband::impact::ContactTime;
 use kband_control::signal_path::{
-    DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetConstants, QUARTILE, SECTORS_HANDED, StandardOnset,
-    last_cycle_gain, push_weight,
+    DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetDetector, SECTORS_HANDED, last_cycle_gain,
+    push_weight,
 };
 use kband_control::{Command, Cycle, SAMPLE_RATE, phase_step};
 
@@ -151,21 +149,15 @@ impl EnvelopePlant {
     fn sense(&mut self) {
         let factor = f64::from(self.sensor.sensitivity);
         let noise = f64::from(self.sensor.noise);
-        let Sense {
-            floor: step,
-            rest,
-            zero,
-            full,
-            ..
-        } = self.sense;
-        let middle = zero + rest * factor / step;
-        let white = libm::sqrt(noise * noise + step * step / 12.0);
+        let sense = self.sense;
+        let middle = sense.zero + sense.rest * factor / sense.floor;
+        let white = libm::sqrt(noise * noise + sense.floor * sense.floor / 12.0);
         self.sense = Sense {
             factor,
             noise,
             white,
             residual: self.onset.residual(white) * factor,
-            headroom: middle.min(full - middle) * step / factor.max(1e-9),
+            headroom: middle.min(sense.full - middle) * sense.floor / factor.max(1e-9),
             ..self.sense
         };
     }
@@ -392,24 +384,19 @@ impl EnvelopePlant {
     fn detect_impacts(&mut self, loudest: f64) -> Complex {
         self.onset
             .tune(f64::from(self.drive.step()) * (TAU / Phase::TURN));
-        let Sense {
-            factor,
-            residual: rms,
-            floor,
-            ..
-        } = self.sense;
-        let leak = self.onset.leak() * loudest * factor;
-        let square = rms * rms + 0.5 * leak * leak;
+        let sense = self.sense;
+        let leak = self.onset.leak() * loudest * sense.factor;
+        let square = sense.residual * sense.residual + 0.5 * leak * leak;
         let level = libm::sqrt(square);
         let swinging = 0.5 * leak * leak / square.max(1e-30);
         // Largest relative change of a running median in a cycle.
-        let most = 1.0 + f64::from(self.drive.samples()) * StandardOnset::MEDIAN_STEP;
+        let most = 1.0 + f64::from(self.drive.samples()) * OnsetDetector::MEDIAN_STEP;
         self.median = self
             .onset
             .median(level, swinging)
             .clamp(self.median / most, self.median * most)
-            .max(floor);
-        let leaked = self.onset.leaked(self.drive.steady_swing() * factor);
+            .max(sense.floor);
+        let leaked = self.onset.leaked(self.drive.steady_swing() * sense.factor);
         let (samples, step) = (self.drive.samples(), self.drive.step());
         self.onset
             .begin(self.sample, samples, self.drive.phase_at(0), step);
@@ -429,12 +416,12 @@ impl EnvelopePlant {
             let struck = Struck {
                 sample: self.sample + u64::from(whole),
                 share: f64::from(whole) - samples,
-                height: f64::from(self.sensor.ringing) * speed * factor,
+                height: f64::from(self.sensor.ringing) * speed * sense.factor,
             };
             let at = self.drive.at(whole);
             let background = Background {
                 median: self.median,
-                rms,
+                rms: sense.residual,
                 leak: leaked * at,
             };
             let (heard, ringing) = self.onset.impact(struck, background, &mut self.noise);
@@ -444,14 +431,14 @@ impl EnvelopePlant {
             }
         }
         if !self.strikes.is_empty() {
-            sum *= 2.0 * f64::from(self.drive.step()) / Phase::TURN / factor.max(1e-9);
+            sum *= 2.0 * f64::from(self.drive.step()) / Phase::TURN / sense.factor.max(1e-9);
         }
         sum
     }
 
     /// Writes the demodulated values into the board's readings, with noise, hum and sensor faults.
     fn read(&mut self, cycle: &mut Cycle, found: Demodulated, loudest: f64, middle: f64) {
-        cycle.noise = (self.median / QUARTILE) as f32;
+        cycle.noise = (self.median / OnsetDetector::QUARTILE) as f32;
         cycle.blanked = self.onset.blanked(u32::from(cycle.samples)) as f32;
         let factor = self.sense.factor;
         let turned = if self.inverted { -factor } else { factor };
@@ -462,19 +449,11 @@ impl EnvelopePlant {
             (cycle.low, cycle.high) = (code, code);
             return;
         }
-        let Sense {
-            noise,
-            white,
-            floor,
-            rest,
-            zero,
-            full,
-            ..
-        } = self.sense;
+        let sense = self.sense;
         let samples = f64::from(cycle.samples);
         // Standard deviation of the mean of 2 n(t) e^(i phase) over the N unblanked samples.
         let heeded = 1.0 - self.onset.blanked(u32::from(cycle.samples));
-        let scatter = white * libm::sqrt(2.0 / (samples * heeded).max(1.0));
+        let scatter = sense.white * libm::sqrt(2.0 / (samples * heeded).max(1.0));
         let hum = self.hum(samples, middle);
         let in_phase = found.in_phase + hum.re + scatter * f64::from(self.noise.gauss());
         let quadrature = found.quadrature + hum.im + scatter * f64::from(self.noise.gauss());
@@ -486,10 +465,10 @@ impl EnvelopePlant {
         }
         if cycle.saturated == 0 {
             let code = |acceleration: f64| {
-                let code = zero + (acceleration + rest * turned) / floor + 0.5;
-                code.clamp(0.0, full) as u16
+                let code = sense.zero + (acceleration + sense.rest * turned) / sense.floor + 0.5;
+                code.clamp(0.0, sense.full) as u16
             };
-            let reach = (loudest + 3.0 * noise) * factor;
+            let reach = (loudest + 3.0 * sense.noise) * factor;
             (cycle.low, cycle.high) = (code(-reach), code(reach));
         }
     }
@@ -573,14 +552,6 @@ impl EnvelopePlant {
         self.watched = watched;
     }
 
-    /// Sets the total mass of the parts over that of the track.
-    #[cfg(test)]
-    pub(crate) fn heap(&mut self, total: f64) {
-        if let Some(load) = &mut self.load {
-            load.heap(total);
-        }
-    }
-
     /// Normal amplitude of the track in m.
     pub fn amplitude(&self) -> f64 {
         let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
@@ -619,8 +590,10 @@ impl EnvelopePlant {
     pub(crate) fn apply(&mut self, change: Change) {
         match change {
             Change::Gain(gain) => self.gain = gain,
-            Change::Restitution(mean) => set_restitution(&mut self.parts, mean),
-            Change::Scatter(deviation) => set_scatter(&mut self.parts, deviation),
+            Change::Restitution(_) | Change::Scatter(_) => {
+                let parts = self.parts.iter_mut().map(Part::restitution_mut);
+                parts.for_each(|restitution| change_restitution(restitution, change));
+            }
             Change::Noise(noise) => self.sensor.noise = noise,
             Change::SensorLost(lost) => self.lost = lost,
             Change::SensorInverted(inverted) => self.inverted = inverted,

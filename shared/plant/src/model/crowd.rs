@@ -3,7 +3,7 @@
 use heapless::Vec;
 
 use super::part::Part;
-use super::scene::{PARTS, Scene};
+use super::scene::{Change, PARTS, Scene};
 use kband::arithmetic::Noise;
 use kband::feeder::OutOfRange;
 use kband::impact::Scatter;
@@ -37,19 +37,16 @@ pub(crate) fn restitutions(
         })
 }
 
-/// Sets the mean restitution of all parts; a value out of range is rejected, and the old one
-/// remains.
-pub(crate) fn set_restitution(parts: &mut [Part], mean: f32) {
-    for part in parts {
-        let _ = part.set_restitution(f64::from(mean));
-    }
-}
-
-/// Sets the standard deviation of the restitution of all parts; a value out of range is rejected,
-/// and the old one remains.
-pub(crate) fn set_scatter(parts: &mut [Part], deviation: f32) {
-    for part in parts {
-        let _ = part.set_scatter(f64::from(deviation));
+/// Applies a change of the restitution to that of a part. A value out of range is rejected, and the
+/// old one remains.
+pub(crate) fn change_restitution(restitution: &mut Scatter, change: Change) {
+    let changed = match change {
+        Change::Restitution(mean) => restitution.with_mean(mean.into()),
+        Change::Scatter(deviation) => restitution.with_deviation(deviation.into()),
+        _ => return,
+    };
+    if let Ok(changed) = changed {
+        *restitution = changed;
     }
 }
 

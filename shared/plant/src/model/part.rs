@@ -5,10 +5,9 @@ use core::f64::consts::TAU;
 use super::drive::Swing;
 use super::law::Law;
 use kband::arithmetic::Phase;
-use kband::feeder::OutOfRange;
 use kband::impact::{
-    AlongLaw, Contact, ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release,
-    Scatter, Tangential, Tone, Wave, WaveMap,
+    Along, Contact, ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter,
+    Tangential, Tone, Wave, WaveMap,
 };
 use kband_control::{Shape, UpperTone};
 
@@ -150,17 +149,9 @@ impl Part {
         (self.rested, self.along, self.lying) = (true, 0.0, Some(time));
     }
 
-    /// Sets its mean restitution from the next impact on; an error for a value out of range.
-    pub fn set_restitution(&mut self, mean: f64) -> Result<(), OutOfRange> {
-        self.restitution = self.restitution.with_mean(mean)?;
-        Ok(())
-    }
-
-    /// Sets the standard deviation of its restitution from the next impact on; an error for a value
-    /// out of range.
-    pub fn set_scatter(&mut self, deviation: f64) -> Result<(), OutOfRange> {
-        self.restitution = self.restitution.with_deviation(deviation)?;
-        Ok(())
+    /// Its restitution, from the next impact on.
+    pub fn restitution_mut(&mut self) -> &mut Scatter {
+        &mut self.restitution
     }
 
     /// Mean restitution, at least 0; a chatter is closed with it.
@@ -453,24 +444,20 @@ impl Part {
         } = flight;
         let launch = PartState::new(*phase, 0.0);
         let velocity = self.along / unit;
+        let sine = Wave::sine();
+        let wave = track.wave.unwrap_or(&sine);
         let (displacement, along) = match track.law {
             None => None,
-            Some(Law::Friction(settings)) => {
-                settings.motion_before_impact(track.wave, *k, [*phase, impact.flight], velocity)
-            }
+            Some(Law::Friction(settings)) => Friction::on(wave, *k, settings)
+                .ok()
+                .map(|along| along.motion_before_impact(*phase, impact.flight, velocity)),
             Some(Law::Restitution(settings)) => {
-                Tangential::build(*k, settings)
-                    .ok()
-                    .map(|along| match track.wave {
-                        None => (
-                            along.distance(launch, impact, velocity),
-                            along.velocity_after_impact(launch, impact, velocity),
-                        ),
-                        Some(wave) => (
-                            along.distance_on(wave, launch, impact, velocity),
-                            along.velocity_after_impact_on(wave, launch, impact, velocity),
-                        ),
-                    })
+                Tangential::on(wave, *k, settings).ok().map(|along| {
+                    (
+                        along.distance(launch, impact, velocity),
+                        along.velocity_after_impact(launch, impact, velocity),
+                    )
+                })
             }
         }
         .unwrap_or((0.0, 0.0));
@@ -535,7 +522,6 @@ pub(crate) fn turned(angle: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kband::impact::Friction;
     use kband::impact::FrictionSettings;
     use kband::transport::{Effort, Origin, measure};
 

@@ -238,14 +238,10 @@ impl Scene {
     /// Acceleration in m/s^2 along the accelerometer's axis at rest, from the settings at
     /// commissioning.
     pub(crate) fn rest(&self) -> f32 {
-        let Settings {
-            sensitivity,
-            sensor_zero,
-            sensor_rest,
-            ..
-        } = self.settings;
-        if sensor_rest > 0.0 {
-            (sensor_rest - sensor_zero) / sensitivity * STANDARD_GRAVITY as f32
+        let settings = &self.settings;
+        if settings.sensor_rest > 0.0 {
+            (settings.sensor_rest - settings.sensor_zero) / settings.sensitivity
+                * STANDARD_GRAVITY as f32
         } else {
             0.0
         }
@@ -295,123 +291,102 @@ impl Scene {
 
     /// Checks the scene without its settings; an error names the first parameter out of range.
     pub fn check(&self) -> Result<(), OutOfRange> {
-        let within = |parameter, value: f32, low: f32, high: f32, accepted| {
-            accept(
-                parameter,
-                f64::from(value),
-                (low..=high).contains(&value),
-                accepted,
-            )
-            .map(|_| ())
+        let within = |parameter, value: f32, [low, high]: [f32; 2], accepted| {
+            let accepts = (low..=high).contains(&value);
+            accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
         };
-        let drive = &self.drive;
-        within("drive resonance", drive.resonance, 5.0, 500.0, "5..500 Hz")?;
-        within("drive quality", drive.quality, 1.0, 200.0, "1..200")?;
-        within("drive gain", drive.gain, 1e-3, 100.0, "0.001..100 mm")?;
-        within(
-            "drive second_gain",
-            drive.second_gain,
-            0.0,
-            100.0,
-            "0..100 mm",
-        )?;
-        within(
-            "drive second_lag",
-            drive.second_lag,
-            -180.0,
-            180.0,
-            "-180..180 degrees",
-        )?;
-        within(
-            "drive third_gain",
-            drive.third_gain,
-            0.0,
-            100.0,
-            "0..100 mm",
-        )?;
-        within(
-            "drive third_lag",
-            drive.third_lag,
-            -180.0,
-            180.0,
-            "-180..180 degrees",
-        )?;
-        within(
-            "drive second_quality",
-            drive.second_quality,
-            0.5,
-            200.0,
-            "0.5..200",
-        )?;
-        within("drive mains", drive.mains, 10.0, 400.0, "10..400 Hz")?;
-        within("drive ripple", drive.ripple, 0.0, 0.5, "0..0.5")?;
-        within("drive mass", drive.mass, 0.001, 1e5, "0.001..100000 kg")?;
-        within(
-            "drive current_gain",
-            drive.current_gain,
-            1e-3,
-            100.0,
-            "0.001..100 mm/A",
-        )?;
-        let sensor = &self.sensor;
-        within("sensor hum", sensor.hum, 0.0, 100.0, "0..100 m/s^2")?;
-        within("sensor noise", sensor.noise, 0.0, 100.0, "0..100 m/s^2")?;
-        within(
-            "sensor sensitivity",
-            sensor.sensitivity,
-            0.1,
-            10.0,
-            "0.1..10",
-        )?;
-        within("sensor ringing", sensor.ringing, 0.0, 1e5, "0..100000 1/s")?;
-        within(
-            "sensor ringing_frequency",
-            sensor.ringing_frequency,
-            500.0,
-            9000.0,
-            "500..9000 Hz",
-        )?;
-        within(
-            "sensor ringing_decay",
-            sensor.ringing_decay,
-            0.05,
-            50.0,
-            "0.05..50 ms",
-        )?;
+        let (drive, sensor) = (&self.drive, &self.sensor);
+        let degrees = ([-180.0, 180.0], "-180..180 degrees");
+        let millimetres = ([0.0, 100.0], "0..100 mm");
+        for (parameter, value, (range, accepted)) in [
+            (
+                "drive resonance",
+                drive.resonance,
+                ([5.0, 500.0], "5..500 Hz"),
+            ),
+            ("drive quality", drive.quality, ([1.0, 200.0], "1..200")),
+            ("drive gain", drive.gain, ([1e-3, 100.0], "0.001..100 mm")),
+            ("drive second_gain", drive.second_gain, millimetres),
+            ("drive second_lag", drive.second_lag, degrees),
+            ("drive third_gain", drive.third_gain, millimetres),
+            ("drive third_lag", drive.third_lag, degrees),
+            (
+                "drive second_quality",
+                drive.second_quality,
+                ([0.5, 200.0], "0.5..200"),
+            ),
+            ("drive mains", drive.mains, ([10.0, 400.0], "10..400 Hz")),
+            ("drive ripple", drive.ripple, ([0.0, 0.5], "0..0.5")),
+            ("drive mass", drive.mass, ([0.001, 1e5], "0.001..100000 kg")),
+            (
+                "drive current_gain",
+                drive.current_gain,
+                ([1e-3, 100.0], "0.001..100 mm/A"),
+            ),
+            ("sensor hum", sensor.hum, ([0.0, 100.0], "0..100 m/s^2")),
+            ("sensor noise", sensor.noise, ([0.0, 100.0], "0..100 m/s^2")),
+            (
+                "sensor sensitivity",
+                sensor.sensitivity,
+                ([0.1, 10.0], "0.1..10"),
+            ),
+            (
+                "sensor ringing",
+                sensor.ringing,
+                ([0.0, 1e5], "0..100000 1/s"),
+            ),
+            (
+                "sensor ringing_frequency",
+                sensor.ringing_frequency,
+                ([500.0, 9000.0], "500..9000 Hz"),
+            ),
+            (
+                "sensor ringing_decay",
+                sensor.ringing_decay,
+                ([0.05, 50.0], "0.05..50 ms"),
+            ),
+        ] {
+            within(parameter, value, range, accepted)?;
+        }
         for &restitution in &self.parts {
-            within("part restitution", restitution, -0.5, 1.0, "-0.5..1")?;
+            within("part restitution", restitution, [-0.5, 1.0], "-0.5..1")?;
         }
         for &scatter in &self.scatter {
-            within("part scatter", scatter, 0.0, 0.5, "0..0.5")?;
+            within("part scatter", scatter, [0.0, 0.5], "0..0.5")?;
         }
         for &mass in &self.masses {
-            within("part mass", mass, 0.0, 1e6, "0..1000000 g")?;
+            within("part mass", mass, [0.0, 1e6], "0..1000000 g")?;
         }
         let together: f32 = self.masses.iter().take(self.parts.len()).sum();
+        let accepted = "0..the mass that swings with the track";
         within(
             "part mass, of all parts",
             together,
-            0.0,
-            1e3 * drive.mass,
-            "0..the mass that swings with the track",
+            [0.0, 1e3 * drive.mass],
+            accepted,
         )?;
+        let count = ([0.0, self.parts.len() as f32], "0..the number of parts");
         within(
             "parts in the hopper",
             f32::from(self.waiting),
-            0.0,
-            self.parts.len() as f32,
-            "0..the number of parts",
+            count.0,
+            count.1,
         )?;
         self.contact_time()?;
         if self.contact > 0.0 && self.has_mass() {
             let accepted =
                 "0 with part mass: a track that recoils is simulated with impacts in no time";
-            within("part contact", self.contact, 0.0, 0.0, accepted)?;
+            within("part contact", self.contact, [0.0, 0.0], accepted)?;
         }
         if let Some([sliding, sticking]) = self.friction {
-            within("part friction", sliding, 0.0, 10.0, "0..10")?;
+            within("part friction", sliding, [0.0, 10.0], "0..10")?;
             let accepted = "the friction of sliding..10";
-            within("part sticking friction", sticking, sliding, 10.0, accepted)?;
+            within(
+                "part sticking friction",
+                sticking,
+                [sliding, 10.0],
+                accepted,
+            )?;
         }
         for disturbance in &self.disturbances {
             accept(
@@ -420,34 +395,19 @@ impl Scene {
                 (0.0..=1e8).contains(&disturbance.at),
                 "0..100000000 s",
             )?;
-            match disturbance.change {
-                Change::Gain(gain) => within("disturbance gain", gain, 0.0, 10.0, "0..10")?,
-                Change::Restitution(r) => {
-                    within("disturbance restitution", r, -0.5, 1.0, "-0.5..1")?;
-                }
-                Change::Scatter(s) => within("disturbance scatter", s, 0.0, 0.5, "0..0.5")?,
-                Change::Noise(noise) => {
-                    within("disturbance noise", noise, 0.0, 100.0, "0..100 m/s^2")?;
-                }
-                Change::Sensitivity(s) => {
-                    within("disturbance sensitivity", s, 0.0, 10.0, "0..10")?;
-                }
-                Change::Ripple(ripple) => {
-                    within("disturbance ripple", ripple, 0.0, 0.5, "0..0.5")?;
-                }
-                Change::Dump(within_seconds) => {
-                    within("disturbance dump", within_seconds, 0.0, 1e4, "0..10000 s")?;
-                }
-                Change::Parts(count) => within(
-                    "disturbance parts",
-                    f32::from(count),
-                    0.0,
-                    self.parts.len() as f32,
-                    "0..the number of parts",
-                )?,
-                Change::Hum(hum) => within("disturbance hum", hum, 0.0, 100.0, "0..100 m/s^2")?,
-                _ => {}
-            }
+            let (parameter, value, (range, accepted)) = match disturbance.change {
+                Change::Gain(gain) => ("disturbance gain", gain, ([0.0, 10.0], "0..10")),
+                Change::Restitution(r) => ("disturbance restitution", r, ([-0.5, 1.0], "-0.5..1")),
+                Change::Scatter(s) => ("disturbance scatter", s, ([0.0, 0.5], "0..0.5")),
+                Change::Noise(n) => ("disturbance noise", n, ([0.0, 100.0], "0..100 m/s^2")),
+                Change::Sensitivity(s) => ("disturbance sensitivity", s, ([0.0, 10.0], "0..10")),
+                Change::Ripple(ripple) => ("disturbance ripple", ripple, ([0.0, 0.5], "0..0.5")),
+                Change::Dump(time) => ("disturbance dump", time, ([0.0, 1e4], "0..10000 s")),
+                Change::Parts(parts) => ("disturbance parts", f32::from(parts), count),
+                Change::Hum(hum) => ("disturbance hum", hum, ([0.0, 100.0], "0..100 m/s^2")),
+                _ => continue,
+            };
+            within(parameter, value, range, accepted)?;
         }
         Ok(())
     }

@@ -1,30 +1,181 @@
-//! Plant and disturbances of a scene, without a controller.
+//! Waveform plant: drive, parts, accelerometer and disturbances, simulated sample by sample.
 
-use super::plant::Plant;
-use crate::model::scene::{Change, Scene};
+use core::f64::consts::TAU;
+
+use heapless::Vec;
+
+use super::massive::{Ground, MassivePart, Stroke};
+use crate::model::Moment;
+use crate::model::crowd::{
+    MAX_STRIKES, all_at_rest, change_restitution, mean_displacement, restitutions,
+};
+use crate::model::drive::{Resonator, Ringing, Swing, TonesApart, UpperMode};
+use crate::model::hopper::Hopper;
+use crate::model::law::Law;
+use crate::model::part::{Part, Strike, Track, WaveCache};
+use crate::model::scene::{Change, PARTS, Scene, SensorModel};
 use crate::model::timeline::Timeline;
-use kband::feeder::OutOfRange;
-use kband_control::{AdcCode, Inputs, SAMPLE_RATE, Target};
+use kband::arithmetic::Noise;
+use kband::arithmetic::{Phase, sine_cosine_single};
+use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
+use kband::impact::ContactTime;
+use kband_control::{AdcCode, Inputs, Report, SAMPLE_RATE, Shape, Target, UPPER, phase_step};
 
-/// The plant of a scene with its disturbances, for any controller.
+/// Largest number of events of one part in one sample; later events move to the next sample. A
+/// chatter is summed long before.
+const EVENTS_PER_SAMPLE: usize = 16;
+
+/// Sensitivity of the current sensor in V/A if the settings have none: the emulated board gets its
+/// settings later.
+const CURRENT_SENSITIVITY: f32 = 0.3;
+
+/// The simulated feeder of a scene with its disturbances, for any controller.
 ///
 /// Each sample is [`Bench::sample`], then [`Bench::hold`] with the drive's output. At the end of a
 /// cycle the controller reads [`Bench::inputs`] and [`Bench::new_target`].
 #[derive(Clone, Debug)]
 pub struct Bench {
-    plant: Plant,
     timeline: Timeline,
+    /// Number of samples so far.
     samples: u64,
+    drive: Resonator,
+    /// Static displacement at full output in m.
+    force: f32,
+    /// Modes above the resonance and their static displacements.
+    modes: Vec<(Resonator, f32), UPPER>,
+    /// Separation of the upper tones, if the drive has any.
+    apart: Option<TonesApart>,
+    waves: WaveCache,
+    gain: f32,
+    ringing: Ringing,
+    sensor: SensorModel,
+    /// Duration of an impact.
+    contact: ContactTime,
+    /// Acceleration in m/s^2 that the sensor's axis sees at rest.
+    rest: f32,
+    /// The parts, if none has mass.
+    parts: Vec<Part, PARTS>,
+    /// The parts, if any has mass.
+    massive: Vec<MassivePart, PARTS>,
+    /// Acceleration in m/s^2 from the weight of the lying parts, and static deflection of the
+    /// spring under all parts on the track, in m.
+    pressed: f32,
+    sagged: f64,
+    hopper: Hopper,
+    /// Gravity normal to the track in m/s^2.
+    normal_gravity: f64,
+    /// Gravity down the track in m/s^2, and its motion along itself over that normal to it.
+    down: f64,
+    along: [f64; 2],
+    noise: Noise,
+    output: f32,
+    /// Time in steps of 2^-32 turns of the drive.
+    time: u64,
+    step: u32,
+    codes_per_acceleration: f32,
+    zero: f32,
+    full: f32,
+    /// Reading of the current sensor over its zero at full output, in steps.
+    current_codes: f32,
+    lost: bool,
+    inverted: bool,
+    last_code: u16,
+    /// Phase of the mains and its advance per sample.
+    mains: Phase,
+    mains_step: u32,
+    ripple: f32,
+    law: Law,
+    strikes: Vec<Strike, MAX_STRIKES>,
+}
+
+/// All modes of a drive, the resonance first.
+fn all<'a>(
+    drive: &'a Resonator,
+    modes: &'a [(Resonator, f32)],
+) -> impl Iterator<Item = &'a Resonator> + Clone {
+    core::iter::once(drive).chain(modes.iter().map(|(mode, _)| mode))
 }
 
 impl Bench {
-    /// The bench of a scene at time 0: parts at rest, drive off, enable input on.
+    /// The bench of a scene at time 0: parts at rest, drive off, enable input on. An error names the
+    /// parameter out of range.
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
-        Ok(Self {
-            plant: Plant::build(scene)?,
+        scene.check()?;
+        let settings = &scene.settings;
+        settings.check()?;
+        let track = settings.track()?;
+        let full = ((1_u32 << settings.converter_bits as u32) - 1) as f32;
+        let volts = settings.converter_reference / (full + 1.0);
+        let drive = Resonator::new(&scene.drive);
+        let modes = UpperMode::of(&scene.drive, f64::from(settings.frequency));
+        let own = |mode: &UpperMode| Resonator::of(mode.frequency, mode.quality, mode.force);
+        let upper = settings.upper_tones();
+        let lead = track.phase_lead();
+        let mut plant = Self {
             timeline: Timeline::new(scene),
             samples: 0,
-        })
+            apart: (upper > 0).then(|| TonesApart::new(upper)),
+            waves: WaveCache::default(),
+            modes: modes
+                .iter()
+                .map(|mode| (own(mode), mode.force as f32))
+                .collect(),
+            drive,
+            force: scene.drive.gain * 1e-3 / scene.drive.quality,
+            gain: 1.0,
+            ringing: Ringing::new(
+                scene.sensor.ringing_frequency,
+                scene.sensor.ringing_decay * 1e-3,
+            ),
+            sensor: scene.heard_sensor(),
+            contact: scene.contact_time()?,
+            rest: scene.rest(),
+            parts: parts_at_rest(scene)?,
+            massive: massive_at_rest(scene)?,
+            pressed: 0.0,
+            sagged: 0.0,
+            hopper: Hopper::new(scene),
+            normal_gravity: track.normal_gravity(),
+            down: track.normal_gravity() * track.incline_tangent(),
+            along: [libm::cos(lead), libm::sin(lead)].map(|part| part * track.amplitude_ratio()),
+            noise: Noise::new(scene.seed),
+            output: 0.0,
+            time: 0,
+            step: phase_step(settings.frequency),
+            codes_per_acceleration: settings.sensitivity / STANDARD_GRAVITY as f32 / volts,
+            zero: settings.sensor_zero / volts,
+            full,
+            current_codes: scene.drive.gain / scene.drive.current_gain
+                * if settings.current_sensitivity > 0.0 {
+                    settings.current_sensitivity
+                } else {
+                    CURRENT_SENSITIVITY
+                }
+                / volts,
+            lost: false,
+            inverted: false,
+            last_code: (settings.sensor_zero / volts) as u16,
+            mains: Phase::ZERO,
+            mains_step: phase_step(scene.drive.mains),
+            ripple: scene.drive.ripple,
+            law: scene.law(&track),
+            strikes: Vec::new(),
+        };
+        for index in 0..plant.massive.len() {
+            if plant.hopper.arrives(index) == 0 {
+                let sag = plant.bear(index);
+                plant.drive.push(-sag, 0.0);
+            }
+        }
+        Ok(plant)
+    }
+
+    /// Adds a part to the spring's load and returns the added deflection in m.
+    fn bear(&mut self, index: usize) -> f64 {
+        let share = self.massive.get(index).map_or(0.0, MassivePart::share);
+        let sag = self.drive.sag(share * self.normal_gravity);
+        self.sagged += sag;
+        sag
     }
 
     /// Converter reading of the next sample, after the disturbances due before it.
@@ -34,18 +185,283 @@ impl Bench {
             self.apply(change);
         }
         self.samples += 1;
-        self.plant.sample()
+        let noise = self.sensor.noise * self.noise.gauss();
+        if self.lost {
+            return AdcCode(self.last_code);
+        }
+        let mut acceleration = self.drive.acceleration(self.gain * self.output, self.force)
+            + self.ringing.acceleration()
+            + noise;
+        if self.pressed != 0.0 {
+            acceleration -= self.pressed;
+        }
+        for (mode, force) in &self.modes {
+            acceleration += mode.acceleration(self.gain * self.output, *force);
+        }
+        if self.rest != 0.0 {
+            acceleration += self.rest;
+        }
+        if self.sensor.hum > 0.0 {
+            acceleration += self.sensor.hum * sine_cosine_single(self.mains).0;
+        }
+        let signed = if self.inverted {
+            -acceleration
+        } else {
+            acceleration
+        };
+        let code = self.zero + signed * self.sensor.sensitivity * self.codes_per_acceleration + 0.5;
+        // `clamp` may panic with both numbers in the message, whose formatting takes 15 KiB of the
+        // emulated image.
+        self.last_code = code.max(0.0).min(self.full) as u16;
+        AdcCode(self.last_code)
     }
 
-    /// Reading of the current sensor at that sample.
+    /// Reading of the current sensor at that sample; its zero is that of the accelerometer.
     pub fn current(&self) -> AdcCode {
-        self.plant.current()
+        let code = self.zero + self.gain * self.output * self.current_codes + 0.5;
+        AdcCode(code.max(0.0).min(self.full) as u16)
     }
 
     /// Holds an output (-1..1) until the next sample; `step` is the advance of the drive's phase.
     #[inline]
     pub fn hold(&mut self, output: f32, step: u32) {
-        self.plant.hold(output, step);
+        let mut output = output;
+        if self.ripple > 0.0 {
+            output *= 1.0 + self.ripple * sine_cosine_single(self.mains + self.mains).0;
+        }
+        self.mains += Phase::from_bits(self.mains_step);
+        self.output = output;
+        self.step = step;
+        let now = self.time + u64::from(step);
+        let before = self.motion();
+        self.drive.step(self.gain * output);
+        for (mode, _) in &mut self.modes {
+            mode.step(self.gain * output);
+        }
+        if let Some(apart) = &mut self.apart {
+            let modes = all(&self.drive, &self.modes);
+            apart.step(
+                self.gain * output,
+                Phase::from_bits(now as u32),
+                step,
+                modes,
+            );
+        }
+        self.ringing.step();
+        self.time = now;
+        let [x, v] = self.motion();
+        let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
+        // Downward acceleration over gravity from the harmonic motion.
+        let mut pushed = f64::from(x);
+        if let Some(apart) = &self.apart {
+            let [[second, _], [third, _]] = apart.motions(all(&self.drive, &self.modes));
+            pushed += 3.0 * f64::from(second) + 8.0 * f64::from(third);
+        }
+        let thrown = pushed * angular * angular > self.normal_gravity;
+        if let Law::Friction(_) = self.law
+            && now >> 32 != (now - u64::from(step)) >> 32
+        {
+            self.slide([x, v], angular, now);
+        }
+        if !self.massive.is_empty() {
+            self.push_back(before, angular, now);
+        }
+        for index in 0..self.parts.len() {
+            if self.hopper.arrives(index) > now {
+                continue;
+            }
+            let due = match self.parts[index].next() {
+                Some(next) => next <= now,
+                None => thrown,
+            };
+            if due {
+                self.settle(index, [x, v], angular, now);
+            }
+        }
+    }
+
+    /// Slides the lying parts, once a cycle, because the amplitude changes while they lie.
+    fn slide(&mut self, motion: [f32; 2], angular: f64, now: u64) {
+        let swing = self.swing(motion, angular as f32);
+        let track = Track {
+            normal_gravity: self.normal_gravity,
+            angular,
+            law: Some(self.law),
+            wave: self.waves.shape(swing.shape),
+            contact: self.contact,
+        };
+        for part in &mut self.parts {
+            part.slide(swing, &track, now);
+        }
+    }
+
+    /// Simulates a sample of the parts with mass, after the drive moved from `before` without them.
+    fn push_back(&mut self, before: [f32; 2], angular: f64, now: u64) {
+        let ground = Ground {
+            sample: 1.0 / f64::from(SAMPLE_RATE),
+            gravity: [self.normal_gravity, self.down],
+            angular,
+            along: self.along,
+            level: -self.sagged,
+            law: self.law,
+        };
+        let free = self.motion().map(f64::from);
+        let mut stroke = Stroke {
+            from: before.map(f64::from),
+            to: free,
+        };
+        let earlier = now.saturating_sub(u64::from(self.step));
+        let onto = |hopper: &Hopper, index: usize| hopper.arrives(index) <= now;
+        let parts = self.massive.iter().enumerate();
+        let lying: f64 = parts
+            .filter(|(index, part)| part.lies() && onto(&self.hopper, *index))
+            .map(|(_, part)| part.share())
+            .sum();
+        let fallen = stroke.acceleration(ground.sample);
+        // Equation of motion with the lying mass: M a = F - m (g + a).
+        let pressed = (self.normal_gravity + fallen) / (1.0 + lying);
+        let thrown = pressed <= 0.0;
+        self.pressed = 0.0;
+        if !thrown {
+            let push = -lying * pressed;
+            stroke.to[0] += 0.5 * push * ground.sample * ground.sample;
+            stroke.to[1] += push * ground.sample;
+            self.pressed = -push as f32;
+        }
+        let accelerated = stroke.acceleration(ground.sample);
+        let [cosine, sine] = self.along;
+        // In harmonic motion the derivative of the acceleration is -w^2 times the velocity.
+        let along = cosine * accelerated - sine * angular * stroke.to[1];
+        for index in 0..self.massive.len() {
+            let arrives = self.hopper.arrives(index);
+            if arrives > now {
+                continue;
+            }
+            if arrives > earlier {
+                // The part falls from the track's highest position.
+                let [x, v] = stroke.to;
+                let swing = self.swing([(x + self.sagged) as f32, v as f32], angular as f32);
+                let crest = f64::from(swing.amplitude) - self.sagged;
+                self.massive[index].drop_from(crest.max(x), now);
+                self.bear(index);
+                continue;
+            }
+            let part = &mut self.massive[index];
+            if part.lies() {
+                if thrown {
+                    part.leave(&ground, stroke.to, now);
+                } else {
+                    part.lie(&ground, pressed, along);
+                }
+                continue;
+            }
+            let Some(blow) = part.fall(&ground, &mut stroke, [earlier, now]) else {
+                continue;
+            };
+            let share = (1.0 - blow.at) as f32;
+            let late = (f64::from(share) * f64::from(self.step)) as u64;
+            let [x, v] = blow.track;
+            let swing = self.swing([(x + self.sagged) as f32, v as f32], angular as f32);
+            let time = now - late;
+            // Impacts beyond the capacity are dropped.
+            let _ = self.strikes.push(Strike {
+                time,
+                speed: blow.speed,
+                phase: swing.phase.radians(),
+                flight: (time.saturating_sub(blow.began) as f64 / Phase::TURN) as f32,
+                part: index as u8,
+                rested: blow.rested,
+            });
+            self.ringing
+                .strike(self.sensor.ringing * blow.speed as f32, share);
+        }
+        self.drive
+            .push(stroke.to[0] - free[0], stroke.to[1] - free[1]);
+    }
+
+    fn settle(&mut self, index: usize, motion: [f32; 2], angular: f64, now: u64) {
+        let swing = self.swing(motion, angular as f32);
+        let track = Track {
+            normal_gravity: self.normal_gravity,
+            angular,
+            law: Some(self.law),
+            wave: self.waves.shape(swing.shape),
+            contact: self.contact,
+        };
+        let part = &mut self.parts[index];
+        if part.next().is_none() {
+            part.throw(swing, &track, now);
+        }
+        for _ in 0..EVENTS_PER_SAMPLE {
+            let Some(next) = part.next().filter(|&next| next <= now) else {
+                return;
+            };
+            let late = now - next;
+            let then = Swing {
+                phase: swing.phase - Phase::from_bits(late as u32),
+                ..swing
+            };
+            if let Some(strike) = part.event(then, &track) {
+                // Impacts beyond the capacity are dropped.
+                let _ = self.strikes.push(Strike {
+                    part: index as u8,
+                    ..strike
+                });
+                let share = (late as f32 / self.step as f32).min(1.0);
+                self.ringing
+                    .strike(self.sensor.ringing * strike.speed as f32, share);
+            }
+        }
+    }
+
+    /// The first `count` parts are on the track from now on; the others are not.
+    fn place_parts(&mut self, count: u8) {
+        for index in usize::from(count)..self.massive.len() {
+            if self.hopper.arrives(index) <= self.time {
+                let share = self.massive.get(index).map_or(0.0, MassivePart::share);
+                self.sagged -= self.drive.sag(share * self.normal_gravity);
+            }
+        }
+        // A part with mass falls onto the track within the next sample.
+        let (now, parts) = (self.time + 1, &mut self.parts);
+        let arrive = |index: usize| {
+            if let Some(part) = parts.get_mut(index) {
+                part.lay(now);
+            }
+        };
+        self.hopper.place(now, count, arrive);
+    }
+
+    /// Mass of the parts on the track over that of the track.
+    pub fn load(&self) -> f64 {
+        let parts = self.massive.iter().enumerate();
+        let borne = parts.filter(|(index, _)| self.hopper.arrives(*index) <= self.time);
+        borne.map(|(_, part)| part.share()).sum()
+    }
+
+    /// Displacement of the track in m and its velocity in m/s.
+    pub fn motion(&self) -> [f32; 2] {
+        (self.modes.iter()).fold(self.drive.motion(), |[x, v], (mode, _)| {
+            let [dx, dv] = mode.motion();
+            [x + dx, v + dv]
+        })
+    }
+
+    /// Swing of the track with this motion at an angular frequency in rad/s.
+    fn swing(&self, [x, v]: [f32; 2], angular: f32) -> Swing {
+        let Some(apart) = &self.apart else {
+            return Swing::through([x, v], angular);
+        };
+        let motions = apart.motions(all(&self.drive, &self.modes));
+        let first = (motions.iter()).fold([x, v], |[x, v], [dx, dv]| [x - dx, v - dv]);
+        Swing::through(first, angular).with(motions, angular)
+    }
+
+    /// Amplitude b of the track's first tone in m, and the shape of the motion.
+    pub fn tones(&self) -> (f32, Shape) {
+        let angular = f64::from(self.step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
+        let swing = self.swing(self.motion(), angular as f32);
+        (swing.amplitude, swing.shape)
     }
 
     /// Present inputs of the board.
@@ -64,42 +480,87 @@ impl Bench {
         self.timeline.sagged()
     }
 
-    /// Clears the stored impacts ([`Plant::strikes`]).
-    pub fn forget_strikes(&mut self) {
-        self.plant.forget_strikes();
-    }
-
-    /// The plant.
-    pub fn plant(&self) -> &Plant {
-        &self.plant
-    }
-
-    /// Sets the total mass of the parts over that of the track.
-    #[cfg(test)]
-    pub(crate) fn heap(&mut self, total: f64) {
-        self.plant.heap(total);
-    }
-
     /// Time since the start in s.
     pub fn time(&self) -> f64 {
         self.samples as f64 / f64::from(SAMPLE_RATE)
     }
 
+    /// The cycle that ended with this report.
+    pub fn moment(&self, report: Report) -> Moment {
+        Moment {
+            time: self.time(),
+            report,
+            strikes: self.strikes().len() as u32,
+            displacement: self.displacement(),
+            load: self.load(),
+        }
+    }
+
+    /// Impacts since [`Bench::forget_strikes`], at most 96.
+    pub fn strikes(&self) -> &[Strike] {
+        &self.strikes
+    }
+
+    /// Clears the stored impacts.
+    pub fn forget_strikes(&mut self) {
+        self.strikes.clear();
+    }
+
+    /// Mean displacement of the parts along the track in m, positive upwards; 0 without parts.
+    pub fn displacement(&self) -> f64 {
+        if self.massive.is_empty() {
+            return mean_displacement(&self.parts);
+        }
+        let sum: f64 = self.massive.iter().map(MassivePart::displacement).sum();
+        sum / self.massive.len() as f64
+    }
+
     /// Applies a change beside those of the scene.
     pub fn apply(&mut self, change: Change) {
-        match self.timeline.take(change) {
-            Some(Change::Gain(gain)) => self.plant.set_gain(gain),
-            Some(Change::Restitution(restitution)) => self.plant.set_restitution(restitution),
-            Some(Change::Scatter(deviation)) => self.plant.set_scatter(deviation),
-            Some(Change::Noise(noise)) => self.plant.set_noise(noise),
-            Some(Change::SensorLost(lost)) => self.plant.set_sensor_lost(lost),
-            Some(Change::SensorInverted(inverted)) => self.plant.set_sensor_inverted(inverted),
-            Some(Change::Sensitivity(sensitivity)) => self.plant.set_sensitivity(sensitivity),
-            Some(Change::Ripple(ripple)) => self.plant.set_ripple(ripple),
-            Some(Change::Hum(hum)) => self.plant.set_hum(hum),
-            Some(Change::Dump(seconds)) => self.plant.dump(seconds),
-            Some(Change::Parts(count)) => self.plant.place_parts(count),
+        let Some(change) = self.timeline.take(change) else {
+            return;
+        };
+        match change {
+            Change::Gain(gain) => self.gain = gain,
+            Change::Restitution(_) | Change::Scatter(_) => {
+                let parts = self.parts.iter_mut().map(Part::restitution_mut);
+                let massive = self.massive.iter_mut().map(MassivePart::restitution_mut);
+                parts
+                    .chain(massive)
+                    .for_each(|restitution| change_restitution(restitution, change));
+            }
+            Change::Noise(noise) => self.sensor.noise = noise,
+            Change::SensorLost(lost) => self.lost = lost,
+            Change::SensorInverted(inverted) => self.inverted = inverted,
+            Change::Sensitivity(sensitivity) => self.sensor.sensitivity = sensitivity,
+            Change::Ripple(ripple) => self.ripple = ripple,
+            Change::Hum(hum) => self.sensor.hum = hum,
+            Change::Dump(seconds) => {
+                let step = f64::from(self.step);
+                let turns = f64::from(seconds) * f64::from(SAMPLE_RATE) * step / Phase::TURN;
+                self.hopper.dump(self.time, turns);
+            }
+            Change::Parts(count) => self.place_parts(count),
             _ => {}
         }
     }
+}
+
+/// Parts of a scene simulated with the impact map: all, or none if any has mass.
+fn parts_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange> {
+    if scene.has_mass() {
+        return Ok(Vec::new());
+    }
+    all_at_rest(scene)
+}
+
+/// Parts of a scene with their masses, if any has mass.
+fn massive_at_rest(scene: &Scene) -> Result<Vec<MassivePart, PARTS>, OutOfRange> {
+    if !scene.has_mass() {
+        return Ok(Vec::new());
+    }
+    let drawn = restitutions(scene).enumerate();
+    drawn
+        .map(|(n, drawn)| Ok(MassivePart::at_rest(drawn?, scene.mass_share(n))))
+        .collect()
 }

@@ -5,7 +5,6 @@
 //! all parts. An impact time is found by bisection.
 
 use crate::model::law::Law;
-use kband::feeder::OutOfRange;
 use kband::impact::Scatter;
 
 /// Number of bisections of a sample for an impact; they resolve 1e-9 of it.
@@ -135,12 +134,6 @@ impl MassivePart {
         self.share
     }
 
-    /// Sets its mass over that of the track.
-    #[cfg(test)]
-    pub(crate) fn heap(&mut self, share: f64) {
-        self.share = share;
-    }
-
     /// Whether it lies on the track.
     pub fn lies(&self) -> bool {
         matches!(self.motion, Motion::Lying(_))
@@ -151,16 +144,9 @@ impl MassivePart {
         self.displacement
     }
 
-    /// Sets its mean restitution; an error for a value out of range.
-    pub fn set_restitution(&mut self, mean: f64) -> Result<(), OutOfRange> {
-        self.restitution = self.restitution.with_mean(mean)?;
-        Ok(())
-    }
-
-    /// Sets the standard deviation of its restitution; an error for a value out of range.
-    pub fn set_scatter(&mut self, deviation: f64) -> Result<(), OutOfRange> {
-        self.restitution = self.restitution.with_deviation(deviation)?;
-        Ok(())
+    /// Its restitution, from the next impact on.
+    pub fn restitution_mut(&mut self) -> &mut Scatter {
+        &mut self.restitution
     }
 
     /// Drops it from a height in m, without initial speed.

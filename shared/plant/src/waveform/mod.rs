@@ -3,8 +3,6 @@
 mod bench;
 mod closed_loop;
 mod massive;
-mod plant;
 
 pub use bench::Bench;
 pub use closed_loop::{ClosedLoop, Sample};
-pub use plant::Plant;

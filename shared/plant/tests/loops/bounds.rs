@@ -1,17 +1,47 @@
 //! The measured amplitude of drawn machines keeps every limit. The method is a random walk through
 //! the accepted settings.
 
-#[path = "../../../control/src/bounds/walk.rs"]
-mod walk;
-
 use core::f32::consts::{PI, TAU};
 
+use kband::arithmetic::Noise;
 use kband_control::{SAMPLE_RATE, Settings, Target};
-use kband_plant::{Change, Disturbance, EnvelopeLoop, Scene};
-use walk::Walk;
+use kband_plant::{Change, EnvelopeLoop, Scene};
+
+use super::fidelity::changes;
 
 /// Largest steady amplitude over the smallest of setpoint, hard limits and safe amplitude.
 const MAX_EXCESS: f32 = 1.05;
+
+/// A walk through the accepted settings: each step draws some keys and keeps the accepted values.
+struct Walk {
+    noise: Noise,
+    settings: Settings,
+}
+
+impl Walk {
+    /// A number from `low` to 1, uniform on a logarithmic scale.
+    fn ratio(&mut self, low: f32) -> f32 {
+        libm::powf(low, self.noise.uniform())
+    }
+
+    fn step(&mut self, keys: u32) -> Settings {
+        for _ in 0..keys {
+            let key = &Settings::KEYS[self.noise.bits() as usize % Settings::KEYS.len()];
+            let share = match self.noise.bits() % 8 {
+                0 => 0.0,
+                1 => 1.0,
+                2..5 => self.noise.uniform(),
+                _ => self.ratio(1e-5),
+            };
+            let mut next = self.settings;
+            let value = key.low + share * (key.high - key.low);
+            if next.set(key.name, value).is_ok() && next.check().is_ok() {
+                self.settings = next;
+            }
+        }
+        self.settings
+    }
+}
 
 /// Amplitude in m at full output and a frequency in Hz: a resonance of the configured quality.
 fn strength(settings: &Settings, frequency: f32) -> f32 {
@@ -28,7 +58,10 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
     const CYCLES: usize = 1000;
     const MEAN: usize = 100;
     let seed = std::env::var("KBAND_SEED").map_or(32, |seed| seed.parse().unwrap());
-    let mut walk = Walk::new(seed);
+    let mut walk = Walk {
+        noise: Noise::new(seed),
+        settings: Settings::default(),
+    };
     let (mut played, mut moving) = (0, 0);
     while played < 2000 {
         let mut scene = Scene::default();
@@ -97,11 +130,7 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         scene.target = Target::Amplitude(1e3 * setpoint);
         if link_lost {
             let at = 10.0 / f64::from(settings.frequency);
-            let lost = Disturbance {
-                at,
-                change: Change::Link(false),
-            };
-            scene.disturbances.push(lost).unwrap();
+            scene.disturbances = changes([(at, Change::Link(false))]);
         }
         let Ok(mut looped) = EnvelopeLoop::build(&scene) else {
             continue;

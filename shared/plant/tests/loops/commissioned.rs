@@ -1,7 +1,9 @@
 //! Tests of a commissioned sensor: at rest, by a small swing at each start, and in the run.
 
 use kband_control::{Fault, State, Target};
-use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Scene};
+use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Scene};
+
+use super::fidelity::changes;
 
 /// A commissioned machine whose sensor measures the share `seen` of 1 g at rest.
 fn commissioned(seen: f32) -> Scene {
@@ -49,11 +51,7 @@ fn a_deviating_mean_at_rest_starts_nothing() {
     }
     // An inverted sensor measures gravity with the other sign.
     let mut scene = commissioned(1.0);
-    let inverted = Disturbance {
-        at: 0.0,
-        change: Change::SensorInverted(true),
-    };
-    scene.disturbances = core::iter::once(inverted).collect();
+    scene.disturbances = changes([(0.0, Change::SensorInverted(true))]);
     let (fault, largest, _) = run(&scene, 0.5);
     assert_eq!((fault, largest), (Some(Fault::SensorImplausible), 0.0));
 }
@@ -62,13 +60,11 @@ fn a_deviating_mean_at_rest_starts_nothing() {
 fn a_loss_just_before_the_enable_input_starts_nothing() {
     for at in [1.0, 1.93, 1.99] {
         let mut scene = commissioned(1.0);
-        let changes = [
+        scene.disturbances = changes([
             (0.0, Change::Enable(false)),
             (at, Change::Sensitivity(0.55)),
             (2.0, Change::Enable(true)),
-        ];
-        let changes = changes.map(|(at, change)| Disturbance { at, change });
-        scene.disturbances = changes.into_iter().collect();
+        ]);
         let (fault, largest, time) = run(&scene, 3.0);
         assert_eq!((fault, largest), (Some(Fault::SensorImplausible), 0.0));
         assert!((2.08..2.15).contains(&time), "{at}: {time}");
@@ -81,11 +77,10 @@ fn a_fading_mean_is_a_fault_at_any_gain() {
         let mut scene = commissioned(1.0);
         (scene.settings.gain_tolerance, scene.settings.load_tolerance) = (2.5, 2.5);
         scene.drive.gain = gain;
-        let fades = (0..30).map(|n| Disturbance {
-            at: 2.0 + 0.5 * f64::from(n),
-            change: Change::Sensitivity(1.0 - 0.02 * n as f32),
-        });
-        scene.disturbances = fades.collect();
+        scene.disturbances = changes(core::array::from_fn::<_, 30, _>(|n| {
+            let left = 1.0 - 0.02 * n as f32;
+            (2.0 + 0.5 * n as f64, Change::Sensitivity(left))
+        }));
         let (fault, largest, time) = run(&scene, 17.0);
         assert_eq!(fault, Some(Fault::SensorImplausible));
         assert!(largest < 0.5 / 0.68, "{gain}: {largest}");
@@ -127,13 +122,9 @@ fn the_test_swing_is_no_reference_for_a_loaded_track() {
     // Load changes the ratio of measured to predicted amplitude by 1.25 / 0.87, more than the
     // tolerance of 1.3: just after the swing, and half a second later.
     for (at, fault) in [(0.65, None), (1.1, Some(Fault::SensorImplausible))] {
-        let changes = [(0.0, 1.25), (at, 0.87)];
-        let changes = changes.map(|(at, factor)| Disturbance {
-            at,
-            change: Change::Sensitivity(factor),
-        });
+        let factors = [(0.0, 1.25), (at, 0.87)];
         let scene = Scene {
-            disturbances: changes.into_iter().collect(),
+            disturbances: changes(factors.map(|(at, factor)| (at, Change::Sensitivity(factor)))),
             ..commissioned(0.0)
         };
         assert_eq!(run(&scene, 8.0).0, fault, "{at} s");
@@ -175,9 +166,8 @@ fn the_current_shows_a_lost_sensitivity_at_any_gain() {
         }
         // In the run, the gain and the sensitivity at once.
         let mut scene = with_current_sensor();
-        let changes = [Change::Gain(gain), Change::Sensitivity(0.55)];
-        let changes = changes.map(|change| Disturbance { at: 2.0, change });
-        scene.disturbances = changes.into_iter().collect();
+        scene.disturbances =
+            changes([Change::Gain(gain), Change::Sensitivity(0.55)].map(|change| (2.0, change)));
         for (fault, largest) in run_both(&scene, 4.0) {
             assert_eq!(fault, Some(Fault::SensorImplausible), "{gain}");
             // The output is held meanwhile.
@@ -193,9 +183,8 @@ fn the_current_bounds_the_amplitude_at_the_hard_limit() {
     scene.target = Target::Amplitude(1.0);
     (scene.settings.gain, scene.settings.current_gain) = (5.0, 2.5);
     (scene.drive.gain, scene.drive.current_gain) = (5.0, 2.5);
-    let changes = [Change::Gain(2.0), Change::Sensitivity(0.55)];
-    let changes = changes.map(|change| Disturbance { at: 2.0, change });
-    scene.disturbances = changes.into_iter().collect();
+    scene.disturbances =
+        changes([Change::Gain(2.0), Change::Sensitivity(0.55)].map(|change| (2.0, change)));
     for (fault, largest) in run_both(&scene, 4.0) {
         assert_eq!(fault, Some(Fault::SensorImplausible));
         // 1.15 times the tolerance of 1.3, and what two cycles of dead time add.
@@ -210,11 +199,7 @@ fn a_supply_or_coil_that_changes_is_no_fault_of_the_current() {
         scene.target = Target::Amplitude(0.2);
         (scene.settings.gain_tolerance, scene.settings.load_tolerance) = (2.5, 2.5);
         (scene.settings.resonance, scene.drive.resonance) = (resonance, resonance);
-        let change = Disturbance {
-            at: 2.0,
-            change: Change::Gain(gain),
-        };
-        scene.disturbances = core::iter::once(change).collect();
+        scene.disturbances = changes([(2.0, Change::Gain(gain))]);
         for (fault, _) in run_both(&scene, 5.0) {
             assert_eq!(fault, None, "{resonance} {gain}");
         }
@@ -242,13 +227,11 @@ fn a_current_sensor_that_fails_is_a_fault() {
 #[test]
 fn each_start_makes_a_test_swing() {
     let mut scene = commissioned(0.0);
-    let changes = [
+    scene.disturbances = changes([
         (2.0, Change::Enable(false)),
         (3.5, Change::Sensitivity(0.55)),
         (4.0, Change::Enable(true)),
-    ];
-    let changes = changes.map(|(at, change)| Disturbance { at, change });
-    scene.disturbances = changes.into_iter().collect();
+    ]);
     let mut closed = EnvelopeLoop::build(&scene).unwrap();
     let mut largest = [0.0_f64; 2];
     for _ in 0..250 {

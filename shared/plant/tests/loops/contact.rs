@@ -1,15 +1,13 @@
 //! Impacts that take time: lock, share in gear and detection in the closed loop.
 
-use core::f64::consts::TAU;
-
 use kband::impact::{ContactTime, Scatter, TangentialSettings, Wave, WaveMap};
 use kband::regime::Lock;
-use kband::regime::gear::{GearWatch, Share, shares_with_contact};
+use kband::regime::gear::{Share, shares_with_contact};
 use kband::transport::locked;
-use kband_control::{Limits, State, Target};
-use kband_plant::{Moment, Scene};
+use kband_control::{Limits, State};
+use kband_plant::Scene;
 
-use super::fidelity::{Loop, record};
+use super::fidelity::{Heard, Loop, listen, lot};
 
 /// Contact in ms at 50 Hz, 2 % of the cycle.
 const CONTACT: f32 = 0.4;
@@ -31,7 +29,7 @@ fn parts_lock_at_the_predicted_phase() {
         scene.sensor.ringing *= 3.0;
         let contact = ContactTime::from_milliseconds(CONTACT.into(), 50.0).unwrap();
         let mut closed = Loop::build(&scene, waveform);
-        let (mut apart, mut shift, mut stamped, mut count) = ([0.0, 0.0_f64], 0.0, 0.0, 0);
+        let (mut apart, mut shift, mut count) = ([0.0, 0.0_f64], 0.0, 0);
         let (mut begun, mut ended) = (closed.cycle().0, closed.cycle().0);
         for cycle in 0..2500 {
             let (moment, strikes, _) = closed.cycle();
@@ -51,15 +49,10 @@ fn parts_lock_at_the_predicted_phase() {
                 apart[0] += off;
                 apart[1] = apart[1].max(off.abs());
                 shift += predicted - lock(ContactTime::INSTANT).unwrap().strike_phase();
-                stamped += f64::from(report.phase) - strike.phase;
                 count += 1;
             }
         }
-        let [bias, shift, stamped] = [apart[0], shift, stamped].map(|sum| sum / f64::from(count));
-        std::println!(
-            "{waveform}: bias {bias:.5} max {:.5} shift {shift:.5} stamp {stamped:.5}",
-            apart[1]
-        );
+        let [bias, shift] = [apart[0], shift].map(|sum| sum / f64::from(count));
         assert!(count > 1400 && shift < -0.01, "{shift}");
         let speed = (ended.displacement - begun.displacement) / (ended.time - begun.time);
         let track = scene.settings.track().unwrap();
@@ -71,7 +64,6 @@ fn parts_lock_at_the_predicted_phase() {
             locked::velocity(&lock.unwrap(), k, &along) * unit
         });
         let predicted = speeds.sum::<f64>() / 3.0;
-        std::println!("{waveform}: speed {speed:.5} predicted {predicted:.5} m/s");
         assert!(
             (speed / predicted - 1.0).abs() < 0.01,
             "{speed} {predicted}"
@@ -88,24 +80,10 @@ fn parts_lock_at_the_predicted_phase() {
 #[test]
 fn restitution_is_estimated_from_impacts_that_take_time() {
     for seed in 1..4 {
-        let mut scene = Scene {
-            target: Target::K(0.45),
-            parts: core::iter::once(0.3).collect(),
-            scatter: core::iter::once(0.05).collect(),
-            seed,
-            ..Scene::default()
-        };
-        (
-            scene.settings.restitution_low,
-            scene.settings.restitution_high,
-        ) = (0.3, 0.3);
-        let mut closed = Loop::build(&with_contact(scene, CONTACT), false);
-        let mut margins = std::vec::Vec::new();
-        for _ in 0..3000 {
-            margins.extend(closed.cycle().0.report.margin);
-        }
+        let scene = with_contact(lot([0.3; 2], 0.05, 0.45, 1, seed), CONTACT);
+        let mut closed = Loop::build(&scene, false);
+        let margins = (0..3000).filter_map(|_| closed.cycle().0.report.margin);
         let margin = margins.last().unwrap();
-        std::println!("{seed}: {margin:?}");
         let error = (margin.restitution - 0.3).abs();
         assert!(error < 4.0 * margin.error + 0.002, "{seed}: {margin:?}");
     }
@@ -114,8 +92,6 @@ fn restitution_is_estimated_from_impacts_that_take_time() {
 /// R = 0.3, s = 0.05 at k = 0.48: instant impacts would give 0.42.
 #[test]
 fn share_in_gear_is_the_predicted_one() {
-    const CYCLES: usize = 3000;
-    const SETTLED: usize = 250;
     let contact = ContactTime::from_milliseconds(CONTACT.into(), 50.0).unwrap();
     let map = WaveMap::on(Wave::sine(), 0.48, 0.3).unwrap();
     let scatters: [Scatter; 48] =
@@ -125,43 +101,16 @@ fn share_in_gear_is_the_predicted_one() {
         predicted = predicted.plus(&share);
     })
     .unwrap();
+    let predicted = predicted.share();
     for (waveform, runs) in [(false, 3), (true, 1)] {
-        let (mut truth, mut heard, mut heard_cycles) = (0.0, 0.0, 0.0);
-        for seed in 0..runs {
-            let mut scene = Scene {
-                target: Target::K(0.48),
-                parts: core::iter::repeat_n(0.3, 12).collect(),
-                scatter: core::iter::repeat_n(0.05, 12).collect(),
-                seed,
-                ..Scene::default()
-            };
-            (
-                scene.settings.restitution_low,
-                scene.settings.restitution_high,
-            ) = (0.3, 0.3);
-            let scene = with_contact(scene, CONTACT);
-            let mut closed = Loop::build(&scene, waveform);
-            let mut watches = std::vec![GearWatch::build(1).unwrap(); 12];
-            for cycle in 0..CYCLES {
-                if cycle == SETTLED {
-                    watches
-                        .iter_mut()
-                        .for_each(|watch| watch.begin(cycle as f64 * TAU));
-                }
-                let (Moment { report, .. }, strikes, _) = closed.cycle();
-                record(&mut watches, &strikes);
-                if cycle >= SETTLED && report.in_gear_error.is_finite() {
-                    heard += f64::from(report.in_gear);
-                    heard_cycles += 1.0;
-                }
-            }
-            let shares = watches
-                .iter()
-                .map(|watch| watch.share(CYCLES as f64 * TAU).share());
-            truth += shares.sum::<f64>() / 12.0 / runs as f64;
-        }
-        let (heard, predicted) = (heard / heard_cycles, predicted.share());
-        std::println!("{waveform}: predicted {predicted:.3} true {truth:.3} estimated {heard:.3}");
+        let runs: Vec<_> = (0..runs)
+            .map(|seed| {
+                let scene = with_contact(lot([0.3; 2], 0.05, 0.48, 12, seed), CONTACT);
+                listen(&scene, waveform)
+            })
+            .collect();
+        let mean = |of: fn(&Heard) -> f64| runs.iter().map(of).sum::<f64>() / runs.len() as f64;
+        let (truth, heard) = (mean(|run| run.truth), mean(|run| run.heard));
         // Twelve parts of a minute scatter by 0.02 in each run.
         assert!(
             (truth - predicted).abs() < 0.04,
@@ -185,7 +134,6 @@ fn impacts_longer_than_a_period_of_the_ringing_are_reported_as_not_measurable() 
             for _ in 0..1500 {
                 last = u32::from(closed.cycle().0.report.limits.contains(Limits::DEAF));
             }
-            std::println!("{waveform} {contact}: {last}");
             assert_eq!(last == 1, deaf, "{waveform} {contact}");
         }
     }

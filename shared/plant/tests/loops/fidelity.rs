@@ -1,10 +1,13 @@
-//! Either plant under the controller, and the true time in gear of its parts.
+//! Either plant under the controller, and the true and estimated time in gear of its parts.
 
 use core::f64::consts::TAU;
 
+use kband::regime::classify::Regime;
 use kband::regime::gear::GearWatch;
-use kband_control::Controller;
-use kband_plant::{ClosedLoop, EnvelopeLoop, Moment, Scene, Strike};
+use kband_control::{Controller, Target};
+use kband_plant::{
+    Change, ClosedLoop, Disturbance, Disturbances, EnvelopeLoop, Moment, Scene, Strike,
+};
 
 /// Either fidelity.
 pub enum Loop {
@@ -42,6 +45,14 @@ impl Loop {
     }
 }
 
+/// Changes at their times in s.
+pub fn changes<const N: usize>(changes: [(f64, Change); N]) -> Disturbances {
+    let changes = changes.into_iter();
+    changes
+        .map(|(at, change)| Disturbance { at, change })
+        .collect()
+}
+
 /// Records the strikes of a cycle, a watch for each part.
 pub fn record(watches: &mut [GearWatch], strikes: &[Strike]) {
     for strike in strikes {
@@ -53,4 +64,71 @@ pub fn record(watches: &mut [GearWatch], strikes: &[Strike]) {
         }
         watch.add_landing(landed, flight);
     }
+}
+
+/// Parts of a lot, evenly over it, at a fixed k. Their restitutions and their scatter are
+/// configured right.
+pub fn lot([low, high]: [f32; 2], scatter: f32, k: f32, parts: usize, seed: u64) -> Scene {
+    let part = |n: usize| low + (high - low) * (n as f32 + 0.5) / parts as f32;
+    let mut scene = Scene {
+        target: Target::K(k),
+        seed,
+        parts: (0..parts).map(part).collect(),
+        scatter: core::iter::repeat_n(scatter, parts).collect(),
+        ..Scene::default()
+    };
+    let settings = &mut scene.settings;
+    settings.scatter = scatter;
+    (settings.restitution_low, settings.restitution_high) = (low, high);
+    scene
+}
+
+/// Cycles of a run of a minute, and those after which it counts.
+pub const CYCLES: usize = 3000;
+pub const SETTLED: usize = 250;
+
+/// True and estimated share in gear of a minute: means from 5 s on.
+#[derive(Default)]
+pub struct Heard {
+    pub truth: f64,
+    pub heard: f64,
+    pub error: f64,
+    /// Cycles without an estimate.
+    pub deaf: usize,
+    /// Cycles with a detected lock.
+    pub locked: usize,
+}
+
+/// Runs a scene whose gear is of order 1 for a minute.
+pub fn listen(scene: &Scene, waveform: bool) -> Heard {
+    let mut closed = Loop::build(scene, waveform);
+    let parts = scene.parts.len();
+    let mut watches = vec![GearWatch::build(1).unwrap(); parts];
+    let mut all = Heard::default();
+    for cycle in 0..CYCLES {
+        if cycle == SETTLED {
+            let begin = cycle as f64 * TAU;
+            watches.iter_mut().for_each(|watch| watch.begin(begin));
+        }
+        let (Moment { report, .. }, strikes, _) = closed.cycle();
+        record(&mut watches, &strikes);
+        if cycle < SETTLED {
+            continue;
+        }
+        if report.in_gear_error.is_finite() {
+            all.heard += f64::from(report.in_gear);
+            all.error += f64::from(report.in_gear_error);
+        } else {
+            all.deaf += 1;
+        }
+        all.locked += usize::from(report.regime.is_some_and(|verdict| {
+            matches!(verdict.regime, Regime::Locked { .. }) && verdict.confidence > 0.5
+        }));
+    }
+    let count = (CYCLES - SETTLED - all.deaf).max(1) as f64;
+    all.heard /= count;
+    all.error /= count;
+    let shares = watches.iter().map(|watch| watch.share(CYCLES as f64 * TAU));
+    all.truth = shares.map(|share| share.share()).sum::<f64>() / parts as f64;
+    all
 }

@@ -346,23 +346,6 @@ fn ready_stays_on_while_one_part_is_in_gear() {
     }
 }
 
-#[test]
-fn nothing_is_reported_of_an_empty_track() {
-    for parts in [1, 6] {
-        for closed in &mut Loop::both(&changing(parts, 50.0, 1, &[Change::Parts(0)])) {
-            let last = last_report(closed, |Moment { report, .. }, ready| {
-                ready
-                    || report.in_gear > 0.0
-                    || report.in_gear_error.is_finite()
-                    || report.margin.is_some()
-                    || report.load.is_some()
-            });
-            // A second, and the flights on the way.
-            assert!(last < 1.1, "{parts}: {last} s");
-        }
-    }
-}
-
 /// One part, six, and six of a wide lot leave the track, and come back 4 s later.
 #[test]
 fn parts_are_estimated_again_once_they_come_back() {

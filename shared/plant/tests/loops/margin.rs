@@ -6,6 +6,8 @@ use kband::regime::gear::{GearWatch, is_in_gear};
 use kband_control::{GearMargin, Shape, Target, UpperTone};
 use kband_plant::{EnvelopeLoop, Scene};
 
+use super::fidelity::{CYCLES, SETTLED, lot};
+
 /// Parts evenly over a lot, at a fixed k, with a second tone of ratio e and angle th.
 struct Lot {
     restitution: [f32; 2],
@@ -26,33 +28,16 @@ struct Truth {
     losses: f64,
 }
 
-const CYCLES: usize = 3000;
-const SETTLED: usize = 250;
-
-fn scene(lot: &Lot, seed: u64) -> Scene {
-    let [low, high] = lot.restitution;
-    let part = |n: usize| low + (high - low) * (n as f32 + 0.5) / lot.parts as f32;
-    let [ratio, phase] = lot.tone;
-    let mut scene = Scene {
-        target: Target::K(lot.k),
-        seed,
-        parts: (0..lot.parts).map(part).collect(),
-        scatter: core::iter::repeat_n(lot.scatter, lot.parts).collect(),
-        ..Scene::default()
-    };
-    let settings = &mut scene.settings;
-    settings.scatter = lot.scatter;
-    (settings.restitution_low, settings.restitution_high) = (low, high);
+fn scene(of: &Lot, seed: u64) -> Scene {
+    let mut scene = lot(of.restitution, of.scatter, of.k, of.parts, seed);
+    let [ratio, phase] = of.tone;
     if ratio > 0.0 {
-        settings.second_tone = ratio;
-        scene.drive.second_gain = settings.second_gain;
-        scene.drive.second_lag = settings.second_lag;
+        scene.settings.second_tone = ratio;
+        scene.drive.second_gain = scene.settings.second_gain;
+        scene.drive.second_lag = scene.settings.second_lag;
         scene.target = Target::Tones {
-            k: lot.k,
-            shape: Shape {
-                second: UpperTone { ratio, phase },
-                ..Shape::default()
-            },
+            k: of.k,
+            shape: Shape::of_two(UpperTone { ratio, phase }),
         };
     }
     scene
@@ -117,74 +102,8 @@ fn listen(lot: &Lot, seed: u64) -> (Truth, GearMargin, usize) {
     (truth, last, told)
 }
 
-/// Row of the manual's table: true and estimated values of one part and of six.
-fn row(lot: &Lot, found: &[(Truth, GearMargin); 2]) -> String {
-    let [low, high] = lot.restitution;
-    let restitution = if low == high {
-        std::format!("{low}")
-    } else {
-        std::format!("{low}..{high}")
-    };
-    let [ratio, angle] = lot.tone;
-    let tone = if ratio > 0.0 {
-        std::format!("{ratio}, {angle}")
-    } else {
-        "-".into()
-    };
-    let each = |of: &dyn Fn(&Truth, &GearMargin) -> std::string::String| {
-        found
-            .each_ref()
-            .map(|(truth, told)| of(truth, told))
-            .join(" | ")
-    };
-    // No sign before a zero.
-    let signed = |value: f64, digits: usize| {
-        let shown = std::format!("{value:+.digits$}");
-        let is_zero = shown.trim_start_matches(['+', '-', '0', '.']).is_empty();
-        if is_zero { shown[1..].into() } else { shown }
-    };
-    std::format!(
-        "| {restitution} | {:.2} | {} | {tone} | {} | {:.2} | {} | {:.3} | {} |",
-        lot.scatter,
-        lot.k,
-        each(&|truth, told| std::format!(
-            "{} ({:.3})",
-            signed(f64::from(told.restitution) - truth.restitution, 3),
-            told.error
-        )),
-        found[0].0.trace,
-        each(&|truth, told| signed(f64::from(told.trace) - truth.trace, 2)),
-        found[0].1.scatter,
-        each(&|truth, told| std::format!(
-            "{:.0} of {:.0}",
-            told.to_loss,
-            truth.cycles / truth.losses.max(1.0)
-        )),
-    )
-}
-
-/// Compares the rows with the table of tests/real_parts.md; `KBAND_ACCEPT=1` writes it.
-fn print(rows: &[String]) {
-    const MARKER: &str = "<!-- test: estimated_margin_matches_the_plant -->\n";
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/real_parts.md");
-    let page = std::fs::read_to_string(path).unwrap();
-    let (before, after) = page.split_once(MARKER).unwrap();
-    let mut lines = after.split_inclusive('\n');
-    let head: String = lines.by_ref().take(2).collect();
-    let printed = lines.take_while(|line| line.starts_with('|'));
-    let printed: String = printed.collect();
-    let made = rows.join("\n") + "\n";
-    if printed != made && std::env::var_os("KBAND_ACCEPT").is_some_and(|accept| accept == "1") {
-        let rest = &after[head.len() + printed.len()..];
-        std::fs::write(path, [before, MARKER, &head, &made, rest].concat()).unwrap();
-    } else {
-        assert_eq!(printed, made);
-    }
-}
-
 #[test]
 fn estimated_margin_matches_the_plant() {
-    let mut rows = std::vec::Vec::new();
     for (restitution, scatter, k, tone) in [
         ([0.2, 0.2], 0.05, 0.403, [0.0, 0.0]),
         ([0.3, 0.3], 0.05, 0.4438, [0.0, 0.0]),
@@ -197,17 +116,16 @@ fn estimated_margin_matches_the_plant() {
         ([0.3, 0.3], 0.10, 0.39, [0.17, 2.65]),
         ([0.5, 0.5], 0.10, 0.59, [0.23, 2.65]),
     ] {
-        let lot = |parts| Lot {
-            restitution,
-            scatter,
-            parts,
-            k,
-            tone,
-        };
-        let found = [1, 6].map(|parts| {
-            let (truth, told, cycles) = listen(&lot(parts), 3);
-            let what =
-                std::format!("{restitution:?} {scatter} {tone:?} {parts}: {truth:?} {told:?}");
+        for parts in [1, 6] {
+            let lot = Lot {
+                restitution,
+                scatter,
+                parts,
+                k,
+                tone,
+            };
+            let (truth, told, cycles) = listen(&lot, 3);
+            let what = format!("{restitution:?} {scatter} {tone:?} {parts}: {truth:?} {told:?}");
             assert!(cycles > 2400, "{what}: told in {cycles} cycles");
             let apart = (f64::from(told.restitution) - truth.restitution).abs();
             assert!(apart < 3.0 * f64::from(told.error), "{what}");
@@ -217,15 +135,11 @@ fn estimated_margin_matches_the_plant() {
             // In gear for a dozen flights a row, one part has few of them in a minute, unlike
             // many parts.
             let within = if longest > 15.0 { 0.12 } else { 0.35 };
-            assert!(
-                (f64::from(told.trace) - truth.trace).abs() < within,
-                "{what}"
-            );
+            let apart = (f64::from(told.trace) - truth.trace).abs();
+            assert!(apart < within, "{what}");
             let determinant = told.restitution * told.restitution;
-            assert!(
-                (told.flip - 1.0 - determinant - told.trace).abs() < 1e-5,
-                "{what}"
-            );
+            let flip = 1.0 + determinant + told.trace;
+            assert!((told.flip - flip).abs() < 1e-5, "{what}");
             // Three standard errors of the counted losses, and a tenth.
             let to_loss = f64::from(told.to_loss);
             let most = 1.1 + 3.0 / truth.losses.max(1.0).sqrt();
@@ -234,9 +148,6 @@ fn estimated_margin_matches_the_plant() {
                     || to_loss < longest * most && longest < to_loss * most,
                 "{what}"
             );
-            (truth, told)
-        });
-        rows.push(row(&lot(1), &found));
+        }
     }
-    print(&rows);
 }

@@ -3,9 +3,9 @@
 
 use kband::arithmetic::Noise;
 use kband_control::{Limits, State, Target};
-use kband_plant::{Change, Disturbance, Scene};
+use kband_plant::{Change, Scene};
 
-use super::fidelity::Loop;
+use super::fidelity::{Loop, changes};
 use super::lots::{between, random_lot};
 
 /// Seconds from the setpoint within which such parts are detected.
@@ -173,16 +173,12 @@ fn amplitude_for_misfit_parts_is_the_throw_of_a_period_within_the_limits() {
 fn verdict_ends_with_an_empty_track() {
     let gear = Target::Gear { order: 1 };
     let mut scene = scene(gear, [0.2, 0.2], 0.03, 3, [0.0, 0.4]);
-    let changes = [
+    scene.disturbances = changes([
         (14.0, Change::Parts(0)),
         (14.0, Change::Restitution(0.2)),
         (14.0, Change::Scatter(0.03)),
         (17.0, Change::Parts(3)),
-    ];
-    scene.disturbances = changes
-        .into_iter()
-        .map(|(at, change)| Disturbance { at, change })
-        .collect();
+    ]);
     for mut closed in Loop::both(&scene) {
         let (mut misfit, mut ready_at) = (0.0, None);
         while ready_at.is_none() {

@@ -1,7 +1,9 @@
 //! Tests: the closed loop on drives with two and three tones, in both plants.
 
 use kband_control::{Event, Limits, Report, Settings, Shape, State, Target, UpperTone};
-use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Scene};
+use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Scene};
+
+use super::fidelity::changes;
 
 const TOLD: Shape = Shape::of_two(UpperTone::new(0.15, 2.356));
 
@@ -268,11 +270,7 @@ fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
     assert!(push < 36.0 * 1.03, "{push}");
     // Link lost: the upper tone is switched off at once, before the amplitude falls.
     let mut lost = scene(|s| s.link_timeout = 0.5);
-    lost.disturbances = core::iter::once(Disturbance {
-        at: 4.0,
-        change: Change::Link(false),
-    })
-    .collect();
+    lost.disturbances = changes([(4.0, Change::Link(false))]);
     let (report, _, _) = last(&lost, 275);
     assert!(
         report.limits.contains(Limits::LINK_LOST) && report.shape.second.ratio < 0.02,
@@ -280,60 +278,11 @@ fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
     );
     // Fault: no output of any tone.
     let mut hot = scene(|_| ());
-    hot.disturbances = core::iter::once(Disturbance {
-        at: 4.0,
-        change: Change::OverTemperature(true),
-    })
-    .collect();
+    hot.disturbances = changes([(4.0, Change::OverTemperature(true))]);
     let (report, _, _) = last(&hot, 210);
     assert_eq!(report.state, State::Fault);
     assert_eq!(
         (report.command.amplitude, report.command.overtones),
         (0.0, Default::default())
     );
-}
-
-#[test]
-fn two_tones_bring_parts_into_gear_in_both_plants() {
-    let mut scene = scene(|_| ());
-    scene.target = Target::Tones {
-        k: 0.35,
-        shape: TOLD,
-    };
-    // One amplitude suits the whole lot (docs/theory-real-parts.md#t10.3).
-    scene.parts = [0.15, 0.2, 0.25, 0.3].into_iter().collect();
-    let mut closed = ClosedLoop::build(&scene).unwrap();
-    let mut envelope = EnvelopeLoop::build(&scene).unwrap();
-    for n in 0..600 {
-        closed.cycle();
-        envelope.advance();
-        if n < 500 {
-            continue;
-        }
-        let mut strikes = [Vec::new(), Vec::new()];
-        for (list, from) in strikes
-            .iter_mut()
-            .zip([closed.plant().strikes(), envelope.strikes()])
-        {
-            list.extend(
-                from.iter()
-                    .map(|strike| (strike.part, strike.phase, strike.speed)),
-            );
-            list.sort_by_key(|(part, ..)| *part);
-        }
-        // Each part has one impact per cycle.
-        assert_eq!(strikes[0].len(), 4, "{n}: {strikes:?}");
-        for (a, b) in strikes[0].iter().zip(&strikes[1]) {
-            assert!(
-                (a.1 - b.1).abs() < 0.05 && (a.2 / b.2 - 1.0).abs() < 0.02,
-                "{n}: {a:?} {b:?}"
-            );
-        }
-    }
-    // All parts have the same speed.
-    let (a, b) = (
-        closed.plant().displacement(),
-        envelope.moment().displacement,
-    );
-    assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
 }

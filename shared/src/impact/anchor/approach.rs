@@ -2,7 +2,8 @@
 //! the parabola.
 
 use super::flight::{
-    Flight, MAX_KNOWN_HEIGHT, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest,
+    Gravity, MAX_GRAZING_SPEED, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest,
+    node_from_near,
 };
 use crate::arithmetic::square_root_single;
 
@@ -16,22 +17,23 @@ use crate::arithmetic::square_root_single;
 /// condition is `1 + k^2`, or `2 k` where k >= 1. On any track the condition is the largest
 /// `S'^2 + 2 k S` of a turn.
 #[inline(always)]
-pub(super) fn fall<F: Flight>(
-    track: &impl Track,
-    phase: u32,
-    height: f32,
-    rise: f32,
-) -> Option<Approach> {
+pub(super) fn fall(track: &impl Track, phase: u32, height: f32, rise: f32) -> Option<Approach> {
+    let Gravity {
+        k,
+        inverse,
+        min_tall_speed_squared,
+        ..
+    } = track.gravity();
     // The sign of the rise makes the value of a sinking part smaller than 2 k h, below the
     // threshold.
-    let square = rise * abs(rise) + 2.0 * track.k() * height;
-    let is_tall = square >= track.min_tall_speed_squared();
+    let square = rise * abs(rise) + 2.0 * k * height;
+    let is_tall = square >= min_tall_speed_squared;
     if !is_tall {
         return None;
     }
     let speed = square_root_single(square);
-    let (node, offset) = F::node_of(phase, (rise + speed) * track.inverse());
-    approach::<F>(track, node, -offset, speed, 0.0)
+    let (node, offset) = node_from_near(phase, (rise + speed) * inverse);
+    approach(track, node, -offset, speed, 0.0)
 }
 
 /// The last step of an approach.
@@ -48,8 +50,6 @@ pub(crate) struct Approach {
     gain: f32,
     surge: f32,
     bend: f32,
-    /// The node nearest to the step's end and the distance in rad from it.
-    pub end: (i32, f32),
 }
 
 impl Approach {
@@ -72,7 +72,7 @@ impl Approach {
 const MAX_STEPS: u32 = 6;
 
 /// Largest ratio of `b2 u0` to the squared slope at the last step of a final approach. There a
-/// third-order step leaves a thousandth of itself. `Flight::MAX_LAST_STEP` bounds the error.
+/// third-order step leaves a thousandth of itself. `Track::MAX_LAST_STEP` bounds the error.
 const MAX_CURVATURE_RATIO: f32 = 0.1;
 
 /// Largest loss of distance from launch, in rad, over the steps of a final approach. If the part
@@ -83,13 +83,14 @@ const MAX_DISTANCE_LOSS: f32 = 2e-6;
 ///
 /// It starts at a node, `late` rad after the part fell through height `base` at `speed`.
 #[inline(always)]
-pub(super) fn approach<F: Flight>(
-    track: &impl Track,
+pub(super) fn approach<T: Track>(
+    track: &T,
     mut node: i32,
     mut late: f32,
     speed: f32,
     base: f32,
 ) -> Option<Approach> {
+    let Gravity { k, half, .. } = track.gravity();
     for _ in 0..MAX_STEPS {
         let Motion {
             height,
@@ -98,23 +99,17 @@ pub(super) fn approach<F: Flight>(
             surge,
             bend,
         } = track.at(node);
-        let u0 = late * (speed + track.half_k() * late) + (height - base);
-        let u1 = speed + track.k() * late + cosine;
-        let b2 = 0.5 * (track.k() - push);
+        let u0 = late * (speed + half * late) + (height - base);
+        let u1 = speed + k * late + cosine;
+        let b2 = 0.5 * (k - push);
         let square = u1 * u1;
         let product = b2 * u0;
         let step = householder(u0, u1, square, product, -surge);
         let (jump, count) = nearest(step * NODES_PER_RADIAN);
-        let next = node.wrapping_add(jump);
         // Householder's step is also short where it leads to no root; Newton's step is not. The
         // steps may also have led back to launch, where the part rises over the track.
-        let ends = if F::APPROACH_IS_FINAL {
-            abs(u0) < F::MAX_LAST_STEP * (u1 - F::MAX_GRAZING_SPEED)
-                && abs(product) < MAX_CURVATURE_RATIO * square
-        } else {
-            // Far from a root a step may be short by chance, and the exact height wraps.
-            abs(step) < F::MAX_LAST_STEP && abs(u0) < MAX_KNOWN_HEIGHT
-        };
+        let ends = abs(u0) < T::MAX_LAST_STEP * (u1 - MAX_GRAZING_SPEED)
+            && abs(product) < MAX_CURVATURE_RATIO * square;
         if ends {
             return Some(Approach {
                 node,
@@ -124,10 +119,9 @@ pub(super) fn approach<F: Flight>(
                 gain: b2,
                 surge,
                 bend,
-                end: (next, step - count * SPACING),
             });
         }
-        node = next;
+        node = node.wrapping_add(jump);
         late += count * SPACING;
     }
     None

@@ -5,7 +5,7 @@
 use core::f32::consts::TAU;
 
 use super::approach::{Approach, approach};
-use super::flight::{Flight, Launch, RADIANS_PER_STEP, root};
+use super::flight::{Launch, RADIANS_PER_STEP, Track, node_from_near, root};
 use super::short::{MAX_DOUBLE_ROOT_DISCRIMINANT, hop, is_flat};
 use super::sine_track::SineTrack;
 use crate::arithmetic::square_root_single;
@@ -36,18 +36,14 @@ pub(super) const MIN_FALL_SPEED_SQUARED: f32 = 0.1;
 pub(super) const MAX_FALL_BEYOND_TURN: f32 = 0.5;
 
 /// A possible first impact of a low flight.
-pub(crate) enum Candidate {
+pub(super) enum Candidate {
     /// A short hop: flight in rad and arrival speed, both final.
     Hop { flight: f32, arrival: f32 },
-    /// Near `offset` rad from a node, if a down-crossing there is the first.
-    Near { node: i32, offset: f32 },
-    /// The end of a final approach ([`Flight::APPROACH_IS_FINAL`]), if that is the first.
-    Final(Approach),
-    /// No candidate without a search.
-    Unknown,
+    /// The end of an approach, if that is the first.
+    Near(Approach),
 }
 
-/// A candidate from the flight near launch or the fall of the parabola.
+/// A candidate from the flight near launch or the fall of the parabola; `None` without a search.
 ///
 /// Up to the end of the next hump a down-crossing is the first impact:
 ///
@@ -58,7 +54,7 @@ pub(crate) enum Candidate {
 ///
 /// See [`SineTrack::ends`].
 #[inline(always)]
-pub(crate) fn candidate<F: Flight>(track: &SineTrack, launch: &Launch) -> Candidate {
+pub(super) fn candidate(track: &SineTrack, launch: &Launch) -> Option<Candidate> {
     let Launch {
         velocity,
         sine,
@@ -76,12 +72,12 @@ pub(crate) fn candidate<F: Flight>(track: &SineTrack, launch: &Launch) -> Candid
     if a1 > 0.0 && discriminant > -MAX_NEGATIVE_DISCRIMINANT * square {
         let slope = root(discriminant);
         near = 2.0 * velocity / (a1 + slope);
-        if near < F::MAX_SHORT_FLIGHT {
-            if discriminant < MAX_DOUBLE_ROOT_DISCRIMINANT * square || is_flat::<F>(launch) {
-                return Candidate::Unknown;
+        if near < SineTrack::MAX_SHORT_FLIGHT {
+            if discriminant < MAX_DOUBLE_ROOT_DISCRIMINANT * square || is_flat(launch) {
+                return None;
             }
             let (flight, arrival) = hop(launch, near);
-            return Candidate::Hop { flight, arrival };
+            return Some(Candidate::Hop { flight, arrival });
         }
         if near < MAX_CORRECTED_FLIGHT && discriminant > MIN_DISCRIMINANT_RATIO * square {
             let z = near * near;
@@ -92,15 +88,11 @@ pub(crate) fn candidate<F: Flight>(track: &SineTrack, launch: &Launch) -> Candid
             let newton = z * near * over * inverse;
             let bend = (a2 - sine * (1.0 / 8.0) * near) * inverse;
             near -= newton * (1.0 - newton * bend);
-            if !F::APPROACH_IS_FINAL {
-                let (node, offset) = F::node_of(launch.phase, near);
-                return Candidate::Near { node, offset };
-            }
         }
     } else if a1 <= 0.0 && a2 < 0.0 {
         near = (a1 - square_root_single(discriminant)) / (a2 + a2);
-        if near < F::MAX_SHORT_FLIGHT {
-            return Candidate::Unknown;
+        if near < SineTrack::MAX_SHORT_FLIGHT {
+            return None;
         }
     }
     let rise = velocity + cosine;
@@ -108,29 +100,21 @@ pub(crate) fn candidate<F: Flight>(track: &SineTrack, launch: &Launch) -> Candid
     if near >= MAX_START_FROM_LAUNCH {
         let square = rise * rise + 2.0 * track.k * sine;
         if !(rise > 0.0 && square > MIN_FALL_SPEED_SQUARED) {
-            return Candidate::Unknown;
+            return None;
         }
         speed = square_root_single(square);
         origin = (rise + speed) * track.inverse;
         // Leaves flights that end after the hump after the next one to the search.
         let to_lift_off = track.lift_off.wrapping_sub(launch.phase) as f32 * RADIANS_PER_STEP;
         if origin > to_lift_off + (TAU + MAX_FALL_BEYOND_TURN) {
-            return Candidate::Unknown;
+            return None;
         }
         near = origin;
         base = 0.0;
     }
-    let (node, offset) = F::node_of(launch.phase, near);
+    let (node, offset) = node_from_near(launch.phase, near);
     let late = (near - origin) - offset;
-    match approach::<F>(track, node, late, speed, base) {
-        Some(approach) if F::APPROACH_IS_FINAL && approach.preserves_distance(node, late) => {
-            Candidate::Final(approach)
-        }
-        Some(_) if F::APPROACH_IS_FINAL => Candidate::Unknown,
-        Some(approach) => {
-            let (node, offset) = approach.end;
-            Candidate::Near { node, offset }
-        }
-        None => Candidate::Unknown,
-    }
+    approach(track, node, late, speed, base)
+        .filter(|approach| approach.preserves_distance(node, late))
+        .map(Candidate::Near)
 }

@@ -7,15 +7,19 @@ pub(super) const SPACING: f32 = node::SPACING as f32;
 pub(super) const NODES_PER_RADIAN: f32 = (1.0 / node::SPACING) as f32;
 pub(super) const RADIANS_PER_STEP: f32 = Phase::RADIANS_PER_STEP as f32;
 pub(super) const STEPS_PER_RADIAN: f32 = Phase::STEPS_PER_RADIAN as f32;
-/// Height in b beyond which a kernel may keep only the sign ([`Flight::local`]): no step from there
-/// ends at an impact.
-pub(super) const MAX_KNOWN_HEIGHT: f32 = 2.0;
+/// Height in b beyond which no step ends at an impact.
+pub(super) const MAX_HEIGHT: f32 = 2.0;
+/// Arrival speed in `b w` below which a graze may be within rounding.
+pub(super) const MAX_GRAZING_SPEED: f32 = 0.015;
+/// Gap in b over a hump that is within rounding: some eighty ulps, the roundings of a height at
+/// 60 b w. `grazing_flights_are_decided_down_to_rounding` tests it.
+pub(super) const GAP_ROUNDING: f32 = 1e-5;
 /// 1.5 * 2^23: adding it rounds an f32 below 2^22 to an integer in the low bits.
 const ROUNDING_OFFSET: f32 = 12_582_912.0;
 
 /// A launch in f32.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Launch {
+pub(super) struct Launch {
     /// Phase, steps.
     pub phase: u32,
     /// Velocity relative to the track (psi).
@@ -30,7 +34,7 @@ pub(crate) struct Launch {
 /// Height and slope of the flight above the track at a node, with the track's push and its
 /// derivatives.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Local {
+pub(super) struct Local {
     pub height: f32,
     pub slope: f32,
     /// `A = -S''`, A' and -A''. A sine has its sine, cosine and sine.
@@ -52,52 +56,72 @@ pub(in crate::impact) struct Motion {
     pub bend: f32,
 }
 
-/// A track, for steps on nodes.
-pub(super) trait Track {
-    /// k, half of it and its inverse.
-    fn k(&self) -> f32;
-    fn half_k(&self) -> f32;
-    fn inverse(&self) -> f32;
+/// k, half of it and its inverse.
+#[derive(Clone, Copy)]
+pub(super) struct Gravity {
+    pub k: f32,
+    pub half: f32,
+    pub inverse: f32,
     /// Smallest squared speed at height 0 of a tall flight.
-    fn min_tall_speed_squared(&self) -> f32;
-    /// The track at a node, from f32.
-    fn at(&self, node: i32) -> Motion;
+    pub min_tall_speed_squared: f32,
 }
 
-/// A flight in the arithmetic of its kernel.
-pub(crate) trait Flight {
-    /// The flight at a node, counted from phase 0 of the turn of launch.
-    ///
-    /// Near an impact it has the kernel's full precision. A height of 2 or -2 may replace any
-    /// beyond.
-    fn local(&self, node: i32) -> Local;
+/// A track, for steps on nodes.
+pub(in crate::impact) trait Track {
     /// Flight time in rad below which the form divided by the flight time keeps more digits than a
     /// node.
     const MAX_SHORT_FLIGHT: f32;
-    /// Gap over a hump that is within rounding: constant part, and part per rad of flight.
-    const GAP_ROUNDING: f32;
-    const GAP_ROUNDING_PER_RADIAN: f32;
-    /// Rounding of the pull.
-    const PULL_ROUNDING: f32;
-    /// Node at which an approach begins, and the offset in rad.
-    #[inline(always)]
-    fn node_of(phase: u32, x: f32) -> (i32, f32) {
-        node_of(phase, x)
-    }
-    /// Longest last step of an approach, in rad.
+    /// Longest last step of an approach, in rad: the remaining error is its cube.
     const MAX_LAST_STEP: f32;
-    /// Arrival speed below which a graze may be within rounding.
-    const MAX_GRAZING_SPEED: f32;
-    /// Whether an approach ends at the impact, to the precision of the kernel.
-    const APPROACH_IS_FINAL: bool;
     /// Last correction in rad that leaves an error within rounding, at an arrival speed of 1.
     const MAX_LAST_CORRECTION: f32;
+    /// Rounding of the pull in `b w^2`.
+    const PULL_ROUNDING: f32;
+    /// Gap in b over a hump that is within rounding, per rad of flight.
+    const GAP_ROUNDING_PER_RADIAN: f32;
+
+    fn gravity(&self) -> Gravity;
+
+    /// The track at a node.
+    fn at(&self, node: i32) -> Motion;
 }
 
-/// A flight over a sine.
-pub(crate) trait OverSine: Flight {
-    /// Ballistic height minus k at `steps` after launch, for an f32 value `nearly` 0; k < 1.
-    fn above_k(&self, steps: i64, nearly: f32) -> f32;
+/// A flight in f32.
+#[derive(Clone, Copy)]
+pub(in crate::impact) struct Ballistic<'a, T> {
+    pub track: &'a T,
+    /// Phase of the launch, steps.
+    pub phase: u32,
+    /// Displacement of the track there.
+    pub height: f32,
+    /// The ball's velocity there, `psi + S'`.
+    pub rise: f32,
+}
+
+impl<T: Track> Ballistic<'_, T> {
+    /// The flight at a node, counted from phase 0 of the turn of launch.
+    #[inline(always)]
+    pub fn local(&self, node: i32) -> Local {
+        let steps = steps_to(self.phase, node);
+        // Whole turns and the rest, each rounded once.
+        let turns = ((steps + (1 << 31)) >> 32) as i32;
+        let time = steps as i32 as f32 * RADIANS_PER_STEP + turns as f32 * core::f32::consts::TAU;
+        let at = self.track.at(node);
+        let fall = self.track.gravity().k * time;
+        Local {
+            height: (self.height - at.height) + time * (self.rise - 0.5 * fall),
+            slope: self.rise - fall - at.speed,
+            push: at.push,
+            surge: at.surge,
+            bend: at.bend,
+        }
+    }
+}
+
+/// Steps from a phase to a node.
+#[inline(always)]
+pub(super) fn steps_to(phase: u32, node: i32) -> i64 {
+    (i64::from(node) << 24) - i64::from(phase)
 }
 
 #[inline(always)]
@@ -106,12 +130,12 @@ pub(super) fn abs(x: f32) -> f32 {
 }
 
 #[inline(always)]
-pub(crate) fn smaller(a: f32, b: f32) -> f32 {
+pub(super) fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 #[inline(always)]
-pub(crate) fn larger(a: f32, b: f32) -> f32 {
+pub(super) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
@@ -141,15 +165,9 @@ pub(super) fn node_of(phase: u32, x: f32) -> (i32, f32) {
 
 /// As [`node_of`], from the node nearest to the phase: the angle from there keeps its digits.
 #[inline(always)]
-pub(crate) fn node_from_near(phase: u32, x: f32) -> (i32, f32) {
+pub(super) fn node_from_near(phase: u32, x: f32) -> (i32, f32) {
     let first = ((phase >> 23) + 1) >> 1;
     let angle = phase.wrapping_sub(first << 24) as i32 as f32 * RADIANS_PER_STEP + x;
     let (jump, count) = nearest(angle * NODES_PER_RADIAN);
     (first as i32 + jump, angle - count * SPACING)
-}
-
-#[inline(always)]
-pub(super) fn sine_cosine_at(node: i32) -> (f32, f32) {
-    let [sine, cosine] = node::SINE_COSINE_SINGLE[(node & 255) as usize];
-    (sine, cosine)
 }

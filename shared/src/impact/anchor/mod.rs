@@ -14,7 +14,6 @@
 mod approach;
 mod candidate;
 mod flight;
-mod hybrid;
 mod search;
 mod settle;
 mod short;
@@ -23,6 +22,5 @@ mod single;
 mod solve;
 mod wave_single;
 
-pub use hybrid::Hybrid;
 pub use single::SingleState;
 pub use wave_single::Single;

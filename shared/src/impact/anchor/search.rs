@@ -5,23 +5,23 @@ use core::f32::consts::TAU;
 use core::f64::consts::PI;
 
 use super::flight::{
-    Flight, Launch, OverSine, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root,
-    smaller,
+    Ballistic, GAP_ROUNDING, Launch, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger,
+    node_of, root, smaller,
 };
 use super::settle::expand;
 use super::short::{ShortFlight, hop, short_flight};
 use super::sine_track::SineTrack;
-use super::solve::{Bracket, Found, LaunchPoint, solve};
+use super::solve::{Bracket, Found, solve};
 use crate::arithmetic::{Phase, sine_cosine_single};
 
 /// The first impact of a flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
-pub(crate) fn search<F: OverSine>(track: &SineTrack, launch: &Launch, flight: &F) -> (Found, bool) {
-    let first = short_flight::<F>(launch);
+pub(super) fn search(launch: &Launch, flight: &Ballistic<'_, SineTrack>) -> (Found, bool) {
+    let first = short_flight(launch);
     let (mut guess, mut clears, mut skims) = (0.0, false, false);
     match first {
         ShortFlight::Hop { near, grazes } if near > 0.0 => {
-            if near < F::MAX_SHORT_FLIGHT {
+            if near < SineTrack::MAX_SHORT_FLIGHT {
                 let (flight, arrival) = hop(launch, near);
                 return (Found::Short { flight, arrival }, grazes);
             }
@@ -30,23 +30,18 @@ pub(crate) fn search<F: OverSine>(track: &SineTrack, launch: &Launch, flight: &F
         ShortFlight::Clears { grazes } => (clears, skims) = (true, grazes),
         _ => {}
     }
-    let (bracket, grazes) = find_bracket(track, launch, flight, clears, guess);
-    let start = LaunchPoint {
-        phase: launch.phase,
-        height: launch.sine,
-        rise: launch.velocity + launch.cosine,
-    };
-    (solve(track, &start, flight, &bracket), grazes || skims)
+    let (bracket, grazes) = find_bracket(launch, flight, clears, guess);
+    (solve(flight, &bracket), grazes || skims)
 }
 
 #[inline(always)]
-fn find_bracket<F: OverSine>(
-    track: &SineTrack,
+fn find_bracket(
     launch: &Launch,
-    flight: &F,
+    flight: &Ballistic<'_, SineTrack>,
     clears: bool,
     guess: f32,
 ) -> (Bracket, bool) {
+    let track = flight.track;
     let SineTrack {
         k,
         half_k,
@@ -76,15 +71,11 @@ fn find_bracket<F: OverSine>(
     let over_k = |x: f32| x * (v - half_k * x) - pull;
     let over_flank = |x: f32| v - k * x - lift_off_cosine;
     // From the very begin of a hump the next one is a whole turn away.
-    let (to_lift_off, lift_off) = match track.lift_off.wrapping_sub(launch.phase) {
-        0 => (Phase::STEPS, TAU),
-        steps => (i64::from(steps), steps as f32 * RADIANS_PER_STEP),
+    let lift_off = match track.lift_off.wrapping_sub(launch.phase) {
+        0 => TAU,
+        steps => steps as f32 * RADIANS_PER_STEP,
     };
-    // f32 keeps the height over k to 1e-5 here; nearer to 0 the kernel's full precision decides.
-    let mut at_entry = over_k(lift_off);
-    if abs(at_entry) < 3e-5 {
-        at_entry = flight.above_k(to_lift_off, at_entry);
-    }
+    let at_entry = over_k(lift_off);
     if at_entry <= 0.0 && !clears {
         let low = if track.throws(launch.phase) {
             lift_off - (TAU - hump_length)
@@ -110,20 +101,16 @@ fn find_bracket<F: OverSine>(
     }
     // Time when the ball falls through height k.
     let through = (v + root(v * v - 2.0 * k * pull)) * inverse;
-    // Whether the ball has fallen through height k; near that time in the kernel's full precision.
-    let falls = |time: f32, steps: i64| {
+    // Whether the ball has fallen through height k; near that time its height decides.
+    let falls = |time: f32| {
         if abs(time - through) < 1e-4 {
-            flight.above_k(steps, over_k(time)) <= 0.0
+            over_k(time) <= 0.0
         } else {
             time > through
         }
     };
     let mut grazes = false;
-    let (mut begin, mut begin_steps) = if clears {
-        (lift_off + TAU, to_lift_off + Phase::STEPS)
-    } else {
-        (lift_off, to_lift_off)
-    };
+    let mut begin = if clears { lift_off + TAU } else { lift_off };
     // A hump that ends below height 1 holds the root. So at most the humps at either end of the
     // window above height 1 are visited, which bounds the rounds.
     for _ in 0..16 {
@@ -138,7 +125,7 @@ fn find_bracket<F: OverSine>(
             };
             begin - step
         };
-        if falls(begin, begin_steps) {
+        if falls(begin) {
             let bracket = Bracket {
                 low: smaller(through, begin) - 1e-4,
                 high: begin,
@@ -147,7 +134,7 @@ fn find_bracket<F: OverSine>(
             return (bracket, grazes);
         }
         let end = begin + hump_length;
-        if falls(end, begin_steps + i64::from(track.hump)) {
+        if falls(end) {
             let bracket = Bracket {
                 low: begin,
                 high: through + 1e-4,
@@ -173,8 +160,7 @@ fn find_bracket<F: OverSine>(
                 margin > 0.0 && over_top > 1e-4 && 4.0 * margin * (over_top - 1e-4) > slope * slope;
             let half = 0.5 * hump_length;
             if !safe && slope + k * half < lift_off_cosine && slope - k * half > -lift_off_cosine {
-                let (poke, touches) =
-                    find_minimum(track, launch.phase, flight, middle, over_top, slope);
+                let (poke, touches) = find_minimum(flight, middle, over_top, slope);
                 grazes |= touches;
                 if let Some(mut bracket) = poke {
                     bracket.low = begin;
@@ -188,7 +174,6 @@ fn find_bracket<F: OverSine>(
             turns += count_passed_humps(track, v, sine, begin + TAU);
         }
         begin += turns as f32 * TAU;
-        begin_steps += i64::from(turns) << 32;
     }
     let bracket = Bracket {
         low: lift_off,
@@ -219,14 +204,13 @@ fn count_passed_humps(track: &SineTrack, v: f32, sine: f32, begin: f32) -> i32 {
 /// Returns a bracket that ends there if the minimum is below the track, and whether it is within
 /// rounding.
 #[inline(never)]
-fn find_minimum<F: Flight>(
-    track: &SineTrack,
-    phase: u32,
-    flight: &F,
+fn find_minimum(
+    flight: &Ballistic<'_, SineTrack>,
     middle: f32,
     over_top: f32,
     slope: f32,
 ) -> (Option<Bracket>, bool) {
+    let track = flight.track;
     let half = 0.5 * track.hump_length;
     let k = track.k;
     let (mut low, mut high) = (-half, half);
@@ -264,7 +248,7 @@ fn find_minimum<F: Flight>(
         }
     }
     let time = middle + d;
-    let (node, offset) = node_of(phase, time);
+    let (node, offset) = node_of(flight.phase, time);
     let local = flight.local(node);
     let (height, gain, b2) = expand(k, &local, offset);
     let rate = local.slope + gain;
@@ -277,6 +261,6 @@ fn find_minimum<F: Flight>(
     });
     (
         bracket,
-        abs(lowest) < F::GAP_ROUNDING + F::GAP_ROUNDING_PER_RADIAN * time,
+        abs(lowest) < GAP_ROUNDING + SineTrack::GAP_ROUNDING_PER_RADIAN * time,
     )
 }

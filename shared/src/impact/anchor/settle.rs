@@ -3,7 +3,7 @@
 //! Simple roots take Chebyshev's method, nearly double roots Cauchy's step with a cubic correction
 //! (Traub 1964).
 
-use super::flight::{Flight, Local, abs, larger, root, smaller};
+use super::flight::{Local, MAX_GRAZING_SPEED, Track, abs, larger, root, smaller};
 
 // The constants choose between two ways to the same impact, measured over 420 000 launches. Within
 // the ranges of docs/tuning.md none more is wrong, at most 2 more are flagged.
@@ -31,7 +31,7 @@ const MAX_STEPS: u32 = 8;
 
 /// A settled impact: offset from its node in rad, and arrival speed plus the node's slope.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Settled {
+pub(super) struct Settled {
     pub offset: f32,
     pub speed_gain: f32,
 }
@@ -62,13 +62,13 @@ pub(super) fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
 /// `None` if two steps do not suffice, at an up-crossing (the steps may have led back to launch),
 /// or near a graze.
 #[inline(always)]
-pub(crate) fn settle<F: Flight>(k: f32, local: &Local, offset: f32) -> Option<Settled> {
-    let (settled, left) = settle_once::<F>(k, local, offset);
+pub(super) fn settle<T: Track>(k: f32, local: &Local, offset: f32) -> Option<Settled> {
+    let (settled, left) = settle_once::<T>(k, local, offset);
     if left < 0.0 {
         return Some(settled);
     }
     if abs(settled.offset) < MAX_NODE_DISTANCE {
-        let (settled, left) = settle_once::<F>(k, local, settled.offset);
+        let (settled, left) = settle_once::<T>(k, local, settled.offset);
         return (left < 0.0).then_some(settled);
     }
     None
@@ -76,7 +76,7 @@ pub(crate) fn settle<F: Flight>(k: f32, local: &Local, offset: f32) -> Option<Se
 
 /// One step of Chebyshev's method; the second value is below 0 if it suffices.
 #[inline(always)]
-fn settle_once<F: Flight>(k: f32, local: &Local, offset: f32) -> (Settled, f32) {
+fn settle_once<T: Track>(k: f32, local: &Local, offset: f32) -> (Settled, f32) {
     let (height, gain, b2) = expand(k, local, offset);
     let slope = local.slope + gain;
     let inverse = 1.0 / slope;
@@ -85,7 +85,7 @@ fn settle_once<F: Flight>(k: f32, local: &Local, offset: f32) -> (Settled, f32) 
     // The remaining error is about 2 (b2 newton / slope)^2 newton.
     (
         finished(local, offset, gain, b2, e),
-        abs(newton) + F::MAX_LAST_CORRECTION * (slope + F::MAX_GRAZING_SPEED),
+        abs(newton) + T::MAX_LAST_CORRECTION * (slope + MAX_GRAZING_SPEED),
     )
 }
 
@@ -114,7 +114,7 @@ pub(super) fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
 
 /// The first root from `offset` near a node, also near a double root; and whether it is doubtful.
 #[inline(never)]
-pub(crate) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settled, bool) {
+pub(super) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settled, bool) {
     let mut doubtful = false;
     let mut round = 0;
     loop {

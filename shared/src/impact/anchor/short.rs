@@ -4,8 +4,9 @@
 //! The steps are Chebyshev's, or Cauchy's near a double root (Traub 1964). The form keeps every
 //! digit.
 
-use super::flight::{Flight, Launch, abs, larger, root, smaller};
+use super::flight::{Launch, Track, abs, larger, root, smaller};
 use super::settle::down_crossing;
+use super::sine_track::SineTrack;
 
 /// `w = u / d` of a short flight and its derivative, in forms that keep every digit.
 #[inline(always)]
@@ -57,10 +58,9 @@ pub(super) enum ShortFlight {
 }
 
 #[inline(always)]
-pub(super) fn short_flight<F: Flight>(launch: &Launch) -> ShortFlight {
-    let (limit, rounding) = (F::MAX_SHORT_FLIGHT, F::PULL_ROUNDING);
-    if is_flat::<F>(launch) {
-        return flat_hop(*launch, limit, rounding);
+pub(super) fn short_flight(launch: &Launch) -> ShortFlight {
+    if is_flat(launch) {
+        return flat_hop(*launch);
     }
     // u/d = psi - a1 d + a2 d^2 - ...
     let a1 = 0.5 * launch.pull;
@@ -71,7 +71,7 @@ pub(super) fn short_flight<F: Flight>(launch: &Launch) -> ShortFlight {
     let discriminant = a1 * a1 - 4.0 * a2 * launch.velocity;
     if a1 > 0.0 {
         if a2 > 0.0 && discriminant < MAX_DOUBLE_ROOT_DISCRIMINANT * a1 * a1 {
-            return double_hop(*launch, a1, a2, rounding);
+            return double_hop(*launch, a1, a2);
         }
         simple_hop(2.0 * launch.velocity / (a1 + root(discriminant)))
     } else if discriminant >= 0.0 {
@@ -83,7 +83,8 @@ pub(super) fn short_flight<F: Flight>(launch: &Launch) -> ShortFlight {
 
 /// The first root below `limit` of `u/d` where its cubic term decides.
 #[inline(never)]
-fn flat_hop(launch: Launch, limit: f32, rounding: f32) -> ShortFlight {
+fn flat_hop(launch: Launch) -> ShortFlight {
+    let limit = SineTrack::MAX_SHORT_FLIGHT;
     let a1 = 0.5 * launch.pull;
     let a2 = launch.cosine * (1.0 / 6.0);
     let a3 = launch.sine * (1.0 / 24.0);
@@ -100,7 +101,8 @@ fn flat_hop(launch: Launch, limit: f32, rounding: f32) -> ShortFlight {
     } else {
         1.0
     };
-    let grazes = abs(least) < rounding * valley + QUOTIENT_ROUNDING * launch.velocity;
+    let grazes =
+        abs(least) < SineTrack::PULL_ROUNDING * valley + QUOTIENT_ROUNDING * launch.velocity;
     let mut x = if least <= 0.0 {
         0.0
     } else if deflated(&launch, limit).0 <= 0.0 {
@@ -140,7 +142,7 @@ fn simple_hop(near: f32) -> ShortFlight {
 
 /// Two nearly equal short roots, separated by the minimum of `u/d`.
 #[inline(never)]
-fn double_hop(launch: Launch, a1: f32, a2: f32, rounding: f32) -> ShortFlight {
+fn double_hop(launch: Launch, a1: f32, a2: f32) -> ShortFlight {
     let mut x = a1 / (2.0 * a2);
     if x > MAX_VALLEY_TIME {
         return ShortFlight::Open;
@@ -153,7 +155,7 @@ fn double_hop(launch: Launch, a1: f32, a2: f32, rounding: f32) -> ShortFlight {
         minimum = w + 0.5 * w1 * e;
         x += e;
     }
-    let grazes = abs(minimum) < rounding * x + QUOTIENT_ROUNDING * launch.velocity;
+    let grazes = abs(minimum) < SineTrack::PULL_ROUNDING * x + QUOTIENT_ROUNDING * launch.velocity;
     if minimum > 0.0 {
         ShortFlight::Clears { grazes }
     } else {
@@ -189,12 +191,12 @@ pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
 /// Whether the cubic is too inaccurate for a short hop: pull and cosine both vanish at the top of
 /// the track, with k near 1.
 ///
-/// Within a short hop of the top the cosine is below [`Flight::MAX_SHORT_FLIGHT`] and the sine
+/// Within a short hop of the top the cosine is below [`Track::MAX_SHORT_FLIGHT`] and the sine
 /// above 0.96, which is a quicker test. Below the bound of the pull, the fourth order of `u`,
 /// `d^4/24`, exceeds a quarter of the pull's term.
 #[inline(always)]
-pub(super) fn is_flat<F: Flight>(launch: &Launch) -> bool {
+pub(super) fn is_flat(launch: &Launch) -> bool {
     launch.sine > 0.96
-        && abs(launch.cosine) < F::MAX_SHORT_FLIGHT
-        && abs(launch.pull) < 0.3 * F::MAX_SHORT_FLIGHT * F::MAX_SHORT_FLIGHT
+        && abs(launch.cosine) < SineTrack::MAX_SHORT_FLIGHT
+        && abs(launch.pull) < 0.3 * SineTrack::MAX_SHORT_FLIGHT * SineTrack::MAX_SHORT_FLIGHT
 }

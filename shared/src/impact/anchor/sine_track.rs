@@ -1,16 +1,15 @@
 //! Shape: the constants of a track for the search in f32, and closed tests of a flight.
 
-use super::flight::{
-    Flight, Motion, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger, sine_cosine_at,
-};
+use super::flight::{Gravity, Motion, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger};
 use crate::arithmetic::Phase;
+use crate::arithmetic::node::SINE_COSINE_SINGLE;
 use crate::arithmetic::positive::Positive;
 use crate::impact::set_up::SetUp;
 
 /// Constants of the track for the search, in f32.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct SineTrack {
-    pub k: f32,
+pub(super) struct SineTrack {
+    pub(super) k: f32,
     pub(super) half_k: f32,
     pub(super) inverse: f32,
     /// Excess of k over 1, at least 0.
@@ -67,9 +66,9 @@ impl SineTrack {
     /// digits. It is a fifth below the longest short hop, because a candidate only approximates the
     /// impact.
     #[inline(always)]
-    pub fn ends<F: Flight>(&self, phase: u32, steps: i64) -> bool {
+    pub fn ends(&self, phase: u32, steps: i64) -> bool {
         let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
-        steps >= (0.8 * F::MAX_SHORT_FLIGHT * STEPS_PER_RADIAN) as i64
+        steps >= (0.8 * Self::MAX_SHORT_FLIGHT * STEPS_PER_RADIAN) as i64
             && steps <= i64::from(to_lift_off) + i64::from(self.hump)
     }
 
@@ -123,66 +122,34 @@ fn radians(steps: u32) -> f32 {
 }
 
 impl Track for SineTrack {
-    #[inline(always)]
-    fn k(&self) -> f32 {
-        self.k
-    }
+    // Near the top of the track, other values give larger errors or wrong impacts.
+    const MAX_SHORT_FLIGHT: f32 = 0.25;
+    const MAX_LAST_STEP: f32 = 0.03;
+    const MAX_LAST_CORRECTION: f32 = 5e-3;
+    // An ulp of 1.
+    const PULL_ROUNDING: f32 = 1.2e-7;
+    // Eight ulps.
+    const GAP_ROUNDING_PER_RADIAN: f32 = 1e-6;
 
     #[inline(always)]
-    fn half_k(&self) -> f32 {
-        self.half_k
-    }
-
-    #[inline(always)]
-    fn inverse(&self) -> f32 {
-        self.inverse
-    }
-
-    #[inline(always)]
-    fn min_tall_speed_squared(&self) -> f32 {
-        self.min_tall_speed_squared
+    fn gravity(&self) -> Gravity {
+        Gravity {
+            k: self.k,
+            half: self.half_k,
+            inverse: self.inverse,
+            min_tall_speed_squared: self.min_tall_speed_squared,
+        }
     }
 
     #[inline(always)]
     fn at(&self, node: i32) -> Motion {
-        let (sine, cosine) = sine_cosine_at(node);
+        let [sine, cosine] = SINE_COSINE_SINGLE[(node & 255) as usize];
         Motion {
             height: sine,
             speed: cosine,
             push: sine,
             surge: cosine,
             bend: sine,
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn derived_constants_match_f64() {
-        for n in 0..100_000 {
-            let k = 0.005 + 3.995 * (f64::from(n) * 0.618_033_988_749_895).rem_euclid(1.0);
-            let k = if n % 2 == 0 {
-                1.0 / (0.25 + k)
-            } else {
-                f64::from(k as f32)
-            };
-            let set_up = SetUp::build(k, 0.5).unwrap();
-            let track = SineTrack::new(&set_up);
-            let cosine = libm::sqrt(((1.0 - k) * (1.0 + k)).max(0.0));
-            let reach = (0.48 * cosine / k).min(1.26);
-            let skim = 0.4 * cosine * reach * reach;
-            // Fifteen roundings to f32: five of the reach, which enters twice, and five more.
-            let off = (f64::from(track.skim) - skim).abs();
-            assert!(off <= 15.0 * 6e-8 * skim, "{k:e}");
-            let length = (f64::from(set_up.hump) * Phase::RADIANS_PER_STEP) as f32;
-            assert_eq!(track.hump_length, length, "{k:e}");
-            assert_eq!(
-                (track.half_k, track.excess),
-                ((0.5 * k) as f32, (k - 1.0).max(0.0) as f32)
-            );
         }
     }
 }

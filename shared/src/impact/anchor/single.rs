@@ -2,15 +2,12 @@
 
 use super::approach::{Approach, fall};
 use super::candidate::{Candidate, candidate};
-use super::flight::{
-    Flight, Launch, Local, OverSine, RADIANS_PER_STEP, STEPS_PER_RADIAN, larger, node_from_near,
-    smaller,
-};
+use super::flight::{Ballistic, Launch, Local, STEPS_PER_RADIAN, Track, larger, smaller, steps_to};
 use super::search::search;
 use super::settle::{Settled, settle, settle_carefully};
 use super::sine_track::SineTrack;
 use super::solve::Found;
-use crate::arithmetic::{Phase, node, sine_cosine_single};
+use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::OutOfRange;
 use crate::impact::kernel::{Landing, MAX_VELOCITY};
 use crate::impact::set_up::SetUp;
@@ -43,9 +40,9 @@ impl SineSingle {
         let (sine, cosine) = sine_cosine_single(state.phase);
         let phase = state.phase.bits();
         let flight = Ballistic {
-            k: self.0.k,
+            track: &self.0,
             phase,
-            sine,
+            height: sine,
             rise: state.velocity + cosine,
         };
         let mut launch = Launch {
@@ -55,9 +52,7 @@ impl SineSingle {
             cosine,
             pull: 0.0,
         };
-        if let Some(approach) =
-            fall::<Ballistic>(&self.0, phase, launch.sine, launch.velocity + launch.cosine)
-        {
+        if let Some(approach) = fall(&self.0, phase, flight.height, flight.rise) {
             let steps = steps_after(phase, &approach);
             return landing(phase, steps, approach.arrival(), restitution, false);
         }
@@ -96,49 +91,47 @@ impl SineSingle {
     #[inline(never)]
     fn land_low(
         &self,
-        flight: &Ballistic,
+        flight: &Ballistic<'_, SineTrack>,
         launch: &Launch,
         restitution: f32,
     ) -> Landing<SingleState> {
-        match candidate::<Ballistic>(&self.0, launch) {
-            Candidate::Hop { flight, arrival } => {
+        match candidate(&self.0, launch) {
+            Some(Candidate::Hop { flight, arrival }) => {
                 return land_short(launch.phase, flight, arrival, restitution, false);
             }
-            Candidate::Final(approach) => {
+            Some(Candidate::Near(approach)) => {
                 let steps = steps_after(flight.phase, &approach);
-                if self.0.ends::<Ballistic>(flight.phase, steps)
+                if self.0.ends(flight.phase, steps)
                     || self.0.clears(flight.phase, flight.rise, launch.pull, steps)
                 {
                     return landing(flight.phase, steps, approach.arrival(), restitution, false);
                 }
             }
-            Candidate::Near { .. } | Candidate::Unknown => {}
+            None => {}
         }
-        self.land_by_search(*flight, *launch, restitution)
+        land_by_search(*flight, *launch, restitution)
     }
+}
 
-    #[inline(never)]
-    fn land_by_search(
-        &self,
-        flight: Ballistic,
-        launch: Launch,
-        restitution: f32,
-    ) -> Landing<SingleState> {
-        let (found, grazes) = search(&self.0, &launch, &flight);
-        land_found(self.0.k, restitution, launch.phase, &flight, found, grazes)
-    }
+#[inline(never)]
+fn land_by_search(
+    flight: Ballistic<'_, SineTrack>,
+    launch: Launch,
+    restitution: f32,
+) -> Landing<SingleState> {
+    let (found, grazes) = search(&launch, &flight);
+    land_found(&flight, restitution, found, grazes)
 }
 
 /// The impact that the search found, settled.
 #[inline(always)]
-pub(super) fn land_found<F: Flight>(
-    k: f32,
+pub(super) fn land_found<T: Track>(
+    flight: &Ballistic<'_, T>,
     restitution: f32,
-    phase: u32,
-    flight: &F,
     found: Found,
     grazes: bool,
 ) -> Landing<SingleState> {
+    let (k, phase) = (flight.track.gravity().k, flight.phase);
     match found {
         Found::Short {
             flight: time,
@@ -156,7 +149,7 @@ pub(super) fn land_found<F: Flight>(
                 landing(phase, steps, speed, restitution, grazes)
             };
             let local = flight.local(node);
-            if simple && let Some(settled) = settle::<F>(k, &local, offset) {
+            if simple && let Some(settled) = settle::<T>(k, &local, offset) {
                 return impact_at(&local, settled, grazes);
             }
             let (settled, doubtful) = settle_carefully(k, local, offset);
@@ -205,68 +198,6 @@ pub(super) fn landing(
 }
 
 #[inline(always)]
-pub(super) fn steps_to(phase: u32, node: i32) -> i64 {
-    (i64::from(node) << 24) - i64::from(phase)
-}
-
-#[inline(always)]
 pub(super) fn steps_after(phase: u32, approach: &Approach) -> i64 {
     steps_to(phase, approach.node) + i64::from((approach.step * STEPS_PER_RADIAN) as i32)
-}
-
-/// A flight in f32.
-#[derive(Clone, Copy)]
-struct Ballistic {
-    k: f32,
-    phase: u32,
-    sine: f32,
-    rise: f32,
-}
-
-impl Flight for Ballistic {
-    // Flight time in rad. Near the top of the track, other values give larger errors or wrong
-    // impacts.
-    const MAX_SHORT_FLIGHT: f32 = 0.25;
-    // Step in rad: the remaining error is its cube.
-    const MAX_LAST_STEP: f32 = 0.03;
-    // Arrival speed in `b w` of a possible graze.
-    const MAX_GRAZING_SPEED: f32 = 0.015;
-    const APPROACH_IS_FINAL: bool = true;
-    // Correction in rad: beyond it the careful way takes over.
-    const MAX_LAST_CORRECTION: f32 = 5e-3;
-    // Pull in `b w^2`: an ulp of 1.
-    const PULL_ROUNDING: f32 = 1.2e-7;
-    // Gap in b: some eighty ulps, the roundings of a height at 60 b w.
-    // `grazing_flights_are_decided_down_to_rounding` tests it.
-    const GAP_ROUNDING: f32 = 1e-5;
-    // Gap in b per rad of flight: eight ulps.
-    const GAP_ROUNDING_PER_RADIAN: f32 = 1e-6;
-
-    #[inline(always)]
-    fn node_of(phase: u32, x: f32) -> (i32, f32) {
-        node_from_near(phase, x)
-    }
-
-    #[inline(always)]
-    fn local(&self, node: i32) -> Local {
-        let steps = steps_to(self.phase, node);
-        // Whole turns and the rest, each rounded once.
-        let turns = ((steps + (1 << 31)) >> 32) as i32;
-        let time = steps as i32 as f32 * RADIANS_PER_STEP + turns as f32 * core::f32::consts::TAU;
-        let [sine, cosine] = node::SINE_COSINE_SINGLE[(node & 255) as usize];
-        Local {
-            height: (self.sine - sine) + time * (self.rise - 0.5 * self.k * time),
-            slope: self.rise - self.k * time - cosine,
-            push: sine,
-            surge: cosine,
-            bend: sine,
-        }
-    }
-}
-
-impl OverSine for Ballistic {
-    #[inline(always)]
-    fn above_k(&self, _: i64, nearly: f32) -> f32 {
-        nearly
-    }
 }

@@ -5,7 +5,7 @@
 
 use super::approach::householder;
 use super::flight::{
-    Flight, Local, MAX_KNOWN_HEIGHT, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest,
+    Ballistic, Gravity, Local, MAX_HEIGHT, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest,
     node_of,
 };
 use super::settle::down_crossing;
@@ -44,7 +44,7 @@ const MIN_BRACKET_WIDTH: f32 = 1e-4;
 
 /// Approximate place of the first impact.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Found {
+pub(super) enum Found {
     /// A short hop: flight in rad and arrival speed, both final.
     Short { flight: f32, arrival: f32 },
     /// At `offset` rad from a node; unless `simple`, the careful way settles a possible double
@@ -54,14 +54,6 @@ pub(crate) enum Found {
         offset: f32,
         simple: bool,
     },
-}
-
-/// The ball at launch: phase of the track in steps, its height and upward speed there.
-#[derive(Clone, Copy)]
-pub(super) struct LaunchPoint {
-    pub(super) phase: u32,
-    pub(super) height: f32,
-    pub(super) rise: f32,
 }
 
 /// A bracket with one down-crossing, and the start in it, in rad after launch.
@@ -77,17 +69,14 @@ pub(super) struct Bracket {
 /// So any step that converges within it has found the root. Householder's method serves simple and
 /// near roots, the safeguarded search all others.
 #[inline(always)]
-pub(super) fn solve<F: Flight>(
-    track: &impl Track,
-    start: &LaunchPoint,
-    flight: &F,
-    bracket: &Bracket,
-) -> Found {
-    let LaunchPoint {
+pub(super) fn solve<T: Track>(flight: &Ballistic<'_, T>, bracket: &Bracket) -> Found {
+    let Ballistic {
+        track,
         phase,
         height,
         rise: v,
-    } = *start;
+    } = *flight;
+    let Gravity { k, half, .. } = track.gravity();
     let (mut node, offset) = node_of(phase, bracket.start);
     let mut time = bracket.start - offset;
     for _ in 0..3 {
@@ -98,9 +87,9 @@ pub(super) fn solve<F: Flight>(
             surge,
             ..
         } = track.at(node);
-        let u0 = (height - below) + time * (v - track.half_k() * time);
-        let u1 = v - track.k() * time - speed;
-        let b2 = 0.5 * (push - track.k());
+        let u0 = (height - below) + time * (v - half * time);
+        let u1 = v - k * time - speed;
+        let b2 = 0.5 * (push - k);
         let square = u1 * u1;
         let product = b2 * u0;
         if !(u1 < -MIN_SLOPE && abs(product) < MAX_CURVATURE_RATIO * square) {
@@ -122,7 +111,7 @@ pub(super) fn solve<F: Flight>(
         }
         time += count * SPACING;
     }
-    let (node, offset) = solve_safely(track.k(), phase, flight, *bracket);
+    let (node, offset) = solve_safely(flight, *bracket);
     Found::Near {
         node,
         offset,
@@ -130,11 +119,12 @@ pub(super) fn solve<F: Flight>(
     }
 }
 
-/// Approximate root in `bracket`, by Cauchy's step on nodes in the kernel's full precision.
+/// Approximate root in `bracket`, by Cauchy's step on nodes.
 ///
 /// Bisection replaces steps without a near root and steps that leave the bracket.
 #[inline(never)]
-fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> (i32, f32) {
+fn solve_safely<T: Track>(flight: &Ballistic<'_, T>, bracket: Bracket) -> (i32, f32) {
+    let k = flight.track.gravity().k;
     let Bracket {
         mut low,
         mut high,
@@ -142,7 +132,7 @@ fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> 
     } = bracket;
     let mut round = 0;
     loop {
-        let (node, offset) = node_of(phase, x);
+        let (node, offset) = node_of(flight.phase, x);
         let time = x - offset;
         let local = flight.local(node);
         let Local { height, slope, .. } = local;
@@ -165,7 +155,7 @@ fn solve_safely<F: Flight>(k: f32, phase: u32, flight: &F, bracket: Bracket) -> 
             }
         }
         let mut next = time + step;
-        let far = abs(height) >= MAX_KNOWN_HEIGHT;
+        let far = abs(height) >= MAX_HEIGHT;
         let found = !far
             && square > 0.0
             && next >= low - BRACKET_ROUNDING

@@ -54,7 +54,7 @@ impl Plan {
     ) {
         let tall = L::bits(launch.is_tall(track)) & all;
         let left = all & !tall;
-        let mut rests = L::bits(launch.may_chatter_out(track)) & left;
+        let mut rests = L::bits(track.may_chatter_out(launch.velocity)) & left;
         if rests != 0 {
             rests &= L::bits(launch.chatters_out(track, restitution));
             for (n, lane) in lanes.into_iter().enumerate() {

@@ -13,10 +13,8 @@
 //! - [`search`]: a decision is close to rounding.
 //!
 //! All but the search are generic over [`Lane`]: one orbit or several side by side, with the same
-//! bits. The latency of the chain of dependent operations sets the cost of a flight. A CPU cannot
-//! hold enough waiting operations to begin the next flight early. So the kinds branch early, each
-//! with a short chain of its own, and sums follow the readiness of their terms. The few flights
-//! that need another step take it in [`hard`].
+//! bits. The latency of the chain of dependent operations sets the cost of a flight, so the kinds
+//! branch early, each with a short chain of its own.
 
 use super::launch::{Launch, Track};
 use super::step::Landing;
@@ -106,5 +104,5 @@ pub(crate) fn land_low_by_iteration(
 /// The same for any flight, by the search.
 #[cold]
 pub(crate) fn land_by_search(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
-    search::landing(track, launch, true)
+    search::landing(track, launch)
 }

@@ -49,6 +49,17 @@ impl<L: Lane> Track<L> {
         self.k.min(L::splat(1.0))
     }
 
+    /// Whether a velocity is low enough for [`Launch::chatters_out`], which costs more.
+    ///
+    /// Let `A = k - sin t`, at most `1 + k`. Then `psi^3 (2.1 c^2 + 0.9 |s| A)` is at most
+    /// [`MAX_CHATTER_REMAINDER`] `A^5`. Either `|s|` is at least 1/2, or `c^2` is at least 3/4: psi
+    /// is at most 7.7e-6 (1 + k)^(5/3).
+    #[inline(always)]
+    pub fn may_chatter_out(&self, velocity: L) -> L::Mask {
+        let reach = L::splat(1.0) + self.k;
+        !(L::splat(1e-5) * (reach * reach)).below(velocity)
+    }
+
     /// Phase in rad at which a hump ends, `pi - arcsin k`: the track's push falls below k.
     ///
     /// `u` is convex over the hump, from lift-off to here, and concave from here to the next
@@ -144,18 +155,6 @@ impl<L: Lane> Launch<L> {
         !zero.below(self.velocity) & !rounded_pull.below(zero)
     }
 
-    /// Whether the velocity is low enough for [`chatters_out`](Self::chatters_out), which costs
-    /// more.
-    ///
-    /// Let `A = k - sin t`, at most `1 + k`. Then `psi^3 (2.1 c^2 + 0.9 |s| A)` is at most
-    /// [`MAX_CHATTER_REMAINDER`] `A^5`. Either `|s|` is at least 1/2, or `c^2` is at least 3/4: psi
-    /// is at most 7.7e-6 (1 + k)^(5/3).
-    #[inline(always)]
-    pub fn may_chatter_out(&self, track: &Track<L>) -> L::Mask {
-        let reach = L::splat(1.0) + track.k;
-        !(L::splat(1e-5) * (reach * reach)).below(self.velocity)
-    }
-
     /// Whether the part rests, or hops so little that its chatter has a closed form exact to f64.
     ///
     /// Let `A = k - sin t` and `z = psi / (A (1 - R))`. The third order of the chatter's duration
@@ -203,7 +202,7 @@ mod tests {
             let launch = Launch::new(TAU * spread(0.414_214), velocity);
             let track = Track::new(k);
             if f64::any(launch.chatters_out(&track, restitution)) {
-                assert!(f64::any(launch.may_chatter_out(&track)), "{k} {velocity}");
+                assert!(f64::any(track.may_chatter_out(velocity)), "{k} {velocity}");
                 closed += 1;
                 largest = largest.max(velocity / ((1.0 + k) * (1.0 + k)));
             }

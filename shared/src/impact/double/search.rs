@@ -70,20 +70,13 @@ fn gap(track: &Track<f64>, launch: &Launch<f64>, d: f64) -> Gap {
 }
 
 /// The first impact after `launch`, and whether it grazes: another touch is within rounding.
-///
-/// While the ball is above height 1 no impact is possible: `skip` leaves out the humps there, and
-/// changes no bit.
 #[cold]
-pub(crate) fn landing(
-    track: &Track<f64>,
-    launch: &Launch<f64>,
-    skip: bool,
-) -> (Landing<f64>, bool) {
+pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
     let path = Flight { track, launch };
     let v = launch.rise();
     let leaving = launch.speed_squared_at_crest(track);
     // While the ball is above height 1 no hump reaches it.
-    let (above_from, above_to) = if skip && v > 0.0 && leaving > 0.0 {
+    let (above_from, above_to) = if v > 0.0 && leaving > 0.0 {
         let root = square_root(leaving);
         ((v - root) * track.per_k, (v + root) * track.per_k)
     } else {

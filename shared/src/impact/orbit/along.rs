@@ -1,7 +1,7 @@
 //! Motion of parts along the track: the contact law that an orbit is watched with.
 
 use super::contact::Contact;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 
 /// Refuses a motion out of range: `k`, `eta`, gamma in rad, or the tangent of the incline.
@@ -12,25 +12,10 @@ pub(super) fn accept_motion(
     incline_tangent: f64,
 ) -> Result<(), OutOfRange> {
     const TURN: f64 = core::f64::consts::TAU;
-    accept("k", k, (1e-3..=1e3).contains(&k), "0.001..1000")?;
-    accept(
-        "amplitude_ratio",
-        amplitude_ratio,
-        (0.0..=100.0).contains(&amplitude_ratio),
-        "0..100",
-    )?;
-    accept(
-        "phase_lead",
-        phase_lead,
-        (-TURN..=TURN).contains(&phase_lead),
-        "-2 pi..2 pi rad",
-    )?;
-    accept(
-        "incline_tangent",
-        incline_tangent,
-        (-2.0..=2.0).contains(&incline_tangent),
-        "-2..2",
-    )?;
+    accept_in("k", k, 1e-3..=1e3, "0.001..1000")?;
+    accept_in("amplitude_ratio", amplitude_ratio, 0.0..=100.0, "0..100")?;
+    accept_in("phase_lead", phase_lead, -TURN..=TURN, "-2 pi..2 pi rad")?;
+    accept_in("incline_tangent", incline_tangent, -2.0..=2.0, "-2..2")?;
     Ok(())
 }
 
@@ -49,14 +34,7 @@ pub struct ContactMotion {
 
 /// A law of motion along the track: [`Tangential`](super::Tangential) or
 /// [`Friction`](super::Friction).
-///
-/// Only these two implement it; its methods may change with any version.
-pub trait Along: AlongLaw {}
-
-impl<L: AlongLaw> Along for L {}
-
-/// Methods of a law of motion along the track.
-pub trait AlongLaw: Copy {
+pub trait Along: Copy {
     /// Whether rest erases the history of a part, so that its orbit repeats from lift-off to
     /// lift-off.
     const REST_ERASES_HISTORY: bool;

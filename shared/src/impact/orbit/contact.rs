@@ -5,33 +5,15 @@ use core::f64::consts::{PI, TAU};
 use crate::arithmetic::lane::Lane;
 use crate::feeder::OutOfRange;
 use crate::impact::double::Map;
-use crate::impact::double::launch::{Launch, MAX_CHATTER_REMAINDER, Track};
+use crate::impact::double::launch::{Launch, Track};
 use crate::impact::kernel::{Kernel, PartState};
 use crate::impact::wave::in_turn;
 
 /// Begin and end of a part's contact with the track.
-///
-/// ```
-/// use kband::impact::{Contact, PartState};
-///
-/// let contact = Contact::build(0.9, 0.5)?;
-/// // A hop of 1e-6 b w chatters out in 2 z to first order, z = psi/((k - sin t)(1 - R)).
-/// let hop = PartState { phase: 3.5, velocity: 1e-6 };
-/// let z = 1e-6 / ((0.9 - 3.5_f64.sin()) * 0.5);
-/// let chatter = contact.time_to_rest(hop).unwrap();
-/// assert!((chatter / (2.0 * z) - 1.0).abs() < 1e-5);
-/// // Then it waits for the phase arcsin k of the next cycle.
-/// let wait = contact.wait(3.5 + chatter).unwrap();
-/// assert!(((3.5 + chatter + wait).sin() - 0.9).abs() < 1e-14);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
     track: Track<f64>,
     restitution: f64,
-    /// Velocity in `b w` above which no chatter has a closed form at any phase: saves trigonometry
-    /// for fast hops.
-    ceiling: f64,
     lift_off: Option<f64>,
 }
 
@@ -47,14 +29,9 @@ impl Contact {
     }
 
     fn from_k(k: f64, restitution: f64) -> Self {
-        // The remainder is z^3 (2.1 (c/A)^2 + 0.9 |s|/A) with A <= 1 + k. Where |s| < 1/2,
-        // c^2 > 3/4, so the bracket is at least the smaller of these two.
-        let pull = 1.0 + k;
-        let least = (0.45 / pull).min(1.575 / (pull * pull));
         let track = Track::new(k);
         Self {
             restitution,
-            ceiling: libm::cbrt(MAX_CHATTER_REMAINDER / least) * pull * (1.0 - restitution),
             lift_off: (k < 1.0).then_some(track.lift_off),
             track,
         }
@@ -81,7 +58,7 @@ impl Contact {
     /// same decision.
     pub fn time_to_rest(&self, state: PartState) -> Option<f64> {
         let PartState { phase, velocity } = state;
-        if velocity > self.ceiling {
+        if !f64::any(self.track.may_chatter_out(velocity)) {
             return None;
         }
         let launch = Launch::new(phase, velocity);
@@ -126,6 +103,7 @@ impl Contact {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::impact::double::launch::MAX_CHATTER_REMAINDER;
     use crate::impact::orbit::{Orbit, OrbitEvent};
 
     /// docs/theory-reference.md#t11.2: (k, R, phase, velocity), time of rest, time of lift-off.
@@ -247,28 +225,6 @@ mod tests {
             ..falling
         };
         assert_eq!(elastic.time_to_rest(still), Some(0.0));
-    }
-
-    #[test]
-    fn velocity_ceiling_excludes_no_closed_chatter() {
-        for k in [0.01, 0.3, 0.99, 1.0, 3.0, 50.0] {
-            for restitution in [0.0, 0.5, 0.99] {
-                let contact = Contact::build(k, restitution).unwrap();
-                let open = Contact {
-                    ceiling: f64::INFINITY,
-                    ..contact
-                };
-                for step in 0..64 {
-                    for decade in -60..10 {
-                        let state = PartState::new(
-                            f64::from(step) * TAU / 64.0,
-                            libm::exp10(0.1 * f64::from(decade)),
-                        );
-                        assert_eq!(contact.time_to_rest(state), open.time_to_rest(state));
-                    }
-                }
-            }
-        }
     }
 
     #[test]

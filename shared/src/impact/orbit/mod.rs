@@ -10,7 +10,6 @@ mod tangent;
 mod tangential;
 mod wave_orbit;
 
-pub use along::AlongLaw;
 pub use along::{Along, ContactMotion};
 pub use contact::Contact;
 pub use events::{Orbit, OrbitEvent, StopReason};

@@ -35,7 +35,7 @@ impl<S: Copy> Release<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::anchor::{Hybrid, Single};
+    use crate::impact::anchor::Single;
     use crate::impact::double::Map;
     use crate::impact::integer::Integer;
 
@@ -61,9 +61,7 @@ mod tests {
         for (k, flight) in flights::<Map>(0.0) {
             assert!(flight.is_some(), "{k:e}");
         }
-        let coarse = flights::<Hybrid>(LIFT_OFF_DELAY)
-            .chain(flights::<Single>(LIFT_OFF_DELAY))
-            .chain(flights::<Integer>(LIFT_OFF_DELAY));
+        let coarse = flights::<Single>(LIFT_OFF_DELAY).chain(flights::<Integer>(LIFT_OFF_DELAY));
         for (k, flight) in coarse {
             // Within LIFT_OFF_DELAY of the top of the sine the track's push has ended after the
             // delay.
@@ -71,27 +69,6 @@ mod tests {
                 flight.is_some() || k > 1.0 - LIFT_OFF_DELAY * LIFT_OFF_DELAY,
                 "{k:e}"
             );
-        }
-    }
-
-    #[test]
-    fn lift_off_delay_error_is_within_its_bound() {
-        for (k, restitution) in [(0.43, 0.2), (0.6, 0.3), (0.9, 0.5)] {
-            let map = Map::build(k, restitution).unwrap();
-            let lift_off = libm::asin(k);
-            let prompt = Release::build(&map, lift_off, 0.0).unwrap().impact;
-            let late = Release::build(&map, lift_off, LIFT_OFF_DELAY)
-                .unwrap()
-                .impact;
-            // The flight ends at the same time, but for the omitted launch velocity. That acts for
-            // the time since launch, over an arrival speed of at least 0.1.
-            let difference = late.flight + LIFT_OFF_DELAY - prompt.flight;
-            assert!(
-                difference.abs() < 10.0 * 5e-9 * prompt.flight,
-                "{k} {difference:e}"
-            );
-            let slower = late.next.velocity - prompt.next.velocity;
-            assert!(slower.abs() < 10.0 * 5e-9 * prompt.flight, "{k} {slower:e}");
         }
     }
 }

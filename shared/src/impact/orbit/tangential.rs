@@ -1,9 +1,9 @@
 //! Motion along the track with a tangential restitution (equations 10 and 11;
 //! docs/theory-transport.md#t8.1).
 
-use super::along::{AlongLaw, ContactMotion, accept_motion};
+use super::along::{Along, ContactMotion, accept_motion};
 use super::contact::Contact;
-use crate::feeder::{OutOfRange, Track, accept};
+use crate::feeder::{OutOfRange, Track, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Wave;
 
@@ -35,37 +35,25 @@ impl TangentialSettings {
 }
 
 /// The motion along the track for one k. Velocities relative to the track in units of `b w`.
-///
-/// ```
-/// use kband::impact::{Kernel, Map, Tangential, TangentialSettings};
-///
-/// // A level track that is shaken across itself only leaves the velocity along it alone in flight.
-/// let level = TangentialSettings {
-///     restitution: 0.3,
-///     amplitude_ratio: 0.0,
-///     phase_lead: 0.0,
-///     incline_tangent: 0.0,
-/// };
-/// let map = Map::build(0.43, 0.2)?;
-/// let launch = Map::state(0.5, 0.45)?;
-/// let impact = map.impact(launch);
-/// let along = Tangential::build(0.43, level)?;
-/// assert!((along.distance(launch, &impact, 2.0) - 2.0 * impact.flight).abs() < 1e-14);
-/// assert!((along.velocity_after_impact(launch, &impact, 2.0) - 0.3 * 2.0).abs() < 1e-15);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tangential {
     settings: TangentialSettings,
+    wave: Wave,
     /// `k tan(alpha)`, gravity along the track in units of `b w^2`.
     gravity: f64,
 }
 
 impl Tangential {
-    /// The motion along a track of these settings at `k`, 0.001..=1000.
+    /// The motion along a sinusoidal track of these settings at `k`, 0.001..=1000.
     ///
     /// Errors: `OutOfRange` with the parameter.
     pub fn build(k: f64, settings: TangentialSettings) -> Result<Self, OutOfRange> {
+        Self::on(&Wave::sine(), k, settings)
+    }
+
+    /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a
+    /// whole.
+    pub fn on(wave: &Wave, k: f64, settings: TangentialSettings) -> Result<Self, OutOfRange> {
         let TangentialSettings {
             restitution,
             amplitude_ratio,
@@ -73,14 +61,15 @@ impl Tangential {
             incline_tangent,
         } = settings;
         accept_motion(k, amplitude_ratio, phase_lead, incline_tangent)?;
-        accept(
+        accept_in(
             "tangential restitution",
             restitution,
-            (0.0..1.0).contains(&restitution),
+            0.0..1.0,
             "0..1, 1 itself excluded: without loss the speed never settles",
         )?;
         Ok(Self {
             settings,
+            wave: *wave,
             gravity: k * incline_tangent,
         })
     }
@@ -97,25 +86,9 @@ impl Tangential {
     /// (k/2) tan(alpha) }` keeps its digits for the shortest hops.
     pub fn distance(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> f64 {
         let d = impact.flight;
-        let (sine, cosine) = libm::sincos(launch.phase + self.settings.phase_lead);
-        let shaken = sine * versine(d) + cosine * d * sagitta(d);
-        self.distance_with_shaking(d, velocity, shaken)
-    }
-
-    /// [`Tangential::distance`] on a track of several tones.
-    ///
-    /// The parallel motion is `eta` times the normal one, led by gamma as a whole:
-    /// `eta S(t + gamma)`.
-    pub fn distance_on(
-        &self,
-        wave: &Wave,
-        launch: PartState,
-        impact: &Impact<PartState>,
-        velocity: f64,
-    ) -> f64 {
-        let d = impact.flight;
         let lead = launch.phase + self.settings.phase_lead;
-        let shaken: f64 = wave
+        let shaken: f64 = self
+            .wave
             .tones()
             .map(|(n, tone)| {
                 let (sine, cosine) = libm::sincos(n * lead + tone.angle);
@@ -123,40 +96,8 @@ impl Tangential {
                 n * n * tone.amplitude * (sine * versine(x) + cosine * x * sagitta(x))
             })
             .sum();
-        self.distance_with_shaking(d, velocity, shaken)
-    }
-
-    /// The distance of a flight, with the track's share `shaken d^2`.
-    fn distance_with_shaking(&self, flight: f64, velocity: f64, shaken: f64) -> f64 {
         let push = self.settings.amplitude_ratio * shaken - 0.5 * self.gravity;
-        flight * (velocity + flight * push)
-    }
-
-    /// Velocity after a flight in which the track's velocity changed by `change`.
-    fn velocity_after_restitution(&self, flight: f64, velocity: f64, change: f64) -> f64 {
-        let arrived = velocity - self.settings.amplitude_ratio * change - self.gravity * flight;
-        self.settings.restitution * arrived
-    }
-
-    /// [`Tangential::velocity_after_impact`] on a track of several tones.
-    pub fn velocity_after_impact_on(
-        &self,
-        wave: &Wave,
-        launch: PartState,
-        impact: &Impact<PartState>,
-        velocity: f64,
-    ) -> f64 {
-        let d = impact.flight;
-        let lead = launch.phase + self.settings.phase_lead;
-        let change: f64 = wave
-            .tones()
-            .map(|(n, tone)| {
-                let half = 0.5 * n * d;
-                let middle = n * lead + tone.angle + half;
-                -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
-            })
-            .sum();
-        self.velocity_after_restitution(d, velocity, change)
+        d * (velocity + d * push)
     }
 
     /// Velocity along the track just after the impact (symbol phi', equation 10).
@@ -167,16 +108,24 @@ impl Tangential {
         velocity: f64,
     ) -> f64 {
         let d = impact.flight;
-        let half = 0.5 * d;
         let lead = launch.phase + self.settings.phase_lead;
-        // cos(t+d+gamma) - cos(t+gamma), without cancellation.
-        let change = -2.0 * libm::sin(lead + half) * libm::sin(half);
-        self.velocity_after_restitution(d, velocity, change)
+        // S'(t+d+gamma) - S'(t+gamma), without cancellation.
+        let change: f64 = self
+            .wave
+            .tones()
+            .map(|(n, tone)| {
+                let half = 0.5 * n * d;
+                let middle = n * lead + tone.angle + half;
+                -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
+            })
+            .sum();
+        let arrived = velocity - self.settings.amplitude_ratio * change - self.gravity * d;
+        self.settings.restitution * arrived
     }
 }
 
 /// At rest the velocity is 0: the infinitely many impacts of the chatter use it up.
-impl AlongLaw for Tangential {
+impl Along for Tangential {
     const REST_ERASES_HISTORY: bool = true;
 
     #[inline]
@@ -310,51 +259,5 @@ mod tests {
                 launch = impact.next;
             }
         }
-    }
-
-    #[test]
-    fn distance_forms_agree_and_keep_their_digits() {
-        let tangential = Tangential::build(0.5, SETTINGS).unwrap();
-        let hop = |flight| Impact {
-            flight,
-            next: Map::state(0.0, 0.0).unwrap(),
-            grazes: false,
-        };
-        for n in 0..200 {
-            let launch = Map::state(0.1 * f64::from(n), 1.0).unwrap();
-            let lead = launch.phase + SETTINGS.phase_lead;
-            for d in [0.3, 0.499_999, 0.500_001, 3.0, 40.0] {
-                let printed = (0.2 + 2.0 * libm::cos(lead)) * d
-                    - 0.25 * SETTINGS.incline_tangent * d * d
-                    - 2.0 * (libm::sin(lead + d) - libm::sin(lead));
-                let distance = tangential.distance(launch, &hop(d), 0.2);
-                // The printed form rounds terms of up to 100.
-                assert!((distance - printed).abs() < 1e-13 * d.max(4.0), "{d}");
-            }
-            let d = 1e-9;
-            let expected = d * (0.2 + 0.5 * d * (2.0 * libm::sin(lead) - 0.5 * 0.05));
-            let distance = tangential.distance(launch, &hop(d), 0.2);
-            assert!((distance / expected - 1.0).abs() < 1e-15);
-        }
-    }
-
-    #[test]
-    fn settings_out_of_range_are_named() {
-        let named = |settings| Tangential::build(0.5, settings).unwrap_err().parameter;
-        assert_eq!(
-            named(TangentialSettings {
-                restitution: 1.0,
-                ..SETTINGS
-            }),
-            "tangential restitution"
-        );
-        assert_eq!(
-            named(TangentialSettings {
-                phase_lead: f64::NAN,
-                ..SETTINGS
-            }),
-            "phase_lead"
-        );
-        assert_eq!(Tangential::build(0.0, SETTINGS).unwrap_err().parameter, "k");
     }
 }

@@ -1,6 +1,6 @@
 //! Events of one part on a track of several tones: impacts, rests and lift-offs.
 
-use super::events::OrbitEvent;
+use super::events::{OrbitEvent, Stage};
 use super::release::Release;
 use crate::impact::contact_time::ContactTime;
 use crate::impact::kernel::{Impact, PartState};
@@ -22,16 +22,6 @@ pub struct WaveOrbit<'a> {
     stage: Stage,
     /// The last release, of an elastic part: a part is thrown at few phases.
     release: Option<Release<PartState>>,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Stage {
-    /// Just after an impact.
-    Hopping,
-    /// At rest.
-    Resting,
-    /// Just thrown off.
-    Released,
 }
 
 impl<'a> WaveOrbit<'a> {
@@ -214,22 +204,6 @@ mod tests {
             }
             let ended = WaveOrbit::from_rest(&same).next().is_none();
             assert_eq!(ended, k >= 1.0);
-        }
-    }
-
-    #[test]
-    fn restarted_orbit_has_the_bits_of_a_new_one() {
-        let wave = Wave::build(Tone::new(0.15, 2.5), Tone::default()).unwrap();
-        let map = WaveMap::on(wave, 0.38, 0.3).unwrap();
-        let mut again = WaveOrbit::from_rest(&map);
-        for seed in 0..20 {
-            let scatter = Scatter::build(0.3, 0.1, seed).unwrap();
-            let mut new = WaveOrbit::from_rest(&map);
-            new.restart(scatter);
-            again.restart(scatter);
-            for _ in 0..200 {
-                assert_eq!(again.next(), new.next());
-            }
         }
     }
 

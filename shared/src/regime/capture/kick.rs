@@ -1,6 +1,6 @@
 //! Shape of a kick: a hold followed by a linear descent (docs/theory-capture.md#t7.4).
 
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept, accept_in};
 
 /// Commanded amplitude over the target amplitude during a capture.
 ///
@@ -44,10 +44,10 @@ impl Kick {
             descent,
             release,
         } = settings;
-        accept(
+        accept_in(
             "factor",
             f64::from(factor),
-            (1.0..=10.0).contains(&factor),
+            1.0..=10.0,
             "1..10 times the target amplitude",
         )?;
         for (parameter, cycles) in [("hold", hold), ("descent", descent)] {
@@ -58,23 +58,13 @@ impl Kick {
                 "0..10000 drive cycles",
             )?;
         }
-        accept(
+        accept_in(
             "release",
             f64::from(release),
-            (1.0..=factor).contains(&release),
+            1.0..=f64::from(factor),
             "1..factor times the target amplitude",
         )?;
         Ok(Self { settings })
-    }
-
-    /// A rectangular kick: `factor` for `hold` cycles.
-    pub fn rectangle(factor: f32, hold: u16) -> Result<Self, OutOfRange> {
-        Self::build(KickSettings {
-            factor,
-            hold,
-            descent: 0,
-            release: 1.0,
-        })
     }
 
     /// Settings of the kick.

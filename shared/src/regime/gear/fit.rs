@@ -199,21 +199,4 @@ mod tests {
             fitted(400, 0.3, true).mean_share([0.3, 0.0, 0.0], 0.0) - truth([0.3, 0.0, 0.0]);
         assert!(error.abs() < 0.12, "{error}");
     }
-
-    #[test]
-    fn coordinate_error_averages_the_share() {
-        let coefficients = fitted(400, 0.0, false);
-        let mean = (0..2001)
-            .map(|n| {
-                coefficients.mean_share([0.2 + 0.4 * (n - 1000) as f32 / 1000.0, 0.1, 0.0], 0.0)
-            })
-            .sum::<f32>()
-            / 2001.0;
-        assert!((coefficients.mean_share([0.2, 0.1, 0.0], 0.4) - mean).abs() < 1e-4);
-    }
-
-    #[test]
-    fn fit_without_runs_is_finite() {
-        assert!(Fit::EMPTY.solve().mean_share([1.0; 3], 1.0).is_finite());
-    }
 }

@@ -113,29 +113,17 @@ mod tests {
         let tones = [[0.15, 2.356], [0.05, 5.3]];
         let [displacement, acceleration] = peaks(tones);
         for (limits, k) in [
-            (
-                GearLimits {
-                    displacement: 0.3,
-                    ..GearLimits::NONE
-                },
-                0.3 * displacement,
-            ),
-            (
-                GearLimits {
-                    acceleration: 0.2,
-                    ..GearLimits::NONE
-                },
-                0.2 * acceleration,
-            ),
-            (
-                GearLimits {
-                    output: 0.2,
-                    overtones: [4.0, 10.0],
-                    ..GearLimits::NONE
-                },
-                0.2 * 2.1,
-            ),
+            ([0.3, 0.0, 0.0], 0.3 * displacement),
+            ([0.0, 0.2, 0.0], 0.2 * acceleration),
+            ([0.0, 0.0, 0.2], 0.2 * 2.1),
         ] {
+            let [displacement, acceleration, output] = limits;
+            let limits = GearLimits {
+                displacement,
+                acceleration,
+                output,
+                overtones: [4.0, 10.0],
+            };
             assert!(limits.allow(k * 1.001, tones) && !limits.allow(k * 0.999, tones));
         }
         assert!(GearLimits::NONE.allow(0.01, [[0.5, 0.0], [0.0; 2]]));

@@ -16,7 +16,7 @@ use core::ops::AddAssign;
 
 use super::lock::accept_order;
 use crate::arithmetic::Phase;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::{ChatterLimits, ContactTime, OrbitEvent, Scatter, WaveMap, WaveOrbit};
 
 pub use limits::{GearLimits, peaks};
@@ -187,21 +187,6 @@ impl Share {
 
 /// Measures one part's time in gear from its flights and rests. It counts from [`GearWatch::begin`]
 /// on.
-///
-/// ```
-/// use core::f64::consts::TAU;
-/// use kband::regime::gear::GearWatch;
-/// let mut watch = GearWatch::build(1)?;
-/// watch.begin(5.0 * TAU);
-/// // Twenty flights of one period each, of which the last fifteen count.
-/// for landed in 1..=20 {
-///     watch.add_landing(f64::from(landed) * TAU, TAU);
-/// }
-/// watch.add_rest(20.0 * TAU);
-/// let share = watch.share(25.0 * TAU);
-/// assert!((share.share() - 0.75).abs() < 1e-12 && share.losses == 1);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearWatch {
     gear: GearDetector,
@@ -314,12 +299,7 @@ fn shares_along(
     periods: f64,
     mut each: impl FnMut(usize, Share),
 ) -> Result<(), OutOfRange> {
-    accept(
-        "periods",
-        periods,
-        (16.0..=1e7).contains(&periods),
-        "16..1e7 drive periods",
-    )?;
+    accept_in("periods", periods, 16.0..=1e7, "16..1e7 drive periods")?;
     let mut gear = GearWatch::build(order)?;
     gear.begin(0.25 * periods * TAU);
     gear.end(periods * TAU);
@@ -368,8 +348,7 @@ impl PartTimer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::spring::Spring;
-    use crate::impact::{Kernel, Map, Tone, Wave};
+    use crate::impact::{Tone, Wave};
 
     #[test]
     fn gear_begins_after_eight_flights_and_ends_at_a_rest() {
@@ -429,118 +408,10 @@ mod tests {
         }
     }
 
-    /// Chatters summed to 1e-4 rad against those exact to f64, which draw other restitutions.
+    /// Contacts of 2 % of the cycle change the share by up to 0.27.
     #[test]
-    fn coarse_chatters_change_no_share_beyond_its_error() {
-        const RUNS: usize = 48;
-        let second = Wave::build(Tone::new(0.15, 2.487), Tone::default()).unwrap();
-        let (mut squares, mut sum, mut count) = (0.0, 0.0, 0.0);
-        for (wave, k, restitution, deviation) in [
-            (Wave::sine(), 0.36, 0.1, 0.03),
-            (Wave::sine(), 0.45, 0.3, 0.05),
-            (Wave::sine(), 0.44, 0.3, 0.10),
-            (Wave::sine(), 0.54, 0.5, 0.06),
-            (Wave::sine(), 0.68, 0.7, 0.03),
-            (second, 0.32, 0.1, 0.05),
-            (second, 0.42, 0.3, 0.15),
-            (second, 0.46, 0.5, 0.10),
-            (second, 0.60, 0.7, 0.05),
-            (second, 0.60, 0.6, 0.25),
-        ] {
-            let map = WaveMap::on(wave, k, restitution).unwrap();
-            let scatters: [Scatter; RUNS] = core::array::from_fn(|seed| {
-                Scatter::build(restitution, deviation, seed as u64).unwrap()
-            });
-            // Mean share and its squared standard error.
-            let measured = |limits| {
-                let orbit = WaveOrbit::from_rest(&map).with_chatter(limits);
-                let (mut mean, mut square) = (0.0, 0.0);
-                shares_along(orbit, &scatters, 1, 1000.0, |_, share| {
-                    mean += share.share() / RUNS as f64;
-                    square += share.share() * share.share() / RUNS as f64;
-                })
-                .unwrap();
-                (mean, (square - mean * mean) / (RUNS - 1) as f64)
-            };
-            let (exact, coarse) = (
-                measured(ChatterLimits::EXACT),
-                measured(ChatterLimits::COARSE),
-            );
-            let error = libm::sqrt(exact.1 + coarse.1).max(1e-3);
-            let difference = coarse.0 - exact.0;
-            std::println!("{k} {restitution} {deviation}: {exact:?} {coarse:?}");
-            assert!(difference.abs() < 4.0 * error, "{k}: {difference} {error}");
-            squares += difference * difference / (error * error);
-            sum += difference / error;
-            count += 1.0;
-        }
-        // Of unbiased differences the mean square is 1, and the sum scatters by the root of their
-        // number.
-        assert!(
-            squares / count < 2.2 && sum.abs() < 3.0 * libm::sqrt(count),
-            "{squares} {sum}"
-        );
-    }
-
-    /// Share in gear of parts whose contacts are integrated, 40 of 500 periods from rest.
-    fn integrated_share(k: f64, restitution: f64, deviation: f64, contact: f64) -> f64 {
-        let map = Map::build(k, 1.0).unwrap();
-        let track = |phase: f64| [libm::sin(phase), libm::cos(phase), libm::sin(phase)];
-        let mut sum = Share::default();
-        for seed in 0..40 {
-            let mut scatter = Scatter::build(restitution, deviation, seed).unwrap();
-            let mut watch = GearWatch::build(1).unwrap();
-            let (mut time, mut rested, mut state, mut touched) = (0.0, true, None, 0.0);
-            watch.begin(125.0 * TAU);
-            watch.end(500.0 * TAU);
-            while time < 500.0 * TAU {
-                let launch = state.take().unwrap_or_else(|| {
-                    // At rest until the next lift-off.
-                    let lift_off = map.lift_off().unwrap();
-                    let past = (time - lift_off).rem_euclid(TAU);
-                    let throws = past < core::f64::consts::PI - 2.0 * lift_off;
-                    time += if throws { 0.0 } else { TAU - past };
-                    (rested, touched) = (true, time);
-                    Map::state(time, 0.0).unwrap()
-                });
-                let impact = map.impact(launch);
-                if impact.flight <= 0.0 {
-                    time += 1e-3;
-                    continue;
-                }
-                time += impact.flight;
-                // From launch to launch in the map, from touch to touch here.
-                let flight = if rested {
-                    impact.flight
-                } else {
-                    time - touched
-                };
-                (touched, rested) = (time, false);
-                watch.add_landing(time, flight);
-                let drawn = scatter.draw().max(0.012);
-                let spring = Spring::new(drawn, contact);
-                match spring.launch(&track, k, time, impact.next.velocity) {
-                    Some((launch, duration)) if launch.velocity > 0.0 => {
-                        time += duration;
-                        state = Map::state(time, launch.velocity).ok();
-                    }
-                    _ => {
-                        watch.add_rest(time);
-                        time += contact;
-                    }
-                }
-            }
-            sum = sum.plus(&watch.share(500.0 * TAU));
-        }
-        sum.share()
-    }
-
-    /// Contacts of 2 % of the cycle, in f64 and in the f32 of the plan. They change the share by up
-    /// to 0.27.
-    #[test]
-    fn shares_with_contact_are_those_of_the_integrated_contact() {
+    fn shares_with_contact_agree_in_f64_and_f32() {
         let contact = ContactTime::build(0.02 * TAU).unwrap();
-        let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
         for (restitution, deviation, k) in [
             (0.2, 0.05, 0.40),
             (0.3, 0.05, 0.45),
@@ -569,19 +440,10 @@ mod tests {
                 while !part.simulate_flight(&track) {}
                 single += f64::from(part.share()) / 40.0;
             }
-            let exact = integrated_share(k, restitution, deviation, contact.radians());
             let double = double.share();
-            std::println!("{restitution} {deviation} {k}: {exact:.3} {double:.3} {single:.3}");
             // Runs scatter by 0.01 to 0.015 where gear is lost every 30 periods.
-            assert!((double - exact).abs() < 0.045, "{k}: {double} {exact}");
             assert!((single - double).abs() < 0.035, "{k}: {single} {double}");
-            sum += double - exact;
-            squares += (double - exact) * (double - exact);
-            count += 1.0;
         }
-        let (bias, rms) = (sum / count, libm::sqrt(squares / count));
-        std::println!("bias {bias:.4} rms {rms:.4}");
-        assert!(bias.abs() < 0.02 && rms < 0.02, "{bias} {rms}");
     }
 
     #[test]

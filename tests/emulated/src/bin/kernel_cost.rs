@@ -14,15 +14,11 @@ fn run() {
 
 #[cfg(target_os = "none")]
 fn run() {
-    use kband::impact::{Hybrid, Single};
+    use kband::impact::Single;
 
     let counter = kband_emulated::Counter::start();
-    let hybrid = cost::measure::<Hybrid>(&counter);
     let single = cost::measure::<Single>(&counter);
     // Bounds: the counted value, and 3 % for another compiler.
-    let worst = hybrid.worst.max(cost::sweep::<Hybrid>(&counter));
-    hybrid.is_held("hybrid", [298, 563]);
-    assert!(worst <= 412, "hybrid: {worst}");
     let worst = single.worst.max(cost::sweep::<Single>(&counter));
     single.is_held("f32", [195, 680]);
     assert!(worst <= 311, "f32: {worst}");

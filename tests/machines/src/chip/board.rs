@@ -114,12 +114,6 @@ pub struct Board {
     pub world: World,
 }
 
-impl Default for Board {
-    fn default() -> Self {
-        Self::new(Kind::default())
-    }
-}
-
 impl Board {
     /// Builds a chip with an erased flash.
     pub fn new(kind: Kind) -> Self {
@@ -171,13 +165,13 @@ impl Board {
         self.flash.reset();
         self.ports.iter_mut().for_each(Port::reset);
         self.bridge.reset();
-        self.converter.reset();
+        self.converter = Converter::new(self.kind);
         self.voltage.reset();
         self.check = Check::default();
         self.serials.iter_mut().for_each(Serial::reset);
         self.watchdog
             .reset(self.flash.hardware_watchdog(), self.now);
-        self.window.reset();
+        self.window = Window::new(self.kind);
         self.system.reset();
         self.lines = [0; 6];
         self.monitor = false;
@@ -527,24 +521,25 @@ impl Board {
         }
     }
 
-    /// Whether the peripheral of a register has no clock; `same` is its address on the STM32F405.
-    fn unclocked(&mut self, same: u32, address: u32, what: &str) -> bool {
-        if self.clocks.enabled(same) {
-            return false;
-        }
-        let what = format!("{what} {address:#010x}, whose clock is off");
-        self.world.violate(self.now, what);
-        true
-    }
-
-    fn register(&mut self, at: u32) -> u32 {
+    /// Address on the STM32F405 of a register that the program reads or writes, after the events that
+    /// are due; `None` where its peripheral has no clock.
+    fn reach(&mut self, at: u32, what: &str) -> Option<u32> {
         if self.now >= self.next {
             self.run_events();
         }
         let address = self.kind.place(at);
-        if self.unclocked(address, at, "reads") {
-            return 0;
+        let clocked = self.clocks.enabled(address);
+        if !clocked {
+            let what = format!("{what} {at:#010x}, whose clock is off");
+            self.world.violate(self.now, what);
         }
+        clocked.then_some(address)
+    }
+
+    fn register(&mut self, at: u32) -> u32 {
+        let Some(address) = self.reach(at, "reads") else {
+            return 0;
+        };
         let (now, lower) = (self.now, self.lower());
         let offset = address & 0x3ff;
         match address {
@@ -591,13 +586,9 @@ impl Board {
     }
 
     fn set_register(&mut self, at: u32, value: u32) {
-        if self.now >= self.next {
-            self.run_events();
-        }
-        let address = self.kind.place(at);
-        if self.unclocked(address, at, "writes") {
+        let Some(address) = self.reach(at, "writes") else {
             return;
-        }
+        };
         let (now, lower, upper) = (self.now, self.lower(), self.upper());
         let operations = self.flash.operations;
         let offset = address & 0x3ff;
@@ -872,45 +863,5 @@ impl Bus for Board {
             self.check_word(offset);
             self.check_word(offset + 8);
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const SYSTEM_CONFIGURATION_CLOCK: (u32, u32) = (0x4002_3844, 1 << 14);
-    const CHOICE: u32 = 0x4001_3808;
-    const MASK: u32 = 0x4001_3c00;
-    const RISING: u32 = 0x4001_3c08;
-    const FALLING: u32 = 0x4001_3c0c;
-    const PENDING: u32 = 0x4001_3c14;
-
-    #[test]
-    fn an_edge_is_pending_where_an_unmasked_line_listens_to_it() {
-        let mut board = Board::default();
-        let mut pends = |mask: u32, edges: [u32; 2], port: u32, wire: Wire| {
-            board.store(
-                SYSTEM_CONFIGURATION_CLOCK.0,
-                4,
-                SYSTEM_CONFIGURATION_CLOCK.1,
-            );
-            board.store(CHOICE, 4, port);
-            board.store(MASK, 4, mask);
-            board.store(RISING, 4, edges[0]);
-            board.store(FALLING, 4, edges[1]);
-            board.set_wire(1, 0, wire);
-            let pending = board.load(PENDING, 4) == Some(1);
-            board.store(PENDING, 4, 1);
-            assert_eq!(board.load(PENDING, 4), Some(0), "a one clears it");
-            pending
-        };
-        assert!(pends(1, [1, 0], 1, Wire::High));
-        assert!(!pends(1, [1, 0], 1, Wire::Low), "falling");
-        assert!(!pends(1, [0, 1], 1, Wire::High), "rising");
-        assert!(pends(1, [0, 1], 1, Wire::Low));
-        assert!(!pends(0, [1, 1], 1, Wire::High), "masked");
-        assert!(!pends(1, [1, 1], 1, Wire::High), "as before");
-        assert!(!pends(1, [1, 1], 0, Wire::Low), "port A's");
     }
 }

@@ -11,7 +11,6 @@ const UPDATE: u32 = 1;
 const BREAK: u32 = 1 << 7;
 /// Flag of a break by the chip itself, on the STM32G474. While it is set, the outputs stay off.
 const SYSTEM_BREAK: u32 = 1 << 13;
-const IDLE_DRIVEN: u32 = 1 << 10;
 const BREAK_ON: u32 = 1 << 12;
 const BREAK_HIGH: u32 = 1 << 13;
 const AUTOMATIC: u32 = 1 << 14;
@@ -26,6 +25,7 @@ pub struct Effects {
 
 #[derive(Clone, Debug)]
 pub struct Bridge {
+    kind: Kind,
     words: [u32; 20],
     /// Active values of prescaler, reload and comparison, taken over at the last update.
     prescaler: u32,
@@ -38,15 +38,14 @@ pub struct Bridge {
     since: u64,
     /// Duration of a timer clock cycle, ticks; 0 without a clock.
     cycle: u64,
-    /// Flag of a break by the chip itself.
-    system_flag: u32,
 }
 
-impl Default for Bridge {
-    fn default() -> Self {
+impl Bridge {
+    pub fn new(kind: Kind) -> Self {
         let mut words = [0; 20];
         words[0x2c / 4] = 0xffff;
         Self {
+            kind,
             words,
             prescaler: 0,
             reload: 0xffff,
@@ -56,28 +55,13 @@ impl Default for Bridge {
             down: false,
             since: 0,
             cycle: START_CYCLE,
-            system_flag: BREAK,
-        }
-    }
-}
-
-impl Bridge {
-    pub fn new(kind: Kind) -> Self {
-        let system_flag = match kind {
-            Kind::Stm32f405 => BREAK,
-            Kind::Stm32g474 => SYSTEM_BREAK,
-        };
-        Self {
-            system_flag,
-            ..Self::default()
         }
     }
 
     pub fn reset(&mut self) {
         *self = Self {
             cycle: self.cycle,
-            system_flag: self.system_flag,
-            ..Self::default()
+            ..Self::new(self.kind)
         };
     }
 
@@ -252,7 +236,10 @@ impl Bridge {
             self.fail(BREAK);
         }
         if by_chip {
-            self.fail(self.system_flag);
+            self.fail(match self.kind {
+                Kind::Stm32f405 => BREAK,
+                Kind::Stm32g474 => SYSTEM_BREAK,
+            });
         }
         (active || by_chip) && driven
     }
@@ -264,16 +251,6 @@ impl Bridge {
     /// Whether the outputs and both their channels are enabled: one of the gates is always high.
     pub fn driven(&self) -> bool {
         self.enabled() && self.word(0x20) & 5 != 0
-    }
-
-    /// Whether the gates are driven to their off level while the outputs are disabled (OSSI).
-    pub fn held_off(&self) -> bool {
-        self.word(0x44) & IDLE_DRIVEN != 0 && self.word(4) & 0x300 == 0
-    }
-
-    /// Clears the main output enable, as a write by a debugger does.
-    pub fn switch_off(&mut self) {
-        self.words[0x44 / 4] &= !MAIN_OUTPUT;
     }
 
     pub fn switch_on(&mut self) {
@@ -324,117 +301,5 @@ impl Bridge {
             self.compare,
             dead,
         )
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The firmware's set-up: centre-aligned, 4200, an update where the counter turns at its
-    /// bottom.
-    fn board() -> Bridge {
-        let mut bridge = Bridge::default();
-        bridge.set_cycle(6, 0);
-        bridge.write(0x2c, 4200, 0);
-        bridge.write(0x18, 0x68, 0);
-        bridge.write(0x34, 2100, 0);
-        bridge.write(0x30, 1, 0);
-        bridge.write(0x20, 5, 0);
-        bridge.write(0x00, 0x60 | PRELOAD, 0);
-        bridge.write(0x14, 1, 0);
-        bridge.write(0x04, 0x20, 0);
-        bridge.write(0x00, 0x61 | PRELOAD, 0);
-        bridge
-    }
-
-    #[test]
-    fn an_update_comes_once_a_period_at_the_bottom() {
-        let mut bridge = board();
-        assert_eq!(bridge.due(), 4200 * 6);
-        assert!(!bridge.turn().trigger, "at the top");
-        assert_eq!(bridge.read(0x24, 4200 * 6), 4200);
-        assert_eq!(bridge.due(), 8400 * 6);
-        assert!(bridge.turn().trigger, "at the bottom");
-        assert_eq!(bridge.read(0x24, 8400 * 6), 0);
-        assert_eq!(bridge.period(), (8400, 2100, 0));
-    }
-
-    /// A write within a count must not delay the next edge.
-    #[test]
-    fn a_write_shifts_no_edge() {
-        let mut bridge = board();
-        for now in [5, 22, 1001, 4200 * 6 - 1] {
-            bridge.write(0x34, 2000, now);
-            assert_eq!(bridge.due(), 4200 * 6, "written at {now}");
-        }
-    }
-
-    #[test]
-    fn a_new_comparison_counts_from_the_next_update() {
-        let mut bridge = board();
-        bridge.write(0x44, MAIN_OUTPUT, 0);
-        bridge.write(0x34, 4200, 10);
-        assert_eq!(bridge.output(10), 0.0);
-        bridge.turn();
-        assert_eq!(bridge.output(bridge.since), 0.0);
-        bridge.turn();
-        assert_eq!(bridge.output(bridge.since), 1.0);
-    }
-
-    #[test]
-    fn the_break_opens_the_bridge_and_keeps_it_open() {
-        let mut bridge = board();
-        bridge.write(0x44, MAIN_OUTPUT | BREAK_ON | BREAK_HIGH, 0);
-        assert!(!bridge.break_input(false, false) && bridge.driven());
-        assert!(bridge.break_input(true, false));
-        assert!(!bridge.driven() && bridge.output(0) == 0.0);
-        assert_eq!(bridge.read(0x10, 0) & BREAK, BREAK);
-        // It is not enabled again automatically.
-        bridge.break_input(false, false);
-        bridge.turn();
-        bridge.turn();
-        assert!(!bridge.driven());
-        let mut bridge = board();
-        bridge.write(0x44, MAIN_OUTPUT | BREAK_ON | BREAK_HIGH, 0);
-        assert!(bridge.break_input(false, true), "the clock fails");
-    }
-
-    #[test]
-    fn its_own_flag_keeps_the_stm32g474_off() {
-        for (kind, stays_off) in [(Kind::Stm32f405, false), (Kind::Stm32g474, true)] {
-            let mut bridge = Bridge::new(kind);
-            bridge.write(0x44, MAIN_OUTPUT | BREAK_ON | BREAK_HIGH, 0);
-            assert!(bridge.break_input(false, true));
-            bridge.write(0x10, !BREAK, 0);
-            bridge.write(0x44, MAIN_OUTPUT | BREAK_ON | BREAK_HIGH, 0);
-            assert_eq!(bridge.enabled(), !stays_off, "{kind:?}");
-            bridge.write(0x10, !SYSTEM_BREAK, 0);
-            bridge.write(0x44, MAIN_OUTPUT | BREAK_ON | BREAK_HIGH, 0);
-            assert!(bridge.enabled(), "{kind:?}");
-        }
-    }
-
-    #[test]
-    fn a_lock_keeps_dead_time_and_break_but_not_the_output() {
-        let mut bridge = board();
-        bridge.write(0x44, 0x94 | 2 << 8 | BREAK_ON | BREAK_HIGH | IDLE_DRIVEN, 0);
-        assert_eq!(bridge.period().2, 168);
-        bridge.write(0x44, MAIN_OUTPUT, 0);
-        assert_eq!(
-            bridge.read(0x44, 0),
-            0x94 | 2 << 8 | 0x3000 | IDLE_DRIVEN | MAIN_OUTPUT
-        );
-        assert!(bridge.held_off());
-        bridge.write(0x20, 5 | 0xa, 0);
-        assert_eq!(bridge.read(0x20, 0), 5);
-    }
-
-    #[test]
-    fn a_counter_that_stands_leaves_a_switch_on() {
-        let mut bridge = board();
-        bridge.write(0x44, MAIN_OUTPUT, 0);
-        bridge.set_cycle(0, 100);
-        assert_eq!(bridge.output(200), 1.0);
     }
 }

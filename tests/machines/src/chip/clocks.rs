@@ -124,12 +124,6 @@ pub struct Clocks {
     pll_ready: u64,
 }
 
-impl Default for Clocks {
-    fn default() -> Self {
-        Self::new(Kind::default())
-    }
-}
-
 impl Clocks {
     /// Builds the clocks of a chip after a reset, with a crystal of 8 MHz.
     pub fn new(kind: Kind) -> Self {
@@ -350,141 +344,15 @@ impl Clocks {
         match address {
             0x4002_0000..0x4002_2400 => enabled(0x30, (address - 0x4002_0000) / 0x400),
             0x4002_3000..0x4002_3400 => enabled(0x30, 12),
-            0x4002_6000..0x4002_6800 => enabled(0x30, 21 + (address >> 10 & 1)),
-            0x4000_0000..0x4000_2400 => enabled(0x40, address >> 10 & 0xf),
             0x4000_2c00..0x4000_3000 => enabled(0x40, 11),
-            0x4000_3800..0x4000_4000 => enabled(0x40, 14 + (address >> 10 & 1)),
             0x4000_4400..0x4000_5400 => enabled(0x40, 17 + (address - 0x4000_4400) / 0x400),
             0x4000_7000..0x4000_7400 => enabled(0x40, 28),
             0x4000_7400..0x4000_7800 => enabled(0x40, 29),
-            0x4001_0000..0x4001_0800 => enabled(0x44, address >> 10 & 1),
-            0x4001_1000..0x4001_1800 => enabled(0x44, 4 + (address >> 10 & 1)),
+            0x4001_0000..0x4001_0400 => enabled(0x44, 0),
+            0x4001_1000..0x4001_1400 => enabled(0x44, 4),
             0x4001_2000..0x4001_2400 => (8..11).any(|bit| enabled(0x44, bit)),
             0x4001_3800..0x4001_3c00 => enabled(0x44, 14),
             _ => true,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The board's clocks: 8 MHz / 4 * 168 / 2, APB1 by 4, APB2 by 2.
-    fn board() -> Clocks {
-        let mut clocks = Clocks::default();
-        clocks.write(0x00, 0x83 | HSEON, 0);
-        assert_eq!(clocks.read(0, CRYSTAL_START - 1) & HSERDY, 0);
-        let now = CRYSTAL_START;
-        assert_ne!(clocks.read(0, now) & HSERDY, 0);
-        clocks.write(0x04, 4 | 168 << 6 | 1 << 22 | 7 << 24, now);
-        clocks.write(0x00, 0x83 | HSEON | PLLON, now);
-        assert_eq!(clocks.read(0, now) & PLLRDY, 0);
-        clocks.write(0x08, 2 | 0b101 << 10 | 0b100 << 13, now + PLL_START);
-        clocks
-    }
-
-    #[test]
-    fn another_crystal_gives_another_clock() {
-        let mut clocks = board();
-        let now = TICKS;
-        assert_eq!(clocks.core(now), 168_000_000);
-        assert_eq!((clocks.divider(false), clocks.divider(true)), (4, 2));
-        assert_eq!(
-            (clocks.timer_divider(false), clocks.timer_divider(true)),
-            (2, 1)
-        );
-        assert_eq!(clocks.read(8, now) & 0xc, 8);
-        clocks.crystal = 12_000_000;
-        assert_eq!(clocks.core(now), 252_000_000);
-    }
-
-    #[test]
-    fn a_crystal_that_stops_is_seen_by_the_security_system_alone() {
-        let mut clocks = board();
-        assert!(!clocks.crystal_stops(TICKS));
-        assert_eq!(clocks.core(TICKS), 0);
-        let mut clocks = board();
-        clocks.write(0, clocks.read(0, TICKS) | CSSON, TICKS);
-        assert!(clocks.crystal_stops(TICKS));
-        assert!(clocks.security());
-        assert_eq!(clocks.core(TICKS), 16_000_000);
-        clocks.write(0x0c, CSSC, TICKS);
-        assert!(!clocks.security());
-    }
-
-    #[test]
-    fn a_dead_crystal_never_becomes_ready() {
-        let mut clocks = Clocks {
-            crystal: 0,
-            ..Clocks::default()
-        };
-        clocks.write(0, 0x83 | HSEON, 0);
-        assert_eq!(clocks.read(0, 100 * TICKS) & HSERDY, 0);
-    }
-
-    #[test]
-    fn causes_of_resets_add_up_until_they_are_removed() {
-        let mut clocks = Clocks::default();
-        clocks.note(Cause::Power);
-        clocks.reset();
-        assert_eq!(clocks.read(0x74, 0), 0x0e00_0000);
-        clocks.note(Cause::Watchdog);
-        assert_eq!(clocks.read(0x74, 0), 0x2e00_0000);
-        clocks.write(0x74, 1 << 24, 0);
-        assert_eq!(clocks.read(0x74, 0), 0);
-    }
-
-    #[test]
-    fn the_stm32g474_has_one_flag_for_power_and_brown_out() {
-        for cause in [Cause::Power, Cause::BrownOut] {
-            let mut clocks = Clocks::new(Kind::Stm32g474);
-            clocks.note(cause);
-            assert_eq!(clocks.read(0x94, 0), 0x0c00_0000);
-            clocks.write(0x94, 1 << 23, 0);
-            assert_eq!(clocks.read(0x94, 0), 0);
-        }
-    }
-
-    /// 16 MHz / 4 * 85 / 2 on the internal oscillator, the buses undivided.
-    #[test]
-    fn the_stm32g474_runs_at_170_mhz_without_a_crystal() {
-        let mut clocks = Clocks::new(Kind::Stm32g474);
-        assert_eq!((clocks.core(0), clocks.read(0, 0)), (16_000_000, 0x500));
-        clocks.write(0x0c, 2 | 3 << 4 | 85 << 8, 0);
-        clocks.write(0x00, 0x500 | PLLON, 0);
-        clocks.write(0x08, 3, PLL_START);
-        assert_eq!(clocks.core(PLL_START), 0, "its output is not enabled");
-        clocks.write(0x00, 0x500, PLL_START);
-        clocks.write(0x0c, 2 | 3 << 4 | 85 << 8 | 1 << 24, PLL_START);
-        clocks.write(0x00, 0x500 | PLLON, PLL_START);
-        assert_eq!(clocks.core(2 * PLL_START), 170_000_000);
-        assert_eq!((clocks.divider(false), clocks.divider(true)), (1, 1));
-        assert_eq!(TICKS % 170_000_000, 0);
-    }
-
-    #[test]
-    fn a_peripheral_has_the_clock_of_its_own_bit() {
-        for (address, register, bit) in [
-            (0x4002_0000, 0x30, 0),
-            (0x4002_0400, 0x30, 1),
-            (0x4001_0000, 0x44, 0),
-            (0x4001_2000, 0x44, 8),
-            (0x4000_4400, 0x40, 17),
-            (0x4000_4800, 0x40, 18),
-            (0x4000_7000, 0x40, 28),
-            (0x4000_7400, 0x40, 29),
-            (0x4000_2c00, 0x40, 11),
-            (0x4001_3800, 0x44, 14),
-        ] {
-            let mut clocks = Clocks::default();
-            assert!(!clocks.enabled(address), "{address:#x}");
-            clocks.write(register, 1 << bit, 0);
-            assert!(clocks.enabled(address), "{address:#x}");
-        }
-        assert!(
-            Clocks::default().enabled(0x4000_3000),
-            "the watchdog needs none"
-        );
     }
 }

@@ -46,28 +46,15 @@ pub struct Converter {
     regular: u64,
 }
 
-impl Default for Converter {
-    fn default() -> Self {
+impl Converter {
+    pub fn new(kind: Kind) -> Self {
         Self {
-            kind: Kind::default(),
+            kind,
             words: [0; 64],
             prescaler: 0,
             injected: u64::MAX,
             regular: u64::MAX,
         }
-    }
-}
-
-impl Converter {
-    pub fn new(kind: Kind) -> Self {
-        Self {
-            kind,
-            ..Self::default()
-        }
-    }
-
-    pub fn reset(&mut self) {
-        *self = Self::new(self.kind);
     }
 
     /// Reads a register; from `offset` 0x300 on those that the converters share.
@@ -246,66 +233,49 @@ impl Converter {
     }
 
     /// Ends the conversions due by `now` with the readings `level` of each channel, 0 to 4095.
-    /// Returns whether the injected group ended.
-    pub fn end(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) -> bool {
-        if self.kind == Kind::Stm32g474 {
-            return self.end_g474(now, level);
-        }
-        let cut = 2 * (self.words[1] >> 24 & 3);
-        let mut convert = |control: u32, channel: u32| {
-            let value = u32::from(level(channel)) >> cut;
-            if control & RIGHT_TO_LEFT != 0 {
-                value << 4
+    pub fn end(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) {
+        let g474 = self.kind == Kind::Stm32g474;
+        let resolution = if g474 {
+            self.words[3] >> 3
+        } else {
+            self.words[1] >> 24
+        };
+        let cut = 2 * (resolution & 3);
+        let left = if !g474 && self.words[2] & RIGHT_TO_LEFT != 0 {
+            4
+        } else {
+            0
+        };
+        let mut convert = |channel: u32| u32::from(level(channel)) >> cut << left;
+        if now >= self.regular {
+            self.regular = u64::MAX;
+            if g474 {
+                self.words[0x40 / 4] = convert(self.words[0x30 / 4] >> 6 & 0x1f);
+                self.words[0] |= REGULAR_END_G474;
+                self.words[2] &= !START_G474;
             } else {
-                value
+                self.words[0x4c / 4] = convert(self.words[0x34 / 4] & 0x1f);
+                self.words[0] |= REGULAR_END;
             }
-        };
-        let control = self.words[2];
-        if now >= self.regular {
-            let value = convert(control, self.words[0x34 / 4] & 0x1f);
-            self.words[0x4c / 4] = value;
-            self.words[0] |= REGULAR_END;
-            self.regular = u64::MAX;
         }
         if now < self.injected {
-            return false;
+            return;
         }
-        let group = {
-            let word = self.words[0x38 / 4];
-            let last = word >> 20 & 3;
-            (0..=last).map(move |rank| word >> (5 * (3 - last + rank)) & 0x1f)
-        };
-        let mut values = [0; 4];
-        for (place, channel) in values.iter_mut().zip(group) {
-            *place = convert(control, channel);
-        }
-        for (rank, value) in values.into_iter().enumerate() {
-            let zero = self.words[0x14 / 4 + rank] & 0xfff;
-            self.words[0x3c / 4 + rank] = value.wrapping_sub(zero) & 0xffff;
-        }
-        self.words[0] |= INJECTED_END;
         self.injected = u64::MAX;
-        true
-    }
-
-    fn end_g474(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) -> bool {
-        let cut = 2 * (self.words[3] >> 3 & 3);
-        let mut convert = |channel: u32| u32::from(level(channel)) >> cut;
-        if now >= self.regular {
-            self.words[0x40 / 4] = convert(self.words[0x30 / 4] >> 6 & 0x1f);
-            self.words[0] |= REGULAR_END_G474;
-            self.words[2] &= !START_G474;
-            self.regular = u64::MAX;
-        }
-        if now < self.injected {
-            return false;
-        }
         for (rank, channel) in self.group().into_iter().enumerate() {
-            self.words[RESULTS_G474 / 4 + rank] = convert(channel);
+            let value = convert(channel);
+            if g474 {
+                self.words[RESULTS_G474 / 4 + rank] = value;
+            } else {
+                let zero = self.words[0x14 / 4 + rank] & 0xfff;
+                self.words[0x3c / 4 + rank] = value.wrapping_sub(zero) & 0xffff;
+            }
         }
-        self.words[0] |= INJECTED_END_G474;
-        self.injected = u64::MAX;
-        true
+        self.words[0] |= if g474 {
+            INJECTED_END_G474
+        } else {
+            INJECTED_END
+        };
     }
 
     /// Whether it requests its interrupt: end of a regular conversion, or of the injected group.
@@ -316,88 +286,5 @@ impl Converter {
         let (status, control) = (self.words[0], self.words[1]);
         status & REGULAR_END != 0 && control >> 5 & 1 == 1
             || status & INJECTED_END != 0 && control >> 7 & 1 == 1
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn trigger_converts_the_injected_group_and_interrupts() {
-        let mut converter = Converter::default();
-        let cycle = 12;
-        converter.write(0x304, 1 << 16, 0, cycle);
-        converter.write(0x04, 1 << 7 | 1 << 8, 0, cycle);
-        converter.write(0x10, 3 << 3, 0, cycle);
-        // One conversion: the last entry of the sequence.
-        converter.write(0x38, 1 << 15, 0, cycle);
-        converter.trigger(0, cycle);
-        assert_eq!(converter.due(), u64::MAX, "it is off");
-        converter.write(0x08, ON | 1 << 16 | 1 << 20, 0, cycle);
-        converter.trigger(100, cycle);
-        // 56 + 12 cycles of 84 MHz / 4.
-        assert_eq!(converter.due(), 100 + 68 * 4 * cycle);
-        assert!(!converter.interrupts());
-        assert!(converter.end(converter.due(), |channel| 1000 + channel as u16));
-        assert_eq!(converter.read(0x3c), 1001);
-        assert!(converter.interrupts());
-        converter.write(0x00, !INJECTED_END, 0, cycle);
-        assert!(!converter.interrupts());
-    }
-
-    #[test]
-    fn the_stm32g474_converts_its_group_at_its_first_trigger() {
-        let mut converter = Converter::new(Kind::Stm32g474);
-        let cycle = 4;
-        // 42.5 MHz; 47.5 cycles of channels 2 and 6; interrupt at the end of the group.
-        converter.write(0x308, 2 << 18, 0, cycle);
-        converter.write(0x14, 4 << 6 | 4 << 18, 0, cycle);
-        converter.write(0x4c, 1 | 1 << 7 | 2 << 9 | 6 << 15, 0, cycle);
-        converter.write(0x04, 1 << 6, 0, cycle);
-        converter.write(0x08, ON_G474, 0, cycle);
-        assert_eq!(converter.read(0) & READY_G474, READY_G474);
-        converter.trigger(0, cycle);
-        assert_eq!(converter.due(), u64::MAX, "it is not started");
-        converter.write(0x08, ON_G474 | START_INJECTED_G474, 0, cycle);
-        assert_eq!(converter.due(), u64::MAX, "it waits for its trigger");
-        converter.trigger(0, cycle);
-        assert_eq!(converter.due(), 2 * 60 * 4 * cycle);
-        assert_eq!(converter.samples(cycle), 51 * 4 * cycle);
-        assert!(converter.end(converter.due(), |channel| 100 * channel as u16));
-        assert_eq!((converter.read(0x80), converter.read(0x84)), (200, 600));
-        assert!(converter.interrupts());
-        converter.write(0, 1 << 6, 0, cycle);
-        assert!(!converter.interrupts());
-        converter.trigger(1, cycle);
-        assert_ne!(converter.due(), u64::MAX, "it stays started");
-    }
-
-    #[test]
-    fn the_ranks_of_a_group_follow_each_other() {
-        let mut converter = Converter::default();
-        // Channel 1, then channel 10, both with 28 cycles of sampling time.
-        converter.write(0x10, 2 << 3, 0, 12);
-        converter.write(0x0c, 2, 0, 12);
-        converter.write(0x38, 1 << 20 | 1 << 10 | 10 << 15, 0, 12);
-        converter.write(0x08, ON | 1 << 16 | 1 << 20, 0, 12);
-        converter.trigger(0, 12);
-        // The first channel's sampling time, at half of the clock.
-        assert_eq!(converter.samples(12), (3 + 28) * 2 * 12);
-        assert_eq!(converter.due(), 2 * 40 * 2 * 12);
-        assert!(converter.end(converter.due(), |channel| 100 * channel as u16));
-        assert_eq!((converter.read(0x3c), converter.read(0x40)), (100, 1000));
-    }
-
-    #[test]
-    fn a_regular_conversion_is_started_by_the_program_and_read_once() {
-        let mut converter = Converter::default();
-        converter.write(0x34, 17, 0, 12);
-        converter.write(0x08, ON | START, 0, 12);
-        assert_eq!(converter.due(), (3 + 12) * 2 * 12);
-        assert!(!converter.end(1_000_000, |channel| 100 * channel as u16));
-        assert_eq!(converter.read(0) & REGULAR_END, REGULAR_END);
-        assert_eq!(converter.read(0x4c), 1700);
-        assert_eq!(converter.read(0) & REGULAR_END, 0);
     }
 }

@@ -1,7 +1,7 @@
 //! Model of the flash, its controller and its accelerator (RM0090, chapter 3; DS8626, tables 39 and
 //! 40). The controller of the STM32G474 is in `flash/pages.rs`.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, VecDeque};
 use std::ops::Range;
 
 use super::clocks::TICKS;
@@ -80,46 +80,26 @@ pub fn sector(number: usize) -> Option<Range<usize>> {
 /// Cached lines; a new one replaces the oldest (on silicon the least recently used).
 #[derive(Clone, Debug)]
 struct Lines {
-    kept: Vec<u32>,
-    next: usize,
-    /// Bit set of the cached lines.
-    held: Vec<u64>,
+    count: usize,
+    kept: VecDeque<u32>,
 }
 
 impl Lines {
     fn new(count: usize) -> Self {
         Self {
-            kept: vec![u32::MAX; count],
-            next: 0,
-            held: vec![0; SIZE / 16 / 64],
+            count,
+            kept: VecDeque::new(),
         }
-    }
-
-    fn forget(&mut self) {
-        self.kept.fill(u32::MAX);
-        self.held.fill(0);
-    }
-
-    /// The word and the bit of a line.
-    fn bit(&mut self, line: u32) -> (&mut u64, u64) {
-        let at = line as usize % (SIZE / 16);
-        (&mut self.held[at / 64], 1 << (at % 64))
     }
 
     /// Whether a line is cached; afterwards it is.
     fn has(&mut self, line: u32) -> bool {
-        let (word, bit) = self.bit(line);
-        if *word & bit != 0 {
-            return true;
+        let known = self.kept.contains(&line);
+        if !known {
+            self.kept.truncate(self.count - 1);
+            self.kept.push_front(line);
         }
-        *word |= bit;
-        let oldest = std::mem::replace(&mut self.kept[self.next], line);
-        if oldest != u32::MAX {
-            let (word, bit) = self.bit(oldest);
-            *word &= !bit;
-        }
-        self.next = (self.next + 1) % self.kept.len();
-        false
+        known
     }
 }
 
@@ -129,8 +109,6 @@ pub struct Flash {
     /// Content.
     pub bytes: Vec<u8>,
     kind: Kind,
-    /// Address and mask of worn bits, which stay 1 when programmed.
-    pub worn: Option<(u32, u32)>,
     /// Number of words programmed and sectors erased.
     pub operations: u64,
     /// Number of erasures of each sector.
@@ -139,8 +117,6 @@ pub struct Flash {
     pub slow: bool,
     /// Duration of an erasure in ticks that overrides the data sheet.
     pub erases_in: Option<u64>,
-    /// Addresses programmed or erased since the core's cache last took this.
-    pub changed: Option<Range<u32>>,
     /// Sectors whose last erasure was not completed. They may read as erased and not stay so.
     pub weak: [bool; SECTORS],
     /// Whether a weak sector was programmed.
@@ -178,12 +154,10 @@ impl Default for Flash {
         Self {
             bytes: vec![0xff; SIZE],
             kind: Kind::default(),
-            worn: None,
             operations: 0,
             erasures: [0; SECTORS],
             slow: false,
             erases_in: None,
-            changed: None,
             weak: [false; SECTORS],
             programmed_weak: false,
             programmed_cached: false,
@@ -232,8 +206,8 @@ impl Flash {
         if self.kind == Kind::Stm32g474 {
             self.access = INSTRUCTION_CACHE | DATA_CACHE;
         }
-        self.instructions.forget();
-        self.data.forget();
+        self.instructions.kept.clear();
+        self.data.kept.clear();
         self.current = [u32::MAX; 2];
     }
 
@@ -371,10 +345,10 @@ impl Flash {
             0x00 => {
                 self.access = value & 0x707;
                 if value & RESET_INSTRUCTIONS != 0 {
-                    self.instructions.forget();
+                    self.instructions.kept.clear();
                 }
                 if value & RESET_DATA != 0 {
-                    self.data.forget();
+                    self.data.kept.clear();
                     self.stale = None;
                 }
             }
@@ -417,13 +391,6 @@ impl Flash {
         self.control &= !(u32::from(opens) * LOCKED);
     }
 
-    /// Marks bytes at these offsets as changed.
-    pub fn change(&mut self, places: Range<usize>) {
-        let [start, end] = [places.start, places.end].map(|at| START + at as u32);
-        let both = |old: Range<u32>| old.start.min(start)..old.end.max(end);
-        self.changed = Some(self.changed.take().map_or(start..end, both));
-    }
-
     fn time(&self, typical: u64) -> u64 {
         if self.slow { 2 * typical } else { typical }
     }
@@ -440,7 +407,6 @@ impl Flash {
             self.bytes.fill(0xff);
             self.weak = [false; SECTORS];
             self.stale = Some(0..SIZE);
-            self.change(0..SIZE);
             3
         } else if self.control & ERASE_SECTOR != 0 {
             let number = self.control as usize >> 3 & 0xf;
@@ -451,7 +417,6 @@ impl Flash {
             self.bytes[range.clone()].fill(0xff);
             self.erasures[number] += 1;
             self.weak[number] = false;
-            self.change(range.clone());
             self.stale = Some(range);
             match number {
                 0..=3 => 0,
@@ -491,7 +456,6 @@ impl Flash {
         let Some((at, before)) = self.under_way.take().filter(|_| now < self.busy) else {
             return;
         };
-        self.change(at..at + before.len());
         let left = self.busy - now;
         self.busy = 0;
         if before.len() > LONGEST_WORD && 4 * left < self.takes {
@@ -523,11 +487,7 @@ impl Flash {
             self.status |= WRONG_SIZE;
             return;
         }
-        let worn = match self.worn {
-            Some((address, bits)) if address == START + offset as u32 => bits,
-            _ => 0,
-        };
-        let value = (value | worn).to_le_bytes();
+        let value = value.to_le_bytes();
         self.programmed_weak |= self
             .sector_at(offset)
             .is_some_and(|number| self.weak[number]);
@@ -542,7 +502,6 @@ impl Flash {
         }
         self.operations += 1;
         self.busy = now.max(self.busy) + self.time(WORD_TIME);
-        self.change(offset..offset + size as usize);
     }
 }
 
@@ -557,20 +516,6 @@ mod tests {
         }
         assert_eq!(flash.register(0x10, 0) & LOCKED, 0);
         flash
-    }
-
-    #[test]
-    fn a_wrong_key_locks_until_the_reset() {
-        let mut flash = Flash::default();
-        for key in [KEYS[1], KEYS[0], KEYS[1]] {
-            flash.set_register(0x04, key, 0);
-        }
-        assert_eq!(flash.register(0x10, 0), LOCKED);
-        flash.reset();
-        for key in KEYS {
-            flash.set_register(0x04, key, 0);
-        }
-        assert_eq!(flash.register(0x10, 0), 0);
     }
 
     #[test]
@@ -605,46 +550,6 @@ mod tests {
     }
 
     #[test]
-    fn sectors_have_their_sizes_and_times() {
-        for (number, length, time) in [
-            (0, 0x4000, TICKS / 4),
-            (3, 0x4000, TICKS / 4),
-            (4, 0x1_0000, TICKS * 55 / 100),
-            (11, 0x2_0000, TICKS),
-        ] {
-            let mut flash = open();
-            flash.bytes.fill(0);
-            let erase = ERASE_SECTOR | (number as u32) << 3 | START_ERASING;
-            flash.set_register(0x10, erase | 2 << 8, 0);
-            assert_eq!(
-                flash.bytes.iter().filter(|byte| **byte == 0xff).count(),
-                length
-            );
-            assert_eq!(sector(number).unwrap().len(), length);
-            assert_eq!(flash.busy(), time);
-            let mut bytewise = open();
-            bytewise.set_register(0x10, erase, 0);
-            assert!(bytewise.busy() * 2 > 3 * time, "{number}");
-        }
-        assert_eq!(sector(11).unwrap().end, SIZE);
-    }
-
-    #[test]
-    fn the_accelerator_saves_wait_states_and_keeps_what_it_has() {
-        let mut flash = Flash::default();
-        flash.set_register(0x00, 5, 0);
-        assert_eq!([flash.fetch(START), flash.fetch(START + 16)], [5, 5]);
-        assert_eq!(flash.fetch(START + 18), 0);
-        flash.set_register(0x00, 5 | PREFETCH | INSTRUCTION_CACHE | DATA_CACHE, 0);
-        assert_eq!(flash.fetch(START + 0x100), 5);
-        assert_eq!(flash.fetch(START + 0x110), 1, "fetched ahead");
-        assert_eq!(flash.fetch(START + 0x100), 0, "kept");
-        assert_eq!(flash.read(START + 0x800), (5, false));
-        assert_eq!(flash.read(START + 0x900), (5, false));
-        assert_eq!(flash.read(START + 0x800), (0, false));
-    }
-
-    #[test]
     fn data_kept_over_an_erasure_is_old() {
         let mut flash = open();
         flash.set_register(0x00, 5 | DATA_CACHE, 0);
@@ -655,19 +560,5 @@ mod tests {
         flash.set_register(0x00, 5 | RESET_DATA, 0);
         flash.set_register(0x00, 5 | DATA_CACHE, 0);
         assert!(!flash.read(place).1);
-    }
-
-    #[test]
-    fn option_bytes_need_their_keys() {
-        let mut flash = Flash::default();
-        flash.set_register(0x14, OPTIONS & !0xd | OPTIONS_START, 0);
-        assert_eq!((flash.brown_out(), flash.hardware_watchdog()), (3, false));
-        for key in OPTION_KEYS {
-            flash.set_register(0x08, key, 0);
-        }
-        let wanted = OPTIONS & !(0xc | SOFTWARE_WATCHDOG | OPTIONS_LOCKED);
-        flash.set_register(0x14, wanted, 0);
-        flash.set_register(0x14, wanted | OPTIONS_START, 0);
-        assert_eq!((flash.brown_out(), flash.hardware_watchdog()), (0, true));
     }
 }

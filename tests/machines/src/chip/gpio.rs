@@ -106,39 +106,3 @@ impl Port {
         (self.mode(pin) == Mode::Output).then(|| self.level(pin))
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_pin_reads_its_wire_or_its_resistor() {
-        let mut port = Port::new(Kind::default(), 1);
-        assert!(!port.level(0));
-        port.write(0x0c, 0b01);
-        assert!(port.level(0), "pulled up");
-        port.wires[0] = Wire::Low;
-        assert!(!port.level(0));
-        port.wires[0] = Wire::High;
-        port.write(0x0c, 0b10);
-        assert!(port.level(0));
-        assert_eq!(port.read(0x10) & 1, 1);
-    }
-
-    #[test]
-    fn an_output_is_set_and_reset_by_one_register() {
-        let mut port = Port::new(Kind::default(), 1);
-        port.write(0x00, 1 << 20);
-        assert_eq!(port.output(10), Some(false));
-        port.write(0x18, 1 << 10);
-        assert_eq!(port.output(10), Some(true));
-        port.write(0x18, 1 << 26);
-        assert_eq!(port.output(10), Some(false));
-        port.write(0x18, 1 << 26 | 1 << 10);
-        assert_eq!(port.output(10), Some(true), "set wins");
-        assert_eq!(port.output(11), None);
-        port.write(0x24, 1 << 20);
-        port.write(0x00, 2 << 26);
-        assert_eq!(port.mode(13), Mode::Function(1));
-    }
-}

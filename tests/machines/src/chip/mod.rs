@@ -21,7 +21,7 @@ mod voltage;
 mod watchdog;
 pub mod world;
 
-use self::core::{COUNTER, Code, Core, Fault, STACK, WaitState};
+use self::core::{COUNTER, Core, Fault, STACK, WaitState};
 pub use board::Board;
 pub use board::MEMORY;
 use clocks::{Cause, TICKS};
@@ -56,8 +56,6 @@ const ACCESS: u64 = TICKS / 50_000;
 pub const SAMPLE: u16 = 16 + 18;
 /// Exception number of the link's port, USART2.
 pub const LINK: u16 = 16 + 38;
-/// Exception number of the fieldbus's port, UART4.
-pub const FIELDBUS: u16 = 16 + 52;
 /// Exception number of SysTick, the millisecond clock.
 pub const MILLISECOND: u16 = 15;
 const EXCEPTIONS: usize = 16 + 82;
@@ -110,8 +108,6 @@ pub struct Chip {
     pub board: Board,
     /// The core.
     pub core: Core,
-    /// Cache of decoded instructions.
-    code: Code,
     runs: Runs,
     /// Whether it still runs the unspecified older firmware.
     older: bool,
@@ -168,7 +164,6 @@ impl Chip {
             was_halted: false,
             board,
             core: Core::default(),
-            code: Code::default(),
             runs: Runs::Unknown,
             older: true,
             entry: 0,
@@ -208,19 +203,12 @@ impl Chip {
 
     /// Content of the flash for writing.
     pub fn flash_mut(&mut self) -> &mut [u8] {
-        let size = self.board.flash.bytes.len();
-        self.board.flash.change(0..size);
         &mut self.board.flash.bytes
     }
 
     /// Number of words programmed and sectors erased.
     pub fn operations(&self) -> u64 {
         self.board.flash.operations
-    }
-
-    /// Makes bits of a flash word stay 1.
-    pub fn wear(&mut self, address: u32, bits: u32) {
-        self.board.flash.worn = Some((address, bits));
     }
 
     /// Whether the bridge is driven; only its main output enable opens it.
@@ -563,25 +551,14 @@ impl Chip {
 
     #[inline(always)]
     fn step(&mut self) {
-        if self.board.flash.changed.is_some() {
-            self.drop_changed_code();
-        }
         if self.hangs.is_some() && self.is_hung() {
             self.core.instructions += 1;
             self.board.spend(3);
             return;
         }
-        match self.core.step(&mut self.code, &mut self.board) {
+        match self.core.step(&mut self.board) {
             Ok(cycles) => self.board.spend(cycles),
             Err(fault) => self.fault(fault),
-        }
-    }
-
-    /// Drops the decoded instructions of the changed flash.
-    #[cold]
-    fn drop_changed_code(&mut self) {
-        if let Some(changed) = self.board.flash.changed.take() {
-            self.code.forget(&changed);
         }
     }
 
@@ -730,7 +707,6 @@ fn width(address: u32, length: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::world::Seen;
     use super::*;
 
     /// Runs of a few cycles execute each round of the wait; one long run skips most of them.
@@ -777,30 +753,5 @@ mod tests {
         assert_eq!(chip.board.now, executed.board.now);
         assert_eq!(chip.board.cycles, executed.board.cycles);
         assert_eq!(chip.board.reset, None);
-    }
-
-    #[test]
-    fn nested_fault_locks_up_until_the_watchdog_resets() {
-        let mut chip = Chip::default();
-        // Stack at the top of the RAM; each vector points to erased flash, which is no instruction.
-        let vectors = std::iter::once(0x2002_0000_u32).chain(std::iter::repeat(0x0800_0101));
-        for (place, word) in chip.flash_mut()[..64].chunks_exact_mut(4).zip(vectors) {
-            place.copy_from_slice(&word.to_le_bytes());
-        }
-        chip.power_on();
-        chip.run(TICKS / 100);
-        let locked = |chip: &Chip| {
-            let trace = chip.board.world.trace.iter();
-            trace.filter(|(_, seen)| *seen == Seen::LockedUp).count()
-        };
-        assert_eq!(locked(&chip), 1);
-        assert!(chip.has_stopped());
-        assert!(chip.board.now >= TICKS / 100);
-        for (register, value) in [(0, 0x5555), (4, 0), (8, 100), (0, 0xcccc)] {
-            let address = 0x4000_3000 + register;
-            chip.board.store(address, 4, value).unwrap();
-        }
-        chip.run(TICKS / 40);
-        assert_eq!(locked(&chip), 2, "the watchdog reset it");
     }
 }

@@ -39,29 +39,19 @@ pub struct Power {
     others: [u32; 3],
 }
 
-impl Default for Power {
-    fn default() -> Self {
-        Self {
-            volts: 3.3,
-            kind: Kind::Stm32f405,
-            control: SCALED,
-            status: 0,
-            below: false,
-            others: [0; 3],
-        }
-    }
-}
-
 impl Power {
     pub fn new(kind: Kind) -> Self {
-        match kind {
-            Kind::Stm32f405 => Self::default(),
-            Kind::Stm32g474 => Self {
-                kind,
-                control: 0,
-                others: [0x200, 0x8000, NORMAL_RANGE_1],
-                ..Self::default()
-            },
+        let (control, others) = match kind {
+            Kind::Stm32f405 => (SCALED, [0; 3]),
+            Kind::Stm32g474 => (0, [0x200, 0x8000, NORMAL_RANGE_1]),
+        };
+        Self {
+            volts: 3.3,
+            kind,
+            control,
+            status: 0,
+            below: false,
+            others,
         }
     }
 
@@ -143,66 +133,5 @@ impl Power {
         } else {
             Supply::Enough
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn monitor_sees_a_low_supply_only_while_on() {
-        let mut power = Power {
-            volts: 2.5,
-            ..Power::default()
-        };
-        assert!(!power.look());
-        power.write(0, MONITOR | 5 << 5);
-        assert_eq!(power.read(4) & BELOW, BELOW);
-        power.volts = 2.7;
-        assert!(power.look(), "within the hysteresis");
-        assert!(power.too_low_for_flash());
-        power.volts = 2.8;
-        assert!(!power.look());
-        assert!(!power.too_low_for_flash());
-        power.volts = 2.69;
-        assert!(!power.look() && power.too_low_for_flash());
-    }
-
-    #[test]
-    fn the_stm32g474_is_slower_without_boost_and_has_its_own_monitor() {
-        let mut power = Power::new(Kind::Stm32g474);
-        assert_eq!(power.fastest(), 150_000_000);
-        power.write(0x80, 0);
-        assert_eq!((power.read(0x80), power.fastest()), (0, 170_000_000));
-        power.volts = 2.8;
-        power.write(0x04, MONITOR_G474 | 5 << 1);
-        assert!(power.is_below() && power.read(0x14) & BELOW_G474 != 0);
-        power.reset();
-        assert_eq!((power.is_below(), power.fastest()), (false, 150_000_000));
-        assert!(!power.too_low_for_flash(), "it works down to 1.71 V");
-    }
-
-    #[test]
-    fn brown_out_follows_the_option_bytes() {
-        let mut power = Power::default();
-        for (volts, level, expected) in [
-            (3.3, 3, Supply::Enough),
-            (1.8, 3, Supply::Enough),
-            (1.6, 3, Supply::Gone),
-            (2.8, 0, Supply::BrownOut),
-            (2.9, 0, Supply::Enough),
-            (2.3, 1, Supply::BrownOut),
-            (2.1, 2, Supply::BrownOut),
-        ] {
-            power.volts = volts;
-            assert_eq!(power.supply(level, false), expected, "{volts} V, {level}");
-        }
-        power.volts = 2.9;
-        assert_eq!(
-            power.supply(0, true),
-            Supply::BrownOut,
-            "not yet risen enough"
-        );
     }
 }

@@ -45,8 +45,6 @@ pub struct Serial {
     cycle: u64,
     /// Characters of the other end: bits a second, and bits of a character.
     pub other_end: (u64, u64),
-    /// Number of bytes lost because their rate differs from the port's.
-    pub garbled: u64,
     /// Whether the transmitter has failed: the byte being sent never ends.
     pub stuck: bool,
     /// Number of bytes lost by overrun, or because they ended between a read of the status and of
@@ -54,8 +52,12 @@ pub struct Serial {
     pub lost: u64,
 }
 
-impl Default for Serial {
-    fn default() -> Self {
+/// Rate of the desk's end, bits a second.
+pub const RATE: u64 = 115_200;
+
+impl Serial {
+    /// Builds a port of a chip.
+    pub fn new(kind: Kind) -> Self {
         Self {
             status: SENT | EMPTY,
             data: 0,
@@ -66,27 +68,13 @@ impl Default for Serial {
             shifting: None,
             waiting: VecDeque::new(),
             received: VecDeque::new(),
-            kind: Kind::default(),
+            kind,
             idle_at: u64::MAX,
             seen: 0,
             cycle: START_CYCLE,
             other_end: (RATE, 10),
-            garbled: 0,
             stuck: false,
             lost: 0,
-        }
-    }
-}
-
-/// Rate of the desk's end, bits a second.
-pub const RATE: u64 = 115_200;
-
-impl Serial {
-    /// Builds a port of a chip.
-    pub fn new(kind: Kind) -> Self {
-        Self {
-            kind,
-            ..Self::default()
         }
     }
 
@@ -95,12 +83,10 @@ impl Serial {
         *self = Self {
             coming: std::mem::take(&mut self.coming),
             sent: std::mem::take(&mut self.sent),
-            garbled: self.garbled,
             lost: self.lost,
             cycle: self.cycle,
-            kind: self.kind,
             other_end: self.other_end,
-            ..Self::default()
+            ..Self::new(self.kind)
         };
     }
 
@@ -240,7 +226,6 @@ impl Serial {
                 continue;
             }
             if !self.hears() {
-                self.garbled += 1;
                 continue;
             }
             if self.status & RECEIVED != 0 && self.received.len() + 1 < self.depth() {
@@ -273,84 +258,5 @@ impl Serial {
         let asked = control & (IDLE | RECEIVED | SENT | EMPTY);
         let flags = status | (u32::from(status & OVERRUN != 0) * RECEIVED);
         self.is_on(0) && flags & asked != 0
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn port() -> Serial {
-        let mut serial = Serial::default();
-        // 42 MHz / 115 200.
-        serial.set_cycle(TICKS / 42_000_000);
-        serial.write(0x08, 365, 0);
-        serial.write(0x0c, ON | RECEIVER | TRANSMITTER | RECEIVED | IDLE, 0);
-        serial
-    }
-
-    #[test]
-    fn a_byte_is_received_and_the_line_idles_after_it() {
-        let mut serial = port();
-        serial.receive(0, b"k");
-        assert_eq!(serial.due(), 10 * TICKS / RATE);
-        serial.happen(serial.due());
-        assert!(serial.interrupts());
-        assert_eq!(serial.read(0) & RECEIVED, RECEIVED);
-        assert_eq!(serial.read(4), u32::from(b'k'));
-        assert!(!serial.interrupts());
-        serial.happen(serial.due());
-        assert!(serial.interrupts(), "idle");
-        serial.read(0);
-        serial.read(4);
-        assert!(!serial.interrupts());
-    }
-
-    #[test]
-    fn a_byte_not_fetched_in_time_is_overrun() {
-        let mut serial = port();
-        serial.receive(0, b"kb");
-        serial.happen(TICKS);
-        assert_eq!(serial.read(0) & OVERRUN, OVERRUN);
-        assert_eq!(serial.read(4), u32::from(b'k'));
-        assert_eq!(serial.read(0) & (OVERRUN | RECEIVED), 0);
-        assert_eq!(serial.lost, 1);
-    }
-
-    #[test]
-    fn a_byte_complete_between_status_and_data_is_lost() {
-        let mut serial = port();
-        serial.receive(0, b"kb");
-        assert_eq!(serial.read(0) & RECEIVED, 0);
-        serial.happen(serial.due());
-        serial.read(4);
-        assert_eq!((serial.lost, serial.read(0) & RECEIVED), (1, 0));
-        serial.happen(TICKS);
-        assert_eq!(serial.read(0) & RECEIVED, RECEIVED);
-        assert_eq!(serial.read(4), u32::from(b'b'));
-        assert_eq!(serial.lost, 1);
-    }
-
-    #[test]
-    fn bytes_go_one_after_the_other_at_the_rate() {
-        let mut serial = port();
-        serial.write(0x04, 1, 0);
-        assert_eq!(serial.read(0) & (EMPTY | SENT), EMPTY);
-        serial.write(0x04, 2, 0);
-        assert_eq!(serial.read(0) & EMPTY, 0);
-        serial.happen(TICKS);
-        serial.happen(TICKS);
-        let byte = 365 * 10 * (TICKS / 42_000_000);
-        assert_eq!(serial.sent, [(byte, 1), (2 * byte, 2)]);
-        assert_eq!(serial.read(0) & (EMPTY | SENT), EMPTY | SENT);
-    }
-
-    #[test]
-    fn another_clock_garbles_what_comes() {
-        let mut serial = port();
-        serial.set_cycle(TICKS / 63_000_000);
-        serial.receive(0, b"kband");
-        serial.happen(TICKS);
-        assert_eq!(serial.garbled, 5);
     }
 }

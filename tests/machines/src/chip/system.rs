@@ -122,14 +122,20 @@ impl System {
         }
     }
 
+    /// Priority and number of the first exception of a set; number 0 of an empty one.
+    fn first(&self, mut set: u128) -> (i32, u16) {
+        let mut first = (IDLE, 0);
+        while set != 0 {
+            let number = set.trailing_zeros() as u16;
+            set &= set - 1;
+            first = first.min((self.priority(number), number));
+        }
+        first
+    }
+
     /// Priority of the active exception (B1.5.4), with the masks of the core.
     pub fn running(&self, mask: bool, fault_mask: bool, base: u8) -> i32 {
-        let mut lowest = IDLE;
-        let mut left = self.active;
-        while left != 0 {
-            lowest = lowest.min(self.priority(left.trailing_zeros() as u16));
-            left &= left - 1;
-        }
+        let mut lowest = self.first(self.active).0;
         if base != 0 {
             lowest = lowest.min(base.into());
         }
@@ -149,21 +155,12 @@ impl System {
 
     /// The exception to be entered.
     pub fn due(&self, mask: bool, fault_mask: bool, base: u8) -> Option<u16> {
-        let mut left = self.pending & self.enabled;
-        if left == 0 {
+        let pending = self.pending & self.enabled;
+        if pending == 0 {
             return None;
         }
-        let mut best = None;
-        let mut above = self.running(mask, fault_mask, base);
-        while left != 0 {
-            let number = left.trailing_zeros() as u16;
-            left &= left - 1;
-            let priority = self.priority(number);
-            if priority < above {
-                (above, best) = (priority, Some(number));
-            }
-        }
-        best
+        let (priority, number) = self.first(pending);
+        (priority < self.running(mask, fault_mask, base)).then_some(number)
     }
 
     pub fn enter(&mut self, number: u16) {
@@ -282,20 +279,7 @@ impl System {
     }
 
     fn state(&self) -> u32 {
-        let handled = if self.active == 0 {
-            0
-        } else {
-            let mut left = self.active;
-            let (mut best, mut above) = (0, IDLE + 1);
-            while left != 0 {
-                let number = left.trailing_zeros() as u16;
-                left &= left - 1;
-                if self.priority(number) < above {
-                    (above, best) = (self.priority(number), number);
-                }
-            }
-            best
-        };
+        let (_, handled) = self.first(self.active);
         let pending = |number: u16, at: u32| ((self.pending >> number & 1) as u32) << at;
         u32::from(handled)
             | pending(SYSTICK, 26)
@@ -412,89 +396,5 @@ impl System {
         } else {
             u64::MAX
         };
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const ADC: u16 = 18;
-
-    fn write(system: &mut System, address: u32, value: u32) -> WriteEffect {
-        system.write(address, 4, value, 0, 6, 0)
-    }
-
-    #[test]
-    fn pending_interrupt_needs_enable_and_priority() {
-        let mut system = System::default();
-        system.line(ADC, true);
-        assert_eq!(system.due(false, false, 0), None);
-        write(&mut system, 0xe000_e100, 1 << ADC);
-        assert_eq!(system.due(false, false, 0), Some(INTERRUPTS + ADC));
-        assert_eq!(system.due(true, false, 0), None);
-        system.pend(HARD_FAULT);
-        assert_eq!(system.due(true, false, 0), Some(HARD_FAULT));
-        assert_eq!(system.due(true, true, 0), None);
-    }
-
-    #[test]
-    fn priorities_decide_and_a_level_comes_again() {
-        let mut system = System::default();
-        write(&mut system, 0xe000_e100, 1 << ADC);
-        // SysTick at 0x80, the converter at 0.
-        system.write(0xe000_ed23, 1, 0x80, 0, 6, 0);
-        system.pend(SYSTICK);
-        system.line(ADC, true);
-        let number = system.due(false, false, 0).unwrap();
-        assert_eq!(number, INTERRUPTS + ADC);
-        system.enter(number);
-        assert_eq!(system.due(false, false, 0), None);
-        system.leave(number);
-        assert_eq!(system.due(false, false, 0), Some(number), "still high");
-        system.enter(number);
-        system.line(ADC, false);
-        system.leave(number);
-        assert_eq!(system.due(false, false, 0), Some(SYSTICK));
-        assert_eq!(system.due(false, false, 0x80), None);
-        assert_eq!(system.due(false, false, 0x90), Some(SYSTICK));
-    }
-
-    #[test]
-    fn systick_counts_down_from_its_reload() {
-        let mut system = System::default();
-        write(&mut system, 0xe000_e014, 167_999);
-        write(&mut system, 0xe000_e018, 0);
-        write(&mut system, 0xe000_e010, 7);
-        assert_eq!(system.tick_due(), 168_000 * 6);
-        assert_eq!(system.read(0xe000_e018, 0x600, 6, 0), 168_000 - 0x100);
-        system.tick(6);
-        assert_eq!(system.read(0xe000_e010, 0, 6, 0), 0x1_0007);
-        assert_eq!(system.read(0xe000_e010, 0, 6, 0), 7);
-        assert_eq!(system.due(false, false, 0), Some(SYSTICK));
-    }
-
-    #[test]
-    fn a_reset_needs_its_key() {
-        let mut system = System::default();
-        assert_eq!(write(&mut system, 0xe000_ed0c, 4), WriteEffect::Nothing);
-        assert_eq!(
-            write(&mut system, 0xe000_ed0c, 0x05fa_0004),
-            WriteEffect::Reset
-        );
-        assert_eq!(
-            write(&mut system, 0xe000_ed88, 0xf << 20),
-            WriteEffect::Float(true)
-        );
-    }
-
-    #[test]
-    fn the_cycle_counter_counts_where_tracing_is_on() {
-        let mut system = System::default();
-        write(&mut system, 0xe000_1000, 1);
-        assert_eq!(system.read(0xe000_1004, 0, 6, 500), 0);
-        write(&mut system, 0xe000_edfc, 1 << 24);
-        system.write(0xe000_1000, 4, 1, 0, 6, 1000);
-        assert_eq!(system.read(0xe000_1004, 0, 6, 1500), 500);
     }
 }

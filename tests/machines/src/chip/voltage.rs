@@ -40,18 +40,3 @@ impl Voltage {
         (self.control & 1 == 1).then(|| f64::from(self.out) / 4096.0)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_output_follows_once_it_is_on() {
-        let mut voltage = Voltage::default();
-        voltage.write(0x08, 2048);
-        assert_eq!(voltage.output(), None);
-        voltage.write(0x00, 1);
-        assert_eq!(voltage.output(), Some(0.5));
-        assert_eq!(voltage.read(0x2c), 2048);
-    }
-}

@@ -11,10 +11,7 @@ pub const WINDOW_CONTROL: u32 = 0x4000_2c00;
 pub struct Independent {
     /// Frequency of its oscillator, Hz: 17 to 47 kHz, typically 32 kHz (DS8626, table 40).
     pub clock: f64,
-    pub running: bool,
-    pub fed: u64,
-    /// Longest interval between two feeds, ticks.
-    pub longest: u64,
+    running: bool,
     open: bool,
     prescaler: u32,
     reload: u32,
@@ -30,8 +27,6 @@ impl Default for Independent {
         Self {
             clock: 32_000.0,
             running: false,
-            fed: 0,
-            longest: 0,
             open: false,
             prescaler: 0,
             reload: 0xfff,
@@ -47,9 +42,7 @@ impl Independent {
     pub fn reset(&mut self, by_hardware: bool, now: u64) {
         *self = Self {
             clock: self.clock,
-            longest: self.longest,
             running: by_hardware,
-            fed: now,
             since: now,
             ..Self::default()
         };
@@ -69,9 +62,6 @@ impl Independent {
             (0x00, 0x5555) => self.open = true,
             (0x00, 0xaaaa) => {
                 self.open = false;
-                if self.running {
-                    self.longest = self.longest.max(now - self.fed);
-                }
                 self.feed(now);
             }
             (0x00, 0xcccc) => {
@@ -99,7 +89,6 @@ impl Independent {
     }
 
     fn feed(&mut self, now: u64) {
-        self.fed = now;
         self.count = f64::from(self.reload);
         self.since = now;
     }
@@ -125,7 +114,6 @@ impl Independent {
     /// Suspends it for some ticks: a debugger halts the core and freezes it.
     pub fn suspend(&mut self, ticks: u64) {
         self.since += ticks;
-        self.fed += ticks;
     }
 }
 
@@ -139,35 +127,19 @@ pub struct Window {
     early: bool,
     since: u64,
     /// Whether a write has caused its reset: too early, or below 0x40.
-    pub reset_reason: bool,
-}
-
-impl Default for Window {
-    fn default() -> Self {
-        Self {
-            prescaler: Kind::default().facts().window_prescaler,
-            control: 0x7f,
-            configuration: 0x7f,
-            early: false,
-            since: 0,
-            reset_reason: false,
-        }
-    }
+    reset_reason: bool,
 }
 
 impl Window {
     pub fn new(kind: Kind) -> Self {
         Self {
             prescaler: kind.facts().window_prescaler,
-            ..Self::default()
+            control: 0x7f,
+            configuration: 0x7f,
+            early: false,
+            since: 0,
+            reset_reason: false,
         }
-    }
-
-    pub fn reset(&mut self) {
-        *self = Self {
-            prescaler: self.prescaler,
-            ..Self::default()
-        };
     }
 
     /// Whether it runs; only a reset stops it.
@@ -266,73 +238,5 @@ impl Window {
 
     pub fn stands(&mut self, ticks: u64) {
         self.since += ticks;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn watchdog_period_follows_prescaler_and_reload() {
-        for clock in [17_000.0, 32_000.0, 47_000.0] {
-            let mut dog = Independent {
-                clock,
-                ..Independent::default()
-            };
-            // Locked: the write has no effect.
-            dog.write(0x04, 3, 0);
-            assert_eq!(dog.read(0x04, 0), 0);
-            dog.write(0x00, 0x5555, 0);
-            dog.write(0x04, 3, 0);
-            dog.write(0x08, 800, 0);
-            assert_eq!(dog.read(0x0c, 1), 3);
-            assert_eq!(dog.read(0x0c, TICKS), 0);
-            assert_eq!(dog.due(), u64::MAX);
-            dog.write(0x00, 0xcccc, 0);
-            let expected = 800.0 * 32.0 / clock;
-            let due = dog.due() as f64 / TICKS as f64;
-            assert!((due - expected).abs() < 1e-6, "{due} {expected}");
-            dog.write(0x00, 0xaaaa, TICKS / 4);
-            assert!(dog.due() > TICKS / 4 + (0.99 * expected * TICKS as f64) as u64);
-            assert_eq!(dog.longest, TICKS / 4);
-        }
-    }
-
-    #[test]
-    fn the_window_one_bites_early_late_and_by_a_wrong_value() {
-        // 42 MHz: 24 ticks; 4096 cycles a count: 97.5 us.
-        let (cycle, count) = (24, 24 * 4096);
-        let fresh = || {
-            let mut dog = Window::default();
-            dog.write(0x04, 0x60, 0, cycle);
-            dog.write(0x00, 0xff, 0, cycle);
-            dog
-        };
-        let mut dog = fresh();
-        assert_eq!(dog.due(cycle), 0x40 * count);
-        assert_eq!(dog.read(0, 3 * count, cycle), 0x80 | 0x7c);
-        dog.write(0x00, 0xff, 0x20 * count, cycle);
-        assert!(!dog.reset_reason, "within the window");
-        let mut dog = fresh();
-        dog.write(0x00, 0xff, 5 * count, cycle);
-        assert!(dog.reset_reason, "before the window");
-        let mut dog = fresh();
-        dog.write(0x00, 0xbf, 0x30 * count, cycle);
-        assert!(dog.reset_reason, "a reload below 0x40");
-        let mut dog = fresh();
-        dog.write(0x04, 0x260, 0, cycle);
-        assert_eq!(dog.warns(cycle), 0x3f * count);
-        dog.warn();
-        assert!(dog.interrupts());
-    }
-
-    #[test]
-    fn the_stm32g474_divides_by_another_field() {
-        // 170 MHz by 4096 and 4.
-        let mut dog = Window::new(Kind::Stm32g474);
-        dog.write(0x04, 0x60 | 2 << 11, 0, 6);
-        dog.write(0x00, 0xff, 0, 6);
-        assert_eq!(dog.due(6), 0x40 * 6 * 4096 * 4);
     }
 }

@@ -46,8 +46,6 @@ pub struct World {
     pub due: u64,
     /// Supply of the sensor over its nominal one; signal and middle scale with it.
     pub sensor_supply: f32,
-    /// Drift of the sensor's voltage, V.
-    pub sensor_offset: f32,
     /// Smallest number of timer cycles between an edge of the bridge and the converter's sampling
     /// time.
     pub min_edge_distance: u32,
@@ -64,8 +62,6 @@ pub struct World {
     pub trace: Vec<(u64, Seen)>,
     /// Largest displacement of the track since its last reset, m.
     pub peak: f32,
-    /// Largest mean of the bridge's output over a step.
-    pub largest_mean_output: f32,
     /// Accesses that no program may make, with their ticks.
     pub violations: Vec<(u64, String)>,
     /// Number of ticks with the bridge driven while the core was outside its specification.
@@ -88,7 +84,6 @@ impl World {
             angular: std::f32::consts::TAU * frequency,
             due: STEP,
             sensor_supply: 1.0,
-            sensor_offset: 0.0,
             min_edge_distance: u32::MAX,
             reading: 2048,
             analogue: [0; 19],
@@ -98,7 +93,6 @@ impl World {
             last: [false; 5],
             trace: Vec::new(),
             peak: 0.0,
-            largest_mean_output: 0.0,
             violations: Vec::new(),
             outside: 0,
         })
@@ -117,19 +111,17 @@ impl World {
         self.sum = 0.0;
         self.bench.hold(mean / FULL, self.step);
         let reading = f32::from(self.bench.sample().0);
-        let drift = self.sensor_offset * (4096.0 / 3.3);
-        self.reading = (reading * self.sensor_supply + drift) as u16;
+        self.reading = (reading * self.sensor_supply) as u16;
         self.analogue[CURRENT] = self.bench.current().0;
         self.bench.forget_strikes();
-        let [x, _] = self.bench.plant().motion();
+        let [x, _] = self.bench.motion();
         self.peak = self.peak.max(x.abs());
-        self.largest_mean_output = self.largest_mean_output.max(mean.abs());
         self.due += STEP;
     }
 
     /// Amplitude of the track, m.
     pub fn amplitude(&self) -> f32 {
-        let [x, v] = self.bench.plant().motion();
+        let [x, v] = self.bench.motion();
         x.hypot(v / self.angular)
     }
 

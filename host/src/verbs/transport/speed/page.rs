@@ -8,12 +8,11 @@ use kband::transport::locked;
 use serde_json::json;
 
 use super::super::{Arguments, Feeder, ORDERS};
-use super::fit::{Fit, kind};
-use super::{Over, Row, hops_on};
+use super::{Over, Row};
 use crate::ending::{self, FILLS};
 use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::Refusal;
-use crate::report::{Printout, columns, fields, number};
+use crate::report::{Printout, columns, fields};
 
 pub(super) fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
     match row.regime {
@@ -84,7 +83,6 @@ pub(super) fn report(
     arguments: &Arguments,
     over: &Over,
     rows: &[Row],
-    fits: &[Fit],
 ) -> Result<Printout, Refusal> {
     let part_length = arguments.part_length;
     let asked = Asked {
@@ -97,15 +95,6 @@ pub(super) fn report(
         Some(_) => view,
         None => view.without(columns::PARTS_PER_HOUR),
     };
-    let regimes: Vec<_> = fits
-        .iter()
-        .map(|fit| {
-            json!({
-                "regime": kind(fit.regime), "rows": fit.rows, "k_low": fit.low, "k_high": fit.high,
-                "sensitivity": fit.slope, "sensitivity_error": fit.error,
-            })
-        })
-        .collect();
     // In phase it is one slope for every lock; with a lead it depends on where in the cycle the
     // part strikes.
     let critical: Vec<f64> = rows
@@ -120,31 +109,6 @@ pub(super) fn report(
         over.words(),
         feeder.words()
     ));
-    for fit in fits {
-        report = report.note(format!(
-            "{}: (dV/V)/(db/b) = {:.3} ± {:.3} over k = {}..{} ({} values)",
-            kind(fit.regime),
-            // No minus sign before a zero.
-            if fit.slope.abs() < 5e-4 {
-                0.0
-            } else {
-                fit.slope
-            },
-            fit.error,
-            number(fit.low, 4),
-            number(fit.high, 4),
-            fit.rows
-        ));
-    }
-    let irregular = |fit: &&Fit| fit.regime == Regime::Chaotic || hops_on(fit.regime);
-    if let Some(chaos) = fits.iter().find(irregular) {
-        report = report.note(if chaos.slope > 0.5 {
-            "irregular hopping does not make the speed insensitive to the amplitude; a lock does"
-        } else {
-            "chaos beside a band keeps the mean interval of its lock, and so its speed; the wide hopping of lively \
-             parts (R = 0.9, k below 0.2) grows with the amplitude"
-        });
-    }
     let words = match (in_phase, critical.as_slice()) {
         (Some(slope), _) => Some(format!("{slope:.2}° (equation 22)")),
         (None, []) => None,
@@ -160,7 +124,6 @@ pub(super) fn report(
     }
     report.json(&json!({
         "rows": shown,
-        "regimes": regimes,
         "critical_slope": in_phase.or(match critical.as_slice() {
             [slope] => Some(*slope),
             _ => None,

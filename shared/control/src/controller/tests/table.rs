@@ -1,6 +1,6 @@
 //! Tests of the controller against the state table, on random walks.
 
-use super::obeyed;
+use super::ideal;
 use crate::signal_path::DetectedImpact;
 use crate::{Controller, Cycle, Inputs, Settings, StartCause, State, TRANSITIONS, Target};
 use kband::arithmetic::Phase;
@@ -39,19 +39,6 @@ fn ready(target: Target) -> (Controller, Phase) {
     (controller, phase)
 }
 
-/// Cycle of the signal path for a track with this `amplitude` (m), in phase with the output.
-fn seen(amplitude: f32, frequency: f32) -> Cycle {
-    let angular = core::f32::consts::TAU * frequency;
-    Cycle {
-        samples: 400,
-        quadrature: -amplitude * angular * angular,
-        low: 1500,
-        high: 2500,
-        noise: 0.15,
-        ..Cycle::default()
-    }
-}
-
 #[test]
 fn the_table_is_what_the_controller_does() {
     let bases = [ready(Target::Locked { order: 1 }), ready(Target::Chaotic)];
@@ -70,7 +57,6 @@ fn the_table_is_what_the_controller_does() {
         // Walks with few disturbances get far; those with many visit the edges.
         let calm = [400, 100, 30][walk / 2 % 3];
         let mut inputs = Inputs::default();
-        let (mut amplitude, mut frequency) = (0.0, 50.0);
         let (mut heard, mut trouble) = (0, 0);
         let mut state = State::Off;
         for _ in 0..1500 {
@@ -96,7 +82,10 @@ fn the_table_is_what_the_controller_does() {
             if random.one_in(if trouble == 0 { calm } else { 8 }) {
                 trouble = random.next() % 6;
             }
-            let mut cycle = seen(amplitude, frequency);
+            let mut cycle = Cycle {
+                noise: 0.15,
+                ..ideal(&controller)
+            };
             if heard > 0 {
                 let turn = if heard == 1 { 0 } else { 1 << 31 };
                 let _ = cycle.heard.push(DetectedImpact {
@@ -117,7 +106,6 @@ fn the_table_is_what_the_controller_does() {
                 made.insert((state.number(), report.state.number()));
                 state = report.state;
             }
-            (amplitude, frequency) = (obeyed(&controller), report.frequency);
         }
     }
     let drawn: BTreeSet<_> = TRANSITIONS

@@ -2,9 +2,9 @@
 
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node::SINE_COSINE_SINGLE;
-use crate::arithmetic::trigonometry::sine_cosine_fine;
+use crate::arithmetic::trigonometry::cosine_fine;
 use crate::arithmetic::{Phase, sine_cosine_single};
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::anchor::flight::Motion;
 use crate::impact::wave::Tone;
 
@@ -23,16 +23,9 @@ pub(super) struct Harmonic {
 impl Harmonic {
     /// A tone, its angle to the next step of a phase.
     fn build(tone: Tone, amplitude: &'static str, angle: &'static str) -> Result<Self, OutOfRange> {
-        let is_accepted = (0.0..=0.5).contains(&tone.amplitude);
-        accept(
-            amplitude,
-            tone.amplitude,
-            is_accepted,
-            "0..0.5 of the first",
-        )?;
+        accept_in(amplitude, tone.amplitude, 0.0..=0.5, "0..0.5 of the first")?;
         let turn = core::f64::consts::TAU;
-        let is_accepted = (-turn..=turn).contains(&tone.angle);
-        accept(angle, tone.angle, is_accepted, "-6.2832..6.2832 rad")?;
+        accept_in(angle, tone.angle, -turn..=turn, "-6.2832..6.2832 rad")?;
         if tone.amplitude == 0.0 {
             return Ok(Self {
                 amplitude: Fixed(0),
@@ -144,11 +137,7 @@ impl Harmonics {
     /// The sum of the tones' sines, each times a weight, within 3e-9.
     #[inline(never)]
     pub fn sines(&self, phase: Phase, [second, third]: [i64; 2]) -> Fixed<35, i64> {
-        // The finer value of the pair is the cosine.
-        let sine = |phase: Phase| {
-            let quarter = Phase::from_bits(1 << 30);
-            sine_cosine_fine(phase - quarter).1
-        };
+        let sine = |phase: Phase| cosine_fine(phase - Phase::from_bits(1 << 30));
         let times = |harmonic: &Harmonic, n: u32| {
             let sine = sine(harmonic.with_angle(phase.bits().wrapping_mul(n)));
             let product = sine.to::<31>().0 * i64::from(harmonic.amplitude.0);

@@ -5,7 +5,6 @@
 //! `A = -S''` passes k are computed once per track, without f64. They decide which stretch holds
 //! the first impact. Between humps the gap is concave, and its sign at the stretch's end decides.
 //! Over a hump the gap is convex, and its ends, tangents or minimum decide.
-mod flight;
 mod harmonics;
 mod launch;
 mod search;

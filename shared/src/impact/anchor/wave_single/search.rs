@@ -3,26 +3,26 @@
 
 use core::f32::consts::TAU;
 
-use super::flight::Ballistic;
 use super::launch::{Launch, Short};
 use super::track::{Edge, Hump, Limit, Track};
 use crate::impact::anchor::approach::{Approach, approach, householder};
 use crate::impact::anchor::candidate::{MAX_NEGATIVE_DISCRIMINANT, MIN_FALL_SPEED_SQUARED};
 use crate::impact::anchor::flight::{
-    self, Flight, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, abs, larger, node_of, root, smaller,
+    Ballistic, GAP_ROUNDING, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track as _, abs, larger,
+    node_from_near, node_of, root, smaller,
 };
 use crate::impact::anchor::settle::{down_crossing, expand};
 use crate::impact::anchor::short::{MAX_LAST_STEP_RATIO, MAX_QUOTIENT_CURVATURE_RATIO};
-use crate::impact::anchor::solve::{Bracket, Found, LaunchPoint, solve};
+use crate::impact::anchor::solve::{Bracket, Found, solve};
 
 /// Flight time in rad up to which the divided form is used: its omitted terms are below the
 /// rounding of f32.
 #[inline(always)]
 fn max_short_flight(track: &Track) -> f32 {
     if track.tones.is_of_three {
-        Ballistic::MAX_SHORT_FLIGHT * (2.0 / 3.0)
+        Track::MAX_SHORT_FLIGHT * (2.0 / 3.0)
     } else {
-        Ballistic::MAX_SHORT_FLIGHT
+        Track::MAX_SHORT_FLIGHT
     }
 }
 
@@ -73,7 +73,7 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
     } = *launch;
     let limit = track.limit(phase, rise)?;
     let mut limits = Limits {
-        first: (Ballistic::MAX_SHORT_FLIGHT * STEPS_PER_RADIAN) as i64,
+        first: (Track::MAX_SHORT_FLIGHT * STEPS_PER_RADIAN) as i64,
         limit,
     };
     let a1 = 0.5 * launch.pull;
@@ -96,9 +96,9 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
             let (flight, arrival) = simple_hop(launch, near, short)?;
             return Some((Candidate::Hop { flight, arrival }, limits));
         }
-        let (node, offset) = Ballistic::node_of(phase, near);
+        let (node, offset) = node_from_near(phase, near);
         let late = near - offset;
-        if let Some(approach) = approach::<Ballistic<'_>>(track, node, late, -rise, height)
+        if let Some(approach) = approach(track, node, late, -rise, height)
             && approach.preserves_distance(node, late)
         {
             return Some((Candidate::Near(approach), limits));
@@ -116,12 +116,12 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
     let (near, start, speed, base) = if a1 <= 0.0 && origin < FIRST_GUESS_AFTER_THROW * track.k {
         (FIRST_GUESS_AFTER_THROW, 0.0, -rise, height)
     } else {
-        let fall = origin * flight::Track::inverse(track);
+        let fall = origin * track.inverse;
         (fall, fall, speed, 0.0)
     };
-    let (node, offset) = Ballistic::node_of(phase, near);
+    let (node, offset) = node_from_near(phase, near);
     let late = (near - start) - offset;
-    let approach = approach::<Ballistic<'_>>(track, node, late, speed, base)?;
+    let approach = approach(track, node, late, speed, base)?;
     approach
         .preserves_distance(node, late)
         .then_some((Candidate::Near(approach), limits))
@@ -229,7 +229,7 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
 pub(super) fn search(
     track: &Track,
     launch: &Launch,
-    flight: &Ballistic<'_>,
+    flight: &Ballistic<'_, Track>,
 ) -> (Found, bool, Bracket) {
     let (mut bracket, grazes) = stretch(track, launch, flight);
     let short = max_short_flight(track);
@@ -242,13 +242,7 @@ pub(super) fn search(
         bracket.low = high;
         bracket.start = larger(bracket.start, high);
     }
-    let start = LaunchPoint {
-        phase: launch.phase,
-        height: launch.height,
-        rise: launch.rise,
-    };
-    let found = solve(track, &start, flight, &bracket);
-    (found, grazes, bracket)
+    (solve(flight, &bracket), grazes, bracket)
 }
 
 /// Whether an arrival at `speed` may lie outside its bracket.
@@ -271,7 +265,7 @@ pub(super) fn has_left(bracket: &Bracket, steps: i64, speed: f32) -> bool {
 pub(super) fn bisect(
     track: &Track,
     launch: &Launch,
-    flight: &Ballistic<'_>,
+    flight: &Ballistic<'_, Track>,
     bracket: &Bracket,
 ) -> (f32, f32) {
     let edges = Edges {
@@ -300,7 +294,7 @@ pub(super) fn bisect(
 /// at launch at 0 without falling. It has one root if it is below 0 at the end. Over a hump the gap
 /// is convex. If it is below 0 at the end it has one root, else none or two around its minimum.
 #[inline(always)]
-fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_>) -> (Bracket, bool) {
+fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -> (Bracket, bool) {
     let Launch {
         phase,
         height,
@@ -467,7 +461,7 @@ struct Gap {
 struct Edges<'a> {
     track: &'a Track,
     launch: &'a Launch,
-    flight: &'a Ballistic<'a>,
+    flight: &'a Ballistic<'a, Track>,
     short: f32,
 }
 
@@ -557,13 +551,13 @@ impl Edges<'_> {
     /// Rounding of the gap after `x`.
     fn rounding(&self, x: f32) -> f32 {
         if x >= self.short {
-            return Ballistic::GAP_ROUNDING + Ballistic::GAP_ROUNDING_PER_RADIAN * x;
+            return GAP_ROUNDING + Track::GAP_ROUNDING_PER_RADIAN * x;
         }
         // Some roundings of f32 and of the pull: per tone where the pull is a sum in f32.
         let pull = if self.launch.is_near_level() {
-            Ballistic::PULL_ROUNDING
+            Track::PULL_ROUNDING
         } else {
-            larger(Ballistic::PULL_ROUNDING, 6e-8 * self.track.tones.bound(2))
+            larger(Track::PULL_ROUNDING, 6e-8 * self.track.tones.bound(2))
         };
         x * (4e-7 * self.launch.velocity + pull * x)
     }
@@ -577,7 +571,7 @@ impl Edges<'_> {
         }
         let (track, launch) = (self.track, self.launch);
         let (node, offset) = node_of(launch.phase, x);
-        let at = flight::Track::at(track, node);
+        let at = track.at(node);
         let local = Local {
             height: 0.0,
             slope: launch.rise - track.k * (x - offset) - at.speed,

@@ -1,14 +1,13 @@
 //! The impact map in f32 on a track of several tones.
 
-use super::flight::Ballistic;
 use super::harmonics::{Harmonics, Parts};
 use super::launch::Launch;
 use super::search::{Candidate, bisect, candidate, has_left, search};
 use super::track::Track;
 use crate::arithmetic::Phase;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::anchor::approach::fall;
-use crate::impact::anchor::flight::{STEPS_PER_RADIAN, smaller};
+use crate::impact::anchor::flight::{Ballistic, STEPS_PER_RADIAN, smaller};
 use crate::impact::anchor::single::{self, SineSingle, SingleState, land_found, steps_after};
 use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{
@@ -66,8 +65,7 @@ enum TrackKind {
 
 impl Single {
     fn on(track: TrackKind, restitution: f64) -> Result<Self, OutOfRange> {
-        let is_accepted = (0.0..=1.0).contains(&restitution);
-        accept("restitution", restitution, is_accepted, "0..1")?;
+        accept_in("restitution", restitution, 0.0..=1.0, "0..1")?;
         Ok(Self {
             track,
             restitution: restitution as f32,
@@ -119,7 +117,7 @@ fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleSt
         height,
         rise,
     };
-    if let Some(approach) = fall::<Ballistic<'_>>(track, phase, height, rise) {
+    if let Some(approach) = fall(track, phase, height, rise) {
         let steps = steps_after(phase, &approach);
         return single::landing(phase, steps, approach.arrival(), restitution, false);
     }
@@ -129,7 +127,7 @@ fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleSt
 /// The impact of a flight that is not tall.
 #[inline(never)]
 fn land_low(
-    flight: &Ballistic<'_>,
+    flight: &Ballistic<'_, Track>,
     velocity: f32,
     parts: &Parts,
     restitution: f32,
@@ -170,14 +168,14 @@ fn land_low(
 
 #[inline(never)]
 fn land_by_search(
-    flight: &Ballistic<'_>,
+    flight: &Ballistic<'_, Track>,
     launch: &Launch,
     restitution: f32,
 ) -> Landing<SingleState> {
     let Ballistic { track, phase, .. } = *flight;
     let (found, grazes, bracket) = search(track, launch, flight);
     let grazes = grazes || launch.is_level();
-    let landing = land_found(track.k, restitution, phase, flight, found, grazes);
+    let landing = land_found(flight, restitution, found, grazes);
     if matches!(found, Found::Near { .. })
         && has_left(&bracket, landing.steps, landing.next.velocity)
     {

@@ -8,9 +8,9 @@ use core::f32::consts::TAU;
 use super::harmonics::Harmonics;
 use crate::arithmetic::Phase;
 use crate::arithmetic::fixed::Fixed;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::anchor::flight::{
-    self, Motion, RADIANS_PER_STEP, SPACING, STEPS_PER_RADIAN, abs, larger,
+    self, Gravity, Motion, RADIANS_PER_STEP, SPACING, STEPS_PER_RADIAN, abs, larger,
 };
 use crate::impact::wave::{MAX_HUMPS, Tone};
 
@@ -59,7 +59,7 @@ pub(super) struct Track {
     pub tones: Harmonics,
     pub k: f32,
     half_k: f32,
-    inverse: f32,
+    pub inverse: f32,
     pub min_tall_speed_squared: f32,
     /// Bound of |S|.
     pub reach: f32,
@@ -73,7 +73,7 @@ impl Track {
     /// The track of two harmonics for a k.
     pub fn build(second: Tone, third: Tone, k: f64) -> Result<Self, OutOfRange> {
         let tones = Harmonics::build(second, third)?;
-        accept("k", k, (0.005..=4.0).contains(&k), "0.005..4")?;
+        accept_in("k", k, 0.005..=4.0, "0.005..4")?;
         let single = k as f32;
         let mut track = Self {
             tones,
@@ -340,24 +340,20 @@ impl Track {
 }
 
 impl flight::Track for Track {
-    #[inline(always)]
-    fn k(&self) -> f32 {
-        self.k
-    }
+    const MAX_SHORT_FLIGHT: f32 = 0.2;
+    const MAX_LAST_STEP: f32 = 0.02;
+    const MAX_LAST_CORRECTION: f32 = 3e-3;
+    const PULL_ROUNDING: f32 = 4e-9;
+    const GAP_ROUNDING_PER_RADIAN: f32 = 2e-6;
 
     #[inline(always)]
-    fn half_k(&self) -> f32 {
-        self.half_k
-    }
-
-    #[inline(always)]
-    fn inverse(&self) -> f32 {
-        self.inverse
-    }
-
-    #[inline(always)]
-    fn min_tall_speed_squared(&self) -> f32 {
-        self.min_tall_speed_squared
+    fn gravity(&self) -> Gravity {
+        Gravity {
+            k: self.k,
+            half: self.half_k,
+            inverse: self.inverse,
+            min_tall_speed_squared: self.min_tall_speed_squared,
+        }
     }
 
     #[inline(always)]

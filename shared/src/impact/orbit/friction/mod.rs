@@ -6,9 +6,9 @@ mod push;
 
 use push::{Push, first_zero};
 
-use super::along::{AlongLaw, ContactMotion, accept_motion};
+use super::along::{Along, ContactMotion, accept_motion};
 use super::contact::Contact;
-use crate::feeder::{OutOfRange, Track, accept};
+use crate::feeder::{OutOfRange, Track, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Wave;
 
@@ -51,52 +51,14 @@ impl FrictionSettings {
             incline_tangent,
         } = *self;
         accept_motion(k, amplitude_ratio, phase_lead, incline_tangent)?;
-        accept(
-            "friction",
-            sliding,
-            (0.0..=10.0).contains(&sliding),
-            "0..10",
-        )?;
-        accept(
+        accept_in("friction", sliding, 0.0..=10.0, "0..10")?;
+        accept_in(
             "sticking friction",
             sticking,
-            (sliding..=10.0).contains(&sticking),
+            sliding..=10.0,
             "the friction of sliding..10: a part at rest holds at least as well as one that slides",
         )?;
         Ok(())
-    }
-
-    /// Acceleration of a free part relative to the track, at a `k`.
-    fn free_acceleration(&self, wave: &Wave, k: f64) -> Push {
-        Push::new(
-            wave,
-            self.amplitude_ratio,
-            self.phase_lead,
-            k * self.incline_tangent,
-        )
-    }
-
-    /// [`Friction::motion_before_impact`] of a single flight; `wave` is `None` for a sine.
-    ///
-    /// `None` where [`Friction::on`] refuses the settings.
-    pub fn motion_before_impact(
-        &self,
-        wave: Option<&Wave>,
-        k: f64,
-        [phase, d]: [f64; 2],
-        velocity: f64,
-    ) -> Option<(f64, f64)> {
-        self.check(k).ok()?;
-        let free = match wave {
-            Some(wave) => self.free_acceleration(wave, k),
-            None => Push::from_sine(
-                self.amplitude_ratio,
-                self.phase_lead,
-                k * self.incline_tangent,
-            ),
-        };
-        let (distance, gained) = free.integrals(phase, d);
-        Some((velocity * d + distance, velocity + gained))
     }
 
     /// Velocity along the track after an impact with a normal impulse per mass, in the unit of the
@@ -198,14 +160,19 @@ impl Friction {
         settings.check(k)?;
         Ok(Self {
             settings,
-            free: settings.free_acceleration(wave, k),
+            free: Push::new(
+                wave,
+                settings.amplitude_ratio,
+                settings.phase_lead,
+                k * settings.incline_tangent,
+            ),
             normal: Push::new(wave, 1.0, 0.0, k),
         })
     }
 
     /// Distance in b and velocity in `b w` just before the impact, after a flight of `d` rad from
     /// `phase`.
-    fn motion_before_impact(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
+    pub fn motion_before_impact(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
         let (distance, gained) = self.free.integrals(phase, d);
         (velocity * d + distance, velocity + gained)
     }
@@ -372,7 +339,7 @@ impl Friction {
     }
 }
 
-impl AlongLaw for Friction {
+impl Along for Friction {
     const REST_ERASES_HISTORY: bool = false;
 
     fn move_in_flight(
@@ -419,7 +386,6 @@ impl AlongLaw for Friction {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use core::f64::consts::TAU;
 
     fn settings(eta: f64, mu: f64, degrees: f64) -> FrictionSettings {
         FrictionSettings {
@@ -434,29 +400,6 @@ mod tests {
     fn cycle(throw: f64, settings: FrictionSettings) -> ContactMotion {
         let along = Friction::build(1.0 / throw, settings).unwrap();
         along.steady_contact_cycle().unwrap()
-    }
-
-    #[test]
-    fn single_flight_equals_the_full_set_up() {
-        for n in 0..2000 {
-            let part = |m: i32| f64::from(n * m % 2003) / 2003.0;
-            let settings = FrictionSettings {
-                phase_lead: 4.0 * part(5) - 2.0,
-                ..settings(3.0 * part(7), part(11), 20.0 * part(13) - 10.0)
-            };
-            let (k, flight, velocity) =
-                (0.05 + part(17), [TAU * part(19), 9.0 * part(23)], part(3));
-            let whole = Friction::build(k, settings).unwrap();
-            let expected = whole.motion_before_impact(flight[0], flight[1], velocity);
-            assert_eq!(
-                settings.motion_before_impact(None, k, flight, velocity),
-                Some(expected)
-            );
-            let sine = settings.motion_before_impact(Some(&Wave::sine()), k, flight, velocity);
-            assert_eq!(sine, Some(expected));
-        }
-        let refused = settings(1.0, 0.3, 3.0).motion_before_impact(None, 2000.0, [0.0, 1.0], 0.0);
-        assert_eq!(refused, None);
     }
 
     /// Boothroyd's limits: forward above (mu + T)/(eta + mu), backward above (mu - T)/(eta - mu).

@@ -26,7 +26,7 @@ impl Push {
             constant,
             ..Self::default()
         };
-        for (n, tone) in wave.tones().filter(|(_, tone)| tone.amplitude > 0.0) {
+        for (n, tone) in wave.tones() {
             let index = n as usize - 1;
             let (sine, cosine) = libm::sincos(n * lead + tone.angle);
             let size = amplitude * n * n * tone.amplitude;
@@ -34,19 +34,6 @@ impl Push {
             push.cosine[index] = size * sine;
             push.count = push.count.max(index + 1);
         }
-        push
-    }
-
-    /// [`Push::new`] a sine.
-    pub(super) fn from_sine(amplitude: f64, lead: f64, constant: f64) -> Self {
-        let (sine, cosine) = libm::sincos(lead);
-        let mut push = Self {
-            constant,
-            count: 1,
-            ..Self::default()
-        };
-        push.sine[0] = amplitude * cosine;
-        push.cosine[0] = amplitude * sine;
         push
     }
 
@@ -202,45 +189,6 @@ mod tests {
         let second = Tone::new(0.15, 2.356);
         let wave = Wave::build(second, Tone::default()).unwrap();
         Push::new(&wave, 1.5, 0.4, 0.3)
-    }
-
-    #[test]
-    fn integrals_match_the_value() {
-        let push = push();
-        let (phase, d) = (0.7, 3.1);
-        let steps = 20_000;
-        let h = d / f64::from(steps);
-        let (mut velocity, mut distance) = (0.0, 0.0);
-        for n in 0..steps {
-            let value = push.at(phase + (f64::from(n) + 0.5) * h);
-            distance += h * (velocity + 0.5 * h * value);
-            velocity += h * value;
-        }
-        let (displacement, gained) = push.integrals(phase, d);
-        assert!((gained - velocity).abs() < 1e-8 && (displacement - distance).abs() < 1e-8);
-        assert_eq!(gained, push.velocity(phase, d));
-        let slope = (push.at(phase + 1e-6) - push.at(phase - 1e-6)) / 2e-6;
-        assert!((push.slope(phase) - slope).abs() < 1e-8);
-        assert!(push.bound(0) >= push.at(1.0) + 0.3 && push.bound(1) >= slope.abs());
-    }
-
-    #[test]
-    fn maximum_matches_a_fine_scan() {
-        for n in 0..50 {
-            let part = |m: i32| f64::from(n * m % 53) / 53.0;
-            let tone = |size: f64, angle: f64| Tone::new(0.5 * size, 6.0 * angle);
-            let wave = Wave::build(tone(part(5), part(7)), tone(part(11), part(13))).unwrap();
-            let push = Push::new(&wave, 1.5, 0.4, 0.3);
-            let scanned = (0..100_000).map(|n| push.at(1e-4 * f64::from(n)));
-            let scanned = scanned.fold(f64::NEG_INFINITY, f64::max);
-            // A scan in steps of 1e-4 rad misses this much of a maximum.
-            let missed = 0.125 * 1e-8 * push.bound(2);
-            let highest = push.maximum();
-            assert!(
-                (0.0..=missed).contains(&(highest - scanned)),
-                "{n}: {highest} {scanned}"
-            );
-        }
     }
 
     /// Finds every zero of a fine scan and passes none.

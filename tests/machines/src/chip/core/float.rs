@@ -1,8 +1,8 @@
 //! Single precision of the FPv4-SP: rounding to nearest, subnormal numbers kept (ARM DDI 0403E,
-//! A2.5). A NaN that no operand supplies has no sign.
+//! A2.5, A6.4 to A6.7). A NaN that no operand supplies has no sign.
 
-use super::Core;
-use super::op::{Single, Unary};
+use super::memory::{put, word};
+use super::{Bus, COUNTER, Core, Fault, bit, bits};
 
 /// NaN that an operation on numbers returns.
 const NAN: u32 = 0x7fc0_0000;
@@ -13,6 +13,15 @@ const DEFAULT_NAN: u32 = 1 << 25;
 
 fn is_nan(bits: u32) -> bool {
     bits & 0x7fff_ffff > 0x7f80_0000
+}
+
+/// Number of a register: a field of four bits, and one bit below it; of a pair: one bit above it.
+fn register(field: usize, other: bool, double: bool) -> usize {
+    if double {
+        (usize::from(other) << 4 | field) << 1
+    } else {
+        field << 1 | usize::from(other)
+    }
 }
 
 impl Core {
@@ -30,63 +39,173 @@ impl Core {
         first.or_else(any).map_or(NAN, |bits| bits | QUIET)
     }
 
-    /// Two operands and the target.
-    pub(super) fn single(&mut self, operation: Single, d: u8, n: u8, m: u8) -> u32 {
-        let [d, n, m] = [d, n, m].map(usize::from);
-        let bits = [self.s[d], self.s[n], self.s[m]];
-        let [_, one, two] = bits.map(f32::from_bits);
-        let plain = |result: f32| self.number(result, &bits[1..]);
-        let turned = |bits: u32| bits ^ 0x8000_0000;
+    /// An instruction of the floating-point unit.
+    pub(super) fn coprocessor(
+        &mut self,
+        first: u16,
+        second: u16,
+        bus: &mut impl Bus,
+    ) -> Result<u32, Fault> {
+        let double = match bits(second, 8, 4) {
+            0b1010 => false,
+            0b1011 => true,
+            _ => return Err(Fault::Undefined),
+        };
+        self.touch_float()?;
+        match (bits(first, 8, 4), bit(second, 4)) {
+            (0b1110, false) if !double && !bit(first, 12) => self.arithmetic(first, second),
+            (0b1110, true) => self.transfer(first, second, double),
+            (0b1100, true) if bits(first, 5, 3) == 0b010 => {
+                let m = register(bits(second, 0, 4), bit(second, 5), double);
+                let pair = [bits(second, 12, 4), bits(first, 0, 4)];
+                if m > 30 {
+                    return Err(Fault::Undefined);
+                }
+                for (number, s) in pair.into_iter().zip(m..) {
+                    self.exchange_single(bit(first, 4), number, s);
+                }
+                Ok(2)
+            }
+            (0b1100 | 0b1101, _) => self.memory(first, second, double, bus),
+            _ => Err(Fault::Undefined),
+        }
+    }
+
+    /// Loads and stores of one number, of two or of many.
+    fn memory(
+        &mut self,
+        first: u16,
+        second: u16,
+        double: bool,
+        bus: &mut impl Bus,
+    ) -> Result<u32, Fault> {
+        let (before, up) = (bit(first, 8), bit(first, 7));
+        let (back, load) = (bit(first, 5), bit(first, 4));
+        let (base, number) = (bits(first, 0, 4), bits(second, 0, 8));
+        let d = register(bits(second, 12, 4), bit(first, 6), double);
+        let (count, from, after) = if before && !back {
+            let by = 4 * number as i32;
+            let by = if up { by } else { -by };
+            let from = self.base(base).wrapping_add_signed(by);
+            (1 + usize::from(double), from, None)
+        } else if before == up || number == 0 {
+            return Err(Fault::Undefined);
+        } else {
+            let (from, after) = self.range(base, number as u32, before);
+            (number, from, back.then_some(after))
+        };
+        let Some(numbers) = self.s.get_mut(d..d + count) else {
+            return Err(Fault::Undefined);
+        };
+        for (number, at) in numbers.iter_mut().zip((from..).step_by(4)) {
+            if load {
+                *number = word(bus, at)?;
+            } else {
+                put(bus, at, *number)?;
+            }
+        }
+        self.back(base, after);
+        Ok(1 + count as u32)
+    }
+
+    /// Moves a number to the core's register, or from it.
+    fn exchange_single(&mut self, to_core: bool, t: usize, s: usize) {
+        if to_core {
+            self.set(t, self.s[s]);
+        } else {
+            self.s[s] = self.r[t];
+        }
+    }
+
+    /// Moves between the core and this unit.
+    fn transfer(&mut self, first: u16, second: u16, double: bool) -> Result<u32, Fault> {
+        let (to_core, kind) = (bit(first, 4), bits(first, 5, 3));
+        let (t, n) = (bits(second, 12, 4), bits(first, 0, 4));
+        let s = match (double, kind) {
+            (false, 0) => register(n, bit(second, 7), false),
+            (true, 0 | 1) => register(n, bit(second, 7), true) + kind,
+            (false, 7) if n == 1 => {
+                match (to_core, t) {
+                    (true, COUNTER) => {
+                        let saturated = self.saturated;
+                        self.set_flags(self.status);
+                        self.saturated = saturated;
+                    }
+                    (true, t) => _ = self.set(t, self.status),
+                    (false, t) => self.status = self.r[t],
+                }
+                return Ok(1);
+            }
+            _ => return Err(Fault::Undefined),
+        };
+        if s > 31 {
+            return Err(Fault::Undefined);
+        }
+        self.exchange_single(to_core, t, s);
+        Ok(1)
+    }
+
+    /// Arithmetic (A6.5). A product is rounded before it is added.
+    fn arithmetic(&mut self, first: u16, second: u16) -> Result<u32, Fault> {
+        let d = register(bits(second, 12, 4), bit(first, 6), false);
+        let n = register(bits(first, 0, 4), bit(second, 7), false);
+        let m = register(bits(second, 0, 4), bit(second, 5), false);
+        let numbers = [self.s[d], self.s[n], self.s[m]];
+        let [_, one, two] = numbers.map(f32::from_bits);
+        let plain = |result: f32| self.number(result, &numbers[1..]);
+        let turned = |number: u32| number ^ 0x8000_0000;
         let sum = |product: u32, target: u32| {
             let result = f32::from_bits(target) + f32::from_bits(product);
             self.number(result, &[target, product])
         };
-        let product = plain(one * two);
-        let (value, cycles) = match operation {
-            Single::Add => (plain(one + two), 1),
-            Single::Subtract => (plain(one - two), 1),
-            Single::Multiply => (product, 1),
-            Single::NegativeMultiply => (turned(product), 1),
-            Single::Divide => (plain(one / two), 14),
-            Single::MultiplyAdd => (sum(product, bits[0]), 3),
-            Single::MultiplySubtract => (sum(turned(product), bits[0]), 3),
-            Single::NegativeMultiplySubtract => (sum(product, turned(bits[0])), 3),
-            Single::NegativeMultiplyAdd => (sum(turned(product), turned(bits[0])), 3),
+        let (product, target) = (plain(one * two), numbers[0]);
+        let (value, cycles) = match (bit(first, 7), bits(first, 4, 2), bit(second, 6)) {
+            (false, 0, false) => (sum(product, target), 3),
+            (false, 0, true) => (sum(turned(product), target), 3),
+            (false, 1, false) => (sum(product, turned(target)), 3),
+            (false, 1, true) => (sum(turned(product), turned(target)), 3),
+            (false, 2, false) => (product, 1),
+            (false, 2, true) => (turned(product), 1),
+            (false, 3, false) => (plain(one + two), 1),
+            (false, 3, true) => (plain(one - two), 1),
+            (true, 0, false) => (plain(one / two), 14),
+            (true, 3, false) => {
+                let byte = (bits(first, 0, 4) << 4 | bits(second, 0, 4)) as u32;
+                let exponent = if byte & 0x40 == 0 {
+                    0x4000_0000
+                } else {
+                    0x3e00_0000
+                };
+                ((byte & 0x80) << 24 | exponent | (byte & 0x3f) << 19, 1)
+            }
+            (true, 3, true) => match (bits(first, 0, 4), bit(second, 7)) {
+                (0, false) => (numbers[2], 1),
+                (0, true) => (numbers[2] & 0x7fff_ffff, 1),
+                (1, false) => (turned(numbers[2]), 1),
+                (1, true) => (self.number(two.sqrt(), &numbers[2..]), 14),
+                (4, _) => return Ok(self.compare(target, numbers[2])),
+                (5, _) => return Ok(self.compare(target, 0)),
+                (8, true) => ((numbers[2] as i32 as f32).to_bits(), 1),
+                (8, false) => ((numbers[2] as f32).to_bits(), 1),
+                (12, true) => (two as u32, 1),
+                (13, true) => (two as i32 as u32, 1),
+                _ => return Err(Fault::Undefined),
+            },
+            _ => return Err(Fault::Undefined),
         };
         self.s[d] = value;
-        cycles
-    }
-
-    pub(super) fn unary(&mut self, operation: Unary, d: u8, m: u8) -> u32 {
-        let bits = self.s[usize::from(m)];
-        let value = f32::from_bits(bits);
-        let (result, cycles) = match operation {
-            Unary::Move => (bits, 1),
-            Unary::Absolute => (bits & 0x7fff_ffff, 1),
-            Unary::Negate => (bits ^ 0x8000_0000, 1),
-            Unary::Root => (self.number(value.sqrt(), &[bits]), 14),
-            Unary::FromSigned => ((bits as i32 as f32).to_bits(), 1),
-            Unary::FromUnsigned => ((bits as f32).to_bits(), 1),
-            Unary::ToSigned => (value as i32 as u32, 1),
-            Unary::ToUnsigned => (value as u32, 1),
-        };
-        self.s[usize::from(d)] = result;
-        cycles
+        Ok(cycles)
     }
 
     /// Compares; the flags go to FPSCR.
-    pub(super) fn compare(&mut self, d: u8, m: u8) {
-        let one = f32::from_bits(self.s[usize::from(d)]);
-        let two = self
-            .s
-            .get(usize::from(m))
-            .map_or(0.0, |bits| f32::from_bits(*bits));
-        let flags = match one.partial_cmp(&two) {
+    fn compare(&mut self, one: u32, two: u32) -> u32 {
+        let flags = match f32::from_bits(one).partial_cmp(&f32::from_bits(two)) {
             Some(std::cmp::Ordering::Less) => 0b1000,
             Some(std::cmp::Ordering::Equal) => 0b0110,
             Some(std::cmp::Ordering::Greater) => 0b0010,
             None => 0b0011,
         };
         self.status = self.status & 0x0fff_ffff | flags << 28;
+        1
     }
 }

@@ -7,17 +7,13 @@
 //! Instructions that no image contains are undefined here: most of those on several lanes, fused
 //! products, fixed point, supervisor calls. The flags GE, which only these use, are not kept.
 
-mod class;
-mod code;
-mod decode;
 mod exceptions;
-mod execute;
 mod flat;
 mod float;
-mod op;
+mod memory;
+mod narrow;
+mod wide;
 
-pub use class::Class;
-pub use code::Code;
 pub use flat::Flat;
 
 /// Memory and peripherals of the core; `None` where an address has neither.
@@ -69,6 +65,10 @@ pub enum WaitState {
     Interrupt,
 }
 
+/// Cycles to refill the pipeline after a branch: 1 to 3 by alignment (ARM DDI 0439B, 3.3.1).
+const REFILL: u32 = 2;
+/// Register number for "no target".
+const NONE: usize = 16;
 /// Register number of the stack pointer.
 pub const STACK: usize = 13;
 /// Register number of the link register, the return address of a call.
@@ -116,8 +116,9 @@ pub struct Core {
     pub instructions: u64,
     exclusive: bool,
     next: u32,
-    /// Whether the last instruction was an access: the next one then overlaps with it.
+    /// Whether this instruction was an access, and the one before it: accesses overlap.
     accessed: bool,
+    overlaps: bool,
     line: u32,
 }
 
@@ -149,6 +150,7 @@ impl Default for Core {
             exclusive: false,
             next: 0,
             accessed: false,
+            overlaps: false,
             line: u32::MAX,
         }
     }
@@ -174,18 +176,23 @@ impl Core {
     }
 
     /// Executes one instruction and returns its cycles. A fault leaves the registers unchanged,
-    /// except those already loaded. `code` caches the decoded instructions.
+    /// except those already loaded.
     #[inline(always)]
-    pub fn step(&mut self, code: &mut Code, bus: &mut impl Bus) -> Result<u32, Fault> {
+    pub fn step(&mut self, bus: &mut impl Bus) -> Result<u32, Fault> {
         let address = self.r[COUNTER];
         if address >> 4 != self.line {
             self.line = address >> 4;
             bus.line(address);
         }
-        let known = match code.find(address) {
-            Some(known) if known.is_unchanged(bus, address) => known,
-            _ => code.decode_at(bus, address)?,
+        let first = bus.fetch(address).ok_or(Fault::Fetch)?;
+        // Whether it has two halfwords (A5.1).
+        let wide = first >= 0xe800;
+        let second = if wide {
+            bus.fetch(address.wrapping_add(2)).ok_or(Fault::Fetch)?
+        } else {
+            0
         };
+        self.next = address.wrapping_add(if wide { 4 } else { 2 });
         let block = self.block;
         self.inside = block != 0;
         self.instructions += 1;
@@ -195,29 +202,175 @@ impl Core {
             } else {
                 block & 0xe0 | block << 1 & 0x1f
             };
-            if !self.holds(block >> 4) {
-                self.r[COUNTER] = address.wrapping_add(known.size());
+            if !self.holds(usize::from(block >> 4)) {
+                self.r[COUNTER] = self.next;
                 return Ok(1);
             }
         }
-        self.next = address.wrapping_add(known.size());
         self.r[COUNTER] = address.wrapping_add(4);
-        match self.execute(&known.op, bus) {
-            Ok(cycles) => {
-                self.r[COUNTER] = self.next;
-                Ok(cycles)
-            }
-            Err(fault) => {
+        self.overlaps = std::mem::take(&mut self.accessed);
+        let executed = if wide {
+            self.wide(first, second, bus)
+        } else {
+            self.narrow(first, bus)
+        };
+        match executed {
+            Ok(_) => self.r[COUNTER] = self.next,
+            Err(_) => {
                 self.r[COUNTER] = address;
                 self.block = block;
-                Err(fault)
+            }
+        }
+        executed
+    }
+
+    /// Sets a register; setting the program counter branches.
+    #[inline]
+    fn set(&mut self, number: usize, value: u32) -> u32 {
+        if number == COUNTER {
+            self.next = value & !1;
+            return 1 + REFILL;
+        }
+        self.r[number] = value;
+        1
+    }
+
+    /// A branch by an offset, where `taken`.
+    #[inline]
+    fn branch(&mut self, taken: bool, by: i32) -> u32 {
+        if taken {
+            self.next = self.r[COUNTER].wrapping_add_signed(by);
+            return 1 + REFILL;
+        }
+        1
+    }
+
+    /// A branch that may leave an exception.
+    fn exchange(&mut self, value: u32) -> Result<(), Fault> {
+        if value >> 28 == 0xf && self.exception != 0 {
+            self.returning = Some(value);
+            self.attention = true;
+        } else if value & 1 == 0 {
+            return Err(Fault::State);
+        }
+        self.next = value & !1;
+        Ok(())
+    }
+
+    fn sign(&mut self, value: u32) {
+        self.negative = value >> 31 == 1;
+        self.zero = value == 0;
+    }
+
+    #[inline]
+    fn sum(&mut self, set: bool, one: u32, two: u32, carry: bool) -> u32 {
+        let wide = u64::from(one) + u64::from(two) + u64::from(carry);
+        let value = wide as u32;
+        if set {
+            self.carry = wide >> 32 == 1;
+            self.overflow = (one ^ value) & (two ^ value) & 0x8000_0000 != 0;
+            self.sign(value);
+        }
+        value
+    }
+
+    /// Arithmetic and logic by the operation's code (A5.3.1), with the second operand and the carry
+    /// of its shift. Without a target it is a test or a comparison.
+    #[inline(always)]
+    fn data(
+        &mut self,
+        operation: usize,
+        set: bool,
+        d: usize,
+        one: u32,
+        (two, carry): (u32, bool),
+    ) -> Result<u32, Fault> {
+        let value = match operation {
+            0 => one & two,
+            1 => one & !two,
+            2 => one | two,
+            3 => one | !two,
+            4 => one ^ two,
+            8 => self.sum(set, one, two, false),
+            10 => self.sum(set, one, two, self.carry),
+            11 => self.sum(set, one, !two, self.carry),
+            13 => self.sum(set, one, !two, true),
+            14 => self.sum(set, !one, two, true),
+            _ => return Err(Fault::Undefined),
+        };
+        if set && operation < 8 {
+            self.carry = carry;
+            self.sign(value);
+        }
+        Ok(if d == NONE { 1 } else { self.set(d, value) })
+    }
+
+    /// A value shifted, and the carry: to the left (0), to the right, to the right with its sign,
+    /// turned to the right (3; by 0: by one bit through the carry).
+    fn shifted(&self, value: u32, kind: usize, by: u32) -> (u32, bool) {
+        let out = |shifted: u32| shifted & 1 == 1;
+        match (kind, by) {
+            (3, 0) => (value >> 1 | u32::from(self.carry) << 31, out(value)),
+            (_, 0) => (value, self.carry),
+            (0, 1..=31) => (value << by, out(value >> (32 - by))),
+            (0, 32) => (0, out(value)),
+            (1, 1..=31) => (value >> by, out(value >> (by - 1))),
+            (1, 32) => (0, value >> 31 == 1),
+            (0 | 1, _) => (0, false),
+            (2, by) => {
+                let value = i64::from(value as i32) >> (by.min(32) - 1);
+                ((value >> 1) as u32, out(value as u32))
+            }
+            _ => {
+                let value = value.rotate_right(by & 31);
+                (value, value >> 31 == 1)
             }
         }
     }
 
+    /// A register shifted by a number of the instruction (A7.4.2).
+    fn operand(&self, register: usize, kind: usize, by: usize) -> (u32, bool) {
+        let by = match (kind, by) {
+            (1 | 2, 0) => 32,
+            (_, by) => by as u32,
+        };
+        self.shifted(self.r[register], kind, by)
+    }
+
+    /// Shifts by a register.
+    fn shift_by(&mut self, kind: usize, set: bool, d: usize, n: usize, m: usize) -> u32 {
+        let by = self.r[m] & 0xff;
+        let (value, carry) = match by {
+            0 => (self.r[n], self.carry),
+            by => self.shifted(self.r[n], kind, by),
+        };
+        if set {
+            self.carry = carry;
+            self.sign(value);
+        }
+        self.set(d, value)
+    }
+
+    /// Hints (A5.2.5, A5.3.4).
+    fn hint(&mut self, number: usize) -> u32 {
+        match number {
+            2 if !std::mem::take(&mut self.event) => {
+                self.waits = WaitState::Event;
+                self.attention = true;
+            }
+            3 => {
+                self.waits = WaitState::Interrupt;
+                self.attention = true;
+            }
+            4 => self.event = true,
+            _ => {}
+        }
+        1
+    }
+
     /// Whether a condition holds (A7.3).
     #[inline(always)]
-    fn holds(&self, condition: u8) -> bool {
+    fn holds(&self, condition: usize) -> bool {
         let held = match condition >> 1 {
             0 => self.zero,
             1 => self.carry,
@@ -254,5 +407,18 @@ impl Core {
     }
 }
 
-#[cfg(test)]
-mod tests;
+/// Bits of a halfword: `count` from `low` on.
+#[inline]
+fn bits(code: u16, low: u32, count: u32) -> usize {
+    usize::from(code >> low & ((1 << count) - 1))
+}
+
+#[inline]
+fn bit(code: u16, at: u32) -> bool {
+    code >> at & 1 == 1
+}
+
+/// Sign-extends a number of `count` bits.
+fn signed(value: u32, count: u32) -> i32 {
+    (value << (32 - count)) as i32 >> (32 - count)
+}

@@ -1,7 +1,7 @@
 //! Controller of the flash of the STM32G474: two banks of pages, words of 8 bytes with an
 //! error-correcting code (RM0440, chapter 3; DS12288, flash memory characteristics).
 
-use super::{BUSY, DATA_CACHE, Flash, LOCKED, PROGRAM, START, START_ERASING, TICKS};
+use super::{BUSY, DATA_CACHE, Flash, LOCKED, PROGRAM, START_ERASING, TICKS};
 
 /// Size of a page, bytes, with the flash in two banks.
 pub const SIZE: usize = 2 * 1024;
@@ -73,7 +73,6 @@ impl Flash {
         self.torn.retain(|at| !range.contains(at));
         self.erasures[number] += 1;
         self.weak[number] = false;
-        self.change(range.clone());
         self.stale = (self.access & DATA_CACHE != 0).then_some(range);
         self.operations += 1;
         let usual = ERASE_TIME[usize::from(self.slow)];
@@ -111,18 +110,13 @@ impl Flash {
             self.status |= PROGRAMMED_TWICE;
             return;
         }
-        let worn = match self.worn {
-            Some((address, bits)) if address == START + at as u32 => bits.into(),
-            _ => 0,
-        };
         self.programmed_weak |= self.weak[at / SIZE];
         self.programmed_cached |= self.access & DATA_CACHE != 0;
         self.under_way = Some((at, before));
-        self.bytes[at..at + WORD].copy_from_slice(&(word | worn).to_le_bytes());
+        self.bytes[at..at + WORD].copy_from_slice(&word.to_le_bytes());
         self.torn.remove(&at);
         self.operations += 1;
         self.busy = now.max(self.busy) + WORD_TIME[usize::from(self.slow)];
-        self.change(at..at + WORD);
     }
 
     /// Whether an offset is in the bank of the last operation.

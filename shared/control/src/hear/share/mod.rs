@@ -5,26 +5,27 @@
 //! (docs/theory-real-parts.md#t10.7). Its components are parts in gear, parts out of gear, and
 //! noise.
 //!
-//! Method: weighted non-negative least squares by an active set (Lawson and Hanson, Solving Least
-//! Squares Problems, 1974, chapter 23). There are [`SECTORS`] equations and [`PARTS`] unknown
-//! weights. The expected energy of the last mixture weighs each equation (iteratively reweighted
-//! least squares). Histograms forget exponentially. The delay and the decay time of the ringing are
-//! nuisance parameters, fitted in turn by a parabola through three trial points.
+//! The expected energy of the last mixture weighs each equation of the `fit` (iteratively reweighted
+//! least squares). Histograms forget exponentially. The delay and the decay time of the ringing in
+//! the `model` are nuisance parameters, fitted in turn by a parabola through three trial points.
+
+mod fit;
+mod model;
 
 use super::energy::{SECTORS, Sectors};
+use super::gear::DriveState;
 use super::margin::GearMargin;
-use super::onset::{OnsetConstants, StandardOnset};
 use super::signal::Cycle;
-use crate::angle::{SAMPLE_RATE, phase_of};
-use crate::drive::{Shape, UPPER};
-use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
-use kband::feeder::Restitution;
-use kband::impact::ContactTime;
+use crate::angle::SAMPLE_RATE;
+use crate::drive::UPPER;
+use fit::{Covariance, NOISE, PARTS, Row, Rows, astray, evened, mixed, off, unmix};
+use kband::arithmetic::{Phase, square_root_single};
 #[cfg(any(test, feature = "memo"))]
 use kband::regime::gear::StrikeCount;
 use kband::regime::gear::{
-    GROUPS, PHASE_BINS, RESTITUTION_MARGIN, StrikeProfile, StrikeProfiler, StrikeSettings,
+    GROUPS, RESTITUTION_MARGIN, StrikeProfile, StrikeProfiler, StrikeSettings,
 };
+use model::{drive_leak, knows_out, predict_rows, struck};
 
 /// Memory of the long energy histogram, in drive cycles (exponential forgetting; 5 s at 50 Hz).
 const MEMORY: f32 = 256.0;
@@ -77,13 +78,6 @@ const RINGING: [f32; 2] = [0.05e-3, 5e-3];
 const FACTOR: f32 = 1.15;
 /// Energy of the parts over that of the noise above which a share is reported.
 const HEARD: f32 = 0.3;
-/// Minimum predicted drive periods in gear of a group for its profile: two rows of the eight
-/// flights that define gear.
-const KNOWN: f32 = 16.0;
-/// Minimum predicted drive periods out of gear for a profile of parts out of gear.
-const MIN_PERIODS_OUT: f32 = 256.0;
-/// Largest number of parts that land together: as many as a scene has.
-const TOGETHER: f32 = 24.0;
 /// Minimum share in gear for estimating the margin; below it too few impacts are in gear.
 const LEAST: f32 = 0.1;
 /// Smallest standard error of a share, due to the random errors of the predicted profiles.
@@ -120,14 +114,6 @@ const LATER: f32 = 0.5;
 /// Trial points around the current estimate: delays in steps of [`LATER`], decay times as powers of
 /// [`FACTOR`].
 const TRIES: [[f32; 2]; 3] = [[0.0, 1.0], [-1.0, 1.0 / FACTOR], [1.0, FACTOR]];
-/// Components of the mixture: one per group in gear, two out of gear (landings apart, landings
-/// merged), and noise.
-const PARTS: usize = GROUPS + 3;
-/// Index of the noise component.
-const NOISE: usize = GROUPS + 2;
-/// Number of predicted impact profiles: one per group in gear, and one out of gear.
-const STRUCK: usize = GROUPS + 1;
-
 /// Estimated share of time in gear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearShare {
@@ -137,34 +123,8 @@ pub struct GearShare {
     pub error: f32,
 }
 
-/// State of drive and settings in one cycle, as the estimator needs it.
-#[derive(Clone, Copy, Debug)]
-pub struct Tuned {
-    /// Phase lead of the track.
-    pub lead: Phase,
-    /// Order of the gear.
-    pub order: u8,
-    /// Measured k.
-    pub k: f32,
-    /// Measured shape of the track's motion.
-    pub shape: Shape,
-    /// Advance of the phase per sample.
-    pub step: u32,
-    /// Configured or identified restitutions of the lot (symbol R), and their scatter from impact
-    /// to impact (symbol s).
-    pub lot: Option<(Restitution, f32)>,
-    /// Whether the amplitude has settled at its setpoint.
-    pub stands: bool,
-    /// Configured duration of an impact.
-    pub contact: ContactTime,
-    /// Whether gear is to be detected for READY; only then is the short histogram fitted.
-    pub detects_gear: bool,
-}
-
-type Row = [f32; SECTORS];
-
 /// Energy by the phase of the output, with exponential forgetting.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Histogram {
     energy: Row,
     /// Sum of the noise energy.
@@ -174,12 +134,6 @@ struct Histogram {
 }
 
 impl Histogram {
-    const EMPTY: Self = Self {
-        energy: [0.0; SECTORS],
-        noise: 0.0,
-        weight: 0.0,
-    };
-
     /// Adds the sectors of one cycle, with exponential forgetting; `memory` in drive cycles.
     fn add(&mut self, sectors: &Sectors, noise: f32, memory: f32) {
         let keep = 1.0 - 1.0 / memory;
@@ -239,13 +193,8 @@ impl GearEvidence {
     }
 }
 
-/// Energy of each component by sector; lanes of four allow the compiler to vectorize.
-type Rows = [[f32; LANES]; SECTORS];
-/// Number of components, rounded up to a multiple of four.
-const LANES: usize = PARTS.next_multiple_of(4);
-
 /// Estimator of the share of time in gear for any number of parts.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct ShareHearing {
     /// Mean k since the amplitude settled.
     k: f32,
@@ -309,7 +258,7 @@ struct Mixture {
     astray: f32,
     weights: [f32; PARTS],
     /// Covariance of the weights for a dispersion (reduced chi-square) of 1.
-    covariance: [[f32; PARTS]; PARTS],
+    covariance: Covariance,
 }
 
 impl GearShare {
@@ -328,33 +277,9 @@ impl ShareHearing {
     /// Estimator without any data.
     pub fn new() -> Self {
         Self {
-            k: 0.0,
-            tones: [[0.0; 2]; UPPER],
-            cycles: 0.0,
-            profiled: [[0.0; 2]; UPPER],
-            profiler: None,
-            long: Histogram::EMPTY,
-            due: 0,
-            short: Histogram::EMPTY,
-            short_due: 0.0,
-            checks: false,
-            detects_gear: false,
-            evidence: None,
-            lead: Phase::ZERO,
-            turned: Phase::ZERO,
-            step: 0,
-            swing: [0.0; 2],
             rings: RINGS,
             late: LATE,
-            of_late: false,
-            fitting: None,
-            weights: [0.0; PARTS],
-            share: None,
-            margin: None,
-            fades: false,
-            judged: false,
-            misfit: 0.0,
-            misfit_cycles: 0.0,
+            ..Self::default()
         }
     }
 
@@ -367,8 +292,8 @@ impl ShareHearing {
 
     /// Clears both histograms.
     fn begin(&mut self) {
-        (self.long, self.due) = (Histogram::EMPTY, 0);
-        (self.short, self.short_due) = (Histogram::EMPTY, 0.0);
+        (self.long, self.due) = (Histogram::default(), 0);
+        (self.short, self.short_due) = (Histogram::default(), 0.0);
         self.checks = false;
         self.weights = [0.0; PARTS];
     }
@@ -421,7 +346,7 @@ impl ShareHearing {
     }
 
     /// Adds one drive cycle to the histograms, and schedules the fits.
-    pub fn cycle(&mut self, cycle: &Cycle, tuned: &Tuned) {
+    pub fn cycle(&mut self, cycle: &Cycle, tuned: &DriveState) {
         self.fade();
         if !tuned.stands {
             return;
@@ -472,7 +397,7 @@ impl ShareHearing {
 
     /// Averages the track's motion, and starts a new prediction of the profiles where it has
     /// changed.
-    fn follow(&mut self, tuned: &Tuned) {
+    fn follow(&mut self, tuned: &DriveState) {
         self.cycles = (self.cycles + 1.0).min(16.0);
         let share = 1.0 / self.cycles;
         self.k += (tuned.k - self.k) * share;
@@ -568,16 +493,7 @@ impl ShareHearing {
             return false;
         };
         let heard = self.heard(&self.long);
-        // Each sector is weighed by the energy that the last mixture expects in it.
-        let by = if self.weights == [0.0; PARTS] {
-            mixed(
-                &rows,
-                &unmix(&heard, &rows, &evened(&heard), &self.weights).0,
-            )
-        } else {
-            mixed(&rows, &self.weights)
-        };
-        let (weights, covariance) = unmix(&heard, &rows, &by, &self.weights);
+        let (by, weights, covariance) = self.fit_weights(&heard, &rows);
         let expected = mixed(&rows, &weights);
         if let Some(apart) = fitting.off.get_mut(fitting.tried) {
             *apart = off(&heard, &expected, &by);
@@ -605,17 +521,25 @@ impl ShareHearing {
             return;
         };
         let heard = self.heard(&self.short);
-        let by = if self.weights == [0.0; PARTS] {
-            evened(&heard)
-        } else {
-            mixed(&rows, &self.weights)
-        };
-        let (weights, _) = unmix(&heard, &rows, &by, &self.weights);
+        let (_, weights, _) = self.fit_weights(&heard, &rows);
         let astray = astray(&heard, &mixed(&rows, &weights));
         let short = self.agreement(&self.short, &weights, astray);
         if let (Some(evidence), Some(short)) = (&mut self.evidence, short) {
             evidence.short = short;
         }
+    }
+
+    /// Fits the mixture from the last weights. Each sector is weighed by the energy that the last
+    /// mixture expects in it, which is returned with the weights and their covariance.
+    fn fit_weights(&self, heard: &Row, rows: &Rows) -> (Row, [f32; PARTS], Covariance) {
+        let expecting = if self.weights == [0.0; PARTS] {
+            unmix(heard, rows, &evened(heard), &self.weights).0
+        } else {
+            self.weights
+        };
+        let by = mixed(rows, &expecting);
+        let (weights, covariance) = unmix(heard, rows, &by, &self.weights);
+        (by, weights, covariance)
     }
 
     /// Updates share, margin and evidence from a mixture.
@@ -756,79 +680,28 @@ impl ShareHearing {
         self.of_late = !self.of_late;
     }
 
-    /// Predicted energy of each component by sector; `rings` is the decay time in s, `late` the
-    /// delay in samples.
+    /// Predicted energy of each component by sector, for a decay time in s and a delay in samples.
     fn rows(&self, rings: f32, late: f32) -> Option<Rows> {
-        let profile = self.profile()?;
-        // Decay time in turns of the drive.
-        let turns = rings * SAMPLE_RATE as f32 * self.step as f32 * (1.0 / Phase::TURN as f32);
-        let late = late * self.step as f32 * (1.0 / Phase::TURN as f32);
-        let lead = self.lead.bits() as f32 * (1.0 / Phase::TURN as f32) - late;
-        let lead = lead - libm::floorf(lead);
-        let landing = profile.landing_phase.unwrap_or(Phase::ZERO);
-        let landing = landing.bits() as f32 * (1.0 / Phase::TURN as f32) - lead;
-        let mut rows = [[1.0 / SECTORS as f32; LANES]; SECTORS];
-        let [first, second, third, fourth] = &profile.in_gear;
-        let struck = [first, second, third, fourth, &profile.out_of_gear];
-        ring(&mut rows, struck, lead, turns);
-        for (group, periods) in profile.periods[0].into_iter().enumerate() {
-            if periods < KNOWN {
-                rows.iter_mut().for_each(|row| row[group] = 0.0);
-            }
-        }
-        let known = if knows_out(profile) { 1.0 } else { 0.0 };
-        let together = together(profile);
-        for (row, landed) in rows.iter_mut().zip(landed(landing, turns)) {
-            let out = row[GROUPS];
-            row[GROUPS] = known * (out + profile.landing_energy * landed);
-            row[GROUPS + 1] = known * (out + together * profile.landing_energy * landed);
-        }
-        Some(rows)
+        Some(predict_rows(
+            self.profile()?,
+            self.lead,
+            self.step,
+            rings,
+            late,
+        ))
     }
 
     /// Energy per cycle of a histogram, less the drive's own.
     fn heard(&self, histogram: &Histogram) -> Row {
         let inverse = 1.0 / histogram.weight;
-        let leak = self.leak();
+        let leak = drive_leak(self.swing, self.step);
         let mut heard = [0.0; SECTORS];
         for ((heard, energy), leak) in heard.iter_mut().zip(&histogram.energy).zip(leak) {
             *heard = (energy * inverse - leak).max(0.0);
         }
         heard
     }
-
-    /// Energy per cycle that the drive's own acceleration leaves in each sector of the residual.
-    fn leak(&self) -> Row {
-        let theta = Phase::from_bits(self.step);
-        let (sine, cosine) = sine_cosine_single(theta);
-        // (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice, at z = e^(i theta).
-        let left = 1.0 - StandardOnset::CORNER as f32;
-        let above = 2.0 - 2.0 * cosine;
-        let below = 1.0 - 2.0 * left * cosine + left * left;
-        let gain = left * left * above / below;
-        // Angle of (1 - z^-1): numerator over denominator.
-        let angle =
-            libm::atan2f(sine, 1.0 - cosine) - libm::atan2f(left * sine, 1.0 - left * cosine);
-        let (turn, straight) = sine_cosine_single(phase_of(2.0 * angle));
-        let [cosines, sines] = self.swing;
-        // Re((a - i b) e^(i x)) is a cos x + b sin x.
-        let re = gain * (cosines * straight + sines * turn);
-        let im = gain * (cosines * turn - sines * straight);
-        let samples = Phase::TURN as f32 / self.step.max(1) as f32 / SECTORS as f32;
-        let level = 0.5 * (re * re + im * im);
-        let double = [re * re - im * im, 2.0 * re * im];
-        // The energy has twice the drive's frequency: both halves of the turn are equal.
-        let half: [f32; SECTORS / 2] = core::array::from_fn(|n| {
-            let middle = Phase::from_bits((2 * n as u32 + 1) << 26);
-            let (sine, cosine) = sine_cosine_single(middle + middle);
-            samples * (level + 0.5 * SQUEEZED * (double[0] * cosine - double[1] * sine))
-        });
-        core::array::from_fn(|n| half[n % half.len()])
-    }
 }
-
-/// Attenuation of the second harmonic by the average over a sector, `sin x / x`.
-const SQUEEZED: f32 = 0.993_6;
 
 /// Rounds k to eight binary places: an error of at most 0.2 %, a fifth of [`MOVED`].
 fn rounded(k: f32) -> f32 {
@@ -875,330 +748,9 @@ fn told(found: &Mixture, profile: &StrikeProfile, noise: f32, aligned: bool) -> 
     (error < TELLS).then_some(GearShare { share, error })
 }
 
-/// Whether the profile of parts out of gear counts.
-fn knows_out(profile: &StrikeProfile) -> bool {
-    profile.periods[1].iter().sum::<f32>() >= MIN_PERIODS_OUT
-}
-
-/// Energy of the parts per cycle, by the weights of a mixture.
-fn struck(weights: &[f32; PARTS], profile: &StrikeProfile) -> f32 {
-    let without = weights[GROUPS..NOISE].iter().sum::<f32>();
-    let landing = weights[GROUPS] + together(profile) * weights[GROUPS + 1];
-    let sum = |row: &[f32; PHASE_BINS]| row.iter().sum::<f32>();
-    let groups = profile.in_gear.iter().zip(weights);
-    groups.map(|(row, weight)| weight * sum(row)).sum::<f32>()
-        + without * sum(&profile.out_of_gear)
-        + landing * profile.landing_energy
-}
-
-/// Half of the sum of absolute differences: energy in other sectors than predicted.
-fn astray(heard: &Row, expected: &Row) -> f32 {
-    let apart = heard.iter().zip(expected).map(|(heard, expected)| {
-        let apart = heard - expected;
-        0.5 * if apart < 0.0 { -apart } else { apart }
-    });
-    apart.sum()
-}
-
-/// Energy of merged landings over that of as many separate ones, where all parts are out of gear.
-///
-/// Amplitudes of merged impacts add: each other part lands with it with the probability of a
-/// landing per period.
-fn together(profile: &StrikeProfile) -> f32 {
-    1.0 + (TOGETHER - 1.0) * profile.landing_rate
-}
-
-/// Convolves the profiles with the exponential decay of the ringing, one per column of the rows.
-///
-/// The track leads the output by `lead` turns; the energy of an impact falls by e in `turns` turns.
-fn ring(rows: &mut Rows, profiles: [&[f32; PHASE_BINS]; STRUCK], lead: f32, turns: f32) {
-    let width = 1.0 / PHASE_BINS as f32;
-    let left = libm::expf(-width / turns);
-    // Impacts are spread evenly over their place: share of their energy that falls into it.
-    let stays = 1.0 - (1.0 - left) * turns / width;
-    let places = lead * PHASE_BINS as f32;
-    let whole = libm::floorf(places);
-    let share = places - whole;
-    let first = whole as i32 as usize;
-    let struck_at = |n: usize| {
-        let [low, high] = [n + first, n + first + 1].map(|n| n % PHASE_BINS);
-        profiles.map(|profile| profile[low] + (profile[high] - profile[low]) * share)
-    };
-    let mut rings = [0.0; STRUCK];
-    for (sector, row) in rows.iter_mut().enumerate() {
-        let mut heard = [0.0; STRUCK];
-        for n in 0..PHASE_BINS / SECTORS {
-            let struck = struck_at(sector * (PHASE_BINS / SECTORS) + n);
-            for ((heard, rings), struck) in heard.iter_mut().zip(&mut rings).zip(struck) {
-                *heard += stays * struck + *rings * (1.0 - left);
-                *rings = *rings * left + (1.0 - stays) * struck;
-            }
-        }
-        row[..STRUCK].copy_from_slice(&heard);
-    }
-    // The turn is periodic: ringing at its end continues at its beginning.
-    let around = around::<PHASE_BINS>(left);
-    let left: f32 = core::iter::repeat_n(left, PHASE_BINS / SECTORS).product();
-    let mut rings = rings.map(|rings| rings * around * (1.0 - left));
-    for row in rows {
-        for (heard, rings) in row.iter_mut().zip(&mut rings) {
-            *heard += *rings;
-            *rings *= left;
-        }
-    }
-}
-
-/// Sum of the geometric series over all turns, where `left` remains after each of `STEPS` steps of
-/// a turn.
-fn around<const STEPS: usize>(left: f32) -> f32 {
-    const { assert!(STEPS.is_power_of_two()) };
-    let turn = (0..STEPS.trailing_zeros()).fold(left, |left, _| left * left);
-    1.0 / (1.0 - turn)
-}
-
-/// Energy by sector of one impact of unit energy at phase `at`, in turns; decay time in turns.
-fn landed(at: f32, turns: f32) -> Row {
-    let at = (at - libm::floorf(at)) * SECTORS as f32;
-    let first = at as usize % SECTORS;
-    let left = libm::expf(-1.0 / (SECTORS as f32 * turns));
-    let mut row = [0.0; SECTORS];
-    let mut rings = libm::expf(-(first as f32 + 1.0 - at) / (SECTORS as f32 * turns));
-    row[first] = 1.0 - rings;
-    rings *= around::<SECTORS>(left) * (1.0 - left);
-    for n in 1..=SECTORS {
-        row[(first + n) % SECTORS] += rings;
-        rings *= left;
-    }
-    row
-}
-
-/// Moving average over three sectors: the weights of the equations before the first mixture.
-fn evened(heard: &Row) -> Row {
-    core::array::from_fn(|n| {
-        (heard[(n + SECTORS - 1) % SECTORS] + heard[n] + heard[(n + 1) % SECTORS]) / 3.0
-    })
-}
-
-/// Fits the mixture: non-negative weights of the rows, and their covariance for a dispersion of 1.
-///
-/// The energy of impacts scatters as their number does: the variance of a sector is proportional to
-/// the expected energy `by`. The search begins at `from`.
-fn unmix(
-    heard: &Row,
-    rows: &Rows,
-    by: &Row,
-    from: &[f32; PARTS],
-) -> ([f32; PARTS], [[f32; PARTS]; PARTS]) {
-    let least = least(heard);
-    let mut matrix = [[0.0; LANES]; PARTS];
-    let mut sums = [0.0; LANES];
-    for ((row, by), heard) in rows.iter().zip(by).zip(heard) {
-        let weight = 1.0 / (by + least);
-        let weighed = row.map(|part| part * weight);
-        for (sum, weighed) in sums.iter_mut().zip(weighed) {
-            *sum += weighed * heard;
-        }
-        for (a, (line, weighed)) in matrix.iter_mut().zip(weighed).enumerate() {
-            // Lower triangle, up to the end of the vector of four that holds the diagonal.
-            for (product, part) in line.iter_mut().zip(row).take((a | 3) + 1) {
-                *product += weighed * part;
-            }
-        }
-    }
-    solve(&matrix, &sums, from)
-}
-
-/// Lower limit of a sector's expected energy, which keeps its weight finite.
-fn least(heard: &Row) -> f32 {
-    0.01 / SECTORS as f32 * heard.iter().sum::<f32>() + f32::MIN_POSITIVE
-}
-
-/// Energy by sector that the weights predict.
-fn mixed(rows: &Rows, weights: &[f32; PARTS]) -> Row {
-    rows.map(|row| {
-        row.iter()
-            .zip(weights)
-            .map(|(part, weight)| part * weight)
-            .sum()
-    })
-}
-
-/// Weighted residual sum of squares (chi-square for unit dispersion).
-fn off(heard: &Row, found: &Row, by: &Row) -> f32 {
-    let least = least(heard);
-    let sectors = heard.iter().zip(found).zip(by);
-    sectors
-        .map(|((heard, found), by)| (heard - found) * (heard - found) / (by + least))
-        .sum()
-}
-
-/// Non-negative least squares by the active set of Lawson and Hanson (1974), started at `from`.
-///
-/// Returns the weights and their covariance; rows and columns of weights at 0 are 0. Only the lower
-/// triangle of the matrix is read.
-fn solve(
-    matrix: &[[f32; LANES]; PARTS],
-    sums: &[f32; LANES],
-    from: &[f32; PARTS],
-) -> ([f32; PARTS], [[f32; PARTS]; PARTS]) {
-    // Scaled to a diagonal of 1.
-    let scale: [f32; PARTS] = core::array::from_fn(|n| {
-        if matrix[n][n] > 0.0 {
-            1.0 / libm::sqrtf(matrix[n][n])
-        } else {
-            0.0
-        }
-    });
-    let mut scaled = [[0.0; PARTS]; PARTS];
-    for a in 0..PARTS {
-        for b in 0..PARTS {
-            scaled[a][b] = matrix[a.max(b)][a.min(b)] * scale[a] * scale[b];
-        }
-        // Tikhonov regularization keeps the matrix invertible.
-        scaled[a][a] += 1e-5;
-    }
-    let sums: [f32; PARTS] = core::array::from_fn(|n| sums[n] * scale[n]);
-    let tolerance = 1e-4 * sums.iter().fold(0.0_f32, |most, sum| most.max(*sum));
-    let mut weights: [f32; PARTS] = core::array::from_fn(|n| {
-        if scale[n] > 0.0 {
-            // `max` replaces NaN by 0.
-            (from[n] / scale[n]).max(0.0)
-        } else {
-            0.0
-        }
-    });
-    let mut within: [bool; PARTS] = core::array::from_fn(|n| weights[n] > 0.0);
-    let mut inverse = [[0.0; PARTS]; PARTS];
-    for _ in 0..3 * PARTS {
-        loop {
-            inverse = inverted(&scaled, &within);
-            let mut tried = [0.0; PARTS];
-            let (mut share, mut beyond) = (1.0_f32, None);
-            for a in 0..PARTS {
-                tried[a] = (0..PARTS).map(|b| inverse[a][b] * sums[b]).sum();
-                if within[a] && tried[a] <= 0.0 {
-                    let reached = weights[a] / (weights[a] - tried[a]).max(f32::MIN_POSITIVE);
-                    if beyond.is_none() || reached < share {
-                        (share, beyond) = (reached, Some(a));
-                    }
-                }
-            }
-            let Some(beyond) = beyond else {
-                weights = tried;
-                break;
-            };
-            for a in 0..PARTS {
-                if within[a] {
-                    weights[a] += share * (tried[a] - weights[a]);
-                }
-            }
-            for a in 0..PARTS {
-                if a == beyond {
-                    within[a] = false;
-                    weights[a] = 0.0;
-                }
-            }
-        }
-        let (mut steepest, mut which) = (tolerance, None);
-        for a in 0..PARTS {
-            if !within[a] && scale[a] > 0.0 {
-                let left = sums[a] - (0..PARTS).map(|b| scaled[a][b] * weights[b]).sum::<f32>();
-                if left > steepest {
-                    (steepest, which) = (left, Some(a));
-                }
-            }
-        }
-        let Some(which) = which else {
-            break;
-        };
-        for (a, within) in within.iter_mut().enumerate() {
-            *within |= a == which;
-        }
-    }
-    for a in 0..PARTS {
-        weights[a] *= scale[a];
-        for b in 0..PARTS {
-            inverse[a][b] *= scale[a] * scale[b];
-        }
-    }
-    (weights, inverse)
-}
-
-/// Inverse of the submatrix of the free weights by Gauss-Jordan elimination; 0 elsewhere.
-fn inverted(matrix: &[[f32; PARTS]; PARTS], within: &[bool; PARTS]) -> [[f32; PARTS]; PARTS] {
-    let mut inverse = [[0.0; PARTS]; PARTS];
-    for a in 0..PARTS {
-        for b in 0..PARTS {
-            if within[a] && within[b] {
-                inverse[a][b] = matrix[a][b];
-            }
-        }
-    }
-    // In place: each eliminated column holds a column of the inverse.
-    for a in 0..PARTS {
-        if !within[a] {
-            continue;
-        }
-        let pivot = 1.0 / inverse[a][a];
-        inverse[a][a] = 1.0;
-        let row = inverse[a].map(|part| part * pivot);
-        inverse[a] = row;
-        for other in 0..PARTS {
-            if other != a && within[other] {
-                let factor = core::mem::take(&mut inverse[other][a]);
-                for (part, row) in inverse[other].iter_mut().zip(row) {
-                    *part -= factor * row;
-                }
-            }
-        }
-    }
-    inverse
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{Agreement, GearEvidence, MIN_PREDICTED_SHARE, PARTS, inverted};
-    use kband::arithmetic::Noise;
-
-    #[test]
-    fn a_matrix_times_its_inverse_is_one_where_it_is_within() {
-        let mut noise = Noise::new(7);
-        for chosen in 0..1_u32 << PARTS {
-            let within: [bool; PARTS] = core::array::from_fn(|n| chosen >> n & 1 == 1);
-            let drawn: [[f32; PARTS]; PARTS] =
-                core::array::from_fn(|_| core::array::from_fn(|_| 0.3 * (noise.uniform() - 0.5)));
-            let matrix: [[f32; PARTS]; PARTS] = core::array::from_fn(|a| {
-                core::array::from_fn(|b| {
-                    if a == b {
-                        1.0
-                    } else {
-                        drawn[a.max(b)][a.min(b)]
-                    }
-                })
-            });
-            let inverse = inverted(&matrix, &within);
-            for a in 0..PARTS {
-                for b in 0..PARTS {
-                    let product: f32 = (0..PARTS)
-                        .filter(|n| within[*n])
-                        .map(|n| matrix[a][n] * inverse[n][b])
-                        .sum();
-                    let both = within[a] && within[b];
-                    // Off-diagonal sums of six stay below 0.9: condition below 20, seven roundings
-                    // in each of seven steps.
-                    let expected = if both && a == b { 1.0 } else { 0.0 };
-                    if within[a] {
-                        assert!(
-                            (product - expected).abs() < 49.0 * 20.0 * f32::EPSILON,
-                            "{a} {b}: {product}"
-                        );
-                    } else {
-                        assert_eq!(inverse[a][b], 0.0);
-                    }
-                }
-            }
-        }
-    }
+    use super::{Agreement, GearEvidence, MIN_PREDICTED_SHARE};
 
     #[test]
     fn evidence_for_ready_needs_both_histograms() {

@@ -1,0 +1,14 @@
+//! Configuration of property-based tests.
+
+use proptest::prelude::ProptestConfig;
+use proptest::test_runner::RngSeed;
+
+/// Draws with the seed `KBAND_SEED`, else with a fixed one.
+pub fn seeded() -> ProptestConfig {
+    let seed = std::env::var("KBAND_SEED").map_or(1, |text| text.parse().expect("a whole number"));
+    ProptestConfig {
+        failure_persistence: None,
+        rng_seed: RngSeed::Fixed(seed),
+        ..ProptestConfig::default()
+    }
+}
