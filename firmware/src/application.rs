@@ -346,6 +346,7 @@ mod tests {
             target: scene.target,
             pin: None,
             condition: Condition::Whole,
+            added: 0,
         };
         let start = StartCause::Ordinary;
         let controller = Station::controller(&found, start).unwrap();

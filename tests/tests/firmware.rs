@@ -5,14 +5,15 @@ use std::time::Duration;
 use kband_firmware::trial::{self, Trial};
 use kband_plant::{ClosedLoop, Scene};
 use kband_tests::chip::kind::Kind;
-use kband_tests::emulator::{self, Machine, Options, Output};
+use kband_tests::emulator::{self, Clock, Machine, Options, Output};
 use kband_tests::footprint::footprint;
 use kband_tests::images;
 
-fn virtual_feeder(word: &'static str, seconds: u64) -> Output {
+fn virtual_feeder(word: &'static str, clock: Clock, seconds: u64) -> Output {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let options = Options {
         word: Some(word),
+        clock,
         ..Options::default()
     };
     emulator::run(&image, options, Duration::from_secs(seconds))
@@ -21,7 +22,7 @@ fn virtual_feeder(word: &'static str, seconds: u64) -> Output {
 fn trace_is_the_desks(name: &'static str) {
     let trial = Trial::named(name).unwrap();
     let mut desk = ClosedLoop::build(&trial.scene()).unwrap();
-    let text = virtual_feeder(name, 180).passed();
+    let text = virtual_feeder(name, Clock::Steady, 180).passed();
     let trace: Vec<&str> = text
         .lines()
         .filter(|line| line.starts_with(|first: char| first.is_ascii_digit()))
@@ -41,6 +42,47 @@ fn trace_is_the_desks(name: &'static str) {
         .collect();
     // With less than an eighth of the stack free the board raises a fault.
     assert!(words[0] < words[1] - words[1] / 8, "{stack}");
+}
+
+/// Largest number of instructions of a planning slice: half of a cycle at 50 Hz and 168 MHz.
+const SLICE: u32 = 1_680_000;
+/// Largest number of instructions of a plan: half a second at 168 MHz.
+const PLAN: u32 = 84_000_000;
+
+#[test]
+fn samples_control_and_plans_take_their_share_of_the_core() {
+    let text = virtual_feeder("count", Clock::Instructions, 60).passed();
+    let numbers = |name: &str| -> Vec<u32> {
+        let line = text.lines().find_map(|line| line.strip_prefix(name));
+        let line = line.unwrap_or_else(|| panic!("{name} {text}"));
+        println!("{name}{line}");
+        let numbers = line.split([' ', ',']).filter_map(|word| word.parse().ok());
+        numbers.collect()
+    };
+    // Measured values with 3 % for another compiler; the largest are exact to six instructions.
+    for (name, limits) in [
+        ("sample interrupt:", [197, 624]),
+        ("sample interrupt of two tones:", [221, 642]),
+        ("sample interrupt of three tones:", [245, 660]),
+        ("sample interrupt with a current sensor:", [263, 684]),
+        // An eighth of a cycle at 50 Hz and 168 MHz leaves most of it to the plan and the link.
+        ("control:", [420_000, 420_000]),
+    ] {
+        let counted = numbers(name);
+        assert!(counted[0] > 20 && counted[0] <= limits[0], "{text}");
+        assert!(counted[1] <= limits[1], "{text}");
+    }
+    for name in [
+        "capture plan:",
+        "gear of the lot of the trial:",
+        "gear of lively parts:",
+        "gear of lively parts on two tones:",
+        "gear of lively parts on three tones:",
+    ] {
+        let counted = numbers(name);
+        assert!(counted[0] > 100_000 && counted[0] <= PLAN, "{text}");
+        assert!(counted[2] <= SLICE, "{text}");
+    }
 }
 
 #[test]

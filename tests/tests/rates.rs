@@ -3,7 +3,7 @@
 //! It keeps its deadlines, counted in cycles on the emulated chip.
 
 use kband_control::wire::{Request, Response};
-use kband_control::{State, Target};
+use kband_control::{Event, Shape, State, Target, UpperTone};
 use kband_plant::{ClosedLoop, Scene};
 use kband_tests::chip::kind::Kind;
 use kband_tests::chip::{LINK, MILLISECOND, SAMPLE};
@@ -127,7 +127,7 @@ fn the_image_holds_a_second_tone_and_reports_wrong_settings() {
     };
     scene.settings.second_tone = 0.25;
     scene.drive.second_gain = 0.5;
-    let mut rig = Rig::with(chip_with_image(&feeder()), &scene);
+    let mut rig = Rig::with(chip_of(Kind::Stm32f405, &feeder()), &scene);
     rig.chip.power_on();
     rig.run(0.3);
     for (key, value) in [("second_tone", 0.25), ("second_gain", 0.25)] {

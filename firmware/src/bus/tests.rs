@@ -51,6 +51,7 @@ impl Board {
             target: Target::K(0.8),
             pin: None,
             condition: Condition::Whole,
+            added: 0,
         };
         let controller = Station::controller(&found, start).unwrap();
         Self {

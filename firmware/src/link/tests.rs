@@ -56,6 +56,7 @@ impl Store for Memory {
             target,
             pin,
             condition: Condition::Whole,
+            added: 0,
         };
         Ok(())
     }
@@ -101,6 +102,7 @@ const FOUND: fn(Condition) -> Found = |condition| Found {
     target: Target::Locked { order: 1 },
     pin: None,
     condition,
+    added: 0,
 };
 
 const IMAGE: Image = Image {

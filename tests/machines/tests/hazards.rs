@@ -540,6 +540,8 @@ fn a_supply_that_falls_ends_a_save_at_the_next_word(kind: Kind) {
 fn settings(kind: Kind) -> usize {
     kind.facts().settings
 }
+/// Offset of the settings of older images in the flash, bytes: sectors 10 and 11.
+const OLDER_SETTINGS: usize = 0xc_0000;
 /// Size of a settings record, bytes.
 const RECORD: usize = 1008;
 /// Offset of the first record in a bank, bytes: behind its mark.
@@ -648,6 +650,54 @@ fn a_cut_save_keeps_the_old_or_the_new_settings(kind: Kind) {
         old_or_new = [old_or_new[0] + olds, old_or_new[1] + news];
     }
     println!("cut saves, old and new settings: {old_or_new:?}");
+    assert!(old_or_new.iter().all(|count| *count > 2), "{old_or_new:?}");
+}
+
+/// A board whose settings an image with records of version 3 saved: 0.2 mm, soft start 0.7 s, soft
+/// stop 0.3 s.
+fn of_version_3() -> Rig {
+    let mut rig = machine().commissioned(Kind::Stm32f405);
+    rig.act(&Act::Volts(0.0));
+    let flash = rig.chip.flash_mut();
+    // The older image was in the sectors that now have settings and faults.
+    flash[Kind::Stm32f405.facts().kept.clone()].fill(0x46);
+    for line in include_str!("version_3.hex").lines() {
+        let mut words = line.split(' ');
+        let at = OLDER_SETTINGS + usize::from_str_radix(words.next().unwrap(), 16).unwrap();
+        for (byte, word) in flash[at..].iter_mut().zip(words) {
+            *byte = u8::from_str_radix(word, 16).unwrap();
+        }
+    }
+    rig.run(1.1);
+    rig.act(&Act::Volts(3.3));
+    rig.run(1.4);
+    rig
+}
+
+#[test]
+fn settings_of_an_older_image_drive_and_move_with_a_save() {
+    let mut rig = of_version_3();
+    assert_eq!(rig.kept(), Kept::InUse);
+    assert_eq!(pair(&mut rig), [700, 300]);
+    let mut driven = rig.clone();
+    let begun = driven.time();
+    for n in 0..10 {
+        let frame = driven.frame(&Request::Alive);
+        driven.at(begun + 0.3 * f64::from(n), Act::Link(frame));
+    }
+    driven.act(&Act::Enable(true));
+    driven.run(begun + 3.0);
+    assert!(
+        (driven.amplitude() - 0.2).abs() < 0.01,
+        "{}",
+        driven.amplitude()
+    );
+    assert_eq!(driven.seen_after(begun, &Seen::Fault(true)), None);
+    // Each of both sectors is erased, and gets mark and tag.
+    let operations = operations_of_a_save(&mut rig);
+    assert_eq!(operations, RECORD as u64 / 4 + 2 * (1 + 4));
+    let old_or_new = cut_saves(&rig, [700, 300], operations);
+    println!("cut conversions, old and new settings: {old_or_new:?}");
     assert!(old_or_new.iter().all(|count| *count > 2), "{old_or_new:?}");
 }
 

@@ -38,6 +38,7 @@ use kband_plant::{Bench, Scene};
 use static_cell::StaticCell;
 use systick_timer::SystickDriver;
 
+use crate::count::count;
 use crate::flash::FlashFile;
 use crate::logger;
 use crate::serial::{self, Serial};
@@ -300,6 +301,15 @@ fn place_bench(scene: &Scene) -> Result<(), OutOfRange> {
     Ok(())
 }
 
+/// Counts instructions, and ends the run.
+#[inline(never)]
+fn count_with_bench(core: &mut cortex_m::Peripherals, signal: Signal, station: &Station) -> ! {
+    if let Some((bench, _)) = BENCH.lock(RefCell::take) {
+        count(&mut core.SYST, signal, station, bench);
+    }
+    finish(true)
+}
+
 /// Builds the sample interrupt in its place.
 #[inline(never)]
 fn place_sampler(signal: Signal) {
@@ -318,6 +328,7 @@ fn begin(spawner: Spawner) {
     logger::start();
     log::start(ResetCause::Power, &LastWords::EMPTY);
     let trial = match word {
+        "count" => Trial::ALL.first().copied(),
         "link" => Some(Trial::LINK),
         "run" => Some(Trial::RUN),
         name => Trial::named(name),
@@ -337,6 +348,7 @@ fn begin(spawner: Spawner) {
             target: scene.target,
             pin: None,
             condition: Condition::Whole,
+            added: 0,
         }
     } else {
         block_on(memory.load())
@@ -353,6 +365,9 @@ fn begin(spawner: Spawner) {
             finish(false);
         }
     };
+    if word == "count" {
+        count_with_bench(&mut core, signal, station);
+    }
     place_sampler(signal);
     let linked = matches!(word, "link" | "run");
     BY_MILLISECOND.store(linked, Ordering::Relaxed);

@@ -9,6 +9,8 @@
 //! - `link`: runs the default scene with the enable input off. Answers on USART2, and as a Modbus
 //!   server on UART4 where the settings switch the bus on, until it is ended from outside.
 //! - `run`: the same with the enable input on, at the board's speed where the desk is fast enough.
+//! - `count`: counts the instructions of the sample interrupt, the control and the plans. It needs a
+//!   clock that counts them.
 //!
 //! The log always goes to USART1.
 //!
@@ -16,6 +18,8 @@
 //! pages of 4096 bytes, 0xff where nothing was written yet.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
+#[cfg(target_os = "none")]
+mod count;
 #[cfg(target_os = "none")]
 mod emulated;
 #[cfg(target_os = "none")]

@@ -1,7 +1,7 @@
 //! The simulated feeder as the registers see it.
 
 use kband::feeder::OutOfRange;
-use kband_bus::{Authority, Machine, Refused, SaveProgress, Seen};
+use kband_bus::{Authority, Exception, Machine, SaveProgress, Seen};
 use kband_control::wire::{Access, Record, Status, Telemetry};
 use kband_control::{
     BusCommand, Event, Fault, Inputs, Report, Settings, StartCause, State, Target,
@@ -145,22 +145,24 @@ impl Machine for Drive {
         self.acknowledge |= acknowledge;
     }
 
-    fn set_target(&mut self, target: Target) -> Result<(), Refused> {
+    fn set_target(&mut self, target: Target) -> Result<(), Exception> {
         let set = self.closed.controller_mut().set_target(target);
-        set.map_err(|_| Refused::Value)
+        set.map_err(|_| Exception::Value)
     }
 
-    fn set_settings(&mut self, settings: &Settings) -> Result<(), Refused> {
+    fn set_settings(&mut self, settings: &Settings) -> Result<(), Exception> {
         if !self.at_rest() {
-            return Err(Refused::Busy);
+            return Err(Exception::Busy);
         }
-        settings.check().map_err(|_| Refused::Value)?;
-        self.closed.configure(settings).map_err(|_| Refused::Value)
+        settings.check().map_err(|_| Exception::Value)?;
+        self.closed
+            .configure(settings)
+            .map_err(|_| Exception::Value)
     }
 
-    fn save(&mut self) -> Result<(), Refused> {
+    fn save(&mut self) -> Result<(), Exception> {
         if !self.at_rest() {
-            return Err(Refused::Busy);
+            return Err(Exception::Busy);
         }
         self.closed.controller_mut().settings_saved();
         self.save = SaveProgress::Done;

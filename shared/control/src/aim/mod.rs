@@ -1,15 +1,4 @@
 //! The amplitude for a target, and the searches that find it with the impact map.
-//!
-//! | file | holds |
-//! |---|---|
-//! | `setpoint` | the amplitude for a target, chosen for the whole lot |
-//! | `gear` | the amplitude at which the lot stays in gear the longest |
-//! | `retune` | whether the plan for gear must be repeated |
-//! | `speed` | the lock that conveys at a wanted speed |
-//! | `flow` | the order of gear that gives a wanted flow |
-//! | `chaos` | the widest chaotic stretch of k |
-//! | `kicks` | the kicks that bring the lot onto a lock |
-//! | `selection` | the target, its setpoint, and the searches that still run |
 
 mod chaos;
 mod flow;

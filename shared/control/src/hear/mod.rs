@@ -1,21 +1,4 @@
 //! Estimates of the track's motion and of the parts from the accelerometer.
-//!
-//! | file | holds |
-//! |---|---|
-//! | `signal` | the path of one sample: drive phase, demodulation, onset detection, drive output |
-//! | `onset` | detection of impacts in the residual without the drive |
-//! | `energy` | energy of the residual by phase of the turn |
-//! | `fold` | coherent average of the residual over many cycles |
-//! | `phases` | circular statistics of the impacts' phases |
-//! | `deaf` | detection of a sensor that misses impacts |
-//! | `gear` | time in gear and restitution, from single impacts |
-//! | `share` | time in gear of many parts, from the energy |
-//! | `margin` | margin to the loss of gear |
-//! | `lock` | window of phases of a lock |
-//! | `listener` | detection of lock, gear, regime and an empty track |
-//! | `load` | mass and flow of the parts |
-//! | `blanked` | bias of the demodulator by blanked samples |
-//! | `weighing` | events on changes of the load |
 
 mod blanked;
 mod deaf;

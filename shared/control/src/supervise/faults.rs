@@ -379,72 +379,61 @@ mod tests {
 
     #[test]
     fn each_sign_is_a_fault_at_its_threshold_and_duration() {
-        let moving = moving();
-        let spread = |steps: u16| Cycle {
-            high: 2000 + steps,
-            ..moving.clone()
-        };
-        let clipped = |saturated: u16| Cycle {
-            saturated,
-            ..moving.clone()
-        };
-        let well = (1e-4, -PI / 2.0);
+        // Range and saturated readings of the converter, amplitude and lead: with the sign, and
+        // just without it.
+        let lag = -PI / 2.0;
         let cases = [
-            (spread(1), spread(2), well, well, 3, Fault::SensorLost),
+            ((1, 0, 1e-4, lag), (2, 0, 1e-4, lag), 3, Fault::SensorLost),
             (
-                clipped(4),
-                clipped(3),
-                well,
-                well,
+                (100, 4, 1e-4, lag),
+                (100, 3, 1e-4, lag),
                 5,
                 Fault::SensorSaturated,
             ),
             (
-                moving.clone(),
-                moving.clone(),
-                (1e-4, 0.41),
-                (1e-4, 0.39),
+                (100, 0, 1e-4, 0.41),
+                (100, 0, 1e-4, 0.39),
                 5,
                 Fault::SensorInverted,
             ),
             (
-                moving.clone(),
-                moving.clone(),
-                (1e-4, PI - 0.41),
-                (1e-4, PI - 0.39),
+                (100, 0, 1e-4, PI - 0.41),
+                (100, 0, 1e-4, PI - 0.39),
                 5,
                 Fault::SensorInverted,
             ),
             (
-                moving.clone(),
-                moving.clone(),
-                (1.4e-5, well.1),
-                (1.6e-5, well.1),
+                (100, 0, 1.4e-5, lag),
+                (100, 0, 1.6e-5, lag),
                 15,
                 Fault::NoResponse,
             ),
             (
-                spread(10),
-                spread(11),
-                (1.4e-5, well.1),
-                (1.6e-5, well.1),
+                (10, 0, 1.4e-5, lag),
+                (11, 0, 1.6e-5, lag),
                 8,
                 Fault::SensorLost,
             ),
             (
-                moving.clone(),
-                moving,
-                (1.16e-3, well.1),
-                (1.14e-3, well.1),
+                (100, 0, 1.16e-3, lag),
+                (100, 0, 1.14e-3, lag),
                 2,
                 Fault::OverAmplitude,
             ),
         ];
-        for (ill, sound, (b, lead), (sound_b, sound_lead), cycles, fault) in cases {
-            assert_eq!(after(cycles, &ill, b, lead), Some(fault));
-            assert_eq!(after(cycles - 1, &ill, b, lead), None, "{fault:?}");
+        let after = |cycles, (span, saturated, measured, lead): (u16, u16, f32, f32)| {
+            let cycle = Cycle {
+                high: 2000 + span,
+                saturated,
+                ..moving()
+            };
+            after(cycles, &cycle, measured, lead)
+        };
+        for (ill, sound, cycles, fault) in cases {
+            assert_eq!(after(cycles, ill), Some(fault));
+            assert_eq!(after(cycles - 1, ill), None, "{fault:?}");
             // Short enough to be no implausible amplitude.
-            assert_eq!(after(49, &sound, sound_b, sound_lead), None, "{fault:?}");
+            assert_eq!(after(49, sound), None, "{fault:?}");
         }
     }
 

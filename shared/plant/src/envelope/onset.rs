@@ -699,30 +699,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn the_demodulator_s_share_of_a_ringing_is_its_sum() {
-        let mut fast = OnsetModel::new(&SensorModel::default());
-        fast.tune(0.0157);
-        let mut ringing = Ringing::new(2400.0, 1e-3);
-        ringing.strike(1.0, 0.3);
-        let mut sum = Complex::new(0.0, 0.0);
-        for n in 0..2000 {
-            sum += turn(0.0157 * f64::from(n)) * f64::from(ringing.acceleration());
-            ringing.step();
-        }
-        // Rounding of 2000 terms in f32.
-        let struck = Struck {
-            sample: 1000,
-            share: 0.3,
-            height: 1.0,
-        };
-        let background = Background {
-            median: 0.1,
-            rms: 0.1,
-            leak: Complex::default(),
-        };
-        let (_, found) = fast.impact(struck, background, &mut Noise::new(1));
-        assert!((sum - found).norm_sqr() < 1e-9);
-    }
 }

@@ -54,27 +54,3 @@ impl Powers {
         exp(self.log * n as f64)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_power_is_that_of_the_exponential() {
-        for log in [
-            Complex::new(-0.05, 0.754),
-            Complex::new(-0.036, 0.0),
-            Complex::new(-0.1, -1.2),
-            Complex::new(0.0, 0.0157),
-        ] {
-            let powers = Powers::new(log);
-            assert_eq!(powers.at(0), Complex::new(1.0, 0.0));
-            for n in 0..1000 {
-                let expected = exp(log * n as f64);
-                // The reference rounds its argument of up to 306; error 3.4e-14.
-                let error = (powers.at(n) - expected).norm_sqr() / expected.norm_sqr();
-                assert!(error < 4e-14 * 4e-14, "{log} {n}: {error}");
-            }
-        }
-    }
-}

@@ -1,0 +1,248 @@
+//! Instruction counts of the sample interrupt, the control of a cycle, and the plans of capture and
+//! gear.
+
+use core::fmt;
+use core::hint::black_box;
+use core::sync::atomic::{AtomicU16, Ordering};
+
+use cortex_m::peripheral::SYST;
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m_semihosting::heprintln;
+use kband_control::{AdcCode, Command, Overtone, Settings, Signal, Target, phase_step};
+use kband_firmware::application::Sampler;
+use kband_firmware::board::{Drive, Sense};
+use kband_firmware::exchange::Exchange;
+use kband_firmware::station::Station;
+use kband_firmware::watch::{Roll, Watched};
+use kband_plant::Bench;
+
+/// Full range of SysTick: 16.7 million ticks, 99 million instructions.
+const FULL: u32 = 0x00ff_ffff;
+/// Number of drive cycles that are counted, after as many that are not.
+const CYCLES: u32 = 20;
+
+static EXCHANGE: Exchange = Exchange::new();
+static ROLL: Roll = Roll::of(&[Watched::Samples]);
+
+/// The reading of the bench from before the count.
+static READING: AtomicU16 = AtomicU16::new(0);
+
+/// A converter that returns that reading.
+struct Reading;
+
+impl Sense for Reading {
+    fn sample(&mut self) -> AdcCode {
+        AdcCode(READING.load(Ordering::Relaxed))
+    }
+
+    fn current(&mut self) -> AdcCode {
+        self.sample()
+    }
+}
+
+/// Power stage that keeps the last output.
+struct Taken(f32);
+
+impl Drive for Taken {
+    fn set(&mut self, output: f32) {
+        self.0 = black_box(output);
+    }
+
+    fn off(&mut self) {
+        self.0 = black_box(0.0);
+    }
+}
+
+/// Instructions in hundredths for a difference of the counter. An instruction takes 1 ns, a tick
+/// 1000/168 ns.
+fn instructions(ticks: u32) -> u64 {
+    u64::from(ticks) * 100_000 / 168
+}
+
+/// Starts the counter that [`lap`] reads.
+fn begin(timer: &mut SYST) {
+    timer.set_clock_source(SystClkSource::Core);
+    timer.set_reload(FULL);
+    timer.clear_current();
+    timer.enable_counter();
+}
+
+/// Number of ticks that `work` takes.
+fn lap(work: &mut dyn FnMut()) -> u32 {
+    let before = SYST::get_current();
+    work();
+    before.wrapping_sub(SYST::get_current()) & FULL
+}
+
+/// Counts the plan for gear slice by slice: for the trial's lot, and for the parts that lose gear
+/// soonest.
+#[inline(never)]
+fn count_gear(station: &Station) {
+    let (settings, target) = (station.settings(), station.target());
+    for (name, lot, scatter, [second_tone, third_tone]) in [
+        (
+            "the lot of the trial",
+            (settings.restitution_low, settings.restitution_high),
+            0.05,
+            [0.0; 2],
+        ),
+        ("lively parts", (0.5, 0.7), 0.1, [0.0; 2]),
+        ("lively parts on two tones", (0.5, 0.7), 0.1, [0.25, 0.0]),
+        ("lively parts on three tones", (0.5, 0.7), 0.1, [0.3, 0.06]),
+    ] {
+        let taken = station.set_settings(&Settings {
+            restitution_low: lot.0,
+            restitution_high: lot.1,
+            scatter,
+            second_tone,
+            third_tone,
+            ..settings
+        });
+        let asked = station.set_target(Target::Gear { order: 1 });
+        if taken.is_err() || asked.is_err() {
+            return;
+        }
+        let plan = Searched::count(station);
+        heprintln!("gear of {}: {}", name, plan);
+    }
+    let _ = station.set_settings(&settings);
+    let _ = station.set_target(target);
+}
+
+/// Cost of a search, slice by slice as the control task runs it.
+struct Searched {
+    instructions: u64,
+    slices: u32,
+    longest: u32,
+}
+
+impl Searched {
+    fn count(station: &Station) -> Self {
+        let (mut instructions_taken, mut longest, mut slices) = (0, 0, 0);
+        loop {
+            let mut more = false;
+            let ticks = lap(&mut || more = black_box(station.plan_step()));
+            instructions_taken += instructions(ticks) / 100;
+            longest = longest.max(ticks);
+            slices += 1;
+            if !more || slices > 100_000 {
+                break;
+            }
+        }
+        Self {
+            instructions: instructions_taken,
+            slices,
+            longest,
+        }
+    }
+}
+
+impl fmt::Display for Searched {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            formatter,
+            "{} instructions in {} slices, most {}",
+            self.instructions,
+            self.slices,
+            instructions(self.longest) / 100
+        )
+    }
+}
+
+/// Counts the plans, the control of each cycle on the way to a lively state, and the sample
+/// interrupt over whole cycles. Prints mean and maximum.
+///
+/// Each sample is counted alone, without the bench. The maximum is exact to the counter's step of
+/// six instructions, the mean to a sixtieth of one.
+pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench: Bench) {
+    begin(timer);
+    count_gear(station);
+    heprintln!("capture plan: {}", Searched::count(station));
+    // Closed loop to a lively state: drive on, parts in flight.
+    let mut cycles = 0_u32;
+    let (mut control, mut dearest) = (0_u64, 0);
+    while cycles < 60 {
+        let before = signal.phase();
+        let sampled = signal.sample(bench.sample());
+        bench.hold(sampled.output, (signal.phase() - before).bits());
+        if sampled.wrapped {
+            let mut command = None;
+            let ticks = lap(&mut || {
+                let report = station.simulated_cycle(signal.cycle(), bench.inputs());
+                command = Some(black_box(report.command));
+            });
+            control += instructions(ticks) / 100;
+            dearest = dearest.max(ticks);
+            if let Some(command) = command {
+                signal.command(command);
+                EXCHANGE.command(command);
+            }
+            cycles += 1;
+        }
+    }
+    heprintln!(
+        "control: mean {} most {}",
+        control / u64::from(cycles),
+        instructions(dearest) / 100
+    );
+    count_samples("", signal, &mut bench);
+    for (name, tones, current_sensitivity) in [
+        (" of two tones", [0.15, 0.0], 0.0),
+        (" of three tones", [0.15, 0.05], 0.0),
+        (" with a current sensor", [0.0; 2], 0.1),
+    ] {
+        if let Some(path) = changed(station, tones, current_sensitivity) {
+            count_samples(name, path, &mut bench);
+        }
+    }
+}
+
+/// A signal path with upper tones or with a current sensor.
+fn changed(
+    station: &Station,
+    [second_tone, third_tone]: [f32; 2],
+    current_sensitivity: f32,
+) -> Option<Signal> {
+    let settings = Settings {
+        second_tone,
+        third_tone,
+        current_sensitivity,
+        ..station.settings()
+    };
+    let mut path = Signal::build(&settings).ok()?;
+    path.command(Command {
+        amplitude: 0.25,
+        overtones: [Overtone {
+            sine: 0.05,
+            cosine: 0.05,
+        }; 2],
+        step: phase_step(settings.frequency),
+        ..Command::default()
+    });
+    Some(path)
+}
+
+/// Counts the sample interrupt with a signal path.
+#[inline(never)]
+fn count_samples(name: &str, signal: Signal, bench: &mut Bench) {
+    let mut cycles = 0;
+    let empty = (0..1000).map(|_| lap(&mut || ())).sum::<u32>();
+    let mut path = signal.clone();
+    let mut sampler = Sampler::new(signal, Reading, Taken(0.0), &EXCHANGE, &ROLL);
+    let (mut sum, mut most, mut samples) = (0, 0, 0_u32);
+    while cycles < CYCLES {
+        let code = black_box(bench.sample());
+        let sampled = path.sample_with(code, || code);
+        READING.store(code.0, Ordering::Relaxed);
+        let ticks = lap(&mut || sampler.interrupt());
+        sum += ticks;
+        most = most.max(ticks);
+        samples += 1;
+        bench.hold(sampled.output, 10_737_418);
+        cycles += u32::from(sampled.wrapped);
+    }
+    let idle = instructions(empty) / 1000;
+    let mean = (instructions(sum) / u64::from(samples)).saturating_sub(idle) / 100;
+    let peak = instructions(most).saturating_sub(idle) / 100;
+    heprintln!("sample interrupt{}: mean {} most {}", name, mean, peak);
+}
