@@ -1,6 +1,6 @@
 //! The microcontroller kernels against the f64 map, over large sets of states.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use kband::arithmetic::Phase;
 use kband::impact::{Integer, Kernel, Map, PartState, Single, WaveMap};
