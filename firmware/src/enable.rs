@@ -18,7 +18,7 @@ pub enum Contact {
 
 /// The enable input over a drive cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct EnableCycle {
+pub(crate) struct EnableCycle {
     /// Whether it was high at any sample.
     pub given: bool,
     /// Whether the sample interrupt holds the drive off.
@@ -47,7 +47,7 @@ const fn samples(milliseconds: u32) -> u16 {
 
 /// The state of the enable input.
 #[derive(Clone, Debug)]
-pub struct Debounce {
+pub(crate) struct Debounce {
     /// Whether the drive may run.
     on: bool,
     /// Whether the input was settled low before it rose, and has not bounced for longer than a
@@ -67,12 +67,6 @@ pub struct Debounce {
     now: u32,
     gaps: [u32; MAX_GAPS],
     oldest: u8,
-}
-
-impl Default for Debounce {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl Debounce {

@@ -22,12 +22,6 @@ pub struct LastWords {
     text: [u8; CAPACITY],
 }
 
-impl Default for LastWords {
-    fn default() -> Self {
-        Self::EMPTY
-    }
-}
-
 impl LastWords {
     /// No record.
     pub const EMPTY: Self = Self {

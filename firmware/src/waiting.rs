@@ -38,12 +38,6 @@ impl Entry {
 #[repr(C)]
 pub struct Waiting([Entry; MAX_RECORDS]);
 
-impl Default for Waiting {
-    fn default() -> Self {
-        Self::EMPTY
-    }
-}
-
 impl Waiting {
     /// No records.
     pub const EMPTY: Self = Self([Entry::EMPTY; MAX_RECORDS]);

@@ -371,26 +371,6 @@ mod tests {
     }
 
     #[test]
-    fn every_part_of_a_scene_has_its_place() {
-        let table: toml::Table =
-            "seed = 7\n[drive]\nfrequency = 50.0\n[[events]]\nat = 1.0\n[[events]]\nat = 2.0"
-                .parse()
-                .unwrap();
-        let mut found = Vec::new();
-        for (key, value) in &table {
-            flatten(key, value, &mut |key, value| {
-                found.push((key.to_string(), value))
-            });
-        }
-        found.sort_by(|a, b| a.0.cmp(&b.0));
-        let keys: Vec<&str> = found.iter().map(|(key, _)| key.as_str()).collect();
-        assert_eq!(
-            keys,
-            ["drive.frequency", "events.0.at", "events.1.at", "seed"]
-        );
-    }
-
-    #[test]
     fn a_commit_is_reported_only_where_there_is_one() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path();

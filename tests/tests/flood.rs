@@ -128,12 +128,9 @@ fn flood(kind: Kind) {
     let (sampling, port) = (rig.chip.handler(SAMPLE), rig.chip.handler(LINK));
     let lasted = rig.time() - began;
     println!(
-        "flood: {sent} frames in {lasted:.1} s of the board, {counted} counted of {} ({counts} of them questions) with \
-         {lost} of {came} bytes lost: {after:?}; a \
-         sample {} cycles at most of {DEADLINE}, the port {}; b {low:.5} to {high:.5} mm, {held:.5} before",
-        sent + counts,
-        sampling.longest,
-        port.longest,
+        "flood: {sent} frames in {lasted:.1} s, {counted} counted, {lost} bytes lost; a sample \
+         {} cycles at most of {DEADLINE}, the port {}",
+        sampling.longest, port.longest,
     );
     // The port loses a byte that completes between its status and its data. If the byte ends a
     // frame, two frames merge. A lost request is repeated.

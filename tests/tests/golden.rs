@@ -104,11 +104,9 @@ fn every_golden_impact_on_tones_has_the_right_root() {
             condition: at(11),
         };
         let map = WaveMap::on_tones(tones, golden.k, golden.restitution).unwrap();
-        for impact in [map.impact(golden.state), map.search(golden.state)] {
-            counted += u32::from(golden.check(impact));
-        }
+        counted += u32::from(golden.check(map.impact(golden.state)));
     }
-    assert!(counted > 2_500, "{counted}");
+    assert!(counted > 1_250, "{counted}");
 }
 
 /// Residual of the f64 map in roundings of the gap's terms, against 30 digits of the oracle.

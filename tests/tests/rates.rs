@@ -107,11 +107,6 @@ fn the_image_holds_100_hz() {
 }
 
 #[test]
-fn the_image_holds_300_hz() {
-    holds(300.0, 0.41);
-}
-
-#[test]
 fn the_image_holds_500_hz() {
     holds(500.0, 0.41);
 }

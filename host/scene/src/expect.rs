@@ -10,15 +10,12 @@ use crate::refusal::Refusal;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expectation {
     pub(crate) state: Option<State>,
-    pub(crate) fault: Option<Fault>,
-    /// Whether `fault` was given: `fault = "none"` is an expectation too.
-    pub(crate) fault_given: bool,
+    /// The fault, which may be none.
+    pub(crate) fault: Option<Option<Fault>>,
     pub(crate) events: Option<Vec<Event>>,
     pub(crate) regime: Option<String>,
-    pub(crate) k: Option<(f64, f64)>,
-    pub(crate) speed: Option<(f64, f64)>,
-    pub(crate) in_gear: Option<(f64, f64)>,
-    pub(crate) restitution: Option<(f64, f64)>,
+    /// Low and high of k, speed (mm/s), share in gear and restitution.
+    pub(crate) ranges: [Option<(f64, f64)>; 4],
     pub(crate) limits: Option<Vec<String>>,
     pub(crate) within: Option<f64>,
 }
@@ -31,10 +28,10 @@ impl Expectation {
             expected.state = Some(named(&section, "state", &value, State::ALL, State::name)?);
         }
         if let Some(value) = section.take("fault") {
-            expected.fault_given = true;
-            if value.as_str() != Some("none") {
-                expected.fault = Some(named(&section, "fault", &value, Fault::ALL, Fault::name)?);
-            }
+            expected.fault = Some(match value.as_str() {
+                Some("none") => None,
+                _ => Some(named(&section, "fault", &value, Fault::ALL, Fault::name)?),
+            });
         }
         if let Some(value) = section.take("events") {
             let Value::Array(list) = &value else {
@@ -62,17 +59,11 @@ impl Expectation {
             })?;
             expected.limits = Some(list);
         }
-        for (key, slot) in [
-            ("k", &mut expected.k),
-            ("speed", &mut expected.speed),
-            ("in_gear", &mut expected.in_gear),
-            ("restitution", &mut expected.restitution),
-        ] {
+        let keys = ["k", "speed", "in_gear", "restitution"];
+        for (key, range) in keys.into_iter().zip(&mut expected.ranges) {
             if let Some(value) = section.take(key) {
-                *slot =
-                    Some(pair(&value).ok_or_else(|| {
-                        section.refuse(key, &value, "[low, high] with low <= high")
-                    })?);
+                let refused = || section.refuse(key, &value, "[low, high] with low <= high");
+                *range = Some(pair(&value).ok_or_else(refused)?);
             }
         }
         if let Some(value) = section.take("within") {

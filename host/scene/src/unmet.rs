@@ -14,9 +14,8 @@ impl Outcome {
         if let Some(state) = expected.state {
             unmet.extend(differs("state", state.name(), last.state.name()));
         }
-        if expected.fault_given {
-            let [wanted, came] =
-                [expected.fault, last.fault].map(|f| f.map_or("none", Fault::name));
+        if let Some(fault) = expected.fault {
+            let [wanted, came] = [fault, last.fault].map(|f| f.map_or("none", Fault::name));
             unmet.extend(differs("fault", wanted, came));
         }
         if let Some(events) = &expected.events {
@@ -40,21 +39,15 @@ impl Outcome {
         if let Some(regime) = &expected.regime {
             unmet.extend(differs("regime", regime, &self.regime()));
         }
-        for (name, range, value) in [
-            ("k", expected.k, self.k()),
-            ("speed in mm/s", expected.speed, self.speed() * 1e3),
-            (
-                "share of time in gear",
-                expected.in_gear,
-                self.in_gear().unwrap_or(f64::NAN),
-            ),
-            (
-                "restitution identified",
-                expected.restitution,
-                self.identified()
-                    .map_or(f64::NAN, |found| f64::from(found.restitution)),
-            ),
-        ] {
+        let identified = self.identified();
+        let restitution = identified.map_or(f64::NAN, |found| f64::from(found.restitution));
+        let values = [
+            ("k", self.k()),
+            ("speed in mm/s", self.speed() * 1e3),
+            ("share of time in gear", self.in_gear().unwrap_or(f64::NAN)),
+            ("restitution identified", restitution),
+        ];
+        for ((name, value), range) in values.into_iter().zip(expected.ranges) {
             if let Some((low, high)) = range
                 && !(low..=high).contains(&value)
             {

@@ -59,12 +59,6 @@ impl Picture {
         self
     }
 
-    /// Adds several panels.
-    pub fn panels(mut self, panels: impl IntoIterator<Item = Panel>) -> Self {
-        self.panels.extend(panels);
-        self
-    }
-
     /// The picture as an SVG document. `about` is its description, empty for none.
     pub fn to_svg(&self, look: impl Into<Look>, about: &str) -> String {
         let look = look.into();

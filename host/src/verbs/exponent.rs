@@ -370,16 +370,6 @@ fn picture(
         }
     }
     panel = panel.level(0.0, "neighbours part above");
-    let multipliers: Vec<(f64, [f64; 2])> = found
-        .iter()
-        .filter_map(|found| {
-            let sizes = match found.multipliers? {
-                Multipliers::Real(larger, smaller) => [larger, smaller],
-                Multipliers::Pair { modulus, angle } => [modulus * angle.cos(); 2],
-            };
-            Some((found.k, sizes))
-        })
-        .collect();
     Picture::new("Lyapunov exponent over k")
         .caption(format!(
             "R = {}, {} impacts at {}",
@@ -391,33 +381,6 @@ fn picture(
             }
         ))
         .panel(panel)
-        .panels(multipliers_of(values, &multipliers))
-}
-
-/// The real parts of both Floquet multipliers of the period-1 orbit over k, if it exists at several
-/// k.
-fn multipliers_of(values: &[f64], found: &[(f64, [f64; 2])]) -> Option<Panel> {
-    if found.len() < 2 {
-        return None;
-    }
-    let of = |n: usize| -> Vec<(f64, f64)> {
-        let place = |(k, both): &(f64, [f64; 2])| (*k, both[n]);
-        found.iter().map(place).collect()
-    };
-    let all = found.iter().flat_map(|(_, both)| *both);
-    let low = all.clone().fold(-1.2, f64::min).max(-4.0);
-    let high = all.fold(1.2, f64::max).min(4.0);
-    let panel = Panel::new(
-        over_k(values),
-        Axis::new("Floquet multipliers, real part", "", low, high),
-    )
-    .heading("The period-1 orbit")
-    .height(230.0)
-    .markers("larger", 0, of(0))
-    .markers("smaller", 1, of(1))
-    .level(1.0, "is born")
-    .level(-1.0, "flip: doubles its period");
-    Some(panel)
 }
 
 fn over_k(values: &[f64]) -> Axis {

@@ -2,7 +2,7 @@
 
 use super::wave::Tone;
 use crate::arithmetic::Phase;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 
 /// State of a part just after an impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -123,23 +123,20 @@ pub trait WaveKernel: Kernel {
 pub(super) const MAX_VELOCITY: f64 = 60.0;
 
 /// Refuses a launch velocity outside 0..60 `b w`.
-pub(super) fn accept_velocity(velocity: f64) -> Result<(), OutOfRange> {
-    let accepts = (0.0..=MAX_VELOCITY).contains(&velocity);
-    accept("velocity", velocity, accepts, "0..60 (units of b w)").map(|_| ())
+pub(super) fn accept_velocity(velocity: f64) -> Result<f64, OutOfRange> {
+    accept_in(
+        "velocity",
+        velocity,
+        0.0..=MAX_VELOCITY,
+        "0..60 (units of b w)",
+    )
 }
 
 /// Refuses a phase in rad whose last digit is coarser than 2^-32 turns.
 ///
 /// Beyond 2^21 turns (2^53 steps) the phase is undefined, and each arithmetic would take another.
-pub(super) fn accept_phase(phase: f64) -> Result<(), OutOfRange> {
+pub(super) fn accept_phase(phase: f64) -> Result<f64, OutOfRange> {
     const MAX_PHASE: f64 = (1_u32 << 21) as f64 * core::f64::consts::TAU;
     let accepted = "-1.3e7..1.3e7 rad: 2^21 turns, 2^53 steps of the phase";
-    // Positive floats compare like their bits, with NaN above all: software f64 compares far
-    // slower.
-    let accepts = libm::fabs(phase).to_bits() <= MAX_PHASE.to_bits();
-    if accepts {
-        Ok(())
-    } else {
-        accept("phase", phase, accepts, accepted).map(|_| ())
-    }
+    accept_in("phase", phase, -MAX_PHASE..=MAX_PHASE, accepted)
 }

@@ -2,12 +2,12 @@
 
 use core::f64::consts::TAU;
 
-use crate::feeder::{OutOfRange, accept, accept_in};
+use crate::feeder::{OutOfRange, accept};
 use crate::impact::{
     Along, ChatterLimits, Friction, Impact, OrbitEvent, PartState, Scatter, Tangential, WaveMap,
     WaveOrbit,
 };
-use crate::regime::gear::{GearWatch, Share};
+use crate::regime::gear::{GearWatch, Share, accept_periods};
 
 /// Largest number of laws that one simulation follows.
 const MAX_LAWS: usize = 64;
@@ -84,7 +84,7 @@ pub fn convey_from_rest(
     periods: f64,
     mut each: impl FnMut(usize, Share, &[f64]),
 ) -> Result<(), OutOfRange> {
-    accept_in("periods", periods, 16.0..=1e7, "16..1e7 drive periods")?;
+    accept_periods(periods)?;
     accept(
         "number of laws",
         laws.len() as f64,

@@ -1,10 +1,9 @@
 //! Runs an image on the emulated CPU with a wall-clock limit.
 
-use std::io::{Read, Seek};
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::root;
 
@@ -89,60 +88,30 @@ impl Output {
     }
 }
 
-/// The command that runs an image for at most `limit`; standard input is empty unless `input`.
-///
-/// It ends at the limit even where the test that started it is gone.
-fn command(image: &Path, options: Options, limit: Duration) -> Command {
-    let mut command = Command::new(root().join("tests/emulator"));
-    command.args(["--machine", options.machine.name()]);
-    command.args(["--limit", &limit.as_secs_f64().to_string()]);
-    command.args([
-        "--clock",
-        match options.clock {
-            Clock::Free => "free",
-            Clock::Steady => "steady",
-            Clock::Instructions => "instructions",
-        },
-    ]);
-    if let Some(word) = options.word {
-        command.args(["--word", word]);
-    }
-    command.arg(image).stdin(Stdio::null());
-    command
-}
-
-/// Runs an image for at most `limit` of wall-clock time.
+/// Runs an image for at most `limit` of wall-clock time, without input. It ends at the limit even
+/// where the test that started it is gone.
 ///
 /// # Panics
 /// There is no emulator; one line names the command that installs it.
 pub fn run(image: &Path, options: Options, limit: Duration) -> Output {
-    // A file instead of a pipe: a process that outlives the emulator cannot block the end.
-    let mut file = tempfile::tempfile().expect("a temporary file can be made");
-    let mut child = command(image, options, limit)
-        .stdout(Stdio::null())
-        .stderr(file.try_clone().expect("a file handle is copied"))
-        .spawn()
-        .expect("tests/emulator starts");
-    // The emulator's own limit comes first; this one covers a broken `timeout` command.
-    let last = Instant::now() + limit + Duration::from_secs(15);
-    let status = loop {
-        if let Some(status) = child.try_wait().expect("the emulator can be waited for") {
-            // Ended by a signal: reported as the shell does.
-            break status.code().or(status.signal().map(|signal| 128 + signal));
-        }
-        if Instant::now() > last {
-            let _ = child.kill();
-            let _ = child.wait();
-            break None;
-        }
-        std::thread::sleep(Duration::from_millis(10));
+    let clock = match options.clock {
+        Clock::Free => "free",
+        Clock::Steady => "steady",
+        Clock::Instructions => "instructions",
     };
-    let mut bytes = Vec::new();
-    file.rewind()
-        .and_then(|()| file.read_to_end(&mut bytes))
-        .expect("the output is read");
-    let text = String::from_utf8_lossy(&bytes).into_owned();
-    match status {
+    let ran = Command::new(root().join("tests/emulator"))
+        .args(["--machine", options.machine.name(), "--clock", clock])
+        .args(["--limit", &limit.as_secs_f64().to_string()])
+        .args(options.word.into_iter().flat_map(|word| ["--word", word]))
+        .arg(image)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .output()
+        .expect("tests/emulator starts");
+    let text = String::from_utf8_lossy(&ran.stderr).into_owned();
+    // Ended by a signal: reported as the shell does.
+    let ended = ran.status.signal().map(|signal| 128 + signal);
+    match ran.status.code().or(ended) {
         Some(127) => panic!("no QEMU (qemu-system-arm) here; run tests/setup.sh"),
         // 124: the limit; 137: killed after it.
         Some(124 | 137) | None => Output { status: None, text },

@@ -168,28 +168,17 @@ fn toolchain(target: &str) -> Option<String> {
 
 fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let target = machine.target();
-    let mut arguments: Vec<String> = toolchain(target).into_iter().collect();
     let folder = images_folder();
-    arguments.extend(
-        [
-            "build",
-            "--config",
-            "firmware/image.toml",
-            "--quiet",
-            "--locked",
-            "--profile",
-            "firmware",
-        ]
-        .map(str::to_owned),
-    );
-    for (option, value) in [("--package", package), ("--bin", bin), ("--target", target)] {
-        arguments.extend([option.to_owned(), value.to_owned()]);
-    }
-    if let Some(features) = features {
-        arguments.extend(["--no-default-features", "--features", features].map(str::to_owned));
-    }
     let output = limited("900", "cargo", |cargo| {
-        cargo.args(&arguments).arg("--target-dir").arg(&folder);
+        cargo
+            .args(toolchain(target))
+            .args(["build", "--quiet", "--locked"]);
+        cargo.args(["--config", "firmware/image.toml", "--profile", "firmware"]);
+        cargo.args(["--package", package, "--bin", bin, "--target", target]);
+        if let Some(features) = features {
+            cargo.args(["--no-default-features", "--features", features]);
+        }
+        cargo.arg("--target-dir").arg(&folder);
         // Flags for the desk's CPU do not fit this one.
         for flags in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
             cargo.env_remove(flags);

@@ -640,11 +640,11 @@ fn a_cut_save_keeps_the_old_or_the_new_settings(kind: Kind) {
         assert_eq!(rig.kept(), Kept::InUse, "{records}");
         let old = pair(&mut rig);
         let operations = operations_of_a_save(&mut rig);
-        // The erasure, and eight bytes each for clearing the mark before it and setting it after
-        // it.
+        // The erasure, and eight bytes each for clearing the mark before it, and for setting mark
+        // and tag after it.
         let word = kind.facts().flash_word as u64;
         let another_bank = u64::from(records == room(kind));
-        let wanted = RECORD as u64 / word + another_bank * (1 + 2 * 8 / word);
+        let wanted = RECORD as u64 / word + another_bank * (1 + 3 * 8 / word);
         assert_eq!(operations, wanted);
         let [olds, news] = cut_saves(&rig, old, operations);
         old_or_new = [old_or_new[0] + olds, old_or_new[1] + news];

@@ -271,6 +271,7 @@ async fn main(spawner: Spawner) {
         Condition::Lost => defmt::error!("settings: damaged, or another firmware's"),
         Condition::Newer => defmt::error!("settings: a newer firmware's, left as they are"),
     }
+    log::new_settings(found.added);
     // A target that only an older firmware accepted counts as lost settings; the link must still
     // answer.
     let (found, station) = match place(&found, start, last_words) {

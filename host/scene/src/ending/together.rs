@@ -58,17 +58,25 @@ pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
         let mut query = Query::new(track, track, Followed::new(endings.impacts.max(FOLLOWED)));
         if query.goes_on(endings, &first) {
             thrown.push((first.next, query));
-        } else if let Said::Ends(end) = query.said {
-            ends[track] = end;
+        } else {
+            ends[track] = match query.said {
+                Said::Ends(end) => end,
+                _ => hops_and_rests(tracks, &query, first.next),
+            };
         }
     }
     follow(tracks, thrown.into_iter(), &mut ends, |query, last| {
-        let cycles = (query.followed.time() + until_lift_off(&tracks[query.track].map, last)) / TAU;
-        Regime::HopAndRest {
-            cycles: cycles.round() as u32,
-        }
+        hops_and_rests(tracks, query, last)
     });
     ends
+}
+
+/// The regime of an orbit from lift-off that comes to rest after this impact.
+fn hops_and_rests(tracks: &[Endings], query: &Query, last: PartState) -> Regime {
+    let cycles = (query.followed.time() + until_lift_off(&tracks[query.track].map, last)) / TAU;
+    Regime::HopAndRest {
+        cycles: cycles.round() as u32,
+    }
 }
 
 /// Time in rad from the last impact before a rest to the next lift-off.
@@ -377,7 +385,11 @@ mod tests {
 
     #[test]
     fn a_part_hops_and_rests_for_as_many_cycles_as_its_orbit_takes() {
-        for (k, restitution) in [(0.43, 0.2), (0.6, 0.5), (0.9, 0.1), (0.45, 0.0)] {
+        let start = PartState {
+            phase: 0.7,
+            velocity: 0.1,
+        };
+        for (k, restitution) in [(0.43, 0.2), (0.6, 0.5), (0.97, 0.1), (0.45, 0.0)] {
             let endings = Endings::new(k, restitution, 1500).unwrap();
             let map = Map::build(k, restitution).unwrap();
             let mut lifted = 0;
@@ -396,7 +408,12 @@ mod tests {
                 }
             }
             let cycles = (time / TAU).round() as u32;
-            assert_eq!(endings.from_rest(), Regime::HopAndRest { cycles }, "{k}");
+            // The table of certain rests, which many starts make, changes no answer.
+            let many = Endings::new(k, restitution, 1500).unwrap();
+            many.of_all([start; 64].into_iter());
+            for endings in [endings, many] {
+                assert_eq!(endings.from_rest(), Regime::HopAndRest { cycles }, "{k}");
+            }
         }
     }
 }

@@ -111,6 +111,8 @@ impl Bench {
         let own = |mode: &UpperMode| Resonator::of(mode.frequency, mode.quality, mode.force);
         let upper = settings.upper_tones();
         let lead = track.phase_lead();
+        // The impact map serves all parts, or none if any has mass.
+        let has_mass = scene.has_mass();
         let mut plant = Self {
             timeline: Timeline::new(scene),
             samples: 0,
@@ -130,8 +132,15 @@ impl Bench {
             sensor: scene.heard_sensor(),
             contact: scene.contact_time()?,
             rest: scene.rest(),
-            parts: parts_at_rest(scene)?,
-            massive: massive_at_rest(scene)?,
+            parts: if has_mass {
+                Vec::new()
+            } else {
+                all_at_rest(scene)?
+            },
+            massive: (restitutions(scene).enumerate())
+                .filter(|_| has_mass)
+                .map(|(n, drawn)| Ok(MassivePart::at_rest(drawn?, scene.mass_share(n))))
+                .collect::<Result<_, _>>()?,
             pressed: 0.0,
             sagged: 0.0,
             hopper: Hopper::new(scene),
@@ -544,23 +553,4 @@ impl Bench {
             _ => {}
         }
     }
-}
-
-/// Parts of a scene simulated with the impact map: all, or none if any has mass.
-fn parts_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange> {
-    if scene.has_mass() {
-        return Ok(Vec::new());
-    }
-    all_at_rest(scene)
-}
-
-/// Parts of a scene with their masses, if any has mass.
-fn massive_at_rest(scene: &Scene) -> Result<Vec<MassivePart, PARTS>, OutOfRange> {
-    if !scene.has_mass() {
-        return Ok(Vec::new());
-    }
-    let drawn = restitutions(scene).enumerate();
-    drawn
-        .map(|(n, drawn)| Ok(MassivePart::at_rest(drawn?, scene.mass_share(n))))
-        .collect()
 }

@@ -72,12 +72,6 @@ pub(crate) trait Lane:
     fn any(mask: Self::Mask) -> bool {
         Self::bits(mask) != 0
     }
-    /// The same number. For one f64 it prevents the compiler from pairing operations: packing pairs
-    /// of these kernels' numbers costs more than it saves.
-    #[inline(always)]
-    fn unpaired(self) -> Self {
-        self
-    }
     /// Sine and cosine at the node whose index is in the low bits of a [`ROUNDING_OFFSET`] sum.
     fn node(rounded: Self) -> (Self, Self);
     /// Phase of that node within its turn as a sum: its index times [`node::SPACING_HIGH`], and
@@ -165,12 +159,11 @@ impl<L: Lane> Arc<L> {
     #[inline(always)]
     pub fn new(d: L) -> Self {
         let z = d * d;
-        let sagitta = (d * z * (L::splat(1.0 / 6.0) - z * L::splat(1.0 / 120.0))).unpaired();
+        let sagitta = d * z * (L::splat(1.0 / 6.0) - z * L::splat(1.0 / 120.0));
         Self {
-            sine: (d - sagitta).unpaired(),
-            versine: (z * L::splat(0.5)
-                - (z * z) * (L::splat(1.0 / 24.0) - z * L::splat(1.0 / 720.0)))
-            .unpaired(),
+            sine: d - sagitta,
+            versine: z * L::splat(0.5)
+                - (z * z) * (L::splat(1.0 / 24.0) - z * L::splat(1.0 / 720.0)),
             sagitta,
         }
     }
@@ -192,7 +185,7 @@ pub(crate) fn sine_cosine<L: Lane>(phase: L) -> (L, L) {
         (phase - count * L::splat(node::SPACING_HIGH)) - count * L::splat(node::SPACING_LOW),
     );
     (
-        (sine + (cosine * arc.sine - sine * arc.versine)).unpaired(),
-        (cosine - (sine * arc.sine + cosine * arc.versine)).unpaired(),
+        sine + (cosine * arc.sine - sine * arc.versine),
+        cosine - (sine * arc.sine + cosine * arc.versine),
     )
 }

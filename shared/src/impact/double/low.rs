@@ -214,7 +214,7 @@ impl<L: Lane> Stretch<L> {
         ) - track.half();
         let gap = launch.height(track, centre) - top;
         let slope = launch.rise() - track.k * centre;
-        let start = (centre + down_crossing(gap, slope, bend)).unpaired();
+        let start = centre + down_crossing(gap, slope, bend);
         Self {
             start: start.max(low).min(high),
             low,
@@ -259,7 +259,7 @@ pub(crate) fn find_single_stretch<L: Lane>(track: &Track<L>, launch: &Launch<L>)
         .max(zero)
         .sqrt();
     Stretch {
-        start: centre + ((gap + gap) / (root - slope)).unpaired(),
+        start: centre + ((gap + gap) / (root - slope)),
         low: L::splat(MIN_FLIGHT_TIME),
         high,
         certain: zero.below(quarter),
@@ -504,9 +504,9 @@ fn take_chebyshev_step<L: Lane>(
 ) -> (Landing<L>, L::Mask) {
     let near = GapNearImpact::new(track, launch, estimate);
     let per_slope = L::splat(1.0) / near.slope;
-    let newton = (near.value * per_slope).unpaired();
+    let newton = near.value * per_slope;
     let curvature = near.sine - track.k;
-    let turn = ((curvature * L::splat(0.5)) * per_slope).unpaired() * newton;
+    let turn = ((curvature * L::splat(0.5)) * per_slope) * newton;
     let back = newton + newton * turn;
     let arrival = back * (curvature - back * (near.cosine * L::splat(0.5))) - near.slope;
     let settled = newton.abs().below(L::splat(MAX_LAST_NEWTON_STEP))

@@ -174,7 +174,7 @@ fn take_chebyshev_step<L: Lane>(
     let (s, c) = (launch.sine, launch.cosine);
     let at = deflated(track.k - s, launch, d);
     let per_slope = L::splat(1.0) / at.slope;
-    let newton = ((d * at.value) * per_slope).unpaired();
+    let newton = (d * at.value) * per_slope;
     let turn = ((at.curvature * L::splat(0.5)) * per_slope) * newton;
     let back = newton + newton * turn;
     let flight = d - back;

@@ -89,12 +89,12 @@ impl<L: Lane> Local<L> {
 /// matter.
 #[inline(always)]
 pub(crate) fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
-    let (gg, ff, bent) = ((g * g).unpaired(), (f * f).unpaired(), (g2 * f).unpaired());
-    let turned = ((g3 * L::splat(1.0 / 6.0)) * ff).unpaired();
+    let (gg, ff, bent) = (g * g, f * f, g2 * f);
+    let turned = (g3 * L::splat(1.0 / 6.0)) * ff;
     let top = g * (gg - bent) + turned;
     let rest = (bent * bent) * L::splat(0.25) - ((g4 * L::splat(1.0 / 24.0)) * f) * ff;
     let bottom = gg * (gg - L::splat(1.5) * bent) + (rest + (turned + turned) * g);
-    (f * top / bottom).unpaired()
+    f * top / bottom
 }
 
 /// Estimated landing: a table node and a distance before it.
@@ -161,8 +161,8 @@ impl<L: Lane> GapNearImpact<L> {
         let height = launch.sine + distance * (v - half * distance);
         let speed = v - track.k * distance;
         let arc = Arc::new(x);
-        let rise = (node_cosine * arc.sine - node_sine * arc.versine).unpaired();
-        let fall = (node_sine * arc.sine + node_cosine * arc.versine).unpaired();
+        let rise = node_cosine * arc.sine - node_sine * arc.versine;
+        let fall = node_sine * arc.sine + node_cosine * arc.versine;
         let cosine = node_cosine - fall;
         Self {
             node: Node {
@@ -185,9 +185,9 @@ impl<L: Lane> GapNearImpact<L> {
     pub(super) fn landing(&self, back: L, arrival: L) -> Landing<L> {
         let (high, low) = L::within_turn(self.node.rounded);
         Landing {
-            flight: (self.node.distance - (self.back + back)).unpaired(),
-            phase: (high + ((low + self.x) - back)).unpaired(),
-            arrival: arrival.unpaired(),
+            flight: self.node.distance - (self.back + back),
+            phase: high + ((low + self.x) - back),
+            arrival,
         }
     }
 

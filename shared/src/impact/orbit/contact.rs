@@ -14,13 +14,15 @@ use crate::impact::wave::in_turn;
 pub struct Contact {
     track: Track<f64>,
     restitution: f64,
-    lift_off: Option<f64>,
 }
 
 impl Contact {
     /// Contact on the track of `map`.
     pub fn new(map: &Map) -> Self {
-        Self::from_k(map.k(), map.restitution())
+        Self {
+            track: *map.track(),
+            restitution: map.restitution(),
+        }
     }
 
     /// Contact for `k` and a restitution, both within the ranges of [`Map`].
@@ -28,19 +30,10 @@ impl Contact {
         Map::build(k, restitution).map(|map| Self::new(&map))
     }
 
-    fn from_k(k: f64, restitution: f64) -> Self {
-        let track = Track::new(k);
-        Self {
-            restitution,
-            lift_off: (k < 1.0).then_some(track.lift_off),
-            track,
-        }
-    }
-
     /// Phase where a resting part is thrown off (`arcsin k`) in rad; `None` where it rests for ever
     /// (k >= 1).
     pub fn lift_off(&self) -> Option<f64> {
-        self.lift_off
+        (self.track.k < 1.0).then_some(self.track.lift_off)
     }
 
     /// Duration in rad of the infinitely many hops that end at rest, if its closed form is exact to
@@ -91,7 +84,7 @@ impl Contact {
     ///
     /// `None` where it rests for ever.
     pub fn wait(&self, phase: f64) -> Option<f64> {
-        let lift_off = self.lift_off?;
+        let lift_off = self.lift_off()?;
         let past = in_turn(phase - lift_off);
         // Within rounding of a hump's end a resting part stays: the track has already thrown all
         // others.

@@ -2,9 +2,7 @@
 
 use super::first::first_impact;
 use super::launch::{ChatterLimits, Launch};
-use super::search;
 use super::track::Track;
-use crate::arithmetic::lane::Lane;
 use crate::feeder::OutOfRange;
 use crate::impact::double::Map;
 use crate::impact::double::step::build_impact;
@@ -63,25 +61,6 @@ impl WaveMap {
     /// Restitution of this map.
     pub fn restitution(&self) -> f64 {
         self.restitution
-    }
-
-    /// The first impact by the certified search alone: slower, the same root to rounding.
-    pub fn search(&self, state: PartState) -> Impact<PartState> {
-        if self.track.wave.is_of_two() {
-            self.search_with::<2>(state)
-        } else {
-            self.search_with::<3>(state)
-        }
-    }
-
-    fn search_with<const N: usize>(&self, state: PartState) -> Impact<PartState> {
-        let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
-        let rests = f64::any(launch.rests(&self.track));
-        build_impact(
-            self.restitution,
-            state,
-            (!rests).then(|| search::landing::<N>(&self.track, &launch)),
-        )
     }
 
     #[inline(always)]

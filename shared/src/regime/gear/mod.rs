@@ -283,66 +283,42 @@ pub fn shares_with_contact(
     scatters: &[Scatter],
     order: u32,
     periods: f64,
-    each: impl FnMut(usize, Share),
-) -> Result<(), OutOfRange> {
-    let orbit = WaveOrbit::from_rest(map)
-        .with_chatter(ChatterLimits::COARSE)
-        .with_contact(contact);
-    shares_along(orbit, scatters, order, periods, each)
-}
-
-/// [`shares_from_rest`] along an orbit that restarts for each part.
-fn shares_along(
-    mut orbit: WaveOrbit<'_>,
-    scatters: &[Scatter],
-    order: u32,
-    periods: f64,
     mut each: impl FnMut(usize, Share),
 ) -> Result<(), OutOfRange> {
-    accept_in("periods", periods, 16.0..=1e7, "16..1e7 drive periods")?;
-    let mut gear = GearWatch::build(order)?;
-    gear.begin(0.25 * periods * TAU);
-    gear.end(periods * TAU);
-    let watch = PartTimer {
-        gear,
-        time: 0.0,
-        end: periods * TAU,
-    };
+    accept_periods(periods)?;
+    let mut orbit = WaveOrbit::from_rest(map)
+        .with_chatter(ChatterLimits::COARSE)
+        .with_contact(contact);
+    let (begin, end) = (0.25 * periods * TAU, periods * TAU);
+    let mut watch = GearWatch::build(order)?;
+    watch.begin(begin);
+    watch.end(end);
     for (n, scatter) in scatters.iter().enumerate() {
-        let mut watch = watch;
+        let (mut gear, mut time) = (watch, 0.0);
         orbit.restart(*scatter);
-        while watch.time < watch.end
+        while time < end
             && let Some(event) = orbit.next()
         {
-            watch.record(&event);
+            match event {
+                OrbitEvent::Impact(impact) => {
+                    time += impact.flight;
+                    gear.add_landing(time, impact.flight);
+                }
+                OrbitEvent::Rest { chatter, .. } => {
+                    time += chatter;
+                    gear.add_rest(time);
+                }
+                OrbitEvent::LiftOff { wait, .. } => time += wait,
+            }
         }
-        each(n, watch.gear.share(watch.end));
+        each(n, gear.share(end));
     }
     Ok(())
 }
 
-/// One part's time in gear up to an end.
-#[derive(Clone, Copy)]
-struct PartTimer {
-    gear: GearWatch,
-    time: f64,
-    end: f64,
-}
-
-impl PartTimer {
-    fn record(&mut self, event: &OrbitEvent) {
-        match event {
-            OrbitEvent::Impact(impact) => {
-                self.time += impact.flight;
-                self.gear.add_landing(self.time, impact.flight);
-            }
-            OrbitEvent::Rest { chatter, .. } => {
-                self.time += chatter;
-                self.gear.add_rest(self.time);
-            }
-            OrbitEvent::LiftOff { wait, .. } => self.time += wait,
-        }
-    }
+/// Refuses a simulated time too short for a share or endless.
+pub(crate) fn accept_periods(periods: f64) -> Result<f64, OutOfRange> {
+    accept_in("periods", periods, 16.0..=1e7, "16..1e7 drive periods")
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
-//! Instructions per impact of the kernels of the board, one line per kernel and workload:
+//! Instructions per impact of the board's kernel, one line per workload:
 //! `instructions KERNEL WORKLOAD COUNT`. Run it with the emulator's clock on instructions.
 //!
-//! A kernel on one tone also runs orbits over the whole range of k and restitution. The most
+//! The kernel on one tone also runs orbits over the whole range of k and restitution. The most
 //! expensive orbit that never rests is printed with its launch.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
@@ -14,132 +14,97 @@ fn run() {
 
 #[cfg(target_os = "none")]
 fn run() {
-    use kband::impact::Single;
+    use cost::{measure, sweep};
+    use kband_emulated::kernels::{
+        CHATTER, ORBITS, WAVE_CHATTER, WAVES, begin, begin_on_tones, track, track_on_tones,
+    };
 
     let counter = kband_emulated::Counter::start();
-    let single = cost::measure::<Single>(&counter);
+    let one = measure(&counter, "f32", (ORBITS, CHATTER), begin, track);
     // Bounds: the counted value, and 3 % for another compiler.
-    let worst = single.worst.max(cost::sweep::<Single>(&counter));
-    single.is_held("f32", [195, 680]);
-    assert!(worst <= 311, "f32: {worst}");
-    let single_on_tones = cost::measure_on_tones::<Single>(&counter);
-    single_on_tones.is_held_on_tones(&single);
+    let worst = one.worst.max(sweep(&counter));
+    assert!(one.orbits <= 195, "{}", one.orbits);
+    assert!(one.set_up <= 680, "{}", one.set_up);
+    assert!(worst <= 311, "{worst}");
+    let waves = (WAVES, WAVE_CHATTER);
+    let two = measure(&counter, "f32-tones", waves, begin_on_tones, track_on_tones);
+    // A second tone may double the cost.
+    let costs = [two.orbits, two.high, two.low].into_iter();
+    for (two, one) in costs.zip([one.orbits, one.high, one.low]) {
+        assert!(100 * two <= 206 * one, "{two} for {one}");
+    }
 }
 
 #[cfg(target_os = "none")]
 mod cost {
     use core::hint::black_box;
 
-    use kband::impact::WaveKernel;
-    use kband_emulated::kernels::{
-        CHATTER, Machine, ORBITS, TRACKS, WAVE_CHATTER, WAVES, begin, begin_on_tones, fall, fly,
-        states, track, track_on_tones,
-    };
+    use kband::impact::{Single, SingleState};
+    use kband_emulated::kernels::{TRACKS, begin, fall, fly, states};
     use kband_emulated::{Counter, say};
+
+    /// A kernel and a state.
+    type Start = (Single, SingleState);
 
     /// Instructions per impact.
     pub struct Cost {
         /// Of the most expensive orbit that stays locked or chaotic.
         pub worst: u64,
-        orbits: u64,
-        set_up: u64,
-        high: u64,
-        low: u64,
+        pub orbits: u64,
+        pub set_up: u64,
+        pub high: u64,
+        pub low: u64,
     }
 
-    impl Cost {
-        /// Checks the mean cost of an impact on the orbits, and that of a set-up.
-        pub fn is_held(&self, name: &str, [orbits, set_up]: [u64; 2]) {
-            assert!(self.orbits <= orbits, "{name}: {}", self.orbits);
-            assert!(self.set_up <= set_up, "{name}: {}", self.set_up);
-        }
-
-        /// A second tone may double the cost, with the same 3 %.
-        pub fn is_held_on_tones(&self, one: &Self) {
-            for (two, one) in [
-                (self.orbits, one.orbits),
-                (self.high, one.high),
-                (self.low, one.low),
-            ] {
-                assert!(100 * two <= 206 * one, "{two} for {one}");
-            }
-        }
-    }
-
-    /// Counts each workload.
+    /// Counts each workload: the orbits, one that chatters, and the tracks.
     #[inline(never)]
-    pub fn measure<K: Machine>(counter: &Counter) -> Cost {
-        let (name, mut orbits, mut worst) = (K::NAME, 0, 0);
-        for values in ORBITS {
-            let [k, restitution, ..] = values;
-            let cost = orbit(counter, begin::<K>(values));
-            say!("instructions {name} orbit-{k}-{restitution} {cost}");
-            orbits += cost;
-            worst = cost.max(worst);
-        }
-        let orbits = orbits / ORBITS.len() as u64;
-        say!("instructions {name} orbits {orbits}");
-        let cost = orbit(counter, begin::<K>(CHATTER));
-        say!("instructions {name} chatter {cost}");
+    pub fn measure<const N: usize, const V: usize>(
+        counter: &Counter,
+        name: &str,
+        (orbits, chatter): ([[f64; V]; N], [f64; V]),
+        begin: fn([f64; V]) -> Start,
+        track: impl Fn(f64) -> Single + Copy,
+    ) -> Cost {
+        let costs = orbits.map(|values| {
+            let cost = orbit(counter, begin(values));
+            say!(
+                "instructions {name} orbit-{}-{} {cost}",
+                values[0],
+                values[1]
+            );
+            cost
+        });
+        let orbits = costs.iter().sum::<u64>() / N as u64;
+        let chatter = orbit(counter, begin(chatter));
         let set_up = counter.count(|| {
             for k in TRACKS {
-                black_box(track::<K>(black_box(k)));
+                black_box(track(black_box(k)));
             }
         }) / TRACKS.len() as u64;
-        say!("instructions {name} set-up {set_up}");
-        Cost {
-            worst,
-            orbits,
-            set_up,
-            high: falls(counter, "high", 20.0, track::<K>),
-            low: falls(counter, "low", 3.0, track::<K>),
-        }
-    }
-
-    /// Counts each workload on two tones.
-    #[inline(never)]
-    pub fn measure_on_tones<K: Machine + WaveKernel>(counter: &Counter) -> Cost {
-        let (name, mut orbits, mut worst) = ("f32-tones", 0, 0);
-        for values in WAVES {
-            let [k, restitution, ..] = values;
-            let cost = orbit(counter, begin_on_tones::<K>(values));
-            say!("instructions {name} orbit-{k}-{restitution} {cost}");
-            orbits += cost;
-            worst = cost.max(worst);
-        }
-        let orbits = orbits / WAVES.len() as u64;
-        say!("instructions {name} orbits {orbits}");
-        let cost = orbit(counter, begin_on_tones::<K>(WAVE_CHATTER));
-        say!("instructions {name} chatter {cost}");
-        let set_up = counter.count(|| {
-            black_box(begin_on_tones::<K>(black_box(WAVE_CHATTER)));
-        });
-        say!("instructions {name} set-up {set_up}");
-        Cost {
-            worst,
-            orbits,
-            set_up,
-            high: falls(counter, "tones, high", 20.0, track_on_tones::<K>),
-            low: falls(counter, "tones, low", 3.0, track_on_tones::<K>),
-        }
-    }
-
-    /// Mean cost of one impact from each state.
-    #[inline(never)]
-    fn falls<K: Machine>(counter: &Counter, workload: &str, top: f64, track: fn(f64) -> K) -> u64 {
         let kernels = TRACKS.map(track);
-        let states = states::<K>(top);
-        let cost = counter.count(|| {
-            black_box(fall(&kernels, &states));
-        }) / states.len() as u64;
-        say!("instructions {} {workload} {cost}", K::NAME);
-        cost
+        // Mean cost of one impact from each state.
+        let falls = |top| {
+            let states = states::<Single>(top);
+            counter.count(|| {
+                black_box(fall(&kernels, &states));
+            }) / states.len() as u64
+        };
+        let (high, low) = (falls(20.0), falls(3.0));
+        say!("instructions {name} orbits {orbits}, chatter {chatter}, set-up {set_up}");
+        say!("instructions {name} high {high}, low {low}");
+        Cost {
+            worst: costs.into_iter().max().unwrap_or(0),
+            orbits,
+            set_up,
+            high,
+            low,
+        }
     }
 
     /// Largest cost over many orbits that do not rest, for 49 values of k and 18 of restitution.
     /// They start near each lock of the first three orders and at one more state.
     #[inline(never)]
-    pub fn sweep<K: Machine>(counter: &Counter) -> u64 {
+    pub fn sweep(counter: &Counter) -> u64 {
         let (mut worst, mut at, mut orbits) = (0, [0.0; 4], 0);
         for i in 0..49 {
             for j in 0..18 {
@@ -147,7 +112,7 @@ mod cost {
                 let locks = (1..=3).filter_map(|order| lock(k, restitution, order));
                 for [phase, velocity] in locks.chain([[2.0, 3.0]]) {
                     let values = [k, restitution, phase, velocity];
-                    if let Some(cost) = tireless::<K>(counter, values) {
+                    if let Some(cost) = tireless(counter, values) {
                         orbits += 1;
                         if cost > worst {
                             (worst, at) = (cost, values);
@@ -156,12 +121,9 @@ mod cost {
                 }
             }
         }
-        let name = K::NAME;
-        say!("instructions {name} worst {worst}");
         let [k, restitution, phase, velocity] = at;
-        say!(
-            "the worst of {orbits} orbits of {name}: k {k:.2}, R {restitution:.2} from {phase:.4}, {velocity:.4}"
-        );
+        say!("instructions f32 worst {worst}");
+        say!("of {orbits} orbits: k {k:.2}, R {restitution:.2} from {phase:.4}, {velocity:.4}");
         worst
     }
 
@@ -174,10 +136,10 @@ mod cost {
     }
 
     /// Cost of an impact on a settled orbit; `None` where it comes to rest.
-    fn tireless<K: Machine>(counter: &Counter, values: [f64; 4]) -> Option<u64> {
+    fn tireless(counter: &Counter, values: [f64; 4]) -> Option<u64> {
         /// Number of impacts over which the cost is averaged.
         const COUNT: u32 = 200;
-        let (kernel, start) = begin::<K>(values);
+        let (kernel, start) = begin::<Single>(values);
         let settled = fly(&kernel, start, COUNT);
         let mut state = settled;
         for _ in 0..COUNT {
@@ -193,7 +155,7 @@ mod cost {
         Some(cost / u64::from(COUNT))
     }
 
-    fn orbit<K: Machine>(counter: &Counter, (kernel, start): (K, K::State)) -> u64 {
+    fn orbit(counter: &Counter, (kernel, start): Start) -> u64 {
         let count = 500;
         // The first impacts are the transient.
         let settled = fly(&kernel, start, 100);

@@ -15,7 +15,7 @@ const BREAK_ON: u32 = 1 << 12;
 const BREAK_HIGH: u32 = 1 << 13;
 const AUTOMATIC: u32 = 1 << 14;
 /// Main output enable (17.4.18).
-pub const MAIN_OUTPUT: u32 = 1 << 15;
+const MAIN_OUTPUT: u32 = 1 << 15;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Effects {

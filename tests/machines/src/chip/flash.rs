@@ -15,7 +15,7 @@ const SIZE: usize = 1024 * 1024;
 /// Addresses of the flash.
 pub const RANGE: Range<u32> = START..START + SIZE as u32;
 /// Addresses of the controller's registers.
-pub const REGISTERS: Range<u32> = 0x4002_3c00..0x4002_3c18;
+const REGISTERS: Range<u32> = 0x4002_3c00..0x4002_3c18;
 /// Largest number of erasable sectors of a chip.
 const SECTORS: usize = 256;
 
@@ -277,7 +277,7 @@ impl Flash {
     }
 
     /// Whether prefetch, instruction cache and data cache are on.
-    pub fn accelerator(&self) -> [bool; 3] {
+    fn accelerator(&self) -> [bool; 3] {
         [PREFETCH, INSTRUCTION_CACHE, DATA_CACHE].map(|bit| self.access & bit != 0)
     }
 

@@ -222,11 +222,6 @@ impl Chip {
         (self.is_supplied() && runs).then_some(self.entry)
     }
 
-    /// Whether the core has stopped for good: no code, or a fault within a fault.
-    pub fn has_stopped(&self) -> bool {
-        self.runs == Runs::Stopped
-    }
-
     /// Switches the supply on. The RAM holds noise, and the firmware in the flash starts, if there
     /// is any.
     pub fn power_on(&mut self) {

@@ -53,7 +53,7 @@ pub struct Serial {
 }
 
 /// Rate of the desk's end, bits a second.
-pub const RATE: u64 = 115_200;
+const RATE: u64 = 115_200;
 
 impl Serial {
     /// Builds a port of a chip.

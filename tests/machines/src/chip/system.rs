@@ -8,7 +8,7 @@ pub const HARD_FAULT: u16 = 3;
 const SERVICE: u16 = 14;
 const SYSTICK: u16 = 15;
 /// Exception number of the first interrupt.
-pub const INTERRUPTS: u16 = 16;
+const INTERRUPTS: u16 = 16;
 /// Priority below any other: no exception is active.
 const IDLE: i32 = 256;
 
