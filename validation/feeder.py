@@ -298,8 +298,7 @@ class EnginePlant:
     """Drives and sensors around the parts of an engine.
 
     A part has members: the bodies of which it consists. An engine implements `move`, and calls
-    `listen` at each
-    sample.
+    `listen` at each sample.
     """
 
     def __init__(self, runs: list[Run]) -> None:
@@ -317,6 +316,8 @@ class EnginePlant:
         """Part of each member."""
         self.time = 0.0
         self.ratio = np.array([run.amplitude_ratio for run in runs])
+        self.way = np.zeros(len(runs))
+        """Place of the only part of each track along it in m."""
 
     def add_part(self, track: int, members: int) -> None:
         """Declares the next part of the engine."""

@@ -3,15 +3,12 @@
 python mujoco_engine.py RUNS.json RESULTS.csv
 """
 
-import json
 import math
-import sys
-import time
 
 import mujoco
 import numpy as np
-from feeder import GRAVITY, SAMPLE, EnginePlant, Heard, Run, loop, results
-from results import write
+from engine import main, simulate
+from feeder import GRAVITY, SAMPLE, EnginePlant, Run
 
 DENSITY = 2700.0
 STEPS = 2
@@ -84,7 +81,6 @@ class MujocoPlant(EnginePlant):
         self.places, self.radii = np.concatenate(members), np.array(radii)
         self.masses = self.model.body_mass[1:].copy()
         self.v = np.zeros(len(runs))
-        self.way, self.begun = np.zeros(len(runs)), np.zeros(len(runs))
         mujoco.mj_forward(self.model, self.data)
 
     def move(self, x: np.ndarray) -> None:
@@ -100,30 +96,7 @@ class MujocoPlant(EnginePlant):
             position[1:, 2][self.owner_array] + (down * self.places).sum(axis=1) - self.radii
         )
         self.way = position[1:, 0] + self.ratio * x
-        if abs(self.time - self.parts[0].run.counted()[0][1]) < 0.5 * SAMPLE:
-            self.begun = self.way
-
-
-def simulate(runs: list[Run]) -> list[dict]:
-    """Runs of one duration, restitution, friction and incline, in one model."""
-    plant, heard = MujocoPlant(runs), [Heard() for _ in runs]
-    control = loop(plant, [run.scene() for run in runs], heard)
-    for _ in range(round(runs[0].duration / SAMPLE)):
-        next(control)
-    found = []
-    for n, run in enumerate(runs):
-        places = [plant.begun[n : n + 1], plant.way[n : n + 1]]
-        found += results("MuJoCo", run, heard[n], [plant.parts[n]], places)
-    return found
 
 
 if __name__ == "__main__":
-    began = time.process_time()
-    given, written = sys.argv[1:3]
-    with open(given, encoding="utf-8") as file:
-        runs = [Run(**run) for run in json.load(file)]
-    write(written, simulate(runs))
-    print(
-        f"{len(runs)} runs of {runs[0].duration:g} s: {time.process_time() - began:.0f} s of CPU",
-        flush=True,
-    )
+    main(lambda runs: simulate("MuJoCo", MujocoPlant(runs)))

@@ -3,11 +3,11 @@
 python3 own_plant.py RUNS.json RESULTS.csv
 """
 
-import json
 import math
 import sys
 
 import kband
+from engine import read_runs
 from feeder import SETTLED, TRACK_LENGTH, BLOCK_MASS, Run, lock_speed, mean
 from results import write
 
@@ -53,6 +53,5 @@ def simulate(run: Run) -> dict:
 
 if __name__ == "__main__":
     given, written = sys.argv[1:3]
-    with open(given, encoding="utf-8") as file:
-        runs = [Run(**run) for run in json.load(file)]
+    runs = read_runs(given)
     write(written, [simulate(run) for run in runs if run.shape == "block" and not run.windows])

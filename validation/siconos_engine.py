@@ -6,15 +6,12 @@ duration.
 Moreau's and Jean's scheme solves friction and contact in each step as a complementarity problem.
 """
 
-import json
 import math
-import sys
-import time
 
 import numpy as np
 import siconos.kernel as siconos
-from feeder import GRAVITY, SAMPLE, EnginePlant, Heard, Run, loop, results
-from results import write
+from engine import main, simulate
+from feeder import GRAVITY, SAMPLE, EnginePlant, Run
 
 STEPS = 2
 """Steps of the engine in a sample."""
@@ -65,7 +62,6 @@ class SiconosPlant(EnginePlant):
         self.begin()
         self.points = [Point(run) for run in runs]
         self.v = np.zeros(len(runs))
-        self.way, self.begun = np.zeros(len(runs)), np.zeros(len(runs))
 
     def move(self, x: np.ndarray) -> None:
         v = self.drive.v.sum(axis=1)
@@ -84,30 +80,7 @@ class SiconosPlant(EnginePlant):
                 if part.touching and after > 0.0:
                     part.leave(self.time - late, after)
         self.way = np.array([float(point.body.q()[0]) for point in self.points]) + self.ratio * x
-        if abs(self.time - self.parts[0].run.counted()[0][1]) < 0.5 * SAMPLE:
-            self.begun = self.way
-
-
-def simulate(runs: list[Run]) -> list[dict]:
-    """Runs of one duration."""
-    plant, heard = SiconosPlant(runs), [Heard() for _ in runs]
-    control = loop(plant, [run.scene() for run in runs], heard)
-    for _ in range(round(runs[0].duration / SAMPLE)):
-        next(control)
-    found = []
-    for n, run in enumerate(runs):
-        places = [plant.begun[n : n + 1], plant.way[n : n + 1]]
-        found += results("Siconos", run, heard[n], [plant.parts[n]], places)
-    return found
 
 
 if __name__ == "__main__":
-    began = time.process_time()
-    given, written = sys.argv[1:3]
-    with open(given, encoding="utf-8") as file:
-        runs = [Run(**run) for run in json.load(file)]
-    write(written, simulate(runs))
-    print(
-        f"{len(runs)} runs of {runs[0].duration:g} s: {time.process_time() - began:.0f} s of CPU",
-        flush=True,
-    )
+    main(lambda runs: simulate("Siconos", SiconosPlant(runs)))

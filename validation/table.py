@@ -12,6 +12,7 @@ from collections import Counter
 import kband
 import numpy as np
 import rows
+from feeder import mean
 from results import read
 
 GEAR = "| row | runs | share: predicted | own plant | engine | estimated | error, rms |"
@@ -19,7 +20,7 @@ GEAR += " speed | closed form | R | s | contact | READY | ends |"
 TUMBLING = "| row | runs | share: engine | estimated | k | speed in mm/s | R | s | READY | ends |"
 FRICTION = "| row | runs | k | R | speed in the engine | own plant | theory |"
 LOAD = "| row | runs | mass in g | weighed | own plant | flow in g/s | estimated | own plant |"
-LOAD += " amplitude | its rms | as measured |"
+LOAD += " amplitude | its rms | as measured | READY | ends |"
 
 
 def column(found: list[dict], name: str) -> np.ndarray:
@@ -123,18 +124,21 @@ def friction_row(name: str, found: list[dict], own: list[dict]) -> str:
 
 
 def load_row(name: str, found: list[dict], own: list[dict]) -> str:
+    held = [row for row in found if row["state"] == "holding"]
     cells = [
         name,
         str(len(found)),
         shown(column(found, "mass"), 2),
         percent(ratio(found, "estimated_mass", "mass")),
         percent(ratio(own, "estimated_mass", "mass")),
-        shown(column(found, "flow"), 2),
+        shown(column(held, "flow"), 2),
         percent(ratio(found, "estimated_flow", "flow")),
         percent(ratio(own, "estimated_flow", "flow")),
-        percent(column(found, "amplitude").mean()),
-        f"{100.0 * column(found, 'amplitude_rms').mean():.2f} %",
-        percent(column(found, "estimated_amplitude").mean()),
+        percent(mean(column(held, "amplitude"))),
+        f"{100.0 * mean(column(held, 'amplitude_rms')):.2f} %" if held else "-",
+        percent(mean(column(held, "estimated_amplitude"))),
+        shown(column(found, "ready"), 2),
+        ends(found),
     ]
     return "| " + " | ".join(cells) + " |"
 

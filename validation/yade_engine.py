@@ -5,16 +5,15 @@ yade -n -x -j1 yade_engine.py RUNS.json RESULTS.csv
 """
 
 import builtins
-import json
 import math
 import os
 import sys
-import time
 from array import array
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(sys.argv[0])))
 
 import numpy as np
+from engine import main
 from feeder import (
     BLOCK_RADIUS,
     DENSITY,
@@ -30,7 +29,6 @@ from feeder import (
     mean,
     results,
 )
-from results import write
 from yade import *
 
 POISSON = 0.3
@@ -123,7 +121,7 @@ class YadePlant(EnginePlant):
         """A place at the start from its coordinates along, across and normal to the track."""
         return (x, y, z)
 
-    def way(self, body: int) -> float:
+    def along(self, body: int) -> float:
         """Place of a part along its track in m."""
         return self.bodies[body].pos[0]
 
@@ -175,7 +173,8 @@ class YadePlant(EnginePlant):
         self.took(heights - self.radii - self.x[self.members_track])
 
     def took(self, gap: np.ndarray) -> None:
-        """Applies the events due at a sample, with the gap between each member and its track in m."""
+        """Applies the events due at a sample, with the gap in m between each member and its track.
+        """
         self.listen(gap)
         if self.redraw:
             self.set_restitutions()
@@ -183,7 +182,8 @@ class YadePlant(EnginePlant):
             while due and self.time >= due[0][0] - 0.5 * SAMPLE:
                 present = due.pop(0)[1]
                 if present is None:
-                    self.places[track].append(np.array([self.way(n) for n in self.parts_of(track)]))
+                    places = [self.along(number) for number in self.parts_of(track)]
+                    self.places[track].append(np.array(places))
                 else:
                     self.populate(track, present)
 
@@ -258,7 +258,7 @@ class RecoilPlant(YadePlant):
         p, q = self.normal
         return (x * q + z * p, y, -x * p + z * q)
 
-    def way(self, body: int) -> float:
+    def along(self, body: int) -> float:
         p, q = self.normal
         place = self.bodies[body].pos
         return place[0] * q - place[2] * p
@@ -273,8 +273,9 @@ class RecoilPlant(YadePlant):
     def hold(self, outputs: list[float], steps: list[int]) -> None:
         self.rest = self.static * np.array(outputs)
         self.time += SAMPLE
-        # The spring at the middle of the sample.
-        ahead = self.throw[0] + 0.5 * SAMPLE * self.throw[1]
+        # The spring at the middle of the time in which the force acts. YADE's velocities are half a
+        # step behind its places, and so is this time.
+        ahead = self.throw[0] + 0.5 * (SAMPLE - O.dt) * self.throw[1]
         force = self.natural**2 * (self.rest - ahead) - self.natural / QUALITY * self.throw[1]
         for body, up in zip(self.boxes, (self.mass * force + self.weight).tolist()):
             O.forces.setPermF(body, Vector3(0.0, 0.0, up))
@@ -367,17 +368,5 @@ def simulate(runs: list[Run]) -> list[dict]:
     return found
 
 
-def main() -> None:
-    began = time.process_time()
-    given, written = sys.argv[1:3]
-    with open(given, encoding="utf-8") as file:
-        runs = [Run(**run) for run in json.load(file)]
-    write(written, simulate(runs))
-    print(
-        f"{len(runs)} runs of {runs[0].duration:g} s: {time.process_time() - began:.0f} s of CPU",
-        flush=True,
-    )
-
-
 # YADE runs a script under another name than __main__.
-main()
+main(simulate)

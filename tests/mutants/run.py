@@ -51,6 +51,7 @@ PROGRAMS = {
     "hazards": ("kband-machines", "hazards"),
     "host": ("kband-host", "kband"),
     "c": ("kband-c", "interface"),
+    "python": ("kband-python", "pytest.sh"),
     **{name: ("kband-host", name) for name in ("command_line", "regimes")},
     **{name: ("kband-tests", name) for name in ("scenes", "safety", "automatic", "ends", "flashed", "accuracy",
                                                 "first_impact", "gear", "golden", "tones",
@@ -193,6 +194,8 @@ def build(names):
         package, program = PROGRAMS[name]
         what = ["--lib"] if name in LIBRARIES else ["--test", program]
         command = ["cargo", "test", "--locked", "--no-run", "--message-format=json", "-p", package, *what]
+        if name == "python":
+            command = ["cargo", "build", "--locked", "--message-format=json", "-p", package]
         ran = subprocess.run(command, cwd=TREE, env=environment, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
         lines = [json.loads(line) for line in ran.stdout.decode().splitlines()]
         if ran.returncode:
@@ -201,7 +204,11 @@ def build(names):
         for said in lines:
             if said.get("executable") and said.get("profile", {}).get("test"):
                 file, folder = said["executable"], pathlib.Path(said["manifest_path"]).parent
-        listing = subprocess.run([file, "--list", "--format=terse"], cwd=folder, check=True, stdout=subprocess.PIPE).stdout
+        if name == "python":
+            file, folder = str(ROOT / "tests/mutants" / program), TREE / "bindings/python"
+            shutil.copy(TARGET / "mutants/debug/lib_kband.so", folder / "python/kband/_kband.abi3.so")
+        listing = subprocess.run([file, "--list", "--format=terse"], cwd=folder, env=environment,
+                                 check=True, stdout=subprocess.PIPE).stdout
         tests = [line.removesuffix(": test") for line in listing.decode().splitlines() if line.endswith(": test")]
         found[name] = (file, folder, tests)
     return found, environment
@@ -348,10 +355,11 @@ def main():
     for judge in {judge for *_, judges in every for judge in judges}:
         name, *filters = judge.split()
         files = [*ROOT.glob(f"tests/**/tests/{name}.rs")] if name in EMULATED else [
-            file for folder in ("firmware", "shared", "tests") for file in (ROOT / folder).rglob("*.rs")]
+            file for folder in ("bindings", "firmware", "shared", "tests")
+            for file in (ROOT / folder).rglob("*.*") if file.suffix in (".rs", ".py")]
         sources = "".join(file.read_text() for file in files)
         for each in filters:
-            if not re.search(rf"\bfn \w*{each.split('::')[-1]}", sources):
+            if not re.search(rf"\b(fn|def) \w*{each.split('::')[-1]}", sources):
                 sys.exit(f"{judge}: no such test")
     if asked == ["--check"]:
         print(f"mutants: {len(every)} in {len({m[1] for m in every})} files, each at its place")

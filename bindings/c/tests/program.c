@@ -42,6 +42,8 @@ static void map_and_regimes(void) {
     char why[64];
     CHECK(kband_error(why, sizeof why) > 0);
     CHECK(strcmp(why, "restitution[299] = 1.5 is refused; accepted: 0..1") == 0);
+    char cut[5] = "????";
+    CHECK(kband_error(cut, 4) == strlen(why) && strcmp(cut, "res") == 0);
     CHECK(kband_impacts(NULL, speed, k, restitution, 1, phase, speed) == KBAND_CODE_NULL);
     CHECK(kband_impacts(NULL, NULL, NULL, NULL, 0, NULL, NULL) == KBAND_CODE_OK);
 
