@@ -1,46 +1,331 @@
-//! The emulated board on the line of its fieldbus, with a master that others wrote.
+//! The emulated board on its fieldbus: a master of this file, and masters that others wrote, take
+//! it from power-on to gear, change its target, cause a fault and acknowledge it, and save.
 
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::Path;
 use std::process::Command;
-use std::time::Duration;
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
 
+use kband_bus::registers;
+use kband_bus::rtu;
 use kband_control::wire::{Request, Response};
+use kband_control::{Fault, Settings, State, Target};
 use kband_host::board::{Address, Emulated};
 use kband_tests::emulator::Machine;
 use kband_tests::images;
 use kband_tests::terminal::Terminal;
 
-/// The master of PyPI.
-#[test]
-fn pymodbus_reads_and_runs_the_board() {
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+/// Unit of the board.
+const UNIT: u8 = 17;
+/// Longest life of the emulator, and longest wait for a state.
+const LIMIT: Duration = Duration::from_secs(600);
+const WAIT: Duration = Duration::from_secs(120);
+
+/// Register of the control word.
+const CONTROL: u16 = 0;
+/// Register of the target's kind.
+const KIND: u16 = 1;
+/// Register of the status word.
+const STATUS: u16 = 4;
+/// Register of the state.
+const STATE: u16 = 5;
+/// Register of the fault.
+const FAULT: u16 = 6;
+/// Register of the request to save.
+const SAVE: u16 = 9;
+/// Bit of the status word: the target is held.
+const HELD: u16 = 1 << 8;
+
+/// The emulated board with its enable input on and a terminal as its bus.
+struct Board {
+    terminal: Terminal,
+    /// Held open: QEMU looks for another reader only once a second.
+    line: File,
+}
+
+impl Board {
+    /// Starts the board with this flash.
+    fn start(image: &Path, flash: &Path) -> Self {
+        let terminal = Terminal::on_bus(image, flash, LIMIT);
+        let line = File::options()
+            .read(true)
+            .write(true)
+            .open(terminal.port())
+            .unwrap();
+        Self { terminal, line }
+    }
+
+    /// Waits for the first answer, with a master that leaves the line afterwards.
+    fn wait_until_started(&self) {
+        let starts = |_: &u32| {
+            let mut first = mbpoll_command(self, "-r 80 -c 1", &[]);
+            !first.output().is_ok_and(|ran| ran.status.success())
+        };
+        assert!((0..10).take_while(starts).count() < 10);
+    }
+
+    /// A master on the line, which then is for it alone.
+    fn master(&self) -> Master {
+        let mut line = self.line.try_clone().unwrap();
+        let (sender, bytes) = mpsc::channel();
+        std::thread::spawn(move || {
+            let mut byte = [0];
+            // Ends with the emulator.
+            while line.read(&mut byte).is_ok_and(|count| count == 1) && sender.send(byte[0]).is_ok()
+            {
+            }
+        });
+        Master {
+            line: self.line.try_clone().unwrap(),
+            bytes,
+        }
+    }
+}
+
+/// A master of Modbus RTU.
+struct Master {
+    line: File,
+    bytes: mpsc::Receiver<u8>,
+}
+
+impl Master {
+    /// Function and data of the answer to a request; it is repeated twice.
+    fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
+        let mut frame = vec![UNIT];
+        frame.extend(pdu);
+        frame.extend(rtu::crc(&frame).to_le_bytes());
+        for _ in 0..3 {
+            self.line.write_all(&frame).unwrap();
+            let mut answer = Vec::new();
+            while let Ok(byte) = self.bytes.recv_timeout(Duration::from_secs(5)) {
+                answer.push(byte);
+                if let Some(adu) = rtu::check(&answer) {
+                    assert_eq!(adu[0], UNIT);
+                    return adu[1..].to_vec();
+                }
+            }
+        }
+        panic!("no answer to {pdu:?}");
+    }
+
+    fn word(&mut self, address: u16) -> u16 {
+        let [a, b] = address.to_be_bytes();
+        match self.ask(&[3, a, b, 0, 1])[..] {
+            [3, 2, high, low] => u16::from_be_bytes([high, low]),
+            ref other => panic!("{address}: {other:?}"),
+        }
+    }
+
+    fn write(&mut self, address: u16, words: &[u16]) {
+        let mut pdu = vec![16];
+        pdu.extend(address.to_be_bytes());
+        pdu.extend((words.len() as u16).to_be_bytes());
+        pdu.push(2 * words.len() as u8);
+        pdu.extend(words.iter().flat_map(|word| word.to_be_bytes()));
+        assert_eq!(self.ask(&pdu), pdu[..5], "{address}");
+    }
+
+    fn set(&mut self, key: &str, value: f32) {
+        let index = Settings::KEYS.iter().position(|known| known.name == key);
+        let address = registers::FIRST_SETTING + 2 * index.unwrap() as u16;
+        self.write(address, &float(value));
+    }
+
+    /// Waits until a register, under a mask, has this value.
+    #[track_caller]
+    fn wait(&mut self, address: u16, mask: u16, value: u16) {
+        let end = Instant::now() + WAIT;
+        while self.word(address) & mask != value {
+            let seen = [(0, 10), (16, 16)].map(|(at, count)| self.ask(&[3, 0, at, 0, count]));
+            assert!(Instant::now() < end, "register {address}: {seen:?}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Waits until the target is held at this k, in thousandths.
+    #[track_caller]
+    fn hold_k(&mut self, k: u16) {
+        let end = Instant::now() + WAIT;
+        while self.word(STATUS) & HELD == 0 || self.word(16).abs_diff(k) >= 20 {
+            assert!(Instant::now() < end, "k {}", self.word(16));
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    fn wait_for(&mut self, state: State) {
+        self.wait(STATE, u16::MAX, state.number().into());
+    }
+}
+
+fn float(number: f32) -> [u16; 2] {
+    let bits = number.to_bits();
+    [(bits >> 16) as u16, bits as u16]
+}
+
+/// A folder with a flash in which the bus has this authority, and the board's address.
+fn commissioned(image: &Path, bus: f32) -> (tempfile::TempDir, Address) {
     let folder = tempfile::tempdir().unwrap();
-    let flash = folder.path().join("board.flash");
     let address = Address {
-        flash_image: Some(flash.clone()),
-        ..Address::of("qemu", Some(&image))
+        flash_image: Some(folder.path().join("board.flash")),
+        ..Address::of("qemu", Some(image))
     };
     let mut link = address.open(Emulated::AtRest).unwrap();
     for request in [
-        Request::set("bus_address", 17.0),
+        Request::set("bus_address", UNIT.into()),
         // A busy desk delays requests.
         Request::set("bus_timeout", 60.0),
-        Request::set("bus", 1.0),
+        Request::set("bus", bus),
         Request::Save,
     ] {
         link.ask(&request, |response| assert_eq!(response, Response::Done))
             .unwrap();
     }
-    drop(link);
-    let board = Terminal::on_bus(&image, &flash, Duration::from_secs(600));
-    let python = images::target_folder().join("python/venv/bin/python3");
-    let ran = Command::new(python)
-        .arg(kband_tests::root().join("tests/clients/board.py"))
-        .arg(board.port())
-        .arg("17")
-        .output()
-        .expect("tests/setup.sh installs it");
-    let said = String::from_utf8_lossy(&ran.stdout);
+    (folder, address)
+}
+
+#[test]
+fn a_master_runs_the_board_from_power_on_to_gear_and_saves() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let (folder, address) = commissioned(&image, 2.0);
+    let emulated = Board::start(&image, &folder.path().join("board.flash"));
+    let mut board = emulated.master();
+    board.write(CONTROL, &[0, 1]);
+    board.write(CONTROL, &[1]);
+    board.wait(STATUS, HELD, HELD);
+    assert_eq!(board.word(STATE), u16::from(State::Holding.number()));
+    // Another target, while the drive runs.
+    let [high, low] = float(0.8);
+    board.write(KIND, &[32, high, low]);
+    board.hold_k(800);
+    board.write(CONTROL, &[0]);
+    board.wait_for(State::Off);
+    // A sensitivity that the sensor does not have.
+    board.set("sensitivity", 0.5);
+    board.write(CONTROL, &[1]);
+    board.wait_for(State::Fault);
+    assert_eq!(
+        board.word(FAULT),
+        u16::from(Fault::SensorImplausible.number())
+    );
+    board.write(CONTROL, &[0]);
+    board.write(CONTROL, &[0x80]);
+    board.wait_for(State::Off);
+    board.set("sensitivity", Settings::default().sensitivity);
+    board.write(SAVE, &[1]);
+    board.wait(SAVE, u16::MAX, 2);
+    drop((board, emulated));
+    let mut link = address.open(Emulated::AtRest).unwrap();
+    link.ask(&Request::Held, |response| {
+        assert_eq!(response, Response::Held(Target::K(0.8)));
+    })
+    .unwrap();
+}
+
+/// Runs a program that must succeed; returns its output.
+fn run(command: &mut Command) -> String {
+    let ran = command.output().expect("tests/setup.sh installs it");
+    let said = String::from_utf8_lossy(&ran.stdout).into_owned();
     let wrong = String::from_utf8_lossy(&ran.stderr);
-    assert!(ran.status.success(), "{said} {wrong}");
+    assert!(ran.status.success(), "{command:?}: {said} {wrong}");
+    said
+}
+
+/// `mbpoll` with these arguments; a terminal without a line has no parity.
+fn mbpoll_command(board: &Board, arguments: &str, values: &[&str]) -> Command {
+    let mut command = Command::new("mbpoll");
+    let fixed = "-m rtu -a 17 -b 19200 -P none -0 -1 -q -o 5";
+    command
+        .args(fixed.split(' '))
+        .args(arguments.split(' '))
+        .arg(board.terminal.port())
+        .args(values);
+    command
+}
+
+/// What `mbpoll` prints for these arguments; it fails where the board refuses.
+fn mbpoll(board: &Board, arguments: &str, values: &[&str]) -> String {
+    let mut command = mbpoll_command(board, arguments, values);
+    // On a busy machine a frame falls apart, and is no request. A master repeats it.
+    for _ in 0..4 {
+        let ran = command.output().expect("tests/setup.sh installs it");
+        if ran.status.success() {
+            return String::from_utf8_lossy(&ran.stdout).into_owned();
+        }
+        let wrong = String::from_utf8_lossy(&ran.stderr);
+        assert!(wrong.contains("timed out"), "{command:?}: {wrong}");
+    }
+    panic!("no answer to {command:?}");
+}
+
+/// The master of Debian, on libmodbus.
+#[test]
+fn mbpoll_reads_and_runs_the_board() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let (folder, _) = commissioned(&image, 1.0);
+    let board = Board::start(&image, &folder.path().join("board.flash"));
+    board.wait_until_started();
+    let version = mbpoll(&board, "-r 80 -c 1", &[]);
+    assert!(version.contains("[80]: \t1"), "{version}");
+    let frequency = mbpoll(&board, "-t 4:float -B -r 100 -c 1", &[]);
+    assert!(frequency.contains("[100]: \t50"), "{frequency}");
+    mbpoll(&board, "-r 0", &["0"]);
+    let [high, low] = float(0.8).map(|word| word.to_string());
+    mbpoll(&board, "-r 1", &["32", &high, &low]);
+    mbpoll(&board, "-r 0", &["1"]);
+    let wait = |mask: u16, value: u16| {
+        let end = Instant::now() + WAIT;
+        loop {
+            let said = mbpoll(&board, "-r 4 -c 1", &[]);
+            let word = said.split("[4]: \t").nth(1).expect("the status word");
+            let word: u16 = word.split_whitespace().next().unwrap().parse().unwrap();
+            if word & mask == value {
+                return;
+            }
+            assert!(Instant::now() < end, "status word {word:#x}");
+        }
+    };
+    wait(HELD, HELD);
+    mbpoll(&board, "-r 0", &["0"]);
+    // Not running.
+    wait(1 << 1, 0);
+}
+
+/// The master of PyPI.
+#[test]
+fn pymodbus_reads_and_runs_the_board() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let (folder, _) = commissioned(&image, 1.0);
+    let board = Board::start(&image, &folder.path().join("board.flash"));
+    let root = kband_tests::root();
+    let python = images::target_folder().join("python/venv/bin/python3");
+    let said = run(Command::new(python)
+        .arg(root.join("tests/clients/board.py"))
+        .arg(board.terminal.port())
+        .arg(UNIT.to_string()));
+    println!("{said}");
     assert!(said.starts_with("pymodbus: held"), "{said}");
+}
+
+/// The library of C that many masters use.
+#[test]
+fn libmodbus_reads_and_runs_the_board() {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    let (folder, _) = commissioned(&image, 1.0);
+    let client = folder.path().join("client");
+    let source = kband_tests::root().join("tests/clients/board.c");
+    let compiled = ["-Wall", "-Wextra", "-Werror", "-o"];
+    run(Command::new("gcc")
+        .args(compiled)
+        .arg(&client)
+        .arg(&source)
+        .arg("-lmodbus"));
+    let board = Board::start(&image, &folder.path().join("board.flash"));
+    board.wait_until_started();
+    let said = run(Command::new(client)
+        .arg(board.terminal.port())
+        .arg(UNIT.to_string()));
+    println!("{said}");
+    assert!(said.starts_with("libmodbus: held"), "{said}");
 }

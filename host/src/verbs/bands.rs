@@ -337,6 +337,8 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row], contact: ContactTi
 
 #[cfg(test)]
 mod tests {
+    use kband_control::Settings;
+
     use super::*;
 
     #[test]
