@@ -1,6 +1,7 @@
 //! Every fuzz target, with its corpus and mutations from a seeded mutator.
 //!
-//! `KBAND_FUZZED` inputs per target instead of some thousand, from the seed `KBAND_SEED`.
+//! `KBAND_FUZZED` inputs per target instead of some thousand, from the seed `KBAND_SEED`; only of the
+//! targets in `KBAND_TARGETS`. `tests/run.sh --soak` makes a million frames for link and fieldbus.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -29,7 +30,14 @@ fn run(target: &Target, input: &[u8]) -> bool {
 #[test]
 fn no_input_is_more_than_refused() {
     let seed = number("KBAND_SEED").unwrap_or(1);
-    for target in TARGETS {
+    let chosen = std::env::var("KBAND_TARGETS").ok();
+    let is_chosen = |target: &&Target| {
+        let names = chosen.as_deref().map(|names| names.split(' '));
+        names.is_none_or(|mut names| names.any(|name| name == target.name))
+    };
+    let targets: Vec<_> = TARGETS.iter().filter(is_chosen).collect();
+    assert!(!targets.is_empty(), "{chosen:?} names no target");
+    for target in targets {
         let began = Instant::now();
         let (corpus, found) = (target.corpus(), target.found());
         let known = corpus.iter().filter(|input| run(target, input)).count();

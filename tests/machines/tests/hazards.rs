@@ -1190,7 +1190,12 @@ fn a_damaged_image_never_closes_the_bridge(kind: Kind) {
         let (on, mut rig) = damaged(address, bit, false);
         let lamp = rig.seen_after(on, &Seen::Fault(true)).unwrap() - on;
         assert!(lamp < 0.2, "{lamp}");
-        assert!(rig.kept_faults().contains(&Fault::ImageDamaged.number()));
+        match kind {
+            Kind::Stm32f405 => {
+                assert!(rig.kept_faults().contains(&Fault::ImageDamaged.number()));
+            }
+            Kind::Stm32g474 => assert!(rig.image().unwrap().starts_with("loader")),
+        }
         // Neither an edge of the input nor an acknowledgement may start it.
         for enable in [true, false, true] {
             rig.act(&Act::Enable(enable));
@@ -1203,8 +1208,8 @@ fn a_damaged_image_never_closes_the_bridge(kind: Kind) {
     }
 }
 
-/// The independent watchdog is fed before and after the check; it resets after 0.53 s at the
-/// earliest.
+/// The independent watchdog is fed before and after the check; it resets after 0.48 s at the
+/// earliest. The loader of the STM32G474 also checks, at a tenth of the clock.
 fn the_check_of_the_image_is_short(kind: Kind) {
     let mut rig = Rig::boot_on(kind);
     let sum = |rig: &Rig| rig.chip.board.check.read(0);
@@ -1218,7 +1223,11 @@ fn the_check_of_the_image_is_short(kind: Kind) {
         }
     }
     let lasted = ended - began.expect("the image is checked");
-    assert!(lasted < 0.05, "{lasted}");
+    let most = match kind {
+        Kind::Stm32f405 => 0.05,
+        Kind::Stm32g474 => 0.2,
+    };
+    assert!(lasted < most, "{lasted}");
 }
 
 /// Memory below the RAM accepts accesses here, as system memory may: only the guard makes them a
@@ -1324,6 +1333,7 @@ fn two_wrong_bits_in_the_program_open_the_bridge() {
     assert!(opens.is_some_and(|time| time < 60e-6), "{opens:?}");
     assert_eq!(rig.resets()[1].1, Cause::Software);
     assert_eq!(rig.seen_after(from + 1e-4, &Seen::Bridge(true)), None);
+    assert!(rig.image().unwrap().starts_with("loader"), "it waits");
 }
 
 /// Brown-out level and hardware watchdog of the option bytes are reported. A supply below that
