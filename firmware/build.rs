@@ -35,7 +35,6 @@ _image_start = ORIGIN(FLASH);
 /// program.
 const BOUNDED: &str = "\
 SECTIONS { .end : { LONG(_image_end) LONG(0) } > FLASH } INSERT AFTER .vector_table;
-_stext = ADDR(.end) + SIZEOF(.end);
 ";
 
 /// Size of the part of the flash before the slot of a chip with one slot, bytes. `kband flash`

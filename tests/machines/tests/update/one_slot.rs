@@ -165,7 +165,7 @@ fn a_truncated_image_never_starts_and_the_next_one_does() {
     assert_eq!(send(&mut rig, &other[..4096]), Ok(()));
     let end = rig.update(&UpdateRequest::End(&[]));
     assert_eq!(end, Err(UpdateRefusal::Order(4096)));
-    rig.run(rig.time() + 21.0);
+    rig.run(rig.time() + 12.0);
     assert!(waits(&mut rig), "after silence");
     restart(&mut rig);
     assert!(waits(&mut rig), "after power-on");
@@ -201,7 +201,7 @@ fn an_empty_slot_waits_and_a_board_without_a_key_takes_nothing() {
         Ok(()),
         "it is the loader"
     );
-    rig.run(rig.time() + 30.0);
+    rig.run(rig.time() + 12.0);
     assert!(waits(&mut rig));
     assert_eq!(rig.chip.operations(), operations);
     assert_eq!(rig.seen_after(from, &Seen::Bridge(true)), None);
