@@ -21,6 +21,8 @@ struct Cells {
     torn: Vec<usize>,
     left: usize,
     used: usize,
+    /// Address of a word that keeps a bit.
+    worn: Option<u32>,
 }
 
 impl Cells {
@@ -30,6 +32,7 @@ impl Cells {
             torn: Vec::new(),
             left: usize::MAX,
             used: 0,
+            worn: None,
         }
     }
 
@@ -70,7 +73,8 @@ impl Memory for Cells {
         );
         let works = self.works(place.clone());
         if works {
-            self.bytes[place].copy_from_slice(word);
+            self.bytes[place.clone()].copy_from_slice(word);
+            self.bytes[place.start] |= u8::from(self.worn == Some(address));
         }
         works
     }
@@ -404,6 +408,19 @@ fn another_key_of_the_program_replaces_the_stored_one() {
     assert_eq!(ask(&mut slot, &request), Ok(()));
     let stored = OneSlot::new(slot.memory, None);
     assert_eq!(stored.key, Some(*other.public.as_bytes()));
+}
+
+#[test]
+fn a_worn_word_is_found_when_it_is_written() {
+    let new = image(1);
+    let mut cells = flashed(&image(0));
+    cells.worn = Some(SLOT.start + 1056);
+    assert_eq!(new[1056] & 1, 0, "its bit becomes 0");
+    let mut slot = requested(&cells);
+    begin(&mut slot, &new).unwrap();
+    assert_eq!(send(&mut slot, &new), Err(UpdateRefusal::Store));
+    let end = ask(&mut slot, &UpdateRequest::End(&[]));
+    assert_eq!(end, Err(UpdateRefusal::Order(0)));
 }
 
 #[test]

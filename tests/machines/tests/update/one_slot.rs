@@ -245,8 +245,9 @@ fn a_power_cut_anywhere_leaves_the_old_image_or_a_wait_for_one() {
         if keeps {
             assert!(!runs_other(&mut rig));
         }
+        // The old image may write its log of faults.
         let kept = &rig.chip.flash()[KIND.facts().kept.clone()];
-        assert_eq!(kept, settings, "{request:?} {cut}");
+        assert!(keeps || kept == settings, "{request:?} {cut}");
         assert_eq!(rig.seen_after(began, &Seen::Bridge(true)), None);
         cuts += 1;
     };
