@@ -130,7 +130,7 @@ impl Image {
         }
         let program =
             section(b".vector_table").map_or(chip.flash.start, |found| found.sh_addr(endian));
-        fill_check(&mut pieces, program)?;
+        fill_check(&mut pieces, program.max(chip.flash.start))?;
         let image = Self {
             chip,
             pieces,
@@ -292,7 +292,7 @@ fn fill_check(pieces: &mut [Piece], program: u32) -> Result<(), Refusal> {
         .last_mut()
         .and_then(|piece| piece.bytes.last_chunk_mut());
     match place {
-        Some(place) if *place == ERASED => {
+        Some(place) if *place == ERASED && flash.len() >= ERASED.len() => {
             flash.truncate(flash.len() - ERASED.len());
             *place = crc32(&flash).to_le_bytes();
             Ok(())
