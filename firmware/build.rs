@@ -31,6 +31,16 @@ SECTIONS { .check : ALIGN(4) { _image_end = .; LONG(0xffffffff) } > FLASH } INSE
 _image_start = ORIGIN(FLASH);
 ";
 
+/// The program's end, behind the vector table: the loader of a chip with one slot checks the
+/// program.
+const BOUNDED: &str = "\
+SECTIONS { .end : { LONG(_image_end) LONG(0) } > FLASH } INSERT AFTER .vector_table;
+";
+
+/// Size of the part of the flash before the slot of a chip with one slot, bytes. `kband flash`
+/// erases the key in it.
+const BEFORE_SLOT: usize = 24 << 10;
+
 /// Marks the emulated board's image. Without a debugger it would hang at its first semihosting
 /// call.
 const EMULATED: &str = "SECTIONS { .emulated 0 (INFO) : { BYTE(1) } }\n";
@@ -58,6 +68,10 @@ fn main() {
         ("layout.x", LAYOUT),
         ("budget.x", BUDGET),
         ("checked.x", CHECKED),
+        (
+            "bounded.x",
+            if board == "stm32g474re" { BOUNDED } else { "" },
+        ),
         ("emulated.x", EMULATED),
         ("chip.x", &chip(&board)),
     ] {
@@ -70,13 +84,12 @@ fn main() {
     for (image, stack) in STACKS {
         println!("cargo:rustc-link-arg-bin={image}=--defsym=kband_stack={stack}");
     }
-    if board == "stm32f405rg" {
-        build_loader(&out);
-        println!("cargo:rustc-link-arg-bin=feeder=--defsym=kband_slot=1");
-    }
+    build_loader(&board, &out);
+    println!("cargo:rustc-link-arg-bin=feeder=--defsym=kband_slot=1");
     println!("cargo:rustc-link-arg-bin=feeder=-Tbudget.x");
     println!("cargo:rustc-link-arg-bin=feeder=-Tchip.x");
     println!("cargo:rustc-link-arg-bin=feeder=-Tchecked.x");
+    println!("cargo:rustc-link-arg-bin=feeder=-Tbounded.x");
     println!("cargo:rustc-link-arg-bin=virtual_feeder=-Temulated.x");
 }
 
@@ -104,21 +117,28 @@ fn board() -> String {
 }
 
 /// Builds the loader with this build's toolchain, in a folder of its own, as `loader.bin` of `out`.
-fn build_loader(out: &Path) {
+fn build_loader(board: &str, out: &Path) {
+    let (bin, size) = match board {
+        "stm32f405rg" => ("loader", 0),
+        _ => ("receiver", BEFORE_SLOT),
+    };
     let target = env::var("TARGET").expect("cargo sets TARGET");
     let folder = out.join("loader");
     let mut cargo = Command::new(env::var_os("CARGO").expect("cargo sets CARGO"));
     // The wrapper of the compiler is named from the workspace on.
     cargo.current_dir("..");
     cargo.args(["build", "--quiet", "--locked", "--profile", "firmware"]);
-    cargo.args(["--package", "kband-loader", "--bin", "loader"]);
+    cargo.args(["--package", "kband-loader", "--bin", bin]);
+    if bin == "loader" {
+        cargo.arg("--no-default-features");
+    }
     cargo
         .args(["--target", &target, "--target-dir"])
         .arg(&folder);
     // A check of the sources compiles nothing.
     cargo.env_remove("RUSTC_WORKSPACE_WRAPPER");
     assert!(cargo.status().is_ok_and(|status| status.success()));
-    let loader = fs::read(folder.join(target).join("firmware/loader")).expect("it was built");
+    let loader = fs::read(folder.join(target).join("firmware").join(bin)).expect("it was built");
     let loader = object::File::parse(&*loader).expect("an ELF file");
     let mut bytes: Vec<u8> = Vec::new();
     for segment in loader.segments() {
@@ -128,6 +148,7 @@ fn build_loader(out: &Path) {
             bytes.extend(data);
         }
     }
+    bytes.resize(bytes.len().max(size), 0xff);
     fs::write(out.join("loader.bin"), bytes).expect("OUT_DIR is writable");
 }
 

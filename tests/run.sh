@@ -116,6 +116,10 @@ if [ "${1:-}" = --soak ]; then
     step "day" 7200 env KBAND_DAYS=1 cargo test --release --locked --package kband-tests --test day
     step "flood" 7200 env KBAND_FRAMES=1000000 KBAND_SEED=2 \
         cargo test --release --locked --package kband-tests --test flood -- --nocapture
+    step "hostile frames" 7200 env KBAND_FUZZED=1000000 KBAND_SEED=2 KBAND_TARGETS="bus frames" \
+        cargo test --release --locked --package kband-fuzz --test inputs -- --nocapture
+    step "power cuts of an update" 7200 env KBAND_EVERY_CUT=1 KBAND_CUTS=10 \
+        cargo test --release --locked --package kband-machines --test update -- --nocapture
     step "mutants" 14400 tests/mutants/run.py
     step "search by coverage" 7200 tests/fuzz/run.sh 300
     step "week" 7200 env KBAND_DAYS=7 cargo test --release --locked --package kband-tests --test day

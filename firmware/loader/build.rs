@@ -1,13 +1,13 @@
-//! Build script: memory of the loader.
+//! Build script: memory of the loaders.
 
 use std::{env, fs, path::PathBuf};
 
-/// Memory for `memory.x`: the flash before the state of an update, and RAM that the program uses
-/// for its stack.
+/// Memory for `memory.x`: the flash before the state of an update or before the key, and RAM that
+/// the program uses for its stack.
 const MEMORY: &str = "MEMORY
 {
-  FLASH : ORIGIN = 0x08000000, LENGTH = 4K
-  RAM   : ORIGIN = 0x20000000, LENGTH = 8K
+  FLASH : ORIGIN = 0x08000000, LENGTH = DEFINED(one_slot) ? 22K : 4K
+  RAM   : ORIGIN = 0x20000000, LENGTH = DEFINED(one_slot) ? 32K : 8K
 }
 ";
 
@@ -22,4 +22,5 @@ fn main() {
     for argument in ["--nmagic", "-Tlink.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
+    println!("cargo:rustc-link-arg-bin=receiver=--defsym=one_slot=1");
 }

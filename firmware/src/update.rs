@@ -4,12 +4,17 @@
 //! signature (Ed25519, RFC 8032) is that of the SHA-512 of image and board's name. A correct one
 //! marks the slot and restarts the board. The loader swaps the slots, and the new image is on trial
 //! until the desk confirms it. A restart before that brings the previous image back.
+//!
+//! A chip with one slot restarts into its loader instead, which takes the image
+//! ([`kband_loader::one_slot`]).
 
 use embassy_futures::yield_now;
 use kband_control::wire::{
-    Access, MAX_UPDATE_BYTES, Refusal, UpdateAnswer, UpdateRefusal, UpdateRequest,
+    Access, MAX_UPDATE_BYTES, MAX_UPDATES_PER_START, Refusal, UpdateAnswer, UpdateRefusal,
+    UpdateRequest,
 };
-use salty::{PublicKey, Sha512, Signature};
+use kband_loader::one_slot::is_signed;
+use salty::{PublicKey, Sha512};
 
 use crate::access::LinkLock;
 use crate::station::Station;
@@ -22,13 +27,41 @@ const SILENCE_S: u32 = 10;
 /// Time after which an image that nobody confirmed restarts the board, s.
 pub(crate) const TRIAL_S: u32 = 60;
 
-/// The chip's slot for an update. Its functions return false where the flash fails.
+/// The chip's slot for an update.
 #[derive(Clone, Copy, Debug)]
 pub struct Slot {
     /// Name of the board.
     pub board: &'static str,
     /// Largest image, bytes.
     pub size: u32,
+    /// Restarts the board.
+    pub restart: fn(),
+    /// What writes the image.
+    pub writer: Writer,
+}
+
+impl Slot {
+    /// Whether the running image is on trial.
+    pub fn on_trial(&self) -> bool {
+        match &self.writer {
+            Writer::Program(second) => (second.on_trial)(),
+            Writer::Loader(_) => false,
+        }
+    }
+}
+
+/// What writes the image of an update.
+#[derive(Clone, Copy, Debug)]
+pub enum Writer {
+    /// This program, to a second slot.
+    Program(SecondSlot),
+    /// The loader, over this program. The function leaves it a request with the public key.
+    Loader(fn(&[u8; 32])),
+}
+
+/// A second slot. Its functions return false where the flash fails.
+#[derive(Clone, Copy, Debug)]
+pub struct SecondSlot {
     /// Size of an erasable sector, bytes.
     pub sector: u32,
     /// Erases the sector that begins at an offset.
@@ -45,8 +78,6 @@ pub struct Slot {
     pub confirm: fn() -> bool,
     /// Whether the marks have room for an update.
     pub has_room: fn() -> bool,
-    /// Restarts the board.
-    pub restart: fn(),
 }
 
 /// Progress of an update.
@@ -58,7 +89,8 @@ enum Progress {
         length: u32,
         written: u32,
     },
-    /// The slot is marked. The board restarts after this number of drive cycles.
+    /// The slot is marked, or the loader has its request. The board restarts after this number of
+    /// drive cycles.
     Marked {
         cycles: u16,
     },
@@ -69,6 +101,7 @@ pub(crate) struct Update {
     slot: Option<Slot>,
     progress: Progress,
     on_trial: bool,
+    begun: u8,
 }
 
 impl Update {
@@ -76,7 +109,8 @@ impl Update {
         Self {
             slot,
             progress: Progress::None,
-            on_trial: slot.is_some_and(|slot| (slot.on_trial)()),
+            on_trial: slot.is_some_and(|slot| slot.on_trial()),
+            begun: 0,
         }
     }
 
@@ -137,10 +171,7 @@ impl Update {
         } else {
             Err(UpdateRefusal::ReadOnly)
         };
-        match changed {
-            Ok(()) => UpdateAnswer::Done,
-            Err(why) => UpdateAnswer::Refused(why),
-        }
+        changed.unwrap_or_else(UpdateAnswer::Refused)
     }
 
     async fn change(
@@ -149,7 +180,7 @@ impl Update {
         has_pin: bool,
         station: &Station,
         store: &mut impl Store,
-    ) -> Result<(), UpdateRefusal> {
+    ) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
         let slot = self.slot.ok_or(UpdateRefusal::NoSlot)?;
         let was_open = self.progress != Progress::None;
         // A drive that runs is not stopped by an update that was left open.
@@ -162,15 +193,18 @@ impl Update {
         }
         match *request {
             UpdateRequest::Key(key) => return set_key(key, has_pin, store).await,
-            UpdateRequest::Confirm => return self.confirm(&slot, station),
+            UpdateRequest::Confirm => return self.confirm(station),
             _ if station.bus_controls() => return Err(UpdateRefusal::NotInControl),
             _ => {}
         }
         let changed = match *request {
-            UpdateRequest::Begin { board, length } => self.begin(board, length, &slot, store).await,
-            UpdateRequest::Bytes { offset, bytes } => self.write(offset, bytes, &slot),
-            UpdateRequest::End(signature) => self.end(signature, &slot, station, store).await,
-            _ => Ok(()),
+            UpdateRequest::Begin { board, length }
+            | UpdateRequest::Signed { board, length, .. } => {
+                self.begin(board, length, &slot, station, store).await
+            }
+            UpdateRequest::Bytes { offset, bytes } => self.write(offset, bytes),
+            UpdateRequest::End(signature) => self.end(signature, station, store).await,
+            _ => Ok(UpdateAnswer::Done),
         };
         match self.progress {
             Progress::Open { .. } => station.keep_off_until(station.seconds() + SILENCE_S),
@@ -182,15 +216,23 @@ impl Update {
     }
 
     /// Confirms an image on trial; one that is not on trial needs no confirmation.
-    fn confirm(&mut self, slot: &Slot, station: &Station) -> Result<(), UpdateRefusal> {
+    fn confirm(&mut self, station: &Station) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
         if self.on_trial {
-            if !(slot.confirm)() {
+            if !(self.second_slot()?.confirm)() {
                 return Err(UpdateRefusal::Store);
             }
             self.on_trial = false;
             station.keep_off_until(0);
         }
-        Ok(())
+        Ok(UpdateAnswer::Done)
+    }
+
+    /// The second slot, for an update that was begun.
+    fn second_slot(&self) -> Result<SecondSlot, UpdateRefusal> {
+        match self.slot.map(|slot| slot.writer) {
+            Some(Writer::Program(second)) => Ok(second),
+            _ => Err(UpdateRefusal::NoSlot),
+        }
     }
 
     async fn begin(
@@ -198,12 +240,16 @@ impl Update {
         board: &str,
         length: u32,
         slot: &Slot,
+        station: &Station,
         store: &mut impl Store,
-    ) -> Result<(), UpdateRefusal> {
-        if self.on_trial || matches!(self.progress, Progress::Marked { .. }) {
-            return Err(UpdateRefusal::OnTrial);
+    ) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
+        match (self.progress, slot.writer) {
+            // A repeated request was carried out already.
+            (Progress::Marked { .. }, Writer::Loader(_)) => return Ok(UpdateAnswer::Loader),
+            (Progress::Marked { .. }, Writer::Program(_)) => return Err(UpdateRefusal::OnTrial),
+            _ if self.on_trial => return Err(UpdateRefusal::OnTrial),
+            _ => self.progress = Progress::None,
         }
-        self.progress = Progress::None;
         if board != slot.board {
             return Err(UpdateRefusal::OtherBoard);
         }
@@ -211,17 +257,32 @@ impl Update {
             return Err(UpdateRefusal::Length);
         }
         // With the key all settings have left the sectors 10 and 11, where older images had them.
-        if store.key().await.is_none() {
-            return Err(UpdateRefusal::NoKey);
+        let key = store.key().await.ok_or(UpdateRefusal::NoKey)?;
+        if self.begun == MAX_UPDATES_PER_START {
+            return Err(UpdateRefusal::TooOften);
         }
-        if !(slot.has_room)() {
-            return Err(UpdateRefusal::Store);
+        match slot.writer {
+            Writer::Loader(request) => {
+                request(&key);
+                self.restart_soon(station);
+                return Ok(UpdateAnswer::Loader);
+            }
+            Writer::Program(second) if !(second.has_room)() => return Err(UpdateRefusal::Store),
+            Writer::Program(_) => {}
         }
+        self.begun += 1;
         self.progress = Progress::Open { length, written: 0 };
-        Ok(())
+        Ok(UpdateAnswer::Done)
     }
 
-    fn write(&mut self, offset: u32, bytes: &[u8], slot: &Slot) -> Result<(), UpdateRefusal> {
+    /// Restarts the board half a second after this answer.
+    fn restart_soon(&mut self, station: &Station) {
+        let cycles = 1 + station.settings().frequency as u16 / 2;
+        self.progress = Progress::Marked { cycles };
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
+        let second = self.second_slot();
         let Progress::Open { length, written } = &mut self.progress else {
             return Err(UpdateRefusal::Order(0));
         };
@@ -233,45 +294,46 @@ impl Update {
         };
         // A repeated request was carried out already.
         if end == *written {
-            return Ok(());
+            return Ok(UpdateAnswer::Done);
         }
         if offset != *written {
             return Err(UpdateRefusal::Order(*written));
         }
         // Bytes that reach into another sector begin with its erasure.
-        let sector = (end - 1) / slot.sector * slot.sector;
-        let erased = sector < offset || (slot.erase)(sector);
-        if !erased || !(slot.write)(offset, bytes) {
+        let second = second?;
+        let sector = (end - 1) / second.sector * second.sector;
+        let erased = sector < offset || (second.erase)(sector);
+        if !erased || !(second.write)(offset, bytes) {
             self.progress = Progress::None;
             return Err(UpdateRefusal::Store);
         }
         *written = end;
-        Ok(())
+        Ok(UpdateAnswer::Done)
     }
 
     async fn end(
         &mut self,
         signature: &[u8],
-        slot: &Slot,
         station: &Station,
         store: &mut impl Store,
-    ) -> Result<(), UpdateRefusal> {
+    ) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
         let (length, written) = match self.progress {
             Progress::Open { length, written } => (length, written),
             // A repeated request was carried out already.
-            Progress::Marked { .. } => return Ok(()),
+            Progress::Marked { .. } => return Ok(UpdateAnswer::Done),
             Progress::None => return Err(UpdateRefusal::Order(0)),
         };
         let signature: &[u8; 64] = signature.try_into().map_err(|_| UpdateRefusal::Length)?;
         if written != length {
             return Err(UpdateRefusal::Order(written));
         }
+        let (slot, second) = (self.slot.ok_or(UpdateRefusal::NoSlot)?, self.second_slot()?);
         let key = store.key().await.ok_or(UpdateRefusal::NoKey)?;
         let mut sum = Sha512::new();
         let mut bytes = [0; BYTES_PER_SLICE];
         for offset in (0..length).step_by(BYTES_PER_SLICE) {
             let size = BYTES_PER_SLICE.min((length - offset) as usize);
-            (slot.read)(offset, &mut bytes[..size]);
+            (second.read)(offset, &mut bytes[..size]);
             sum.update(&bytes[..size]);
             yield_now().await;
         }
@@ -280,33 +342,30 @@ impl Update {
         if !is_signed(&key, &sum.finalize(), signature) {
             return Err(UpdateRefusal::Signature);
         }
-        if !(slot.mark)() {
+        if !(second.mark)() {
             return Err(UpdateRefusal::Store);
         }
-        let cycles = 1 + station.settings().frequency as u16 / 2;
-        self.progress = Progress::Marked { cycles };
-        Ok(())
+        self.restart_soon(station);
+        Ok(UpdateAnswer::Done)
     }
 }
 
-/// Whether a signature is that of `sum` by the owner of `key`.
-#[inline(never)]
-fn is_signed(key: &[u8; 32], sum: &[u8; 64], signature: &[u8; 64]) -> bool {
-    let key = PublicKey::try_from(key);
-    key.is_ok_and(|key| key.verify(sum, &Signature::from(signature)).is_ok())
-}
-
 /// Stores the public key, once; another one needs a PIN.
-async fn set_key(key: &[u8], has_pin: bool, store: &mut impl Store) -> Result<(), UpdateRefusal> {
+async fn set_key(
+    key: &[u8],
+    has_pin: bool,
+    store: &mut impl Store,
+) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
     let key: &[u8; 32] = key.try_into().map_err(|_| UpdateRefusal::Length)?;
     if PublicKey::try_from(key).is_err() {
         return Err(UpdateRefusal::Signature);
     }
     match store.key().await {
-        Some(same) if same == *key => Ok(()),
-        Some(_) if !has_pin => Err(UpdateRefusal::HasKey),
-        _ => store.save_key(key).await.map_err(refusal_of),
+        Some(same) if same == *key => {}
+        Some(_) if !has_pin => return Err(UpdateRefusal::HasKey),
+        _ => store.save_key(key).await.map_err(refusal_of)?,
     }
+    Ok(UpdateAnswer::Done)
 }
 
 fn refusal_of(why: StoreFailed) -> UpdateRefusal {

@@ -12,6 +12,26 @@ use rayon::prelude::*;
 
 use crate::refusal::Refusal;
 
+/// Whether the user has requested a stop.
+static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
+/// Number of calls without an answer, each after 50 ms, that a link waits after such a request: the
+/// last requests of a verb have this time.
+const LAST_WAITS: u32 = 6;
+
+/// What ends the waits of a link, where a board does not answer, after a request to stop.
+pub fn end_of_waits() -> impl FnMut() -> Result<(), Refusal> + Send {
+    let mut waits = 0;
+    move || {
+        waits += u32::from(STOP_REQUESTED.load(Ordering::Relaxed));
+        if waits > LAST_WAITS {
+            let cause = "interrupted while the board did not answer";
+            Err(Refusal::cut(cause, "start it again"))
+        } else {
+            Ok(())
+        }
+    }
+}
+
 /// Environment of every verb: the cores, the progress bar, the user's request to stop.
 #[derive(Debug)]
 pub struct Desk {
@@ -42,6 +62,7 @@ impl Desk {
         let stop = Arc::clone(&self.stop);
         // It fails only if a handler is installed already, which then stays.
         let _ = ctrlc::set_handler(move || {
+            STOP_REQUESTED.store(true, Ordering::Relaxed);
             if stop.swap(true, Ordering::SeqCst) {
                 crate::file::remove_unfinished();
                 std::process::exit(130);

@@ -93,10 +93,19 @@ fn cut_power(rig: &mut Rig) {
 
 #[test]
 fn a_new_board_is_updated_and_runs_its_recipe_again() {
+    updated_it_runs_its_recipe(Kind::Stm32f405);
+}
+
+#[test]
+fn a_new_board_with_one_slot_is_updated_and_runs_its_recipe_again() {
+    updated_it_runs_its_recipe(Kind::Stm32g474);
+}
+
+fn updated_it_runs_its_recipe(kind: Kind) {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let hazard = Hazard::of("update", 50.0, Target::Amplitude(0.2));
-    let mut rig = hazard.commissioned(Kind::Stm32f405);
+    let mut rig = hazard.commissioned(kind);
     rig.chip.board.flash.erases_in = Some(ticks(0.02));
     came::kband(folder, "update --new-key plant.key").done();
     kband(&mut rig, folder, "update --set-key plant.key.pub");
@@ -105,7 +114,7 @@ fn a_new_board_is_updated_and_runs_its_recipe_again() {
     cut_power(&mut rig);
     kband(&mut rig, folder, "recipe use 1");
     // The new image is the same program with another version.
-    let mut image = std::fs::read(images::feeder_on(Kind::Stm32f405)).unwrap();
+    let mut image = std::fs::read(images::feeder_on(kind)).unwrap();
     let version = format!("{}+", env!("CARGO_PKG_VERSION"));
     let places: Vec<usize> = (0..image.len() - version.len())
         .filter(|at| image[*at..].starts_with(version.as_bytes()))

@@ -36,7 +36,7 @@ RUSTFLAGS=$flags cargo build --locked --release --package kband-fuzz --features 
     --target-dir "$folder" || exit 1
 
 targets=("$@")
-[ $# != 0 ] || targets=(scene settings rows record elf frames bus service store)
+[ $# != 0 ] || targets=(scene settings recipes rows record elf frames bus service store)
 failed=0
 for target in "${targets[@]}"; do
     corpus=$folder/corpus/$target log=$folder/$target.log

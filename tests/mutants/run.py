@@ -48,6 +48,7 @@ PROGRAMS = {
     "plant": ("kband-plant", "kband_plant"),
     "loops": ("kband-plant", "loops"),
     "firmware": ("kband-firmware", "kband_firmware"),
+    "loader": ("kband-loader", "kband_loader"),
     "hazards": ("kband-machines", "hazards"),
     "host": ("kband-host", "kband"),
     "c": ("kband-c", "interface"),
@@ -57,7 +58,7 @@ PROGRAMS = {
                                                 "first_impact", "gear", "golden", "tones",
                                                 "random_scenes")},
 }
-LIBRARIES = ("map", "control", "bus", "plant", "firmware", "host")
+LIBRARIES = ("map", "control", "bus", "plant", "firmware", "loader", "host")
 # What judges a drawn mutant: each group those that the one before let through; the last one, which takes minutes, the firmware's.
 DRAWN = (("map", "control", "bus", "plant", "firmware"),
          ("loops", "scenes", "safety", "automatic", "accuracy", "first_impact", "gear", "golden", "tones", "host", "command_line",
@@ -102,6 +103,19 @@ pub fn is(number: u32) -> bool {
     number == *WHICH
 }
 """
+# The loader of the STM32F405 is built without the controller, and has no mutant.
+LOADER_SWITCH = """
+#[cfg(feature = "one_slot")]
+#[allow(missing_docs)]
+pub use kband_control::mutation;
+#[cfg(not(feature = "one_slot"))]
+#[allow(missing_docs)]
+pub mod mutation {
+    pub const fn is(_: u32) -> bool {
+        false
+    }
+}
+"""
 # The emulated chip's loader gives an image its mutant.
 LOADER = """
     if let Ok(mutant) = std::env::var("KBAND_MUTANT") {
@@ -127,7 +141,7 @@ def mutants():
 
 def switch_of(path):
     """The crate that holds the switch, as this file names it."""
-    if path.startswith("shared/src/"):
+    if path.startswith(("shared/src/", "firmware/loader/")):
         return "crate"
     # The bus depends on the controller alone, which hands the switch on.
     return "kband_control" if path.startswith("shared/bus/") else "kband"
@@ -171,6 +185,8 @@ def plant(changed):
     wanted["Cargo.toml"] = wanted["Cargo.toml"].replace(lints.encode(), allowed.encode())
     control = wanted["shared/control/src/lib.rs"].decode() + "\n#[allow(missing_docs)]\npub use kband::mutation;\n"
     wanted["shared/control/src/lib.rs"] = control.encode()
+    loader = "firmware/loader/src/lib.rs"
+    wanted[loader] = (wanted[loader].decode() + LOADER_SWITCH).encode()
     rig = wanted["tests/machines/src/rig.rs"].decode()
     assert rig.count("\n    chip.board.bridge.reset();") == 1
     wanted["tests/machines/src/rig.rs"] = rig.replace("\n    chip.board.bridge.reset();", LOADER).encode()

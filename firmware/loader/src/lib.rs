@@ -1,5 +1,5 @@
 //! Two slots of a flash for the program: the state of an update, on which a loader and the program
-//! work with `embassy-boot`.
+//! work with `embassy-boot`. One slot is in [`one_slot`].
 //!
 //! `embassy-boot` erases its state at each step. A cut erasure could leave its mark of a swap, one
 //! bit from that of an ordinary start. Here an erasure is one word: it ends a page of 64 bytes, and
@@ -10,6 +10,9 @@
 extern crate std;
 
 pub mod layout;
+pub mod note;
+#[cfg(feature = "one_slot")]
+pub mod one_slot;
 
 use embassy_boot::BlockingFirmwareState;
 use embedded_storage::nor_flash::{

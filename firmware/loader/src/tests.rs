@@ -273,3 +273,10 @@ fn updates_are_refused_before_the_pages_are_full() {
     }
     assert!((4..10).contains(&updates), "{updates}");
 }
+
+#[test]
+fn full_pages_are_an_ordinary_start_and_take_no_mark() {
+    let mut chip = Chip::new(16);
+    assert!(!is_on_trial(&chip));
+    assert!(!chip.with(usize::MAX, mark));
+}

@@ -1,6 +1,6 @@
 //! Requests of an update, and what a board's refusal of one means.
 
-use kband_control::wire::{UpdateAnswer, UpdateRefusal, UpdateRequest};
+use kband_control::wire::{MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest};
 use kband_scene::refusal::Refusal;
 
 use crate::Link;
@@ -10,6 +10,15 @@ impl Link {
     pub fn tell_update(&mut self, request: &UpdateRequest<'_>) -> Result<(), Refusal> {
         self.updated(request, |answer| match answer {
             UpdateAnswer::Done => Ok(()),
+            other => Err(other),
+        })
+    }
+
+    /// Begins an update; returns whether the board's loader takes the image.
+    pub fn begin_update(&mut self, request: &UpdateRequest<'_>) -> Result<bool, Refusal> {
+        self.updated(request, |answer| match answer {
+            UpdateAnswer::Done => Ok(false),
+            UpdateAnswer::Loader => Ok(true),
             other => Err(other),
         })
     }
@@ -47,6 +56,10 @@ impl Link {
         self.ask_update(request, |answer| {
             look(answer).map_err(|other| match other {
                 UpdateAnswer::Refused(why) => refusal(&name, why),
+                UpdateAnswer::Loader => Refusal::new(
+                    format!("{name} has no program: its loader waits for an image"),
+                    "kband update IMAGE --key FILE",
+                ),
                 _ => Refusal::new(
                     format!("{name} sent an unexpected answer during the update"),
                     "reset the board",
@@ -76,7 +89,8 @@ fn refusal(name: &str, why: UpdateRefusal) -> Refusal {
         ),
         UpdateRefusal::NotInControl => (
             "is controlled by its fieldbus".into(),
-            "with the drive at rest: kband settings set bus 0 --save".into(),
+            "with the drive at rest: kband settings set bus 0 --save; afterwards set it again"
+                .into(),
         ),
         UpdateRefusal::NoSlot => (
             "has no slot for an update".into(),
@@ -117,6 +131,12 @@ fn refusal(name: &str, why: UpdateRefusal) -> Refusal {
         UpdateRefusal::Store => (
             "could not write its flash, or has no saved settings".into(),
             "kband settings save, then start again".into(),
+        ),
+        UpdateRefusal::TooOften => (
+            format!(
+                "was given {MAX_UPDATES_PER_START} updates since its start; each wears its flash"
+            ),
+            "switch the board off and on, then start again".into(),
         ),
     };
     Refusal::new(format!("{name} {cause}"), next)

@@ -128,13 +128,14 @@ impl Image {
                 ));
             }
         }
-        fill_check(&mut pieces, chip)?;
+        let program =
+            section(b".vector_table").map_or(chip.flash.start, |found| found.sh_addr(endian));
+        fill_check(&mut pieces, program.max(chip.flash.start))?;
         let image = Self {
             chip,
             pieces,
             memory: memory.end - memory.start,
-            program: section(b".vector_table")
-                .map_or(chip.flash.start, |found| found.sh_addr(endian)),
+            program,
         };
         let vectors = size(b".vector_table").unwrap_or(0) as usize / 4;
         if vectors != chip.vectors {
@@ -191,18 +192,21 @@ impl Image {
         self.pieces.iter().map(within).sum()
     }
 
+    /// Bytes of flash in the chip's slot.
+    pub fn size_in_slot(&self) -> u32 {
+        let pieces = self.pieces.iter();
+        pieces
+            .filter(|piece| self.chip.slot.contains(&piece.address))
+            .map(|piece| piece.bytes.len() as u32)
+            .sum()
+    }
+
     /// The program for the chip's slot, a multiple of 4 bytes.
     ///
     /// # Errors
-    /// The chip has no slot, or the program is built for another place or too large.
+    /// The program is built for another place or too large.
     pub fn update(&self) -> Result<Vec<u8>, Refusal> {
-        let chip = self.chip;
-        let slot = chip.slot.as_ref().ok_or_else(|| {
-            Refusal::new(
-                format!("the {} has no slot for an update", chip.name),
-                "write the image through a debug probe: kband flash",
-            )
-        })?;
+        let slot = &self.chip.slot;
         let mut bytes = Vec::new();
         for piece in &self.pieces {
             if slot.start <= piece.address {
@@ -275,26 +279,20 @@ impl Image {
     }
 }
 
-/// Fills the last word of an image with the CRC-32 of the program before it. The build leaves it
-/// erased, and the board checks it at each start.
-fn fill_check(pieces: &mut [Piece], chip: &Chip) -> Result<(), Refusal> {
+/// Fills the last word of an image with the CRC-32 of the program before it, which begins at the
+/// address `program`. The build leaves it erased, and the board checks it at each start. A loader
+/// before the program is not checked: an update does not replace it.
+fn fill_check(pieces: &mut [Piece], program: u32) -> Result<(), Refusal> {
     let mut flash = Vec::new();
-    let mut end = chip.flash.start;
-    for piece in &*pieces {
-        // A loader before the settings is not checked: an update does not replace it.
-        if (end..piece.address).contains(&chip.settings.start) {
-            flash.clear();
-        } else {
-            flash.resize(flash.len() + (piece.address - end) as usize, 0xff);
-        }
+    for piece in pieces.iter().filter(|piece| program <= piece.address) {
+        flash.resize((piece.address - program) as usize, 0xff);
         flash.extend_from_slice(&piece.bytes);
-        end = piece.address + piece.bytes.len() as u32;
     }
     let place = pieces
         .last_mut()
         .and_then(|piece| piece.bytes.last_chunk_mut());
     match place {
-        Some(place) if *place == ERASED => {
+        Some(place) if *place == ERASED && flash.len() >= ERASED.len() => {
             flash.truncate(flash.len() - ERASED.len());
             *place = crc32(&flash).to_le_bytes();
             Ok(())
@@ -508,7 +506,7 @@ pub(crate) mod tests {
             parts.vectors[4..].fill(0);
             parts.chip = "stm32g474re";
         });
-        assert!(second.contains("STM32G474RE has no slot"), "{second}");
+        assert!(second.contains("0x08006000..0x0807e000"), "{second}");
     }
 
     #[test]
@@ -524,20 +522,24 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_check_leaves_out_a_loader_before_the_settings() {
-        let near = Image::parse(&elf()).unwrap();
-        let apart = elf_with(|parts| {
-            parts.code_at = 0x0802_0000;
-            parts.vectors[1..7].fill(0x0802_0001);
-            parts.vectors[8..].fill(0);
-        });
-        let apart = Image::parse(&apart).unwrap();
-        let [_, code] = apart.pieces() else {
-            panic!("two pieces");
+    fn the_check_leaves_out_a_loader_before_the_program() {
+        let piece = |address, bytes: &[u8]| Piece {
+            address,
+            bytes: bytes.to_vec(),
         };
-        let (before, check) = code.bytes.split_last_chunk().unwrap();
-        assert_eq!(u32::from_le_bytes(*check), crc32(before));
-        assert_ne!(near.pieces()[1].bytes, code.bytes);
+        let loader = piece(0x0800_0000, &[1; 64]);
+        let program = [
+            piece(0x0800_6000, &[2; 8]),
+            piece(0x0800_6010, &[[3; 8], [0xff; 8]].concat()[..12]),
+        ];
+        let [mut with, mut without] = [vec![loader], vec![]];
+        for pieces in [&mut with, &mut without] {
+            pieces.extend(program.clone());
+            fill_check(pieces, 0x0800_6000).unwrap();
+        }
+        assert_eq!(with[1..], without);
+        let before = [[2; 8], [0xff; 8], [3; 8]].concat();
+        assert_eq!(with[2].bytes[8..], crc32(&before).to_le_bytes());
     }
 
     #[test]

@@ -15,8 +15,8 @@ pub struct Chip {
     pub sectors: &'static [(usize, u32)],
     /// Sectors of settings and faults: an image must not touch them.
     pub settings: Range<u32>,
-    /// Slot of the program, where an update can replace it.
-    pub slot: Option<Range<u32>>,
+    /// Slot of the program, behind the loader.
+    pub slot: Range<u32>,
     /// RAM.
     pub memory: Range<u32>,
     /// Entries of its vector table.
@@ -96,7 +96,7 @@ pub const STM32F405RG: Chip = Chip {
     flash: 0x0800_0000..0x0810_0000,
     sectors: &[(4, 16), (1, 64), (7, 128)],
     settings: 0x0800_4000..0x0802_0000,
-    slot: Some(0x0802_0000..0x0808_0000),
+    slot: 0x0802_0000..0x0808_0000,
     memory: 0x2000_0000..0x2002_0000,
     vectors: 98,
     family: 0x413,
@@ -131,7 +131,7 @@ pub const STM32G474RE: Chip = Chip {
     flash: 0x0800_0000..0x0808_0000,
     sectors: &[(256, 2)],
     settings: 0x0807_e000..0x0808_0000,
-    slot: None,
+    slot: 0x0800_6000..0x0807_e000,
     memory: 0x2000_0000..0x2002_0000,
     vectors: 118,
     family: 0x469,
@@ -240,8 +240,7 @@ mod tests {
             };
             let chip = Chip::named(board).unwrap_or_else(|| panic!("no chip for {name}"));
             let description = std::fs::read_to_string(file.path()).unwrap();
-            let flash = chip.slot.as_ref().unwrap_or(&chip.flash);
-            assert_eq!(&described(&description, "FLASH"), flash, "{name}");
+            assert_eq!(described(&description, "FLASH"), chip.slot, "{name}");
             assert_eq!(described(&description, "RAM"), chip.memory, "{name}");
             boards.insert(chip.name);
         }

@@ -109,8 +109,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         .heading(format!("{} for the {}", path.display(), chip.name))
         .note(format!(
             "flash            {} bytes of {}",
-            image.size(),
-            chip.flash.len() - chip.settings.len()
+            image.size_in_slot(),
+            chip.slot.len()
         ))
         .note(format!(
             "RAM              {} bytes of {memory}, the stack included",

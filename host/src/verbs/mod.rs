@@ -27,7 +27,7 @@ mod man;
 mod margins;
 mod monitor;
 mod paper;
-mod recipe;
+pub mod recipe;
 mod registers;
 mod report;
 mod serve;

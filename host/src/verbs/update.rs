@@ -29,9 +29,10 @@ const MAX_CORRECTIONS: u32 = 8;
 ///
 /// The drive must be at rest, and stays off meanwhile. Its settings and recipes are first written
 /// to files of this folder (settings_before_update.toml, recipes_before_update.toml). The board
-/// accepts an image only if it is signed with the secret key that belongs to its public key. It then
-/// swaps the images, and runs the new one on trial until this command finds settings, target and
-/// recipes as before and confirms it. Without the confirmation the old image returns.
+/// accepts an image only if it is signed with the secret key that belongs to its public key. The
+/// STM32F405 then swaps the images, and runs the new one on trial until this command finds settings,
+/// target and recipes as before and confirms it. Without the confirmation the old image returns. The
+/// loader of the STM32G474 writes over the old image; cut short, it waits for the update again.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   kband update --new-key plant.key
@@ -107,7 +108,8 @@ fn update(
         .update()
         .map_err(|refusal| refusal.at(path.display()))?;
     let board = image.chip().name.to_lowercase();
-    let signature = key::sign(key, &bytes, &board)?;
+    let sum = key::sum(&bytes, &board);
+    let signature = key::sign(key, &sum)?;
     let (mut link, name) = open(arguments)?;
     if name != board {
         return Err(Refusal::value(
@@ -119,22 +121,50 @@ fn update(
     }
     let before = back_up(&mut link)?;
     unlock(&mut link, arguments.pin)?;
-    link.tell_update(&UpdateRequest::Begin {
+    let length = bytes.len() as u32;
+    let begin = UpdateRequest::Begin {
         board: &board,
-        length: bytes.len() as u32,
-    })?;
+        length,
+    };
+    let by_loader = link.begin_update(&begin)?;
     if let Some(before) = &before {
         before.write(folder, "update")?;
+    }
+    let [unsent, unconfirmed] = if by_loader {
+        [
+            "the board waits for an image until it has a whole one",
+            "the board has the new image",
+        ]
+    } else {
+        [
+            "the board keeps its old image",
+            "the new image is not confirmed, and the old one returns",
+        ]
+    };
+    if by_loader {
+        let signed = UpdateRequest::Signed {
+            board: &board,
+            length,
+            sum: &sum,
+            signature: &signature,
+        };
+        wait_for_loader(&mut link, &signed, desk)
+            .map_err(|refusal| refusal.at("the board keeps its image"))?;
     }
     send(&mut link, &bytes, desk)
         // Only a start after the end of the image is the new image's.
         .and_then(|()| link.listen(Duration::ZERO))
         .and_then(|_| link.tell_update(&UpdateRequest::End(&signature)))
-        .map_err(|refusal| refusal.at("the board keeps its old image"))?;
-    eprintln!("the board swaps its images, which takes up to 20 s");
-    let compared = wait_for_trial(&mut link, desk)
+        .map_err(|refusal| refusal.at(unsent))?;
+    let started = if by_loader {
+        wait_for_start(&mut link, desk)
+    } else {
+        eprintln!("the board swaps its images, which takes up to 20 s");
+        wait_for_trial(&mut link, desk)
+    };
+    let compared = started
         .and_then(|()| confirm(&mut link, before.as_ref(), arguments.pin))
-        .map_err(|refusal| refusal.at("the new image is not confirmed, and the old one returns"))?;
+        .map_err(|refusal| refusal.at(unconfirmed))?;
     Ok(format!("{} runs {}; {compared}", link.name(), link.image()))
 }
 
@@ -206,6 +236,41 @@ fn send(link: &mut Link, image: &[u8], desk: &Desk) -> Result<(), Refusal> {
     Ok(())
 }
 
+/// Waits until the board's loader answers and has checked the signature of an image.
+fn wait_for_loader(
+    link: &mut Link,
+    signed: &UpdateRequest<'_>,
+    desk: &Desk,
+) -> Result<(), Refusal> {
+    let end = Instant::now() + START_TIMEOUT;
+    while link.begin_update(signed)? {
+        desk.go_on().map_err(|_| interrupted())?;
+        if Instant::now() > end {
+            return Err(Refusal::new(
+                format!("{} did not start its loader within a minute", link.name()),
+                "look at the board: kband identify; then start the update again",
+            ));
+        }
+        link.listen(POLL_INTERVAL)?;
+    }
+    Ok(())
+}
+
+/// Waits until the board's loader has started the new image.
+fn wait_for_start(link: &mut Link, desk: &Desk) -> Result<(), Refusal> {
+    let end = Instant::now() + START_TIMEOUT;
+    while Instant::now() < end {
+        desk.go_on().map_err(|_| interrupted())?;
+        link.identify()?;
+        // The loader speaks version 0.
+        if link.speaks().0 > 0 {
+            return Ok(());
+        }
+        link.listen(POLL_INTERVAL)?;
+    }
+    Err(not_started(link))
+}
+
 /// Waits until the board answers with its new image, which is on trial.
 fn wait_for_trial(link: &mut Link, desk: &Desk) -> Result<(), Refusal> {
     link.wait_at_most(ANSWER_TIMEOUT);
@@ -229,13 +294,17 @@ fn wait_for_trial(link: &mut Link, desk: &Desk) -> Result<(), Refusal> {
             .iter()
             .any(|said| matches!(said, Unsolicited::Started(_)));
     }
-    Err(Refusal::new(
+    Err(not_started(link))
+}
+
+fn not_started(link: &Link) -> Refusal {
+    Refusal::new(
         format!(
             "{} did not start the new image within a minute",
             link.name()
         ),
         "look at the board: kband identify; then start the update again",
-    ))
+    )
 }
 
 /// Compares the board with its backup and confirms the image on trial; the result in words.

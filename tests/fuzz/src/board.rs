@@ -4,7 +4,8 @@ use std::cell::Cell;
 
 use embassy_futures::block_on;
 use kband_control::wire::{
-    Incoming, Outgoing, Request, Response, SetUp, read_answer, read_request,
+    Incoming, MAX_FRAME_BYTES, Outgoing, Request, Response, SetUp, Stored, read_answer,
+    read_request, write_request,
 };
 use kband_control::{Cycle, Event, Inputs, StartCause, State};
 use kband_firmware::exchange::Exchange;
@@ -12,10 +13,11 @@ use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service};
 use kband_firmware::station::Station;
 use kband_firmware::store::{Found, Records, Store};
-use kband_firmware::update::Slot;
+use kband_firmware::update::{SecondSlot, Slot, Writer};
 use kband_firmware::waiting::Waiting;
 
 use crate::Taker;
+use crate::desk;
 use crate::frames::{framed, framed_update, inside};
 use crate::store::Flash;
 
@@ -44,15 +46,17 @@ fn count_operation() -> bool {
 const SLOT: Slot = Slot {
     board: "stm32f405rg",
     size: 384 * 1024,
-    sector: 128 * 1024,
-    erase: |_| count_operation(),
-    write: |_, _| count_operation(),
-    read: |_, bytes| bytes.fill(0xff),
-    on_trial: || false,
-    mark: || panic!("an image without a signature is marked"),
-    confirm: count_operation,
-    has_room: || true,
     restart: || panic!("the board restarts"),
+    writer: Writer::Program(SecondSlot {
+        sector: 128 * 1024,
+        erase: |_| count_operation(),
+        write: |_, _| count_operation(),
+        read: |_, bytes| bytes.fill(0xff),
+        on_trial: || false,
+        mark: || panic!("an image without a signature is marked"),
+        confirm: count_operation,
+        has_room: || true,
+    }),
 };
 
 struct Board {
@@ -255,6 +259,56 @@ pub fn service(input: &[u8]) -> bool {
                 }
             }
         }
+    }
+    known
+}
+
+/// Recipes of a file up to the first zero, and after it messages about recipes: which request, and
+/// its content. A board at rest returns each recipe that it took.
+pub fn recipes(input: &[u8]) -> bool {
+    let (file, messages) = match input.iter().position(|byte| *byte == 0) {
+        Some(end) => (&input[..end], &input[end + 1..]),
+        None => (input, &[][..]),
+    };
+    let flash = Flash::default();
+    let mut board = Board::start(&flash, StartCause::Ordinary, usize::MAX);
+    let written = |request: &Request<'_>| {
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        write_request(&mut buffer, 1, request).map_or(Vec::new(), <[u8]>::to_vec)
+    };
+    let entries = desk::recipes(file);
+    for &(number, name, recipe) in &entries {
+        let set = Request::SetRecipe {
+            number,
+            recipe: Some((name, recipe)),
+        };
+        if board.ask(1, Some(written(&set))) {
+            let answer = board.take(&written(&Request::Recipe(number)));
+            let answer = inside(&answer.expect("an answer"));
+            let Ok(Outgoing::Response { response, .. }) = read_answer(&answer) else {
+                panic!("an answer");
+            };
+            assert_eq!(response, Response::Recipe(Stored::Recipe(name, recipe)));
+            board.ask(1, Some(written(&Request::UseRecipe(number))));
+        }
+    }
+    let mut known = !entries.is_empty();
+    let requests = [
+        Request::Recipe(1),
+        Request::SetRecipe {
+            number: 1,
+            recipe: None,
+        },
+        Request::SaveRecipes,
+        Request::UseRecipe(1),
+    ];
+    let mut messages = Taker(messages);
+    while let Some(what) = messages.byte() {
+        let content = messages.piece().unwrap_or(&[]);
+        let request = inside(&written(&requests[usize::from(what) % requests.len()]));
+        // Behind version, schema and sequence.
+        let message = [&request[4..5], content].concat();
+        known |= board.ask(what, framed(what, &message));
     }
     known
 }

@@ -5,11 +5,13 @@ use std::path::Path;
 use kband::feeder::OutOfRange;
 use kband::impact::{Integer, Kernel, Map};
 use kband_control::wire::{Identity, MAX_FRAME_BYTES, SCHEMA, VERSION, write_identity};
+use kband_control::{Recipe, RecipeName};
 use kband_host::board::replay;
 use kband_host::chip::Image;
 use kband_host::refusal::Refusal;
 use kband_host::simulate::SceneFile;
 use kband_host::verbs::impacts::rows::{Row, check_rows, fly_rows};
+use kband_host::verbs::recipe::{Entry, export};
 use kband_host::verbs::settings::Imported;
 use kband_plant::{ClosedLoop, EnvelopeLoop};
 
@@ -37,6 +39,16 @@ pub const SCENE: &[&[u8]] = &[
 ];
 /// Dictionary of a settings file.
 pub const SETTINGS: &[&[u8]] = &[b"frequency = ", b"1e400", b"inf", b"[a]\n", b"\"\"\""];
+/// Dictionary of a recipes file.
+pub const RECIPES: &[&[u8]] = &[
+    b"recipes = ",
+    b"\n[[recipe]]\n",
+    b"number = 1",
+    b"name = ",
+    b"target = \"gear\"",
+    b"value = ",
+    b"inf",
+];
 /// Dictionary of a table of launches.
 pub const ROWS: &[&[u8]] = &[
     b"k,restitution,phase,velocity",
@@ -90,6 +102,25 @@ pub fn scene(input: &[u8]) -> bool {
 /// A file of settings.
 pub fn settings(input: &[u8]) -> bool {
     text(input, Imported::parse).is_some()
+}
+
+/// The recipes of a file, each with its number; exported and read again they are the same.
+pub fn recipes(input: &[u8]) -> Vec<(u8, RecipeName, Recipe)> {
+    let read = |text: &str| {
+        let entries = Entry::parse(text)?.into_iter();
+        Ok(entries
+            .map(|entry| (entry.number, entry.name, entry.recipe))
+            .collect::<Vec<_>>())
+    };
+    let entries = text(input, read).unwrap_or_default();
+    if !entries.is_empty() {
+        let again = read(&export(&entries, "fuzzed"));
+        assert_eq!(
+            format!("{:?}", again.expect("an export")),
+            format!("{entries:?}")
+        );
+    }
+    entries
 }
 
 fn launches<K: Kernel>(input: &[u8], build: fn(f64, f64) -> Result<K, OutOfRange>) -> bool {

@@ -44,6 +44,12 @@ pub const TARGETS: &[Target] = &[
         words: desk::SETTINGS,
     },
     Target {
+        name: "recipes",
+        run: board::recipes,
+        short: 5000,
+        words: desk::RECIPES,
+    },
+    Target {
         name: "rows",
         run: desk::rows,
         short: 40_000,

@@ -1,6 +1,7 @@
 //! Every fuzz target, with its corpus and mutations from a seeded mutator.
 //!
-//! `KBAND_FUZZED` inputs per target instead of some thousand, from the seed `KBAND_SEED`.
+//! `KBAND_FUZZED` inputs per target instead of some thousand, from the seed `KBAND_SEED`; only of the
+//! targets in `KBAND_TARGETS`. `tests/run.sh --soak` makes a million frames for link and fieldbus.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -29,16 +30,31 @@ fn run(target: &Target, input: &[u8]) -> bool {
 #[test]
 fn no_input_is_more_than_refused() {
     let seed = number("KBAND_SEED").unwrap_or(1);
-    for target in TARGETS {
+    let chosen = std::env::var("KBAND_TARGETS").ok();
+    let is_chosen = |target: &&Target| {
+        let names = chosen.as_deref().map(|names| names.split(' '));
+        names.is_none_or(|mut names| names.any(|name| name == target.name))
+    };
+    let targets: Vec<_> = TARGETS.iter().filter(is_chosen).collect();
+    assert!(!targets.is_empty(), "{chosen:?} names no target");
+    for target in targets {
         let began = Instant::now();
         let (corpus, found) = (target.corpus(), target.found());
         let known = corpus.iter().filter(|input| run(target, input)).count();
         assert!(known > 0, "{}: the corpus makes no sense", target.name);
-        assert!(!found.is_empty(), "{}: nothing was found", target.name);
+        // No search by coverage has seen the recipes yet.
+        let is_searched = target.name != "recipes";
+        assert_eq!(
+            !found.is_empty(),
+            is_searched,
+            "{}: what was found",
+            target.name
+        );
         let sense = found.iter().filter(|input| run(target, input)).count();
         let count = number("KBAND_FUZZED").unwrap_or(target.short.into());
         // Half of the inputs from the corpus, half from coverage-guided fuzzing.
-        let mut near = [&corpus, &found].map(|inputs| Mutator::new(inputs, target.words, seed));
+        let second = if is_searched { &found } else { &corpus };
+        let mut near = [&corpus, second].map(|inputs| Mutator::new(inputs, target.words, seed));
         let made = (0..count)
             .filter(|n| run(target, &near[(n % 2) as usize].make()))
             .count();

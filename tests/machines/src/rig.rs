@@ -330,7 +330,9 @@ impl Rig {
                 answer,
             } if n == sequence => match answer {
                 UpdateAnswer::Refused(why) => Some(Err(why)),
-                UpdateAnswer::Done | UpdateAnswer::State { .. } => Some(Ok(())),
+                UpdateAnswer::Done | UpdateAnswer::State { .. } | UpdateAnswer::Loader => {
+                    Some(Ok(()))
+                }
             },
             _ => None,
         });

@@ -217,7 +217,7 @@ async fn main(spawner: Spawner) {
     let mut guard = Guard::start();
     let slot = Board::slot(restart);
     // An update restarted the board: this is no fault.
-    if slot.is_some_and(|slot| (slot.on_trial)()) {
+    if slot.is_some_and(|slot| slot.on_trial()) {
         start = StartCause::PowerOn;
     }
     let Some(mut core) = cortex_m::Peripherals::take() else {

@@ -13,7 +13,10 @@ use kband_firmware::cortex::{remembers_running, waiting_faults};
 use kband_firmware::start::ResetFlags;
 use kband_firmware::stm32::Window;
 use kband_firmware::store::{Records, StoreFailed};
+use kband_firmware::update::{Slot, Writer};
 use kband_firmware::waiting::Waiting;
+use kband_loader::layout::stm32g474::{BOARD, NOTE, SLOT};
+use kband_loader::note::Note;
 
 use flash::Pages;
 
@@ -25,6 +28,25 @@ const HIGHEST_LEVEL: u8 = 6;
 
 /// Bit R1MODE of PWR_CR5: range 1 without boost (RM0440, 6.4.5).
 const NORMAL_RANGE_1: u32 = 1 << 8;
+
+/// The loader, at the begin of the flash, and an erased key: the chip starts it, and it starts this
+/// program.
+#[used]
+#[unsafe(link_section = ".loader")]
+static LOADER: [u8; LOADER_BYTES.len()] = *LOADER_BYTES;
+const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")).len()] =
+    include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin"));
+
+/// Exchanges the note between program and loader.
+fn exchange_note(note: Note) -> Note {
+    let place = NOTE as *mut Note;
+    // SAFETY: RAM behind all data, which one task uses; any bytes are a note.
+    unsafe {
+        let before = place.read_volatile();
+        place.write_volatile(note);
+        before
+    }
+}
 
 /// Whether the supply was good for the settling time.
 fn supply_settled() -> bool {
@@ -146,16 +168,29 @@ impl Chip for Board {
         )
     }
 
+    fn slot(restart: fn()) -> Option<Slot> {
+        Some(Slot {
+            board: BOARD,
+            size: SLOT.end - SLOT.start,
+            restart,
+            writer: Writer::Loader(|key| _ = exchange_note(Note::request(*key))),
+        })
+    }
+
     fn signs() -> ResetFlags {
         let flags = pac::RCC.csr().read();
         pac::RCC.csr().modify(|status| status.set_rmvf(true));
+        let remembered = remembers_running();
+        if exchange_note(Note::NONE) == Note::STARTED {
+            return ResetFlags::default();
+        }
         ResetFlags {
             watchdog: flags.iwdgrstf() || flags.wwdgrstf(),
             software: flags.sftrstf(),
             // This chip has one flag for power-on and brown-out. RAM that kept its mark tells them
             // apart.
             sag: false,
-            remembered: remembers_running(),
+            remembered,
         }
     }
 }

@@ -5,12 +5,13 @@ use std::thread_local;
 use std::vec;
 
 use kband_control::wire::{
-    UpdateAnswer, UpdateRefusal, UpdateRequest, read_answer, write_update_request,
+    MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest, read_answer,
+    write_update_request,
 };
 use salty::{Keypair, Sha512};
 
 use super::*;
-use crate::update::{Slot, TRIAL_S};
+use crate::update::{SecondSlot, Slot, TRIAL_S, Writer};
 
 /// Size of the slot and of its sectors, bytes.
 const SIZE: u32 = 1536;
@@ -25,6 +26,8 @@ struct Flash {
     on_trial: bool,
     restarts: u32,
     full: bool,
+    /// Key that the loader was left.
+    requested: Option<[u8; 32]>,
     /// Name of the function that fails.
     fails: &'static str,
 }
@@ -40,6 +43,11 @@ fn flash<T>(work: impl FnOnce(&mut Flash) -> T) -> T {
 const SLOT: Slot = Slot {
     board: "stm32f405rg",
     size: SIZE,
+    restart: || flash(|flash| flash.restarts += 1),
+    writer: Writer::Program(SECOND_SLOT),
+};
+
+const SECOND_SLOT: SecondSlot = SecondSlot {
     sector: SECTOR,
     erase: |offset| {
         flash(|flash| {
@@ -74,7 +82,6 @@ const SLOT: Slot = Slot {
         })
     },
     has_room: || flash(|flash| !flash.full),
-    restart: || flash(|flash| flash.restarts += 1),
 };
 
 fn keypair() -> Keypair {
@@ -137,6 +144,7 @@ fn ask(board: &mut Board, request: &UpdateRequest<'_>) -> UpdateAnswer<'static> 
             },
             UpdateAnswer::Done => UpdateAnswer::Done,
             UpdateAnswer::Refused(why) => UpdateAnswer::Refused(why),
+            UpdateAnswer::Loader => UpdateAnswer::Loader,
         },
         other => panic!("{other:?}"),
     }
@@ -153,6 +161,10 @@ fn refused(board: &mut Board, request: &UpdateRequest<'_>, why: UpdateRefusal) {
 
 /// A board with a slot and the public key of [`keypair`].
 fn board(on_trial: bool) -> Board {
+    board_with(SLOT, on_trial)
+}
+
+fn board_with(slot: Slot, on_trial: bool) -> Board {
     flash(|flash| {
         *flash = Flash {
             bytes: vec![0; SIZE as usize],
@@ -161,7 +173,7 @@ fn board(on_trial: bool) -> Board {
         }
     });
     let image = Image {
-        slot: Some(SLOT),
+        slot: Some(slot),
         ..IMAGE
     };
     let mut board = Board::of(image, FOUND(Condition::Whole), StartCause::PowerOn);
@@ -460,4 +472,46 @@ fn a_board_that_cannot_be_updated_says_why() {
         &UpdateRequest::End(&end),
         UpdateRefusal::Order(0),
     );
+}
+
+#[test]
+fn a_chip_with_one_slot_restarts_into_its_loader() {
+    let loader = Slot {
+        writer: Writer::Loader(|key| flash(|flash| flash.requested = Some(*key))),
+        ..SLOT
+    };
+    let mut board = board_with(loader, false);
+    let other = UpdateRequest::Begin {
+        board: "stm32g474re",
+        length: 8,
+    };
+    refused(&mut board, &other, UpdateRefusal::OtherBoard);
+    for request in [bytes(&image(), 0), UpdateRequest::End(&[0; 64])] {
+        refused(&mut board, &request, UpdateRefusal::Order(0));
+    }
+    assert_eq!(flash(|flash| flash.requested), None);
+    let signed = UpdateRequest::Signed {
+        board: "stm32f405rg",
+        length: 8,
+        sum: &[0; 64],
+        signature: &[0; 64],
+    };
+    // The second request comes before the restart.
+    for request in [BEGIN, BEGIN, signed] {
+        assert_eq!(ask(&mut board, &request), UpdateAnswer::Loader);
+    }
+    let key = *keypair().public.as_bytes();
+    assert_eq!(flash(|flash| flash.requested), Some(key));
+    assert!(!starts(&mut board), "the drive is kept off");
+    assert!(flash(|flash| flash.restarts > 0 && flash.erased.is_empty()));
+}
+
+#[test]
+fn updates_that_are_begun_too_often_are_refused() {
+    let mut board = board(false);
+    for _ in 0..MAX_UPDATES_PER_START {
+        done(&mut board, &BEGIN);
+    }
+    refused(&mut board, &BEGIN, UpdateRefusal::TooOften);
+    refused(&mut board, &bytes(&image(), 0), UpdateRefusal::Order(0));
 }

@@ -186,11 +186,12 @@ fn target(item: &toml::Value, lines: &[(String, usize)]) -> Result<Target, Refus
             let [ratio, phase] = pair[..] else {
                 return None;
             };
-            let sound = (0.0..=0.5).contains(&ratio) && phase.is_finite();
+            let sound = (0.0..=0.5).contains(&ratio) && (phase as f32).is_finite();
             sound.then(|| UpperTone::new(ratio as f32, phase as f32))
         })
     };
-    let k = number.ok_or_else(|| refused(lines, "value", "nothing", "k of the first tone"))?;
+    let k = number.filter(|k| (*k as f32).is_finite());
+    let k = k.ok_or_else(|| refused(lines, "value", "no number", "k of the first tone"))?;
     Ok(Target::Tones {
         k: k as f32,
         shape: Shape::new(tone("second_tone")?, tone("third_tone")?),

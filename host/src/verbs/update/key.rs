@@ -47,14 +47,18 @@ pub fn create(path: &Path) -> Result<PathBuf, Refusal> {
     Ok(public)
 }
 
-/// Signature of an image for a board of this name, by the secret key in a file: of the SHA-512 of
-/// the image and the name.
-pub fn sign(key: &Path, image: &[u8], board: &str) -> Result<[u8; 64], Refusal> {
-    let pair = Keypair::from(&read(key, SECRET)?);
+/// What is signed of an image for a board of this name: the SHA-512 of the image and the name.
+pub fn sum(image: &[u8], board: &str) -> [u8; 64] {
     let mut sum = Sha512::new();
     sum.update(image);
     sum.update(board.as_bytes());
-    Ok(pair.sign(&sum.finalize()).to_bytes())
+    sum.finalize()
+}
+
+/// Signature of a sum by the secret key in a file.
+pub fn sign(key: &Path, sum: &[u8; 64]) -> Result<[u8; 64], Refusal> {
+    let pair = Keypair::from(&read(key, SECRET)?);
+    Ok(pair.sign(sum).to_bytes())
 }
 
 /// The public key in a file.
@@ -126,7 +130,7 @@ mod tests {
         // RFC 8032, 7.1, test 1; the signature by OpenSSL 3.
         let key = "9d61b19deffd5a60ba844af492ec2cc44449c5697b326919703bac031cae7f60";
         std::fs::write(&secret, format!("kband-secret-key {key}\n")).unwrap();
-        let signature = sign(&secret, &[0x5a; 1024], "stm32f405rg").unwrap();
+        let signature = sign(&secret, &sum(&[0x5a; 1024], "stm32f405rg")).unwrap();
         let hex: String = signature.iter().map(|byte| format!("{byte:02x}")).collect();
         assert_eq!(hex, SIGNATURE);
         let key = "d75a980182b10ab7d54bfed3c964073a0ee172f3daa62325af021a68f707511a";
@@ -149,12 +153,12 @@ mod tests {
             use std::os::unix::fs::PermissionsExt;
             assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o600);
         }
-        let signature = sign(&path, b"image", "board").unwrap();
+        let signature = sign(&path, &sum(b"image", "board")).unwrap();
         let key = salty::PublicKey::try_from(&read_public(&public).unwrap()).unwrap();
-        let mut sum = Sha512::new();
-        sum.update(b"imageboard");
+        let mut both = Sha512::new();
+        both.update(b"imageboard");
         let signature = salty::Signature::from(&signature);
-        assert!(key.verify(&sum.finalize(), &signature).is_ok());
+        assert!(key.verify(&both.finalize(), &signature).is_ok());
         let before = std::fs::read(&path).unwrap();
         assert!(create(&path).is_err());
         assert_eq!(std::fs::read(&path).unwrap(), before);
@@ -181,7 +185,7 @@ mod tests {
             format!("kband-secret-key {}\u{e9}", &digits[2..]),
         ] {
             std::fs::write(&path, &text).unwrap();
-            let message = sign(&path, &[], "").unwrap_err().to_string();
+            let message = sign(&path, &[0; 64]).unwrap_err().to_string();
             for part in [
                 "holds no kband-secret-key",
                 "64 hexadecimal",

@@ -275,6 +275,7 @@ impl Board {
                 self.on_trial = false;
                 Ok(())
             }
+            UpdateRequest::Signed { .. } => Err(NoSlot),
         }
     }
 

@@ -160,18 +160,32 @@ pub fn write_identity<'b>(
 /// Decodes the content of a frame received by a board.
 pub fn read_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
     match check_frame(inside)? {
-        (FROZEN, [sequence]) => Ok(Incoming::Question {
-            sequence: *sequence,
-        }),
-        (FROZEN, [sequence, UPDATE, message @ ..]) => Ok(Incoming::Update {
-            sequence: *sequence,
-            request: parse(message)?,
-        }),
-        (FROZEN, _) => Err(Unreadable::Unknown),
+        (FROZEN, rest) => frozen_request(rest),
         (version, rest) => {
             let (sequence, request) = read_message(version, rest)?;
             Ok(Incoming::Request { sequence, request })
         }
+    }
+}
+
+/// Decodes the content of a frame of version 0 received by a board; others are foreign.
+pub fn read_frozen_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
+    match check_frame(inside)? {
+        (FROZEN, rest) => frozen_request(rest),
+        _ => Err(Unreadable::Foreign),
+    }
+}
+
+fn frozen_request(rest: &[u8]) -> Result<Incoming<'_>, Unreadable> {
+    match rest {
+        [sequence] => Ok(Incoming::Question {
+            sequence: *sequence,
+        }),
+        [sequence, UPDATE, message @ ..] => Ok(Incoming::Update {
+            sequence: *sequence,
+            request: parse(message)?,
+        }),
+        _ => Err(Unreadable::Unknown),
     }
 }
 

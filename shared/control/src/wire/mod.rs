@@ -24,15 +24,18 @@ mod receiver;
 mod update;
 
 pub use frame::{
-    Identity, Incoming, Outgoing, Unsendable, crc32, read_answer, read_request, write_identity,
-    write_question, write_request, write_response, write_update_answer, write_update_request,
+    Identity, Incoming, Outgoing, Unsendable, crc32, read_answer, read_frozen_request,
+    read_request, write_identity, write_question, write_request, write_response,
+    write_update_answer, write_update_request,
 };
 pub use message::{
     Access, Counters, Kept, KeptFault, Pin, Record, Refusal, Request, Response, SelfTest, SetUp,
     Setting, Status, Stored, TELEMETRY_FRAME, Telemetry, fold_output, read_reading, write_reading,
 };
 pub use receiver::{MAX_FRAME_BYTES, Receiver, Unreadable};
-pub use update::{MAX_UPDATE_BYTES, UpdateAnswer, UpdateRefusal, UpdateRequest};
+pub use update::{
+    MAX_UPDATE_BYTES, MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest,
+};
 
 /// Protocol version of all frames except those of identity and update.
 pub const VERSION: u8 = 1;

@@ -427,7 +427,7 @@ const ANSWER: &[u8] = &[
     0xf8, 0x00,
 ];
 
-fn update_requests() -> [UpdateRequest<'static>; 7] {
+fn update_requests() -> [UpdateRequest<'static>; 8] {
     [
         UpdateRequest::State,
         UpdateRequest::Unlock(Pin::parse("0420").unwrap()),
@@ -442,10 +442,16 @@ fn update_requests() -> [UpdateRequest<'static>; 7] {
         },
         UpdateRequest::End(&[9; 64]),
         UpdateRequest::Confirm,
+        UpdateRequest::Signed {
+            board: "stm32g474re",
+            length: 300_000,
+            sum: &[5; 64],
+            signature: &[9; 64],
+        },
     ]
 }
 
-const UPDATE_ANSWERS: [UpdateAnswer<'static>; 17] = {
+const UPDATE_ANSWERS: [UpdateAnswer<'static>; 19] = {
     use UpdateRefusal::*;
     [
         UpdateAnswer::Done,
@@ -470,6 +476,8 @@ const UPDATE_ANSWERS: [UpdateAnswer<'static>; 17] = {
             has_key: true,
             on_trial: false,
         },
+        UpdateAnswer::Refused(TooOften),
+        UpdateAnswer::Loader,
     ]
 };
 
@@ -489,6 +497,7 @@ fn the_frames_of_an_update_never_change() {
         let inside = check(write_update_request(&mut buffer, sequence, &request).unwrap());
         let expected = Incoming::Update { sequence, request };
         assert_eq!(read_request(&inside), Ok(expected));
+        assert_eq!(read_frozen_request(&inside), Ok(expected));
     }
     for (sequence, answer) in (42..).zip(UPDATE_ANSWERS) {
         let inside = check(write_update_answer(&mut buffer, sequence, &answer).unwrap());

@@ -37,6 +37,17 @@ pub enum UpdateRequest<'a> {
     End(&'a [u8]),
     /// Confirms the image on trial. Without it the next start is the previous image's.
     Confirm,
+    /// Begins an update in the loader of a board with one slot, which then erases its old image.
+    Signed {
+        /// Name of the board that the image is for.
+        board: &'a str,
+        /// Length of the image in bytes, a multiple of 4.
+        length: u32,
+        /// SHA-512 of the image and the name, 64 bytes.
+        sum: &'a [u8],
+        /// Signature of the sum, 64 bytes.
+        signature: &'a [u8],
+    },
 }
 
 /// Answer to a request of an update.
@@ -57,6 +68,9 @@ pub enum UpdateAnswer<'a> {
         /// Whether its image is on trial.
         on_trial: bool,
     },
+    /// The board's loader takes the image, by [`UpdateRequest::Signed`]. The application restarts
+    /// into it.
+    Loader,
 }
 
 /// Reason for a rejected request of an update.
@@ -92,4 +106,9 @@ pub enum UpdateRefusal {
     SupplyLow,
     /// The non-volatile memory failed, or has no saved settings.
     Store,
+    /// Too many updates were begun since the board's start.
+    TooOften,
 }
+
+/// Largest number of updates that a board begins after a start: each one wears its flash.
+pub const MAX_UPDATES_PER_START: u8 = 16;

@@ -115,7 +115,7 @@ const STM32G474: Facts = Facts {
     kept: 0x7_e000..0x8_0000,
     settings: 0x7_f000,
     settings_sector: 2 * 1024,
-    program: 0,
+    program: 0x6000,
     flash_word: 8,
 };
 

@@ -3,7 +3,7 @@
 use embassy_stm32::flash::{Blocking, Error, Flash};
 use embassy_stm32::peripherals::FLASH;
 use kband_firmware::stm32::program_words;
-use kband_firmware::update::Slot;
+use kband_firmware::update::{SecondSlot, Slot, Writer};
 use kband_loader::StatePages;
 use kband_loader::layout::{ACTIVE, FIRST_SECTOR, SECTOR, STATE, UPDATE};
 
@@ -18,17 +18,19 @@ pub fn slot(restart: fn()) -> Slot {
     Slot {
         board: "stm32f405rg",
         size: ACTIVE.end - ACTIVE.start,
-        sector: SECTOR,
-        erase: |offset| {
-            erase_sector(FIRST_SECTOR + (UPDATE.start - ACTIVE.start + offset) / SECTOR)
-        },
-        write,
-        read: |offset, bytes| _ = flash().blocking_read(UPDATE.start - START + offset, bytes),
-        on_trial: || state().is_swap_due(),
-        mark: || supply_settled() && state().mark(),
-        confirm: || supply_settled() && state().confirm(),
-        has_room: || state().have_room().unwrap_or(false),
         restart,
+        writer: Writer::Program(SecondSlot {
+            sector: SECTOR,
+            erase: |offset| {
+                erase_sector(FIRST_SECTOR + (UPDATE.start - ACTIVE.start + offset) / SECTOR)
+            },
+            write,
+            read: |offset, bytes| _ = flash().blocking_read(UPDATE.start - START + offset, bytes),
+            on_trial: || state().is_swap_due(),
+            mark: || supply_settled() && state().mark(),
+            confirm: || supply_settled() && state().confirm(),
+            has_room: || state().have_room().unwrap_or(false),
+        }),
     }
 }
 

@@ -6,95 +6,27 @@
 use std::ops::Range;
 use std::sync::OnceLock;
 
-use kband_control::Target;
-use kband_control::wire::{Kept, MAX_UPDATE_BYTES, Request, UpdateRefusal, UpdateRequest};
+use kband_control::wire::{Request, UpdateRefusal, UpdateRequest};
 use kband_machines::chip::clocks::Cause;
-use kband_machines::chip::flash::START;
 use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Seen;
 use kband_machines::draw::Draw;
-use kband_machines::hazards::Hazard;
-use kband_machines::images::{feeder_on, symbol};
-use kband_machines::rig::{Act, Rig, image_check, ticks};
-use salty::{Keypair, Sha512};
+use kband_machines::rig::{Act, Rig};
 
-const KIND: Kind = Kind::Stm32f405;
+use super::{
+    await_image, begin, drives, keyed, other_program, power_cycle, program, runs_other, send,
+    signature,
+};
+
 const BOARD: &str = "stm32f405rg";
-/// Offset of the running program in the flash.
-const ACTIVE: usize = 0x2_0000;
 /// Number of the flash's operations that a swap of these programs exceeds.
 const SWAP: u64 = 150_000;
-
-fn keypair() -> Keypair {
-    Keypair::from(&[7; 32])
-}
-
-/// The program of the image, as an update.
-fn program(rig: &Rig) -> Vec<u8> {
-    let end = (symbol(&feeder_on(KIND), "_image_end") - START) as usize + 4;
-    rig.chip.flash()[ACTIVE..end].to_vec()
-}
-
-/// The program with another name: its version begins with 9.
-fn other_program(rig: &Rig) -> Vec<u8> {
-    let mut other = program(rig);
-    let version = format!("{}+", env!("CARGO_PKG_VERSION"));
-    let places: Vec<usize> = (0..other.len() - version.len())
-        .filter(|at| other[*at..].starts_with(version.as_bytes()))
-        .collect();
-    assert!(!places.is_empty());
-    for place in places {
-        other[place] = b'9';
-    }
-    let mut flash = rig.chip.flash().to_vec();
-    let check = ACTIVE + other.len() - 4;
-    flash[ACTIVE..check + 4].copy_from_slice(&other);
-    let sum = image_check(KIND, &flash, check).to_le_bytes();
-    other[check - ACTIVE..].copy_from_slice(&sum);
-    other
-}
-
-fn signature(image: &[u8], board: &str) -> [u8; 64] {
-    let mut sum = Sha512::new();
-    sum.update(image);
-    sum.update(board.as_bytes());
-    keypair().sign(&sum.finalize()).to_bytes()
-}
-
-fn begin(board: &str, length: usize) -> UpdateRequest<'_> {
-    UpdateRequest::Begin {
-        board,
-        length: length as u32,
-    }
-}
-
-fn send(rig: &mut Rig, image: &[u8]) -> Result<(), UpdateRefusal> {
-    for (number, bytes) in image.chunks(MAX_UPDATE_BYTES).enumerate() {
-        let offset = (number * MAX_UPDATE_BYTES) as u32;
-        rig.update(&UpdateRequest::Bytes { offset, bytes })?;
-    }
-    Ok(())
-}
-
-/// A board with settings and the public key of [`keypair`].
-fn keyed() -> Rig {
-    static KEYED: OnceLock<Rig> = OnceLock::new();
-    let made = KEYED.get_or_init(|| {
-        let hazard = Hazard::of("update", 50.0, Target::Amplitude(0.2));
-        let mut rig = hazard.commissioned(KIND);
-        rig.chip.board.flash.erases_in = Some(ticks(0.02));
-        let key = *keypair().public.as_bytes();
-        assert_eq!(rig.update(&UpdateRequest::Key(&key)), Ok(()));
-        rig
-    });
-    made.clone()
-}
 
 /// A board whose slot has the other program; its end is not sent.
 fn written() -> (Rig, [u8; 64]) {
     static WRITTEN: OnceLock<Rig> = OnceLock::new();
     let made = WRITTEN.get_or_init(|| {
-        let mut rig = keyed();
+        let mut rig = keyed(Kind::Stm32f405);
         let (other, began) = (other_program(&rig), rig.time());
         assert_eq!(rig.update(&begin(BOARD, other.len())), Ok(()));
         assert_eq!(send(&mut rig, &other), Ok(()));
@@ -124,46 +56,6 @@ fn on_trial() -> Rig {
         rig
     });
     made.clone()
-}
-
-/// Runs until an image says hello after its start.
-fn await_image(rig: &mut Rig) {
-    let (heard, end) = (rig.sent().len(), rig.time() + 60.0);
-    while rig.sent().len() == heard {
-        rig.run(rig.time() + 0.01);
-        assert!(rig.time() < end, "nothing starts");
-    }
-    rig.run(rig.time() + 0.25);
-}
-
-/// Whether the other program runs, with the old settings and without a fault.
-fn runs_other(rig: &mut Rig) -> bool {
-    let name = rig.image().expect("an answer");
-    assert_eq!(rig.kept(), Kept::InUse);
-    let new = name.starts_with('9');
-    let wanted = if new { other_program } else { program }(&keyed());
-    let whole = rig.chip.flash()[ACTIVE..].starts_with(&wanted);
-    assert!(whole, "the slot has the whole image");
-    new
-}
-
-/// Switches the supply off and on, and waits for an image.
-fn power_cycle(rig: &mut Rig) {
-    rig.act(&Act::Volts(0.0));
-    rig.run(rig.time() + 0.01);
-    rig.chip.board.cut_at = None;
-    rig.act(&Act::Volts(3.3));
-    await_image(rig);
-}
-
-/// Presses the enable input; whether the bridge closes.
-fn drives(rig: &mut Rig) -> bool {
-    let from = rig.time();
-    rig.at(from, Act::Enable(false))
-        .at(from + 0.6, Act::Enable(true))
-        .run(from + 1.0);
-    rig.at(from + 1.0, Act::Enable(false)).run(from + 1.5);
-    rig.seen_after(from, &Seen::Bridge(true)).is_some()
 }
 
 #[test]
@@ -196,7 +88,7 @@ fn an_unconfirmed_update_is_taken_back_by_a_reset() {
 
 #[test]
 fn what_is_no_update_is_refused_and_the_old_image_drives() {
-    let mut rig = keyed();
+    let mut rig = keyed(Kind::Stm32f405);
     let image = program(&rig)[..1024].to_vec();
     let mut wrong = signature(&image, BOARD);
     wrong[40] ^= 1;

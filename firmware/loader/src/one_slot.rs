@@ -1,0 +1,294 @@
+//! Update of a chip with one slot: the loader writes the image over the old one.
+//!
+//! The desk sends the image's hash first, with its signature. Only then the first word of the slot,
+//! its mark, is set to zero and its page erased. The mark is written last, once the hash of the
+//! written image is the signed one. A program starts if it has a mark and its CRC-32 is right.
+
+use core::ops::Range;
+
+use kband_control::wire::{
+    MAX_UPDATE_BYTES, MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest,
+};
+use salty::{PublicKey, Sha512, Signature};
+
+use crate::layout::stm32g474::{BOARD, END, KEY, PAGE, RAM, SLOT};
+
+/// Size of a word that is programmed at once, bytes.
+const WORD: usize = 8;
+/// Offset of the program's first word behind its end; a shorter image is none.
+const SHORTEST: u32 = END + WORD as u32;
+/// Word behind the key that was written whole.
+const KEY_WRITTEN: [u8; WORD] = *b"key whol";
+
+/// The chip's flash. Its functions return false, or nothing, where it fails.
+pub trait Memory {
+    /// Copies the content from an address on; false if a word has wrong bits.
+    fn read(&self, address: u32, bytes: &mut [u8]) -> bool;
+    /// Programs a word, which is erased, or becomes zero.
+    fn program(&mut self, address: u32, word: &[u8; WORD]) -> bool;
+    /// Erases the page at an address.
+    fn erase(&mut self, address: u32) -> bool;
+    /// CRC-32 of the words at these addresses.
+    fn crc32(&self, range: Range<u32>) -> Option<u32>;
+}
+
+/// Progress of an update.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Progress {
+    None,
+    /// An image of this length and hash comes; `written` bytes of it are in the slot, but its mark.
+    Open {
+        length: u32,
+        sum: [u8; 64],
+        written: u32,
+        mark: [u8; WORD],
+    },
+    Done,
+}
+
+/// The loader's side of an update.
+pub struct OneSlot<M> {
+    memory: M,
+    key: Option<[u8; 32]>,
+    progress: Progress,
+    begun: u8,
+}
+
+impl<M: Memory> OneSlot<M> {
+    /// The slot in this memory; `requested` is the key that the program has left.
+    pub fn new(memory: M, requested: Option<[u8; 32]>) -> Self {
+        let mut slot = Self {
+            memory,
+            key: None,
+            progress: Progress::None,
+            begun: 0,
+        };
+        slot.key = requested.or_else(|| slot.stored_key());
+        slot
+    }
+
+    /// Whether the slot has a whole program.
+    pub fn has_program(&self) -> bool {
+        let word = |address| {
+            let mut word = [0; 4];
+            let read = self.memory.read(address, &mut word);
+            read.then_some(u32::from_le_bytes(word))
+        };
+        let is_whole = || {
+            let [stack, entry, end] = [
+                word(SLOT.start)?,
+                word(SLOT.start + 4)?,
+                word(SLOT.start + END)?,
+            ];
+            let is_bounded = RAM.contains(&stack.wrapping_sub(1))
+                && SLOT.contains(&entry)
+                && (SLOT.start + SHORTEST..SLOT.end).contains(&end)
+                && end.is_multiple_of(4);
+            let sum = is_bounded.then(|| self.memory.crc32(SLOT.start..end))??;
+            Some(sum == word(end)?)
+        };
+        is_whole().unwrap_or(false)
+    }
+
+    /// Whether the update is done.
+    pub fn is_done(&self) -> bool {
+        self.progress == Progress::Done
+    }
+
+    /// Answers a request.
+    pub fn answer(
+        &mut self,
+        request: &UpdateRequest<'_>,
+        supply_is_good: bool,
+    ) -> UpdateAnswer<'static> {
+        let changed = match *request {
+            UpdateRequest::State => {
+                return UpdateAnswer::State {
+                    board: BOARD,
+                    size: SLOT.end - SLOT.start,
+                    has_key: self.key.is_some(),
+                    on_trial: false,
+                };
+            }
+            // The signature protects this board, not its PIN.
+            UpdateRequest::Unlock(_) => Ok(()),
+            UpdateRequest::Signed { .. } | UpdateRequest::Bytes { .. } | UpdateRequest::End(_)
+                if !supply_is_good =>
+            {
+                Err(UpdateRefusal::SupplyLow)
+            }
+            UpdateRequest::Signed {
+                board,
+                length,
+                sum,
+                signature,
+            } => self.begin(board, length, sum, signature),
+            UpdateRequest::Bytes { offset, bytes } => self.write(offset, bytes),
+            UpdateRequest::End(_) => self.end(),
+            UpdateRequest::Key(_) | UpdateRequest::Begin { .. } | UpdateRequest::Confirm => {
+                return UpdateAnswer::Loader;
+            }
+        };
+        match changed {
+            Ok(()) => UpdateAnswer::Done,
+            Err(why) => UpdateAnswer::Refused(why),
+        }
+    }
+
+    fn begin(
+        &mut self,
+        board: &str,
+        length: u32,
+        sum: &[u8],
+        signature: &[u8],
+    ) -> Result<(), UpdateRefusal> {
+        if board != BOARD {
+            return Err(UpdateRefusal::OtherBoard);
+        }
+        let (Ok(sum), Ok(signature)) = (sum.try_into(), signature.try_into()) else {
+            return Err(UpdateRefusal::Length);
+        };
+        let fits = (SHORTEST..=SLOT.end - SLOT.start).contains(&length);
+        if !fits || !length.is_multiple_of(4) {
+            return Err(UpdateRefusal::Length);
+        }
+        let key = self.key.ok_or(UpdateRefusal::NoKey)?;
+        if !is_signed(&key, &sum, signature) {
+            return Err(UpdateRefusal::Signature);
+        }
+        if self.begun == MAX_UPDATES_PER_START {
+            return Err(UpdateRefusal::TooOften);
+        }
+        self.begun += 1;
+        self.progress = Progress::None;
+        // A page whose erasure is cut may read as before; a zero stays no stack.
+        if !self.keep_key(&key)
+            || !self.memory.program(SLOT.start, &[0; WORD])
+            || !self.memory.erase(SLOT.start)
+        {
+            return Err(UpdateRefusal::Store);
+        }
+        self.progress = Progress::Open {
+            length,
+            sum,
+            written: 0,
+            mark: [0; WORD],
+        };
+        Ok(())
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), UpdateRefusal> {
+        let Progress::Open {
+            length,
+            written,
+            mark,
+            ..
+        } = &mut self.progress
+        else {
+            return Err(UpdateRefusal::Order(0));
+        };
+        let size = bytes.len() as u32;
+        let end = offset.checked_add(size).filter(|end| *end <= *length);
+        let fits = size > 0 && size.is_multiple_of(4) && bytes.len() <= MAX_UPDATE_BYTES;
+        let (true, Some(end)) = (fits, end) else {
+            return Err(UpdateRefusal::Length);
+        };
+        // A repeated request was carried out already.
+        if end == *written {
+            return Ok(());
+        }
+        if offset != *written {
+            return Err(UpdateRefusal::Order(*written));
+        }
+        // Only the last word may be filled up.
+        if !offset.is_multiple_of(WORD as u32) {
+            return Err(UpdateRefusal::Length);
+        }
+        for (at, part) in (offset..).step_by(WORD).zip(bytes.chunks(WORD)) {
+            let mut word = [0xff; WORD];
+            word[..part.len()].copy_from_slice(part);
+            if at == 0 {
+                *mark = word;
+                continue;
+            }
+            let address = SLOT.start + at;
+            let erased = !at.is_multiple_of(PAGE) || self.memory.erase(address);
+            if !erased || !program(&mut self.memory, address, &word) {
+                self.progress = Progress::None;
+                return Err(UpdateRefusal::Store);
+            }
+        }
+        *written = end;
+        Ok(())
+    }
+
+    fn end(&mut self) -> Result<(), UpdateRefusal> {
+        let (length, sum, mark) = match self.progress {
+            Progress::Done => return Ok(()),
+            Progress::None => return Err(UpdateRefusal::Order(0)),
+            Progress::Open {
+                length, written, ..
+            } if written != length => return Err(UpdateRefusal::Order(written)),
+            Progress::Open {
+                length, sum, mark, ..
+            } => (length, sum, mark),
+        };
+        self.progress = Progress::None;
+        let mut written = Sha512::new();
+        written.update(&mark);
+        let mut bytes = [0; MAX_UPDATE_BYTES];
+        for at in (WORD as u32..length).step_by(MAX_UPDATE_BYTES) {
+            let bytes = &mut bytes[..MAX_UPDATE_BYTES.min((length - at) as usize)];
+            if !self.memory.read(SLOT.start + at, bytes) {
+                return Err(UpdateRefusal::Store);
+            }
+            written.update(bytes);
+        }
+        written.update(BOARD.as_bytes());
+        if written.finalize() != sum {
+            return Err(UpdateRefusal::Signature);
+        }
+        if !program(&mut self.memory, SLOT.start, &mark) {
+            return Err(UpdateRefusal::Store);
+        }
+        self.progress = Progress::Done;
+        Ok(())
+    }
+
+    fn stored_key(&self) -> Option<[u8; 32]> {
+        let (mut key, mut whole) = ([0; 32], [0; WORD]);
+        let read = self.memory.read(KEY, &mut key) && self.memory.read(KEY + 32, &mut whole);
+        (read && whole == KEY_WRITTEN).then_some(key)
+    }
+
+    /// Stores a key that is not stored yet.
+    fn keep_key(&mut self, key: &[u8; 32]) -> bool {
+        if self.stored_key() == Some(*key) {
+            return true;
+        }
+        let (words, _) = key.as_chunks();
+        let mut words = (KEY..)
+            .step_by(WORD)
+            .zip(words.iter().chain([&KEY_WRITTEN]));
+        self.memory.erase(KEY)
+            && words.all(|(address, word)| program(&mut self.memory, address, word))
+    }
+}
+
+/// Programs a word and verifies it; an erased one needs no programming.
+fn program(memory: &mut impl Memory, address: u32, word: &[u8; WORD]) -> bool {
+    let mut held = [0; WORD];
+    (*word == [0xff; WORD] || memory.program(address, word))
+        && memory.read(address, &mut held)
+        && held == *word
+}
+
+/// Whether a signature is that of `sum` by the owner of `key`.
+#[inline(never)]
+pub fn is_signed(key: &[u8; 32], sum: &[u8; 64], signature: &[u8; 64]) -> bool {
+    let key = PublicKey::try_from(key);
+    key.is_ok_and(|key| key.verify(sum, &Signature::from(signature)).is_ok())
+}
+
+#[cfg(test)]
+mod tests;

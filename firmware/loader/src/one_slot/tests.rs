@@ -1,0 +1,461 @@
+//! An update in the desk's memory, with power cuts at every operation.
+
+use std::vec;
+use std::vec::Vec;
+
+use kband_control::wire::crc32;
+use salty::Keypair;
+
+use super::*;
+
+/// First and last address of the modelled flash.
+const FLASH: Range<u32> = 0x0800_0000..0x0808_0000;
+/// Length of the images: two pages, a part of a request and half a word.
+const LENGTH: usize = 2 * PAGE as usize + 204;
+
+/// A flash with words of 64 bits, whose power fails after a number of operations.
+#[derive(Clone)]
+struct Cells {
+    bytes: Vec<u8>,
+    /// Words with two wrong bits.
+    torn: Vec<usize>,
+    left: usize,
+    used: usize,
+    /// Address of a word that keeps a bit.
+    worn: Option<u32>,
+}
+
+impl Cells {
+    fn new() -> Self {
+        Self {
+            bytes: vec![0xff; FLASH.len()],
+            torn: Vec::new(),
+            left: usize::MAX,
+            used: 0,
+            worn: None,
+        }
+    }
+
+    /// Whether the power lasts for an operation on these bytes; the last one tears them.
+    fn works(&mut self, place: Range<usize>) -> bool {
+        if self.left == 0 {
+            return false;
+        }
+        (self.left, self.used) = (self.left - 1, self.used + 1);
+        self.torn.retain(|at| !place.contains(at));
+        if self.left == 0 {
+            self.torn.extend(place.step_by(WORD));
+        }
+        true
+    }
+}
+
+fn place(address: u32, size: usize) -> Range<usize> {
+    let at = (address - FLASH.start) as usize;
+    at..at + size
+}
+
+impl Memory for Cells {
+    fn read(&self, address: u32, bytes: &mut [u8]) -> bool {
+        let place = place(address, bytes.len());
+        bytes.copy_from_slice(&self.bytes[place.clone()]);
+        let words = place.start / WORD * WORD..place.end;
+        !self.torn.iter().any(|at| words.contains(at))
+    }
+
+    fn program(&mut self, address: u32, word: &[u8; WORD]) -> bool {
+        let place = place(address, WORD);
+        let before = &self.bytes[place.clone()];
+        let erased = before == [0xff; WORD] && !self.torn.contains(&place.start) || self.left == 0;
+        assert!(
+            erased || *word == [0; WORD],
+            "{address:#x} is programmed twice"
+        );
+        let works = self.works(place.clone());
+        if works {
+            self.bytes[place.clone()].copy_from_slice(word);
+            self.bytes[place.start] |= u8::from(self.worn == Some(address));
+        }
+        works
+    }
+
+    fn erase(&mut self, address: u32) -> bool {
+        assert!(address.is_multiple_of(PAGE));
+        let place = place(address, PAGE as usize);
+        let works = self.works(place.clone());
+        if works {
+            self.bytes[place].fill(0xff);
+        }
+        works
+    }
+
+    fn crc32(&self, range: Range<u32>) -> Option<u32> {
+        let mut bytes = vec![0; range.len()];
+        self.read(range.start, &mut bytes).then(|| crc32(&bytes))
+    }
+}
+
+fn keypair() -> Keypair {
+    Keypair::from(&[7; 32])
+}
+
+/// A program as the build makes it, with its checksum.
+fn image(fill: u8) -> Vec<u8> {
+    let mut image: Vec<u8> = (0..LENGTH).map(|n| (n * n / 7) as u8 ^ fill).collect();
+    let end = SLOT.start + LENGTH as u32 - 4;
+    for (at, word) in [(0, RAM.end), (4, SLOT.start + 0x201), (END as usize, end)] {
+        image[at..at + 4].copy_from_slice(&word.to_le_bytes());
+    }
+    let sum = crc32(&image[..LENGTH - 4]).to_le_bytes();
+    image[LENGTH - 4..].copy_from_slice(&sum);
+    image
+}
+
+fn sum(image: &[u8]) -> [u8; 64] {
+    let mut sum = Sha512::new();
+    sum.update(image);
+    sum.update(BOARD.as_bytes());
+    sum.finalize()
+}
+
+/// Flash with a program, as `kband flash` writes it.
+fn flashed(image: &[u8]) -> Cells {
+    let mut cells = Cells::new();
+    cells.bytes[place(SLOT.start, image.len())].copy_from_slice(image);
+    cells
+}
+
+fn requested(cells: &Cells) -> OneSlot<Cells> {
+    OneSlot::new(cells.clone(), Some(*keypair().public.as_bytes()))
+}
+
+fn ask(slot: &mut OneSlot<Cells>, request: &UpdateRequest<'_>) -> Result<(), UpdateRefusal> {
+    match slot.answer(request, true) {
+        UpdateAnswer::Done => Ok(()),
+        UpdateAnswer::Refused(why) => Err(why),
+        other => panic!("{request:?}: {other:?}"),
+    }
+}
+
+fn begin(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result<(), UpdateRefusal> {
+    let sum = sum(image);
+    let request = UpdateRequest::Signed {
+        board: BOARD,
+        length: image.len() as u32,
+        sum: &sum,
+        signature: &keypair().sign(&sum).to_bytes(),
+    };
+    ask(slot, &request)
+}
+
+fn send(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result<(), UpdateRefusal> {
+    for (offset, bytes) in (0..).step_by(256).zip(image.chunks(256)) {
+        ask(slot, &UpdateRequest::Bytes { offset, bytes })?;
+    }
+    Ok(())
+}
+
+fn update(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result<(), UpdateRefusal> {
+    begin(slot, image)?;
+    send(slot, image)?;
+    ask(slot, &UpdateRequest::End(&[0; 64]))
+}
+
+fn holds(cells: &Cells, image: &[u8]) -> bool {
+    cells.bytes[place(SLOT.start, image.len())] == *image
+}
+
+#[test]
+fn a_signed_image_replaces_the_program() {
+    let (old, new) = (image(0), image(1));
+    let mut slot = requested(&flashed(&old));
+    assert!(slot.has_program() && !slot.is_done());
+    assert_eq!(begin(&mut slot, &new), Ok(()));
+    assert!(!slot.has_program(), "its mark is gone");
+    send(&mut slot, &new).unwrap();
+    // The last request comes twice, as after a lost answer.
+    let offset = (LENGTH - 4) as u32;
+    let bytes = &new[LENGTH - 4..];
+    assert_eq!(
+        ask(&mut slot, &UpdateRequest::Bytes { offset, bytes }),
+        Ok(())
+    );
+    assert!(!slot.has_program());
+    for _ in 0..2 {
+        assert_eq!(ask(&mut slot, &UpdateRequest::End(&[])), Ok(()));
+        assert!(slot.is_done() && slot.has_program());
+    }
+    assert!(holds(&slot.memory, &new));
+}
+
+#[test]
+fn the_old_program_stays_without_a_signed_hash_for_this_board() {
+    let (old, new) = (image(0), image(1));
+    let cells = flashed(&old);
+    let (sum, wrong) = (sum(&new), [0; 64]);
+    let signature = keypair().sign(&sum).to_bytes();
+    let signed = |board, length: usize, sum, signature| UpdateRequest::Signed {
+        board,
+        length: length as u32,
+        sum,
+        signature,
+    };
+    let most = SLOT.len();
+    for (request, why) in [
+        (
+            signed(BOARD, LENGTH, &sum, &wrong),
+            UpdateRefusal::Signature,
+        ),
+        (
+            signed(BOARD, LENGTH, &wrong, &signature),
+            UpdateRefusal::Signature,
+        ),
+        (
+            signed("stm32f405rg", LENGTH, &sum, &signature),
+            UpdateRefusal::OtherBoard,
+        ),
+        (
+            signed(BOARD, LENGTH, &sum[1..], &signature),
+            UpdateRefusal::Length,
+        ),
+        (
+            signed(BOARD, LENGTH, &sum, &signature[1..]),
+            UpdateRefusal::Length,
+        ),
+        (
+            signed(BOARD, LENGTH + 2, &sum, &signature),
+            UpdateRefusal::Length,
+        ),
+        (
+            signed(BOARD, most + 4, &sum, &signature),
+            UpdateRefusal::Length,
+        ),
+        (
+            signed(BOARD, END as usize + 4, &sum, &signature),
+            UpdateRefusal::Length,
+        ),
+        (UpdateRequest::End(&signature), UpdateRefusal::Order(0)),
+        (
+            UpdateRequest::Bytes {
+                offset: 0,
+                bytes: &new[..256],
+            },
+            UpdateRefusal::Order(0),
+        ),
+    ] {
+        let mut slot = requested(&cells);
+        assert_eq!(ask(&mut slot, &request), Err(why), "{request:?}");
+        assert!(slot.has_program() && slot.memory.used == 0);
+    }
+    let mut slot = requested(&cells);
+    let request = signed(BOARD, LENGTH, &sum, &signature);
+    let low = slot.answer(&request, false);
+    assert_eq!(low, UpdateAnswer::Refused(UpdateRefusal::SupplyLow));
+    let mut keyless = OneSlot::new(cells, None);
+    assert_eq!(ask(&mut keyless, &request), Err(UpdateRefusal::NoKey));
+    assert_eq!(slot.memory.used + keyless.memory.used, 0);
+}
+
+#[test]
+fn an_image_that_changes_on_the_line_or_is_cut_short_never_starts() {
+    let (old, new) = (image(0), image(1));
+    let cells = flashed(&old);
+    for wrong in [0, 300, LENGTH - 5] {
+        let mut other = new.clone();
+        other[wrong] ^= 1;
+        let mut slot = requested(&cells);
+        begin(&mut slot, &new).unwrap();
+        send(&mut slot, &other).unwrap();
+        let end = ask(&mut slot, &UpdateRequest::End(&[]));
+        assert_eq!(end, Err(UpdateRefusal::Signature));
+        assert!(!slot.has_program() && !slot.is_done());
+        assert_eq!(
+            ask(&mut slot, &UpdateRequest::End(&[])),
+            Err(UpdateRefusal::Order(0))
+        );
+    }
+    let mut slot = requested(&cells);
+    begin(&mut slot, &new).unwrap();
+    send(&mut slot, &new[..1024]).unwrap();
+    for (offset, size, why) in [
+        (1024, 0, UpdateRefusal::Length),
+        (1024, 6, UpdateRefusal::Length),
+        (1280, 256, UpdateRefusal::Order(1024)),
+        (u32::MAX, 4, UpdateRefusal::Length),
+        (LENGTH as u32, 4, UpdateRefusal::Length),
+    ] {
+        let bytes = &new[..size];
+        let refused = ask(&mut slot, &UpdateRequest::Bytes { offset, bytes });
+        assert_eq!(refused, Err(why), "{offset} {size}");
+    }
+    let half = UpdateRequest::Bytes {
+        offset: 1024,
+        bytes: &new[..4],
+    };
+    assert_eq!(ask(&mut slot, &half), Ok(()));
+    let behind = UpdateRequest::Bytes {
+        offset: 1028,
+        bytes: &new[..4],
+    };
+    assert_eq!(ask(&mut slot, &behind), Err(UpdateRefusal::Length));
+    let end = ask(&mut slot, &UpdateRequest::End(&[]));
+    assert_eq!(end, Err(UpdateRefusal::Order(1028)));
+    assert!(!slot.has_program());
+    assert_eq!(update(&mut slot, &new), Ok(()), "begun again");
+}
+
+#[test]
+fn a_damaged_program_does_not_start() {
+    let old = image(0);
+    let whole = flashed(&old);
+    let starts = |change: &dyn Fn(&mut Cells)| {
+        let mut cells = whole.clone();
+        change(&mut cells);
+        OneSlot::new(cells, None).has_program()
+    };
+    let at = place(SLOT.start, 0).start;
+    let put = |cells: &mut Cells, offset: u32, word: u32| {
+        let place = place(SLOT.start + offset, 4);
+        cells.bytes[place].copy_from_slice(&word.to_le_bytes());
+        // With a matching checksum.
+        let sum = crc32(&cells.bytes[at..at + LENGTH - 4]).to_le_bytes();
+        cells.bytes[at + LENGTH - 4..at + LENGTH].copy_from_slice(&sum);
+    };
+    assert!(starts(&|_| {}));
+    for bit in [0, 8 * 1000 + 3, 8 * (LENGTH - 1)] {
+        assert!(!starts(&|cells| cells.bytes[at + bit / 8] ^= 1 << (bit % 8)));
+    }
+    assert!(!starts(&|cells| cells.torn.push(at + 1000)));
+    assert!(starts(&|cells| put(cells, 0x100, 5)));
+    for (offset, word) in [
+        (0, 0),
+        (0, RAM.end + 8),
+        (4, 0x0800_0001),
+        (END, SLOT.start + LENGTH as u32 - 3),
+        (END, SLOT.start + END),
+        (END, SLOT.end),
+    ] {
+        assert!(
+            !starts(&|cells| put(cells, offset, word)),
+            "{offset:#x} {word:#x}"
+        );
+    }
+    assert!(!OneSlot::new(Cells::new(), None).has_program());
+}
+
+#[test]
+fn power_cut_anywhere_leaves_the_old_or_the_new_image_or_a_wait_for_it() {
+    let (old, new) = (image(0), image(1));
+    let cells = flashed(&old);
+    let mut whole = requested(&cells);
+    update(&mut whole, &new).unwrap();
+    let count = whole.memory.used;
+    let mut found = [0; 3];
+    for cut in 1..=count {
+        let mut slot = requested(&cells);
+        slot.memory.left = cut;
+        let ended = update(&mut slot, &new);
+        assert!(ended.is_err(), "{cut} of {count}");
+        // After the return of power without the program's request.
+        let mut cells = slot.memory;
+        cells.left = usize::MAX;
+        let mut slot = OneSlot::new(cells, None);
+        if slot.has_program() {
+            let is_old = holds(&slot.memory, &old);
+            assert!(is_old || holds(&slot.memory, &new));
+            found[usize::from(!is_old)] += 1;
+            slot = requested(&slot.memory);
+        } else {
+            found[2] += 1;
+        }
+        // A signature takes most of the time of this test.
+        if cut < 16 || cut % 16 == 0 || cut == count {
+            assert_eq!(update(&mut slot, &new), Ok(()), "{cut}");
+            assert!(slot.has_program() && holds(&slot.memory, &new));
+        }
+    }
+    // The key has a page and five words; the mark is the last operation.
+    assert_eq!(found, [6, 0, count - 6]);
+}
+
+#[test]
+fn another_key_of_the_program_replaces_the_stored_one() {
+    let (old, new) = (image(0), image(1));
+    let mut slot = OneSlot::new(flashed(&old), Some([1; 32]));
+    assert_eq!(begin(&mut slot, &new), Err(UpdateRefusal::Signature));
+    let mut slot = requested(&slot.memory);
+    begin(&mut slot, &new).unwrap();
+    let stored = OneSlot::new(slot.memory.clone(), None);
+    assert_eq!(stored.key, Some(*keypair().public.as_bytes()));
+    let used = slot.memory.used;
+    begin(&mut slot, &new).unwrap();
+    assert_eq!(
+        slot.memory.used,
+        used + 2,
+        "the same key is not written again"
+    );
+    let other = Keypair::from(&[8; 32]);
+    let mut slot = OneSlot::new(slot.memory, Some(*other.public.as_bytes()));
+    assert_eq!(begin(&mut slot, &new), Err(UpdateRefusal::Signature));
+    let sum = sum(&new);
+    let signature = other.sign(&sum).to_bytes();
+    let request = UpdateRequest::Signed {
+        board: BOARD,
+        length: LENGTH as u32,
+        sum: &sum,
+        signature: &signature,
+    };
+    assert_eq!(ask(&mut slot, &request), Ok(()));
+    let stored = OneSlot::new(slot.memory, None);
+    assert_eq!(stored.key, Some(*other.public.as_bytes()));
+}
+
+#[test]
+fn a_worn_word_is_found_when_it_is_written() {
+    let new = image(1);
+    let mut cells = flashed(&image(0));
+    cells.worn = Some(SLOT.start + 1056);
+    assert_eq!(new[1056] & 1, 0, "its bit becomes 0");
+    let mut slot = requested(&cells);
+    begin(&mut slot, &new).unwrap();
+    assert_eq!(send(&mut slot, &new), Err(UpdateRefusal::Store));
+    let end = ask(&mut slot, &UpdateRequest::End(&[]));
+    assert_eq!(end, Err(UpdateRefusal::Order(0)));
+}
+
+#[test]
+fn updates_that_are_begun_too_often_are_refused() {
+    let new = image(1);
+    let mut slot = requested(&flashed(&image(0)));
+    for _ in 0..MAX_UPDATES_PER_START {
+        assert_eq!(begin(&mut slot, &new), Ok(()));
+    }
+    let used = slot.memory.used;
+    assert_eq!(begin(&mut slot, &new), Err(UpdateRefusal::TooOften));
+    assert_eq!(slot.memory.used, used);
+}
+
+#[test]
+fn what_the_loader_does_not_do_it_says() {
+    let mut slot = requested(&flashed(&image(0)));
+    let state = |has_key| UpdateAnswer::State {
+        board: BOARD,
+        size: SLOT.end - SLOT.start,
+        has_key,
+        on_trial: false,
+    };
+    assert_eq!(slot.answer(&UpdateRequest::State, true), state(true));
+    for request in [
+        UpdateRequest::Key(&[1; 32]),
+        UpdateRequest::Begin {
+            board: BOARD,
+            length: 8,
+        },
+        UpdateRequest::Confirm,
+    ] {
+        assert_eq!(slot.answer(&request, true), UpdateAnswer::Loader);
+    }
+    let mut keyless = OneSlot::new(Cells::new(), None);
+    assert_eq!(keyless.answer(&UpdateRequest::State, true), state(false));
+    assert_eq!(slot.memory.used, 0);
+}
