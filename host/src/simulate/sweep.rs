@@ -10,8 +10,8 @@ use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Column, Field, Printout, Table as Rows, Value as Cell, View, fields};
 
-/// Most points of a sweep, all keys together.
-const MAX_POINTS: usize = 1_000_000;
+/// Largest number of runs of a sweep: all values and runs multiplied.
+const MAX_RUNS: usize = 1_000_000;
 
 /// What came of one point of a sweep.
 #[derive(Clone, Debug, PartialEq)]
@@ -74,8 +74,8 @@ impl Point {
 
 impl Sweep {
     /// Runs the scene of `table` `count` times at each point, changed by `prepare` before it is
-    /// checked. Where it is `drawn`, parts and noise of each run are drawn anew; a run depends on
-    /// its point, its number and the scene's seed alone.
+    /// checked. Where it is `drawn`, parts and noise of each run are drawn anew. Runs of one number have the
+    /// same random numbers at all points (common random numbers), so that points compare.
     pub fn run(
         table: &Table,
         axes: &[Axes],
@@ -88,12 +88,12 @@ impl Sweep {
         let points = axes
             .iter()
             .try_fold(1_usize, |n, axis| n.checked_mul(axis.values.len()))
-            .filter(|points| points.saturating_mul(count) <= MAX_POINTS);
+            .filter(|points| points.saturating_mul(count) <= MAX_RUNS);
         let Some(points) = points else {
             return Err(Refusal::value(
                 "--sweep",
                 "(too many points)",
-                format!("up to {MAX_POINTS} runs, all values and --runs multiplied"),
+                format!("up to {MAX_RUNS} runs, all values and --runs multiplied"),
                 "give fewer values or fewer runs",
             ));
         };
@@ -122,7 +122,7 @@ impl Sweep {
             let (_, file) = &scenes[n / count];
             let fidelity = fidelity.or(file.fidelity).unwrap_or_default();
             if drawn {
-                runs::one(&runs::drawn(file, n as u64), fidelity)
+                runs::one(&runs::drawn(file, (n % count) as u64), fidelity)
             } else {
                 runs::one(file, fidelity)
             }

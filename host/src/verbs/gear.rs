@@ -47,11 +47,11 @@ pub struct Arguments {
     scatter: f64,
 
     /// Order: drive periods of a flight.
-    #[arg(long, value_name = "R", default_value = "1", value_parser = arguments::count(1, 10))]
+    #[arg(long, value_name = "N", default_value = "1", value_parser = arguments::count(1, 10))]
     order: usize,
 
-    /// k, one value or a range [default: up to the birth of the lock of the highest restitution, at
-    /// most 1 over the order].
+    /// k, one value or a range [default: 0.15 over the order, up to the birth of the lock of the
+    /// highest restitution, at most 1 over the order].
     #[arg(long, value_name = "LO..HI[:N]", value_parser = arguments::range_or_value((0.005, 4.0), 41))]
     k: Option<Range>,
 

@@ -30,9 +30,7 @@ lock, and from starts spread over phase and velocity; each regime that they reac
 impact mean is the paper's mean over impacts. closed_form is equation 20 for locked parts, and the \
 corrected equation 34 (an impact mean) for other parts that hop. --friction replaces the restitution \
 along the track by Coulomb friction. Its regimes are S (always in contact), H-S (hops and lies) and \
-H (hops on). With --second-tone the track moves as sin t + e sin(2 t + th), also along itself. \
-The speed with --contact is checked against closed forms for locked parts. For parts that come to \
-rest it differs from that of kband simulate, and neither is checked.")]
+H (hops on). With --second-tone the track moves as sin t + e sin(2 t + th), also along itself.")]
 pub struct Arguments {
     /// Restitution of the part, 0..1, 1 excluded.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 0.999, ""))]
