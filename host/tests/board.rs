@@ -157,7 +157,7 @@ fn a_saved_change_of_settings_outlasts_a_restart() {
     assert!(
         on_flash(&folder, "settings set restitution_high 0.31 --save")
             .done()
-            .contains("kept")
+            .contains("saved: ")
     );
     on_flash(&folder, "settings set incline -2.5 --save").done();
     assert_eq!(value("restitution_high"), Some(0.31));
