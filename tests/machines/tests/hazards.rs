@@ -772,6 +772,7 @@ fn an_output_that_is_no_number_opens_the_bridge(kind: Kind) {
     // By now the planning has ended: the core does less.
     rig.run(4.0);
     let place = images::place(&feeder_on(kind), "SAMPLER");
+    let resets = rig.resets().len();
     let mut at_once = Vec::new();
     for address in place.clone().step_by(4) {
         let mut rig = rig.clone();
@@ -785,7 +786,6 @@ fn an_output_that_is_no_number_opens_the_bridge(kind: Kind) {
     }
     let told = at_once.into_iter().filter_map(|(word, mut rig)| {
         // Without a reset the program itself detected the NaN.
-        let resets = rig.resets().len();
         rig.run(4.1);
         let fault = rig.seen_after(4.0, &Seen::Fault(true));
         (rig.resets().len() == resets).then_some((word, fault))
