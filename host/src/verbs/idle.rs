@@ -118,7 +118,7 @@ pub fn check(verb: &str, matches: &ArgMatches) -> Result<(), Refusal> {
         return refuse(
             option,
             "without a picture",
-            "give --out FILE.svg or FILE.png",
+            "give --out FILE.svg, FILE.png or FILE.pdf",
         );
     }
     let scatter = matches.try_get_one::<f64>("scatter").ok().flatten();
