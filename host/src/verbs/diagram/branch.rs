@@ -212,17 +212,17 @@ fn fly(
         orbit = orbit.scattering(scatter)?;
     }
     let total = arguments.settle + arguments.impacts;
-    let (mut states, mut count) = (Vec::new(), 0);
+    let (mut states, mut count, mut last) = (Vec::new(), 0, from);
     let mut gears = Gears::watched()?;
-    while count < total
-        && let before = orbit.state()
-        && let Some(event) = orbit.next()
-    {
+    let mut take = |before: PartState, event: OrbitEvent| {
         count += usize::from(matches!(event, OrbitEvent::Impact(_)));
         match event {
-            OrbitEvent::Impact(impact) if count > arguments.settle => {
-                states.push(impact.next);
-                gears.impact(before, &impact);
+            OrbitEvent::Impact(impact) => {
+                last = Some(impact.next);
+                if count > arguments.settle {
+                    states.push(impact.next);
+                    gears.impact(before, &impact);
+                }
             }
             OrbitEvent::Rest { chatter, phase } if count >= arguments.settle => {
                 gears.rest(before, chatter, phase);
@@ -232,9 +232,38 @@ fn fly(
             }
             _ => {}
         }
+        count
+    };
+    // An orbit without scatter that returns to the bits of a state repeats itself (Brent's method).
+    let repeats = arguments.scatter.scatter == 0.0;
+    let (mut kept, mut keep_next, mut since) = (None, 16, Vec::new());
+    let mut done = 0;
+    while done < total
+        && let before = orbit.state()
+        && let Some(event) = orbit.next()
+    {
+        done = take(before, event);
+        if !repeats {
+            continue;
+        }
+        since.push((before, event));
+        if let OrbitEvent::Impact(impact) = event {
+            if kept == Some(impact.next) {
+                for (before, event) in since.iter().cycle() {
+                    if done == total {
+                        break;
+                    }
+                    done = take(*before, *event);
+                }
+            } else if done >= keep_next {
+                kept = Some(impact.next);
+                keep_next = 2 * done;
+                since.clear();
+            }
+        }
     }
     let hops = count == total;
-    *state = hops.then(|| orbit.state());
+    *state = last.filter(|_| hops);
     Ok(Column {
         from,
         states,
