@@ -11,7 +11,7 @@
 use embassy_futures::yield_now;
 use kband_control::wire::{
     Access, MAX_UPDATE_BYTES, MAX_UPDATES_PER_START, Refusal, UpdateAnswer, UpdateRefusal,
-    UpdateRequest,
+    UpdateRequest, check_chunk,
 };
 use kband_loader::one_slot::is_signed;
 use salty::{PublicKey, Sha512};
@@ -286,19 +286,9 @@ impl Update {
         let Progress::Open { length, written } = &mut self.progress else {
             return Err(UpdateRefusal::Order(0));
         };
-        let size = bytes.len() as u32;
-        let end = offset.checked_add(size).filter(|end| *end <= *length);
-        let fits = size > 0 && size.is_multiple_of(4) && bytes.len() <= MAX_UPDATE_BYTES;
-        let (true, Some(end)) = (fits, end) else {
-            return Err(UpdateRefusal::Length);
-        };
-        // A repeated request was carried out already.
-        if end == *written {
+        let Some(end) = check_chunk(offset, bytes, *length, *written)? else {
             return Ok(UpdateAnswer::Done);
-        }
-        if offset != *written {
-            return Err(UpdateRefusal::Order(*written));
-        }
+        };
         // Bytes that reach into another sector begin with its erasure.
         let second = second?;
         let sector = (end - 1) / second.sector * second.sector;

@@ -8,6 +8,7 @@ use core::ops::Range;
 
 use kband_control::wire::{
     MAX_UPDATE_BYTES, MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest,
+    check_chunk,
 };
 use salty::{PublicKey, Sha512, Signature};
 
@@ -187,19 +188,9 @@ impl<M: Memory> OneSlot<M> {
         else {
             return Err(UpdateRefusal::Order(0));
         };
-        let size = bytes.len() as u32;
-        let end = offset.checked_add(size).filter(|end| *end <= *length);
-        let fits = size > 0 && size.is_multiple_of(4) && bytes.len() <= MAX_UPDATE_BYTES;
-        let (true, Some(end)) = (fits, end) else {
-            return Err(UpdateRefusal::Length);
-        };
-        // A repeated request was carried out already.
-        if end == *written {
+        let Some(end) = check_chunk(offset, bytes, *length, *written)? else {
             return Ok(());
-        }
-        if offset != *written {
-            return Err(UpdateRefusal::Order(*written));
-        }
+        };
         // Only the last word may be filled up.
         if !offset.is_multiple_of(WORD as u32) {
             return Err(UpdateRefusal::Length);

@@ -35,6 +35,7 @@ pub use message::{
 pub use receiver::{MAX_FRAME_BYTES, Receiver, Unreadable};
 pub use update::{
     MAX_UPDATE_BYTES, MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest,
+    check_chunk,
 };
 
 /// Protocol version of all frames except those of identity and update.

@@ -50,6 +50,29 @@ pub enum UpdateRequest<'a> {
     },
 }
 
+/// Number of bytes of an image with `bytes` at `offset`, of an image of `length` bytes of which
+/// `written` are stored; `None` for a repeated request, which was carried out already.
+///
+/// # Errors
+/// [`UpdateRefusal::Length`] for a number of bytes that is no request, or beyond the image;
+/// [`UpdateRefusal::Order`] where others are due.
+pub fn check_chunk(
+    offset: u32,
+    bytes: &[u8],
+    length: u32,
+    written: u32,
+) -> Result<Option<u32>, UpdateRefusal> {
+    let size = bytes.len() as u32;
+    let end = offset.checked_add(size).filter(|end| *end <= length);
+    let fits = size > 0 && size.is_multiple_of(4) && bytes.len() <= MAX_UPDATE_BYTES;
+    match end.filter(|_| fits) {
+        None => Err(UpdateRefusal::Length),
+        Some(end) if end == written => Ok(None),
+        Some(_) if offset != written => Err(UpdateRefusal::Order(written)),
+        Some(end) => Ok(Some(end)),
+    }
+}
+
 /// Answer to a request of an update.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum UpdateAnswer<'a> {
