@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Makes every number, table and picture of the manual anew that comes from a command: some 15 minutes of one core.
+# Makes every number, table and picture of the manual anew that comes from a command: some 15
+# minutes of one core.
 #   docs/numbers.sh          writes them
 #   docs/numbers.sh --check  only says which are no longer what the commands say
 set -eu

@@ -77,7 +77,9 @@ def findings(packages, rules):
 
 def main():
     command = ["cargo", "metadata", "--locked", "--format-version=1"]
-    metadata = json.loads(subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout)
+    metadata = json.loads(
+        subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout
+    )
     rules = tomllib.loads((ROOT / "tests/deny.toml").read_text())
     found = list(findings(metadata["packages"], rules))
     print(*found, sep="\n", end="\n" if found else "")

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Runs the test programs of the workspace side by side: some of them wait for an emulated board more than they compute.
+"""Runs the test programs of the workspace side by side: some of them wait for an emulated board
+more than they compute.
 
     tests/programs.py            those of `cargo test --locked --test '*'`, each as cargo runs it; exit status 1 where one failed
     tests/programs.py -p PACKAGE --test NAME    those that cargo is asked for so
-
-One after another, the longest of last time first, and beside them those that wait. Prints what each printed as it ends.
+ One after another, the longest of last time first, and beside them those that wait. Prints what
+each printed as it ends.
 """
 
 import concurrent.futures
@@ -19,7 +20,8 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
 TIMES = TARGET / "run/programs.json"
-# Programs that compute, at once: each has as many threads as there are cores, and ends on one of them.
+# Programs that compute, at once: each has as many threads as there are cores, and ends on one of
+# them.
 LANES = 2
 # Programs that wait, and how many of their tests do so at once.
 WAITING = {"board": 4, "live": 2}
@@ -53,8 +55,14 @@ def main():
         if name in WAITING:
             environment["RUST_TEST_THREADS"] = str(WAITING[name])
         began = time.time()
-        ran = subprocess.run([file, "--show-output"], cwd=folder, env=environment, stdin=subprocess.DEVNULL,
-                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        ran = subprocess.run(
+            [file, "--show-output"],
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
         times[name] = round(time.time() - began, 2)
         text = ran.stdout.decode(errors="replace")
         print(f"     Running {source} ({file})\n{text}", flush=True)
@@ -62,7 +70,9 @@ def main():
 
     slowest = sorted(found, key=lambda program: -times.get(program[0], 0.0))
     waits, computes = (concurrent.futures.ThreadPoolExecutor(lanes) for lanes in (1, LANES))
-    ran = [(waits if program[0] in WAITING else computes).submit(run, program) for program in slowest]
+    ran = [
+        (waits if program[0] in WAITING else computes).submit(run, program) for program in slowest
+    ]
     failed = [future.result() for future in ran if future.result()]
     TIMES.parent.mkdir(parents=True, exist_ok=True)
     TIMES.write_text(json.dumps(times))

@@ -10,7 +10,8 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 unset CARGO_TARGET_DIR RUSTFLAGS CARGO_ENCODED_RUSTFLAGS
 
-# build FOLDER HOME: prints the SHA-256 of the image, built in a clone in FOLDER with CARGO_HOME=HOME.
+# build FOLDER HOME: prints the SHA-256 of the image, built in a clone in FOLDER with
+# CARGO_HOME=HOME.
 build() {
     git clone --quiet . "$1"
     mkdir -p "$2"

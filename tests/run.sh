@@ -14,7 +14,8 @@
 #   tests/run.sh --reproducible             the image of the board from two folders: the same bits
 #   tests/run.sh --features                 the desk with every cargo feature (probe, MQTT)
 #
-# A million launches take 4 s of a core on one tone and 5 s on several: 1000 million take 1 to 2 hours.
+# A million launches take 4 s of a core on one tone and 5 s on several: 1000 million take 1 to 2
+# hours.
 #
 # Each step prints its name, its time and its closing lines. Its whole output is in
 # target/run/STEP.log; the end is printed where the step fails. A step that exceeds its limit is

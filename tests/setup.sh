@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Installs what the tests need on a Debian machine with rustup: the thumb targets, QEMU 9.2 or newer,
-# Chromium with its driver, gcc, valgrind, mbpoll, libmodbus and mosquitto. Python packages go into a
-# virtual environment below target. Safe to repeat; if nothing is missing it takes about a second.
+# Installs what the tests need on a Debian machine with rustup: the thumb targets, QEMU 9.2 or
+# newer, Chromium with its driver, gcc, valgrind, mbpoll, libmodbus and mosquitto. Python packages
+# go into a virtual environment below target. Safe to repeat; if nothing is missing it takes about a
+# second.
 #
 #   tests/setup.sh            install what is missing
 #   tests/setup.sh --check    install nothing; exit status 1 and one line if something is missing

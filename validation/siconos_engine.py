@@ -18,8 +18,7 @@ STEPS = 2
 
 
 class Point:
-    """A part in the frame of its track: place along it and height, under the frame's acceleration.
-    """
+    """A part in the frame of its track: place along it and height."""
 
     def __init__(self, run: Run) -> None:
         tilt = math.radians(run.incline)
@@ -40,8 +39,7 @@ class Point:
         )
 
     def step(self, acceleration: float) -> tuple[bool, float, float]:
-        """Moves by one step; whether the track pushed, and the normal velocities before and after.
-        """
+        """Moves by one step. Returns whether the track pushed, and both normal velocities."""
         before = float(self.body.velocity()[1])
         self.body.setFExtPtr(
             [-self.ratio * acceleration - self.gravity[0], -acceleration - self.gravity[1]]

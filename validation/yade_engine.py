@@ -52,8 +52,7 @@ SHAPES = {
 
 
 def modulus(run: Run, radius: float) -> float:
-    """Young's modulus in Pa that gives a sphere the contact time of a run at the speed of a lock.
-    """
+    """Young's modulus in Pa that gives a sphere the run's contact time at the lock's speed."""
     mass = DENSITY * 4.0 / 3.0 * math.pi * radius**3
     speed = GRAVITY / run.frequency / (1.0 + run.restitution)
     # Duration over (m^2 / (R E^2 v))^(1/5): 2.87 without loss (Hertz); its rise with the loss is
@@ -173,8 +172,7 @@ class YadePlant(EnginePlant):
         self.took(heights - self.radii - self.x[self.members_track])
 
     def took(self, gap: np.ndarray) -> None:
-        """Applies the events due at a sample, with the gap in m between each member and its track.
-        """
+        """Applies the events due at a sample, with each member's gap to the track in m."""
         self.listen(gap)
         if self.redraw:
             self.set_restitutions()

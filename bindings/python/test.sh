@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Builds the Python wheel and checks it: clippy, types, stubs, tests. tests/setup.sh has installed what it needs.
+# Builds the Python wheel and checks it: clippy, types, stubs, tests. tests/setup.sh has installed
+# what it needs.
 #
 #   bindings/python/test.sh             with the profile of the tests
 #   bindings/python/test.sh --release   with the release's

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """pymodbus as the master of a board: reads, runs it to a target, changes the target, stops it.
 
-    target/python/venv/bin/python3 tests/clients/board.py TERMINAL UNIT
-    target/python/venv/bin/python3 tests/clients/board.py HOST:PORT UNIT
+target/python/venv/bin/python3 tests/clients/board.py TERMINAL UNIT
+target/python/venv/bin/python3 tests/clients/board.py HOST:PORT UNIT
 """
 
 import sys
@@ -49,7 +49,9 @@ def wait(bits, value):
 
 frequency = to_float(read(FIRST_SETTING, 2))
 assert frequency == 50.0, frequency
-assert answer(master.read_input_registers(FIRST_SETTING, count=2, device_id=unit)).registers == read(FIRST_SETTING, 2)
+assert answer(
+    master.read_input_registers(FIRST_SETTING, count=2, device_id=unit)
+).registers == read(FIRST_SETTING, 2)
 names = answer(master.read_device_information(device_id=unit)).information
 assert names[0] == b"kband" and names[1] == b"feeder" and names[2], names
 assert answer(master.diag_query_data(b"\xa5\x5a", device_id=unit)).message == b"\xa5\x5a"
@@ -64,7 +66,9 @@ write(CONTROL, 0)
 write(KIND, 32, *master.convert_to_registers(0.8, master.DATATYPE.FLOAT32))
 answer(master.write_register(CONTROL, 1, device_id=unit))
 wait(HELD, HELD)
-refused = master.write_registers(FIRST_SETTING, master.convert_to_registers(60.0, master.DATATYPE.FLOAT32), device_id=unit)
+refused = master.write_registers(
+    FIRST_SETTING, master.convert_to_registers(60.0, master.DATATYPE.FLOAT32), device_id=unit
+)
 assert refused.exception_code == 6, refused
 write(KIND, 33, *master.convert_to_registers(0.1, master.DATATYPE.FLOAT32))
 end = time.monotonic() + 100

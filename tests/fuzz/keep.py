@@ -2,7 +2,8 @@
 """What searches by coverage found, kept in the tree: one file of few small inputs for each target.
 
     tests/fuzz/keep.py                     after tests/fuzz/run.sh: the inputs of target/fuzz/corpus that add to the branches, the
-                                           smallest first, up to 50 000 bytes for each target, into tests/fuzz/found/TARGET
+                                           smallest first, up to 50 000 bytes for each target, into
+                                           tests/fuzz/found/TARGET
     tests/fuzz/keep.py --unpack TARGET FOLDER   the kept ones as files, for a search to begin with
 
 A file is its inputs one after another, each behind its length in two bytes (little-endian).
@@ -42,20 +43,33 @@ def unpack(name, folder):
 
 def branches(program, name, *folders):
     """How many branches these inputs reach."""
-    said = subprocess.run([program, "-runs=0", *folders], env=dict(os.environ, KBAND_FUZZ=name), stderr=subprocess.PIPE,
-                          stdout=subprocess.DEVNULL, check=True).stderr.decode(errors="replace")
+    said = subprocess.run(
+        [program, "-runs=0", *folders],
+        env=dict(os.environ, KBAND_FUZZ=name),
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        check=True,
+    ).stderr.decode(errors="replace")
     return max((int(count) for count in re.findall(r" cov: (\d+)", said)), default=0)
 
 
 def keep(program, corpus, name):
     """Keeps what one target's search found."""
-    seeds = [ROOT / "tests/fuzz/corpus" / name, *([ROOT / "tests/scenes"] if name == "scene" else [])]
+    seeds = [
+        ROOT / "tests/fuzz/corpus" / name,
+        *([ROOT / "tests/scenes"] if name == "scene" else []),
+    ]
     with tempfile.TemporaryDirectory() as folder:
         merged, kept = pathlib.Path(folder) / "merged", pathlib.Path(folder) / "kept"
         merged.mkdir()
         kept.mkdir()
-        subprocess.run([program, "-merge=1", "-max_len=4096", merged, corpus / name, *seeds], check=True,
-                       env=dict(os.environ, KBAND_FUZZ=name), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        subprocess.run(
+            [program, "-merge=1", "-max_len=4096", merged, corpus / name, *seeds],
+            check=True,
+            env=dict(os.environ, KBAND_FUZZ=name),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         known = {file.read_bytes() for seed in seeds for file in seed.iterdir()}
         contents = {file.read_bytes() for file in merged.iterdir()} - known
         packed, number = b"", 0
@@ -67,7 +81,10 @@ def keep(program, corpus, name):
         FOUND.mkdir(exist_ok=True)
         (FOUND / name).write_bytes(packed)
         unpack(name, kept)
-        reached = [branches(program, name, *folders) for folders in (seeds, [kept, *seeds], [corpus / name, *seeds])]
+        reached = [
+            branches(program, name, *folders)
+            for folders in (seeds, [kept, *seeds], [corpus / name, *seeds])
+        ]
     everything = sum(1 for _ in (corpus / name).iterdir())
     row = f"| {name} | {number} | {len(packed)} | {reached[0]} | {reached[1]} | {reached[2]} | {everything} |"
     print(row, flush=True)
@@ -83,7 +100,10 @@ def main():
     programs = sorted(folder.glob("*/release/fuzz"))
     if asked or not programs:
         sys.exit(__doc__ if asked else f"no program in {folder}: tests/fuzz/run.sh builds it")
-    rows = [keep(programs[0], folder / "corpus", corpus.name) for corpus in sorted((folder / "corpus").iterdir())]
+    rows = [
+        keep(programs[0], folder / "corpus", corpus.name)
+        for corpus in sorted((folder / "corpus").iterdir())
+    ]
     (FOUND / "README.md").write_text(TABLE + "\n".join(rows) + "\n")
 
 

@@ -4,12 +4,13 @@
 #   tests/fuzz/run.sh [SECONDS [TARGET...]]   60 seconds for each target, by default for all but log,
 #                                             which needs a board's image with a log
 #
-# Prints for each target the number of inputs tried, of branches reached, and the size of the corpus in
-# target/fuzz/corpus/TARGET. Exit status 1 if an input failed: it is in target/fuzz/failed. Repeat it:
+# Prints for each target the number of inputs tried, of branches reached, and the size of the corpus
+# in target/fuzz/corpus/TARGET. Exit status 1 if an input failed: it is in target/fuzz/failed.
+# Repeat it:
 #   KBAND_FUZZ=TARGET target/fuzz/x86_64-unknown-linux-gnu/release/fuzz FILE
-# tests/fuzz/keep.py copies new inputs into the tree, where the next search begins.
-# The compiler is the stable one, with RUSTC_BOOTSTRAP for -Zsanitizer only. If the sanitizer's runtime
-# is missing, the search runs without it and says so.
+# tests/fuzz/keep.py copies new inputs into the tree, where the next search begins. The compiler is
+# the stable one, with RUSTC_BOOTSTRAP for -Zsanitizer only. If the sanitizer's runtime is missing,
+# the search runs without it and says so.
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 seconds=${1:-60}

@@ -1,8 +1,8 @@
 """Mutants drawn by chance, for run.py.
-
-`cargo mutants --list --json` names the places of its operators. Four operators are added: a constant or a number is
-doubled, `<` and `<=` (`>` and `>=`) change places, and a statement is left out. A drawn mutant is a copy of the whole
-function body with one change, so that any operator can stand behind a run-time switch.
+ `cargo mutants --list --json` names the places of its operators. Four operators are added: a
+constant or a number is doubled, `<` and `<=` (`>` and `>=`) change places, and a statement is left
+out. A drawn mutant is a copy of the whole function body with one change, so that any operator can
+stand behind a run-time switch.
 """
 
 import json
@@ -11,12 +11,21 @@ import re
 import subprocess
 import sys
 
-FOLDERS = ("shared/src/", "shared/control/src/", "shared/bus/src/", "shared/plant/src/", "firmware/src/", "host/src/verbs/simulate")
+FOLDERS = (
+    "shared/src/",
+    "shared/control/src/",
+    "shared/bus/src/",
+    "shared/plant/src/",
+    "firmware/src/",
+    "host/src/verbs/simulate",
+)
 CODE = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])'", re.DOTALL)
 NUMBER = re.compile(r"(?<![\w.])(?:\d[\d_]*\.\d+(?:e-?\d+)?|[1-9]\d*)(?:_?[fiu]\d+)?(?![\w.(])")
 CONSTANT = re.compile(r"(?<![\w:.])[A-Z][A-Z0-9_]{2,}(?![\w:!(<])")
 COMPARISON = re.compile(r" (<=|>=|<|>) ")
-STATEMENT = re.compile(r"(?<=[;{}]\n) +(?:[\w.*\[\]]+ [-+*/|&^]?= [^;{}\n]*|[\w.:]+\([^;{}\n]*\));\n")
+STATEMENT = re.compile(
+    r"(?<=[;{}]\n) +(?:[\w.*\[\]]+ [-+*/|&^]?= [^;{}\n]*|[\w.:]+\([^;{}\n]*\));\n"
+)
 SWAPPED = {"<": "<=", "<=": "<", ">": ">=", ">=": ">"}
 
 
@@ -36,9 +45,9 @@ def blank(text):
 
 
 def body_of(code, start, end):
-    """The inside of the body of the function that these offsets hold; None where it cannot be switched at run time."""
+    """The offsets of a function's body. None if a run-time switch cannot stand there."""
     head = re.compile(r"\bfn\b").search(code, start, end)
-    if not head or re.search(r"\bconst\s+(?:unsafe\s+)?$", code[start:head.start()]):
+    if not head or re.search(r"\bconst\s+(?:unsafe\s+)?$", code[start : head.start()]):
         return None
     depth = 0
     for at in range(head.end(), end):
@@ -47,7 +56,10 @@ def body_of(code, start, end):
         elif code[at] in ")]":
             depth -= 1
         elif code[at] == "{" and depth == 0:
-            if "impl " in code[head.start():at].split("->")[-1] and "->" in code[head.start():at]:
+            if (
+                "impl " in code[head.start() : at].split("->")[-1]
+                and "->" in code[head.start() : at]
+            ):
                 return None
             return at + 1, code.rindex("}", at, end)
     return None
@@ -55,20 +67,41 @@ def body_of(code, start, end):
 
 def listed(root):
     """What cargo-mutants would change, as its list says."""
-    command = ["cargo", "mutants", "--list", "--json", "--no-config", "--colors=never",
-               *(f"--package={name}" for name in ("kband", "kband-control", "kband-bus", "kband-plant", "kband-firmware", "kband-host"))]
+    command = [
+        "cargo",
+        "mutants",
+        "--list",
+        "--json",
+        "--no-config",
+        "--colors=never",
+        *(
+            f"--package={name}"
+            for name in (
+                "kband",
+                "kband-control",
+                "kband-bus",
+                "kband-plant",
+                "kband-firmware",
+                "kband-host",
+            )
+        ),
+    ]
     ran = subprocess.run(command, cwd=root, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
     if ran.returncode:
         sys.exit("cargo mutants cannot list: cargo install --locked cargo-mutants")
-    return [each for each in json.loads(ran.stdout) if each["file"].startswith(FOLDERS) and each.get("function")]
+    return [
+        each
+        for each in json.loads(ran.stdout)
+        if each["file"].startswith(FOLDERS) and each.get("function")
+    ]
 
 
 def added(text, code, body):
-    """The changes that cargo-mutants does not make in this body: start, end and what comes there."""
+    """Changes of this body by the added operators: start, end and new text."""
     start, end = body
     for pattern in (NUMBER, CONSTANT):
         for found in pattern.finditer(code, start, end):
-            same = text[found.start():found.end()]
+            same = text[found.start() : found.end()]
             if re.fullmatch(r"[0._]+(?:_?f\d+)?", same):
                 continue
             yield found.start(), found.end(), f"({same} + {same})"
@@ -107,7 +140,7 @@ def all_of(root):
 
 
 def draw(root, count, seed):
-    """`count` mutants: number, path, body, start, end and text of the change, and how it is shown."""
+    """`count` mutants: number, path, body, start, end and text of the change, label."""
     pool, texts = all_of(root)
     print(f"mutants: {len(pool)} can be drawn; {count} of seed {seed}", flush=True)
     random.Random(seed).shuffle(pool)
@@ -129,7 +162,7 @@ def draw(root, count, seed):
 
 
 def mutated(text, found, module):
-    """The text with each of these mutants behind the switch, and which mutants belong to each range of lines."""
+    """The text with each mutant behind the switch, and the mutants of each range of lines."""
     lines, bodies = [], {}
     for mutant in found:
         bodies.setdefault(mutant[2], []).append(mutant)

@@ -6,13 +6,14 @@
     tests/mutants/run.py --with control,firmware firmware/    by tests of these programs alone: a first look
     tests/mutants/run.py --check          only whether each place is where the list says, without a build
     tests/mutants/run.py --drawn 300 7    300 mutants of seed 7, drawn by draw.py from the whole code
-
-Copies the tree to target/mutants/tree, puts each mutant behind a switch that the environment (KBAND_MUTANT, for the programs
-of this machine) or a word of the flash (for an image on the emulated chip) sets, and builds the test programs once. Each test
-that the list names runs once without a mutant: it has to pass, and it leaves how long it took and which mutants it reached.
-Then each mutant runs the tests that reach it, the fastest first, until one fails. Exit status 1 where fewer than 95 % are
-caught. The table tests/mutants/results.md has the last verdict on each, once there is one on all of them. KBAND_JOBS says how
-many run at once (as many as the machine has cores).
+ Copies the tree to target/mutants/tree, puts each mutant behind a switch that the environment
+(KBAND_MUTANT, for the programs of this machine) or a word of the flash (for an image on the
+emulated chip) sets, and builds the test programs once. Each test that the list names runs once
+without a mutant: it has to pass, and it leaves how long it took and which mutants it reached. Then
+each mutant runs the tests that reach it, the fastest first, until one fails. Exit status 1 where
+fewer than 95 % are caught. The table tests/mutants/results.md has the last verdict on each, once
+there is one on all of them. KBAND_JOBS says how many run at once (as many as the machine has
+cores).
 """
 
 import concurrent.futures
@@ -54,16 +55,45 @@ PROGRAMS = {
     "c": ("kband-c", "interface"),
     "python": ("kband-python", "pytest.sh"),
     **{name: ("kband-host", name) for name in ("command_line", "regimes")},
-    **{name: ("kband-tests", name) for name in ("scenes", "safety", "automatic", "ends", "flashed", "accuracy",
-                                                "first_impact", "gear", "golden", "tones",
-                                                "random_scenes")},
+    **{
+        name: ("kband-tests", name)
+        for name in (
+            "scenes",
+            "safety",
+            "automatic",
+            "ends",
+            "flashed",
+            "accuracy",
+            "first_impact",
+            "gear",
+            "golden",
+            "tones",
+            "random_scenes",
+        )
+    },
 }
 LIBRARIES = ("map", "control", "bus", "plant", "firmware", "loader", "host")
-# What judges a drawn mutant: each group those that the one before let through; the last one, which takes minutes, the firmware's.
-DRAWN = (("map", "control", "bus", "plant", "firmware"),
-         ("loops", "scenes", "safety", "automatic", "accuracy", "first_impact", "gear", "golden", "tones", "host", "command_line",
-          "regimes", "random_scenes"),
-         ("hazards", "ends", "flashed"))
+# What judges a drawn mutant: each group those that the one before let through; the last one, which
+# takes minutes, the firmware's.
+DRAWN = (
+    ("map", "control", "bus", "plant", "firmware"),
+    (
+        "loops",
+        "scenes",
+        "safety",
+        "automatic",
+        "accuracy",
+        "first_impact",
+        "gear",
+        "golden",
+        "tones",
+        "host",
+        "command_line",
+        "regimes",
+        "random_scenes",
+    ),
+    ("hazards", "ends", "flashed"),
+)
 # They run an image: which mutants it reaches is not recorded, the list names the test.
 EMULATED = ("hazards", "ends", "flashed")
 SWITCH = """//! Which mutant this run has.
@@ -131,7 +161,7 @@ def listed():
 
 
 def mutants():
-    """Every mutant of the list: number, path, place, expression, what it becomes, who may notice it."""
+    """Every listed mutant: number, path, place, expression, replacement, judging tests."""
     number = 0
     for file in listed()["file"]:
         for place, expression, becomes, *own in file["mutants"]:
@@ -159,7 +189,10 @@ def mutated(text, found, path):
         # Several mutants may replace one expression.
         spots.setdefault((start, start + len(expression), expression), []).append((number, becomes))
     for (start, end, expression), variants in sorted(spots.items(), reverse=True):
-        switch = "".join(f"if {module}::mutation::is({number}) {{ {becomes} }} else " for number, becomes in variants)
+        switch = "".join(
+            f"if {module}::mutation::is({number}) {{ {becomes} }} else "
+            for number, becomes in variants
+        )
         if text[:start].rstrip().endswith("."):
             sys.exit(f"mutant {variants[0][0]}: a method alone is no expression")
         text = f"{text[:start]}({switch}{{ {expression} }}){text[end:]}"
@@ -167,29 +200,40 @@ def mutated(text, found, path):
 
 
 def plant(changed):
-    """The tree with these files changed; files that stay as they were keep their time, and what was built of them."""
+    """Writes the tree with these files changed. Unchanged files keep their time and builds."""
     wanted = {}
-    names = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, check=True,
-                           stdout=subprocess.PIPE).stdout
+    names = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        check=True,
+        stdout=subprocess.PIPE,
+    ).stdout
     for name in filter(None, names.decode().split("\0")):
         if (ROOT / name).is_file():
             wanted[name] = (ROOT / name).read_bytes()
     wanted.update((path, text.encode()) for path, text in changed.items())
     wanted["shared/src/mutation.rs"] = SWITCH.replace("MOST", str(MOST)).encode()
-    library = wanted["shared/src/lib.rs"].decode().replace("forbid(unsafe_code)", "deny(unsafe_code)")
+    library = (
+        wanted["shared/src/lib.rs"].decode().replace("forbid(unsafe_code)", "deny(unsafe_code)")
+    )
     library += "\n#[allow(missing_docs, unsafe_code)]\npub mod mutation;\n"
     wanted["shared/src/lib.rs"] = library.encode()
     # What a mutant computes wrongly fails its test, not the build.
     lints = "[workspace.lints.rust]\n"
     allowed = lints + 'arithmetic_overflow = "allow"\nunconditional_panic = "allow"\n'
     wanted["Cargo.toml"] = wanted["Cargo.toml"].replace(lints.encode(), allowed.encode())
-    control = wanted["shared/control/src/lib.rs"].decode() + "\n#[allow(missing_docs)]\npub use kband::mutation;\n"
+    control = (
+        wanted["shared/control/src/lib.rs"].decode()
+        + "\n#[allow(missing_docs)]\npub use kband::mutation;\n"
+    )
     wanted["shared/control/src/lib.rs"] = control.encode()
     loader = "firmware/loader/src/lib.rs"
     wanted[loader] = (wanted[loader].decode() + LOADER_SWITCH).encode()
     rig = wanted["tests/machines/src/rig.rs"].decode()
     assert rig.count("\n    chip.board.bridge.reset();") == 1
-    wanted["tests/machines/src/rig.rs"] = rig.replace("\n    chip.board.bridge.reset();", LOADER).encode()
+    wanted["tests/machines/src/rig.rs"] = rig.replace(
+        "\n    chip.board.bridge.reset();", LOADER
+    ).encode()
     for name, content in wanted.items():
         file = TREE / name
         if not file.is_file() or file.read_bytes() != content:
@@ -204,28 +248,59 @@ def plant(changed):
 
 def build(names):
     """The test programs of these names, built: the file, its folder, its tests."""
-    environment = dict(os.environ, CARGO_TARGET_DIR=str(TARGET / "mutants"), CARGO_NET_OFFLINE="true", RUST_BACKTRACE="0")
+    environment = dict(
+        os.environ,
+        CARGO_TARGET_DIR=str(TARGET / "mutants"),
+        CARGO_NET_OFFLINE="true",
+        RUST_BACKTRACE="0",
+    )
     found = {}
     for name in sorted(names):
         package, program = PROGRAMS[name]
         what = ["--lib"] if name in LIBRARIES else ["--test", program]
-        command = ["cargo", "test", "--locked", "--no-run", "--message-format=json", "-p", package, *what]
+        command = [
+            "cargo",
+            "test",
+            "--locked",
+            "--no-run",
+            "--message-format=json",
+            "-p",
+            package,
+            *what,
+        ]
         if name == "python":
             command = ["cargo", "build", "--locked", "--message-format=json", "-p", package]
-        ran = subprocess.run(command, cwd=TREE, env=environment, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
+        ran = subprocess.run(
+            command, cwd=TREE, env=environment, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL
+        )
         lines = [json.loads(line) for line in ran.stdout.decode().splitlines()]
         if ran.returncode:
-            errors = [said["message"]["rendered"] for said in lines if said.get("message", {}).get("level") == "error"]
+            errors = [
+                said["message"]["rendered"]
+                for said in lines
+                if said.get("message", {}).get("level") == "error"
+            ]
             sys.exit("".join(errors) + f"{name} cannot be built")
         for said in lines:
             if said.get("executable") and said.get("profile", {}).get("test"):
                 file, folder = said["executable"], pathlib.Path(said["manifest_path"]).parent
         if name == "python":
             file, folder = str(ROOT / "tests/mutants" / program), TREE / "bindings/python"
-            shutil.copy(TARGET / "mutants/debug/lib_kband.so", folder / "python/kband/_kband.abi3.so")
-        listing = subprocess.run([file, "--list", "--format=terse"], cwd=folder, env=environment,
-                                 check=True, stdout=subprocess.PIPE).stdout
-        tests = [line.removesuffix(": test") for line in listing.decode().splitlines() if line.endswith(": test")]
+            shutil.copy(
+                TARGET / "mutants/debug/lib_kband.so", folder / "python/kband/_kband.abi3.so"
+            )
+        listing = subprocess.run(
+            [file, "--list", "--format=terse"],
+            cwd=folder,
+            env=environment,
+            check=True,
+            stdout=subprocess.PIPE,
+        ).stdout
+        tests = [
+            line.removesuffix(": test")
+            for line in listing.decode().splitlines()
+            if line.endswith(": test")
+        ]
         found[name] = (file, folder, tests)
     return found, environment
 
@@ -235,8 +310,15 @@ def run(programs, environment, name, tests, patience, **more):
     file, folder, _ = programs[name]
     settings = dict(environment, CARGO_MANIFEST_DIR=str(folder), **more)
     try:
-        ran = subprocess.run([file, "--exact", "--test-threads=1", *tests], cwd=folder, env=settings, timeout=patience,
-                             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        ran = subprocess.run(
+            [file, "--exact", "--test-threads=1", *tests],
+            cwd=folder,
+            env=settings,
+            timeout=patience,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
     except subprocess.TimeoutExpired:
         return f"{name} {tests[0]}: no end in {patience:.0f} s"
     if not ran.returncode:
@@ -250,14 +332,18 @@ def candidates(programs, judges):
     """The tests that a list of `program filter` names."""
     for judge in judges:
         name, *filters = judge.split()
-        found = [test for test in programs[name][2] if not filters or any(each in test for each in filters)]
+        found = [
+            test
+            for test in programs[name][2]
+            if not filters or any(each in test for each in filters)
+        ]
         if not found:
             sys.exit(f"{judge}: no such test")
         yield from ((name, test) for test in found)
 
 
 def without_mutant(programs, environment, wanted, pool):
-    """Of each test how long it takes and which mutants it reaches; kept beside the programs, as long as they are the same."""
+    """The time in s of each test and the mutants that it reaches, cached per program file."""
     store = TARGET / "mutants/reached.json"
     stamps = {name: pathlib.Path(file).stat().st_mtime_ns for name, (file, *_) in programs.items()}
     kept = json.loads(store.read_text()) if store.is_file() else {}
@@ -270,11 +356,23 @@ def without_mutant(programs, environment, wanted, pool):
         with tempfile.TemporaryDirectory() as folder:
             reached = pathlib.Path(folder) / "reached"
             began = time.time()
-            noticed = run(programs, environment, name, [test], 3600, KBAND_MUTANT="0", KBAND_REACHED=str(reached))
+            noticed = run(
+                programs,
+                environment,
+                name,
+                [test],
+                3600,
+                KBAND_MUTANT="0",
+                KBAND_REACHED=str(reached),
+            )
             took = time.time() - began
             if noticed:
                 return key, noticed
-            numbers = sorted({int(line) for line in reached.read_text().split()}) if reached.exists() else []
+            numbers = (
+                sorted({int(line) for line in reached.read_text().split()})
+                if reached.exists()
+                else []
+            )
         return key, [took, numbers]
 
     found = {}
@@ -283,7 +381,11 @@ def without_mutant(programs, environment, wanted, pool):
             sys.exit(f"without a mutant: {what}")
         found[judge] = what
         kept[key] = what
-    store.write_text(json.dumps({key: what for key, what in kept.items() if int(key.split()[0]) in stamps.values()}))
+    store.write_text(
+        json.dumps(
+            {key: what for key, what in kept.items() if int(key.split()[0]) in stamps.values()}
+        )
+    )
     return found
 
 
@@ -310,19 +412,38 @@ def of_file(found):
 
 
 def compiling(found):
-    """The tree with these drawn mutants, without those that the compiler refuses; returns the others."""
+    """Writes the tree with the drawn mutants that the compiler accepts, and returns these."""
     cargo = ["cargo", "check", "--locked", "--message-format=json", "--keep-going"]
-    board = ["--config", "firmware/image.toml", "--profile", "firmware", "--target", "thumbv7em-none-eabihf",
-             "--package", "kband-firmware", "--bins"]
+    board = [
+        "--config",
+        "firmware/image.toml",
+        "--profile",
+        "firmware",
+        "--target",
+        "thumbv7em-none-eabihf",
+        "--package",
+        "kband-firmware",
+        "--bins",
+    ]
     while True:
         changed, lines = {}, {}
         for path, mutants in of_file(found).items():
-            changed[path], lines[path] = draw.mutated((ROOT / path).read_text(), mutants, switch_of(path))
+            changed[path], lines[path] = draw.mutated(
+                (ROOT / path).read_text(), mutants, switch_of(path)
+            )
         plant(changed)
         refused, errors = set(), []
         for what in (["--package", "kband-host", "--package", "kband-firmware"], board):
-            environment = dict(os.environ, CARGO_TARGET_DIR=str(TARGET / "mutants"), CARGO_NET_OFFLINE="true")
-            ran = subprocess.run([*cargo, *what], cwd=TREE, env=environment, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
+            environment = dict(
+                os.environ, CARGO_TARGET_DIR=str(TARGET / "mutants"), CARGO_NET_OFFLINE="true"
+            )
+            ran = subprocess.run(
+                [*cargo, *what],
+                cwd=TREE,
+                env=environment,
+                stdout=subprocess.PIPE,
+                stdin=subprocess.DEVNULL,
+            )
             for said in map(json.loads, ran.stdout.decode().splitlines()):
                 if said.get("message", {}).get("level") != "error":
                     continue
@@ -347,13 +468,19 @@ def drawn(count, seed):
     found = compiling(draw.draw(ROOT, count, seed))
     chosen = survived = [(number, path, shown) for number, path, *_, shown in found]
     for judges in DRAWN:
-        asked = [(*each, judges) for each in survived if judges != EMULATED or each[1].startswith("firmware/")]
+        asked = [
+            (*each, judges)
+            for each in survived
+            if judges != EMULATED or each[1].startswith("firmware/")
+        ]
         verdicts = judged(asked, began) if asked else {}
         survived = [each for each in survived if not verdicts.get(each[0])]
     print("".join(f"survived: {shown}\n" for *_, shown in survived), end="")
     share = 1.0 - len(survived) / len(chosen)
-    print(f"mutants: {len(chosen) - len(survived)} of {len(chosen)} drawn with seed {seed} caught, {100 * share:.1f} %, "
-          f"{time.time() - began:.0f} s")
+    print(
+        f"mutants: {len(chosen) - len(survived)} of {len(chosen)} drawn with seed {seed} caught, {100 * share:.1f} %, "
+        f"{time.time() - began:.0f} s"
+    )
     sys.exit(share < DRAWN_LEAST)
 
 
@@ -370,9 +497,16 @@ def main():
         mutated((ROOT / path).read_text(), [m for m in every if m[1] == path], path)
     for judge in {judge for *_, judges in every for judge in judges}:
         name, *filters = judge.split()
-        files = [*ROOT.glob(f"tests/**/tests/{name}.rs")] if name in EMULATED else [
-            file for folder in ("bindings", "firmware", "shared", "tests")
-            for file in (ROOT / folder).rglob("*.*") if file.suffix in (".rs", ".py")]
+        files = (
+            [*ROOT.glob(f"tests/**/tests/{name}.rs")]
+            if name in EMULATED
+            else [
+                file
+                for folder in ("bindings", "firmware", "shared", "tests")
+                for file in (ROOT / folder).rglob("*.*")
+                if file.suffix in (".rs", ".py")
+            ]
+        )
         sources = "".join(file.read_text() for file in files)
         for each in filters:
             if not re.search(rf"\b(fn|def) \w*{each.split('::')[-1]}", sources):
@@ -380,25 +514,40 @@ def main():
     if asked == ["--check"]:
         print(f"mutants: {len(every)} in {len({m[1] for m in every})} files, each at its place")
         return
-    chosen = [m for m in every if not asked or str(m[0]) in asked or any(m[1].startswith(a) for a in asked if not a.isdigit())]
+    chosen = [
+        m
+        for m in every
+        if not asked
+        or str(m[0]) in asked
+        or any(m[1].startswith(a) for a in asked if not a.isdigit())
+    ]
     chosen = [(*m[:5], [test for test in m[5] if test.split()[0] in allowed]) for m in chosen]
     chosen = [m for m in chosen if m[5]]
     if not chosen:
         sys.exit("no such mutant")
     began = time.time()
-    plant({path: mutated((ROOT / path).read_text(), mutants, path) for path, mutants in of_file(every).items()})
-    shown = [(number, path, f"{path}: {change(*rest)}", judges) for number, path, *rest, judges in chosen]
+    plant(
+        {
+            path: mutated((ROOT / path).read_text(), mutants, path)
+            for path, mutants in of_file(every).items()
+        }
+    )
+    shown = [
+        (number, path, f"{path}: {change(*rest)}", judges) for number, path, *rest, judges in chosen
+    ]
     noticed = judged(shown, began)
     verdicts = {key(*mutant): noticed[number] for number, *mutant, _ in chosen}
     caught = sum(each is not None for each in verdicts.values())
     share = caught / len(chosen)
-    print(f"mutants: {caught} of {len(chosen)} caught, {100 * share:.1f} %, {time.time() - began:.0f} s")
+    print(
+        f"mutants: {caught} of {len(chosen)} caught, {100 * share:.1f} %, {time.time() - began:.0f} s"
+    )
     write(every, verdicts)
     sys.exit(share < LEAST)
 
 
 def judged(chosen, began):
-    """The first test that fails, of each mutant (number, path, how it is shown, judges), by its number."""
+    """The first failing test of each mutant (number, path, label, judges), by number."""
     programs, environment = build({test.split()[0] for *_, tests in chosen for test in tests})
     built = time.time() - began
     pool = concurrent.futures.ThreadPoolExecutor(JOBS)
@@ -409,15 +558,24 @@ def judged(chosen, began):
         without_mutant(programs, environment, first, pool)
     known = without_mutant(programs, environment, wanted, pool)
     seconds = {judge: took for judge, (took, _) in known.items()}
-    print(f"without a mutant: {len(known)} tests pass, {sum(seconds.values()):.0f} s; built in {built:.0f} s", flush=True)
+    print(
+        f"without a mutant: {len(known)} tests pass, {sum(seconds.values()):.0f} s; built in {built:.0f} s",
+        flush=True,
+    )
 
     def look(mutant):
         number, *_, judges = mutant
         start = time.time()
-        judges = [judge for judge in candidates(programs, judges) if judge[0] in EMULATED or number in known[judge][1]]
+        judges = [
+            judge
+            for judge in candidates(programs, judges)
+            if judge[0] in EMULATED or number in known[judge][1]
+        ]
         for batch, held in batches(set(judges), seconds):
             tests = [test for _, test in batch]
-            noticed = run(programs, environment, batch[0][0], tests, 60 + 20 * held, KBAND_MUTANT=str(number))
+            noticed = run(
+                programs, environment, batch[0][0], tests, 60 + 20 * held, KBAND_MUTANT=str(number)
+            )
             if noticed:
                 return noticed, time.time() - start, len(judges)
         return None, time.time() - start, len(judges)
@@ -425,14 +583,19 @@ def judged(chosen, began):
     verdicts = {}
     for (number, _, shown, _), (noticed, took, reach) in zip(chosen, pool.map(look, chosen)):
         verdicts[number] = noticed
-        print(f"{number:3} {shown}: {noticed or f'SURVIVED {reach} tests that reach it'}, {took:.0f} s", flush=True)
+        print(
+            f"{number:3} {shown}: {noticed or f'SURVIVED {reach} tests that reach it'}, {took:.0f} s",
+            flush=True,
+        )
     return verdicts
 
 
 def change(place, expression, becomes):
     """A mutant in the line of its place."""
     before, after = place.split("@")
-    return " ".join((before.split("\n")[-1] + f"[{expression} -> {becomes}]" + after.split("\n")[0]).split())
+    return " ".join(
+        (before.split("\n")[-1] + f"[{expression} -> {becomes}]" + after.split("\n")[0]).split()
+    )
 
 
 def key(*mutant):
@@ -448,18 +611,32 @@ def write(every, verdicts):
     store.write_text(json.dumps(kept))
     if not all(key(*mutant) in kept for _, *mutant, _ in every):
         return
-    rows = [(number, path, change(*rest), kept[key(path, *rest)]) for number, path, *rest, _ in every]
+    rows = [
+        (number, path, change(*rest), kept[key(path, *rest)]) for number, path, *rest, _ in every
+    ]
     caught = sum(noticed is not None for *_, noticed in rows)
-    equal = [(file["path"], file["why"], mutant) for file in listed()["equivalent"] for mutant in file["mutants"]]
+    equal = [
+        (file["path"], file["why"], mutant)
+        for file in listed()["equivalent"]
+        for mutant in file["mutants"]
+    ]
 
     def quoted(text):
         return "`" + text.replace("|", "\\|").replace("`", "'") + "`"
 
-    lines = ["# Mutants and who notices them", "",
-             f"Written by `tests/mutants/run.py`: {caught} of {len(rows)} caught, {100 * caught / len(rows):.1f} %; "
-             f"{len(equal)} more are equivalent.", "",
-             "| | file | [what is there -> what it becomes] | first test that fails |", "|---|---|---|---|"]
-    lines += [f"| {number} | {path} | {quoted(shown)} | {noticed or 'none'} |" for number, path, shown, noticed in rows]
+    lines = [
+        "# Mutants and who notices them",
+        "",
+        f"Written by `tests/mutants/run.py`: {caught} of {len(rows)} caught, {100 * caught / len(rows):.1f} %; "
+        f"{len(equal)} more are equivalent.",
+        "",
+        "| | file | [what is there -> what it becomes] | first test that fails |",
+        "|---|---|---|---|",
+    ]
+    lines += [
+        f"| {number} | {path} | {quoted(shown)} | {noticed or 'none'} |"
+        for number, path, shown, noticed in rows
+    ]
     lines += ["", "Equivalent:", "", "| file | | why no test can notice |", "|---|---|---|"]
     lines += [f"| {path} | {quoted(change(*mutant[:3]))} | {why} |" for path, why, mutant in equal]
     TABLE.write_text("\n".join(lines) + "\n")

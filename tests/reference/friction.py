@@ -1,17 +1,16 @@
 #!/usr/bin/env python3
-"""Conveying speeds with friction by small time steps: writes friction.csv and friction-tones.csv beside this file.
+"""Conveying speeds with friction by small time steps: writes friction.csv and friction-tones.csv
+beside this file.
 
     python3 tests/reference/friction.py         # some five minutes
-
-It shares nothing with the event map that it judges: no event is looked for, no impact and no slide has a
-formula. The contact is a spring and a damper of a contact time tc (in rad of the drive) and a restitution R;
-Coulomb's friction takes what it can of the velocity along the track in each step of tc/100, all of it where
-that is less. A contact that takes time is not one that takes none, nor a step of a hundredth of it: each mean
-over 20 cycles, after 20 to settle, is told for tc = 0.005, and its error is the sum of its distances from those
-with tc twice as long and with steps twice as long.
-
-Columns: throw number, eta, mu, incline in degrees, gamma in degrees, R, on several tones amplitude and angle in rad of
-the second and of the third, W in b w, its error.
+ It shares nothing with the event map that it judges: no event is looked for, no impact and no slide
+has a formula. The contact is a spring and a damper of a contact time tc (in rad of the drive) and a
+restitution R; Coulomb's friction takes what it can of the velocity along the track in each step of
+tc/100, all of it where that is less. A contact that takes time is not one that takes none, nor a
+step of a hundredth of it: each mean over 20 cycles, after 20 to settle, is told for tc = 0.005, and
+its error is the sum of its distances from those with tc twice as long and with steps twice as long.
+ Columns: throw number, eta, mu, incline in degrees, gamma in degrees, R, on several tones amplitude
+and angle in rad of the second and of the third, W in b w, its error.
 """
 
 import csv
@@ -38,7 +37,7 @@ ON_TONES = [
 
 
 def left_by(damping):
-    """Restitution of a spring and a damper that do not pull (Schwager and Poeschel 2007, equations 20 to 22)."""
+    """Restitution of a spring and damper without pull (Schwager and Poeschel 2007, eq. 20-22)."""
     if damping < 1.0:
         turn = math.sqrt(1.0 - damping * damping)
         angle = math.atan2(2.0 * damping * turn, 2.0 * damping * damping - 1.0)

@@ -3,16 +3,16 @@
 
     python3 -m pip install mpmath==1.3.0
     python3 tests/reference/tones.py            # about two minutes
-
-The track moves as S(t) = sin t + e sin(2 t + th) + e3 sin(3 t + th3). A part launched at phase t with
-velocity psi is u(d) = (S'(t) + psi) d - k d^2/2 - (S(t + d) - S(t)) above it; the flight is the FIRST
-d > 0 with u(d) = 0. Inputs are doubles, exact; everything is computed to 50 digits and printed to 25.
-
-It shares nothing with the kernels it judges. The candidate comes from convexity: u'' = A - k, with
-A = -S'', changes sign at the roots of a polynomial in exp(i t) only, all of which are found; between two of
-them u is convex or concave. Then the candidate is proven to be the first by a march that knows nothing of
-convexity: |u''''| <= 1 + 16 e + 81 e3, so that from any d a polynomial in h is a lower bound of
-u(d + h), and no step is longer than that bound stays positive. A case that is not proven is not written.
+ The track moves as S(t) = sin t + e sin(2 t + th) + e3 sin(3 t + th3). A part launched at phase t
+with velocity psi is u(d) = (S'(t) + psi) d - k d^2/2 - (S(t + d) - S(t)) above it; the flight is
+the FIRST d > 0 with u(d) = 0. Inputs are doubles, exact; everything is computed to 50 digits and
+printed to 25.
+ It shares nothing with the kernels it judges. The candidate comes from convexity: u'' = A - k, with
+A = -S'', changes sign at the roots of a polynomial in exp(i t) only, all of which are found;
+between two of them u is convex or concave. Then the candidate is proven to be the first by a march
+that knows nothing of convexity: |u''''| <= 1 + 16 e + 81 e3, so that from any d a polynomial in h
+is a lower bound of u(d + h), and no step is longer than that bound stays positive. A case that is
+not proven is not written.
 """
 
 import csv
@@ -48,7 +48,7 @@ class Track:
         return s, c, a, j, w
 
     def _edges(self):
-        """Phases in 0..2 pi where A = k, in order: every unit root of the polynomial in exp(i t)."""
+        """Phases in 0..2 pi where A = k, in order: unit roots of a polynomial in exp(i t)."""
         n = max(q for q, _, _ in self.tones)
         coefficients = [mpc(0)] * (2 * n + 1)
         coefficients[n] = mpc(-self.k)
@@ -86,7 +86,7 @@ class Flight:
         return v * d - k * d * d / 2 - (s - self.s), v - k * d - c, a - k, j
 
     def start(self):
-        """A time up to which u > 0 for certain: u/d by Taylor from launch; 0 where none is found."""
+        """A time until which u > 0 is proven by the Taylor series of u/d; 0 if none."""
         w0, w1, w2 = self.velocity, (self.a - self.track.k) / 2, self.j / 6
         w3 = self.track.fourth / 24
         h = mpf(1)
@@ -175,14 +175,22 @@ class Flight:
             u, slope, bend, third = self.gap(x)
             if u <= 0:
                 return False
-            if slope < 0 and slope + max(bend, 0) * rest + max(third, 0) * rest**2 / 2 \
-                    + 4 * fourth * rest**3 < 0:
+            if (
+                slope < 0
+                and slope + max(bend, 0) * rest + max(third, 0) * rest**2 / 2 + 4 * fourth * rest**3
+                < 0
+            ):
                 # It falls all the way.
                 return self.gap(d)[1] <= 0
             h = min(mpf(2), rest)
             while True:
-                least = (u + min(slope, 0) * h + min(bend, 0) * h**2 / 2
-                         + min(third, 0) * h**3 / 6 - fourth * h**4)
+                least = (
+                    u
+                    + min(slope, 0) * h
+                    + min(bend, 0) * h**2 / 2
+                    + min(third, 0) * h**3 / 6
+                    - fourth * h**4
+                )
                 if least > 0:
                     break
                 h /= 2
@@ -209,7 +217,7 @@ def below_turn(t):
 
 
 def launch(kind, rng):
-    """A random launch of a kind: track and doubles (phase, velocity); None where it does not succeed."""
+    """A random launch of a kind: track, phase, velocity. None if it does not succeed."""
     k = rng.choice([rng.uniform(0.02, 0.98), rng.uniform(0.25, 0.65), rng.uniform(0.02, 2.0)])
     track = Track(k, *shape(rng))
     phase, velocity = rng.uniform(0, 6.283), rng.uniform(0.02, 3)
@@ -234,7 +242,8 @@ def launch(kind, rng):
             if phase is None or track.at(mpf(phase))[2] <= k:
                 return None
         else:
-            # Back along the parabola that touches the track in this window, to where it left the track.
+            # Back along the parabola that touches the track in this window, to where it left the
+            # track.
             touch = entry + width * mpf(rng.uniform(0.02, 0.98))
             s, c, _, _, _ = track.at(touch)
             past, found = mpf(rng.uniform(0.05, 9)), None
@@ -276,8 +285,21 @@ def write(out, kind, track, restitution, phase, velocity):
     velocity_after = -mpf(restitution) * slope
     numbers = [mp.nstr(x, 25, strip_zeros=False) for x in (d, following, velocity_after)]
     k, e, th, e3, th3 = track.row
-    out.writerow([kind, repr(k), repr(restitution), repr(e), repr(th), repr(e3), repr(th3),
-                  repr(phase), repr(velocity), *numbers, mp.nstr(d / -slope, 6)])
+    out.writerow(
+        [
+            kind,
+            repr(k),
+            repr(restitution),
+            repr(e),
+            repr(th),
+            repr(e3),
+            repr(th3),
+            repr(phase),
+            repr(velocity),
+            *numbers,
+            mp.nstr(d / -slope, 6),
+        ]
+    )
     return below_turn(following), float(velocity_after)
 
 
@@ -286,9 +308,17 @@ def main():
     path = pathlib.Path(__file__).with_name("tones.csv")
     with path.open("w", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
-        out.writerow("class k restitution e th e3 th3 phase velocity "
-                     "flight next_phase next_velocity condition".split())
-        for kind, count in (("typical", 400), ("high", 150), ("short", 150), ("liftoff", 200), ("grazing", 250)):
+        out.writerow(
+            "class k restitution e th e3 th3 phase velocity "
+            "flight next_phase next_velocity condition".split()
+        )
+        for kind, count in (
+            ("typical", 400),
+            ("high", 150),
+            ("short", 150),
+            ("liftoff", 200),
+            ("grazing", 250),
+        ):
             written = tried = 0
             while written < count:
                 tried += 1
@@ -296,7 +326,8 @@ def main():
                 if drawn and write(out, kind, drawn[0], rng.uniform(0, 0.95), *drawn[1:]):
                     written += 1
             print(f"{kind}: {written} of {tried} drawn")
-        # Hop by hop, each from the reference state rounded to a double, down to where it chatters out.
+        # Hop by hop, each from the reference state rounded to a double, down to where it chatters
+        # out.
         written = 0
         while written < 250:
             drawn = launch("typical", rng)

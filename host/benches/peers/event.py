@@ -1,4 +1,5 @@
-"""The flight as an ordinary differential equation with an event, by heyoka: ns an impact as CSV. Run by compare.sh beside it."""
+"""The flight as an ordinary differential equation with an event, by heyoka: ns an impact as CSV.
+Run by compare.sh beside it."""
 
 import time
 
