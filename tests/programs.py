@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Runs the test programs of the workspace side by side: some of them wait for an emulated board
-more than they compute.
+"""Runs the test programs of the workspace side by side.
 
-    tests/programs.py            those of `cargo test --locked --test '*'`, each as cargo runs it; exit status 1 where one failed
-    tests/programs.py -p PACKAGE --test NAME    those that cargo is asked for so
- One after another, the longest of last time first, and beside them those that wait. Prints what
-each printed as it ends.
+    tests/programs.py                           those of `cargo test --locked --test '*'`
+    tests/programs.py -p PACKAGE --test NAME    selected ones
+
+The longest programs of the last run start first. Programs that wait for an emulated board run
+beside those that compute. Prints the output of each program when it ends. Exit status 1 if one
+failed.
 """
 
 import concurrent.futures

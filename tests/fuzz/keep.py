@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""What searches by coverage found, kept in the tree: one file of few small inputs for each target.
+"""Keeps what the searches by coverage found: one file of few small inputs for each target.
 
-    tests/fuzz/keep.py                     after tests/fuzz/run.sh: the inputs of target/fuzz/corpus that add to the branches, the
-                                           smallest first, up to 50 000 bytes for each target, into
-                                           tests/fuzz/found/TARGET
-    tests/fuzz/keep.py --unpack TARGET FOLDER   the kept ones as files, for a search to begin with
+    tests/fuzz/keep.py                          after tests/fuzz/run.sh
+    tests/fuzz/keep.py --unpack TARGET FOLDER   the kept inputs as files, for a search to begin with
+
+The first command selects inputs of target/fuzz/corpus that add to the branches reached, the
+smallest first. It writes up to 50 000 bytes for each target to tests/fuzz/found/TARGET.
 
 A file is its inputs one after another, each behind its length in two bytes (little-endian).
 """

@@ -1,8 +1,9 @@
 """Mutants drawn by chance, for run.py.
- `cargo mutants --list --json` names the places of its operators. Four operators are added: a
-constant or a number is doubled, `<` and `<=` (`>` and `>=`) change places, and a statement is left
-out. A drawn mutant is a copy of the whole function body with one change, so that any operator can
-stand behind a run-time switch.
+
+`cargo mutants --list --json` gives the places of its operators. Four operators are added: a
+constant or a number is doubled, `<` and `<=` (`>` and `>=`) are exchanged, and a statement is left
+out. A drawn mutant is a copy of the whole function body with one change. So any operator can stand
+behind a run-time switch.
 """
 
 import json

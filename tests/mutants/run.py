@@ -3,17 +3,18 @@
 
     tests/mutants/run.py                  all mutants of mutants.toml
     tests/mutants/run.py firmware/ 17     those of files whose path begins so, and number 17
-    tests/mutants/run.py --with control,firmware firmware/    by tests of these programs alone: a first look
-    tests/mutants/run.py --check          only whether each place is where the list says, without a build
-    tests/mutants/run.py --drawn 300 7    300 mutants of seed 7, drawn by draw.py from the whole code
- Copies the tree to target/mutants/tree, puts each mutant behind a switch that the environment
-(KBAND_MUTANT, for the programs of this machine) or a word of the flash (for an image on the
-emulated chip) sets, and builds the test programs once. Each test that the list names runs once
-without a mutant: it has to pass, and it leaves how long it took and which mutants it reached. Then
-each mutant runs the tests that reach it, the fastest first, until one fails. Exit status 1 where
-fewer than 95 % are caught. The table tests/mutants/results.md has the last verdict on each, once
-there is one on all of them. KBAND_JOBS says how many run at once (as many as the machine has
-cores).
+    tests/mutants/run.py --with control,firmware firmware/    judged by these programs alone
+    tests/mutants/run.py --check          only whether each mutant has its place, without a build
+    tests/mutants/run.py --drawn 300 7    300 mutants of seed 7, drawn by draw.py from all code
+
+Copies the tree to target/mutants/tree, puts each mutant behind a switch, and builds the test
+programs once. The switch is KBAND_MUTANT in the environment, or a word of the flash of an image on
+the emulated chip.
+
+Each test runs once without a mutant. It must pass; its time and the mutants that it reaches are
+recorded. Then each mutant runs the tests that reach it, the fastest first, until one fails. Exit
+status 1 if fewer than 95 % are caught. A run of the whole list writes the table
+tests/mutants/results.md. KBAND_JOBS is the number of tests at once (default: the cores).
 """
 
 import concurrent.futures

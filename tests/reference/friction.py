@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
-"""Conveying speeds with friction by small time steps: writes friction.csv and friction-tones.csv
-beside this file.
+"""Conveying speeds with friction by small time steps: friction.csv, friction-tones.csv.
 
     python3 tests/reference/friction.py         # some five minutes
- It shares nothing with the event map that it judges: no event is looked for, no impact and no slide
-has a formula. The contact is a spring and a damper of a contact time tc (in rad of the drive) and a
-restitution R; Coulomb's friction takes what it can of the velocity along the track in each step of
-tc/100, all of it where that is less. A contact that takes time is not one that takes none, nor a
-step of a hundredth of it: each mean over 20 cycles, after 20 to settle, is told for tc = 0.005, and
-its error is the sum of its distances from those with tc twice as long and with steps twice as long.
- Columns: throw number, eta, mu, incline in degrees, gamma in degrees, R, on several tones amplitude
+
+The method shares nothing with the event map that it judges: it searches for no event, and no
+impact or slide has a formula. The contact is a spring and a damper with contact time tc (rad of
+the drive) and restitution R. In each step of tc/100 Coulomb's friction reduces the velocity along
+the track by at most its impulse.
+
+Each mean covers 20 cycles after 20 to settle, at tc = 0.005. Its error is the sum of two
+differences: to the mean at twice the tc, and to the mean with twice the step.
+
+Columns: throw number, eta, mu, incline in degrees, gamma in degrees, R, on several tones amplitude
 and angle in rad of the second and of the third, W in b w, its error.
 """
 

@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
-"""Conveying speeds with friction by Siconos: writes friction-siconos.csv beside this file.
+"""Conveying speeds with friction by Siconos: writes friction-siconos.csv.
 
     apt install python3-siconos                  # 4.4.0 of Debian 12 made the file
     /usr/bin/python3 tests/reference/friction_siconos.py      # some two minutes
- Siconos (Acary et al., INRIA) steps mechanics with unilateral contacts: Moreau's and Jean's scheme,
-Newton's impact law, Coulomb's friction as a complementarity problem solved in each step. Nothing of
-it is ours but the accelerations of the frame that moves with the track.
- The scheme is of first order in its step, and where a stick or a lift-off falls between two steps
-it scatters by as much. Each mean over 20 cycles, after 20 to settle, is therefore taken with four
-numbers of steps a cycle; what is told is the value at no step at all of the straight line through
-them, and its error is half the 95 % interval of that value.
+
+Siconos (Acary et al., INRIA) integrates mechanics with unilateral contacts: the scheme of Moreau
+and Jean, Newton's impact law, and Coulomb's friction as a complementarity problem in each step.
+This script adds only the accelerations of the frame that moves with the track.
+
+The scheme is of first order in its step. Where a stick or a lift-off falls between two steps, it
+scatters by as much. So each mean, over 20 cycles after 20 to settle, is computed with four step
+sizes. The result is the intercept of the straight line through them, and its error is half the
+95 % interval of the intercept.
 
 Columns: throw number, eta, mu, incline in degrees, gamma in degrees, R, W in b w, its error.
 """

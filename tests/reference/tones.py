@@ -1,18 +1,21 @@
 #!/usr/bin/env python3
-"""Golden impacts on tracks of two and three tones: writes tones.csv beside this file.
+"""Golden impacts on tracks of two and three tones: writes tones.csv.
 
     python3 -m pip install mpmath==1.3.0
     python3 tests/reference/tones.py            # about two minutes
- The track moves as S(t) = sin t + e sin(2 t + th) + e3 sin(3 t + th3). A part launched at phase t
-with velocity psi is u(d) = (S'(t) + psi) d - k d^2/2 - (S(t + d) - S(t)) above it; the flight is
-the FIRST d > 0 with u(d) = 0. Inputs are doubles, exact; everything is computed to 50 digits and
-printed to 25.
- It shares nothing with the kernels it judges. The candidate comes from convexity: u'' = A - k, with
-A = -S'', changes sign at the roots of a polynomial in exp(i t) only, all of which are found;
-between two of them u is convex or concave. Then the candidate is proven to be the first by a march
-that knows nothing of convexity: |u''''| <= 1 + 16 e + 81 e3, so that from any d a polynomial in h
-is a lower bound of u(d + h), and no step is longer than that bound stays positive. A case that is
-not proven is not written.
+
+The track moves as S(t) = sin t + e sin(2 t + th) + e3 sin(3 t + th3). A part launched at phase t
+with velocity psi is u(d) = (S'(t) + psi) d - k d^2/2 - (S(t + d) - S(t)) above it. The flight is
+the first d > 0 with u(d) = 0. Inputs are exact doubles. The script computes with 50 digits and
+prints 25.
+
+It shares nothing with the kernels that it judges. The candidate comes from convexity: u'' = A - k
+with A = -S'' changes sign only at roots of a polynomial in exp(i t), and all of these are found.
+Between two of them u is convex or concave.
+
+A march without convexity then proves that the candidate is the first root. The fourth derivative
+of u is at most 1 + 16 e + 81 e3, so a polynomial in h is a lower bound of u(d + h). No step is
+longer than that bound stays positive. A case without proof is not written.
 """
 
 import csv
