@@ -18,8 +18,7 @@ use kband::arithmetic::square_root_single;
 use kband::feeder::{OutOfRange, Restitution};
 use kband::regime::gear::GearPlan;
 
-/// Smallest predicted share of time in gear that serves a lot; below it an event is reported and
-/// the best amplitude held.
+/// Smallest predicted share of time in gear that serves a lot; below it an event is reported.
 pub const MIN_GEAR_SHARE: f32 = 0.7;
 
 /// The target, its setpoint, and the searches that still run.
@@ -136,11 +135,9 @@ impl Selection {
         self.misfit
     }
 
-    /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes the
-    /// k at which a part thrown from rest flies one drive period, `1/sqrt(1 + pi^2)` = 0.303. That
-    /// is the throw number 3.3, up to which conveyors are designed. Parts of widely scattered
-    /// restitution are fastest near it (docs/theory-real-parts.md#t10.1). The drive's reach limits
-    /// it.
+    /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes the k
+    /// at which a part thrown from rest flies one drive period, `1/sqrt(1 + pi^2)` = 0.303 (throw
+    /// number 3.3), near which scattered parts are fastest (docs/theory-real-parts.md#t10.1).
     pub fn set_misfit(&mut self, settings: &Settings, scale: &Scale) {
         self.misfit = true;
         let k = 1.0 / square_root_single(1.0 + PI * PI);
@@ -182,8 +179,7 @@ impl Selection {
         self.plan.as_ref()
     }
 
-    /// Restitutions and scatter of the lot: as configured, or as estimated for the present plan of
-    /// gear.
+    /// Restitutions and scatter of the lot: as configured, or as estimated for the plan of gear.
     pub fn lot(&self, settings: &Settings) -> Option<(Restitution, f32)> {
         if let Some(gear) = &self.gear {
             let asked = gear.settings();
@@ -192,9 +188,8 @@ impl Selection {
         Some((settings.lot().ok()?, settings.scatter))
     }
 
-    /// Processes a cycle at the setpoint. It starts a new plan where the parts differ from the
-    /// planned ones, or where the drive fails to make a tone. The setpoint stays until that plan is
-    /// settled.
+    /// Processes a cycle at the setpoint. Plans anew where the parts differ from the planned ones or the
+    /// drive lacks a tone. The setpoint stays until that plan is settled.
     pub fn retune(
         &mut self,
         margin: Option<&GearMargin>,
@@ -223,8 +218,7 @@ impl Selection {
         matches!(self.target, Target::Gear { .. } | Target::Flow(_)).then_some(self.order)
     }
 
-    /// Selects the order of gear that gives the wanted flow; `flow` is the estimated present one,
-    /// in g/s.
+    /// Selects the order of gear that gives the wanted flow; `flow`: the present one, in g/s.
     pub fn serve_flow(
         &mut self,
         flow: Option<f32>,

@@ -34,8 +34,7 @@ pub enum NoSetpoint {
     },
     /// The lot has no common chaotic stretch.
     Chaos,
-    /// No lock conveys at this speed within 10 %. The speed of the nearest lock in mm/s, if there
-    /// is one.
+    /// No lock conveys at this speed within 10 %; the speed of the nearest lock in mm/s.
     Speed(Option<f32>),
     /// In no gear do the parts leave the track at this flow within 10 %. The nearest flow in g/s.
     Flow(f32),
@@ -96,8 +95,7 @@ pub struct Choice {
     pub shape: Shape,
 }
 
-/// Half width in rad of a lock's phase window beyond the lot's own phases, for amplitude error,
-/// unresolved doubling, and errors of the phase stamps.
+/// Half width in rad of a lock's window beyond the lot's own phases: errors of amplitude and stamps.
 const LOCK_HALF_WIDTH: f32 = 0.35;
 /// Permitted orders of lock and gear.
 pub(super) const ORDERS: core::ops::RangeInclusive<u8> = 1..=8;
@@ -162,8 +160,7 @@ impl Choice {
                 Ok(Self::level(Level::Amplitude(b * 1e-3)))
             }
             Target::Flow(flow) => {
-                // The power that parts absorb gives their mass, on a track of configured mass with
-                // one tone.
+                // The power that parts absorb gives their mass, on a track of one tone.
                 require(
                     "track_mass",
                     settings.track_mass,
@@ -215,9 +212,8 @@ impl Choice {
         }
     }
 
-    /// Refuses an amplitude that the configured drive's output cannot reach: a smaller one would
-    /// give another motion of the parts. An amplitude beyond a hard limit is kept and limited
-    /// there.
+    /// Refuses an amplitude that the output cannot reach: a smaller one gives another motion of the
+    /// parts. One beyond a hard limit is kept and limited there.
     pub fn within(self, settings: &Settings, scale: &Scale) -> Self {
         let needed = match self.level {
             Level::K(k) => scale.amplitude(k as f32),

@@ -1,6 +1,6 @@
 //! The drive's resonance: a stepped-sine sweep that finds it, and a phase loop that tracks it.
 //!
-//! At the peak a resonance lags its force by a quarter turn. An integral controller moves the
+//! At the peak a resonance lags its force by a quarter turn: an integral controller moves the
 //! frequency until that phase is measured (phase-locked loop).
 
 use core::f32::consts::{FRAC_PI_2, PI};
@@ -11,13 +11,11 @@ use crate::settings::Settings;
 
 /// Largest number of points of a sweep; the settings refuse a band that needs more.
 const MAX_SWEEP_POINTS: u16 = 400;
-/// Settling time at each point in time constants of the envelope: 2 % of the last point's amplitude
-/// remains.
+/// Settling time at each point in time constants of the envelope: 2 % of the last one remains.
 const SETTLING_TIME_CONSTANTS: f32 = 4.0;
 /// Additional settling cycles, for the dead time from a command to its measured amplitude.
 const SETTLING_CYCLES: f32 = 4.0;
-/// Time constant of the phase loop over that of the envelope, so that each phase is measured on a
-/// settled envelope.
+/// Time constant of the phase loop over that of the envelope, which has settled then.
 const PHASE_LOOP_RATIO: f32 = 4.0;
 
 /// The drive's frequency, and its tracking of the resonance.
@@ -88,8 +86,7 @@ impl Resonance {
         self.sweep = None;
     }
 
-    /// Processes the amplitude of a sweep's cycle, in m. Whether the sweep ended, with the track
-    /// settled at its peak.
+    /// Processes the amplitude (m) of a sweep's cycle. Whether it ended, settled at its peak.
     pub fn advance_sweep(&mut self, amplitude: f32) -> bool {
         let Some(sweep) = &mut self.sweep else {
             return false;
@@ -119,8 +116,7 @@ impl Resonance {
         false
     }
 
-    /// Moves the frequency towards the resonance by the phase lead of the track (rad). At the peak
-    /// it lags a quarter turn, and half a sample more for the held output.
+    /// Moves the frequency towards the resonance by the phase lead of the track (rad).
     pub fn track(&mut self, lead: f32) {
         let hold = PI * self.frequency / SAMPLE_RATE as f32;
         let error = lead + FRAC_PI_2 + hold;

@@ -14,8 +14,7 @@ use kband::regime::gear;
 /// Number of upper tones: the second and the third.
 pub const UPPER: usize = 2;
 
-/// Upper tone of the track's motion: `e sin(n tau + th)` over the first tone's amplitude, tau the
-/// track's phase.
+/// Upper tone of the track's motion: `e sin(n tau + th)` over the first's amplitude, tau its phase.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct UpperTone {
     /// Amplitude over that of the first tone (symbol e), 0..0.5; 0 means none.
@@ -155,10 +154,8 @@ impl Shape {
     }
 }
 
-/// Demodulated motion of a cycle, as phasors of the displacement in m.
-///
-/// `x = Im(first e^(i phi)) + Im(upper[0] e^(2 i phi)) + Im(upper[1] e^(3 i phi))`, phi the
-/// output's phase.
+/// Demodulated motion of a cycle, as phasors of the displacement in m: `x = Im(first e^(i phi)) +
+/// Im(upper[0] e^(2 i phi)) + Im(upper[1] e^(3 i phi))`, phi the output's phase.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrackMotion {
     /// The first tone.

@@ -10,11 +10,9 @@ use super::tone::ToneLoop;
 use crate::settings::Settings;
 use kband::feeder::{OutOfRange, accept};
 
-/// Acceleration over the hard limit that gives the upper tones up at once, as for the first tone's
-/// fault.
+/// Acceleration over the hard limit that gives the upper tones up at once.
 const MAX_ACCELERATION_RATIO: f32 = 1.15;
-/// Smallest share of the wanted tones that does not count as held back; noise at the hard limit
-/// costs less than the rest.
+/// Smallest share of the wanted tones that does not count as held back.
 const MIN_TONE_SHARE: f32 = 0.95;
 /// Cycles of a smaller share before a limit is reported, as for the output.
 const CUT_CYCLES: u16 = 25;
@@ -36,8 +34,8 @@ pub struct ToneInputs {
     pub least: f32,
 }
 
-/// Largest second and third tone (symbols e and e3) for which the configured output suffices at a
-/// k; 0..0.5. The output also makes the first tone, and for the third the configured second one.
+/// Largest second and third tone (symbols e and e3), 0..0.5, for which the configured output suffices at
+/// a k beside the first tone, and for the third beside the configured second one.
 ///
 /// ```
 /// use kband_control::{Settings, affordable_tones};
@@ -89,8 +87,7 @@ pub struct Tones {
     share: f32,
 }
 
-impl Tones {
-    /// Builds the loops at rest. The error names a tone that the drive cannot make even where the
+    /// Builds the loops at rest. The error names a tone that the drive cannot make even at k = 1.
     /// track only just throws parts (k = 1).
     pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
         let configured = [settings.second_tone, settings.third_tone];
@@ -160,14 +157,12 @@ impl Tones {
         self.loops().for_each(ToneLoop::restart);
     }
 
-    /// Outputs of the upper tones along sine and cosine of their multiples of the output's phase,
-    /// as shares of full output.
+    /// Outputs along sine and cosine of the multiples of the output's phase, over full output.
     pub fn output(&self) -> [[f32; 2]; UPPER] {
         self.output.map(|output| [output.re, output.im])
     }
 
-    /// Tones that are smaller than wanted: those given up, and the highest one while output or hard
-    /// limits cut all.
+    /// Tones that are smaller than wanted: those given up, and the highest one while limits cut all.
     pub fn missing_tones(&self) -> [bool; UPPER] {
         let cut = self.cut_for > CUT_CYCLES;
         let [second, third] = &self.loops;
@@ -183,8 +178,7 @@ impl Tones {
         self.loops.iter().all(ToneLoop::arrived)
     }
 
-    /// Advances one cycle. The result marks the tones that deviate from the configured response;
-    /// each is reported once.
+    /// Advances one cycle. Marks the tones that deviate from the configured response, once each.
     pub fn cycle(&mut self, inputs: &ToneInputs) -> [bool; UPPER] {
         if inputs.wanted != self.shape {
             self.shape = inputs.wanted;
@@ -231,9 +225,8 @@ impl Tones {
         news
     }
 
-    /// Share of the wanted tones within the hard limits.
-    ///
-    /// max |S| and max |S''| are convex in the tones, and 1 without any: a chord bounds them.
+    /// Share of the wanted tones within the hard limits: a chord bounds max |S| and max |S''|, which
+    /// are convex in the tones, and 1 without any.
     fn left(&self, inputs: &ToneInputs, first: f32) -> f32 {
         let wanted = |(tone, shape): (&ToneLoop, UpperTone)| tone.within(shape.ratio) > 0.0;
         if !self.loops.iter().zip(self.shape.tones()).any(wanted) {

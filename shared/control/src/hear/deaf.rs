@@ -1,8 +1,7 @@
 //! Detector of a sensor that misses impacts.
 //!
-//! The map predicts that thrown parts strike, and at which speed (m/s). Inputs per cycle are these
-//! speeds, the noise (m/s^2), the ratio of detected to due impacts, and their concentration, 0..1.
-//! Thresholds on rate and predicted loudness start counters of successive cycles, with hysteresis.
+//! Inputs per cycle: the speeds at which the map predicts impacts (m/s), the noise (m/s^2), the ratio
+//! of detected to due impacts, and their concentration. Counters of cycles in a row have hysteresis.
 
 /// Minimum height of an impact's ringing over its speed, in 1/s: a third of a bare track's.
 const MIN_RINGING_PER_SPEED: f32 = 10.0;
@@ -16,11 +15,9 @@ const THRESHOLD: f32 = 6.0;
 const MAX_SILENT_RATE: f32 = 0.25;
 /// Ratio of detected to due impacts above which the parts count as detected.
 const MIN_DETECTED_RATE: f32 = 0.5;
-/// Concentration of the phases below which detections may be noise: sixteen random phases exceed it
-/// in one of 300 cases.
+/// Concentration of the phases below which detections may be noise: random phases exceed it rarely.
 const MIN_CONCENTRATION: f32 = 0.6;
-/// Successive silent cycles until detection: twice the memory of the impact rate, below the
-/// patience before a kick.
+/// Successive silent cycles until detection: twice the memory of the rate, below a kick's delay.
 const SILENT_CYCLES: u8 = 32;
 /// Successive cycles with detected parts that end it: the memory of the impact rate.
 const DETECTED_CYCLES: u8 = 16;
@@ -63,11 +60,8 @@ impl MissedImpactDetector {
         self.missed_impacts
     }
 
-    /// Whether a single part is too faint for detection, so that only coincident impacts are
-    /// detected.
-    ///
-    /// Of 24 parts at 150 Hz a few locked parts were detected alone, as one lock of all, in 5 of 60
-    /// runs.
+    /// Whether a single part is too faint, so that only coincident impacts are detected: a few locked
+    /// parts of 24 then looked like one lock of all (150 Hz, 5 of 60 runs).
     pub fn hears_crowds_only(&self) -> bool {
         self.crowd
     }
@@ -77,8 +71,7 @@ impl MissedImpactDetector {
         let threshold = THRESHOLD * sound.noise;
         let loud = |speed: f32| MIN_RINGING_PER_SPEED * speed;
         self.crowd = sound.together && MIN_LOUDNESS_MARGIN * BARE * sound.locked < threshold;
-        // A lock below the threshold will never be detected; detections without a phase are then
-        // noise.
+        // Such a lock is never detected; detections without a phase are then noise.
         let hopeless = loud(sound.locked) < threshold;
         let noise = self.crowd || hopeless && sound.concentration < MIN_CONCENTRATION;
         if !sound.listening {

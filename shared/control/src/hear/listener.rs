@@ -14,8 +14,7 @@ use kband::feeder::OutOfRange;
 use kband::regime::classify::{Classifier, Regime, TimingAccuracy, Verdict};
 use kband::regime::gear::StrikeProfile;
 
-/// Period of the regime's classification, in drive cycles: its search for periods is the costliest
-/// part of a cycle.
+/// Period of the regime's classification, in drive cycles: the costliest part of a cycle.
 const CLASSIFICATION_PERIOD_CYCLES: u32 = 8;
 
 /// Largest error at which a share with only a lower bound is reported.
@@ -27,19 +26,16 @@ const GEAR_DETECTED_SHARE: f32 = 0.5;
 /// Share of time in gear below which gear is lost (hysteresis).
 const GEAR_LOST_SHARE: f32 = 0.4;
 
-/// Share of time in single flights above which they prove gear of one part without a fit of the
-/// energy: its impacts then scatter less than configured.
+/// Share of time in single flights above which they prove gear of one part without the energy's fit.
 const MIN_SINGLE_FLIGHTS: f32 = 0.99;
 /// Share of time in single flights below which that proof is lost (hysteresis).
 const LOST_SINGLE_FLIGHTS: f32 = 0.9;
 
-/// Minimum drive cycles without contradiction before gear is detected again: the long histogram
-/// holds older energy.
+/// Minimum drive cycles without contradiction before gear is detected again.
 const MIN_SUPPORTED_CYCLES: f32 = 24.0;
 /// Minimum time without contradiction, in s.
 const MIN_SUPPORTED_SECONDS: f32 = 0.4;
-/// Largest error of the mean stamped phase of landings from rest, in rad: that of a lock, and the
-/// resolution of its phase.
+/// Largest error of the mean stamped phase of landings from rest, in rad.
 const MAX_LANDING_ERROR: f32 = 0.15;
 /// Minimum time without an impact for an empty track, in s.
 const EMPTY_SECONDS: f32 = 1.0;
@@ -132,8 +128,7 @@ impl Listener {
         }
     }
 
-    /// Detects an empty track (no impact for a second, and for four flights), and clears the
-    /// estimates.
+    /// Detects an empty track (no impact for a second and four flights), and clears the estimates.
     fn watch_silence(&mut self, cycle: &Cycle, order: u8) {
         if !cycle.heard.is_empty() {
             (self.silent, self.empty) = (0.0, false);
@@ -162,11 +157,8 @@ impl Listener {
         self.in_gear_detected = self.detect_gear();
     }
 
-    /// Whether the parts are in gear for more than half of their time, with hysteresis.
-    ///
-    /// Detection needs a fit of the map that supports gear, because impacts alone may come from a part
-    /// that lands and rests. The energy must fit, or nearly all flights be single ones of one part
-    /// at a phase where gear does not repel.
+    /// Whether the parts are in gear for more than half of their time, with hysteresis. The map must
+    /// support gear, and the energy fit it; or nearly all flights are single ones of one part.
     fn detect_gear(&self) -> bool {
         let Some(evidence) = self.share.evidence() else {
             return self.in_gear_detected && self.in_gear_at_least() > GEAR_LOST_SHARE;
@@ -187,8 +179,7 @@ impl Listener {
             && (evidence.fits() && shares || self.is_one_in_gear(single))
     }
 
-    /// Whether the parts do not fit the lot. A part in gear outside the lot gives its restitution, by
-    /// which gear is planned anew.
+    /// Whether the parts do not fit the lot. One part in gear gives its restitution instead.
     pub fn is_misfit(&self) -> bool {
         let in_gear = |evidence: &GearEvidence| evidence.in_gear() > GEAR_LOST_SHARE;
         self.share.is_misfit()
@@ -196,16 +187,13 @@ impl Listener {
     }
 
     /// Whether single flights of one part take a share of the time above `level` (0..=1), at a phase
-    /// where the part may stay in gear.
-    ///
-    /// Parts that land together and rest strike as regularly, often while the track still
-    /// accelerates upwards (docs/theory-bands.md#t5.1).
+    /// where it may stay in gear: parts that land together and rest strike as regularly
+    /// (docs/theory-bands.md#t5.1).
     fn is_one_in_gear(&self, level: f32) -> bool {
         self.gear.share() > level && self.gear.may_stay_in_gear_at(self.phases.phase())
     }
 
-    /// Corrects a verdict of parts in gear at a mean phase where they land from rest, or where gear
-    /// repels: they hop, chatter undetected and rest.
+    /// Corrects a verdict of parts that land from rest or where gear repels: they hop and rest.
     fn correct_verdict(&self, verdict: Verdict, lock: Option<&LockWindow>) -> Verdict {
         let phase = self.phases.phase();
         let within = |middle: Phase, width: f32| radians_of(phase_of(phase) - middle).abs() < width;
@@ -245,8 +233,7 @@ impl Listener {
         self.margin().or_else(|| self.share.margin())
     }
 
-    /// Mean drive cycles in gear per loss: measured of one part, else predicted for the lot;
-    /// infinite without both.
+    /// Mean drive cycles in gear per loss: measured of one part, else predicted for the lot.
     pub fn time_to_loss(&self) -> f32 {
         let heard = self.gear.time_to_loss();
         if heard.is_finite() && self.margin().is_some() {
@@ -257,8 +244,7 @@ impl Listener {
             .map_or(f32::INFINITY, StrikeProfile::time_to_loss)
     }
 
-    /// Estimated share of time in gear; `None` where only a lower bound exists
-    /// ([`GearHearing::share`]).
+    /// Estimated share of time in gear; `None` where only a lower bound exists.
     pub fn in_gear(&self) -> Option<GearShare> {
         if self.share.is_judged() {
             return self.share.share();
@@ -267,8 +253,7 @@ impl Listener {
         (least.error < MAX_BOUND_ERROR).then_some(least)
     }
 
-    /// Whether the impacts come from one part: with several parts most flights are not detected as
-    /// such.
+    /// Whether the impacts come from one part: of several most flights are not detected.
     fn is_one(&self) -> bool {
         let flights = self.gear.long_share();
         match self.share.share() {

@@ -9,8 +9,7 @@ use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 
 /// Circular statistics of the impacts' phases, with a memory of 16 cycles.
 ///
-/// Phases are the track's own (symbol t): the stamp of the impact plus the track's lead. Any number
-/// of locked parts strikes at one phase.
+/// Phases are the track's own (symbol t): the stamp of the impact plus the track's lead.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PhaseStatistics {
     sine: f32,
@@ -29,11 +28,8 @@ pub struct PhaseStatistics {
     alternating_sum: f32,
 }
 
-/// Half difference of alternate impact phases, in rad, where the confidence begins to fall, and
-/// where it is 0.
-///
-/// A locked lot alternates by 0.01 (jitter of 0.05 rad in the memory's mean). Flights just beyond
-/// the doubling (R 0.255, the lot ends at 0.22) alternate by 0.13.
+/// Half difference of alternate impact phases, in rad, where the confidence begins to fall, and where
+/// it is 0. A locked lot alternates by 0.01, flights just beyond the doubling by 0.13.
 const ALTERNATION_BOUNDS: [f32; 2] = [0.04, 0.24];
 
 /// Tolerance of the share of cycles with an impact: one cycle of the memory of sixteen.
@@ -78,9 +74,8 @@ impl PhaseStatistics {
         }
     }
 
-    /// Counts an impact within the lock's window; returns the number of the flight that it ends.
-    ///
-    /// Parts of order r strike in every r-th cycle, always of the same remainder.
+    /// Counts an impact within the lock's window; returns the number of the flight that it ends. Parts
+    /// of order r strike in every r-th cycle.
     fn add_impact_in_window(
         &mut self,
         count: u32,
@@ -103,11 +98,8 @@ impl PhaseStatistics {
         number / order
     }
 
-    /// Confidence from alternation, up to 1: doubled flights strike before and after the lock's
-    /// phase in turn.
-    ///
-    /// Parts that have doubled out of step with each other cannot be detected
-    /// (docs/theory-capture.md#t7.6).
+    /// Confidence from alternation, up to 1: doubled flights strike before and after the lock's phase
+    /// in turn. Parts that doubled out of step stay undetected (docs/theory-capture.md#t7.6).
     fn evenness(&self) -> f32 {
         if self.at_lock <= 0.0 {
             return 1.0;
@@ -153,19 +145,15 @@ impl PhaseStatistics {
         }
     }
 
-    /// Confidence that the parts are locked in `order`, 0..1: the minimum of four measures.
-    ///
-    /// They are the share of impacts in the lock's window, detected over due impacts, evenness, and
-    /// the filled part of the memory. Impacts are due in every r-th cycle; those in some of the
-    /// other cycles count against the lock.
+    /// Confidence that the parts are locked in `order`, 0..1: the least of the share of impacts in the
+    /// window, detected over due impacts, evenness, and the filled part of the memory.
     pub fn lock_confidence(&self, order: u8) -> f32 {
         let due = self.cycles / f32::from(order);
         if due <= 0.0 {
             return 0.0;
         }
         let often = if order > 1 {
-            // Impacts in some of the other cycles, but not in all or none of them, contradict a
-            // lock.
+            // Impacts in some of the other cycles, but not in all or none, contradict a lock.
             let shares = self
                 .cycles_by_remainder
                 .iter()

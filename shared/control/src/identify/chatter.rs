@@ -83,8 +83,7 @@ impl Chatter {
         self.landing + self.rest < TAU + self.lift_off
     }
 
-    /// Impacts: time from the first landing in rad (infinite: none), and speed over that of the
-    /// first.
+    /// Impacts: time from the first landing in rad (infinite: none), and speed over the first's.
     pub fn impacts(&self) -> &[(f32, f32); IMPACTS] {
         &self.impacts
     }

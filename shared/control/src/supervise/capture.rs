@@ -1,31 +1,22 @@
 //! Capture: kicks that bring parts onto the wanted orbit, one attempt after the other
 //! (docs/theory-capture.md#t7.3).
 //!
-//! Inputs per cycle are the plan of kicks, whether the lock is detected, and whether the amplitude
-//! has settled. The outputs are the amplitude over the setpoint (1) and an event.
+//! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks: a kick and its test
+//! need 80 cycles, in which the parts are conveyed worse.
 //!
-//! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks. A kick and its
-//! test need 80 cycles, in which the parts are thrown higher and conveyed worse. Kicks cannot hold
-//! parts that are lost more often than every hundred seconds.
-//!
-//! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks of
-//! parts outside the lot. Its hypotheses are that a kick misses a part with the probability of the
-//! plan, or always. The likelihood of the first one is the product of those probabilities.
-
+//! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks of parts
+//! outside the lot: a kick misses a part with the probability of the plan, or always.
 use kband::regime::capture::{Kick, Plan};
 
-/// Predicted share of captured parts below which a plan is called uncertain; it only selects an
-/// event.
+/// Predicted share of captured parts below which a plan is called uncertain.
 const MIN_CAPTURED_SHARE: f64 = 0.95;
 
-/// Kicks per hour that the token bucket gains: with the saved ones, 60 in an hour cost 2.7 % of the
-/// time at 50 Hz.
+/// Kicks per hour that the token bucket gains: 60 in an hour cost 2.7 % of the time at 50 Hz.
 const KICKS_PER_HOUR: f32 = 40.0;
 /// Largest number of saved kicks: two complete captures in a row.
 const MAX_SAVED_KICKS: f32 = 20.0;
 
-/// Largest probability that the kicks miss parts of the lot, at which parts count as outside it:
-/// the false alarm rate.
+/// Largest probability that the kicks miss parts of the lot (false alarm rate).
 const MAX_MISS_PROBABILITY: f64 = 1e-3;
 
 /// Stage of a capture.
@@ -43,8 +34,7 @@ pub enum Stage {
     Judging(u32),
 }
 
-/// Cycles after a kick, at the setpoint's amplitude, before it counts as failed: as many as the
-/// plan simulates after its kick.
+/// Cycles after a kick, at the setpoint's amplitude, before it failed: as the plan simulates.
 const LOCK_TEST_CYCLES: u32 = 60;
 
 /// The attempts at capturing the parts.
@@ -85,14 +75,12 @@ pub enum CaptureEvent {
     Ended,
     /// The wanted lock is detected.
     Captured,
-    /// The attempts are used up: those of this capture, or those of the hour. Or kicks missed that
-    /// parts of the lot would not.
+    /// The attempts of this capture or of the hour are used up, or parts of the lot would not miss so.
     Failed,
 }
 
 impl Capture {
-    /// A capture of at most `allowed` kicks; `pace` in cycles per second. An hour allows 60 at
-    /// most.
+    /// A capture of at most `allowed` kicks, 60 in an hour; `pace` in cycles per second.
     pub fn new(allowed: u8, pace: f32) -> Self {
         Self {
             stage: Stage::Idle,
@@ -133,8 +121,7 @@ impl Capture {
         }
     }
 
-    /// Advances one cycle. `plan` is the result of the search for kicks. `lock` is the detected
-    /// lock. `settled`: the amplitude is back at the setpoint.
+    /// Advances one cycle. `settled`: the amplitude is back at the setpoint.
     pub fn cycle(
         &mut self,
         plan: Option<&Plan>,

@@ -1,73 +1,54 @@
 //! Fault detector: signs of a fault in the sensor's readings, each debounced.
 //!
-//! Inputs per cycle are the converter's range, the measured amplitude (m) and lead (rad), and their
-//! predictions. The outputs are a fault, and whether the reading is untrusted.
-//!
-//! Method: limit checks on measured signals and on residuals against a model of the drive
-//! (Isermann, Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is
-//! detected by counting reversals with hysteresis.
+//! Method: limit checks on measured signals and on residuals against a model of the drive (Isermann,
+//! Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is detected by
+//! counting reversals with hysteresis.
 
 use core::f32::consts::PI;
 
 use crate::hear::Cycle;
 use crate::state::Fault;
 
-/// Peak-to-peak range of a dead reading, in converter steps: a constant voltage between two steps
-/// toggles the last one.
+/// Peak-to-peak range of a dead reading, in converter steps: a constant voltage toggles the last one.
 const DEAD_RANGE_STEPS: u16 = 1;
-/// Cycles of a dead reading that are a fault: from [`Expected::least`] on, the default sensor's
-/// noise alone spans more steps in each.
+/// Cycles of a dead reading that are a fault: the default sensor's noise alone spans more steps.
 const DEAD_CYCLES: u8 = 3;
-/// Peak-to-peak range of a cut wire, in converter steps: noise of 1.5 steps RMS spans 9 in 400
-/// samples, a cycle at 50 Hz.
+/// Peak-to-peak range of a cut wire, in converter steps: noise of 1.5 RMS spans 9 in a cycle at 50 Hz.
 const CUT_WIRE_RANGE_STEPS: u16 = 10;
 /// Cycles of a cut wire without a response that are a fault: half of [`NO_RESPONSE_CYCLES`].
 const CUT_WIRE_CYCLES: u8 = 8;
-/// Readings per cycle at the ends of the converter's range; one ringing of 2.4 kHz has two on each
-/// side, at 20 kHz.
+/// Readings per cycle at the converter's ends; one ringing of 2.4 kHz has two on each side.
 const CLIPPED_READINGS: u16 = 4;
-/// Cycles of saturation that are a fault: the time constant of a kick
-/// ([`Settings`](crate::Settings)), whose crest alone is none.
+/// Cycles of saturation that are a fault: the time constant of a kick, whose crest alone is none.
 const SATURATED_CYCLES: u8 = 5;
-/// Smallest amplitude over the expected one that is a response: a third of the smallest plausible
-/// one.
+/// Smallest amplitude over the expected one that is a response: a third of the plausible one.
 const MIN_RESPONSE_SHARE: f32 = 0.15;
-/// Cycles without a response that are a fault: two time constants at Q = 25, after which a drive
-/// reaches 86 % of the expected amplitude.
+/// Cycles without a response that are a fault: two time constants at Q = 25 (86 %).
 const NO_RESPONSE_CYCLES: u8 = 15;
-/// Largest factor between the amplitude's ratio to the expected one and its usual value in this
-/// run; it detects halved sensitivity or supply.
+/// Largest factor between the amplitude's ratio to the expected one and its usual value in this run.
 const MAX_RATIO_CHANGE: f32 = 1.9;
 /// Cycles after which the usual ratio counts as estimated.
 const MIN_RATIO_CYCLES: f32 = 16.0;
-/// Memory of the usual ratio in cycles (exponential forgetting): drives change by a third as they
-/// warm up, in minutes.
+/// Memory of the usual ratio in cycles: drives change by a third as they warm up, in minutes.
 const RATIO_MEMORY_CYCLES: f32 = 500.0;
-/// Cycles of an implausible amplitude that are a fault: a second at 50 Hz, twice what the gain
-/// estimate needs.
+/// Cycles of an implausible amplitude that are a fault: twice what the gain estimate needs.
 const IMPLAUSIBLE_CYCLES: u8 = 50;
-/// Distance of a wrong lead from both ends of its half turn, in rad, for noise and detuning up to
-/// 4.7 % at Q = 25.
+/// Distance of a wrong lead from its half turn's ends, in rad: noise, and detuning to 4.7 % at Q = 25.
 const WRONG_LEAD_MARGIN: f32 = 0.4;
-/// Cycles of a wrong lead that are a fault: as many as of saturation, for a kick moves the phase
-/// too.
+/// Cycles of a wrong lead that are a fault: as of saturation, for a kick moves the phase too.
 const INVERTED_CYCLES: u8 = 5;
-/// Amplitude over the hard limit that is a fault: five times the overshoot (3 %) of the
-/// [`AmplitudeLoop`](crate::AmplitudeLoop) over a reference within it.
+/// Amplitude over the hard limit that is a fault: five times the amplitude loop's overshoot (3 %).
 const MAX_AMPLITUDE_RATIO: f32 = 1.15;
 /// Cycles of excessive amplitude that are a fault: two, because an impact can raise a single one.
 const EXCESS_CYCLES: u8 = 2;
 
-/// Peak-to-peak swing of the amplitude, over its reference, that counts as a reversal; parts of a
-/// fifth of the track's mass cause 0.075.
+/// Swing of the amplitude, over its reference, that counts as a reversal; heavy parts cause 0.075.
 const REVERSAL_SWING: f32 = 0.1;
 /// Smallest swing in standard errors of the amplitude: four to either side.
 const REVERSAL_STANDARD_ERRORS: f32 = 8.0;
-/// Reversals that are a fault: three periods; a step of the drive's gain by 1.8 causes five at
-/// most.
+/// Reversals that are a fault: three periods; a step of the drive's gain by 1.8 causes five.
 const OSCILLATION_REVERSALS: u8 = 6;
-/// Reversals from which the amplitude is unsteady, and from which one beyond [`PEAK`] is a fault:
-/// one period.
+/// Reversals from which the amplitude is unsteady, and from which one beyond [`PEAK`] is a fault.
 const UNSTEADY_REVERSALS: u8 = 2;
 /// Largest amplitude of an oscillation, over the hard limit.
 const PEAK: f32 = 1.04;
@@ -76,8 +57,7 @@ const STEADY_CYCLES: u8 = 64;
 /// Relative change of the reference that restarts the count of reversals.
 const REFERENCE_CHANGE: f32 = 0.05;
 
-/// Reversals of the amplitude about a constant reference, counted with hysteresis (a zigzag
-/// filter).
+/// Reversals of the amplitude about a constant reference, counted with hysteresis (zigzag filter).
 #[derive(Clone, Copy, Debug, Default)]
 struct ReversalCounter {
     reference: f32,
@@ -128,8 +108,7 @@ fn differs(measured: f32, predicted: f32, factor: f32) -> (bool, bool) {
     (factor * measured < predicted, measured > factor * predicted)
 }
 
-/// Leaky counter of a fault's sign: each cycle with it adds 2, each without subtracts 1. It also
-/// detects a contact that bounces.
+/// Leaky counter of a fault's sign: each cycle with it adds 2, each without subtracts 1.
 #[derive(Clone, Copy, Debug, Default)]
 struct LeakyCounter(u8);
 
@@ -154,7 +133,7 @@ struct RatioEstimate {
 
 impl RatioEstimate {
     /// Whether an amplitude is too weak and whether it is too strong, by a factor, against the
-    /// expected one and its usual ratio. A plausible one updates that ratio.
+    /// expected one and its usual ratio, which a plausible one updates.
     fn check(&mut self, measured: f32, expected: f32, tolerance: f32) -> (bool, bool) {
         let apart = |factor: f32, usual: f32| {
             (
@@ -185,8 +164,7 @@ pub struct Prediction {
     pub known: bool,
     /// Predicted amplitude of this cycle under the outputs so far, in m.
     pub amplitude: f32,
-    /// Amplitude of this cycle predicted from the measured current of the drive, in m; `None`
-    /// where it is not commissioned.
+    /// Amplitude predicted from the drive's current, in m; `None` where it is not commissioned.
     pub by_current: Option<f32>,
     /// Whether the track's lead is more than a quarter turn from the predicted one.
     pub opposed: bool,
@@ -219,8 +197,7 @@ impl FaultDetector {
         self.usual = RatioEstimate::default();
     }
 
-    /// Processes a cycle with its measured amplitude (m) and lead (rad). The results are a detected
-    /// fault, and whether the reading is untrusted.
+    /// Processes a cycle: measured amplitude (m), lead (rad). A fault, and whether it is untrusted.
     pub fn cycle(
         &mut self,
         cycle: &Cycle,
@@ -234,10 +211,9 @@ impl FaultDetector {
         let still = moving && span <= DEAD_RANGE_STEPS;
         let saturated = running && !still && cycle.saturated >= CLIPPED_READINGS;
         let unanswered = moving && !still && measured < MIN_RESPONSE_SHARE * expected.amplitude;
-        // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Near the ends are
-        // the held output (0.008 rad at 50 Hz), noise, transients, and drives further off their
-        // resonance than 1/(2 Q tan 0.4). Beside its resonance a track turns against its output
-        // while its amplitude changes; the prediction includes that.
+        // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Near the ends are the
+        // held output (0.008 rad at 50 Hz), noise, transients, and drives far off their resonance.
+        // A track beside it turns against its output in a transient, which the prediction includes.
         let wrong = expected.opposed && lead > WRONG_LEAD_MARGIN && lead < PI - WRONG_LEAD_MARGIN;
         let inverted = moving && !unanswered && wrong;
         if !running {

@@ -1,17 +1,15 @@
 //! The interlock: it keeps the drive off until somebody acts at the machine.
 //!
-//! It holds the fault, the latch and the lock-out. No request over the link changes them. They end
-//! by the enable input alone (IEC 60204-1, 9.2.5.4.2), and outlast every new controller. One
-//! exception: a fieldbus with the authority to do so acknowledges a fault, but no lock-out.
+//! No request over the link changes fault, latch and lock-out. They end by the enable input alone (IEC
+//! 60204-1, 9.2.5.4.2), and outlast every new controller. One exception: a fieldbus with that
+//! authority acknowledges a fault, but no lock-out.
 
 use crate::inputs::{Inputs, StartCause};
 use crate::state::{Event, Events, Fault};
 
-/// Time in s for which the enable input must be off to acknowledge a fault, longer than any contact
-/// bounces.
+/// Time in s for which the enable input must be off to acknowledge a fault: no contact's bounce.
 const ACKNOWLEDGE_SECONDS: f32 = 0.5;
-/// Window in s in which the third fault locks the drive out, and time off that then acknowledges
-/// it.
+/// Window in s in which the third fault locks the drive out, and time off that acknowledges it.
 const LOCKOUT_SECONDS: f32 = 60.0;
 
 /// The causes that keep the drive off.
@@ -35,8 +33,7 @@ pub struct Interlock {
     stopped_by_link: bool,
     /// Whether the fieldbus was in control in the last cycle.
     bus_controls: bool,
-    /// Whether the run bit was 0 since the last event that cancels it: power-on, a fault, or an
-    /// enable withdrawn by input or link.
+    /// Whether the run bit was 0 since power-on, a fault, or an enable withdrawn by input or link.
     run_was_off: bool,
 }
 
@@ -77,8 +74,7 @@ impl Interlock {
         }
     }
 
-    /// The same interlock after a simulation replaced the controller: the enable input must be off
-    /// once.
+    /// The same interlock after a simulation: the enable input must be off once.
     pub fn latched(&self) -> Self {
         Self {
             latched: true,
@@ -124,8 +120,7 @@ impl Interlock {
         true
     }
 
-    /// Records that the settings in use were saved. A fault for invalid settings can then be
-    /// acknowledged.
+    /// Records that the settings in use were saved: their fault can then be acknowledged.
     pub(crate) fn settings_saved(&mut self) {
         self.settings_saved = true;
     }
@@ -150,9 +145,8 @@ impl Interlock {
 
     /// Processes the inputs of a cycle at rest. Whether the drive may start.
     ///
-    /// An enable input that comes on while the link withholds the drive is latched: the link may
-    /// only return a drive that it stopped itself. With the bus in control its run bit starts the
-    /// drive, by an edge.
+    /// An enable input that comes on while the link withholds the drive is latched: the link may only
+    /// return a drive that it stopped itself. The run bit of a bus in control starts it by an edge.
     pub(crate) fn may_start(&mut self, inputs: &Inputs) -> bool {
         if !inputs.enable {
             self.latched = false;
@@ -171,9 +165,8 @@ impl Interlock {
         self.stopped_by_link = inputs.enable && inputs.withheld;
     }
 
-    /// Whether the enable input or the bus acknowledges the fault, which this call then clears.
-    ///
-    /// The bus ends no lock-out and no series of resets: somebody must look at the machine.
+    /// Whether the enable input or the bus acknowledges the fault, which this call then clears. The bus
+    /// ends no lock-out and no series of resets: somebody must look at the machine.
     pub(crate) fn acknowledges(&mut self, inputs: &Inputs, events: &mut Events) -> bool {
         let lasting = match self.fault {
             Some(Fault::SettingsInvalid) => !self.settings_saved,

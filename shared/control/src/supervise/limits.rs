@@ -2,8 +2,7 @@
 
 use crate::state::Limits;
 
-/// Cycles of a saturated output that are a limit: five default time constants of a kick, since
-/// starts and kicks saturate briefly.
+/// Cycles of a saturated output that are a limit: starts and kicks saturate briefly.
 const SATURATION_CYCLES: u32 = 25;
 
 /// Inputs of the limit monitor in a cycle.

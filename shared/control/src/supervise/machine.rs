@@ -1,8 +1,7 @@
 //! The state machine of a drive: one cycle's observations in, next state and decision out.
 //!
-//! The method is a finite-state machine (Mealy 1955) with hysteresis and debouncing. One threshold
-//! of the confidence enters the lock; a lower one leaves it, if it lasts for some cycles in a row.
-//! The permitted transitions are the table of `control/state/transition.rs`.
+//! A finite-state machine (Mealy 1955) with hysteresis and debouncing; its permitted transitions are
+//! the table of `control/state/transition.rs`.
 
 use super::capture::{Capture, CaptureEvent, DetectedLock};
 use super::interlock::Interlock;
@@ -11,20 +10,15 @@ use crate::state::{Event, Events, Fault, Limits, State};
 use kband::regime::capture::Plan;
 use kband::regime::classify::{Regime, Verdict};
 
-/// Cycles at the setpoint before a missing lock starts a capture: five rise times of the confidence
-/// (8 cycles), for parts that lock by themselves.
+/// Cycles at the setpoint before a missing lock starts a capture: five rise times of the confidence.
 const CAPTURE_DELAY_CYCLES: u32 = 40;
-/// Confidence, 0..1, at which a lock is detected: of the 16 cycles in memory one may lack its
-/// impact.
+/// Confidence, 0..1, at which a lock is detected: one of 16 cycles may lack its impact.
 const LOCK_CONFIDENCE: f32 = 0.9;
-/// Confidence, 0..1, below which a lock is doubted: of period-doubled parts half the impacts are
-/// outside the lock's window.
+/// Confidence, 0..1, below which a lock is doubted: period-doubled parts miss half of its window.
 const LOST_CONFIDENCE: f32 = 0.6;
-/// Cycles of doubt in a row that lose the lock: most of the memory of 16, so that no single gap
-/// counts twice.
+/// Cycles of doubt in a row that lose the lock, so that no single gap counts twice.
 const LOST_CYCLES: u8 = 10;
-/// Cycles in a row near the setpoint that reach it: the dead time is two, so the third shows the
-/// effect of the first.
+/// Cycles in a row near the setpoint that reach it: more than the dead time of two.
 const SETPOINT_CYCLES: u8 = 3;
 /// Confidence, 0..1, at which a regime is detected: more likely than not.
 const REGIME_CONFIDENCE: f32 = 0.5;
@@ -121,8 +115,7 @@ pub struct StateMachine {
 }
 
 impl StateMachine {
-    /// The state machine of a drive at rest: `pace` in cycles per second, `attempts` permitted
-    /// kicks. The interlock holds an earlier fault.
+    /// The state machine of a drive at rest: `pace` in cycles per second, `attempts` permitted kicks.
     pub fn begin(interlock: Interlock, pace: f32, attempts: f32) -> Self {
         Self {
             state: if interlock.fault().is_some() {
@@ -237,8 +230,7 @@ impl StateMachine {
         self.back_to_lock()
     }
 
-    /// Follows the enable input: starts, stops, or acknowledges a fault. A drive that stops is off
-    /// once the track is at rest, or after so many cycles.
+    /// Follows the enable input. A drive that stops is off once at rest, or after `patience` cycles.
     pub fn follow_enable_input(
         &mut self,
         inputs: &Inputs,
