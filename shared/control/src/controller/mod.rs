@@ -1,8 +1,7 @@
 //! Supervisory control of one drive: once per drive cycle, from measurements to the next command.
 //!
-//! A state machine (`supervise`) selects the reference, and the amplitude loop (`drive`) tracks it.
-//! The textbook pattern is supervisory control of a servo loop. ARCHITECTURE.md walks through one
-//! cycle.
+//! A state machine (`supervise`) selects the reference, and the amplitude loop (`drive`) tracks it:
+//! supervisory control of a servo loop. ARCHITECTURE.md walks through one cycle.
 
 use core::f32::consts::TAU;
 
@@ -34,27 +33,22 @@ use kband::feeder::OutOfRange;
 
 /// Slices of planning ([`Controller::plan_step`]) per drive cycle.
 pub const PLAN_SLICES: usize = 16;
-/// Cycles per quarter of the setpoint while the amplitude glides from a lock to chaos, slow enough
-/// to follow each doubling (docs/theory-capture.md#t7.4).
+/// Cycles per quarter of the setpoint on the way from a lock to chaos, slow enough to follow each
+/// doubling (docs/theory-capture.md#t7.4).
 const GLIDE_CYCLES_PER_QUARTER: f32 = 150.0;
-/// Relative error of the amplitude at which the setpoint counts as reached: half of the default
-/// amplitude error that kicks are planned for.
+/// Relative error of the amplitude at which the setpoint counts as reached.
 const SETPOINT_TOLERANCE: f32 = 0.01;
-/// Amplitude over the hard limit below which the track counts as at rest: about the reading of
-/// sensor noise.
+/// Amplitude over the hard limit below which the track counts as at rest: about sensor noise.
 const REST_AMPLITUDE_SHARE: f32 = 0.02;
-/// Amplitude, in m per mm of the safe one (30 % of it), above which the resonance is tracked;
-/// below, noise hides the phase.
+/// Amplitude, in m per mm of the safe one, above which the resonance is tracked.
 const MIN_TRACKING_AMPLITUDE: f32 = 0.3e-3;
-/// Amplitude over the smallest detectable one above which the upper tones are phase-locked to the
-/// first.
+/// Amplitude over the smallest detectable one above which the upper tones are phase-locked.
 const MIN_FIRST_TONE_RATIO: f32 = 4.0;
 
 /// The controller of one drive.
 ///
-/// [`Controller::cycle`] runs once per drive cycle, at the latest before the next one ends. The
-/// signal path latches its command at the next wrap of the phase. [`Controller::plan_step`]
-/// computes one bounded slice of planning and belongs in idle time.
+/// [`Controller::cycle`] runs once per drive cycle, before the next one ends. The signal path latches
+/// its command at the next wrap of the phase. [`Controller::plan_step`] belongs in idle time.
 ///
 /// ```
 /// use kband_control::{Controller, Cycle, Inputs, Settings, StartCause, State, Target};
@@ -92,12 +86,10 @@ pub struct Controller {
     /// Estimator of the parts' load; `None` without `track_mass`.
     meter: Option<LoadMeter>,
     weighing: LoadEvents,
-    /// Predicted envelope at the ends of three cycles, newest first, over the steady envelope at
-    /// full output. The first is of the cycle that the last output drives. The last reading is the
-    /// mean of the other two.
+    /// Predicted envelope at the ends of three cycles, newest first, over the steady one at full output.
+    /// The first is of the cycle that the last output drives; a reading is the mean of the others.
     predicted_envelopes: [Complex; 3],
-    /// Envelope under the measured current at the end of the last cycle, over the steady envelope
-    /// at 1 A.
+    /// Envelope under the measured current at the last cycle's end, over the steady one at 1 A.
     by_current: Complex,
     faults: FaultDetector,
     rest_test: RestTest,
@@ -174,16 +166,11 @@ impl Controller {
         Ok(controller)
     }
 
-    /// Sets a new target.
-    ///
-    /// The error names a number out of range, or an amplitude beyond the drive's output; the old
-    /// target then stays. A target can lose its setpoint later, by new settings; a target of
-    /// [`Controller::build`] can lack one from the start. See [no
-    /// setpoint](Controller::no_setpoint).
+    /// Sets a new target. The error names a number out of range, or an amplitude beyond the drive's
+    /// output; the old target then stays. See [no setpoint](Controller::no_setpoint).
     ///
     /// [`Controller::plan_step`] searches for the lock that gives a requested speed. Until it is
-    /// [chosen](Controller::is_setpoint_found), a running drive keeps its amplitude, and a drive at rest does
-    /// not start.
+    /// [chosen](Controller::is_setpoint_found), a running drive keeps its amplitude, and none starts.
     pub fn set_target(&mut self, target: Target) -> Result<(), OutOfRange> {
         self.selection = self.select(target, &self.settings)?;
         self.pending_events.push(Event::TargetSet);
@@ -191,9 +178,8 @@ impl Controller {
         Ok(())
     }
 
-    /// Sets target and settings of a recipe, as [`Controller::set_target`] sets a target.
-    ///
-    /// The error names the number out of range; target and settings then stay.
+    /// Sets target and settings of a recipe, as [`Controller::set_target`] sets a target. The error
+    /// names the number out of range; target and settings then stay.
     pub fn use_recipe(&mut self, recipe: &Recipe) -> Result<(), OutOfRange> {
         let settings = recipe.applied_to(&self.settings)?;
         self.selection = self.select(recipe.target, &settings)?;
@@ -207,8 +193,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Whether [`Controller::use_recipe`] accepts a recipe; the error names the number out of
-    /// range.
+    /// Whether [`Controller::use_recipe`] accepts a recipe; the error names the number out of range.
     pub fn check_recipe(&self, recipe: &Recipe) -> Result<(), OutOfRange> {
         let settings = recipe.applied_to(&self.settings)?;
         self.select(recipe.target, &settings).map(|_| ())
@@ -232,8 +217,7 @@ impl Controller {
         }
     }
 
-    /// Records that the settings in use were saved. A fault for invalid settings can then be
-    /// acknowledged.
+    /// Records that the settings in use were saved: their fault can then be acknowledged.
     pub fn settings_saved(&mut self) {
         self.machine.settings_saved();
     }
@@ -254,8 +238,7 @@ impl Controller {
         }
     }
 
-    /// Processes one cycle's measurements and the board's inputs. The report holds the next
-    /// command.
+    /// Processes one cycle's measurements and the board's inputs; the report holds the next command.
     pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
         self.advance(cycle, inputs);
         self.report()
@@ -397,8 +380,8 @@ impl Controller {
             && numbers.all(|part| part.is_finite())
     }
 
-    /// Estimates the parts' load. Returns the track's motion along sine and cosine of the output's
-    /// phase, in m, corrected for the impacts that the demodulator blanks.
+    /// Estimates the parts' load. Corrects the track's motion along sine and cosine of the output's
+    /// phase, in m, for the impacts that the demodulator blanks.
     fn estimate_load(&mut self, cycle: &Cycle, sine: f32, cosine: f32) -> [f32; 2] {
         if self.meter.is_none() {
             return [sine, cosine];
@@ -427,13 +410,8 @@ impl Controller {
                 && (self.reference.now - goal).abs() < SETPOINT_TOLERANCE * goal
                 && (self.measured.amplitude - goal).abs() < 10.0 * SETPOINT_TOLERANCE * goal,
         };
-        match &mut self.meter {
-            Some(meter) => {
-                let found = meter.cycle(&seen);
-                [found.re, found.im]
-            }
-            None => [sine, cosine],
-        }
+        let found = (self.meter.as_mut()).map_or(seen.motion, |meter| meter.cycle(&seen));
+        [found.re, found.im]
     }
 
     /// Converts the demodulated acceleration to the track's motion, in m.
@@ -447,8 +425,7 @@ impl Controller {
         TrackMotion { first, upper }
     }
 
-    /// Controls the upper tones, where the settings allow any. They run at the chosen setpoint
-    /// only: never while the link is lost, no setpoint exists, or the drive stops.
+    /// Controls the upper tones, where the settings allow any. They run at the chosen setpoint only.
     fn control_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
         if !self.tones.allowed() {
             return;
@@ -490,24 +467,16 @@ impl Controller {
         if inputs.chatters {
             events.push(Event::EnableChatters);
         }
-        if inputs.stack_low {
-            self.machine.fail(Fault::StackLow, events);
-        }
-        if inputs.supply_low {
-            self.machine.fail(Fault::SupplyLow, events);
-        }
-        if inputs.clock_failed {
-            self.machine.fail(Fault::ClockFailed, events);
-        }
-        if self.machine.running() {
-            for (present, fault) in [
-                (inputs.over_current, Fault::OverCurrent),
-                (inputs.control_late, Fault::ControlLate),
-                (inputs.over_temperature, Fault::OverTemperature),
-            ] {
-                if present {
-                    self.machine.fail(fault, events);
-                }
+        for (present, at_rest_too, fault) in [
+            (inputs.stack_low, true, Fault::StackLow),
+            (inputs.supply_low, true, Fault::SupplyLow),
+            (inputs.clock_failed, true, Fault::ClockFailed),
+            (inputs.over_current, false, Fault::OverCurrent),
+            (inputs.control_late, false, Fault::ControlLate),
+            (inputs.over_temperature, false, Fault::OverTemperature),
+        ] {
+            if present && (at_rest_too || self.machine.running()) {
+                self.machine.fail(fault, events);
             }
         }
         self.rest_test.cycle(cycle);
@@ -683,16 +652,14 @@ impl Controller {
         goal
     }
 
-    /// Limits of a start's test swing on the reference and on the output's amplitude, in m. `None`
-    /// during a resonance search, and after the test.
+    /// Limits of a start's test swing on the reference and on the output's amplitude, in m.
     fn swing_limits(&self) -> Option<[f32; 2]> {
         let Scale { ceiling, least, .. } = self.scale;
         let limits = self.swing.limits(self.reference.now, ceiling, least);
         limits.filter(|_| !self.resonance.is_sweeping())
     }
 
-    /// Upper limit of the next output, as a share of full output. It does not depend on the
-    /// accelerometer.
+    /// Upper limit of the next output, as a share of full output, without the accelerometer.
     fn most_output(&self) -> f32 {
         let amplitude = self.swing_limits().map(|[_, most]| most);
         self.scale
@@ -731,8 +698,7 @@ impl Controller {
             .min(self.scale.ceiling)
     }
 
-    /// One cycle of the resonance search. The output is constant and gives the safe amplitude at
-    /// the resonance.
+    /// One cycle of the resonance search, with the output of the safe amplitude at the resonance.
     fn advance_sweep(&mut self, measured: f32, events: &mut Events) {
         let output = self.sweep_amplitude() / self.scale.full_amplitude;
         self.output = output.min(self.settings.output_maximum);
@@ -761,8 +727,7 @@ impl Controller {
             .retune(&self.settings, self.resonance.frequency());
     }
 
-    /// Confidence, 0..1, that the parts are in the wanted lock; 0 where the impact of a single part
-    /// would not be detected.
+    /// Confidence, 0..1, that the parts are in the wanted lock; 0 with too faint single impacts.
     fn confidence(&self) -> f32 {
         if self.deafness.hears_crowds_only() {
             return 0.0;
@@ -788,8 +753,7 @@ impl Controller {
         self.carry_out(decision);
     }
 
-    /// Tests whether the parts fit the lot that gear is planned for. The verdict stays until the track
-    /// is empty; then the target begins anew.
+    /// Tests whether the parts fit the lot of gear. The verdict stays until the track is empty.
     fn watch_fit(&mut self) {
         if self.selection.is_misfit() {
             if self.listener.empty {
@@ -876,8 +840,7 @@ impl Controller {
         }
     }
 
-    /// Computes one bounded slice of planning. Whether more remain. Call it in idle time, at most
-    /// as often per cycle as it returns true.
+    /// Computes one bounded slice of planning, in idle time. Whether more remain.
     pub fn plan_step(&mut self) -> bool {
         let chosen = self.selection.chosen();
         chosen && (self.identifier.step() || self.listener.share.step())
@@ -907,19 +870,14 @@ fn refused(target: Target, accepted: &'static str) -> OutOfRange {
     }
 }
 
-/// The estimator of gear: for the configured lot, or for any restitution if the identification
-/// estimates it.
+/// The estimator of gear: for the configured lot, or for any restitution to identify.
 fn build_gear_estimator(settings: &Settings, any: bool) -> GearEstimator {
-    let estimator = if any {
-        GearEstimator::new(0.0, 1.0, settings.scatter)
+    let [low, high] = if any {
+        [0.0, 1.0]
     } else {
-        GearEstimator::new(
-            settings.restitution_low,
-            settings.restitution_high,
-            settings.scatter,
-        )
+        [settings.restitution_low, settings.restitution_high]
     };
-    estimator.with_contact(settings.contact_time())
+    GearEstimator::new(low, high, settings.scatter).with_contact(settings.contact_time())
 }
 
 #[cfg(any(test, feature = "memo"))]

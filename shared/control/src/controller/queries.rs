@@ -62,8 +62,8 @@ impl Controller {
         }
     }
 
-    /// Whether the target is met and the amplitude is steady: the lock, chaos or gear is detected,
-    /// or the requested amplitude is held. Gear counts where its estimated share exceeds one half.
+    /// Whether the target is met (lock, chaos, a share of gear above one half, or the amplitude) and
+    /// the amplitude is steady.
     pub fn is_ready(&self) -> bool {
         self.faults.is_steady() && self.is_target_met()
     }
@@ -114,8 +114,7 @@ impl Controller {
         self.limits.limits().contains(Limits::DEAF)
     }
 
-    /// Whether nothing is reported of gear: no part would be detected, or the parts do not fit the
-    /// lot whose gear is estimated.
+    /// Whether nothing is reported of gear: no part would be detected, or the parts do not fit the lot.
     fn is_unknown(&self) -> bool {
         self.is_deaf() || self.selection.is_misfit()
     }
@@ -172,8 +171,7 @@ impl Controller {
         self.selection.setpoint(&self.scale)
     }
 
-    /// Whether the search for the setpoint is over, with or without a result. The lock for a speed
-    /// and the k for gear need a search.
+    /// Whether the search for the setpoint is over, with or without a result.
     pub fn is_setpoint_found(&self) -> bool {
         self.selection.chosen()
     }
@@ -193,20 +191,18 @@ impl Controller {
         self.scale.k(amplitude)
     }
 
-    /// Progress of the identification of the parts' restitution ([`Target::Identify`]). The result
-    /// is offered here and applied nowhere. It stays until the next identification.
+    /// Progress of the identification of the parts' restitution ([`Target::Identify`]); its result is
+    /// applied nowhere, and stays until the next one.
     pub fn identification(&self) -> Identification {
         self.identifier.result()
     }
 
-    /// Sets whether gear is detected for [`Controller::is_ready`], which without it is never true
-    /// for a target of gear or flow. Default: yes.
+    /// Sets whether gear is detected for [`Controller::is_ready`]. Default: yes.
     pub fn watch_ready(&mut self, watched: bool) {
         self.watches_ready = watched;
     }
 
-    /// Sets whether the regime is classified for [`Report::regime`] where the controller does not
-    /// need it. Default: yes.
+    /// Sets whether the regime is classified also where the controller does not need it. Default: yes.
     pub fn watch_regime(&mut self, watched: bool) {
         self.listener.always_classifies = watched;
     }
