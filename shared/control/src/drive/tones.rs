@@ -87,8 +87,8 @@ pub struct Tones {
     share: f32,
 }
 
+impl Tones {
     /// Builds the loops at rest. The error names a tone that the drive cannot make even at k = 1.
-    /// track only just throws parts (k = 1).
     pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
         let configured = [settings.second_tone, settings.third_tone];
         let names = [

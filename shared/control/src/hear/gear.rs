@@ -32,7 +32,7 @@ const TRACE_MEMORY_IMPACTS: f32 = 1024.0;
 const MIN_IMPACTS: f32 = 20.0;
 /// Memory of the losses of gear, in drive cycles: more than a minute at 50 Hz.
 const LOSS_MEMORY_CYCLES: f32 = 4096.0;
-/// Shortest and longest flight in gear over r, in 2^-32 drive periods (docs/theory-real-parts.md#t10.1).
+/// Shortest and longest flight in gear over r, in 2^-32 periods (docs/theory-real-parts.md#t10.1).
 const FLIGHT_BOUNDS: [u64; 2] = [
     (gear::FLIGHT_RANGE[0] * Phase::TURN) as u64,
     (gear::FLIGHT_RANGE[1] * Phase::TURN) as u64,
@@ -41,33 +41,34 @@ const FLIGHT_BOUNDS: [u64; 2] = [
 const QUARTERS: usize = SECTORS / SECTORS_HANDED;
 /// Number of successive flights that define gear.
 const MIN_FLIGHTS_IN_GEAR: u16 = 8;
-/// Minimum scatter of an implied restitution, from errors of stamps and amplitude; also its
-/// tolerance beyond 0 and 1.
-/// Minimum scatter of an implied restitution (errors of stamps and amplitude); its slack beyond 0..1.
-/// Largest ratio of estimated to configured scatter that is used: one plus the 16 % of [`MIN_IMPACTS`].
-/// Distance of an implied restitution from the lot, in standard deviations, that rejects it: one in
+/// Minimum scatter of an implied restitution (stamps, amplitude); also its slack beyond 0 and 1.
+const MIN_SCATTER: f32 = 0.03;
+/// Largest ratio of estimated to configured scatter that is used: 1 plus the 16 % of [`MIN_IMPACTS`].
+const MAX_SCATTER_RATIO: f32 = 1.2;
 /// Distance of an implied restitution from the lot, in standard deviations, that rejects it.
-/// Standard deviation of the detected landing phase of a part thrown from rest, in rad: one sample
-/// Standard deviation of the landing phase of a part thrown from rest, in rad: one sample at 50 Hz.
-/// Mean delay and standard deviation, in rad, of a landing after undetected bounces, relative to a
+const MAX_LOT_DISTANCE: f32 = 4.0;
+/// Standard deviation of a landing phase from rest, in rad: one sample at 50 Hz.
+const LANDING_DEVIATION: f32 = 0.015;
 /// Mean delay and deviation, in rad, of a landing after undetected bounces, against one from rest.
-/// Weight of such landings and of landings from rest in the likelihood ratio.
-/// Weight of such landings in the likelihood ratio: measured over R of 0.1 to 0.6, s of 0.03 to 0.10.
-/// Weight of a landing from rest after an unknown flight, in rad: accepts within 2.0 standard
+const BOUNCED_LANDING: [f32; 2] = [0.1, 0.14];
+/// Weight of such landings in the likelihood ratio: measured, R of 0.1 to 0.6, s of 0.03 to 0.10.
+const BOUNCED_WEIGHT: f32 = 0.35;
 /// Weight of a landing from rest after an unknown flight, in rad: accepts within 2.0 deviations, by
 /// `sqrt(2 ln(0.4 0.3/LANDING))`.
-/// Stamped height of the faintest detected impact over the noise, from the onset threshold and the
+const LANDING_WEIGHT_AFTER_UNKNOWN: f32 = 0.3;
 /// Stamped height of the faintest detected impact over the noise: threshold and rise of the ringing.
-/// Initial speed over b w of the faintest detected impact: a fifth of the 2.1 in gear at k = 0.43,
+const MIN_IMPACT_TO_NOISE: f32 = 2.2;
 /// Initial speed over b w of the faintest detected impact: a fifth of `2 pi k/(1 + R)` in gear.
-/// Serial correlation of implied restitutions, in standard errors, above which they come from
-/// Serial correlation of implied restitutions, in standard errors, above which there are several parts.
+const INITIAL_MIN_IMPACT_SPEED: f32 = 0.4;
+/// Serial correlation of implied restitutions, in standard errors, that shows several parts.
+const MAX_SERIAL_CORRELATION: f32 = 4.0;
 /// Error of the mean stamped phase of a lock, in rad: one sample at 300 Hz.
 const STAMP_ERROR: f32 = 0.1;
-/// Relative change of k, and change of the upper tones, above which the flight from rest is
 /// Relative change of k, and change of the tones, above which the flight from rest is recomputed.
+const FLIGHT_TOLERANCE: f32 = 0.003;
 
-/// Motion of the track over its first tone's amplitude: displacement S, velocity C, deceleration A.
+/// Motion of the track over its first tone's amplitude: displacement S, velocity C, negative
+/// acceleration A.
 #[derive(Clone, Copy, Debug, Default)]
 struct Track {
     /// `e cos th` and `e sin th` of each tone above the first.
@@ -430,8 +431,8 @@ impl GearEstimator {
         }
     }
 
-    /// Decides by a likelihood ratio whether the gap since the last impact was no single flight.
-    /// `None`: it was. Else the part was thrown from rest (with this arrival), or bounced undetected.
+    /// Decides by a likelihood ratio whether the gap since the last impact was no single flight. `None`:
+    /// it was. Else the part was thrown from rest (with this arrival), or bounced undetected.
     fn detect_missed_flight(
         &self,
         last: &Struck,
@@ -511,7 +512,7 @@ impl GearEstimator {
     }
 
     /// Whether a lock may strike at a phase of the track (rad): the track must rise and decelerate
-    /// (docs/theory-bands.md#t5.1), give or take [`STAMP_ERROR`].
+    /// (docs/theory-bands.md#t5.1). The tolerance for late stamps is [`STAMP_ERROR`].
     pub fn may_lock_at(&self, phase: f32) -> bool {
         self.may_lock_beyond(phase, 1.0)
     }

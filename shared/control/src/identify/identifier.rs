@@ -9,6 +9,8 @@
 //! come to rest, and folds are measured at a level with rest, until one restitution exceeds every
 //! other by a likelihood ratio. The spread of the folds gives the standard error.
 
+use core::f32::consts::TAU;
+
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 

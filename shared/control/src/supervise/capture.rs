@@ -6,6 +6,7 @@
 //!
 //! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks of parts
 //! outside the lot: a kick misses a part with the probability of the plan, or always.
+
 use kband::regime::capture::{Kick, Plan};
 
 /// Predicted share of captured parts below which a plan is called uncertain.
