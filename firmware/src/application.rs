@@ -395,10 +395,7 @@ mod tests {
             assert_eq!(*report, closed.cycle().report, "cycle {n}");
         }
         assert_eq!(missed, 0);
-        let fault = reports
-            .iter()
-            .position(|r| r.state == State::Fault)
-            .unwrap();
+        let fault = (reports.iter().position(|r| r.state == State::Fault)).unwrap();
         // The drive obeys the command at the next sample; this test sees it a cycle later.
         assert!(!off[fault - 1] && off[fault + 1]);
     }
@@ -480,10 +477,8 @@ mod tests {
         assert!(off && enable == given(true, true, false));
         let (off, enable) = commanded(0.0, &[(Open, 120), (Closed, 100)]);
         assert!(off && enable == given(true, false, false));
-        assert_eq!(
-            commanded(0.0, &[(Closed, 1000)]).1,
-            given(true, true, false)
-        );
+        let found = commanded(0.0, &[(Closed, 1000)]).1;
+        assert_eq!(found, given(true, true, false));
         assert_eq!(commanded(0.0, &[(Open, 100)]).1, given(false, true, false));
         let chatter = [(Open, 120), (Closed, 15), (Moved, 10)];
         assert_eq!(commanded(0.0, &chatter).1, given(true, true, true));

@@ -28,9 +28,7 @@ static SUPPLY: Supply = Supply::new();
 /// the control has read the fault.
 pub fn supply_crossed() {
     SUPPLY.falls();
-    pac::EXTI
-        .pr(0)
-        .write(|lines| lines.set_line(SUPPLY_LINE, true));
+    pac::EXTI.pr(0).write(|w| w.set_line(SUPPLY_LINE, true));
 }
 
 /// Enables the interrupt of the supply monitor at both edges: the settling time starts at the

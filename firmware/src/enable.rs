@@ -250,10 +250,8 @@ mod tests {
                 let off = (0..200)
                     .find(|&n| !input.sample(chatter(frequency, duty, phase, n)))
                     .map(|n| n + 1);
-                assert!(
-                    off.is_some_and(|n| n <= GAP_WINDOW),
-                    "{frequency} Hz, {duty}, {step}: {off:?}"
-                );
+                let holds = off.is_some_and(|n| n <= GAP_WINDOW);
+                assert!(holds, "{frequency} Hz, {duty}, {step}: {off:?}");
             }
         }
     }

@@ -487,9 +487,7 @@ impl<const SLOT: usize> Journal<SLOT> {
                 self.mark(flash, bank, &mut survey).await?;
             }
         }
-        let number = survey
-            .newest
-            .map_or(0, |(_, number)| number.wrapping_add(1));
+        let number = (survey.newest).map_or(0, |(_, number)| number.wrapping_add(1));
         let (bank, unready) = survey.next_bank();
         if unready {
             self.prepare(flash, bank, &mut survey).await?;
@@ -634,10 +632,8 @@ mod tests {
                 let (_, doubtful) = known.unwrap_or_else(|| {
                     let flipped = survey(at, kind);
                     let doubtful = flipped.may_have_lost_newest();
-                    assert!(
-                        doubtful || flipped.newest.map(|(place, _)| place) == newest,
-                        "slot {at}, bit {bit}: {kind:?}"
-                    );
+                    let holds = doubtful || flipped.newest.map(|(place, _)| place) == newest;
+                    assert!(holds, "slot {at}, bit {bit}: {kind:?}");
                     seen.push((kind, doubtful));
                     (kind, doubtful)
                 });

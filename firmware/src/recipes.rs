@@ -106,9 +106,7 @@ fn decode(bytes: &[u8; RECIPE]) -> Option<(RecipeName, Recipe)> {
     let target = Words(&words).target()?;
     let mut recipe = Recipe::of(target, &Settings::default());
     for (known, value) in pairs(settings, usize::from(*count))? {
-        let at = Recipe::KEYS
-            .into_iter()
-            .position(|key| hash(key) == known)?;
+        let at = (Recipe::KEYS.into_iter()).position(|key| hash(key) == known)?;
         *recipe.values.get_mut(at)? = value;
     }
     Some((RecipeName::from_bytes(*name)?, recipe))

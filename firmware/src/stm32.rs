@@ -131,15 +131,11 @@ impl HalfBridge {
         // Off means that both gates are driven low, not left floating. From here only a reset can
         // change dead time, break or this setting.
         pwm.set_off_state_selection_idle(Ossi::IDLE_LEVEL);
-        timer
-            .bdtr()
-            .modify(|register| register.set_lock(Lock::LEVEL2));
+        timer.bdtr().modify(|w| w.set_lock(Lock::LEVEL2));
         // While a debugger halts the core, no duty is set. A frozen timer stops its counter
         // (RM0090, 38.16.2); its outputs are undefined and might stay on. So the timer runs on, and
         // the window watchdog resets the chip within 5 ms.
-        pac::DBGMCU
-            .apb2fzr()
-            .modify(|frozen| frozen.set_tim1(false));
+        pac::DBGMCU.apb2fzr().modify(|w| w.set_tim1(false));
         let mut voltage = DacChannel::new_blocking(converter, voltage);
         voltage.set(Value::Bit12Right(MIDDLE));
         Self {
@@ -179,9 +175,7 @@ impl Drive for HalfBridge {
         }
         let share = 0.5 + (0.5 - DUTY_END) * output.clamp(-1.0, 1.0);
         let duty = share * self.full;
-        pac::TIM1
-            .ccr(0)
-            .write(|compare| compare.set_ccr(duty as u16));
+        pac::TIM1.ccr(0).write(|w| w.set_ccr(duty as u16));
         // `DacChannel::set` checks its channel number again, by a panic (embassy-stm32 0.6.0).
         pac::DAC1
             .dhr12r(0)
@@ -227,9 +221,7 @@ pub fn drive_off() {
     // Without the main output enable both switches are open.
     pac::TIM1.bdtr().modify(|register| register.set_moe(false));
     pac::GPIOC.bsrr().write(|set| set.set_br(DRIVE_ON, true));
-    pac::DAC1
-        .dhr12r(0)
-        .write(|register| register.set_dhr(MIDDLE));
+    pac::DAC1.dhr12r(0).write(|w| w.set_dhr(MIDDLE));
 }
 
 /// The accelerometer on PA1, converted at TIM1's update, far from the bridge's edges; then the
@@ -295,9 +287,7 @@ const PORT_B: u8 = 1;
 /// Latches each edge of the enable input in EXTI. The sample interrupt reads and clears the latch;
 /// the line's own interrupt stays masked in the NVIC.
 fn latch_edges() {
-    pac::RCC
-        .apb2enr()
-        .modify(|clocks| clocks.set_syscfgen(true));
+    pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
     pac::SYSCFG
         .exticr(ENABLE / 4)
         .modify(|pins| pins.set_exti(ENABLE % 4, PORT_B));

@@ -103,10 +103,8 @@ mod tests {
         for byte in [0, 0xff, 0xa5] {
             let check = u32::from_le_bytes([byte; 4]);
             let content = [byte; RECORD_SIZE];
-            assert_eq!(
-                Waiting([Entry { content, check }; MAX_RECORDS]).first(),
-                None
-            );
+            let found = Waiting([Entry { content, check }; MAX_RECORDS]).first();
+            assert_eq!(found, None);
         }
     }
 }

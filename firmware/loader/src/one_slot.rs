@@ -258,9 +258,7 @@ impl<M: Memory> OneSlot<M> {
             return true;
         }
         let (words, _) = key.as_chunks();
-        let mut words = (KEY..)
-            .step_by(WORD)
-            .zip(words.iter().chain([&KEY_WRITTEN]));
+        let mut words = ((KEY..).step_by(WORD)).zip(words.iter().chain([&KEY_WRITTEN]));
         self.memory.erase(KEY)
             && words.all(|(address, word)| program(&mut self.memory, address, word))
     }

@@ -124,9 +124,7 @@ impl Chip {
     fn with(&mut self, words: usize, work: fn(&Rc<RefCell<Cells>>) -> bool) -> bool {
         let mut cells = self.0.clone();
         (cells.left, cells.used) = (words, 0);
-        cells.noise = cells
-            .noise
-            .wrapping_add((words as u32).wrapping_mul(2_654_435_761));
+        cells.noise = (cells.noise).wrapping_add((words as u32).wrapping_mul(2_654_435_761));
         let shared = Rc::new(RefCell::new(cells));
         let ended = work(&shared);
         self.0 = shared.borrow().clone();

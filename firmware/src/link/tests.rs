@@ -18,6 +18,7 @@ use crate::exchange::Exchange;
 use crate::last_words::LastWords;
 use crate::recipes::Recipes;
 use crate::store::{Found, StoreFailed};
+use crate::testing::with;
 
 /// A store in RAM.
 pub(crate) struct Memory {
@@ -129,10 +130,7 @@ pub(crate) struct Board {
 
 /// A board with these settings saved.
 pub(crate) fn board_with(settings: Settings) -> Board {
-    Board::with(Found {
-        settings,
-        ..FOUND(Condition::Whole)
-    })
+    Board::with(with(FOUND(Condition::Whole), |it| it.settings = settings))
 }
 
 impl Board {
@@ -164,10 +162,7 @@ impl Board {
 
     /// Runs one drive cycle with the track at rest and returns its telemetry.
     pub fn cycle(&mut self) -> Option<Vec<u8>> {
-        let inputs = Inputs {
-            enable: self.enable,
-            ..Inputs::default()
-        };
+        let inputs = with(Inputs::default(), |it| it.enable = self.enable);
         // Readings of a working sensor.
         let mut cycle = Cycle::default();
         (cycle.low, cycle.high) = (2040, 2056);
@@ -232,34 +227,26 @@ fn settings_are_read_changed_and_saved_at_rest() {
         Response::Setting(setting) => (setting.key == "frequency", setting.value),
         other => panic!("{other:?}"),
     };
-    assert_eq!(
-        board.ask(&Request::Get("frequency"), frequency),
-        (true, 50.0)
-    );
+    let seen = board.ask(&Request::Get("frequency"), frequency);
+    assert_eq!(seen, (true, 50.0));
     assert_eq!(board.ask(&Request::Setting(0), frequency), (true, 50.0));
     let set = |value| Request::set("frequency", value);
     board.done(&set(60.0));
-    assert_eq!(
-        board.ask(&Request::Get("frequency"), frequency),
-        (true, 60.0)
-    );
+    let seen = board.ask(&Request::Get("frequency"), frequency);
+    assert_eq!(seen, (true, 60.0));
     assert_eq!(board.service.store.found.settings.frequency, 50.0);
     board.ask(&Request::SelfTest, |response| match response {
         Response::SelfTest(test) => {
-            assert!(
-                test.sensor && test.settings == Kept::Others && test.stack_free == 1000,
-                "{test:?}"
-            );
+            let holds = test.sensor && test.settings == Kept::Others && test.stack_free == 1000;
+            assert!(holds, "{test:?}");
         }
         other => panic!("{other:?}"),
     });
     board.done(&Request::Save);
     assert_eq!(board.service.store.found.settings.frequency, 60.0);
     board.done(&Request::Defaults);
-    assert_eq!(
-        board.ask(&Request::Get("frequency"), frequency),
-        (true, 50.0)
-    );
+    let seen = board.ask(&Request::Get("frequency"), frequency);
+    assert_eq!(seen, (true, 50.0));
     for value in [4.9, 501.0, f32::NAN, f32::INFINITY] {
         board.ask(&set(value), |response| match response {
             Response::Refused(Refusal::OutOfRange { parameter, .. }) => {
@@ -399,9 +386,7 @@ impl Line for Stuck<'_> {
 fn an_answer_waits_100_ms_and_telemetry_does_not_wait() {
     let board = Board::new();
     let mut buffer = [0; MAX_FRAME_BYTES];
-    let frame = write_request(&mut buffer, 1, &Request::Alive)
-        .unwrap()
-        .to_vec();
+    let frame = (write_request(&mut buffer, 1, &Request::Alive).unwrap()).to_vec();
     let waited = Cell::new(0);
     let line = Stuck {
         frame: &frame,
@@ -654,14 +639,8 @@ fn readings_across_a_cycle_end_are_refused() {
 fn a_silent_simulation_ends() {
     let mut board = Board::new();
     board.done(&SIMULATE);
-    let second = Cycle {
-        samples: 20_000,
-        ..Cycle::default()
-    };
-    let inputs = Inputs {
-        enable: true,
-        ..Inputs::default()
-    };
+    let second = with(Cycle::default(), |it| it.samples = 20_000);
+    let inputs = with(Inputs::default(), |it| it.enable = true);
     let silent = (0..60).take_while(|_| board.station.cycle(&second, inputs).is_none());
     assert_eq!(silent.count(), 10);
     // Off, and not because of an earlier enable input.

@@ -97,9 +97,7 @@ pub fn target_words(target: Target) -> impl Iterator<Item = u32> {
     };
     let tones = tones.tones();
     let tones = tones.map(|tone| [tone.ratio.to_bits(), tone.phase.to_bits()]);
-    [kind, number]
-        .into_iter()
-        .chain(tones.into_iter().flatten())
+    ([kind, number].into_iter()).chain(tones.into_iter().flatten())
 }
 
 impl Words<'_> {

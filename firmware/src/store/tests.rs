@@ -4,6 +4,8 @@
 use super::encoding::{COUNT, HASHES, PAIR, hash};
 use super::record::{HEAD, KEY_HASHES, SIZE};
 use super::*;
+use crate::testing::seed;
+use crate::testing::with;
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlashErrorKind, ReadNorFlash};
 use kband::arithmetic::Noise;
@@ -117,10 +119,8 @@ impl<const PAGE: usize> NorFlash for Nor<PAGE> {
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         assert!(offset.is_multiple_of(8) && bytes.len().is_multiple_of(8));
-        assert!(
-            !self.weak[offset as usize / PAGE],
-            "its erasure did not end"
-        );
+        let holds = !self.weak[offset as usize / PAGE];
+        assert!(holds, "its erasure did not end");
         for (at, word) in (offset as usize..).step_by(4).zip(bytes.chunks_exact(4)) {
             self.touch()?;
             for (old, new) in self.bytes[at..].iter_mut().zip(word) {
@@ -313,11 +313,6 @@ fn flips(store: &Records<Nor<SMALL>, Waiting>) -> usize {
         }
     }
     lost
-}
-
-/// Seed of the draw: `KBAND_SEED`, else a fixed one.
-fn seed(fixed: u64) -> u64 {
-    std::env::var("KBAND_SEED").map_or(fixed, |text| text.parse().expect("a whole number"))
 }
 
 /// 30 000 saves, one of sixteen with a power cut. Each page is erased less often than its
@@ -622,11 +617,7 @@ fn settings_elsewhere_hold_until_a_save_at_any_cut() {
         let recipes = block_on(before.recipes());
         let wanted = (Condition::Whole, Pin::parse("0420"));
         assert_eq!((old.condition, old.pin), wanted);
-        let new = Found {
-            settings: changed(0.99),
-            added: 0,
-            ..old
-        };
+        let new = with(old, |it| (it.settings, it.added) = (changed(0.99), 0));
         let (mut olds, mut news) = (0, 0);
         // Two erasures with their marks, and the record between them.
         for power in 0..=2 * (SMALL / 4 + 5) + WORDS {
@@ -742,10 +733,7 @@ fn a_cut_save_of_recipes_leaves_old_or_new() {
     own.extend([version_3::<SMALL>(3), version_3::<SMALL>(7)]);
     for base in own {
         let added = 0;
-        let found = Found {
-            added,
-            ..loaded_from(&base)
-        };
+        let found = with(loaded_from(&base), |it| it.added = added);
         let old = block_on(records(base.clone()).recipes());
         let new = some_recipes(9);
         let (mut olds, mut news) = (0, 0);

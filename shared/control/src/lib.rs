@@ -35,7 +35,7 @@ mod recipe;
 mod report;
 mod saturate;
 #[cfg(test)]
-mod seeded;
+mod testing;
 mod settings;
 mod state;
 mod supervise;

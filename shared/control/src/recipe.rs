@@ -164,9 +164,7 @@ mod tests {
         assert_eq!(refused.parameter, "contact");
         let mut outside = recipe;
         outside.values[5] = 0.0;
-        assert_eq!(
-            outside.applied_to(&machine).unwrap_err().parameter,
-            "soft_stop"
-        );
+        let found = outside.applied_to(&machine).unwrap_err().parameter;
+        assert_eq!(found, "soft_stop");
     }
 }

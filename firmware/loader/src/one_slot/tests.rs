@@ -67,10 +67,8 @@ impl Memory for Cells {
         let place = place(address, WORD);
         let before = &self.bytes[place.clone()];
         let erased = before == [0xff; WORD] && !self.torn.contains(&place.start) || self.left == 0;
-        assert!(
-            erased || *word == [0; WORD],
-            "{address:#x} is programmed twice"
-        );
+        let holds = erased || *word == [0; WORD];
+        assert!(holds, "{address:#x} is programmed twice");
         let works = self.works(place.clone());
         if works {
             self.bytes[place.clone()].copy_from_slice(word);

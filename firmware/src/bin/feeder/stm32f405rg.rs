@@ -96,9 +96,7 @@ impl Chip for Board {
     /// interrupt has no handler and resets the board. A supply below 2.9 V opens the bridge by
     /// interrupt: at 168 MHz the core needs 2.7 V.
     fn watch(clocks_sound: bool) {
-        pac::RCC
-            .cr()
-            .modify(|control| control.set_csson(clocks_sound));
+        pac::RCC.cr().modify(|w| w.set_csson(clocks_sound));
         pac::PWR.cr1().modify(|control| {
             control.set_pls(HIGHEST_LEVEL);
             control.set_pvde(true);

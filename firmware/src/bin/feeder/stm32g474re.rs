@@ -76,9 +76,7 @@ impl Chip for Board {
     fn start() -> Started {
         use embassy_stm32::rcc::*;
         let mut peripherals = embassy_stm32::init(embassy_stm32::Config::default());
-        pac::PWR
-            .cr5()
-            .modify(|control| control.0 &= !NORMAL_RANGE_1);
+        pac::PWR.cr5().modify(|w| w.0 &= !NORMAL_RANGE_1);
         let mut config = Config::default();
         config.pll = Some(Pll {
             source: PllSource::HSI,
@@ -106,9 +104,7 @@ impl Chip for Board {
             control.set_pls(HIGHEST_LEVEL);
             control.set_pvde(true);
         });
-        pac::RCC
-            .apb2enr()
-            .modify(|clocks| clocks.set_syscfgen(true));
+        pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
         pac::SYSCFG.cfgr2().modify(|breaks| {
             breaks.set_pvdl(true);
             breaks.set_cll(true);
@@ -155,9 +151,7 @@ impl Chip for Board {
 
     /// Settings in the last two pages of 2 KiB of the second bank, faults in the two before them.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
-        let region = Flash::new_blocking(flash)
-            .into_blocking_regions()
-            .bank2_region;
+        let region = (Flash::new_blocking(flash).into_blocking_regions()).bank2_region;
         let (end, page) = (region.0.size, region.0.erase_size);
         Records::new(
             Pages(region),

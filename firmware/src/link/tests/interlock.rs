@@ -4,16 +4,13 @@ use kband::arithmetic::Noise;
 use kband_control::{Fault, Inputs};
 
 use super::*;
+use crate::testing::seed;
+use crate::testing::with;
 
 /// Number of random request sequences.
 const SEQUENCES: u32 = 100_000;
 /// Largest number of requests in a sequence.
 const LONGEST: u32 = 40;
-
-/// Seed of the draw: `KBAND_SEED`, else a fixed one.
-fn seed(fixed: u64) -> u64 {
-    std::env::var("KBAND_SEED").map_or(fixed, |text| text.parse().expect("a whole number"))
-}
 
 fn below(noise: &mut Noise, limit: u32) -> u32 {
     noise.bits() % limit
@@ -129,10 +126,8 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
                     continue;
                 };
                 assert_eq!(report.command.amplitude, 0.0, "{sequence}: {said:?}");
-                assert!(
-                    matches!(report.state, State::Off | State::Fault),
-                    "{sequence}: {said:?}: {report:?}"
-                );
+                let holds = matches!(report.state, State::Off | State::Fault);
+                assert!(holds, "{sequence}: {said:?}: {report:?}");
                 assert!(
                     fault.is_none() || report.fault == fault,
                     "{sequence}: {fault:?} became {:?}: {said:?}",
@@ -186,10 +181,7 @@ fn a_simulation_leaves_the_fault_as_it_was() {
         let before = board.station.report().fault;
         assert!(before.is_some());
         board.done(&SIMULATE);
-        let second = Cycle {
-            samples: 20_000,
-            ..Cycle::default()
-        };
+        let second = with(Cycle::default(), |it| it.samples = 20_000);
         for _ in 0..12 {
             board.station.cycle(&second, Inputs::default());
         }

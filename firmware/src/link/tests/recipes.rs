@@ -70,10 +70,8 @@ fn recipes_are_set_saved_used_and_deleted() {
     assert_eq!(stored(&mut board, 1), Stored::Recipe(name, caps));
     assert_eq!(board.service.store.recipes, Recipes::default());
     board.done(&Request::SaveRecipes);
-    assert_eq!(
-        board.service.store.recipes.get(1),
-        Stored::Recipe(name, caps)
-    );
+    let found = board.service.store.recipes.get(1);
+    assert_eq!(found, Stored::Recipe(name, caps));
     board.done(&Request::UseRecipe(6));
     assert_eq!(in_use(&board), (Target::Amplitude(0.2), 0.5, 6));
     // Settings and target of the machine are those that were saved, with the recipe.

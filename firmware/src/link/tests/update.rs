@@ -11,6 +11,7 @@ use kband_control::wire::{
 use salty::{Keypair, Sha512};
 
 use super::*;
+use crate::testing::with;
 use crate::update::{SecondSlot, Slot, TRIAL_S, Writer};
 
 /// Size of the slot and of its sectors, bytes.
@@ -114,9 +115,7 @@ fn bytes(image: &[u8], offset: usize) -> UpdateRequest<'_> {
 fn ask(board: &mut Board, request: &UpdateRequest<'_>) -> UpdateAnswer<'static> {
     board.cycle();
     let mut buffer = [0; MAX_FRAME_BYTES];
-    let frame = write_update_request(&mut buffer, 9, request)
-        .unwrap()
-        .to_vec();
+    let frame = (write_update_request(&mut buffer, 9, request).unwrap()).to_vec();
     let answers = board.send(&frame);
     assert_eq!(answers.len(), 1, "{request:?}");
     let mut receiver = Receiver::new();
@@ -172,10 +171,7 @@ fn board_with(slot: Slot, on_trial: bool) -> Board {
             ..Flash::default()
         }
     });
-    let image = Image {
-        slot: Some(slot),
-        ..IMAGE
-    };
+    let image = with(IMAGE, |it| it.slot = Some(slot));
     let mut board = Board::of(image, FOUND(Condition::Whole), StartCause::PowerOn);
     board.service.update.begin_trial(&board.station);
     done(&mut board, &UpdateRequest::Key(keypair().public.as_bytes()));
@@ -198,10 +194,7 @@ fn pass(board: &mut Board, seconds: u32) {
         ..Cycle::default()
     };
     for _ in 0..seconds {
-        let inputs = Inputs {
-            enable: board.enable,
-            ..Inputs::default()
-        };
+        let inputs = with(Inputs::default(), |it| it.enable = board.enable);
         board.station.cycle(&cycle, inputs);
         board.service.tick(&board.station);
     }
@@ -432,16 +425,12 @@ fn a_board_that_cannot_be_updated_says_why() {
         has_key,
         on_trial,
     };
-    assert_eq!(
-        ask(&mut none, &UpdateRequest::State),
-        state(0, false, false)
-    );
+    let found = ask(&mut none, &UpdateRequest::State);
+    assert_eq!(found, state(0, false, false));
     refused(&mut none, &BEGIN, UpdateRefusal::NoSlot);
     let mut board = board(false);
-    assert_eq!(
-        ask(&mut board, &UpdateRequest::State),
-        state(SIZE, true, false)
-    );
+    let found = ask(&mut board, &UpdateRequest::State);
+    assert_eq!(found, state(SIZE, true, false));
     board.service.store.key = None;
     refused(&mut board, &BEGIN, UpdateRefusal::NoKey);
     board.service.store.key = Some(*keypair().public.as_bytes());

@@ -184,13 +184,11 @@ impl GearSearch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     #[test]
     fn weak_drive_gets_the_sufficient_amplitude() {
-        let settings = Settings {
-            gain: 0.1,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.gain = 0.1);
         let scale = Scale::at(&settings, 50.0);
         let Err(NoSetpoint::Gear { needed }) = GearSearch::begin(1, &settings, &scale).unwrap()
         else {
@@ -220,10 +218,7 @@ mod tests {
         let planned = first.planned().unwrap().clone();
         assert!(planned.found.len() > 3);
         // The result of another lot is refused.
-        let mut other = search(&Settings {
-            restitution_high: 0.3,
-            ..settings
-        });
+        let mut other = search(&with(settings, |it| it.restitution_high = 0.3));
         other.supply(planned.clone());
         assert!(other.asked().is_some());
         spared.step();

@@ -90,9 +90,7 @@ impl KickSearch {
     /// Settings of the running search; `None` once a plan is supplied or found.
     #[cfg(any(test, feature = "memo"))]
     pub fn asked(&self) -> Option<&PlanSettings> {
-        self.settings
-            .as_ref()
-            .filter(|_| self.planner.is_some() && self.known.is_none())
+        (self.settings.as_ref()).filter(|_| self.planner.is_some() && self.known.is_none())
     }
 
     /// Supplies the plan of an equal search. It appears after the same number of slices.

@@ -124,10 +124,8 @@ mod tests {
         assert!(anew(heard(0.31, 0.01, 0.06), NONE).is_none());
         assert!(anew(heard(0.40, 0.03, 0.05), NONE).is_none());
         let (cycles, wanted) = anew(heard(0.34, 0.01, 0.05), NONE).unwrap();
-        assert_eq!(
-            cycles,
-            u32::from(MIN_CYCLES_BETWEEN_PLANS) + u32::from(WRONG_CYCLES) - 1
-        );
+        let due = u32::from(MIN_CYCLES_BETWEEN_PLANS) + u32::from(WRONG_CYCLES) - 1;
+        assert_eq!(due, cycles);
         assert!((wanted.restitution_low - 0.32).abs() < 1e-6);
         assert!((wanted.restitution_high - 0.36).abs() < 1e-6);
         assert_eq!(wanted.second_tone, 0.15);

@@ -203,9 +203,7 @@ impl Selection {
         let Some(gear) = self.gear.as_ref().filter(|gear| gear.is_over()) else {
             return;
         };
-        let wanted = self
-            .retuning
-            .cycle(gear.settings(), margin, lacks, settings);
+        let wanted = (self.retuning).cycle(gear.settings(), margin, lacks, settings);
         if let Some(wanted) = wanted
             && let Ok(Ok(search)) = GearSearch::begin(order, &wanted, scale)
         {

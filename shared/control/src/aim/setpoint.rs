@@ -272,22 +272,18 @@ impl Choice {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     #[test]
     fn target_without_a_contact_time_is_refused() {
-        let settings = Settings {
-            contact: 0.4,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.contact = 0.4);
         let refused = Choice::of_target(Target::Chaotic, &settings).unwrap_err();
         assert_eq!(refused.parameter, "contact");
         let locked = Choice::of_target(Target::Locked { order: 1 }, &settings).unwrap();
         let instant = Choice::of_target(Target::Locked { order: 1 }, &Settings::default());
         let [lock, before] = [locked, instant.unwrap()].map(|choice| choice.lock.unwrap());
-        assert!(
-            (lock.k / before.k - 1.0).abs() > 1e-3,
-            "{lock:?} {before:?}"
-        );
+        let holds = (lock.k / before.k - 1.0).abs() > 1e-3;
+        assert!(holds, "{lock:?} {before:?}");
         assert!(lock.phase != before.phase);
     }
 
@@ -297,20 +293,11 @@ mod tests {
             |settings: &Settings| Choice::of_target(Target::Flow(45.0), settings).unwrap_err();
         let bare = Settings::default();
         assert_eq!(refused(&bare).parameter, "track_mass");
-        let massive = Settings {
-            track_mass: 10.0,
-            ..bare
-        };
+        let massive = with(bare, |it| it.track_mass = 10.0);
         assert_eq!(refused(&massive).parameter, "track_length");
-        let scale = Settings {
-            track_length: 500.0,
-            ..massive
-        };
+        let scale = with(massive, |it| it.track_length = 500.0);
         assert!(Choice::of_target(Target::Flow(45.0), &scale).is_ok());
-        let two = Settings {
-            second_tone: 0.15,
-            ..scale
-        };
+        let two = with(scale, |it| it.second_tone = 0.15);
         assert_eq!(refused(&two).parameter, "second_tone");
     }
 
@@ -352,10 +339,7 @@ mod tests {
             (Target::PartsPerMinute(0.0), "target parts a minute"),
             (Target::PartsPerMinute(f32::NAN), "target parts a minute"),
         ] {
-            let settings = Settings {
-                part_length: 10.0,
-                ..Settings::default()
-            };
+            let settings = with(Settings::default(), |it| it.part_length = 10.0);
             let refused = Choice::of_target(target, &settings).unwrap_err();
             assert_eq!(refused.parameter, parameter);
         }

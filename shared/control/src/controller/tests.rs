@@ -3,6 +3,7 @@
 use super::*;
 use crate::Report;
 use crate::signal_path::DetectedImpact;
+use crate::testing::with;
 use kband::regime::classify::Regime;
 
 mod table;
@@ -67,18 +68,12 @@ fn ideal(controller: &Controller) -> Cycle {
 }
 
 fn enabled() -> Inputs {
-    Inputs {
-        enable: true,
-        ..Inputs::default()
-    }
+    with(Inputs::default(), |it| it.enable = true)
 }
 
 /// A cycle of such a drive, and some slices.
 fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
-    let inputs = Inputs {
-        enable,
-        ..Inputs::default()
-    };
+    let inputs = with(Inputs::default(), |it| it.enable = enable);
     let report = controller.cycle(&ideal(controller), &inputs);
     for _ in 0..slices {
         controller.plan_step();
@@ -101,16 +96,9 @@ fn a_drive_that_is_held_off_stops_without_a_ramp() {
         controller.cycle(&ideal(controller), &inputs)
     };
     let first = cycle(&mut controller, true);
-    assert_eq!(
-        (first.state, first.command.amplitude),
-        (State::Stopping, 0.0)
-    );
-    assert!(
-        first
-            .events
-            .iter()
-            .any(|event| event == Event::EnableChatters)
-    );
+    let found = (first.state, first.command.amplitude);
+    assert_eq!(found, (State::Stopping, 0.0));
+    assert!((first.events.iter()).any(|event| event == Event::EnableChatters));
     let mut ended = false;
     for _ in 0..200 {
         let report = cycle(&mut controller, true);
@@ -178,10 +166,7 @@ fn nan_reading_stops_the_drive_and_is_forgotten() {
 
 /// Settings of a drive that makes 0.19 mm at most at 50 Hz.
 fn weak() -> Settings {
-    Settings {
-        gain: 0.2,
-        ..Settings::default()
-    }
+    with(Settings::default(), |it| it.gain = 0.2)
 }
 
 #[test]
@@ -208,18 +193,12 @@ fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
         assert_eq!(controller.target(), target);
     }
     // Identification begins at 0.114 mm.
-    let weaker = Settings {
-        gain: 0.11,
-        ..weak()
-    };
+    let weaker = with(weak(), |it| it.gain = 0.11);
     let mut controller =
         Controller::build(&weaker, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
     assert!(controller.set_target(Target::Identify).is_err());
     // A hard limit holds the amplitude, and the limit is reported.
-    let limited = Settings {
-        amplitude_limit: 0.15,
-        ..weak()
-    };
+    let limited = with(weak(), |it| it.amplitude_limit = 0.15);
     let mut controller =
         Controller::build(&limited, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
     controller.set_target(Target::K(0.4)).unwrap();
@@ -229,10 +208,7 @@ fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
 
 #[test]
 fn off_the_resonance_the_output_reaches_less() {
-    let beside = Settings {
-        resonance: 47.0,
-        ..Settings::default()
-    };
+    let beside = with(Settings::default(), |it| it.resonance = 47.0);
     let at = |settings: &Settings, b| {
         Controller::build(settings, Target::Amplitude(b), StartCause::Ordinary)
             .unwrap()
@@ -271,10 +247,7 @@ fn unreachable_speed_is_reported_after_the_search() {
     let (strong, _) = driven(Target::Speed(88.0));
     let b = strong.setpoint() * 1e3;
     assert!(b > 0.1, "{b}");
-    let settings = Settings {
-        gain: b,
-        ..Settings::default()
-    };
+    let settings = with(Settings::default(), |it| it.gain = b);
     let mut controller =
         Controller::build(&settings, Target::Speed(88.0), StartCause::Ordinary).unwrap();
     while !controller.is_setpoint_found() {
@@ -289,10 +262,7 @@ fn unreachable_speed_is_reported_after_the_search() {
 #[test]
 fn parts_a_minute_are_a_speed_over_the_length_of_a_part() {
     let wanted = driven(Target::Speed(180.0)).0;
-    let settings = Settings {
-        part_length: 12.0,
-        ..*wanted.settings()
-    };
+    let settings = with(*wanted.settings(), |it| it.part_length = 12.0);
     // 900 parts of 12 mm in 60 s.
     let target = Target::PartsPerMinute(900.0);
     let mut controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
@@ -358,10 +328,7 @@ fn interrupted_search_serves_the_last_target() {
                     assert_eq!(report.state, State::Stopping);
                 }
                 _ => {
-                    let inputs = Inputs {
-                        over_temperature: true,
-                        ..enabled()
-                    };
+                    let inputs = with(enabled(), |it| it.over_temperature = true);
                     let report = controller.cycle(&Cycle::default(), &inputs);
                     assert_eq!(report.state, State::Fault);
                 }

@@ -359,6 +359,7 @@ impl AmplitudeLoop {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     /// The drive's exact envelope, averaged over each cycle; `gain` is over the configured one.
     struct SimulatedDrive {
@@ -401,20 +402,15 @@ mod tests {
                 }
             }
             // 50 cycles are one second; 5 % in k is 5 % in b.
-            assert!(
-                peak < 1.05 && last_outside < 50,
-                "{gain}: {peak} {last_outside}"
-            );
+            let holds = peak < 1.05 && last_outside < 50;
+            assert!(holds, "{gain}: {peak} {last_outside}");
         }
     }
 
     #[test]
     fn no_output_is_above_what_is_allowed_now() {
         for resonance in [50.0, 47.0] {
-            let settings = Settings {
-                resonance,
-                ..Settings::default()
-            };
+            let settings = with(Settings::default(), |it| it.resonance = resonance);
             let mut control = AmplitudeLoop::build(&settings).unwrap();
             for most in [0.3, 0.1, 0.2] {
                 let output = control.cycle(0.0, 2e-3, most);
@@ -440,10 +436,7 @@ mod tests {
     /// The amplitude is too small to estimate the gain: only the feedforward acts.
     #[test]
     fn detuned_reference_continues_from_the_limited_output() {
-        let settings = Settings {
-            resonance: 48.0,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.resonance = 48.0);
         let mut control = AmplitudeLoop::build(&settings).unwrap();
         assert!(!control.envelope.first_order && control.inverse.forget > 0.1);
         let reference = 0.01 * control.gain;
@@ -482,14 +475,8 @@ mod tests {
 
     #[test]
     fn a_track_of_several_tones_has_no_observer_of_its_load() {
-        let sine = Settings {
-            track_mass: 10.0,
-            ..Settings::default()
-        };
-        let with = Settings {
-            second_tone: 0.15,
-            ..sine
-        };
+        let sine = with(Settings::default(), |it| it.track_mass = 10.0);
+        let with = with(sine, |it| it.second_tone = 0.15);
         assert!(AmplitudeLoop::build(&sine).unwrap().is_immediate());
         assert!(!AmplitudeLoop::build(&with).unwrap().is_immediate());
     }

@@ -149,6 +149,7 @@ fn steady(settings: &Settings) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     const QUALITIES: [f32; 8] = [3.0, 5.0, 8.0, 15.0, 25.0, 50.0, 100.0, 200.0];
 
@@ -175,10 +176,7 @@ mod tests {
             for quality in QUALITIES {
                 for off in detunings() {
                     let configured = drive(quality, off);
-                    let actual = Settings {
-                        gain: configured.gain * wrong,
-                        ..configured
-                    };
+                    let actual = with(configured, |it| it.gain = configured.gain * wrong);
                     let found = LoopMargins::of(&configured, &actual).unwrap();
                     let found = [found.gain, found.phase, found.distance];
                     for (least, found) in least.iter_mut().zip(found) {

@@ -132,7 +132,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::seeded::seeded;
+    use crate::testing::seeded;
 
     proptest! {
         #![proptest_config(seeded())]

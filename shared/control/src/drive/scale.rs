@@ -138,6 +138,7 @@ impl Scale {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     #[test]
     fn reach_and_reserve_end_at_the_output_and_at_the_hard_limit() {
@@ -146,31 +147,20 @@ mod tests {
         // Eight steps of 3.3 V / 4096 at 0.1 V/g are 0.632 m/s^2.
         assert!((scale.least - 6.4042e-6).abs() < 1e-9, "{}", scale.least);
         assert_eq!(scale.least, min_amplitude(&settings));
-        let steep = Settings {
-            incline: -60.0,
-            ..settings
-        };
+        let steep = with(settings, |it| it.incline = -60.0);
         let gravity = Scale::at(&steep, 50.0).normal_gravity;
         assert!((gravity / (0.5 * settings.gravity) - 1.0).abs() < 2.5e-7);
         // The output's 0.95 mm; a millimetre is allowed.
         assert!((scale.reach(&settings) - 0.95e-3).abs() < 1e-9);
-        let limited = Settings {
-            amplitude_limit: 0.3,
-            ..settings
-        };
+        let limited = with(settings, |it| it.amplitude_limit = 0.3);
         let scale = Scale::at(&limited, limited.frequency);
         assert_eq!(scale.reach(&limited), scale.ceiling);
-        assert_eq!(
-            (scale.ceiling, scale.ceiling_limit),
-            (0.3e-3, Limits::AMPLITUDE)
-        );
+        let found = (scale.ceiling, scale.ceiling_limit);
+        assert_eq!(found, (0.3e-3, Limits::AMPLITUDE));
         let reserve = scale.max_kick(&limited, 0.2e-3);
         assert!((reserve - 1.5).abs() < 1e-6, "{reserve}");
         // 40 m/s^2 at 50 Hz are 0.405 mm.
-        let gentle = Settings {
-            acceleration_limit: 40.0,
-            ..settings
-        };
+        let gentle = with(settings, |it| it.acceleration_limit = 40.0);
         let scale = Scale::at(&gentle, gentle.frequency);
         assert!(
             (scale.ceiling - 0.40528e-3).abs() < 1e-8,
@@ -182,10 +172,7 @@ mod tests {
 
     #[test]
     fn no_output_takes_the_envelope_further() {
-        let settings = Settings {
-            amplitude_limit: 0.3,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.amplitude_limit = 0.3);
         let scale = Scale::at(&settings, settings.frequency);
         let mut envelope = Complex::default();
         for _ in 0..200 {

@@ -212,10 +212,8 @@ mod tests {
             };
             for (seen, expected) in motion.shape().tones().into_iter().zip(expected) {
                 assert!((seen.ratio - expected.ratio).abs() < 1e-6);
-                assert!(
-                    (seen.phase - expected.phase).abs() < 2e-4,
-                    "{seen:?} {expected:?}"
-                );
+                let holds = (seen.phase - expected.phase).abs() < 2e-4;
+                assert!(holds, "{seen:?} {expected:?}");
             }
         }
     }

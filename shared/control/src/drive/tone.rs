@@ -208,14 +208,12 @@ mod tests {
 
     use super::super::margins::LoopMargins;
     use super::*;
+    use crate::testing::with;
 
     /// Gain margin, phase margin in degrees and least distance to -1 of the loop. The mode's
     /// frequency is that of the tone times `1 + off`.
     fn margins(harmonic: u8, quality: f32, off: f64) -> [f64; 3] {
-        let settings = Settings {
-            quality,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.quality = quality);
         let answer = Complex::new(0.0, -5e-4);
         let learning = f64::from(ToneLoop::new(&settings, harmonic, 0.2, answer).learning);
         let turn = |angle: f64| Complex64::new(angle.cos(), angle.sin());

@@ -274,21 +274,16 @@ impl Tones {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     #[test]
     fn no_room_at_all_is_no_tone_and_no_nan() {
-        let settings = Settings {
-            second_tone: 0.15,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.second_tone = 0.15);
         let mut tones = Tones::build(&settings).unwrap();
         for room in [0.0, -6e-8, -0.1, f32::NEG_INFINITY] {
             for motion in [Complex::default(), Complex::new(0.0, -2e-4)] {
                 tones.cycle(&ToneInputs {
-                    motion: TrackMotion {
-                        first: motion,
-                        ..TrackMotion::default()
-                    },
+                    motion: with(TrackMotion::default(), |it| it.first = motion),
                     wanted: Shape::of_two(UpperTone::new(0.12, 2.6)),
                     reference: 2e-4,
                     square: 98_696.0,
@@ -301,17 +296,12 @@ mod tests {
     }
 
     fn refused(settings: &Settings) -> Option<&'static str> {
-        Tones::build(settings)
-            .err()
-            .map(|refused| refused.parameter)
+        (Tones::build(settings).err()).map(|refused| refused.parameter)
     }
 
     #[test]
     fn tones_that_the_drive_cannot_make_are_refused() {
-        let mut settings = Settings {
-            second_tone: 0.15,
-            ..Settings::default()
-        };
+        let mut settings = with(Settings::default(), |it| it.second_tone = 0.15);
         assert_eq!(refused(&settings), None);
         // One resonance alone: 0.11 at k = 1, and 8/3 less of a third tone.
         settings.second_gain = 0.0;

@@ -110,7 +110,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::seeded::seeded;
+    use crate::testing::seeded;
 
     const SOUND: ImpactEvidence = ImpactEvidence {
         listening: true,

@@ -239,9 +239,7 @@ impl Listener {
         if heard.is_finite() && self.margin().is_some() {
             return heard;
         }
-        self.share
-            .profile()
-            .map_or(f32::INFINITY, StrikeProfile::time_to_loss)
+        (self.share.profile()).map_or(f32::INFINITY, StrikeProfile::time_to_loss)
     }
 
     /// Estimated share of time in gear; `None` where only a lower bound exists.

@@ -300,6 +300,7 @@ impl LoadMeter {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
     use kband::impact::TangentialSettings;
     use kband::regime::Lock;
     use kband::transport::locked;
@@ -372,10 +373,7 @@ mod tests {
                     }
                     meter.load().unwrap().speed
                 };
-                let instant = Settings {
-                    contact: 0.0,
-                    ..settings
-                };
+                let instant = with(settings, |it| it.contact = 0.0);
                 let gained = speed(&settings) - speed(&instant);
                 let track = settings.track().unwrap();
                 let along = TangentialSettings::on(&track, f64::from(kept));
@@ -387,10 +385,8 @@ mod tests {
                 let expected = exact(settings.contact_time()) - exact(ContactTime::INSTANT);
                 let off = (f64::from(gained) - expected) / exact(ContactTime::INSTANT);
                 std::println!("{k} {contact} {kept}: {gained} {expected} {off:.4}");
-                assert!(
-                    off.abs() < 0.006 && expected < -0.5,
-                    "{k} {contact}: {gained} {expected}"
-                );
+                let holds = off.abs() < 0.006 && expected < -0.5;
+                assert!(holds, "{k} {contact}: {gained} {expected}");
             }
         }
     }
@@ -399,11 +395,7 @@ mod tests {
     fn a_lock_s_closed_form_is_weighed_to_half_a_percent() {
         for quality in [10.0, 25.0, 50.0] {
             for share in [0.02, 0.05, 0.1, 0.2] {
-                let settings = Settings {
-                    quality,
-                    gain: 5.0,
-                    ..settings()
-                };
+                let settings = with(settings(), |it| (it.quality, it.gain) = (quality, 5.0));
                 let mut meter = LoadMeter::build(&settings).unwrap();
                 let (seen, motion) = seen(&settings, 0.4, share);
                 let mut found = seen.motion;
@@ -413,17 +405,13 @@ mod tests {
                 }
                 let load = meter.load().unwrap();
                 let expected = share * 1e4;
-                assert!(
-                    (load.mass / expected - 1.0).abs() < 5e-3,
-                    "{quality} {share} {load:?}"
-                );
+                let holds = (load.mass / expected - 1.0).abs() < 5e-3;
+                assert!(holds, "{quality} {share} {load:?}");
                 assert!((found - motion).norm_sqr() < 1e-6 * motion.norm_sqr());
                 // pi (g/w) { eta (1-R)/(1+R) - T }.
                 let speed = PI * seen.normal_gravity / (TAU * 50.0) * (1.5 * 0.8 / 1.2 - 0.052_408);
-                assert!(
-                    (load.speed * 1e-3 / speed - 1.0).abs() < 1e-4,
-                    "{load:?} {speed}"
-                );
+                let holds = (load.speed * 1e-3 / speed - 1.0).abs() < 1e-4;
+                assert!(holds, "{load:?} {speed}");
                 assert!((load.flow - load.mass * load.speed / 500.0).abs() < 1e-3);
             }
         }

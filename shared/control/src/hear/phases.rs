@@ -154,10 +154,7 @@ impl PhaseStatistics {
         }
         let often = if order > 1 {
             // Impacts in some of the other cycles, but not in all or none, contradict a lock.
-            let shares = self
-                .cycles_by_remainder
-                .iter()
-                .map(|sum| (sum / due).min(1.0));
+            let shares = (self.cycles_by_remainder.iter()).map(|sum| (sum / due).min(1.0));
             let most = shares.clone().fold(0.0_f32, f32::max);
             most - shares.fold(0.0, |most, share| {
                 (share.min(1.0 - share) - CYCLE_TOLERANCE).max(most)
@@ -178,16 +175,14 @@ mod tests {
     use super::*;
     use crate::angle::phase_of;
     use crate::hear::DetectedImpact;
+    use crate::testing::with;
 
     fn heard(phases: &[f32]) -> Cycle {
         let heard = phases.iter().map(|&phase| DetectedImpact {
             phase: phase_of(phase),
             strength: 1.0,
         });
-        Cycle {
-            heard: heard.collect(),
-            ..Cycle::default()
-        }
+        with(Cycle::default(), |it| it.heard = heard.collect())
     }
 
     fn lock_of(order: u8, width: f32) -> LockWindow {
@@ -207,10 +202,8 @@ mod tests {
         for n in 1..=8 {
             statistics.cycle(&heard(&[0.45]), n, Phase::ZERO, Some(&lock));
             let confidence = statistics.lock_confidence(1);
-            assert!(
-                confidence <= n as f32 / 8.0 && confidence > before,
-                "{n}: {confidence}"
-            );
+            let holds = confidence <= n as f32 / 8.0 && confidence > before;
+            assert!(holds, "{n}: {confidence}");
             before = confidence;
         }
     }

@@ -596,6 +596,7 @@ fn for_each_upper_tone<const TONES: usize>(mut act: impl FnMut(usize)) {
 mod tests {
     use super::*;
     use crate::settings::Settings;
+    use crate::testing::with;
 
     /// Middle of the converter's range: rest.
     const REST: AdcCode = AdcCode(2048);
@@ -617,11 +618,8 @@ mod tests {
             // The sample that ends a cycle counts among the next cycle's readings.
             cycle(&mut signal, AdcCode(code));
             let seen = cycle(&mut signal, AdcCode(code));
-            assert_eq!(
-                seen.saturated,
-                if counts { seen.samples } else { 0 },
-                "{code}"
-            );
+            let wanted = if counts { seen.samples } else { 0 };
+            assert_eq!(seen.saturated, wanted, "{code}");
         }
     }
 
@@ -649,10 +647,8 @@ mod tests {
             }
             let found = signal.cycle().current;
             assert_eq!(signal.cycle().in_phase, 0.0);
-            assert!(
-                (found - amperes).abs() < 2e-3,
-                "{frequency} {amperes}: {found}"
-            );
+            let holds = (found - amperes).abs() < 2e-3;
+            assert!(holds, "{frequency} {amperes}: {found}");
         }
     }
 
@@ -669,10 +665,7 @@ mod tests {
         let loudest = (0..400).fold(0.0_f32, |most, _| most.max(signal.sample(REST).output));
         assert!(loudest > 0.49, "{loudest}");
         // One command is active, another waits for the end of the cycle.
-        signal.command(Command {
-            amplitude: 0.9,
-            ..command
-        });
+        signal.command(with(command, |it| it.amplitude = 0.9));
         signal.off();
         assert!((0..1000).all(|_| signal.sample(REST).output == 0.0));
     }

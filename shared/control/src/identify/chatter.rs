@@ -100,10 +100,8 @@ mod tests {
             let chatter = Chatter::of(k, restitution, ContactTime::INSTANT).unwrap();
             // Intervals from an independent root search in double precision, to the digits given.
             let (second, _) = chatter.impacts()[1];
-            assert!(
-                (second - interval).abs() < 1e-3,
-                "{k} {restitution}: {second}"
-            );
+            let holds = (second - interval).abs() < 1e-3;
+            assert!(holds, "{k} {restitution}: {second}");
             assert!(chatter.rests());
         }
         assert!(

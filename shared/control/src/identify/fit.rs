@@ -536,10 +536,8 @@ mod tests {
                 };
                 // The folds come from the map. Errors: noise of a hundredth of the first ringing,
                 // and half a sample of the onset (0.004 in R).
-                assert!(
-                    (found - restitution).abs() < 0.005,
-                    "{k} {lasting}: {found}"
-                );
+                let holds = (found - restitution).abs() < 0.005;
+                assert!(holds, "{k} {lasting}: {found}");
                 assert!((fit.all().unwrap() - found).abs() < 1e-3);
                 assert!(fit.evidence() > 48.0, "{k} {lasting}: {}", fit.evidence());
             }

@@ -509,11 +509,7 @@ impl Identifier {
     /// of parts in gear.
     fn estimate_parts(&self, driven: &Driven, restitution: f32) -> Option<f32> {
         let chatter = Chatter::of(self.first?, restitution, self.fit.contact())?;
-        let trained: f32 = chatter
-            .impacts()
-            .iter()
-            .map(|(_, speed)| speed * speed)
-            .sum();
+        let trained: f32 = (chatter.impacts().iter().map(|(_, speed)| speed * speed)).sum();
         let together = self.energy / (self.squares * trained);
         let k = driven.k as f32;
         Some(together / (driven.loudness? * k * k))

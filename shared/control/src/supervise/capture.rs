@@ -135,9 +135,7 @@ impl Capture {
                 Some(plan) => {
                     self.stage = Stage::Ready;
                     Some(CaptureEvent::Planned {
-                        sure: plan
-                            .best()
-                            .is_some_and(|best| best.share() >= MIN_CAPTURED_SHARE),
+                        sure: (plan.best()).is_some_and(|best| best.share() >= MIN_CAPTURED_SHARE),
                     })
                 }
                 None => None,
@@ -238,9 +236,7 @@ mod tests {
                 *product *= plan.miss_probability(attempt);
                 Some(*product)
             });
-            let stop = misses
-                .position(|product| product <= 1e-3)
-                .map_or(8, |n| n as u8 + 1);
+            let stop = (misses.position(|product| product <= 1e-3)).map_or(8, |n| n as u8 + 1);
             assert_eq!(kicks(&plan, DetectedLock::Few), stop, "{low} {plan:?}");
             assert!((2..=most).contains(&stop), "{low}: {stop}");
             assert_eq!(kicks(&plan, DetectedLock::Most), 8, "{low}");

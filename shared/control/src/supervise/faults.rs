@@ -283,6 +283,7 @@ impl FaultDetector {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     const EXPECTED: Prediction = Prediction {
         running: true,
@@ -300,11 +301,7 @@ mod tests {
 
     /// A cycle of a sensor that moves.
     fn moving() -> Cycle {
-        Cycle {
-            low: 2000,
-            high: 2100,
-            ..Cycle::default()
-        }
+        with(Cycle::default(), |it| (it.low, it.high) = (2000, 2100))
     }
 
     /// Fault that the detector finds in a number of equal cycles.
@@ -318,14 +315,8 @@ mod tests {
     #[test]
     fn untrusted_reading_is_flagged_in_its_cycle() {
         let moving = moving();
-        let still = Cycle {
-            high: 2000,
-            ..moving.clone()
-        };
-        let clipped = Cycle {
-            saturated: CLIPPED_READINGS,
-            ..moving.clone()
-        };
+        let still = with(moving.clone(), |it| it.high = 2000);
+        let clipped = with(moving.clone(), |it| it.saturated = CLIPPED_READINGS);
         for (cycle, measured, blind) in [
             (&moving, 1e-4, false),
             (&still, 1e-4, true),
@@ -337,10 +328,7 @@ mod tests {
             let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &EXPECTED);
             assert_eq!(seen, (None, blind), "{measured}");
             // Without a predictable response only the converter's own ends raise suspicion.
-            let searching = Prediction {
-                known: false,
-                ..EXPECTED
-            };
+            let searching = with(EXPECTED, |it| it.known = false);
             let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &searching);
             assert_eq!(seen, (None, cycle.saturated > 0), "{measured}");
         }
@@ -499,14 +487,8 @@ mod tests {
         ] {
             assert_eq!(after(&by_current(amplitude), 1e-4), result, "{amplitude}");
         }
-        let unknown = Prediction {
-            known: false,
-            ..by_current(1e-2)
-        };
-        let rests = Prediction {
-            running: false,
-            ..by_current(1e-2)
-        };
+        let unknown = with(by_current(1e-2), |it| it.known = false);
+        let rests = with(by_current(1e-2), |it| it.running = false);
         assert_eq!(after(&unknown, 1e-4), (None, false));
         assert_eq!(after(&rests, 1e-4), (None, false));
     }
@@ -531,11 +513,7 @@ mod tests {
     fn a_shifted_mean_is_implausible_while_the_drive_runs() {
         let cycle = moving();
         let after = |running, cycles| {
-            let expected = Prediction {
-                running,
-                shifted: true,
-                ..EXPECTED
-            };
+            let expected = with(EXPECTED, |it| (it.running, it.shifted) = (running, true));
             let mut detector = FaultDetector::default();
             (0..cycles).find_map(|_| detector.cycle(&cycle, 1e-4, -1.5, &expected).0)
         };
@@ -554,11 +532,7 @@ mod tests {
             } else {
                 (0.0, 2000)
             };
-            let cycle = Cycle {
-                low: 2000,
-                high,
-                ..Cycle::default()
-            };
+            let cycle = with(Cycle::default(), |it| (it.low, it.high) = (2000, high));
             detector.cycle(&cycle, measured, -1.5, &EXPECTED).0
         });
         assert_eq!(found, Some(Fault::SensorLost));

@@ -203,6 +203,7 @@ impl Interlock {
 mod tests {
     use super::*;
     use crate::inputs::BusCommand;
+    use crate::testing::with;
 
     const PACE: f32 = 50.0;
 
@@ -273,23 +274,14 @@ mod tests {
         assert!(!may_start_after(&mut begin(), &[off]));
         assert!(may_start_after(&mut begin(), &[none, off, on]));
         // Without the enable input, or withheld by the link, an edge counts for nothing.
-        let disabled = Inputs {
-            enable: false,
-            ..on
-        };
-        let withheld = Inputs {
-            withheld: true,
-            ..on
-        };
+        let disabled = with(on, |it| it.enable = false);
+        let withheld = with(on, |it| it.withheld = true);
         for stopped in [disabled, withheld] {
             assert!(!may_start_after(&mut begin(), &[off, stopped]));
             assert!(!may_start_after(&mut begin(), &[off, stopped, on]));
             assert!(may_start_after(&mut begin(), &[off, stopped, off, on]));
         }
-        let held_off = Inputs {
-            held_off: true,
-            ..on
-        };
+        let held_off = with(on, |it| it.held_off = true);
         assert!(!may_start_after(&mut begin(), &[off, held_off]));
         assert!(may_start_after(&mut begin(), &[off, held_off, on]));
         // Control that passes to the enable input starts nothing before an edge of it.
@@ -312,10 +304,7 @@ mod tests {
             assert!(interlock.fail(Fault::OverCurrent, &mut events));
             interlock.watch(&on);
             assert!(!interlock.acknowledges(&on, &mut events));
-            let lasting = Inputs {
-                over_current: true,
-                ..acknowledge
-            };
+            let lasting = with(acknowledge, |it| it.over_current = true);
             assert!(!interlock.acknowledges(&lasting, &mut events));
             // An edge while the fault lasts does not count.
             interlock.watch(&off);
@@ -346,10 +335,7 @@ mod tests {
         // Meanwhile the sample interrupt held the drive off: the input was off.
         let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
         interlock.stopping(&inputs(true, true));
-        interlock.watch(&Inputs {
-            held_off: true,
-            ..inputs(true, true)
-        });
+        interlock.watch(&with(inputs(true, true), |it| it.held_off = true));
         assert!(!interlock.may_start(&inputs(true, true)));
         assert!(!interlock.may_start(&inputs(true, false)));
         // The input was off for a moment after the link had stopped the drive.

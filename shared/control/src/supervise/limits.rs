@@ -70,6 +70,7 @@ impl LimitMonitor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     /// A limit of another cause stays all the time.
     const FREE: LimitInputs = LimitInputs {
@@ -93,34 +94,22 @@ mod tests {
         let mut monitor = LimitMonitor::default();
         let silent = |monitor: &mut LimitMonitor| after(monitor, &FREE, Limits::LINK_LOST);
         assert_eq!(silent(&mut monitor), None);
-        let heard = LimitInputs {
-            frame_received: true,
-            ..FREE
-        };
+        let heard = with(FREE, |it| it.frame_received = true);
         for _ in 0..2 {
             monitor.cycle(&heard);
             assert_eq!(monitor.limits(), Limits::MISFIT);
             assert_eq!(silent(&mut monitor), Some(101));
         }
         monitor.cycle(&heard);
-        let stopped = LimitInputs {
-            running: false,
-            ..FREE
-        };
+        let stopped = with(FREE, |it| it.running = false);
         assert_eq!(after(&mut monitor, &stopped, Limits::LINK_LOST), None);
-        let unwatched = LimitInputs {
-            link_timeout: None,
-            ..FREE
-        };
+        let unwatched = with(FREE, |it| it.link_timeout = None);
         assert_eq!(after(&mut monitor, &unwatched, Limits::LINK_LOST), None);
     }
 
     #[test]
     fn an_output_at_its_limit_holds_back_after_its_cycles_in_a_row() {
-        let saturated = LimitInputs {
-            saturated: true,
-            ..FREE
-        };
+        let saturated = with(FREE, |it| it.saturated = true);
         let mut monitor = LimitMonitor::default();
         for _ in 0..SATURATION_CYCLES {
             monitor.cycle(&saturated);

@@ -418,9 +418,7 @@ impl StateMachine {
                 return Decision::ForgetImpacts;
             }
             Glide::Arrived { detected } => {
-                let sure = seen
-                    .regime
-                    .filter(|verdict| verdict.confidence >= REGIME_CONFIDENCE);
+                let sure = (seen.regime).filter(|verdict| verdict.confidence >= REGIME_CONFIDENCE);
                 match sure.map(|verdict| verdict.regime) {
                     Some(Regime::Chaotic) if !detected => {
                         self.glide = Glide::Arrived { detected: true };
@@ -473,7 +471,7 @@ mod tests {
 
     use super::*;
     use crate::inputs::StartCause;
-    use crate::seeded::seeded;
+    use crate::testing::seeded;
 
     const PACE: f32 = 50.0;
 

@@ -189,6 +189,7 @@ impl TestSwing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     /// Settings of a commissioned machine whose sensor measures the share `seen` of 1 g at rest.
     fn commissioned(seen: f32) -> Settings {
@@ -252,21 +253,14 @@ mod tests {
         let results: std::vec::Vec<_> = (1..=27)
             .map(|n| swing.cycle(if n > 19 { 1e-4 } else { 0.0 }, [1e-4; 2]))
             .collect();
-        assert!(
-            results[..26]
-                .iter()
-                .all(|result| *result == SwingResult::Pending)
-        );
+        assert!((results[..26].iter()).all(|result| *result == SwingResult::Pending));
         assert_eq!(results[26], SwingResult::Passed);
     }
 
     #[test]
     fn an_uncommissioned_gain_has_no_test_swing() {
         let limits = |gain_tolerance| {
-            let settings = Settings {
-                gain_tolerance,
-                ..commissioned(0.0)
-            };
+            let settings = with(commissioned(0.0), |it| it.gain_tolerance = gain_tolerance);
             TestSwing::build(&settings, 8.0).limits(0.0, 1e-3, 1e-6)
         };
         assert!(limits(2.4).is_some());

@@ -59,12 +59,7 @@ fn least(heard: &Row) -> f32 {
 
 /// Energy by sector that the weights predict.
 pub fn mixed(rows: &Rows, weights: &[f32; PARTS]) -> Row {
-    rows.map(|row| {
-        row.iter()
-            .zip(weights)
-            .map(|(part, weight)| part * weight)
-            .sum()
-    })
+    rows.map(|row| (row.iter().zip(weights).map(|(part, weight)| part * weight)).sum())
 }
 
 /// Weighted residual sum of squares (chi-square for unit dispersion).

@@ -527,9 +527,7 @@ impl ShareHearing {
     fn tell(&mut self, found: &Mixture) {
         let noise = self.long.noise / self.long.weight;
         let aligned = LATES[0] < self.late && self.late < LATES[1] && self.rings > MIN_DECAY;
-        let share = self
-            .profile()
-            .and_then(|profile| told(found, profile, noise, aligned));
+        let share = (self.profile()).and_then(|profile| told(found, profile, noise, aligned));
         let long = self.agreement(&self.long, &found.weights, found.astray);
         self.evidence = self
             .profile()
