@@ -1,11 +1,9 @@
 //! Sampled control of the drive in two tasks: the sample interrupt and the control of each cycle.
 //!
-//! Inputs of the interrupt are the converter's codes and the enable contact, once a sample (50 us).
-//! Its output is the drive signal as a share of full output, -1..1. It demodulates the acceleration
-//! at the drive's frequency (lock-in amplifier: Meade 1983). It switches the drive off after
-//! [`MAX_COMMAND_AGE_CYCLES`] cycles without a command.
-//!
-//! The control gets the demodulated cycle and commands the amplitude of the next.
+//! The interrupt takes the converter's codes and the enable contact once a sample (50 us), and
+//! gives the drive signal, -1..1. It demodulates the acceleration at the drive's frequency (lock-in
+//! amplifier: Meade 1983), and switches off after [`MAX_COMMAND_AGE_CYCLES`] cycles without a
+//! command. The control gets the demodulated cycle and commands the amplitude of the next.
 
 use embassy_futures::yield_now;
 use kband::arithmetic::Phase;
@@ -19,9 +17,8 @@ use crate::watch::{Roll, Watched};
 
 /// The sample interrupt.
 ///
-/// Deadline: one sample, 50 us (8400 core cycles at 168 MHz). A late sample shifts the phase of the
-/// drive; the demodulation measures that shift too. A lost sample holds the output for one more
-/// sample.
+/// Deadline: one sample, 50 us (8400 core cycles at 168 MHz). The demodulation measures the shift
+/// of a late sample too; a lost one holds the output.
 pub struct Sampler<S, D> {
     signal: Signal,
     sense: S,
@@ -167,10 +164,8 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
 
 /// Control task of the drive cycles: control, report, then planning in slices.
 ///
-/// Deadline: one drive cycle (20 ms at 50 Hz). A missed deadline is counted, and the drive keeps
-/// its amplitude for another cycle. After [`MAX_COMMAND_AGE_CYCLES`] cycles without a command the
-/// sample interrupt switches the drive off. Other tasks run between slices of planning; a new cycle
-/// ends the planning.
+/// Deadline: one drive cycle (20 ms at 50 Hz). A missed one is counted, and the drive keeps its
+/// amplitude. Other tasks run between slices of planning; a new cycle ends the planning.
 pub async fn control(
     station: &Station,
     exchange: &'static Exchange,

@@ -1,7 +1,6 @@
 //! Enable input: debounce by consecutive equal samples, and a count of gaps in a sliding window.
 //!
-//! A gap is a sample in which the input was not high all the time. Sampling detects gaps down to
-//! one sample (50 us); the chip's edge detector latches narrower ones.
+//! A gap is a sample in which the input was not high all the time.
 
 use kband_control::SAMPLE_RATE;
 
@@ -27,17 +26,14 @@ pub(crate) struct EnableCycle {
     pub chatters: bool,
 }
 
-/// Time without a gap after which the drive may run, samples (20 ms). A closing contact may bounce
-/// for the same time before.
+/// Time without a gap after which the drive may run, samples (20 ms), and of a contact's bounces.
 const PRESS_SAMPLES: u16 = samples(20);
-/// Time without a change after which the input is settled, samples: 100 ms, the period of the
-/// slowest chatter (10 Hz).
+/// Time without a change after which the input is settled, samples: the slowest chatter's 100 ms.
 const SETTLED_SAMPLES: u16 = samples(100);
 /// Length of the window in which gaps are counted, samples (5 ms).
 const GAP_WINDOW: u32 = samples(5) as u32;
 /// Largest number of gaps in that window that leaves the drive on. Chatter that is low for at least
-/// 10 % of its period makes 9 gaps or more. They lie in one window from the first gap on. Eight
-/// disturbances shorter than a sample leave the drive on.
+/// 10 % of its period makes 9 or more, in one window from the first on.
 const MAX_GAPS: usize = 8;
 
 /// Number of samples in a time in ms.

@@ -172,8 +172,8 @@ pub struct Station {
 }
 
 impl Station {
-    /// Builds the controller from the stored settings and target, in a call of its own that keeps the
-    /// stack small. Settings that are missing or damaged start it in its fault.
+    /// Builds the controller from the stored settings and target, in a call of its own that keeps
+    /// the stack small. Settings that are missing or damaged start it in its fault.
     ///
     /// # Errors
     /// A value is out of range.
@@ -182,8 +182,7 @@ impl Station {
         Controller::build(&found.settings, found.target, start_cause_for(found, start))
     }
 
-    /// Builds the station with its [controller](Self::controller), inlined: the stack has no room for
-    /// two.
+    /// Builds the station with its [controller](Self::controller), inlined to save stack.
     #[inline(always)]
     pub fn new(
         found: &Found,
@@ -223,8 +222,8 @@ impl Station {
         }
     }
 
-    /// Runs the controller over one cycle with the board's inputs. `None` while the desk simulates the
-    /// plant: only the time advances.
+    /// Runs the controller over one cycle with the board's inputs. `None` while the desk simulates
+    /// the plant: only the time advances.
     pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Option<Report> {
         self.tick.signal(());
         self.uptime.set(self.uptime.get().after(cycle.samples));
@@ -293,8 +292,8 @@ impl Station {
         self.controller.borrow().interlock().clone()
     }
 
-    /// Replaces the controller; when refused, the previous one stays. Controller and signal path are
-    /// large: each is built in a call of its own, so that their stack use does not add up.
+    /// Replaces the controller; when refused, the previous one stays. Controller and signal path
+    /// are large: each is built in a call of its own, so that their stack use does not add up.
     #[inline(never)]
     fn renew_controller(
         &self,
@@ -353,8 +352,7 @@ impl Station {
         self.controller.borrow_mut().plan_step()
     }
 
-    /// As [`Station::plan_step`], for the board's own cycles: none during a simulation, which runs its
-    /// own slices.
+    /// As [`Station::plan_step`], for the board's own cycles: none during a simulation.
     pub fn plan_own_step(&self) -> bool {
         self.simulated.get().is_none() && self.plan_step()
     }
@@ -418,13 +416,13 @@ impl Station {
         self.withheld.set(withheld);
     }
 
-    /// Whether the drive is at rest and cannot start: its enable input is off, or an update keeps it off.
+    /// Whether the drive is at rest and cannot start: by the enable input or an update.
     pub fn is_out_of_use(&self) -> bool {
         let cannot_start = !self.inputs.get().enable || self.kept_off_until.get().is_some();
         self.at_rest() && cannot_start && self.simulated.get().is_none()
     }
 
-    /// Keeps the drive off until this time since the start, s, and then until the enable input is off.
+    /// Keeps the drive off until this time since the start, s, then by the enable input.
     pub fn keep_off_until(&self, seconds: u32) {
         self.kept_off_until.set(Some(seconds));
     }
@@ -621,8 +619,8 @@ impl Station {
         self.take_settings(settings, Interlock::clone)
     }
 
-    /// Sets the defaults, as [`Station::set_settings`]. They fit no machine: the drive stays off until
-    /// settings are saved.
+    /// Sets the defaults, as [`Station::set_settings`]. They fit no machine: the drive stays off
+    /// until settings are saved.
     pub fn restore_defaults(&self) -> Result<(), Refusal<'static>> {
         self.take_settings(&Settings::default(), Interlock::without_settings)
     }

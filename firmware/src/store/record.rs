@@ -1,8 +1,8 @@
 //! The bytes of a record: settings, target, PIN and the public key of updates.
 //!
-//! A record names each setting by a hash of its key. A key that the record lacks gets its default:
-//! the default of a key that is added must not change what the drive does. A key that this firmware
-//! does not know is of a newer one: the record stays as it is, and the drive stays off.
+//! A record names each setting by a hash of its key. A key that the record lacks gets its default,
+//! so the default of a new key must not change what the drive does. With a key that this firmware
+//! does not know, the record stays as it is, and the drive stays off.
 //!
 //! | bytes | content |
 //! |---|---|
@@ -24,8 +24,7 @@ use super::encoding::{COUNT, HASHES, PAIR, Words, hash, pairs, put, put_pairs, t
 use super::{CONTENT, Condition, Found, version_3};
 use crate::recipes;
 
-/// Version of a record's format and meaning; raised when a setting keeps its name and changes its
-/// meaning.
+/// Version of a record's format and meaning; raised when a setting changes its meaning.
 const VERSION: u32 = 4;
 /// Largest version that a newer firmware may write.
 const LAST_VERSION: u32 = 0xffff;

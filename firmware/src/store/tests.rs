@@ -298,8 +298,8 @@ fn a_flipped_bit_keeps_the_settings_or_is_reported() {
     assert_eq!(lost, 8 * (SLOT - 8));
 }
 
-/// Flips every bit of the settings' pages. They stay, or are reported as lost. Returns the number of
-/// losses.
+/// Flips every bit of the settings' pages. They stay, or are reported as lost. Returns the number
+/// of losses.
 fn flips(store: &Records<Nor<SMALL>, Waiting>) -> usize {
     let kept = loaded_from(&store.flash);
     let mut lost = 0;

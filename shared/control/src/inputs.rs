@@ -41,7 +41,7 @@ impl BusCommand {
 pub struct Inputs {
     /// The enable input.
     pub enable: bool,
-    /// Whether the sample interrupt holds the drive off: it stops without a ramp, or does not start.
+    /// Whether the sample interrupt holds the drive off: it stops without a ramp.
     #[serde(skip)]
     pub held_off: bool,
     /// Whether the enable input began to chatter since the last cycle.

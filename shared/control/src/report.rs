@@ -42,7 +42,7 @@ pub struct Report {
     pub in_gear_error: f32,
     /// Order (symbol r) of that gear: of the wanted lock or gear, else 1.
     pub gear: u8,
-    /// Mean drive cycles in gear until its loss: estimated for one part, else predicted; or infinite.
+    /// Mean drive cycles in gear until its loss: of one part, or predicted.
     pub to_loss: f32,
     /// Margin of the parts to losing gear; `None` without an estimate.
     pub margin: Option<GearMargin>,

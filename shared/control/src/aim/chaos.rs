@@ -15,7 +15,7 @@ const SLICE_IMPACTS: u32 = 128;
 const SCAN_STEP: f64 = 0.004;
 /// Highest k of the scan over the flip at the lot's lowest restitution.
 const MAX_K_OVER_FLIP: f64 = 0.935;
-/// Lowest k of the scan over the flip at the lot's highest restitution; below, hopping is transient.
+/// Lowest k of the scan over the flip at the lot's highest restitution.
 const MIN_K_OVER_FLIP: f64 = 0.80;
 /// Impacts after which a part is classified, by the last [`CLASSIFIED_IMPACTS`].
 const TRIAL_IMPACTS: u32 = 600;
@@ -62,8 +62,8 @@ impl Trial {
     }
 }
 
-/// The search for the widest stretch of k that is chaotic, by the board's classifier and without rest,
-/// for the lot's lowest, middle and highest restitution.
+/// The search for the widest stretch of k that is chaotic, by the board's classifier and without
+/// rest, for the lot's lowest, middle and highest restitution.
 #[derive(Clone, Copy, Debug)]
 pub struct ChaosSearch {
     parts: [f64; 3],

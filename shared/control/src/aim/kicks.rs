@@ -15,8 +15,8 @@ const SLICE_IMPACTS: u32 = 20;
 /// Highest amplitude of a planned kick over the setpoint.
 const MAX_KICK_RATIO: f32 = 2.5;
 
-/// A finished search: its settings, its plan, its number of slices. Equal settings give the same plan
-/// after as many slices ([`crate::Controller::supply_kicks`]).
+/// A finished search: its settings, its plan, its number of slices. Equal settings give the same
+/// plan after as many slices ([`crate::Controller::supply_kicks`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct KickResult {
     /// Settings of the search.

@@ -29,8 +29,8 @@ pub struct Retuning {
 }
 
 impl Retuning {
-    /// Processes a cycle at the setpoint of a settled plan. `lacks` marks the upper tones that the drive
-    /// makes too weak. Returns the settings of a new plan, once it is due.
+    /// Processes a cycle at the setpoint of a settled plan. `lacks` marks the upper tones that the
+    /// drive makes too weak. Returns the settings of a new plan, once it is due.
     pub fn cycle(
         &mut self,
         planned: &GearPlanSettings,

@@ -135,8 +135,8 @@ impl Selection {
         self.misfit
     }
 
-    /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes the k
-    /// at which a part thrown from rest flies one drive period, `1/sqrt(1 + pi^2)` = 0.303 (throw
+    /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes the
+    /// k at which a part thrown from rest flies one drive period, `1/sqrt(1 + pi^2)` = 0.303 (throw
     /// number 3.3), near which scattered parts are fastest (docs/theory-real-parts.md#t10.1).
     pub fn set_misfit(&mut self, settings: &Settings, scale: &Scale) {
         self.misfit = true;
@@ -188,8 +188,8 @@ impl Selection {
         Some((settings.lot().ok()?, settings.scatter))
     }
 
-    /// Processes a cycle at the setpoint. Plans anew where the parts differ from the planned ones or the
-    /// drive lacks a tone. The setpoint stays until that plan is settled.
+    /// Processes a cycle at the setpoint. Plans anew where the parts differ from the planned ones
+    /// or the drive lacks a tone. The setpoint stays until that plan is settled.
     pub fn retune(
         &mut self,
         margin: Option<&GearMargin>,

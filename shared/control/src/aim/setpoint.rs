@@ -95,7 +95,7 @@ pub struct Choice {
     pub shape: Shape,
 }
 
-/// Half width in rad of a lock's window beyond the lot's own phases: errors of amplitude and stamps.
+/// Half width in rad of a lock's window beyond the lot's own phases.
 const LOCK_HALF_WIDTH: f32 = 0.35;
 /// Permitted orders of lock and gear.
 pub(super) const ORDERS: core::ops::RangeInclusive<u8> = 1..=8;

@@ -86,8 +86,8 @@ pub struct Controller {
     /// Estimator of the parts' load; `None` without `track_mass`.
     meter: Option<LoadMeter>,
     weighing: LoadEvents,
-    /// Predicted envelope at the ends of three cycles, newest first, over the steady one at full output.
-    /// The first is of the cycle that the last output drives; a reading is the mean of the others.
+    /// Predicted envelope at the ends of three cycles, newest first, over the steady one at full
+    /// output. The first is of the cycle that the last output drives.
     predicted_envelopes: [Complex; 3],
     /// Envelope under the measured current at the last cycle's end, over the steady one at 1 A.
     by_current: Complex,
@@ -193,7 +193,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Whether [`Controller::use_recipe`] accepts a recipe; the error names the number out of range.
+    /// Whether [`Controller::use_recipe`] accepts a recipe.
     pub fn check_recipe(&self, recipe: &Recipe) -> Result<(), OutOfRange> {
         let settings = recipe.applied_to(&self.settings)?;
         self.select(recipe.target, &settings).map(|_| ())
@@ -238,7 +238,8 @@ impl Controller {
         }
     }
 
-    /// Processes one cycle's measurements and the board's inputs; the report holds the next command.
+    /// Processes one cycle's measurements and the board's inputs; the report holds the next
+    /// command.
     pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
         self.advance(cycle, inputs);
         self.report()
@@ -425,7 +426,7 @@ impl Controller {
         TrackMotion { first, upper }
     }
 
-    /// Controls the upper tones, where the settings allow any. They run at the chosen setpoint only.
+    /// Controls the upper tones, where the settings allow any. Only at the chosen setpoint.
     fn control_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
         if !self.tones.allowed() {
             return;

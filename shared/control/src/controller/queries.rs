@@ -62,8 +62,8 @@ impl Controller {
         }
     }
 
-    /// Whether the target is met (lock, chaos, a share of gear above one half, or the amplitude) and
-    /// the amplitude is steady.
+    /// Whether the target is met (lock, chaos, a share of gear above one half, or the amplitude)
+    /// and the amplitude is steady.
     pub fn is_ready(&self) -> bool {
         self.faults.is_steady() && self.is_target_met()
     }
@@ -114,7 +114,7 @@ impl Controller {
         self.limits.limits().contains(Limits::DEAF)
     }
 
-    /// Whether nothing is reported of gear: no part would be detected, or the parts do not fit the lot.
+    /// Whether nothing is reported of gear: no part is detected, or parts do not fit the lot.
     fn is_unknown(&self) -> bool {
         self.is_deaf() || self.selection.is_misfit()
     }
@@ -191,8 +191,8 @@ impl Controller {
         self.scale.k(amplitude)
     }
 
-    /// Progress of the identification of the parts' restitution ([`Target::Identify`]); its result is
-    /// applied nowhere, and stays until the next one.
+    /// Progress of the identification of the parts' restitution ([`Target::Identify`]); its result
+    /// is applied nowhere, and stays until the next one.
     pub fn identification(&self) -> Identification {
         self.identifier.result()
     }
@@ -202,7 +202,7 @@ impl Controller {
         self.watches_ready = watched;
     }
 
-    /// Sets whether the regime is classified also where the controller does not need it. Default: yes.
+    /// Sets whether the regime is classified also where nothing needs it. Default: yes.
     pub fn watch_regime(&mut self, watched: bool) {
         self.listener.always_classifies = watched;
     }

@@ -1,15 +1,15 @@
 //! The amplitude loop: it holds the track's amplitude b at its reference, cycle by cycle.
 //!
-//! At its resonance the drive's amplitude is a first-order lag. There the loop is a PI controller with
-//! feedforward through the inverse of that lag and an integral time of the envelope (lambda tuning:
-//! Astrom and Hagglund, Advanced PID Control, 2006). Anti-windup is conditional integration, and a
-//! saturated output moves the reference to what the output can realize (conditioning technique: Hanus,
-//! Kinnaert and Henrotte 1987).
+//! At its resonance the drive's amplitude is a first-order lag. There the loop is a PI controller
+//! with feedforward through the inverse of that lag and an integral time of the envelope (lambda
+//! tuning: Astrom and Hagglund, Advanced PID Control, 2006). Anti-windup is conditional
+//! integration, and a saturated output moves the reference to what the output can realize
+//! (conditioning technique: Hanus, Kinnaert and Henrotte 1987).
 //!
 //! Off the resonance the envelope turns against the output and beats; from 2.5 half widths on, a PI
 //! loop of six cycles would oscillate. There the output is the reference through the inverse of the
-//! turning envelope, over the estimated gain. Estimating the gain, by exponential forgetting, is then
-//! the only feedback: an integral loop. `margins` computes the stability margins of both loops.
+//! turning envelope, over the estimated gain. Estimating the gain, by exponential forgetting, is
+//! then the only feedback: an integral loop. `margins` has its stability margins.
 
 use num_complex::Complex32 as Complex;
 
@@ -26,7 +26,7 @@ const CLOSED_LOOP_CYCLES: f32 = 6.0;
 const GAIN_FORGETTING: f32 = 0.04;
 /// Dead time in cycles: computing 1, driving 1, averaging 0.5.
 const DEAD_TIME_CYCLES: f32 = 2.5;
-/// Time constant of the gain estimate off the resonance, over dead time plus envelope: gain margin 5.
+/// Time constant of the gain estimate off the resonance, over dead time plus envelope.
 const GAIN_TIME_CONSTANT_RATIO: f32 = 3.0;
 /// Largest factor between estimated and configured gain; beyond is a fault, or out of scale.
 const GAIN_RANGE: f32 = 4.0;
@@ -68,9 +68,9 @@ struct Tuning {
     min_start: f32,
 }
 
-/// The inverse of an envelope that turns, `(z - pole)(z - pole*) / (z (z - forget))`, of gain 1 at rest,
-/// in steps of one cycle. Its pole `forget` is at the amplitude's zero, `(pole.re - |pole|^2) / (1 -
-/// pole.re)`; a negative one would make the output alternate and is replaced by 0.
+/// The inverse of an envelope that turns, `(z - pole)(z - pole*) / (z (z - forget))`, of gain 1 at
+/// rest, in steps of one cycle. Its pole `forget` is at the amplitude's zero, `(pole.re - |pole|^2)
+/// / (1 - pole.re)`; a negative one would make the output alternate and is replaced by 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Inverse {
     forget: f32,
@@ -98,7 +98,7 @@ impl Inverse {
 }
 
 /// The loop that holds the amplitude, with anti-windup and an estimate of the drive's gain. The
-/// feedforward alone tracks a reference that the envelope can follow; the feedback acts on the rest.
+/// feedforward alone tracks a reference that the envelope can follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AmplitudeLoop {
     tuning: Tuning,
@@ -111,8 +111,8 @@ pub struct AmplitudeLoop {
     quarter_cycles: f32,
     /// Integral term of the output, as a share of full output.
     integral_term: f32,
-    /// References at the ends of four cycles, newest first, in m: of the next cycle, the running one,
-    /// the measured one, the one before.
+    /// References at the ends of four cycles, newest first, in m: of the next cycle, the running
+    /// one, the measured one, the one before.
     reference: [f32; 4],
     /// The reference through the inverse, in m.
     inverted: f32,
@@ -169,8 +169,8 @@ impl AmplitudeLoop {
             output: [0.0; 3],
             model: Complex::default(),
             saturated: false,
-            // Its gain at high frequencies is about Q/2 over the drive's gain. A mode at a multiple of
-            // the frequency, which a drive of several tones has, makes that unstable.
+            // Its gain at high frequencies is about Q/2 over the drive's gain. A mode at a multiple
+            // of the frequency, which a drive of several tones has, makes that unstable.
             observer: (settings.track_mass > 0.0
                 && envelope.first_order
                 && settings.upper_tones() == 0)
@@ -235,8 +235,8 @@ impl AmplitudeLoop {
         (self.tuning.min_start, pace)
     }
 
-    /// Processes the amplitude measured in the last cycle and the `reference` for the end of the cycle
-    /// after next, in m. Returns that cycle's output as a share of full output, at most `most`.
+    /// Processes the amplitude measured in the last cycle and the `reference` for the end of the
+    /// cycle after next, in m. Returns that cycle's output over full output, at most `most`.
     pub fn cycle(&mut self, measured: f32, reference: f32, most: f32) -> f32 {
         let high = self.tuning.max_output.min(most);
         let [newest, before, oldest, _] = self.reference;
@@ -265,8 +265,8 @@ impl AmplitudeLoop {
         output
     }
 
-    /// As [`AmplitudeLoop::cycle`], with the load observer; `motion` in m, along sine and cosine of the
-    /// output's phase. Returns output and its phase lead (rad).
+    /// As [`AmplitudeLoop::cycle`], with the load observer; `motion` in m, along sine and cosine of
+    /// the output's phase. Returns output and its phase lead (rad).
     pub fn control_under_load(
         &mut self,
         motion: Complex,
@@ -340,7 +340,7 @@ impl AmplitudeLoop {
         (raw, output)
     }
 
-    /// Feedback gains for the margins: proportional, integral over it, or the gain estimate's weight.
+    /// Feedback gains for the margins: proportional, integral over it, or gain weight.
     pub(super) fn gains(&self) -> [f32; 3] {
         let tuning = self.tuning;
         if self.envelope.first_order {

@@ -1,9 +1,10 @@
 //! Envelope of the track's amplitude under the output, from cycle to cycle (slowly varying
 //! amplitude).
 //!
-//! The resonance has the poles `-w0/(2 Q) +- i w0 sqrt(1 - 1/(4 Q^2))`. In the frame that turns with
-//! the drive the envelope is a phasor, here over its steady value, that decays and turns in a cycle by
-//! `pole = e^(-pi w0/(Q w) + i 2 pi (w0 sqrt(1 - 1/(4 Q^2))/w - 1))` (rotating-wave approximation).
+//! The resonance has the poles `-w0/(2 Q) +- i w0 sqrt(1 - 1/(4 Q^2))`. In the frame that turns
+//! with the drive the envelope is a phasor, here over its steady value, that decays and turns in a
+//! cycle by `pole = e^(-pi w0/(Q w) + i 2 pi (w0 sqrt(1 - 1/(4 Q^2))/w - 1))` (rotating-wave
+//! approximation).
 
 use core::f32::consts::{PI, TAU};
 

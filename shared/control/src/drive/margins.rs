@@ -22,7 +22,7 @@ const MIN_ANGLE: f64 = 1e-5;
 pub struct LoopMargins {
     /// Factor on the loop's gain at which it oscillates.
     pub gain: f64,
-    /// Additional phase lag, in degrees, at which it oscillates; 180 with a gain below 1 everywhere.
+    /// Additional phase lag, in degrees, at which it oscillates; 180 with a gain below 1.
     pub phase: f64,
     /// Smallest distance of the open loop from -1: one over a disturbance's largest amplification.
     pub distance: f64,
@@ -77,8 +77,8 @@ impl LoopMargins {
     /// Margins of the loop built for the settings `configured`, on the drive `actual`, whose `gain`
     /// and `resonance` may differ. The error names a setting out of range.
     ///
-    /// At the resonance it is the PI loop at the configured gain. Off it the gain estimate is the only
-    /// feedback: an integral gain times the difference of drive and model, here without the model.
+    /// At the resonance it is the PI loop at the configured gain. Off it the gain estimate is the
+    /// only feedback: an integral gain times the difference of drive and model, without it.
     pub fn of(configured: &Settings, actual: &Settings) -> Result<Self, OutOfRange> {
         let control = AmplitudeLoop::build(configured)?;
         actual.check()?;

@@ -4,12 +4,12 @@
 //! them (docs/theory-real-parts.md#t10.5). A hopper that opens changes that faster than the gain
 //! estimate follows. The observer is of Luenberger's kind (1971), with the load and its rate as
 //! disturbance states and the prediction error of the envelope, a phasor, as input. The next output
-//! compensates the load within one cycle (deadbeat control). Parts also shift the track's phase, and
-//! impacts follow it: an output that leads holds the phase as the amplitude is held.
+//! compensates the load within one cycle (deadbeat control). Parts also shift the track's phase,
+//! and impacts follow it: an output that leads holds the phase as the amplitude is held.
 //!
-//! The gains differ along the held motion and across it. An impact at a third of the cycle shows two
-//! thirds of its effect in the cycle's mean. Across the motion, more of the error is scatter that does
-//! not repeat. With blanked impacts the reading alternates from an envelope gain of 1.1 on.
+//! The gains differ along the held motion and across it. An impact at a third of the cycle shows
+//! two thirds of its effect in the cycle's mean. Across the motion, more of the error is scatter
+//! that does not repeat. Blanked impacts limit the envelope gain to 1.1.
 
 use core::f32::consts::{PI, TAU};
 
@@ -31,8 +31,8 @@ pub struct ImpactPhase {
     pub silent: bool,
 }
 
-/// Estimates of envelope and load: phasors in m, a quarter turn ahead of the motion, so that a drive
-/// at its resonance has a real envelope.
+/// Estimates of envelope and load: phasors in m, a quarter turn ahead of the motion, so that a
+/// drive at its resonance has a real envelope.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observer {
     /// Envelope at the end of the last cycle.
@@ -94,7 +94,7 @@ impl Observer {
         (goal - self.envelope * keep - self.load) / (1.0 - keep)
     }
 
-    /// Limits the requested envelope to `high` and the track's direction; its size (m) and lead (rad).
+    /// Limits the requested envelope to `high` and the track's direction; size (m), lead (rad).
     pub fn limit_output(&mut self, wanted: Complex, high: f32) -> [f32; 2] {
         let against = wanted * self.held_phase.conj();
         let mut driven = if against.re > 0.0 {

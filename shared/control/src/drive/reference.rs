@@ -35,8 +35,8 @@ impl Reference {
         self.commanded = goal;
     }
 
-    /// The reference one cycle on, with the first-order lag of kicks. A kick's cycles begin at phase 0
-    /// of the track: the first part of the output's cycle still has the previous command.
+    /// The reference one cycle on, with the first-order lag of kicks. A kick's cycles begin at
+    /// phase 0 of the track: the first part of the output's cycle still has the previous command.
     fn after_a_cycle(&self, goal: f32, lead: f32, time_constant: f32) -> f32 {
         let before = -lead * (1.0 / TAU);
         let before = before - libm::floorf(before);

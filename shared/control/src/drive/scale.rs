@@ -106,9 +106,9 @@ impl Scale {
         (settings.output_maximum * self.full_amplitude).min(self.ceiling)
     }
 
-    /// Largest output for the next cycle, as a share of full output: it keeps the predicted envelope
-    /// (over the steady one at full output) within 1.2 of the hard limits, or within `amplitude` (m).
-    /// The prediction uses the configured gain and not the accelerometer.
+    /// Largest output for the next cycle, as a share of full output: it keeps the predicted
+    /// envelope (over the steady one at full output) within 1.2 of the hard limits, or within
+    /// `amplitude` (m). The prediction uses the configured gain and not the accelerometer.
     pub fn most_output(&self, envelope: Complex, amplitude: Option<f32>) -> f32 {
         let amplitude = amplitude.unwrap_or(MAX_ENVELOPE_RATIO * self.ceiling);
         self.envelope
@@ -128,7 +128,7 @@ impl Scale {
 
     /// Largest amplitude of a kick over an amplitude (m), within output and hard limits.
     pub fn max_kick(&self, settings: &Settings, amplitude: f32) -> f32 {
-        // A command step from 1 to f needs an output of 1 + s (f - 1), s: steepness of the reference.
+        // A command step from 1 to f needs an output of 1 + s (f - 1), s: its steepness.
         let steeper = (1.0 - libm::expf(-1.0 / settings.envelope)) / (1.0 - self.keep);
         let strength = settings.output_maximum * settings.gain * 1e-3 / amplitude;
         (1.0 + (strength - 1.0) / steeper.max(1.0)).min(self.ceiling / amplitude)

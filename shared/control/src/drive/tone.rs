@@ -13,13 +13,13 @@ use crate::settings::Settings;
 const DEAD_TIME: f32 = 2.5;
 /// Time constant of the loop over dead time plus envelope: gain margin above 4 at any detuning.
 const LOOP_TIME_CONSTANT_RATIO: f32 = 4.0;
-/// Deviation of the track's response that is reported, as a factor and in rad: warm-up causes a third.
+/// Deviation of the track's response that is reported, as a factor and in rad.
 const REPORTED_DEVIATION: (f32, f32) = (1.5, 0.35);
 /// Deviation, as a factor and in rad, at which the tone is given up: the limit of the margins.
 const MAX_DEVIATION: (f32, f32) = (3.0, 1.05);
 
-/// The loop that holds one tone. It estimates the track's response over the configured one; the output
-/// is the wanted motion through it, so a change of amplitude moves its tone along.
+/// The loop that holds one tone. It estimates the track's response over the configured one; the
+/// output is the wanted motion through it, so a change of amplitude moves its tone along.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToneLoop {
     /// Frequency of the tone over the drive's.
@@ -45,7 +45,7 @@ pub struct ToneLoop {
     given_up: bool,
 }
 
-/// Time constant of the loop of a tone, cycles; its slowest envelope is as sharp as the drive's own.
+/// Time constant of the loop of a tone, cycles.
 fn slowness(settings: &Settings, harmonic: u8) -> f32 {
     let envelope = settings.quality / (f32::from(harmonic) * PI);
     LOOP_TIME_CONSTANT_RATIO * (DEAD_TIME + envelope)
@@ -168,8 +168,8 @@ impl ToneLoop {
         news
     }
 
-    /// Advances one cycle towards the goal. The output is along the sine and i times the cosine of the
-    /// tone's phase, over full output. `long`: amplitude of the first tone in m, if it gives a phase.
+    /// Advances one cycle towards the goal. The output is along the sine and i times the cosine of
+    /// the tone's phase, over full output. `long`: the first tone's amplitude in m.
     pub fn advance(&mut self, first: Complex, long: Option<f32>) -> Complex {
         let step = self.goal - self.shape;
         let pace = match (

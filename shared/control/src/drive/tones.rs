@@ -34,8 +34,8 @@ pub struct ToneInputs {
     pub least: f32,
 }
 
-/// Largest second and third tone (symbols e and e3), 0..0.5, for which the configured output suffices at
-/// a k beside the first tone, and for the third beside the configured second one.
+/// Largest second and third tone (symbols e and e3), 0..0.5, for which the configured output
+/// suffices at a k beside the first tone, and for the third beside the configured second one.
 ///
 /// ```
 /// use kband_control::{Settings, affordable_tones};
@@ -162,7 +162,7 @@ impl Tones {
         self.output.map(|output| [output.re, output.im])
     }
 
-    /// Tones that are smaller than wanted: those given up, and the highest one while limits cut all.
+    /// Tones that are smaller than wanted: those given up, and the highest of a cut.
     pub fn missing_tones(&self) -> [bool; UPPER] {
         let cut = self.cut_for > CUT_CYCLES;
         let [second, third] = &self.loops;
@@ -225,8 +225,8 @@ impl Tones {
         news
     }
 
-    /// Share of the wanted tones within the hard limits: a chord bounds max |S| and max |S''|, which
-    /// are convex in the tones, and 1 without any.
+    /// Share of the wanted tones within the hard limits: a chord bounds max |S| and max |S''|,
+    /// which are convex in the tones, and 1 without any.
     fn left(&self, inputs: &ToneInputs, first: f32) -> f32 {
         let wanted = |(tone, shape): (&ToneLoop, UpperTone)| tone.within(shape.ratio) > 0.0;
         if !self.loops.iter().zip(self.shape.tones()).any(wanted) {

@@ -13,7 +13,7 @@ use num_complex::Complex32 as Complex;
 use crate::angle::phase_of;
 use kband::arithmetic::sine_cosine_single;
 
-/// Bias of the fit over `J` and the blanked share: between 0.43 (one phase) and 0.3 (0.4 rad apart).
+/// Bias of the fit over `J` and the blanked share: 0.43 (one phase) to 0.3 (scatter).
 const BLANKING_BIAS: f32 = 0.35;
 
 /// Weight of the impacts' push over that in the fundamental, with this share of the cycle blanked.

@@ -1,7 +1,7 @@
 //! Detector of a sensor that misses impacts.
 //!
-//! Inputs per cycle: the speeds at which the map predicts impacts (m/s), the noise (m/s^2), the ratio
-//! of detected to due impacts, and their concentration. Counters of cycles in a row have hysteresis.
+//! Inputs per cycle: the speeds at which the map predicts impacts (m/s), the noise (m/s^2), the
+//! ratio of detected to due impacts, and their concentration. Counters have hysteresis.
 
 /// Minimum height of an impact's ringing over its speed, in 1/s: a third of a bare track's.
 const MIN_RINGING_PER_SPEED: f32 = 10.0;
@@ -60,8 +60,8 @@ impl MissedImpactDetector {
         self.missed_impacts
     }
 
-    /// Whether a single part is too faint, so that only coincident impacts are detected: a few locked
-    /// parts of 24 then looked like one lock of all (150 Hz, 5 of 60 runs).
+    /// Whether a single part is too faint, so that only coincident impacts are detected: a few
+    /// locked parts of 24 then looked like one lock of all (150 Hz, 5 of 60 runs).
     pub fn hears_crowds_only(&self) -> bool {
         self.crowd
     }

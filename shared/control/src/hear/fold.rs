@@ -50,7 +50,7 @@ pub struct Folded {
 }
 
 /// Sums of the residual over half a turn from a phase on. A fold begins and ends at the end of a
-/// cycle, after its half turn. Its places are then handed over, some each cycle, before the next fold.
+/// cycle, after its half turn. Its places are then handed over, some each cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Fold {
     from: Phase,

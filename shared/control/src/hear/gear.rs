@@ -43,7 +43,8 @@ const QUARTERS: usize = SECTORS / SECTORS_HANDED;
 const MIN_FLIGHTS_IN_GEAR: u16 = 8;
 /// Minimum scatter of an implied restitution (stamps, amplitude); also its slack beyond 0 and 1.
 const MIN_SCATTER: f32 = 0.03;
-/// Largest ratio of estimated to configured scatter that is used: 1 plus the 16 % of [`MIN_IMPACTS`].
+/// Largest ratio of estimated to configured scatter that is used: 1 plus the 16 % of
+/// [`MIN_IMPACTS`].
 const MAX_SCATTER_RATIO: f32 = 1.2;
 /// Distance of an implied restitution from the lot, in standard deviations, that rejects it.
 const MAX_LOT_DISTANCE: f32 = 4.0;
@@ -56,7 +57,7 @@ const BOUNCED_WEIGHT: f32 = 0.35;
 /// Weight of a landing from rest after an unknown flight, in rad: accepts within 2.0 deviations, by
 /// `sqrt(2 ln(0.4 0.3/LANDING))`.
 const LANDING_WEIGHT_AFTER_UNKNOWN: f32 = 0.3;
-/// Stamped height of the faintest detected impact over the noise: threshold and rise of the ringing.
+/// Stamped height of the faintest detected impact over the noise.
 const MIN_IMPACT_TO_NOISE: f32 = 2.2;
 /// Initial speed over b w of the faintest detected impact: a fifth of `2 pi k/(1 + R)` in gear.
 const INITIAL_MIN_IMPACT_SPEED: f32 = 0.4;
@@ -431,8 +432,8 @@ impl GearEstimator {
         }
     }
 
-    /// Decides by a likelihood ratio whether the gap since the last impact was no single flight. `None`:
-    /// it was. Else the part was thrown from rest (with this arrival), or bounced undetected.
+    /// Decides by a likelihood ratio whether the gap since the last impact was no single flight.
+    /// `None`: it was. Else the part was thrown from rest (with this arrival), or bounced.
     fn detect_missed_flight(
         &self,
         last: &Struck,
@@ -517,15 +518,15 @@ impl GearEstimator {
         self.may_lock_beyond(phase, 1.0)
     }
 
-    /// Whether a part may stay in gear at a phase of the track (rad): a restitution one scatter below
-    /// the lot's middle must have a lock too, whose velocity goes as `(1 - R)/(1 + R)`.
+    /// Whether a part may stay in gear at a phase of the track (rad): a restitution one scatter
+    /// below the lot's middle must have a lock too, whose velocity goes as `(1 - R)/(1 + R)`.
     pub fn may_stay_in_gear_at(&self, phase: f32) -> bool {
         let middle = 0.5 * (self.lot[0] + self.lot[1]);
         self.may_lock_beyond(phase, 1.0 + 2.0 * self.scatter / (1.0 - middle * middle))
     }
 
-    /// Whether a sine through the track's velocity and acceleration at a phase (rad) reaches a lock's
-    /// velocity times `factor`.
+    /// Whether a sine through the track's velocity and acceleration at a phase (rad) reaches a
+    /// lock's velocity times `factor`.
     fn may_lock_beyond(&self, phase: f32, factor: f32) -> bool {
         [-STAMP_ERROR, STAMP_ERROR].iter().any(|late| {
             let [_, velocity, bend] = self.track.at(phase_of(phase + late));
@@ -542,7 +543,7 @@ impl GearEstimator {
         MIN_IMPACT_TO_NOISE * noise * self.arrivals / self.strength
     }
 
-    /// Residual energy per cycle in gear over the mean squared arrival speed over b w, in (m/s^2)^2.
+    /// Energy per cycle in gear over the mean squared arrival speed over b w, in (m/s^2)^2.
     pub fn loudness(&self) -> Option<f32> {
         let mut energy = 0.0;
         for [sum, cycles] in self.energies {

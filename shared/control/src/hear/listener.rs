@@ -26,7 +26,7 @@ const GEAR_DETECTED_SHARE: f32 = 0.5;
 /// Share of time in gear below which gear is lost (hysteresis).
 const GEAR_LOST_SHARE: f32 = 0.4;
 
-/// Share of time in single flights above which they prove gear of one part without the energy's fit.
+/// Share of time in single flights above which they prove gear of one part alone.
 const MIN_SINGLE_FLIGHTS: f32 = 0.99;
 /// Share of time in single flights below which that proof is lost (hysteresis).
 const LOST_SINGLE_FLIGHTS: f32 = 0.9;
@@ -157,8 +157,8 @@ impl Listener {
         self.in_gear_detected = self.detect_gear();
     }
 
-    /// Whether the parts are in gear for more than half of their time, with hysteresis. The map must
-    /// support gear, and the energy fit it; or nearly all flights are single ones of one part.
+    /// Whether the parts are in gear for more than half of their time, with hysteresis. The map
+    /// must support gear, and the energy fit it; or nearly all flights are single ones of one part.
     fn detect_gear(&self) -> bool {
         let Some(evidence) = self.share.evidence() else {
             return self.in_gear_detected && self.in_gear_at_least() > GEAR_LOST_SHARE;

@@ -171,8 +171,8 @@ impl LoadMeter {
         self.load
     }
 
-    /// Updates the estimate with one cycle; returns the track's motion with the impacts' push, in m:
-    /// the demodulator blanks impacts, so the acceleration between them lacks it.
+    /// Updates the estimate with one cycle; returns the track's motion with the impacts' push, in
+    /// m: the demodulator blanks impacts, so the acceleration between them lacks it.
     pub fn cycle(&mut self, seen: &Weighed) -> Complex {
         let turns = f32::from(seen.order.max(1));
         let restitution = seen.restitution.unwrap_or(self.restitution);

@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Estimated margin to the loss of gear. One part: from each flight. Several parts: from the profile
-/// of their impacts over the turn (docs/theory-real-parts.md#t10.7).
+/// Estimated margin to the loss of gear. One part: from each flight. Several parts: from the
+/// profile of their impacts over the turn (docs/theory-real-parts.md#t10.7).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GearMargin {
-    /// Trace of the tangent map of one impact (symbol tr J): `1 + R^2 - A (1 + R)^2/k`, with mean A.
+    /// Trace of the tangent map of one impact (symbol tr J): `1 + R^2 - A (1 + R)^2/k`.
     pub trace: f32,
     /// Estimated restitution (symbol R), 0..1.
     pub restitution: f32,

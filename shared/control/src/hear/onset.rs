@@ -1,8 +1,8 @@
 //! Detects impacts of parts in the track's acceleration.
 //!
 //! Two first-order high-pass filters suppress the drive. An adaptive threshold follows the running
-//! median of the residual's magnitude (constant-gain stochastic approximation, after Robbins and Monro
-//! 1951). A decaying envelope of the last impact prevents repeated detections.
+//! median of the residual's magnitude (constant-gain stochastic approximation, after Robbins and
+//! Monro 1951). A decaying envelope of the last impact prevents repeated detections.
 
 use core::ops::{Add, Mul, Sub};
 

@@ -28,8 +28,8 @@ pub struct PhaseStatistics {
     alternating_sum: f32,
 }
 
-/// Half difference of alternate impact phases, in rad, where the confidence begins to fall, and where
-/// it is 0. A locked lot alternates by 0.01, flights just beyond the doubling by 0.13.
+/// Half difference of alternate impact phases, in rad, where the confidence begins to fall, and
+/// where it is 0. A locked lot alternates by 0.01, flights just beyond the doubling by 0.13.
 const ALTERNATION_BOUNDS: [f32; 2] = [0.04, 0.24];
 
 /// Tolerance of the share of cycles with an impact: one cycle of the memory of sixteen.
@@ -74,8 +74,8 @@ impl PhaseStatistics {
         }
     }
 
-    /// Counts an impact within the lock's window; returns the number of the flight that it ends. Parts
-    /// of order r strike in every r-th cycle.
+    /// Counts an impact within the lock's window; returns the number of the flight that it ends.
+    /// Parts of order r strike in every r-th cycle.
     fn add_impact_in_window(
         &mut self,
         count: u32,
@@ -98,8 +98,8 @@ impl PhaseStatistics {
         number / order
     }
 
-    /// Confidence from alternation, up to 1: doubled flights strike before and after the lock's phase
-    /// in turn. Parts that doubled out of step stay undetected (docs/theory-capture.md#t7.6).
+    /// Confidence from alternation, up to 1: doubled flights strike before and after the lock's
+    /// phase in turn. Parts that doubled out of step stay undetected (docs/theory-capture.md#t7.6).
     fn evenness(&self) -> f32 {
         if self.at_lock <= 0.0 {
             return 1.0;
@@ -145,8 +145,8 @@ impl PhaseStatistics {
         }
     }
 
-    /// Confidence that the parts are locked in `order`, 0..1: the least of the share of impacts in the
-    /// window, detected over due impacts, evenness, and the filled part of the memory.
+    /// Confidence that the parts are locked in `order`, 0..1: the least of the share of impacts in
+    /// the window, detected over due impacts, evenness, and the filled part of the memory.
     pub fn lock_confidence(&self, order: u8) -> f32 {
         let due = self.cycles / f32::from(order);
         if due <= 0.0 {

@@ -56,10 +56,10 @@ pub struct Command {
     pub step: u32,
     /// Whether the output changes at once instead of at the next cycle: switching off never waits.
     pub immediate: bool,
-    /// Start phase of a fold of the residual over half a turn, from the next cycle on; `None` ends it.
+    /// Start phase of a fold of the residual over half a turn, `None` ends it.
     pub fold: Option<Phase>,
-    /// Whether the demodulator uses every sample from the next cycle on, also while an impact rings:
-    /// identification corrects that bias itself. It leaves the output unchanged, and is not sent.
+    /// Whether the demodulator uses every sample from the next cycle on, also while an impact
+    /// rings: identification corrects that bias itself. It is not sent.
     #[serde(skip)]
     pub whole: bool,
 }
@@ -235,12 +235,12 @@ struct CurrentMeter {
 /// Signal path: configuration, oscillator, demodulator and onset detector.
 ///
 /// The ringing of an impact biases the demodulated amplitude: by 4.7 % for 24 parts that strike
-/// together and ring at 800 Hz. The samples in which an impact rings ([`OnsetDetector::rings`]), up to
-/// a third of a cycle, are therefore replaced by the last cycle's tone, without effect on the new
-/// estimate. At a steady amplitude at most 0.3 % of bias remains, at 800 Hz and at 2.4 kHz.
+/// together and ring at 800 Hz. The samples in which an impact rings ([`OnsetDetector::rings`]), up
+/// to a third of a cycle, are therefore replaced by the last cycle's tone, without effect on the
+/// new estimate. At a steady amplitude at most 0.3 % of bias remains, at 800 Hz and at 2.4 kHz.
 ///
-/// Deadline: one sample (50 us). A missed sample shifts the drive's phase, which the demodulator then
-/// measures with everything else.
+/// Deadline: one sample (50 us). A missed sample shifts the drive's phase, which the demodulator
+/// then measures with everything else.
 ///
 /// ```
 /// use kband_control::{AdcCode, Settings, Signal};

@@ -1,9 +1,10 @@
 //! Estimates the restitution that explains the folds of a chatter best, by the least residual.
 //!
 //! All impacts of a part ring alike, with a height proportional to speed: a fold is one unknown
-//! ringing at the times and strengths that k and R predict. Method: separable nonlinear least squares
-//! (variable projection, Golub and Pereyra 1973). The height is eliminated linearly; decay and
-//! frequency start from a grid and improve by Gauss-Newton steps. The restitution comes from a grid of
+//! ringing at the times and strengths that k and R predict. Method: separable nonlinear least
+//! squares (variable projection, Golub and Pereyra 1973). The height is eliminated linearly; decay
+//! and frequency start from a grid and improve by Gauss-Newton steps. The restitution comes from a
+//! grid of
 //! [`GRID_POINTS`] values and a parabola. Evidence is the residuals' log likelihood ratio.
 
 use core::f32::consts::{PI, TAU};
@@ -178,8 +179,8 @@ impl Fit {
         }
     }
 
-    /// Begins the comparison of the stored fold, at a measured k. `normal_gravity` (m/s^2): amplitude
-    /// of the track's acceleration at k = 1; `step`: advance of the phase per sample.
+    /// Begins the comparison of the stored fold, at a measured k. `normal_gravity` (m/s^2):
+    /// amplitude of the track's acceleration at k = 1; `step`: advance of the phase per sample.
     pub fn begin(&mut self, k: f64, normal_gravity: f32, step: u32) {
         self.layout = Layout::of(step);
         self.per_radian = Phase::TURN as f32 / (TAU * step.max(1) as f32);

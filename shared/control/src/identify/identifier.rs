@@ -1,13 +1,13 @@
 //! Identifies the restitution of the parts from their chatter, as a sequence of drive levels.
 //!
 //! A part at rest is thrown off at arcsin k; the intervals to its further impacts depend on its
-//! restitution (for short hops their ratio is R itself). The residual is folded over the cycles, and
-//! each fold compared with the chatter that the map predicts for every restitution.
+//! restitution (for short hops their ratio is R itself). The residual is folded over the cycles,
+//! and each fold compared with the chatter that the map predicts for every restitution.
 //!
 //! A small k gives long and loud hops, but parts must rest before they are thrown anew. The search
-//! descends from [`FIRST_K`] until impacts are detected while a resting part would fly. Then the parts
-//! come to rest, and folds are measured at a level with rest, until one restitution exceeds every
-//! other by a likelihood ratio. The spread of the folds gives the standard error.
+//! descends from [`FIRST_K`] until impacts are detected while a resting part would fly. Then the
+//! parts come to rest, and folds are measured at a level with rest, until one restitution exceeds
+//! every other by a likelihood ratio. The spread of the folds gives the standard error.
 
 use core::f32::consts::TAU;
 
@@ -66,7 +66,8 @@ const MIN_EVIDENCE: f32 = 48.0;
 const MIN_RESTITUTION: f32 = 0.04;
 /// Time limit in drive cycles: twice the need of some 20 levels and 16 folds, 40 to 70 cycles each.
 const TIME_LIMIT_CYCLES: u16 = 4000;
-/// k at which parts enter gear from rest, R about 0.3, 0.1 and 0.5 (docs/theory-real-parts.md#t10.1).
+/// k at which parts enter gear from rest, R about 0.3, 0.1 and 0.5
+/// (docs/theory-real-parts.md#t10.1).
 const GEAR_CHECK_K: [f64; 3] = [0.46, 0.37, 0.55];
 /// Duration of that check, in drive cycles.
 const GEAR_CHECK_CYCLES: u16 = 300;
@@ -193,7 +194,7 @@ pub struct Identifier {
     k: f64,
     /// Sum of the measured k over a fold.
     sum: f64,
-    /// Residual energy less noise, summed over the cycles of all folds (a quarter of the sectors each).
+    /// Residual energy less noise, summed over the cycles of all folds.
     energy: f32,
     /// Squared first landing speed over `b w k`, summed over the same cycles.
     squares: f32,
@@ -463,8 +464,7 @@ impl Identifier {
         }
     }
 
-    /// Checks the folds' result against the restitution in gear: for parts that scatter only the first
-    /// landing repeats.
+    /// Checks the folds' result against the restitution in gear: scattered parts repeat no train.
     fn begin_gear_check(&mut self, folded: Identification) -> Step {
         self.folded = Some(folded);
         match GEAR_CHECK_K.get(self.checks) {
@@ -505,8 +505,8 @@ impl Identifier {
         })
     }
 
-    /// Estimates the number n of parts from two energies: n^2 of parts that rest and land together, n
-    /// of parts in gear.
+    /// Estimates the number n of parts from two energies: n^2 of parts that land together, n in
+    /// gear.
     fn estimate_parts(&self, driven: &Driven, restitution: f32) -> Option<f32> {
         let chatter = Chatter::of(self.first?, restitution, self.fit.contact())?;
         let trained: f32 = (chatter.impacts().iter().map(|(_, speed)| speed * speed)).sum();
@@ -548,8 +548,8 @@ fn combine_errors(one: f32, other: f32) -> f32 {
     libm::sqrtf(one * one + other * other)
 }
 
-/// k at which parts surely rest each cycle after impacts in flight at `k`: a fit to measurements, 4 to
-/// 9 % above the k at which parts of R = 0.3 to 0.8 cease to rest.
+/// k at which parts surely rest each cycle after impacts in flight at `k`: a fit to measurements, 4
+/// to 9 % above the k at which parts of R = 0.3 to 0.8 cease to rest.
 fn resting_k(k: f64) -> f64 {
     k * (1.17 - 0.44 * (k - 0.6).max(0.0))
 }

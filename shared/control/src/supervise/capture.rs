@@ -1,11 +1,11 @@
 //! Capture: kicks that bring parts onto the wanted orbit, one attempt after the other
 //! (docs/theory-capture.md#t7.3).
 //!
-//! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks: a kick and its test
-//! need 80 cycles, in which the parts are conveyed worse.
+//! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks: a kick and its
+//! test need 80 cycles, in which the parts are conveyed worse.
 //!
-//! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks of parts
-//! outside the lot: a kick misses a part with the probability of the plan, or always.
+//! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks of
+//! parts outside the lot: a kick misses a part with the probability of the plan, or always.
 
 use kband::regime::capture::{Kick, Plan};
 
@@ -76,7 +76,7 @@ pub enum CaptureEvent {
     Ended,
     /// The wanted lock is detected.
     Captured,
-    /// The attempts of this capture or of the hour are used up, or parts of the lot would not miss so.
+    /// The attempts of this capture or of the hour are used up, or the misses improbable.
     Failed,
 }
 

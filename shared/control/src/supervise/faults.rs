@@ -1,19 +1,19 @@
 //! Fault detector: signs of a fault in the sensor's readings, each debounced.
 //!
-//! Method: limit checks on measured signals and on residuals against a model of the drive (Isermann,
-//! Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is detected by
-//! counting reversals with hysteresis.
+//! Method: limit checks on measured signals and on residuals against a model of the drive
+//! (Isermann, Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is
+//! detected by counting reversals with hysteresis.
 
 use core::f32::consts::PI;
 
 use crate::hear::Cycle;
 use crate::state::Fault;
 
-/// Peak-to-peak range of a dead reading, in converter steps: a constant voltage toggles the last one.
+/// Peak-to-peak range of a dead reading, in converter steps: it toggles the last.
 const DEAD_RANGE_STEPS: u16 = 1;
 /// Cycles of a dead reading that are a fault: the default sensor's noise alone spans more steps.
 const DEAD_CYCLES: u8 = 3;
-/// Peak-to-peak range of a cut wire, in converter steps: noise of 1.5 RMS spans 9 in a cycle at 50 Hz.
+/// Peak-to-peak range of a cut wire, in converter steps: noise spans 9 at 50 Hz.
 const CUT_WIRE_RANGE_STEPS: u16 = 10;
 /// Cycles of a cut wire without a response that are a fault: half of [`NO_RESPONSE_CYCLES`].
 const CUT_WIRE_CYCLES: u8 = 8;
@@ -25,7 +25,7 @@ const SATURATED_CYCLES: u8 = 5;
 const MIN_RESPONSE_SHARE: f32 = 0.15;
 /// Cycles without a response that are a fault: two time constants at Q = 25 (86 %).
 const NO_RESPONSE_CYCLES: u8 = 15;
-/// Largest factor between the amplitude's ratio to the expected one and its usual value in this run.
+/// Largest factor between the amplitude's ratio to the expected one and its usual value.
 const MAX_RATIO_CHANGE: f32 = 1.9;
 /// Cycles after which the usual ratio counts as estimated.
 const MIN_RATIO_CYCLES: f32 = 16.0;
@@ -33,7 +33,7 @@ const MIN_RATIO_CYCLES: f32 = 16.0;
 const RATIO_MEMORY_CYCLES: f32 = 500.0;
 /// Cycles of an implausible amplitude that are a fault: twice what the gain estimate needs.
 const IMPLAUSIBLE_CYCLES: u8 = 50;
-/// Distance of a wrong lead from its half turn's ends, in rad: noise, and detuning to 4.7 % at Q = 25.
+/// Distance of a wrong lead from its half turn's ends, in rad: noise and detuning.
 const WRONG_LEAD_MARGIN: f32 = 0.4;
 /// Cycles of a wrong lead that are a fault: as of saturation, for a kick moves the phase too.
 const INVERTED_CYCLES: u8 = 5;
@@ -211,9 +211,9 @@ impl FaultDetector {
         let still = moving && span <= DEAD_RANGE_STEPS;
         let saturated = running && !still && cycle.saturated >= CLIPPED_READINGS;
         let unanswered = moving && !still && measured < MIN_RESPONSE_SHARE * expected.amplitude;
-        // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Near the ends are the
-        // held output (0.008 rad at 50 Hz), noise, transients, and drives far off their resonance.
-        // A track beside it turns against its output in a transient, which the prediction includes.
+        // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Near the ends are
+        // the held output (0.008 rad at 50 Hz), noise, transients, and drives far off their
+        // resonance. A track beside it turns against its output in a transient.
         let wrong = expected.opposed && lead > WRONG_LEAD_MARGIN && lead < PI - WRONG_LEAD_MARGIN;
         let inverted = moving && !unanswered && wrong;
         if !running {

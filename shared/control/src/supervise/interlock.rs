@@ -1,7 +1,7 @@
 //! The interlock: it keeps the drive off until somebody acts at the machine.
 //!
-//! No request over the link changes fault, latch and lock-out. They end by the enable input alone (IEC
-//! 60204-1, 9.2.5.4.2), and outlast every new controller. One exception: a fieldbus with that
+//! No request over the link changes fault, latch and lock-out. They end by the enable input alone
+//! (IEC 60204-1, 9.2.5.4.2), and outlast every new controller. One exception: a fieldbus with that
 //! authority acknowledges a fault, but no lock-out.
 
 use crate::inputs::{Inputs, StartCause};
@@ -145,8 +145,8 @@ impl Interlock {
 
     /// Processes the inputs of a cycle at rest. Whether the drive may start.
     ///
-    /// An enable input that comes on while the link withholds the drive is latched: the link may only
-    /// return a drive that it stopped itself. The run bit of a bus in control starts it by an edge.
+    /// An enable input that comes on while the link withholds the drive is latched: the link may
+    /// only return a drive that it stopped itself. A bus in control starts it by an edge.
     pub(crate) fn may_start(&mut self, inputs: &Inputs) -> bool {
         if !inputs.enable {
             self.latched = false;
@@ -165,8 +165,8 @@ impl Interlock {
         self.stopped_by_link = inputs.enable && inputs.withheld;
     }
 
-    /// Whether the enable input or the bus acknowledges the fault, which this call then clears. The bus
-    /// ends no lock-out and no series of resets: somebody must look at the machine.
+    /// Whether the enable input or the bus acknowledges the fault, which this call then clears. The
+    /// bus ends no lock-out and no series of resets: somebody must look at the machine.
     pub(crate) fn acknowledges(&mut self, inputs: &Inputs, events: &mut Events) -> bool {
         let lasting = match self.fault {
             Some(Fault::SettingsInvalid) => !self.settings_saved,

@@ -1,7 +1,7 @@
 //! The state machine of a drive: one cycle's observations in, next state and decision out.
 //!
-//! A finite-state machine (Mealy 1955) with hysteresis and debouncing; its permitted transitions are
-//! the table of `control/state/transition.rs`.
+//! A finite-state machine (Mealy 1955) with hysteresis and debouncing; its permitted transitions
+//! are the table of `control/state/transition.rs`.
 
 use super::capture::{Capture, CaptureEvent, DetectedLock};
 use super::interlock::Interlock;
@@ -10,7 +10,7 @@ use crate::state::{Event, Events, Fault, Limits, State};
 use kband::regime::capture::Plan;
 use kband::regime::classify::{Regime, Verdict};
 
-/// Cycles at the setpoint before a missing lock starts a capture: five rise times of the confidence.
+/// Cycles at the setpoint before a missing lock starts a capture: five rise times.
 const CAPTURE_DELAY_CYCLES: u32 = 40;
 /// Confidence, 0..1, at which a lock is detected: one of 16 cycles may lack its impact.
 const LOCK_CONFIDENCE: f32 = 0.9;
@@ -115,7 +115,7 @@ pub struct StateMachine {
 }
 
 impl StateMachine {
-    /// The state machine of a drive at rest: `pace` in cycles per second, `attempts` permitted kicks.
+    /// The state machine of a drive at rest: `pace` in cycles per second, `attempts` kicks.
     pub fn begin(interlock: Interlock, pace: f32, attempts: f32) -> Self {
         Self {
             state: if interlock.fault().is_some() {
@@ -230,7 +230,7 @@ impl StateMachine {
         self.back_to_lock()
     }
 
-    /// Follows the enable input. A drive that stops is off once at rest, or after `patience` cycles.
+    /// Follows the enable input. A drive that stops is off at rest, or after `patience` cycles.
     pub fn follow_enable_input(
         &mut self,
         inputs: &Inputs,

@@ -142,8 +142,8 @@ impl TestSwing {
         (self.cycles, self.measured, self.expected) = (0.0, 0.0, [0.0; 2]);
     }
 
-    /// Limits until the swing has passed: for the reference, now at `now`, and for the amplitude of the
-    /// outputs, all in m. `ceiling`: hard limit; `least`: smallest detectable amplitude.
+    /// Limits until the swing has passed: for the reference, now at `now`, and for the amplitude of
+    /// the outputs, all in m. `ceiling`: hard limit; `least`: smallest detectable amplitude.
     pub fn limits(&self, now: f32, ceiling: f32, least: f32) -> Option<[f32; 2]> {
         let tolerance = self.tolerance.filter(|_| !self.passed)?;
         let swing = (SWING_SHARE * ceiling).max(SWING_RESOLUTION * least);

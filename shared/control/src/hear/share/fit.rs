@@ -71,8 +71,8 @@ pub fn off(heard: &Row, found: &Row, by: &Row) -> f32 {
         .sum()
 }
 
-/// Active set of Lawson and Hanson, started at `from`; only the lower triangle of the matrix is read.
-/// Returns the weights and their covariance, whose rows and columns of weights at 0 are 0.
+/// Active set of Lawson and Hanson, started at `from`; only the lower triangle of the matrix is
+/// read. Returns the weights and their covariance, whose rows and columns of weights at 0 are 0.
 fn solve(
     matrix: &[[f32; LANES]; PARTS],
     sums: &[f32; LANES],

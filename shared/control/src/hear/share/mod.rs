@@ -37,7 +37,7 @@ const AGAIN: u32 = 16;
 const SHORT_MEMORY: f32 = 0.3;
 /// Bounds of that memory, in drive cycles.
 const SHORT_MEMORY_CYCLES: [f32; 2] = [8.0, 64.0];
-/// Weight of the short histogram, in drive cycles, above which it is fitted: 1.5 turns of all sectors.
+/// Weight of the short histogram, in drive cycles, above which it is fitted.
 const MIN_SHORT_WEIGHT: f32 = 6.0;
 /// Period of the fits to the short histogram, in s.
 const SHORT_FIT_PERIOD: f32 = 0.1;
@@ -55,7 +55,7 @@ const MIN_PREDICTED_SHARE: f32 = 0.65;
 const TURNED: u32 = 1 << 25;
 /// Impacts predicted per slice of background work.
 const SLICE: u32 = 64;
-/// Relative change of k, and change of the upper tones, above which the profiles are predicted anew.
+/// Relative change of k, and change of the upper tones, for other profiles.
 const MOVED: f32 = 0.01;
 /// Rounding step of the upper tones (`e cos th`, `e sin th`): equal feeders share one strike count.
 const STEP_OF_TONES: f32 = 1.0 / 1024.0;
@@ -90,15 +90,16 @@ const TELLS: f32 = 0.25;
 const MAX_MISFIT: f32 = 0.03;
 /// Factor on the least share in gear of a part of the lot; it covers an amplitude that is off.
 const MIN_CREDIBLE_SHARE: f32 = 0.7;
-/// Drive cycles in a row of a misfit that lasts (2.6 s at 50 Hz): dropped parts need a second to gear.
+/// Drive cycles in a row of a misfit that lasts (2.6 s at 50 Hz): dropped parts need one.
 const MIN_MISFIT_CYCLES: f32 = 8.0 * AGAIN as f32;
 /// Initial delay of an impact's energy, in samples: two one-pole filters and the ringing's rise.
 const LATE: f32 = 2.5;
-/// Bounds of that delay, in samples; an error of the configured amplitude shifts it by some samples.
+/// Bounds of that delay, in samples; an error of the amplitude shifts it.
 const LATES: [f32; 2] = [-1.5, 6.5];
 /// Step of the search for the delay, in samples.
 const LATER: f32 = 0.5;
-/// Trial points around the estimate: delays in steps of [`LATER`], decay times as powers of [`FACTOR`].
+/// Trial points around the estimate: delays in steps of [`LATER`], decay times as powers of
+/// [`FACTOR`].
 const TRIES: [[f32; 2]; 3] = [[0.0, 1.0], [-1.0, 1.0 / FACTOR], [1.0, FACTOR]];
 /// Estimated share of time in gear.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -298,7 +299,7 @@ impl ShareHearing {
         self.share
     }
 
-    /// Mean margin of the parts in gear; `None` without a share, or with fewer than a tenth in gear.
+    /// Mean margin of the parts in gear; `None` without a share, or with few in gear.
     pub fn margin(&self) -> Option<GearMargin> {
         self.margin
     }
@@ -685,8 +686,9 @@ fn rounded(k: f32) -> f32 {
     f32::from_bits((k.to_bits() + STEP / 2) & !(STEP - 1))
 }
 
-/// The share of a mixture; `noise`: measured noise energy per cycle; `aligned`: delay and decay time
-/// are within their bounds. `None` where noise drowns the parts or the error exceeds [`TELLS`].
+/// The share of a mixture; `noise`: measured noise energy per cycle; `aligned`: delay and decay
+/// time are within their bounds. `None` where noise drowns the parts or the error exceeds
+/// [`TELLS`].
 fn told(found: &Mixture, profile: &StrikeProfile, noise: f32, aligned: bool) -> Option<GearShare> {
     let within = found.weights[..GROUPS].iter().sum::<f32>();
     let without = found.weights[GROUPS..NOISE].iter().sum::<f32>();

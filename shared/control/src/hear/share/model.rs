@@ -20,8 +20,8 @@ const STRUCK: usize = GROUPS + 1;
 /// Attenuation of the second harmonic by the average over a sector, `sin x / x`.
 const SQUEEZED: f32 = 0.993_6;
 
-/// Predicted energy of each component by sector. `lead`: phase lead of the track; `step`: advance of
-/// the phase per sample; `rings`: decay time in s; `late`: delay in samples.
+/// Predicted energy of each component by sector. `lead`: phase lead of the track; `step`: advance
+/// of the phase per sample; `rings`: decay time in s; `late`: delay in samples.
 pub fn predict_rows(
     profile: &StrikeProfile,
     lead: Phase,
@@ -98,8 +98,8 @@ pub fn struck(weights: &[f32; PARTS], profile: &StrikeProfile) -> f32 {
         + landing * profile.landing_energy
 }
 
-/// Energy of merged landings over that of separate ones, with all parts out of gear. Amplitudes add:
-/// each other part lands with it with the probability of a landing per period.
+/// Energy of merged landings over that of separate ones, with all parts out of gear. Amplitudes
+/// add: each other part lands with it with the probability of a landing per period.
 fn together(profile: &StrikeProfile) -> f32 {
     1.0 + (TOGETHER - 1.0) * profile.landing_rate
 }
@@ -143,7 +143,7 @@ fn ring(rows: &mut Rows, profiles: [&[f32; PHASE_BINS]; STRUCK], lead: f32, turn
     }
 }
 
-/// Sum of the geometric series over all turns; `left` remains after each of `STEPS` steps of a turn.
+/// Sum of the geometric series over all turns; `left` remains after one of `STEPS` steps.
 fn around<const STEPS: usize>(left: f32) -> f32 {
     const { assert!(STEPS.is_power_of_two()) };
     let turn = (0..STEPS.trailing_zeros()).fold(left, |left, _| left * left);
