@@ -10,11 +10,9 @@ const PIN_WAIT_S: u32 = 60;
 /// The lock of the link.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LinkLock {
-    /// The PIN, where one is set.
     pin: Option<Pin>,
     /// Whether the PIN was given since the start.
     open: bool,
-    /// Number of successive wrong PINs.
     wrong: u8,
     /// Time since the start of the last wrong PIN, s.
     since: u32,

@@ -29,9 +29,7 @@ pub struct Sampler<S, D> {
     enable: Debounce,
     /// Whether the enable input was high at any sample of this cycle.
     enable_was_high: bool,
-    /// Whether the drive may be on.
     on: bool,
-    /// Drive cycles since the last command.
     cycles_since_command: u8,
     /// Whether the interrupt switched the drive off. It stays off until the control has commanded
     /// it off too.

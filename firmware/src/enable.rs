@@ -44,7 +44,6 @@ const fn samples(milliseconds: u32) -> u16 {
 /// The state of the enable input.
 #[derive(Clone, Debug)]
 pub(crate) struct Debounce {
-    /// Whether the drive may run.
     on: bool,
     /// Whether the input was settled low before it rose, and has not bounced for longer than a
     /// contact does.

@@ -64,11 +64,9 @@ const SLOTS_PER_SLICE: u32 = 16;
 /// State of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
-    /// All bytes are erased.
     Blank,
     /// The mark of a bank whose erasure was completed.
     Mark,
-    /// A record whose writing was cut short.
     Cut,
     /// A valid record and its number.
     Whole(u32),
@@ -122,11 +120,9 @@ struct Survey {
     used: [u32; 2],
     /// Number of slots in each bank up to the last spoilt one.
     spoilt: [u32; 2],
-    /// Whether each bank begins with its mark.
     marked: [bool; 2],
     /// Whether each bank has slots of the older size.
     old: [bool; 2],
-    /// Number of slots in each bank.
     slots: [u32; 2],
 }
 
@@ -559,7 +555,6 @@ impl<const SLOT: usize> Journal<SLOT> {
     }
 }
 
-/// The content of a record's bytes.
 fn content_of(bytes: &[u8]) -> &[u8] {
     let end = bytes.len().saturating_sub(CHECK + SEAL);
     bytes.get(NUMBER..end).unwrap_or_default()

@@ -405,7 +405,6 @@ fn take_save(
     }
 }
 
-/// Saves settings, target and PIN.
 async fn save(
     station: &Station,
     store: &mut impl Store,
@@ -423,7 +422,6 @@ async fn save(
     done(saved.map_err(refusal_of))
 }
 
-/// Saves the recipes.
 async fn save_recipes(
     station: &Station,
     store: &mut impl Store,

@@ -17,7 +17,6 @@ use kband_control::{Recipe, RecipeName, Settings};
 
 use crate::store::encoding::{PAIR, Words, hash, pairs, put, put_pairs, target_words};
 
-/// Number of recipes.
 const COUNT: usize = Recipe::COUNT as usize;
 /// Size of a recipe's name, bytes.
 const NAME: usize = 14;

@@ -144,7 +144,6 @@ pub struct Station {
     withheld: Cell<bool>,
     /// Time since the start, s, until which an update keeps the drive off.
     kept_off_until: Cell<Option<u32>>,
-    /// Commands and requests of the fieldbus.
     bus: BusState,
     recipes: RefCell<Recipes>,
     /// The saved target, with its parts: recipe 0.

@@ -62,7 +62,6 @@ pub struct HalfBridge {
     _over_current: Flex<'static>,
     /// Held to keep the pin an output; its level is set by register writes.
     _drive_on: Output<'static>,
-    /// Whether the supply allows the bridge to close.
     closable: fn() -> bool,
     full: f32,
     on: bool,
@@ -538,9 +537,7 @@ impl Line for Serial {
 
 /// Data register of the CRC unit (RM0090, 4.4; RM0440, 16.4; the same on both).
 const CRC_DATA: *mut u32 = 0x4002_3000 as *mut u32;
-/// Control register of the CRC unit.
 const CRC_CONTROL: *mut u32 = 0x4002_3008 as *mut u32;
-/// Bit that resets the CRC unit.
 const CRC_RESET: u32 = 1;
 
 /// Whether the flash holds the program as written: its CRC-32 is behind the image.
@@ -570,7 +567,6 @@ const FLASH_BUSY: u32 = 1 << 16;
 const FLASH_START: u32 = 1 << 16;
 /// Control register of the window watchdog.
 const WINDOW: *mut u32 = 0x4000_2c00 as *mut u32;
-/// Its enable bit.
 const WINDOW_RUNS: u32 = 0x80;
 /// Its count, which falls by one a step.
 const WINDOW_COUNT: u32 = 0x7f;

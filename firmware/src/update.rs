@@ -224,7 +224,6 @@ impl Update {
         Ok(UpdateAnswer::Done)
     }
 
-    /// The second slot, for an update that was begun.
     fn second_slot(&self) -> Result<SecondSlot, UpdateRefusal> {
         match self.slot.map(|slot| slot.writer) {
             Some(Writer::Program(second)) => Ok(second),

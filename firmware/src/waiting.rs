@@ -6,7 +6,6 @@ use kband_control::wire::crc32;
 
 /// Size of a record, bytes.
 pub const RECORD_SIZE: usize = 24;
-/// Number of records that may wait.
 const MAX_RECORDS: usize = 4;
 /// Added to the checksum, so that RAM of zeros holds no record.
 const MARK: u32 = 0x6b62_5746;

@@ -60,7 +60,6 @@ fn await_supply() {
     }
 }
 
-/// A part of the flash.
 struct Part {
     start: u32,
     length: u32,

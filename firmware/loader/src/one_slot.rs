@@ -252,7 +252,6 @@ impl<M: Memory> OneSlot<M> {
         (read && whole == KEY_WRITTEN).then_some(key)
     }
 
-    /// Stores a key that is not stored yet.
     fn keep_key(&mut self, key: &[u8; 32]) -> bool {
         if self.stored_key() == Some(*key) {
             return true;

@@ -22,7 +22,6 @@ pub struct BusLine {
     owner: AtomicU8,
     /// Number of bytes received, or to be sent.
     length: AtomicU32,
-    /// Number of bytes sent.
     sent: AtomicU32,
     /// Time of the last byte, us.
     last: AtomicU32,

@@ -21,11 +21,8 @@ use crate::last_words::LastWords;
 use crate::store::{Condition, Found};
 use crate::testing::with;
 
-/// Unit of the board.
 const UNIT: u8 = 17;
-/// Register of the fault.
 const FAULT: u16 = 6;
-/// Register of the request to save.
 const SAVE: u16 = 9;
 
 /// A board with its bus, without a task.

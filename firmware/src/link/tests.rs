@@ -20,7 +20,6 @@ use crate::recipes::Recipes;
 use crate::store::{Found, StoreFailed};
 use crate::testing::with;
 
-/// A store in RAM.
 pub(crate) struct Memory {
     found: Found,
     recipes: Recipes,
@@ -128,7 +127,6 @@ pub(crate) struct Board {
     mean: f32,
 }
 
-/// A board with these settings saved.
 pub(crate) fn board_with(settings: Settings) -> Board {
     Board::with(with(FOUND(Condition::Whole), |it| it.settings = settings))
 }
@@ -171,7 +169,6 @@ impl Board {
         self.service.tick(&self.station).map(<[u8]>::to_vec)
     }
 
-    /// Sends these bytes and returns the answers.
     fn send(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         bytes
             .iter()

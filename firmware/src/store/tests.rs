@@ -38,7 +38,6 @@ pub struct Nor<const PAGE: usize> {
     worn: Option<usize>,
 }
 
-/// The power failed.
 const CUT: NorFlashErrorKind = NorFlashErrorKind::Other;
 
 impl<const PAGE: usize> Nor<PAGE> {

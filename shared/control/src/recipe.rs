@@ -8,7 +8,6 @@ use kband::feeder::OutOfRange;
 
 /// Largest length of a recipe's name, bytes.
 const NAME_BYTES: usize = 14;
-/// Number of settings in a recipe.
 const VALUES: usize = 8;
 
 /// Name of a recipe: 1 to 14 printable characters of ASCII.

@@ -27,7 +27,6 @@ static ROLL: Roll = Roll::of(&[Watched::Samples]);
 /// The reading of the bench from before the count.
 static READING: AtomicU16 = AtomicU16::new(0);
 
-/// A converter that returns that reading.
 struct Reading;
 
 impl Sense for Reading {
@@ -40,7 +39,6 @@ impl Sense for Reading {
     }
 }
 
-/// Power stage that keeps the last output.
 struct Taken(f32);
 
 impl Drive for Taken {

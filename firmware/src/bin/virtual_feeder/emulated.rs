@@ -160,7 +160,6 @@ fn open_memory(name: &str) -> Result<Memory, StoreFailed> {
     Records::new(file, settings, faults, Waiting::EMPTY, || true)
 }
 
-/// A watchdog that counts samples.
 struct SampleWatchdog;
 
 impl Watchdog for SampleWatchdog {

@@ -7,7 +7,6 @@ use embedded_storage_async::nor_flash::{
 
 /// Size of an erasable page, bytes.
 const PAGE: usize = 4096;
-/// Result of a failed semihosting call.
 const FAILED: usize = usize::MAX;
 
 /// The file could not be read or written completely.

@@ -7,9 +7,7 @@ use super::*;
 use crate::testing::seed;
 use crate::testing::with;
 
-/// Number of random request sequences.
 const SEQUENCES: u32 = 100_000;
-/// Largest number of requests in a sequence.
 const LONGEST: u32 = 40;
 
 fn below(noise: &mut Noise, limit: u32) -> u32 {

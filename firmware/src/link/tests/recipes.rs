@@ -2,7 +2,6 @@
 
 use super::*;
 
-/// A recipe with this target and restitution.
 fn recipe(name: &str, target: Target, restitution: f32) -> (RecipeName, Recipe) {
     let settings = Settings {
         restitution_low: restitution - 0.02,

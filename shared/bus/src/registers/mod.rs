@@ -26,7 +26,6 @@ pub const FIRST_SETTING: u16 = 100;
 const FIRST_EVENT: u16 = 1000;
 /// Number of events that the table shows, the newest first.
 pub const EVENTS: u16 = 8;
-/// Number of registers of an event.
 const EVENT_REGISTERS: u16 = 8;
 /// Form of a register's content.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,7 +8,6 @@ use kband_control::wire::Record;
 use kband_control::{Settings, State, Target};
 use std::vec::Vec as List;
 
-/// A drive that keeps what the server commands.
 struct Desk {
     authority: Authority,
     state: State,
@@ -112,7 +111,6 @@ fn read(address: u16, count: u16) -> [u8; 5] {
     [3, a, b, c, d]
 }
 
-/// A request to write these registers.
 fn write(address: u16, words: &[u16]) -> List<u8> {
     let mut pdu = List::from([16]);
     pdu.extend(address.to_be_bytes());

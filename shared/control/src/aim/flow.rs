@@ -21,9 +21,7 @@ pub struct FlowChoice {
 /// Result of the comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FlowStep {
-    /// The present order stays.
     Stay,
-    /// Another order is nearer to the flow.
     Order(u8),
     /// No order gives the flow; the nearest one's flow, in g/s.
     None(f32),

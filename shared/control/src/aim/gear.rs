@@ -123,7 +123,6 @@ impl GearSearch {
         more
     }
 
-    /// Stores the plan of a slice, if it found one.
     fn take(&mut self, found: Option<GearPlan>) {
         self.fresh = found.is_some();
         self.plan = found.or(self.plan);

@@ -34,7 +34,6 @@ pub struct Selection {
     /// The wanted flow, and the order of gear that is requested or found for it.
     flow: Option<FlowChoice>,
     order: u8,
-    /// The plan that gave the setpoint.
     plan: Option<GearPlan>,
     retuning: Retuning,
     /// The search for the kicks that bring the parts onto the lock.
@@ -280,7 +279,6 @@ impl Selection {
         self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)
     }
 
-    /// Adopts the result of a search.
     fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, news: &mut Events) {
         (self.level, self.lock, self.shape) = (choice.level, choice.lock, choice.shape);
         match kicks(&choice, settings, scale) {
@@ -294,7 +292,6 @@ impl Selection {
     }
 }
 
-/// The order of gear that a target begins with.
 fn first_order(target: Target) -> u8 {
     match target {
         Target::Gear { order } => order,
@@ -302,7 +299,6 @@ fn first_order(target: Target) -> u8 {
     }
 }
 
-/// The search for the kicks that a choice needs.
 fn kicks(choice: &Choice, settings: &Settings, scale: &Scale) -> Result<KickSearch, OutOfRange> {
     match choice.lock {
         Some(lock) => {

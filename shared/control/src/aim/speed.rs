@@ -17,7 +17,6 @@ const SPEED_TOLERANCE: f32 = 0.1;
 pub struct SpeedSearch {
     /// The wanted speed in mm/s.
     wanted: f32,
-    /// The next order of lock.
     order: u8,
     /// The nearest lock so far, with its speed in mm/s.
     nearest: Option<(f32, Choice)>,

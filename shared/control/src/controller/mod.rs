@@ -75,7 +75,6 @@ pub struct Controller {
     identifier: Identifier,
     /// Phase lead of the track in the last trusted cycle, in rad.
     lead: f32,
-    /// Events since the last cycle.
     pending_events: Events,
     limits: LimitMonitor,
     reference: Reference,
@@ -107,7 +106,6 @@ struct Measured {
     amplitude: f32,
     /// Phase lead of the track before the output.
     lead: Phase,
-    /// Shape of the track's motion.
     shape: Shape,
     events: Events,
 }
@@ -222,7 +220,6 @@ impl Controller {
         self.machine.settings_saved();
     }
 
-    /// Begins the way to the target.
     fn begin_target(&mut self) {
         self.machine.pursue(self.selection.chaos.is_some());
         let identifies = self.selection.target() == Target::Identify;
@@ -372,7 +369,6 @@ impl Controller {
         self.watches_ready && matches!(target, Target::Gear { .. } | Target::Flow(_))
     }
 
-    /// Whether every number of the command is finite.
     fn commands_finite(&self) -> bool {
         let upper = self.tones.output();
         let mut numbers = upper.as_flattened().iter();
@@ -667,7 +663,6 @@ impl Controller {
             .most_output(self.predicted_envelopes[0], amplitude)
     }
 
-    /// Switches the drive off and resets every loop.
     fn switch_off(&mut self) {
         (self.output, self.output_lead) = (0.0, 0.0);
         self.reference.now = 0.0;
@@ -779,7 +774,6 @@ impl Controller {
         }
     }
 
-    /// Plans gear anew if the parts have changed.
     fn retune_gear(&mut self) {
         if self.machine.settled() {
             self.selection.retune(
@@ -803,7 +797,6 @@ impl Controller {
         }
     }
 
-    /// One cycle of the identification, if one runs.
     fn identify(&mut self, cycle: &Cycle, goal: f32, measured: f32, events: &mut Events) {
         if !self.identifier.is_running() {
             return;

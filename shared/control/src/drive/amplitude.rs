@@ -64,7 +64,6 @@ struct Tuning {
     max_output: f32,
     /// Configured track amplitude at full output, in m.
     nominal: f32,
-    /// Minimum duration of a soft start in cycles.
     min_start: f32,
 }
 

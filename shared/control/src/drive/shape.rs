@@ -41,7 +41,6 @@ impl UpperTone {
         Complex::new(cosine, sine) * self.ratio
     }
 
-    /// The tone of a phasor.
     fn of(phasor: Complex) -> Self {
         if phasor == Complex::default() {
             return Self::NONE;

@@ -39,7 +39,6 @@ pub struct ToneLoop {
     goal: Complex,
     /// Wanted motion of the last cycles, newest first, in m.
     wanted: [Complex; 3],
-    /// Cycles in which the response was estimated.
     estimated_cycles: u16,
     reported: bool,
     given_up: bool,

@@ -56,11 +56,8 @@ pub struct Fold {
     from: Phase,
     step: u32,
     layout: Layout,
-    /// Whether a half turn may begin.
     open: bool,
-    /// Whether a half turn is being summed.
     under_way: bool,
-    /// Index of the next place.
     place: u32,
     /// Number of samples until that place.
     wait: u32,

@@ -56,7 +56,6 @@ pub struct Listener {
     pub regime: Option<Verdict>,
     /// Whether the parts are in gear for more than half of their time.
     pub in_gear_detected: bool,
-    /// Number of drive cycles without an impact.
     silent: f32,
     /// Whether the track is empty: no impact for a second.
     pub empty: bool,

@@ -101,7 +101,6 @@ pub struct LoadMeter {
     tare: f32,
     /// Correction of the squared ratio of resonance to drive frequency, on the empty track.
     detuned: f32,
-    /// Number of cycles without an impact.
     silent: f32,
     amplitude: f32,
     /// Mean share of a cycle that the demodulator blanks.
@@ -111,7 +110,6 @@ pub struct LoadMeter {
     concentration: f32,
     /// Mean relative deficit of the motion against the acceleration, in phase.
     deficit: f32,
-    /// Demodulated motion of the last cycle.
     before: Complex,
     /// Mean mass over the track's, and the number of cycles averaged.
     mass_ratio: f32,

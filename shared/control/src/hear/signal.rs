@@ -202,9 +202,7 @@ struct Sums {
     /// Cosine and sine sums at the drive's frequency.
     first: [f32; 2],
     accelerations: f32,
-    /// Number of samples.
     weight: f32,
-    /// Number of blanked samples.
     blanked: f32,
 }
 
@@ -276,7 +274,6 @@ pub struct Signal {
     multiples: [[f32; 2]; UPPER],
     /// Cosine and sine parts of each tone in the last whole cycle.
     found: [[f32; 2]; 1 + UPPER],
-    /// Extremes and counts of the current cycle.
     readings: Readings,
     /// Current and last whole cycle, alternating, which avoids copies.
     cycles: [Cycle; 2],

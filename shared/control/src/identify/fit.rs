@@ -25,7 +25,6 @@ const MAX_LANDING_SHIFT_SAMPLES: f32 = 8.0;
 const GRID_POINTS: usize = 128;
 /// Extension of the grid beyond its bounds, which an error of 1 % of k moves by up to 0.015.
 const GRID_MARGIN: f32 = 0.02;
-/// Lowest restitution of the grid.
 const MIN_RESTITUTION: f32 = 0.02;
 /// Lowest frequency on the grid of ringings, in rad per sample: 480 Hz.
 const MIN_ANGLE: f32 = 0.15;
@@ -69,7 +68,6 @@ enum Stage {
 pub enum Verdict {
     /// Chatter of parts with this restitution.
     Chatter(f32),
-    /// Noise only.
     Quiet,
     /// Neither chatter of the map nor noise.
     Unexplained,
@@ -92,7 +90,6 @@ pub struct Fit {
     per_radian: f32,
     normal_gravity: f32,
     k: f64,
-    /// Duration of an impact.
     contact: ContactTime,
     /// Lowest restitution of the grid, and its step.
     lowest: f32,
@@ -102,7 +99,6 @@ pub struct Fit {
     /// Samples from the fold's beginning to the first landing, and on to the second impact.
     onset: f32,
     alone: f32,
-    /// Best fit to this fold so far.
     best: Option<Best>,
     verdict: Verdict,
     /// Residual of each restitution in this fold.

@@ -144,9 +144,7 @@ enum Stage {
     Listening(u8, u8),
     /// Fold: start phase of the output, and cycles.
     Folding(Phase, u16),
-    /// Transfer of the fold.
     Collecting,
-    /// Comparison of the fold with the map.
     Comparing,
     /// Check of parts in gear: cycles.
     Checking(u16),
@@ -155,7 +153,6 @@ enum Stage {
 /// Effect of a drive cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
-    /// No change.
     Going,
     /// New level at this k.
     At(f64),
@@ -429,7 +426,6 @@ impl Identifier {
         astray.count() as u8
     }
 
-    /// Evaluates a compared fold.
     fn judge(&mut self) -> Step {
         self.folds += 1;
         let verdict = self.fit.last_verdict();

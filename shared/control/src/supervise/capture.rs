@@ -23,11 +23,8 @@ const MAX_MISS_PROBABILITY: f64 = 1e-3;
 /// Stage of a capture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stage {
-    /// No capture runs.
     Idle,
-    /// Waiting for the plan.
     Planning,
-    /// About to try the next kick.
     Ready,
     /// In the kick's n-th cycle.
     Kicking(Kick, u32),
@@ -70,11 +67,9 @@ pub enum CaptureEvent {
         /// Whether its best kick captures all but one part in twenty.
         sure: bool,
     },
-    /// A kick begins.
     Begun,
     /// The kick is over and the test for the lock begins.
     Ended,
-    /// The wanted lock is detected.
     Captured,
     /// The attempts of this capture or of the hour are used up, or the misses improbable.
     Failed,

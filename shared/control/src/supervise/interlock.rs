@@ -97,7 +97,6 @@ impl Interlock {
         self.fault
     }
 
-    /// Counts a drive cycle.
     pub(crate) fn count(&mut self) {
         self.now = self.now.wrapping_add(1);
     }
@@ -160,7 +159,6 @@ impl Interlock {
         inputs.enable && !inputs.held_off && !inputs.withheld && released
     }
 
-    /// Records that the running drive begins to stop.
     pub(crate) fn stopping(&mut self, inputs: &Inputs) {
         self.stopped_by_link = inputs.enable && inputs.withheld;
     }

@@ -28,15 +28,12 @@ const LOCK_CYCLES_BEFORE_GLIDE: u32 = 50;
 /// Progress on the way to chaos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Glide {
-    /// Chaos is not wanted.
     None,
-    /// The lock comes first.
     Lock,
     /// The amplitude moves from the lock's to that of chaos.
     Gliding,
     /// The amplitude of chaos is reached.
     Arrived {
-        /// Whether chaos was detected.
         detected: bool,
     },
 }
@@ -44,22 +41,16 @@ enum Glide {
 /// Response of the drive to the enable input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EnableResponse {
-    /// The fault is acknowledged.
     Acknowledged,
-    /// The soft stop begins.
     Stopping,
-    /// The drive starts.
     Started,
 }
 
 /// Whether a drive at rest may start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clearance {
-    /// Not yet.
     Pending,
-    /// It may.
     Granted,
-    /// It must not, because of this fault.
     Refused(Fault),
 }
 
@@ -83,7 +74,6 @@ pub struct Observation<'a> {
 /// Decision that the state machine leaves to the controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Decision {
-    /// Nothing.
     Stay,
     /// Forget the impacts so far: they are of an earlier setpoint.
     ForgetImpacts,
@@ -100,7 +90,6 @@ pub enum Decision {
 pub struct StateMachine {
     state: State,
     interlock: Interlock,
-    /// Cycles in this state.
     in_state: u32,
     /// Cycles in a row at the setpoint, and in a row with a doubted lock.
     arrived: u8,

@@ -89,11 +89,9 @@ impl RestTest {
 /// Result of the test swing after a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SwingResult {
-    /// There is no swing, or it still runs.
     Pending,
     /// Measured amplitude over predicted amplitude is within the tolerance.
     Passed,
-    /// It is outside.
     Failed,
 }
 

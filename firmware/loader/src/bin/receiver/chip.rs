@@ -105,7 +105,6 @@ unsafe fn NonMaskableInt() {
     TORN.store(true, Ordering::Relaxed);
 }
 
-/// Exchanges the note in the RAM.
 fn exchange_note(note: Note) -> Note {
     let place = NOTE as *mut Note;
     // SAFETY: RAM that only the note uses; any bytes are a note, which is judged by its mark.
@@ -116,7 +115,6 @@ fn exchange_note(note: Note) -> Note {
     }
 }
 
-/// The flash.
 struct Flash;
 
 impl Flash {
@@ -185,7 +183,6 @@ fn begin() {
     write(LINE_CONTROL, LINE_ON);
 }
 
-/// Sends a frame.
 fn send(frame: &[u8]) {
     for byte in frame {
         while read(LINE_STATUS) & HAS_ROOM == 0 {}

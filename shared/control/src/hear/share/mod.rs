@@ -114,7 +114,6 @@ pub struct GearShare {
 #[derive(Clone, Copy, Debug, Default)]
 struct Histogram {
     energy: Row,
-    /// Sum of the noise energy.
     noise: f32,
     /// Weight of both sums, in drive cycles.
     weight: f32,
@@ -181,7 +180,6 @@ impl GearEvidence {
 /// Estimator of the share of time in gear for any number of parts.
 #[derive(Clone, Debug, Default)]
 pub struct ShareHearing {
-    /// Mean k since the amplitude settled.
     k: f32,
     /// Mean upper tones (`e cos th`, `e sin th`) since then.
     tones: [[f32; 2]; UPPER],
@@ -197,10 +195,8 @@ pub struct ShareHearing {
     short_due: f32,
     /// Whether a fit to the short histogram is due.
     checks: bool,
-    /// Whether gear is to be detected for READY.
     detects_gear: bool,
     evidence: Option<GearEvidence>,
-    /// Phase lead used for the fit.
     lead: Phase,
     /// Mean lead since the histogram began; a growing load turns the track.
     turned: Phase,
@@ -220,7 +216,6 @@ pub struct ShareHearing {
     margin: Option<GearMargin>,
     /// Whether the share was estimated before the track changed.
     fades: bool,
-    /// Whether a mixture was fitted to the energy.
     judged: bool,
     /// Misfit of the parts to the lot in the last fit, and cycles in a row above [`MAX_MISFIT`].
     misfit: f32,
@@ -274,7 +269,6 @@ impl ShareHearing {
         self.unlearn();
     }
 
-    /// Clears both histograms.
     fn begin(&mut self) {
         (self.long, self.due) = (Histogram::default(), 0);
         (self.short, self.short_due) = (Histogram::default(), 0.0);
