@@ -19,7 +19,6 @@ pub struct LinkLock {
 }
 
 impl LinkLock {
-    /// Builds a closed lock with the saved PIN.
     pub fn new(pin: Option<Pin>) -> Self {
         Self {
             pin,
@@ -27,7 +26,6 @@ impl LinkLock {
         }
     }
 
-    /// The PIN to be saved with the settings.
     pub fn pin(&self) -> Option<Pin> {
         self.pin
     }
@@ -43,7 +41,6 @@ impl LinkLock {
         }
     }
 
-    /// Sets another PIN, or none, and closes the lock.
     pub fn close(&mut self, pin: Option<Pin>) {
         *self = Self::new(pin);
     }

@@ -20,9 +20,7 @@ pub enum Contact {
 pub(crate) struct EnableCycle {
     /// Whether it was high at any sample.
     pub given: bool,
-    /// Whether the sample interrupt holds the drive off.
     pub held_off: bool,
-    /// Whether it began to chatter in this cycle.
     pub chatters: bool,
 }
 

@@ -33,16 +33,14 @@ pub const HEAD: usize = 36;
 /// Size of settings, target, PIN and key, bytes: 61 pairs, 8 more than there are.
 pub const SIZE: usize = CONTENT - recipes::SIZE;
 /// Hashes of the names of the words of the public key of updates; a record has all or none.
-pub const KEY_HASHES: [u16; 8] = [
-    hash("update_key_0"),
-    hash("update_key_1"),
-    hash("update_key_2"),
-    hash("update_key_3"),
-    hash("update_key_4"),
-    hash("update_key_5"),
-    hash("update_key_6"),
-    hash("update_key_7"),
-];
+pub const KEY_HASHES: [u16; 8] = {
+    let (mut hashes, mut word, mut name) = ([0; 8], 0, *b"update_key_0");
+    while word < hashes.len() {
+        hashes[word] = hash(&name);
+        (word, name[11]) = (word + 1, name[11] + 1);
+    }
+    hashes
+};
 
 const _: () = assert!(HEAD + PAIR * (COUNT + KEY_HASHES.len()) <= SIZE);
 // `Found::added` has a bit for each setting.

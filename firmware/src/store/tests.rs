@@ -425,7 +425,7 @@ fn the_hashes_of_all_keys_differ() {
     hashes.dedup();
     assert_eq!(hashes.len(), COUNT + KEY_HASHES.len());
     // Check value of FNV-1a in 32 bits: "a" is 0xe40c292c.
-    assert_eq!(hash("a"), 0xe40c ^ 0x292c);
+    assert_eq!(hash(b"a"), 0xe40c ^ 0x292c);
 }
 
 #[test]
@@ -458,7 +458,7 @@ fn a_key_that_the_record_lacks_gets_its_default() {
 fn a_record_of_a_newer_firmware_stays_as_it_is() {
     let unknown = record(|content| {
         let at = HEAD + PAIR * COUNT;
-        content[at..][..2].copy_from_slice(&hash("colour").to_le_bytes());
+        content[at..][..2].copy_from_slice(&hash(b"colour").to_le_bytes());
         content[HEAD - 4] += 1;
     });
     let mut version = record(|content| content[0] += 1);

@@ -83,7 +83,7 @@ fn board_with_the_input_on(noise: &mut Noise) -> (Board, bool) {
             board.enable = cycle > 30;
             board.cycle();
         }
-        assert_eq!(board.station.report().state, State::Fault);
+        assert_eq!(board.state(), State::Fault);
     }
     board.enable = true;
     (board, runs)
@@ -147,14 +147,14 @@ fn a_setting_between_faults_does_not_end_the_lock_out() {
     let mut board = Board::started(FOUND(Condition::Whole), StartCause::PowerOn);
     let mut fault = |acknowledged: bool| {
         board.enable = false;
-        (0..30).for_each(|_| drop(board.cycle()));
+        board.cycles(30);
         if acknowledged {
-            assert_eq!(board.station.report().state, State::Off);
+            assert_eq!(board.state(), State::Off);
             board.done(&Request::set("soft_start", 0.3));
         }
         board.enable = true;
-        (0..60).for_each(|_| drop(board.cycle()));
-        assert_eq!(board.station.report().state, State::Fault);
+        board.cycles(60);
+        assert_eq!(board.state(), State::Fault);
     };
     (0..3).for_each(|_| fault(true));
     fault(false);
@@ -162,7 +162,7 @@ fn a_setting_between_faults_does_not_end_the_lock_out() {
     board.enable = false;
     for cycle in 1..=3000 {
         board.cycle();
-        let off = board.station.report().state == State::Off;
+        let off = board.state() == State::Off;
         assert_eq!(off, cycle == 3000, "{cycle}");
     }
 }
@@ -230,10 +230,7 @@ fn a_strap_and_a_pin_make_the_link_read_only() {
     for request in changes {
         board.refused(&request, Refusal::ReadOnly(Access::Strapped));
     }
-    board.ask(&Request::Status, |response| match response {
-        Response::Status(status) => assert_eq!(status.access, Access::Strapped),
-        other => panic!("{other:?}"),
-    });
+    assert_eq!(board.status().access, Access::Strapped);
     board.service.image.strapped = || false;
     board.done(&Request::Lock(None));
     assert_eq!(board.service.store.found.pin, None);

@@ -148,12 +148,10 @@ impl GearSearch {
         Some(&self.memo.1).filter(|_| self.is_over())
     }
 
-    /// The settings of the search.
     pub fn settings(&self) -> &GearPlanSettings {
         self.planner.settings()
     }
 
-    /// Whether the plan is settled and the search over.
     pub fn is_over(&self) -> bool {
         self.plan.is_some_and(|plan| plan.settled)
     }

@@ -111,7 +111,6 @@ impl KickSearch {
         })
     }
 
-    /// The plan, once found.
     pub fn plan(&self) -> Option<&Plan> {
         self.plan.as_ref()
     }

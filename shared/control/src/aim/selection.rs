@@ -92,7 +92,6 @@ impl Selection {
         })
     }
 
-    /// The target.
     pub fn target(&self) -> Target {
         self.target
     }
@@ -102,7 +101,6 @@ impl Selection {
         self.lock.as_ref()
     }
 
-    /// The wanted shape of the track's motion.
     pub fn shape(&self) -> Shape {
         self.shape
     }
@@ -129,7 +127,6 @@ impl Selection {
         }
     }
 
-    /// Whether the parts do not fit the configured lot.
     pub fn is_misfit(&self) -> bool {
         self.misfit
     }
@@ -150,19 +147,16 @@ impl Selection {
         (self.gear, self.plan, self.flow) = (None, None, None);
     }
 
-    /// Sets another k, on the way to the target.
     pub fn set_k(&mut self, k: f64) {
         self.level = Level::K(k);
     }
 
-    /// Sets the setpoint back to the lock.
     pub fn go_to_lock(&mut self) {
         if let Some(lock) = self.lock {
             self.level = Level::K(lock.k);
         }
     }
 
-    /// Records that the lot has no chaos.
     pub fn give_up_chaos(&mut self) {
         self.lock = None;
         self.level = Level::None(NoSetpoint::Chaos);

@@ -87,11 +87,9 @@ pub enum Level {
 /// The setpoint of a target, with its lock and shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// The setpoint.
     pub level: Level,
     /// The wanted lock at it, if there is one.
     pub lock: Option<LockWindow>,
-    /// The wanted shape of the motion.
     pub shape: Shape,
 }
 

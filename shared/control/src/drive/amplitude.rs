@@ -349,7 +349,6 @@ impl AmplitudeLoop {
         }
     }
 
-    /// Whether the last output was at its upper limit.
     pub fn saturated(&self) -> bool {
         self.saturated
     }

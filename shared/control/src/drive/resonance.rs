@@ -57,12 +57,10 @@ impl Resonance {
         self.frequency
     }
 
-    /// Whether the frequency may track the resonance.
     pub fn is_tracking(&self) -> bool {
         self.high > self.low
     }
 
-    /// Whether a sweep runs.
     pub fn is_sweeping(&self) -> bool {
         self.sweep.is_some()
     }
@@ -81,7 +79,6 @@ impl Resonance {
         });
     }
 
-    /// Stops the sweep at its present frequency.
     pub fn stop(&mut self) {
         self.sweep = None;
     }

@@ -108,22 +108,18 @@ impl ToneLoop {
         self.given_up = false;
     }
 
-    /// Switches the tone off until the next start.
     pub fn give_up(&mut self) {
         self.given_up = true;
     }
 
-    /// Whether the tone was given up.
     pub fn is_given_up(&self) -> bool {
         self.given_up
     }
 
-    /// Whether the tone has reached its goal.
     pub fn arrived(&self) -> bool {
         self.given_up || absolute(self.goal - self.shape) < 1e-3
     }
 
-    /// Whether the tone is off.
     pub fn is_silent(&self) -> bool {
         self.shape == Complex::default()
     }

@@ -22,7 +22,6 @@ const CUT_CYCLES: u16 = 25;
 pub struct ToneInputs {
     /// The demodulated motion.
     pub motion: TrackMotion,
-    /// The wanted shape.
     pub wanted: Shape,
     /// Reference amplitude b of the first tone, in m.
     pub reference: f32,
@@ -131,7 +130,6 @@ impl Tones {
         second.allowed()
     }
 
-    /// Takes the times of these settings.
     pub fn set_pace(&mut self, settings: &Settings) {
         for tone in &mut self.loops {
             tone.set_pace(settings);
@@ -173,7 +171,6 @@ impl Tones {
         ]
     }
 
-    /// Whether every tone has reached its goal.
     pub fn arrived(&self) -> bool {
         self.loops.iter().all(ToneLoop::arrived)
     }

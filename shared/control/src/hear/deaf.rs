@@ -55,7 +55,6 @@ pub struct MissedImpactDetector {
 }
 
 impl MissedImpactDetector {
-    /// Whether the sensor misses impacts.
     pub fn is_deaf(&self) -> bool {
         self.missed_impacts
     }
@@ -66,7 +65,6 @@ impl MissedImpactDetector {
         self.crowd
     }
 
-    /// Updates the counters with one cycle.
     pub fn cycle(&mut self, sound: &ImpactEvidence) {
         let threshold = THRESHOLD * sound.noise;
         let loud = |speed: f32| MIN_RINGING_PER_SPEED * speed;

@@ -219,7 +219,6 @@ fn gauss(x: f32) -> f32 {
 /// State of drive and settings in one cycle, as the estimators need it.
 #[derive(Clone, Copy, Debug)]
 pub struct DriveState {
-    /// Number of the cycle.
     pub count: u32,
     /// Phase lead of the track.
     pub lead: Phase,

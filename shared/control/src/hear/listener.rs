@@ -45,14 +45,10 @@ const EMPTY_FLIGHTS: f32 = 4.0;
 /// Estimated state of the parts.
 #[derive(Clone, Debug)]
 pub struct Listener {
-    /// Statistics of the impacts' phases.
     pub phases: PhaseStatistics,
-    /// Estimator of gear from single impacts.
     pub gear: GearEstimator,
-    /// Estimator of the share in gear of many parts.
     pub share: ShareHearing,
     classifier: Classifier<64>,
-    /// Last classified regime.
     pub regime: Option<Verdict>,
     /// Whether the parts are in gear for more than half of their time.
     pub in_gear_detected: bool,
@@ -92,7 +88,6 @@ impl Listener {
         }
     }
 
-    /// Clears all estimates of the parts.
     pub fn clear(&mut self) {
         self.phases.reset();
         self.gear.reset();
@@ -102,7 +97,6 @@ impl Listener {
         (self.in_gear_detected, self.supported, self.silent) = (false, f32::INFINITY, 0.0);
     }
 
-    /// Updates all estimates with one cycle.
     pub fn cycle(&mut self, cycle: &Cycle, with: &DriveState, lock: Option<&LockWindow>) {
         let DriveState { count, lead, .. } = *with;
         self.gear.cycle(cycle, with);

@@ -71,7 +71,6 @@ pub struct Weighed {
     pub cosine: Option<f32>,
     /// Whether the track moves sinusoidally: a second tone takes its own power.
     pub sine: bool,
-    /// Whether an impact was detected in the cycle.
     pub heard: bool,
     /// Whether the amplitude has settled at its setpoint.
     pub settled: bool,

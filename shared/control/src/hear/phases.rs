@@ -108,7 +108,6 @@ impl PhaseStatistics {
         1.0 - (swing - ALTERNATION_BOUNDS[0]) / (ALTERNATION_BOUNDS[1] - ALTERNATION_BOUNDS[0])
     }
 
-    /// Clears all sums.
     pub fn reset(&mut self) {
         *self = Self::default();
     }

@@ -142,7 +142,6 @@ impl Fit {
         }
     }
 
-    /// Duration of an impact.
     pub fn contact(&self) -> ContactTime {
         self.contact
     }
@@ -210,7 +209,6 @@ impl Fit {
         true
     }
 
-    /// Whether the comparison is unfinished.
     pub fn busy(&self) -> bool {
         self.stage != Stage::Done
     }
@@ -412,7 +410,6 @@ impl Fit {
         impacts.map(|(time, speed)| (onset + time * self.per_radian, speed))
     }
 
-    /// Classification of the last fold.
     pub fn last_verdict(&self) -> Verdict {
         self.verdict
     }

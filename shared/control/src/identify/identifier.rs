@@ -165,7 +165,6 @@ pub enum Step {
 pub struct Driven {
     /// Relative error of the amplitude; infinite while it changes.
     pub off: f32,
-    /// Measured k.
     pub k: f64,
     /// Phase lead of the track over the output.
     pub lead: Phase,
@@ -213,7 +212,6 @@ pub struct Identifier {
 }
 
 impl Identifier {
-    /// Idle sequence.
     pub fn new() -> Self {
         Self {
             result: Identification::Idle,
@@ -249,12 +247,10 @@ impl Identifier {
         }
     }
 
-    /// Progress, and result once finished.
     pub fn result(&self) -> Identification {
         self.result
     }
 
-    /// Whether an identification runs.
     pub fn is_running(&self) -> bool {
         matches!(self.result, Identification::Listening { .. })
     }
@@ -286,7 +282,6 @@ impl Identifier {
         }
     }
 
-    /// Advances the sequence by one drive cycle.
     pub fn cycle(&mut self, driven: &Driven, cycle: &Cycle) -> Step {
         let folded = &cycle.folded;
         let old = self.grow_old();

@@ -88,18 +88,15 @@ impl Capture {
         }
     }
 
-    /// Begins a capture with all its attempts.
     pub fn begin(&mut self) {
         (self.attempts, self.miss_probability) = (0, 1.0);
         self.stage = Stage::Planning;
     }
 
-    /// Counts a cycle.
     pub fn count(&mut self) {
         self.tokens = (self.tokens + self.tokens_per_cycle).min(MAX_SAVED_KICKS);
     }
 
-    /// Stops the capture.
     pub fn stop(&mut self) {
         self.stage = Stage::Idle;
     }

@@ -158,7 +158,6 @@ impl RatioEstimate {
 /// Predictions and limits against which a cycle's reading is checked.
 #[derive(Clone, Copy, Debug)]
 pub struct Prediction {
-    /// Whether the drive runs.
     pub running: bool,
     /// Whether the drive's response at its frequency is predictable: not during a resonance search.
     pub known: bool,

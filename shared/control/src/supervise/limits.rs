@@ -8,9 +8,7 @@ const SATURATION_CYCLES: u32 = 25;
 /// Inputs of the limit monitor in a cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct LimitInputs {
-    /// Whether the drive runs.
     pub running: bool,
-    /// Whether the link received a valid frame.
     pub frame_received: bool,
     /// Timeout of the link in cycles; `None` where its silence is permitted.
     pub link_timeout: Option<f32>,
@@ -31,12 +29,10 @@ pub struct LimitMonitor {
 }
 
 impl LimitMonitor {
-    /// The limits that hold the drive back.
     pub fn limits(&self) -> Limits {
         self.limits
     }
 
-    /// Processes a cycle.
     pub fn cycle(&mut self, inputs: &LimitInputs) {
         if inputs.frame_received {
             self.link_known = true;

@@ -57,9 +57,7 @@ pub enum Clearance {
 /// Observations of a running drive in one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Observation<'a> {
-    /// Whether the amplitude is at the setpoint.
     pub near: bool,
-    /// Limits that hold the drive back.
     pub limits: Limits,
     /// Confidence that the parts are in the wanted lock, 0..1; `None` where no lock is wanted.
     pub lock: Option<f32>,
@@ -124,27 +122,22 @@ impl StateMachine {
         }
     }
 
-    /// The interlock, which holds the causes that keep the drive off.
     pub fn interlock(&self) -> &Interlock {
         &self.interlock
     }
 
-    /// Records that the settings in use were saved.
     pub fn settings_saved(&mut self) {
         self.interlock.settings_saved();
     }
 
-    /// The present state.
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// The fault that stopped the drive.
     pub fn fault(&self) -> Option<Fault> {
         self.interlock.fault()
     }
 
-    /// Whether the drive is on.
     pub fn running(&self) -> bool {
         !matches!(self.state, State::Off | State::Fault)
     }
@@ -154,17 +147,14 @@ impl StateMachine {
         matches!(self.glide, Glide::Gliding | Glide::Arrived { .. })
     }
 
-    /// Whether the wanted chaos is detected.
     pub fn in_chaos(&self) -> bool {
         self.state == State::Holding && self.glide == Glide::Arrived { detected: true }
     }
 
-    /// Whether the amplitude glides from a lock to chaos.
     pub fn glides(&self) -> bool {
         self.state == State::Holding && self.glide == Glide::Gliding
     }
 
-    /// Kicks begun for the present target.
     pub fn attempts(&self) -> u8 {
         self.capture.attempts()
     }
@@ -186,7 +176,6 @@ impl StateMachine {
         }
     }
 
-    /// Counts a cycle.
     pub fn count(&mut self) {
         self.in_state = self.in_state.saturating_add(1);
         self.interlock.count();

@@ -57,12 +57,10 @@ impl RestTest {
         }
     }
 
-    /// Restarts the average.
     pub fn restart(&mut self) {
         (self.sum, self.cycles, self.deviates) = (0.0, 0.0, None);
     }
 
-    /// Adds the mean of a cycle.
     pub fn cycle(&mut self, cycle: &Cycle) {
         let Some([rest, bound]) = self.commissioned else {
             return;
@@ -126,7 +124,6 @@ impl TestSwing {
         }
     }
 
-    /// Begins the test of a start.
     pub fn begin(&mut self) {
         *self = Self {
             passed: false,

@@ -288,7 +288,6 @@ impl ShareHearing {
         self.evidence.as_ref()
     }
 
-    /// Estimated share; `None` without an estimate.
     pub fn share(&self) -> Option<GearShare> {
         self.share
     }
