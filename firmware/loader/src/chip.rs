@@ -11,7 +11,9 @@ use core::ops::Range;
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
 use embassy_boot::{BootLoader, BootLoaderConfig};
-use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
+};
 use kband_loader::StatePages;
 use kband_loader::layout::{ACTIVE, FIRST_SECTOR, SECTOR, STATE, UPDATE};
 use kband_loader::registers::{
@@ -72,11 +74,6 @@ impl Part {
             length: range.end - range.start,
         }
     }
-
-    fn holds(&self, from: u32, length: u32) -> bool {
-        from.checked_add(length)
-            .is_some_and(|end| end <= self.length)
-    }
 }
 
 /// The flash failed.
@@ -90,9 +87,7 @@ impl ReadNorFlash for Part {
     const READ_SIZE: usize = 1;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-        if !self.holds(offset, bytes.len() as u32) {
-            return Err(FAILED);
-        }
+        check_read(self, offset, bytes.len())?;
         copy(self.start + offset, bytes);
         Ok(())
     }
@@ -107,10 +102,7 @@ impl NorFlash for Part {
     const ERASE_SIZE: usize = SECTOR as usize;
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
-        let whole = from.is_multiple_of(SECTOR) && to.is_multiple_of(SECTOR);
-        if !whole || from > to || !self.holds(from, to - from) {
-            return Err(FAILED);
-        }
+        check_erase(self, from, to)?;
         let first = FIRST_SECTOR + (self.start - ACTIVE.start) / SECTOR;
         for sector in first + from / SECTOR..first + to / SECTOR {
             await_supply();
@@ -122,10 +114,7 @@ impl NorFlash for Part {
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        let whole = offset.is_multiple_of(4) && bytes.len().is_multiple_of(4);
-        if !whole || !self.holds(offset, bytes.len() as u32) {
-            return Err(FAILED);
-        }
+        check_write(self, offset, bytes.len())?;
         let (words, _) = bytes.as_chunks::<4>();
         for (address, word) in (self.start + offset..).step_by(4).zip(words) {
             let word = u32::from_le_bytes(*word);

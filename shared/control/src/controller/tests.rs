@@ -11,8 +11,7 @@ mod table;
 #[test]
 fn regimes_are_detected_after_the_cycle_counter_wraps() {
     let target = Target::Locked { order: 1 };
-    let mut controller =
-        Controller::build(&Settings::default(), target, StartCause::Ordinary).unwrap();
+    let mut controller = build(&Settings::default(), target);
     controller.count = u32::MAX - 150;
     let inputs = enabled();
     let mut cycle = ideal(&controller);
@@ -35,6 +34,10 @@ fn regimes_are_detected_after_the_cycle_counter_wraps() {
     assert_eq!(heard(true), (209, Some(Regime::Rest)));
 }
 
+fn build(settings: &Settings, target: Target) -> Controller {
+    Controller::build(settings, target, StartCause::Ordinary).unwrap()
+}
+
 /// A controller at a target with its drive, and their reports.
 fn driven(target: Target) -> (Controller, Report) {
     let settings = Settings {
@@ -42,7 +45,7 @@ fn driven(target: Target) -> (Controller, Report) {
         restitution_high: 0.201,
         ..Settings::default()
     };
-    let mut controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+    let mut controller = build(&settings, target);
     let mut report = Report::default();
     for _ in 0..60 {
         report = follow(&mut controller, true, 1);
@@ -133,8 +136,7 @@ fn nan_reading_stops_the_drive_and_is_forgotten() {
                     ..Settings::default()
                 };
                 let target = Target::K(0.5);
-                let mut controller =
-                    Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+                let mut controller = build(&settings, target);
                 let mut held = Report::default();
                 for _ in 0..60 {
                     held = follow(&mut controller, true, 1);
@@ -172,7 +174,7 @@ fn weak() -> Settings {
 #[test]
 fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
     let held = Target::Amplitude(0.18);
-    let mut controller = Controller::build(&weak(), held, StartCause::Ordinary).unwrap();
+    let mut controller = build(&weak(), held);
     assert_eq!(controller.no_setpoint(), None);
     let shape = Shape::SINE;
     for (target, parameter) in [
@@ -194,13 +196,11 @@ fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
     }
     // Identification begins at 0.114 mm.
     let weaker = with(weak(), |it| it.gain = 0.11);
-    let mut controller =
-        Controller::build(&weaker, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
+    let mut controller = build(&weaker, Target::Amplitude(0.0));
     assert!(controller.set_target(Target::Identify).is_err());
     // A hard limit holds the amplitude, and the limit is reported.
     let limited = with(weak(), |it| it.amplitude_limit = 0.15);
-    let mut controller =
-        Controller::build(&limited, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
+    let mut controller = build(&limited, Target::Amplitude(0.0));
     controller.set_target(Target::K(0.4)).unwrap();
     let reports = (0..60).map(|_| follow(&mut controller, true, 1));
     assert_eq!(reports.last().unwrap().limits, Limits::AMPLITUDE);
@@ -209,11 +209,7 @@ fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
 #[test]
 fn off_the_resonance_the_output_reaches_less() {
     let beside = with(Settings::default(), |it| it.resonance = 47.0);
-    let at = |settings: &Settings, b| {
-        Controller::build(settings, Target::Amplitude(b), StartCause::Ordinary)
-            .unwrap()
-            .no_setpoint()
-    };
+    let at = |settings: &Settings, b| build(settings, Target::Amplitude(b)).no_setpoint();
     assert_eq!(at(&Settings::default(), 0.94), None);
     let Some(NoSetpoint::Output { needed, reach }) = at(&beside, 0.94) else {
         panic!("0.94 mm 3 Hz beside the resonance");
@@ -231,7 +227,7 @@ fn target_out_of_reach_moves_nothing() {
         Target::K(0.4),
         Target::Locked { order: 1 },
     ] {
-        let mut controller = Controller::build(&weak(), target, StartCause::Ordinary).unwrap();
+        let mut controller = build(&weak(), target);
         let why = controller.no_setpoint();
         assert!(matches!(why, Some(NoSetpoint::Output { .. })), "{why:?}");
         for _ in 0..200 {
@@ -248,8 +244,7 @@ fn unreachable_speed_is_reported_after_the_search() {
     let b = strong.setpoint() * 1e3;
     assert!(b > 0.1, "{b}");
     let settings = with(Settings::default(), |it| it.gain = b);
-    let mut controller =
-        Controller::build(&settings, Target::Speed(88.0), StartCause::Ordinary).unwrap();
+    let mut controller = build(&settings, Target::Speed(88.0));
     while !controller.is_setpoint_found() {
         controller.plan_step();
     }
@@ -265,7 +260,7 @@ fn parts_a_minute_are_a_speed_over_the_length_of_a_part() {
     let settings = with(*wanted.settings(), |it| it.part_length = 12.0);
     // 900 parts of 12 mm in 60 s.
     let target = Target::PartsPerMinute(900.0);
-    let mut controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+    let mut controller = build(&settings, target);
     while !controller.is_setpoint_found() {
         controller.plan_step();
     }
@@ -296,8 +291,7 @@ fn the_amplitude_stays_while_the_lock_for_a_speed_is_sought() {
 #[test]
 fn a_drive_starts_once_the_lock_for_a_speed_is_chosen() {
     let target = Target::Speed(40.0);
-    let mut controller =
-        Controller::build(&Settings::default(), target, StartCause::Ordinary).unwrap();
+    let mut controller = build(&Settings::default(), target);
     for _ in 0..8 {
         assert_eq!(follow(&mut controller, true, 1).state, State::Off);
     }
@@ -368,8 +362,6 @@ fn a_recipe_gives_the_setpoint_of_its_own_parts() {
         ..machine
     };
     let target = Target::Gear { order: 1 };
-    let build =
-        |settings, target| Controller::build(settings, target, StartCause::Ordinary).unwrap();
     let planned = |mut controller: Controller| {
         while controller.plan_step() {}
         (

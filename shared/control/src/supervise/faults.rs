@@ -342,55 +342,29 @@ mod tests {
 
     #[test]
     fn each_sign_is_a_fault_at_its_threshold_and_duration() {
-        // Range and saturated readings of the converter, amplitude and lead: with the sign, and
-        // just without it.
+        // Range and saturated readings of the converter, amplitude in 0.1 mm and lead: with the sign,
+        // and just without it.
         let lag = -PI / 2.0;
+        use Fault::*;
         let cases = [
-            ((1, 0, 1e-4, lag), (2, 0, 1e-4, lag), 3, Fault::SensorLost),
+            ((1, 0, 1.0, lag), (2, 0, 1.0, lag), 3, SensorLost),
+            ((99, 4, 1.0, lag), (99, 3, 1.0, lag), 5, SensorSaturated),
+            ((99, 0, 1.0, 0.41), (99, 0, 1.0, 0.39), 5, SensorInverted),
             (
-                (100, 4, 1e-4, lag),
-                (100, 3, 1e-4, lag),
+                (99, 0, 1.0, PI - 0.41),
+                (99, 0, 1.0, PI - 0.39),
                 5,
-                Fault::SensorSaturated,
+                SensorInverted,
             ),
-            (
-                (100, 0, 1e-4, 0.41),
-                (100, 0, 1e-4, 0.39),
-                5,
-                Fault::SensorInverted,
-            ),
-            (
-                (100, 0, 1e-4, PI - 0.41),
-                (100, 0, 1e-4, PI - 0.39),
-                5,
-                Fault::SensorInverted,
-            ),
-            (
-                (100, 0, 1.4e-5, lag),
-                (100, 0, 1.6e-5, lag),
-                15,
-                Fault::NoResponse,
-            ),
-            (
-                (10, 0, 1.4e-5, lag),
-                (11, 0, 1.6e-5, lag),
-                8,
-                Fault::SensorLost,
-            ),
-            (
-                (100, 0, 1.16e-3, lag),
-                (100, 0, 1.14e-3, lag),
-                2,
-                Fault::OverAmplitude,
-            ),
+            ((99, 0, 0.14, lag), (99, 0, 0.16, lag), 15, NoResponse),
+            ((10, 0, 0.14, lag), (11, 0, 0.16, lag), 8, SensorLost),
+            ((99, 0, 11.6, lag), (99, 0, 11.4, lag), 2, OverAmplitude),
         ];
         let after = |cycles, (span, saturated, measured, lead): (u16, u16, f32, f32)| {
-            let cycle = Cycle {
-                high: 2000 + span,
-                saturated,
-                ..moving()
-            };
-            after(cycles, &cycle, measured, lead)
+            let cycle = with(moving(), |it| {
+                (it.high, it.saturated) = (2000 + span, saturated)
+            });
+            after(cycles, &cycle, measured * 1e-4, lead)
         };
         for (ill, sound, cycles, fault) in cases {
             assert_eq!(after(cycles, ill), Some(fault));

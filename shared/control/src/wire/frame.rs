@@ -1,10 +1,5 @@
-//! Encoding of requests and responses into frames, and decoding of a frame's content
-//! (docs/link.md).
-//!
-//! The content is version, schema (low 16 bits), sequence, the message in postcard, and a CRC-32.
-//! With version 0 it is version, sequence, a letter, the message, and a CRC-32.
-//! Consistent overhead byte stuffing (COBS: Cheshire and Baker 1999) removes its zeros, and a zero
-//! ends the frame. `receiver` finds the frames in a stream of bytes and undoes the stuffing.
+//! Frames: content and CRC by consistent overhead byte stuffing (COBS: Cheshire and Baker 1999), which
+//! removes zeros. `receiver` finds them in a stream of bytes and undoes the stuffing.
 
 use serde::{Deserialize, Serialize};
 
