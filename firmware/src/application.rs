@@ -309,7 +309,7 @@ mod tests {
     /// A sampler of the default scene, whose enable input is read once a cycle or shows `contact`.
     fn sampled(contact: Option<Contact>) -> (&'static Exchange, Shared, Sampler<Shared, Shared>) {
         static ROLL: Roll = Roll::of(&[Watched::Samples]);
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let scene = Scene::default();
         let desk = desk(&scene);
         desk.0.borrow_mut().contact = contact;
@@ -332,14 +332,12 @@ mod tests {
     /// control may run.
     fn run(scene: &Scene, cycles: usize, late: usize) -> (Vec<Report>, Vec<bool>, u32) {
         static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let desk = desk(scene);
         let found = Found {
             settings: scene.settings,
             target: scene.target,
-            pin: None,
-            condition: Condition::Whole,
-            added: 0,
+            ..Found::none(Condition::Whole)
         };
         let start = StartCause::Ordinary;
         let controller = Station::controller(&found, start).unwrap();

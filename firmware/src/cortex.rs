@@ -265,15 +265,9 @@ pub struct Owned<T>(UnsafeCell<Option<T>>);
 // both demand of their callers.
 unsafe impl<T: Send> Sync for Owned<T> {}
 
-impl<T> Default for Owned<T> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl<T> Owned<T> {
     /// Builds it empty.
-    pub const fn new() -> Self {
+    pub const fn empty() -> Self {
         Self(UnsafeCell::new(None))
     }
 

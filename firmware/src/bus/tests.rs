@@ -38,7 +38,7 @@ impl Board {
     }
 
     fn started(bus: f32, start: StartCause) -> Self {
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let found = Found {
             settings: Settings {
                 bus,
@@ -306,7 +306,7 @@ impl BusPort for Port {
 #[test]
 fn the_task_answers_its_unit_and_follows_the_settings() {
     let board = Board::new(1.0);
-    let line = BusLine::new();
+    let line = BusLine::listening();
     line.restart(1000);
     let port = Port::default();
     let mut task = pin!(bus(&line, port.clone(), &board.station, "kband test"));

@@ -141,7 +141,7 @@ impl Board {
     }
 
     fn of(image: Image, found: Found, start: StartCause) -> Self {
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let mut words = LastWords::EMPTY;
         words.keep(format_args!("panic at lib.rs:7"));
         let controller = Station::controller(&found, start).unwrap();

@@ -30,13 +30,6 @@ mod slot;
 const CRYSTAL: u32 = 8_000_000;
 /// Highest level of the supply monitor: 2.9 V (DS8626, table 19).
 const HIGHEST_LEVEL: u8 = 7;
-/// The loader, at the begin of the flash: the chip starts it, and it starts this program.
-#[used]
-#[unsafe(link_section = ".loader")]
-static LOADER: [u8; LOADER_BYTES.len()] = *LOADER_BYTES;
-const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")).len()] =
-    include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin"));
-
 /// Whether the supply was good for the settling time.
 fn supply_settled() -> bool {
     Board::supply_settled()

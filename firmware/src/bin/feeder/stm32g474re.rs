@@ -29,14 +29,6 @@ const HIGHEST_LEVEL: u8 = 6;
 /// Bit R1MODE of PWR_CR5: range 1 without boost (RM0440, 6.4.5).
 const NORMAL_RANGE_1: u32 = 1 << 8;
 
-/// The loader, at the begin of the flash, and an erased key: the chip starts it, and it starts this
-/// program.
-#[used]
-#[unsafe(link_section = ".loader")]
-static LOADER: [u8; LOADER_BYTES.len()] = *LOADER_BYTES;
-const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")).len()] =
-    include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin"));
-
 /// Exchanges the note between program and loader.
 fn exchange_note(note: Note) -> Note {
     let place = NOTE as *mut Note;

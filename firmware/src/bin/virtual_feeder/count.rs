@@ -21,7 +21,7 @@ const FULL: u32 = 0x00ff_ffff;
 /// Number of drive cycles that are counted, after as many that are not.
 const CYCLES: u32 = 20;
 
-static EXCHANGE: Exchange = Exchange::new();
+static EXCHANGE: Exchange = Exchange::empty();
 static ROLL: Roll = Roll::of(&[Watched::Samples]);
 
 /// The reading of the bench from before the count.

@@ -63,10 +63,10 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
     SystickDriver::new(CORE_CLOCK, (CORE_CLOCK / 1_000 - 1) as u32));
 
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
-static EXCHANGE: Exchange = Exchange::new();
+static EXCHANGE: Exchange = Exchange::empty();
 static STATION: StaticCell<Station> = StaticCell::new();
 static HUNGRY: AtomicU32 = AtomicU32::new(0);
-static SAMPLER: Owned<Sampler<Bed, Bed>> = Owned::new();
+static SAMPLER: Owned<Sampler<Bed, Bed>> = Owned::empty();
 static BENCH: Mutex<CriticalSectionRawMutex, RefCell<Option<(Bench, f32)>>> =
     Mutex::new(RefCell::new(None));
 
@@ -345,9 +345,7 @@ fn begin(spawner: Spawner) {
         Found {
             settings: scene.settings,
             target: scene.target,
-            pin: None,
-            condition: Condition::Whole,
-            added: 0,
+            ..Found::none(Condition::Whole)
         }
     } else {
         block_on(memory.load())
