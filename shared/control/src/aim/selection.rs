@@ -24,10 +24,10 @@ pub const MIN_GEAR_SHARE: f32 = 0.7;
 /// The target, its setpoint, and the searches that still run.
 #[derive(Clone, Debug)]
 pub struct Selection {
-    target: Target,
+    pub target: Target,
     level: Level,
     lock: Option<LockWindow>,
-    shape: Shape,
+    pub shape: Shape,
     speed: Option<SpeedSearch>,
     /// The search for the k of the longest gear, where gear is the target.
     pub gear: Option<GearSearch>,
@@ -41,7 +41,7 @@ pub struct Selection {
     /// The search for chaos, where that is the target.
     pub chaos: Option<ChaosSearch>,
     /// Whether the parts do not fit the configured lot.
-    misfit: bool,
+    pub misfit: bool,
 }
 
 impl Selection {
@@ -92,17 +92,9 @@ impl Selection {
         })
     }
 
-    pub fn target(&self) -> Target {
-        self.target
-    }
-
     /// The wanted lock, also on the way to chaos or for a speed.
     pub fn lock(&self) -> Option<&LockWindow> {
         self.lock.as_ref()
-    }
-
-    pub fn shape(&self) -> Shape {
-        self.shape
     }
 
     /// Whether the search for the setpoint is over, with or without a result.
@@ -125,10 +117,6 @@ impl Selection {
             Level::Amplitude(amplitude) => amplitude,
             Level::Pending | Level::None(_) => 0.0,
         }
-    }
-
-    pub fn is_misfit(&self) -> bool {
-        self.misfit
     }
 
     /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes the

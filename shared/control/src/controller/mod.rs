@@ -131,7 +131,7 @@ impl Controller {
         let pace = settings.frequency;
         let amplitude = AmplitudeLoop::build(settings)?;
         let resonance = Resonance::new(settings);
-        let scale = Scale::at(settings, resonance.frequency());
+        let scale = Scale::at(settings, resonance.frequency);
         let mut controller = Self {
             settings: *settings,
             scale,
@@ -217,12 +217,12 @@ impl Controller {
 
     /// Records that the settings in use were saved: their fault can then be acknowledged.
     pub fn settings_saved(&mut self) {
-        self.machine.settings_saved();
+        self.machine.interlock.settings_saved();
     }
 
     fn begin_target(&mut self) {
         self.machine.pursue(self.selection.chaos.is_some());
-        let identifies = self.selection.target() == Target::Identify;
+        let identifies = self.selection.target == Target::Identify;
         self.listener.gear = build_gear_estimator(&self.settings, identifies);
         self.listener.clear();
         if identifies {
@@ -264,7 +264,7 @@ impl Controller {
         let measured = square_root_single(sine * sine + cosine * cosine);
         let lead = phase_of(libm::atan2f(cosine, sine));
         let motion = self.motion(cycle, Complex::new(sine, cosine));
-        let held_back = !self.limits.limits().is_empty();
+        let held_back = !self.limits.limits.is_empty();
         let blind = self.detect_faults(cycle, inputs, measured, radians_of(lead), &mut events);
         self.follow_enable_input(inputs, measured, &mut events);
         if !blind {
@@ -321,10 +321,10 @@ impl Controller {
             self.identify(cycle, goal, measured, &mut events);
         }
         let load = self.load();
-        if let Some(event) = self.weighing.cycle(load, self.resonance.frequency()) {
+        if let Some(event) = self.weighing.cycle(load, self.resonance.frequency) {
             events.push(event);
         }
-        let limits = self.limits.limits();
+        let limits = self.limits.limits;
         if !held_back && !limits.is_empty() {
             events.push(Event::Limited);
         } else if held_back && limits.is_empty() && self.machine.running() {
@@ -365,7 +365,7 @@ impl Controller {
 
     /// Whether [`Controller::is_ready`] depends on detected gear.
     fn detects_gear(&self) -> bool {
-        let target = self.selection.target();
+        let target = self.selection.target;
         self.watches_ready && matches!(target, Target::Gear { .. } | Target::Flow(_))
     }
 
@@ -392,13 +392,13 @@ impl Controller {
             output: Complex::new(along, across) * self.output,
             blanked: cycle.blanked,
             square: self.scale.angular_squared,
-            frequency: self.resonance.frequency(),
+            frequency: self.resonance.frequency,
             normal_gravity: self.scale.normal_gravity,
             in_gear: self.in_gear(),
             order: self.order().unwrap_or(1),
             restitution: one.map(|margin| margin.restitution),
             cosine: one.map(|_| libm::cosf(phases.phase()) * phases.concentration()),
-            sine: self.selection.shape().is_sine(),
+            sine: self.selection.shape.is_sine(),
             concentration: phases.concentration(),
             heard: !cycle.heard.is_empty(),
             settled: self.machine.kick().is_none()
@@ -427,15 +427,15 @@ impl Controller {
         if !self.tones.allowed() {
             return;
         }
-        let limits = self.limits.limits();
+        let limits = self.limits.limits;
         let sound = !limits.contains(Limits::LINK_LOST)
             && !limits.contains(Limits::NO_SETPOINT)
-            && self.machine.state() != State::Stopping
+            && self.machine.state != State::Stopping
             && self.selection.chosen();
         let asked = ToneInputs {
             motion: *motion,
             wanted: if sound {
-                self.selection.shape()
+                self.selection.shape
             } else {
                 Shape::SINE
             },
@@ -537,7 +537,7 @@ impl Controller {
                 self.predicted_envelopes = [Complex::default(); 3];
                 self.tones.restart();
                 self.swing.begin();
-                if self.selection.target() == Target::Identify
+                if self.selection.target == Target::Identify
                     && self.selection.no_setpoint().is_none()
                 {
                     self.identifier.begin(self.settings.contact_time());
@@ -554,8 +554,8 @@ impl Controller {
 
     /// Detects a target that depends on impacts while none are detected.
     fn detect_deafness(&mut self, cycle: &Cycle, goal: f32, measured: f32) {
-        let limits = self.limits.limits();
-        let settled = match self.machine.state() {
+        let limits = self.limits.limits;
+        let settled = match self.machine.state {
             State::Holding | State::Capturing | State::Locked | State::Lost => true,
             State::Limiting => limits == Limits::DEAF || limits == Limits::MISFIT,
             _ => false,
@@ -563,7 +563,7 @@ impl Controller {
         let near = (measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal
             || self.machine.kick().is_some();
         let order = self.order();
-        let wanted = match self.selection.target() {
+        let wanted = match self.selection.target {
             Target::Gear { .. } | Target::Flow(_) => true,
             _ => self.selection.lock().is_some(),
         };
@@ -596,8 +596,8 @@ impl Controller {
         for (limit, present) in [
             (Limits::NO_SETPOINT, self.selection.no_setpoint().is_some()),
             (self.scale.ceiling_limit, above_ceiling),
-            (Limits::DEAF, self.deafness.is_deaf()),
-            (Limits::MISFIT, self.selection.is_misfit()),
+            (Limits::DEAF, self.deafness.missed_impacts),
+            (Limits::MISFIT, self.selection.misfit),
             (
                 Limits::SECOND_TONE,
                 self.tones.missing_tones() != [false; UPPER],
@@ -609,7 +609,7 @@ impl Controller {
             running: self.machine.running(),
             frame_received: inputs.link_heard,
             link_timeout: (timeout > 0.0).then_some(timeout * self.settings.frequency),
-            saturated: self.amplitude.saturated(),
+            saturated: self.amplitude.saturated,
             causes,
         });
     }
@@ -617,14 +617,14 @@ impl Controller {
     /// Moves the reference by one cycle; its goal, in m.
     fn move_reference(&mut self) -> f32 {
         let (settings, setpoint) = (&self.settings, self.selection.setpoint(&self.scale));
-        let limits = self.limits.limits();
+        let limits = self.limits.limits;
         let safe = settings.safe_amplitude * 1e-3;
         let scale = setpoint.max(safe) / settings.frequency;
         let (fewest, pace) = self.amplitude.start_limits();
         let start = settings.soft_start.max(fewest / settings.frequency);
         let up = Approach::Ramp(pace * scale / start);
         let down = Approach::Ramp(scale / settings.soft_stop);
-        let (goal, pace) = match (self.machine.state(), self.machine.kick()) {
+        let (goal, pace) = match (self.machine.state, self.machine.kick()) {
             (State::Off | State::Fault, _) => (0.0, Approach::Step),
             (State::Stopping, _) => (0.0, down),
             // Without a certain target the amplitude falls or stays, and never rises.
@@ -671,7 +671,7 @@ impl Controller {
         self.listener.clear();
         self.deafness = MissedImpactDetector::default();
         self.limits.rest();
-        if self.selection.is_misfit() {
+        if self.selection.misfit {
             self.begin_again();
         }
         let decision = self.machine.rest();
@@ -719,13 +719,12 @@ impl Controller {
 
     /// Updates the numbers that depend on the drive's frequency.
     fn update_scale(&mut self) {
-        self.scale
-            .retune(&self.settings, self.resonance.frequency());
+        self.scale.retune(&self.settings, self.resonance.frequency);
     }
 
     /// Confidence, 0..1, that the parts are in the wanted lock; 0 with too faint single impacts.
     fn confidence(&self) -> f32 {
-        if self.deafness.hears_crowds_only() {
+        if self.deafness.crowd {
             return 0.0;
         }
         self.listener.confidence(self.selection.lock())
@@ -739,7 +738,7 @@ impl Controller {
                 && self.reference.now == goal
                 && (measured - goal).abs() < SETPOINT_TOLERANCE * goal
                 && self.tones.arrived(),
-            limits: self.limits.limits(),
+            limits: self.limits.limits,
             lock: self.selection.lock().map(|_| self.confidence()),
             regime: self.listener.regime.as_ref(),
             plan: self.selection.search.plan(),
@@ -751,7 +750,7 @@ impl Controller {
 
     /// Tests whether the parts fit the lot of gear. The verdict stays until the track is empty.
     fn watch_fit(&mut self) {
-        if self.selection.is_misfit() {
+        if self.selection.misfit {
             if self.listener.empty {
                 self.begin_again();
             }
@@ -768,7 +767,7 @@ impl Controller {
     /// Begins the target anew, for other parts.
     #[inline(never)]
     fn begin_again(&mut self) {
-        if let Ok(selection) = self.select(self.selection.target(), &self.settings) {
+        if let Ok(selection) = self.select(self.selection.target, &self.settings) {
             self.selection = selection;
             self.begin_target();
         }
@@ -801,7 +800,7 @@ impl Controller {
         if !self.identifier.is_running() {
             return;
         }
-        if self.machine.state() != State::Holding {
+        if self.machine.state != State::Holding {
             if self.identifier.wait() != Step::Going {
                 events.push(Event::NotIdentified);
             }

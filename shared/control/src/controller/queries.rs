@@ -37,12 +37,12 @@ impl Controller {
             gear_band: self.selection.gear_plan().map(|plan| plan.band),
             load: self.load(),
             attempts: self.machine.attempts(),
-            identification: self.identifier.result(),
+            identification: self.identifier.result,
             regime: self.listener.regime,
-            frequency: self.resonance.frequency(),
-            state: self.machine.state(),
+            frequency: self.resonance.frequency,
+            state: self.machine.state,
             fault: self.machine.fault(),
-            limits: self.limits.limits(),
+            limits: self.limits.limits,
             events: seen.events,
             command: self.command(),
         }
@@ -69,7 +69,7 @@ impl Controller {
     }
 
     fn is_target_met(&self) -> bool {
-        match (self.machine.state(), self.selection.target()) {
+        match (self.machine.state, self.selection.target) {
             (State::Holding, Target::K(_) | Target::Tones { .. } | Target::Amplitude(_)) => true,
             (State::Holding, Target::Gear { .. } | Target::Flow(_)) => {
                 self.listener.in_gear_detected
@@ -82,12 +82,12 @@ impl Controller {
 
     /// State of the controller.
     pub fn state(&self) -> State {
-        self.machine.state()
+        self.machine.state
     }
 
     /// The causes that keep the drive off, for [`Controller::resume`].
     pub fn interlock(&self) -> &Interlock {
-        self.machine.interlock()
+        &self.machine.interlock
     }
 
     /// Events of the last cycle.
@@ -111,12 +111,12 @@ impl Controller {
 
     /// Whether no part would be detected: then nothing is reported of the parts.
     fn is_deaf(&self) -> bool {
-        self.limits.limits().contains(Limits::DEAF)
+        self.limits.limits.contains(Limits::DEAF)
     }
 
     /// Whether nothing is reported of gear: no part is detected, or parts do not fit the lot.
     fn is_unknown(&self) -> bool {
-        self.is_deaf() || self.selection.is_misfit()
+        self.is_deaf() || self.selection.misfit
     }
 
     /// That share with its error; `None` where it is only a lower bound.
@@ -158,7 +158,7 @@ impl Controller {
 
     /// The target.
     pub fn target(&self) -> Target {
-        self.selection.target()
+        self.selection.target
     }
 
     /// Order of the wanted lock, also on the way to chaos or for a speed, or of the wanted gear.
@@ -194,7 +194,7 @@ impl Controller {
     /// Progress of the identification of the parts' restitution ([`Target::Identify`]); its result
     /// is applied nowhere, and stays until the next one.
     pub fn identification(&self) -> Identification {
-        self.identifier.result()
+        self.identifier.result
     }
 
     /// Sets whether gear is detected for [`Controller::is_ready`]. Default: yes.

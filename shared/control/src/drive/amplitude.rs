@@ -119,7 +119,7 @@ pub struct AmplitudeLoop {
     output: [f32; 3],
     /// Predicted envelope at the measured cycle's end, for unit gain.
     model: Complex,
-    saturated: bool,
+    pub saturated: bool,
     /// Load observer, which replaces the feedback on a track of configured mass.
     observer: Option<Observer>,
 }
@@ -348,10 +348,6 @@ impl AmplitudeLoop {
             [0.0, 0.0, tuning.forgetting]
         }
     }
-
-    pub fn saturated(&self) -> bool {
-        self.saturated
-    }
 }
 
 #[cfg(test)]
@@ -427,7 +423,7 @@ mod tests {
             for _ in 0..200 {
                 output = control.cycle(drive.cycle(output), reference, 1.0);
             }
-            assert_eq!(control.saturated(), reference > 1e-3 * most);
+            assert_eq!(control.saturated, reference > 1e-3 * most);
         }
     }
 
@@ -457,7 +453,7 @@ mod tests {
             let b = drive.cycle(output);
             output = control.cycle(b, 2e-3, 1.0);
         }
-        assert!(control.saturated());
+        assert!(control.saturated);
         let mut cycles = 0;
         loop {
             let b = drive.cycle(output);

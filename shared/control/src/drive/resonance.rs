@@ -24,7 +24,7 @@ pub struct Resonance {
     low: f32,
     high: f32,
     quality: f32,
-    frequency: f32,
+    pub frequency: f32,
     sweep: Option<Sweep>,
 }
 
@@ -50,11 +50,6 @@ impl Resonance {
             frequency: settings.frequency,
             sweep: None,
         }
-    }
-
-    /// Drive frequency in Hz.
-    pub fn frequency(&self) -> f32 {
-        self.frequency
     }
 
     pub fn is_tracking(&self) -> bool {
@@ -150,16 +145,16 @@ mod tests {
             resonance.begin();
             let (mut cycles, mut ended) = (0.0, false);
             while !ended {
-                let f = resonance.frequency();
+                let f = resonance.frequency;
                 prop_assert!((low..=high).contains(&f));
                 ended = resonance.advance_sweep(1.0 / (1.0 + (f - peak) * (f - peak)));
                 cycles += 1.0;
                 prop_assert!(cycles < 1.01 * (points + 1.0) * (settled + 1.0));
             }
             prop_assert!(cycles > 0.99 * points * settled);
-            prop_assert!((resonance.frequency() - peak).abs() <= 0.51 * step);
+            prop_assert!((resonance.frequency - peak).abs() <= 0.51 * step);
             (0..2000).for_each(|_| resonance.track(3.0));
-            prop_assert_eq!(resonance.frequency(), high);
+            prop_assert_eq!(resonance.frequency, high);
         }
     }
 
@@ -168,6 +163,6 @@ mod tests {
         let mut resonance = Resonance::new(&Settings::default());
         assert!(!resonance.is_tracking());
         resonance.track(0.0);
-        assert_eq!(resonance.frequency(), 50.0);
+        assert_eq!(resonance.frequency, 50.0);
     }
 }

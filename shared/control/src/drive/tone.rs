@@ -41,7 +41,7 @@ pub struct ToneLoop {
     wanted: [Complex; 3],
     estimated_cycles: u16,
     reported: bool,
-    given_up: bool,
+    pub given_up: bool,
 }
 
 /// Time constant of the loop of a tone, cycles.
@@ -110,10 +110,6 @@ impl ToneLoop {
 
     pub fn give_up(&mut self) {
         self.given_up = true;
-    }
-
-    pub fn is_given_up(&self) -> bool {
-        self.given_up
     }
 
     pub fn arrived(&self) -> bool {

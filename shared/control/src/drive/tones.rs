@@ -166,8 +166,8 @@ impl Tones {
         let [second, third] = &self.loops;
         let highest = self.shape.third.ratio > 0.0 && third.allowed();
         [
-            second.is_given_up() || cut && !highest,
-            third.is_given_up() || cut && highest,
+            second.given_up || cut && !highest,
+            third.given_up || cut && highest,
         ]
     }
 

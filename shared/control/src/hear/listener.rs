@@ -161,7 +161,7 @@ impl Listener {
         } else {
             (GEAR_DETECTED_SHARE, MIN_SINGLE_FLIGHTS)
         };
-        let shares = match self.share.share() {
+        let shares = match self.share.share {
             Some(heard) if self.in_gear_detected => heard.share > GEAR_LOST_SHARE,
             Some(heard) => heard.share - heard.error > GEAR_DETECTED_SHARE,
             None => false,
@@ -210,7 +210,7 @@ impl Listener {
     /// Margin of one part to the loss of gear; `None` with too few impacts, and for several parts.
     pub fn margin(&self) -> Option<GearMargin> {
         let mut margin = self.gear.margin()?;
-        if self.share.share().is_some() && !self.is_one() {
+        if self.share.share.is_some() && !self.is_one() {
             return None;
         }
         if self.gear.time_to_loss().is_infinite()
@@ -223,7 +223,7 @@ impl Listener {
 
     /// Margin to the loss of gear: of one part, else the mean over several.
     pub fn margin_of_all(&self) -> Option<GearMargin> {
-        self.margin().or_else(|| self.share.margin())
+        self.margin().or_else(|| self.share.margin)
     }
 
     /// Mean drive cycles in gear per loss: measured of one part, else predicted for the lot.
@@ -237,8 +237,8 @@ impl Listener {
 
     /// Estimated share of time in gear; `None` where only a lower bound exists.
     pub fn in_gear(&self) -> Option<GearShare> {
-        if self.share.is_judged() {
-            return self.share.share();
+        if self.share.judged {
+            return self.share.share;
         }
         let least = GearShare::at_least(self.gear.share());
         (least.error < MAX_BOUND_ERROR).then_some(least)
@@ -247,7 +247,7 @@ impl Listener {
     /// Whether the impacts come from one part: of several most flights are not detected.
     fn is_one(&self) -> bool {
         let flights = self.gear.long_share();
-        match self.share.share() {
+        match self.share.share {
             Some(together) => {
                 flights >= MIN_SINGLE_FLIGHT_RATIO * (together.share - 2.0 * together.error)
             }
@@ -260,7 +260,7 @@ impl Listener {
         match self.in_gear() {
             Some(heard) => heard.share,
             // Energy that no profile explains gives no bound.
-            None if self.share.is_judged() && !self.is_one() => 0.0,
+            None if self.share.judged && !self.is_one() => 0.0,
             None => self.gear.share(),
         }
     }

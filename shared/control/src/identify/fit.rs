@@ -90,7 +90,7 @@ pub struct Fit {
     per_radian: f32,
     normal_gravity: f32,
     k: f64,
-    contact: ContactTime,
+    pub contact: ContactTime,
     /// Lowest restitution of the grid, and its step.
     lowest: f32,
     apart: f32,
@@ -100,7 +100,7 @@ pub struct Fit {
     onset: f32,
     alone: f32,
     best: Option<Best>,
-    verdict: Verdict,
+    pub verdict: Verdict,
     /// Residual of each restitution in this fold.
     left: [f32; GRID_POINTS],
     /// Log ratios of the residual to the least one, summed over all folds with a chatter.
@@ -140,10 +140,6 @@ impl Fit {
             contact,
             ..Self::NEW
         }
-    }
-
-    pub fn contact(&self) -> ContactTime {
-        self.contact
     }
 
     /// Sets the grid: restitutions that rest each cycle at the first k but not at the second.
@@ -410,10 +406,6 @@ impl Fit {
         impacts.map(|(time, speed)| (onset + time * self.per_radian, speed))
     }
 
-    pub fn last_verdict(&self) -> Verdict {
-        self.verdict
-    }
-
     /// Restitution with the least residual over all folds with a chatter.
     pub fn all(&self) -> Option<f32> {
         interpolate_minimum(&self.sums).map(|place| self.lowest + self.apart * place)
@@ -508,7 +500,7 @@ mod tests {
             slices += 1;
         }
         assert!(slices < 1200 && !fit.busy());
-        fit.last_verdict()
+        fit.verdict
     }
 
     #[test]

@@ -185,7 +185,7 @@ pub struct Driven {
 /// Sequence of one identification.
 #[derive(Clone, Debug)]
 pub struct Identifier {
-    result: Identification,
+    pub result: Identification,
     stage: Stage,
     k: f64,
     /// Sum of the measured k over a fold.
@@ -245,10 +245,6 @@ impl Identifier {
         if self.is_running() {
             *self = Self::new();
         }
-    }
-
-    pub fn result(&self) -> Identification {
-        self.result
     }
 
     pub fn is_running(&self) -> bool {
@@ -379,7 +375,7 @@ impl Identifier {
             self.stage = Stage::Checking(0);
             return Step::Going;
         }
-        match (self.first, Chatter::of(self.k, 0.5, self.fit.contact())) {
+        match (self.first, Chatter::of(self.k, 0.5, self.fit.contact)) {
             (None, _) => self.stage = Stage::Listening(0, 0),
             (Some(first), None) => return self.set_level(first),
             (Some(_), Some(chatter)) => {
@@ -411,7 +407,7 @@ impl Identifier {
     fn astray(&self, cycle: &Cycle, lead: Phase) -> u8 {
         let lift_off = libm::asin(self.k) as f32;
         let landing =
-            Chatter::of(self.k, 0.5, self.fit.contact()).map_or(TAU, |chatter| chatter.landing);
+            Chatter::of(self.k, 0.5, self.fit.contact).map_or(TAU, |chatter| chatter.landing);
         let in_air = landing - BEFORE_LANDING - (lift_off - BEFORE_LIFT_OFF);
         let since = phase_of(lift_off - BEFORE_LIFT_OFF);
         let astray = cycle.heard.iter().filter(|heard| {
@@ -423,7 +419,7 @@ impl Identifier {
 
     fn judge(&mut self) -> Step {
         self.folds += 1;
-        let verdict = self.fit.last_verdict();
+        let verdict = self.fit.verdict;
         if let Verdict::Chatter(restitution) = verdict
             && self.found.push(restitution).is_ok()
         {
@@ -499,7 +495,7 @@ impl Identifier {
     /// Estimates the number n of parts from two energies: n^2 of parts that land together, n in
     /// gear.
     fn estimate_parts(&self, driven: &Driven, restitution: f32) -> Option<f32> {
-        let chatter = Chatter::of(self.first?, restitution, self.fit.contact())?;
+        let chatter = Chatter::of(self.first?, restitution, self.fit.contact)?;
         let trained: f32 = (chatter.impacts().iter().map(|(_, speed)| speed * speed)).sum();
         let together = self.energy / (self.squares * trained);
         let k = driven.k as f32;
@@ -552,16 +548,16 @@ mod tests {
     #[test]
     fn result_stays_until_the_next_identification() {
         let mut identifier = Identifier::new();
-        assert_eq!(identifier.result(), Identification::Idle);
+        assert_eq!(identifier.result, Identification::Idle);
         identifier.begin(ContactTime::INSTANT);
         assert!(identifier.is_running());
         identifier.stop();
-        assert_eq!(identifier.result(), Identification::Idle);
+        assert_eq!(identifier.result, Identification::Idle);
         identifier.begin(ContactTime::INSTANT);
         let done = Identification::NotFound(Unidentified::Unlike);
         assert_eq!(identifier.end(done), Step::Done(false));
         identifier.stop();
-        assert_eq!(identifier.result(), done);
+        assert_eq!(identifier.result, done);
         identifier.begin(ContactTime::INSTANT);
         assert!(identifier.is_running());
     }

@@ -39,7 +39,7 @@ const LOCK_TEST_CYCLES: u32 = 60;
 #[derive(Clone, Copy, Debug)]
 pub struct Capture {
     stage: Stage,
-    attempts: u8,
+    pub attempts: u8,
     allowed: u8,
     /// Probability of the plan that kicks miss as often as they did.
     miss_probability: f64,
@@ -99,11 +99,6 @@ impl Capture {
 
     pub fn stop(&mut self) {
         self.stage = Stage::Idle;
-    }
-
-    /// Kicks begun since [`Capture::begin`].
-    pub fn attempts(&self) -> u8 {
-        self.attempts
     }
 
     /// Amplitude of the next cycle over the setpoint.
@@ -214,7 +209,7 @@ mod tests {
         capture.begin();
         for _ in 0..10_000 {
             if capture.cycle(Some(plan), lock, true) == Some(CaptureEvent::Failed) {
-                return capture.attempts();
+                return capture.attempts;
             }
         }
         panic!("a capture ends");

@@ -15,7 +15,7 @@ const LOCKOUT_SECONDS: f32 = 60.0;
 /// The causes that keep the drive off.
 #[derive(Clone, Debug)]
 pub struct Interlock {
-    fault: Option<Fault>,
+    pub(crate) fault: Option<Fault>,
     /// Whether the enable input must be off once before the drive may start.
     latched: bool,
     /// Whether the third fault in the window locked the drive out.
@@ -90,11 +90,6 @@ impl Interlock {
             settings_saved: false,
             ..self.latched()
         }
-    }
-
-    /// The fault that keeps the drive off.
-    pub(crate) fn fault(&self) -> Option<Fault> {
-        self.fault
     }
 
     pub(crate) fn count(&mut self) {

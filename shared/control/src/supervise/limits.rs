@@ -21,7 +21,7 @@ pub struct LimitInputs {
 /// The limits that hold the drive back, and how long their causes have lasted.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LimitMonitor {
-    limits: Limits,
+    pub limits: Limits,
     /// Cycles in a row with the output at its limit.
     saturated_for: u32,
     link_silence: u32,
@@ -29,10 +29,6 @@ pub struct LimitMonitor {
 }
 
 impl LimitMonitor {
-    pub fn limits(&self) -> Limits {
-        self.limits
-    }
-
     pub fn cycle(&mut self, inputs: &LimitInputs) {
         if inputs.frame_received {
             self.link_known = true;
@@ -81,7 +77,7 @@ mod tests {
     fn after(monitor: &mut LimitMonitor, inputs: &LimitInputs, limit: Limits) -> Option<u32> {
         (1..=1000).find(|_| {
             monitor.cycle(inputs);
-            monitor.limits().contains(limit)
+            monitor.limits.contains(limit)
         })
     }
 
@@ -93,7 +89,7 @@ mod tests {
         let heard = with(FREE, |it| it.frame_received = true);
         for _ in 0..2 {
             monitor.cycle(&heard);
-            assert_eq!(monitor.limits(), Limits::MISFIT);
+            assert_eq!(monitor.limits, Limits::MISFIT);
             assert_eq!(silent(&mut monitor), Some(101));
         }
         monitor.cycle(&heard);
@@ -110,15 +106,15 @@ mod tests {
         for _ in 0..SATURATION_CYCLES {
             monitor.cycle(&saturated);
         }
-        assert_eq!(monitor.limits(), Limits::MISFIT);
+        assert_eq!(monitor.limits, Limits::MISFIT);
         monitor.cycle(&FREE);
         let limit = Limits::OUTPUT;
         assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
         monitor.cycle(&FREE);
-        assert_eq!(monitor.limits(), Limits::MISFIT);
+        assert_eq!(monitor.limits, Limits::MISFIT);
         assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
         monitor.rest();
-        assert!(monitor.limits().is_empty());
+        assert!(monitor.limits.is_empty());
         assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
     }
 }

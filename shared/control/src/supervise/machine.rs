@@ -86,8 +86,8 @@ pub enum Decision {
 /// The state, and the counters on which the next one depends.
 #[derive(Clone, Debug)]
 pub struct StateMachine {
-    state: State,
-    interlock: Interlock,
+    pub state: State,
+    pub interlock: Interlock,
     in_state: u32,
     /// Cycles in a row at the setpoint, and in a row with a doubted lock.
     arrived: u8,
@@ -105,7 +105,7 @@ impl StateMachine {
     /// The state machine of a drive at rest: `pace` in cycles per second, `attempts` kicks.
     pub fn begin(interlock: Interlock, pace: f32, attempts: f32) -> Self {
         Self {
-            state: if interlock.fault().is_some() {
+            state: if interlock.fault.is_some() {
                 State::Fault
             } else {
                 State::Off
@@ -122,20 +122,8 @@ impl StateMachine {
         }
     }
 
-    pub fn interlock(&self) -> &Interlock {
-        &self.interlock
-    }
-
-    pub fn settings_saved(&mut self) {
-        self.interlock.settings_saved();
-    }
-
-    pub fn state(&self) -> State {
-        self.state
-    }
-
     pub fn fault(&self) -> Option<Fault> {
-        self.interlock.fault()
+        self.interlock.fault
     }
 
     pub fn running(&self) -> bool {
@@ -156,7 +144,7 @@ impl StateMachine {
     }
 
     pub fn attempts(&self) -> u8 {
-        self.capture.attempts()
+        self.capture.attempts
     }
 
     /// Amplitude of a kick over the setpoint, during a capture.
@@ -468,7 +456,7 @@ mod tests {
                 &mut Events::default(),
             );
         }
-        machine.state()
+        machine.state
     }
 
     type Cause = fn(&mut Inputs) -> &mut bool;

@@ -212,11 +212,11 @@ pub struct ShareHearing {
     fitting: Option<Fitting>,
     /// Weights of the last mixture, the starting point of the next fit; all 0 before the first.
     weights: [f32; PARTS],
-    share: Option<GearShare>,
-    margin: Option<GearMargin>,
+    pub share: Option<GearShare>,
+    pub margin: Option<GearMargin>,
     /// Whether the share was estimated before the track changed.
     fades: bool,
-    judged: bool,
+    pub judged: bool,
     /// Misfit of the parts to the lot in the last fit, and cycles in a row above [`MAX_MISFIT`].
     misfit: f32,
     misfit_cycles: f32,
@@ -286,20 +286,6 @@ impl ShareHearing {
     /// Evidence for READY; `None` before the first fit.
     pub fn evidence(&self) -> Option<&GearEvidence> {
         self.evidence.as_ref()
-    }
-
-    pub fn share(&self) -> Option<GearShare> {
-        self.share
-    }
-
-    /// Mean margin of the parts in gear; `None` without a share, or with few in gear.
-    pub fn margin(&self) -> Option<GearMargin> {
-        self.margin
-    }
-
-    /// Whether a mixture was fitted. Without a share the energy is then no mixture of the profiles.
-    pub fn is_judged(&self) -> bool {
-        self.judged
     }
 
     /// Predicted profile of the lot; `None` until the prediction is complete.
