@@ -67,8 +67,7 @@ pub trait Chip {
     /// independent watchdog runs already; each wait here has a limit.
     fn start() -> Started;
 
-    /// Monitors oscillator and supply, a failure of which opens the bridge; and the flash's
-    /// read-ahead.
+    /// Monitors oscillator and supply, whose failure opens the bridge; and switches read-ahead on.
     fn watch(clocks_sound: bool);
 
     /// Whether the supply is below the monitor's level, 2.9 V.

@@ -421,7 +421,7 @@ impl Station {
         self.at_rest() && cannot_start && self.simulated.get().is_none()
     }
 
-    /// Keeps the drive off until this time since the start, s, then by the enable input.
+    /// Keeps the drive off until this time since the start, s, and the enable input's next low.
     pub fn keep_off_until(&self, seconds: u32) {
         self.kept_off_until.set(Some(seconds));
     }

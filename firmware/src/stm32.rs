@@ -575,7 +575,8 @@ const HALF_WAY: u32 = 0x58;
 
 /// Erases a page of the flash with interrupts off, where the bridge is open. `page` in the control
 /// register selects it; `unlock` unlocks the controller. For up to 2 s the CPU cannot fetch from
-/// that flash: code in RAM waits and feeds the window watchdog. Returns `settled`.
+/// that flash: code in RAM waits and feeds the window watchdog. Returns whether it ended with a
+/// good supply.
 ///
 /// # Safety
 /// The addresses are those of the registers of the flash's controller, which is not busy.

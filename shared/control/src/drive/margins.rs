@@ -78,7 +78,7 @@ impl LoopMargins {
     /// and `resonance` may differ. The error names a setting out of range.
     ///
     /// At the resonance it is the PI loop at the configured gain. Off it the gain estimate is the
-    /// only feedback: an integral gain times the difference of drive and model, without it.
+    /// only feedback: an integral gain; the margins leave the model out.
     pub fn of(configured: &Settings, actual: &Settings) -> Result<Self, OutOfRange> {
         let control = AmplitudeLoop::build(configured)?;
         actual.check()?;

@@ -160,7 +160,7 @@ impl Tones {
         self.output.map(|output| [output.re, output.im])
     }
 
-    /// Tones that are smaller than wanted: those given up, and the highest of a cut.
+    /// Tones that are smaller than wanted: those given up, and the highest one of a cut.
     pub fn missing_tones(&self) -> [bool; UPPER] {
         let cut = self.cut_for > CUT_CYCLES;
         let [second, third] = &self.loops;

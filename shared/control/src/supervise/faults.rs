@@ -9,7 +9,7 @@ use core::f32::consts::PI;
 use crate::hear::Cycle;
 use crate::state::Fault;
 
-/// Peak-to-peak range of a dead reading, in converter steps: it toggles the last.
+/// Peak-to-peak range of a dead reading, in converter steps.
 const DEAD_RANGE_STEPS: u16 = 1;
 /// Cycles of a dead reading that are a fault: the default sensor's noise alone spans more steps.
 const DEAD_CYCLES: u8 = 3;

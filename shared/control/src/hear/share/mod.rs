@@ -55,7 +55,7 @@ const MIN_PREDICTED_SHARE: f32 = 0.65;
 const TURNED: u32 = 1 << 25;
 /// Impacts predicted per slice of background work.
 const SLICE: u32 = 64;
-/// Relative change of k, and change of the upper tones, for other profiles.
+/// Relative change of k, and change of the upper tones, for which profiles are predicted anew.
 const MOVED: f32 = 0.01;
 /// Rounding step of the upper tones (`e cos th`, `e sin th`): equal feeders share one strike count.
 const STEP_OF_TONES: f32 = 1.0 / 1024.0;
@@ -90,7 +90,7 @@ const TELLS: f32 = 0.25;
 const MAX_MISFIT: f32 = 0.03;
 /// Factor on the least share in gear of a part of the lot; it covers an amplitude that is off.
 const MIN_CREDIBLE_SHARE: f32 = 0.7;
-/// Drive cycles in a row of a misfit that lasts (2.6 s at 50 Hz): dropped parts need one.
+/// Drive cycles in a row of a misfit that lasts (2.6 s at 50 Hz).
 const MIN_MISFIT_CYCLES: f32 = 8.0 * AGAIN as f32;
 /// Initial delay of an impact's energy, in samples: two one-pole filters and the ringing's rise.
 const LATE: f32 = 2.5;
