@@ -4,8 +4,7 @@
 use super::encoding::{COUNT, HASHES, PAIR, hash};
 use super::record::{HEAD, KEY_HASHES, SIZE};
 use super::*;
-use crate::testing::seed;
-use crate::testing::with;
+use crate::testing::{seed, with};
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlashErrorKind, ReadNorFlash};
 use kband::arithmetic::Noise;

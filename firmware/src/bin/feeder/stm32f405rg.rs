@@ -1,13 +1,11 @@
 //! Chip STM32F405RG with a crystal of 8 MHz: Olimex STM32-H405 and similar boards.
 
-use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::flash::Flash;
-use embassy_stm32::interrupt;
-use embassy_stm32::pac;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
+use embassy_stm32::{Peri, interrupt, pac};
 use kband_control::wire::SetUp;
 use kband_firmware::chip::{Chip, Started, supply_crossed, watch_supply};
 use kband_firmware::cortex::{remembers_running, waiting_faults};

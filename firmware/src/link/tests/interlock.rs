@@ -4,8 +4,7 @@ use kband::arithmetic::Noise;
 use kband_control::{Fault, Inputs};
 
 use super::*;
-use crate::testing::seed;
-use crate::testing::with;
+use crate::testing::{seed, with};
 
 const SEQUENCES: u32 = 100_000;
 const LONGEST: u32 = 40;

@@ -1,8 +1,7 @@
 //! Tests of an update over the link, with a slot in the desk's memory.
 
 use core::cell::RefCell;
-use std::thread_local;
-use std::vec;
+use std::{thread_local, vec};
 
 use kband_control::wire::{
     MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest, read_answer,

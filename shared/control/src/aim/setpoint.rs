@@ -12,8 +12,7 @@ use crate::settings::Settings;
 use crate::target::Target;
 use kband::feeder::{OutOfRange, accept};
 use kband::regime::Lock;
-use kband::regime::band::BandError;
-use kband::regime::band::{Band, NoBand};
+use kband::regime::band::{Band, BandError, NoBand};
 
 /// Reason why a target has no setpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -17,8 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::chatter::Chatter;
 use super::fit::{Fit, LANDING_OFFSET, Verdict};
 use crate::angle::phase_of;
-use crate::hear::{Cycle, GearMargin};
-use crate::hear::{HANDED, Layout};
+use crate::hear::{Cycle, GearMargin, HANDED, Layout};
 use kband::arithmetic::Phase;
 use kband::impact::ContactTime;
 
