@@ -47,8 +47,8 @@ const MIN_FIRST_TONE_RATIO: f32 = 4.0;
 
 /// The controller of one drive.
 ///
-/// [`Controller::cycle`] runs once per drive cycle, before the next one ends. The signal path latches
-/// its command at the next wrap of the phase. [`Controller::plan_step`] belongs in idle time.
+/// [`Controller::cycle`] runs once per drive cycle, before the next one ends. The signal path
+/// latches its command at the next wrap of the phase. [`Controller::plan_step`] belongs in idle time.
 ///
 /// ```
 /// use kband_control::{Controller, Cycle, Inputs, Settings, StartCause, State, Target};
@@ -168,7 +168,8 @@ impl Controller {
     /// output; the old target then stays. See [no setpoint](Controller::no_setpoint).
     ///
     /// [`Controller::plan_step`] searches for the lock that gives a requested speed. Until it is
-    /// [chosen](Controller::is_setpoint_found), a running drive keeps its amplitude, and none starts.
+    /// [chosen](Controller::is_setpoint_found), a running drive keeps its amplitude, and a
+    /// stopped one does not start.
     pub fn set_target(&mut self, target: Target) -> Result<(), OutOfRange> {
         self.selection = self.select(target, &self.settings)?;
         self.pending_events.push(Event::TargetSet);

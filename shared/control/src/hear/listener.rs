@@ -223,7 +223,7 @@ impl Listener {
 
     /// Margin to the loss of gear: of one part, else the mean over several.
     pub fn margin_of_all(&self) -> Option<GearMargin> {
-        self.margin().or_else(|| self.share.margin)
+        self.margin().or(self.share.margin)
     }
 
     /// Mean drive cycles in gear per loss: measured of one part, else predicted for the lot.
