@@ -102,10 +102,7 @@ fn board() -> String {
         .collect();
     boards.sort();
     let feature = |board: &&String| env::var_os(format!("CARGO_FEATURE_{}", board.to_uppercase()));
-    let chosen: Vec<&String> = boards
-        .iter()
-        .filter(|board| feature(board).is_some())
-        .collect();
+    let chosen: Vec<&String> = (boards.iter().filter(|board| feature(board).is_some())).collect();
     match chosen[..] {
         [board] => board.clone(),
         _ => panic!(

@@ -10,18 +10,15 @@ const PIN_WAIT_S: u32 = 60;
 /// The lock of the link.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LinkLock {
-    /// The PIN, where one is set.
     pin: Option<Pin>,
     /// Whether the PIN was given since the start.
     open: bool,
-    /// Number of successive wrong PINs.
     wrong: u8,
     /// Time since the start of the last wrong PIN, s.
     since: u32,
 }
 
 impl LinkLock {
-    /// Builds a closed lock with the saved PIN.
     pub fn new(pin: Option<Pin>) -> Self {
         Self {
             pin,
@@ -29,7 +26,6 @@ impl LinkLock {
         }
     }
 
-    /// The PIN to be saved with the settings.
     pub fn pin(&self) -> Option<Pin> {
         self.pin
     }
@@ -45,7 +41,6 @@ impl LinkLock {
         }
     }
 
-    /// Sets another PIN, or none, and closes the lock.
     pub fn close(&mut self, pin: Option<Pin>) {
         *self = Self::new(pin);
     }

@@ -1,11 +1,9 @@
 //! Sampled control of the drive in two tasks: the sample interrupt and the control of each cycle.
 //!
-//! Inputs of the interrupt are the converter's codes and the enable contact, once a sample (50 us).
-//! Its output is the drive signal as a share of full output, -1..1. It demodulates the acceleration
-//! at the drive's frequency (lock-in amplifier: Meade 1983). It switches the drive off after
-//! [`MAX_COMMAND_AGE_CYCLES`] cycles without a command.
-//!
-//! The control gets the demodulated cycle and commands the amplitude of the next.
+//! The interrupt takes the converter's codes and the enable contact once a sample (50 us), and
+//! gives the drive signal, -1..1. It demodulates the acceleration at the drive's frequency (lock-in
+//! amplifier: Meade 1983), and switches off after [`MAX_COMMAND_AGE_CYCLES`] cycles without a
+//! command. The control gets the demodulated cycle and commands the amplitude of the next.
 
 use embassy_futures::yield_now;
 use kband::arithmetic::Phase;
@@ -19,9 +17,8 @@ use crate::watch::{Roll, Watched};
 
 /// The sample interrupt.
 ///
-/// Deadline: one sample, 50 us (8400 core cycles at 168 MHz). A late sample shifts the phase of the
-/// drive; the demodulation measures that shift too. A lost sample holds the output for one more
-/// sample.
+/// Deadline: one sample, 50 us (8400 core cycles at 168 MHz). The demodulation measures the shift
+/// of a late sample too; a lost one holds the output.
 pub struct Sampler<S, D> {
     signal: Signal,
     sense: S,
@@ -32,9 +29,7 @@ pub struct Sampler<S, D> {
     enable: Debounce,
     /// Whether the enable input was high at any sample of this cycle.
     enable_was_high: bool,
-    /// Whether the drive may be on.
     on: bool,
-    /// Drive cycles since the last command.
     cycles_since_command: u8,
     /// Whether the interrupt switched the drive off. It stays off until the control has commanded
     /// it off too.
@@ -167,10 +162,8 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
 
 /// Control task of the drive cycles: control, report, then planning in slices.
 ///
-/// Deadline: one drive cycle (20 ms at 50 Hz). A missed deadline is counted, and the drive keeps
-/// its amplitude for another cycle. After [`MAX_COMMAND_AGE_CYCLES`] cycles without a command the
-/// sample interrupt switches the drive off. Other tasks run between slices of planning; a new cycle
-/// ends the planning.
+/// Deadline: one drive cycle (20 ms at 50 Hz). A missed one is counted, and the drive keeps its
+/// amplitude. Other tasks run between slices of planning; a new cycle ends the planning.
 pub async fn control(
     station: &Station,
     exchange: &'static Exchange,
@@ -316,7 +309,7 @@ mod tests {
     /// A sampler of the default scene, whose enable input is read once a cycle or shows `contact`.
     fn sampled(contact: Option<Contact>) -> (&'static Exchange, Shared, Sampler<Shared, Shared>) {
         static ROLL: Roll = Roll::of(&[Watched::Samples]);
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let scene = Scene::default();
         let desk = desk(&scene);
         desk.0.borrow_mut().contact = contact;
@@ -339,14 +332,12 @@ mod tests {
     /// control may run.
     fn run(scene: &Scene, cycles: usize, late: usize) -> (Vec<Report>, Vec<bool>, u32) {
         static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let desk = desk(scene);
         let found = Found {
             settings: scene.settings,
             target: scene.target,
-            pin: None,
-            condition: Condition::Whole,
-            added: 0,
+            ..Found::none(Condition::Whole)
         };
         let start = StartCause::Ordinary;
         let controller = Station::controller(&found, start).unwrap();
@@ -395,10 +386,7 @@ mod tests {
             assert_eq!(*report, closed.cycle().report, "cycle {n}");
         }
         assert_eq!(missed, 0);
-        let fault = reports
-            .iter()
-            .position(|r| r.state == State::Fault)
-            .unwrap();
+        let fault = (reports.iter().position(|r| r.state == State::Fault)).unwrap();
         // The drive obeys the command at the next sample; this test sees it a cycle later.
         assert!(!off[fault - 1] && off[fault + 1]);
     }
@@ -480,10 +468,8 @@ mod tests {
         assert!(off && enable == given(true, true, false));
         let (off, enable) = commanded(0.0, &[(Open, 120), (Closed, 100)]);
         assert!(off && enable == given(true, false, false));
-        assert_eq!(
-            commanded(0.0, &[(Closed, 1000)]).1,
-            given(true, true, false)
-        );
+        let found = commanded(0.0, &[(Closed, 1000)]).1;
+        assert_eq!(found, given(true, true, false));
         assert_eq!(commanded(0.0, &[(Open, 100)]).1, given(false, true, false));
         let chatter = [(Open, 120), (Closed, 15), (Moved, 10)];
         assert_eq!(commanded(0.0, &chatter).1, given(true, true, true));

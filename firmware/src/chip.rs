@@ -1,9 +1,8 @@
 //! Interface of a chip to its board: the differences between the STM32s.
 //!
-//! Pins and peripherals are the same on every board ([`crate::stm32`]). A new board is a file in
-//! `src/bin/feeder` that implements [`Chip`] for its `Board`. It also needs the description of its
-//! memory, `NAME.x`, in this crate's folder. Both have the name of the cargo feature that chooses
-//! the board, and `main.rs` names the file.
+//! A new board is a file in `src/bin/feeder` that implements [`Chip`] for its `Board`, and the
+//! description of its memory, `NAME.x`, in this crate's folder. Both have the name of the cargo
+//! feature that chooses the board, and `main.rs` names the file.
 
 use cortex_m::peripheral::NVIC;
 use embassy_stm32::adc::{Adc, SampleTime};
@@ -24,17 +23,13 @@ const SUPPLY_LINE: usize = 16;
 
 static SUPPLY: Supply = Supply::new();
 
-/// Records a crossing of the supply monitor's level, in its interrupt. The bridge stays open until
-/// the control has read the fault.
+/// Records a crossing of the supply monitor's level, in its interrupt.
 pub fn supply_crossed() {
     SUPPLY.falls();
-    pac::EXTI
-        .pr(0)
-        .write(|lines| lines.set_line(SUPPLY_LINE, true));
+    pac::EXTI.pr(0).write(|w| w.set_line(SUPPLY_LINE, true));
 }
 
-/// Enables the interrupt of the supply monitor at both edges: the settling time starts at the
-/// return of the supply.
+/// Enables the interrupt of the supply monitor at both edges.
 pub fn watch_supply(interrupt: Interrupt) {
     for edges in [pac::EXTI.rtsr(0), pac::EXTI.ftsr(0), pac::EXTI.imr(0)] {
         edges.modify(|lines| lines.set_line(SUPPLY_LINE, true));
@@ -68,12 +63,11 @@ pub trait Chip {
     /// Memory of the settings.
     type Memory: Store;
 
-    /// Starts the clocks, which give [`Chip::CORE_CLOCK`]; APB1 runs USART2 at 115200 baud within 2
-    /// %. The independent watchdog runs before this call; each wait here has a limit.
+    /// Starts the clocks, which give [`Chip::CORE_CLOCK`], and APB1 for 115200 baud within 2 %. The
+    /// independent watchdog runs already; each wait here has a limit.
     fn start() -> Started;
 
-    /// Monitors the oscillator and the supply once the clocks run: a failure of either must open
-    /// the bridge. Also switches the flash's read-ahead on.
+    /// Monitors oscillator and supply, whose failure opens the bridge; and switches read-ahead on.
     fn watch(clocks_sound: bool);
 
     /// Whether the supply is below the monitor's level, 2.9 V.

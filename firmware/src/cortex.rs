@@ -1,8 +1,7 @@
 //! Faults, panics and the stack of a Cortex-M image.
 //!
-//! An image defines two functions that need no initialised state, because a fault may come before
-//! or after its set-up. `kband_drive_off` switches the drive off by register writes only.
-//! `kband_halt` ends the run; the board resets.
+//! An image defines two functions that need no initialised state: `kband_drive_off` switches the
+//! drive off by register writes only, `kband_halt` ends the run.
 
 use core::arch::naked_asm;
 use core::cell::UnsafeCell;
@@ -39,8 +38,7 @@ static KEPT: Kept<LastWords> = Kept(UnsafeCell::new(LastWords::EMPTY));
 #[unsafe(link_section = ".uninit.waiting")]
 static WAITING: Kept<Waiting> = Kept(UnsafeCell::new(Waiting::EMPTY));
 
-/// Queue of the faults that are not in the flash yet, those from before a reset included. `None`
-/// after the first call.
+/// Queue of the faults that are not in the flash yet; `None` a second time.
 pub fn waiting_faults() -> Option<&'static mut Waiting> {
     static GIVEN: AtomicBool = AtomicBool::new(false);
     if GIVEN.swap(true, Ordering::Relaxed) {
@@ -74,8 +72,8 @@ pub fn count_millisecond() -> u32 {
     milliseconds.wrapping_mul(1_000)
 }
 
-/// Time since the start in us, wrapping; for handlers that SysTick does not preempt. It also runs
-/// while the core sleeps, unlike the cycle counter. `core_clock` in Hz.
+/// Time since the start in us, wrapping, also while the core sleeps; for handlers that SysTick does
+/// not preempt. `core_clock` in Hz.
 #[inline(always)]
 pub fn microseconds(core_clock: u32) -> u32 {
     let mut milliseconds = MILLISECONDS.load(Ordering::Relaxed);
@@ -127,10 +125,8 @@ fn panic(information: &PanicInfo<'_>) -> ! {
     kband_halt()
 }
 
-/// Hard fault, and every fault without a handler of its own.
-///
-/// The stack may be the cause. The handler starts on a fresh stack and switches the drive off
-/// before it reads the old one.
+/// Hard fault, and every fault without a handler of its own. The stack may be the cause: the
+/// handler starts on a fresh one and switches the drive off before it reads the old one.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn HardFault() {
@@ -184,11 +180,9 @@ pub fn unexpected(number: i16) -> ! {
     kband_halt()
 }
 
-/// Size of the guarded area below the RAM, bytes. It covers system memory and option bytes, where a
-/// write may be ignored without a fault. The program reads nothing there.
+/// Size of the guarded area below the RAM, bytes: there a write may be ignored without a fault.
 const GUARDED: u32 = 64 * 1024;
-/// Enable bit of a region's attributes (ARM DDI 0403E, B3.5.9). Without further bits the region
-/// allows no access.
+/// Enable bit of a region's attributes (ARM DDI 0403E, B3.5.9), which alone allow no access.
 const REGION_ON: u32 = 1;
 /// Size field of the region's attributes: 2^(size + 1) bytes.
 const REGION_SIZE: u32 = (GUARDED.trailing_zeros() - 1) << 1;
@@ -221,9 +215,7 @@ fn stack_bounds() -> (u32, u32) {
     (&raw const _stack_end as u32, &raw const _stack_start as u32)
 }
 
-/// Largest use of the stack since the start, and its size, bytes.
-///
-/// The start-up code painted the stack (stack watermark); overwritten paint counts as used.
+/// Largest use of the stack since the start, by its overwritten paint, and its size, bytes.
 pub fn stack_use() -> (u32, u32) {
     let (bottom, top) = stack_bounds();
     let mut clean = bottom;
@@ -247,8 +239,7 @@ pub fn stack_free() -> u32 {
 /// Number of stack words that [`stack_low`] checks in a call.
 const LOOKED_AT: u32 = 16;
 
-/// Whether the stack's last eighth was ever used. Each call checks a few of its words, one after
-/// the other; 80 calls cover all of them.
+/// Whether the stack's last eighth was ever used; 80 calls cover all of its words.
 pub fn stack_low() -> bool {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     static LOW: AtomicU32 = AtomicU32::new(0);
@@ -267,23 +258,16 @@ pub fn stack_low() -> bool {
     low != 0
 }
 
-/// State of one interrupt handler: put there before the interrupt is unmasked, used by the handler
-/// only.
+/// State of one interrupt handler: put there before the interrupt is unmasked.
 pub struct Owned<T>(UnsafeCell<Option<T>>);
 
 // SAFETY: `put` is called before the interrupt is let through and `get` by its handler alone, as
 // both demand of their callers.
 unsafe impl<T: Send> Sync for Owned<T> {}
 
-impl<T> Default for Owned<T> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl<T> Owned<T> {
     /// Builds it empty.
-    pub const fn new() -> Self {
+    pub const fn empty() -> Self {
         Self(UnsafeCell::new(None))
     }
 

@@ -1,7 +1,6 @@
 //! Enable input: debounce by consecutive equal samples, and a count of gaps in a sliding window.
 //!
-//! A gap is a sample in which the input was not high all the time. Sampling detects gaps down to
-//! one sample (50 us); the chip's edge detector latches narrower ones.
+//! A gap is a sample in which the input was not high all the time.
 
 use kband_control::SAMPLE_RATE;
 
@@ -21,23 +20,18 @@ pub enum Contact {
 pub(crate) struct EnableCycle {
     /// Whether it was high at any sample.
     pub given: bool,
-    /// Whether the sample interrupt holds the drive off.
     pub held_off: bool,
-    /// Whether it began to chatter in this cycle.
     pub chatters: bool,
 }
 
-/// Time without a gap after which the drive may run, samples (20 ms). A closing contact may bounce
-/// for the same time before.
+/// Time without a gap after which the drive may run, samples (20 ms), and of a contact's bounces.
 const PRESS_SAMPLES: u16 = samples(20);
-/// Time without a change after which the input is settled, samples: 100 ms, the period of the
-/// slowest chatter (10 Hz).
+/// Time without a change after which the input is settled, samples: the slowest chatter's 100 ms.
 const SETTLED_SAMPLES: u16 = samples(100);
 /// Length of the window in which gaps are counted, samples (5 ms).
 const GAP_WINDOW: u32 = samples(5) as u32;
 /// Largest number of gaps in that window that leaves the drive on. Chatter that is low for at least
-/// 10 % of its period makes 9 gaps or more. They lie in one window from the first gap on. Eight
-/// disturbances shorter than a sample leave the drive on.
+/// 10 % of its period makes 9 or more, in one window from the first on.
 const MAX_GAPS: usize = 8;
 
 /// Number of samples in a time in ms.
@@ -48,7 +42,6 @@ const fn samples(milliseconds: u32) -> u16 {
 /// The state of the enable input.
 #[derive(Clone, Debug)]
 pub(crate) struct Debounce {
-    /// Whether the drive may run.
     on: bool,
     /// Whether the input was settled low before it rose, and has not bounced for longer than a
     /// contact does.
@@ -250,10 +243,8 @@ mod tests {
                 let off = (0..200)
                     .find(|&n| !input.sample(chatter(frequency, duty, phase, n)))
                     .map(|n| n + 1);
-                assert!(
-                    off.is_some_and(|n| n <= GAP_WINDOW),
-                    "{frequency} Hz, {duty}, {step}: {off:?}"
-                );
+                let holds = off.is_some_and(|n| n <= GAP_WINDOW);
+                assert!(holds, "{frequency} Hz, {duty}, {step}: {off:?}");
             }
         }
     }

@@ -30,15 +30,9 @@ pub struct Exchange {
     pub bus: BusLine,
 }
 
-impl Default for Exchange {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Exchange {
     /// Builds an empty exchange.
-    pub const fn new() -> Self {
+    pub const fn empty() -> Self {
         Self {
             cycle: Mailbox::new(),
             command: Mutex::new(Cell::new(Command {
@@ -56,7 +50,7 @@ impl Exchange {
             owed: AtomicBool::new(false),
             late: AtomicBool::new(false),
             missed: AtomicU32::new(0),
-            bus: BusLine::new(),
+            bus: BusLine::listening(),
         }
     }
 

@@ -10,24 +10,22 @@
 //! | 4 | CRC-32 of both |
 //! | 8 | the seal, zero: written last |
 //!
-//! A record with a valid checksum is valid, sealed or not. An invalid record without a seal was cut
-//! short by a loss of power; the previous record remains the newest. An invalid record with a seal
-//! was valid once: it is [`Newest::Spoilt`]. An older record must not silently replace it: that one
-//! may belong to another machine. The maps of `sequential-storage` do fall back in that way, so
-//! they are not used here.
+//! A record with a valid checksum is valid, sealed or not. An invalid one without a seal was cut
+//! short by a loss of power; the previous record remains the newest. An invalid one with a seal was
+//! valid once: it is [`Newest::Spoilt`]. An older record, which may belong to another machine, must
+//! not silently replace it, as in the maps of `sequential-storage`.
 //!
-//! A bank begins with a mark, in the place of its first record. The mark is programmed after the
-//! erasure of the bank and cleared before its next erasure. A bank without a mark is erased before
-//! its first record, even where it reads as erased. An erasure that was cut short leaves cells that
-//! may not stay erased.
+//! A bank begins with a mark, programmed after its erasure and cleared before the next. A bank
+//! without a mark is erased before its first record, even where it reads as erased: an erasure that
+//! was cut short leaves cells that may not stay erased.
 //!
 //! A journal without any mark or record counts as a new chip; its banks get marks without an
-//! erasure. A cut erasure leaves no such journal, because the other bank is not blank then. Banks
-//! of an older image, with a record in their first slot, are read and appended to unchanged.
+//! erasure. Banks of an older image, with a record in their first slot, are read and appended to
+//! unchanged.
 //!
 //! A journal that [converts](Journal::converting) tags its banks behind the mark; the records
-//! follow from byte 32 on. A bank without the tag has slots of an older size. It is read, but gets
-//! no further record: the next one goes to the other bank, and this one is erased after it.
+//! follow from byte 32 on. A bank without the tag has slots of an older size: the next record goes
+//! to the other bank, and this one is erased after it.
 
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
@@ -50,15 +48,13 @@ const NUMBER: usize = 4;
 const CHECK: usize = 4;
 /// Size of a record's seal, bytes: the largest word that a board's flash programs at once.
 const SEAL: usize = 8;
-/// First bytes of a bank whose erasure was completed. Ones and zeros are equal in number; the rest
-/// of the slot stays blank.
+/// First bytes of a bank whose erasure was completed, as many ones as zeros.
 const MARK: [u8; 8] = [0x6b, 0x94, 0x62, 0x9d, 0x65, 0x9a, 0x72, 0x8d];
 /// Bytes behind the mark of a bank whose slots have the present size, where a journal converts.
 const TAG: [u8; 8] = [0x73, 0x8c, 0x6c, 0x93, 0x6f, 0x90, 0x74, 0x8b];
 /// Size of mark and tag with the blank bytes behind them, bytes.
 const TAGGED_MARK: usize = 32;
-/// Largest number of wrong bits in a tag: a quarter, so that no flipped bit changes the size of a
-/// bank's slots.
+/// Largest number of wrong bits in a tag: no flipped bit changes the size of a bank's slots.
 const MAX_WRONG_TAG_BITS: u32 = 16;
 /// Number of bytes in a slot beside its content.
 pub const OVERHEAD: usize = NUMBER + CHECK + SEAL;
@@ -68,11 +64,9 @@ const SLOTS_PER_SLICE: u32 = 16;
 /// State of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
-    /// All bytes are erased.
     Blank,
     /// The mark of a bank whose erasure was completed.
     Mark,
-    /// A record whose writing was cut short.
     Cut,
     /// A valid record and its number.
     Whole(u32),
@@ -126,11 +120,9 @@ struct Survey {
     used: [u32; 2],
     /// Number of slots in each bank up to the last spoilt one.
     spoilt: [u32; 2],
-    /// Whether each bank begins with its mark.
     marked: [bool; 2],
     /// Whether each bank has slots of the older size.
     old: [bool; 2],
-    /// Number of slots in each bank.
     slots: [u32; 2],
 }
 
@@ -200,8 +192,8 @@ impl Survey {
     }
 
     /// Whether a spoilt record may be newer than the newest valid one. The other bank is used once
-    /// the first is full or to be converted, and erased once it is not. It holds no newer record
-    /// while it is erased: its mark is cleared first. Only an older image leaves both unmarked.
+    /// the first is full or to be converted. While it is erased it holds no newer record: its mark
+    /// is cleared first. Only an older image leaves both unmarked.
     fn may_have_lost_newest(&self) -> bool {
         let Some((Place { bank, index }, _)) = self.newest else {
             return self.spoilt != [0; 2];
@@ -224,8 +216,7 @@ pub enum Newest {
     Spoilt,
 }
 
-/// A journal of records of `SLOT` - [`OVERHEAD`] bytes. The newest `keep` records survive the
-/// change of banks.
+/// A journal of records of `SLOT` - [`OVERHEAD`] bytes; the newest `keep` outlive a bank.
 pub struct Journal<const SLOT: usize> {
     start: u32,
     bank: u32,
@@ -262,7 +253,7 @@ impl<const SLOT: usize> Journal<SLOT> {
     }
 
     /// A journal that is only read: two pages of `bank` bytes from `start` on, with slots of `OLD`
-    /// bytes or of the present size.
+    /// bytes.
     pub(crate) fn reading<const OLD: usize>(start: u32, bank: u32) -> Self {
         const { assert!(OLD > OVERHEAD && OLD < SLOT) };
         Self {
@@ -471,7 +462,6 @@ impl<const SLOT: usize> Journal<SLOT> {
     }
 
     /// Appends a record and verifies it. Erases the older bank once this one holds `keep` records.
-    ///
     /// A loss of power leaves the previous records, or those and the new one.
     pub async fn append<F: NorFlash>(
         &mut self,
@@ -487,9 +477,7 @@ impl<const SLOT: usize> Journal<SLOT> {
                 self.mark(flash, bank, &mut survey).await?;
             }
         }
-        let number = survey
-            .newest
-            .map_or(0, |(_, number)| number.wrapping_add(1));
+        let number = (survey.newest).map_or(0, |(_, number)| number.wrapping_add(1));
         let (bank, unready) = survey.next_bank();
         if unready {
             self.prepare(flash, bank, &mut survey).await?;
@@ -513,8 +501,7 @@ impl<const SLOT: usize> Journal<SLOT> {
         }
         survey.take(place, Slot::Whole(number));
         let records = survey.used[bank] - u32::from(survey.marked[bank]);
-        // The record is stored. A failed erasure is repeated after the next record, or before the
-        // bank is used.
+        // A failed erasure is repeated after the next record, or before the bank is used.
         let erased = records < self.keep
             || survey.is_ready(1 - bank)
             || self.prepare(flash, 1 - bank, &mut survey).await.is_ok();
@@ -568,7 +555,6 @@ impl<const SLOT: usize> Journal<SLOT> {
     }
 }
 
-/// The content of a record's bytes.
 fn content_of(bytes: &[u8]) -> &[u8] {
     let end = bytes.len().saturating_sub(CHECK + SEAL);
     bytes.get(NUMBER..end).unwrap_or_default()
@@ -634,10 +620,8 @@ mod tests {
                 let (_, doubtful) = known.unwrap_or_else(|| {
                     let flipped = survey(at, kind);
                     let doubtful = flipped.may_have_lost_newest();
-                    assert!(
-                        doubtful || flipped.newest.map(|(place, _)| place) == newest,
-                        "slot {at}, bit {bit}: {kind:?}"
-                    );
+                    let holds = doubtful || flipped.newest.map(|(place, _)| place) == newest;
+                    assert!(holds, "slot {at}, bit {bit}: {kind:?}");
                     seen.push((kind, doubtful));
                     (kind, doubtful)
                 });

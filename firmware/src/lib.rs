@@ -39,6 +39,8 @@ pub mod station;
 pub mod stm32;
 pub mod store;
 pub mod supply;
+#[cfg(test)]
+mod testing;
 pub mod trial;
 pub mod update;
 pub mod waiting;

@@ -8,7 +8,6 @@ use core::future::Future;
 
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
-use kband::feeder::OutOfRange;
 use kband_bus::SaveProgress;
 use kband_control::wire::{
     Access, Counters, Identity, Incoming, Kept, MAX_FRAME_BYTES, Pin, Receiver, Refusal, Request,
@@ -20,7 +19,7 @@ use kband_control::{AdcCode, Inputs, PLAN_SLICES, Settings, Signal, StartCause, 
 use crate::access::LinkLock;
 use crate::bus::answer_over_link;
 use crate::saves::Saves;
-use crate::station::{RecipeRefused, SettingsRefused, Station};
+use crate::station::{Station, out_of_range};
 use crate::store::{Condition, Store, StoreFailed};
 use crate::update::{Slot, Update};
 
@@ -147,14 +146,7 @@ impl<S: Store> Service<S> {
         }
         counters.requests = counters.requests.wrapping_add(1);
         let frame = match incoming {
-            Incoming::Question { sequence } => {
-                let identity = Identity {
-                    version: VERSION,
-                    schema: SCHEMA,
-                    image: image.identity,
-                };
-                write_identity(buffer, sequence, &identity)
-            }
+            Incoming::Question { sequence } => write_identity(buffer, sequence, &identity(image)),
             Incoming::Update { sequence, request } => {
                 let strapped = (image.strapped)();
                 let answer = update
@@ -196,10 +188,7 @@ impl<S: Store> Service<S> {
                         response
                     }
                     Request::SaveRecipes => save_recipes(station, store, saves).await,
-                    Request::Unlock(pin) => match lock.unlock(pin, station.seconds()) {
-                        Ok(()) => Response::Done,
-                        Err(refusal) => Response::Refused(refusal),
-                    },
+                    Request::Unlock(pin) => done(lock.unlock(pin, station.seconds())),
                     Request::Status => Response::Status(station.status(access)),
                     _ => answer(&request, station, store, image, counters).await,
                 };
@@ -211,12 +200,7 @@ impl<S: Store> Service<S> {
 
     /// Identity frame sent without a request at the start, so that the desk sees a reset.
     pub fn hello(&mut self) -> Option<&[u8]> {
-        let identity = Identity {
-            version: VERSION,
-            schema: SCHEMA,
-            image: self.image.identity,
-        };
-        write_identity(&mut self.buffer, 0, &identity).ok()
+        write_identity(&mut self.buffer, 0, &identity(&self.image)).ok()
     }
 
     /// Stores new and waiting faults while the drive is at rest.
@@ -240,16 +224,6 @@ impl<S: Store> Service<S> {
         }
     }
 
-    fn rows_dropped(&mut self, dropped: bool) {
-        let count = &mut self.counters.rows_dropped;
-        *count = count.wrapping_add(dropped.into());
-    }
-
-    fn answers_dropped(&mut self, dropped: bool) {
-        let count = &mut self.counters.answers_dropped;
-        *count = count.wrapping_add(dropped.into());
-    }
-
     /// Ends a drive cycle; returns the telemetry frame if one is due.
     pub fn tick(&mut self, station: &Station) -> Option<&[u8]> {
         self.allowance = MAX_REQUESTS_PER_CYCLE;
@@ -264,6 +238,14 @@ impl<S: Store> Service<S> {
         self.cycles_since_telemetry = 0;
         let telemetry = Response::Telemetry(Telemetry::from(&station.report()));
         write_response(&mut self.buffer, 0, &telemetry).ok()
+    }
+}
+
+fn identity(image: &Image) -> Identity<'static> {
+    Identity {
+        version: VERSION,
+        schema: SCHEMA,
+        image: image.identity,
     }
 }
 
@@ -300,16 +282,11 @@ async fn answer<'a>(
                 return Response::Refused(Refusal::Unknown);
             }
             let mut settings = station.settings();
-            match settings.set(key, value) {
-                Ok(()) => response_of(station.set_settings(&settings)),
-                Err(refused) => out_of_range(refused),
-            }
+            let set = settings.set(key, value).map_err(out_of_range);
+            done(set.and_then(|()| station.set_settings(&settings)))
         }
-        Request::Defaults => response_of(station.restore_defaults()),
-        Request::Target(target) => match station.set_target(target) {
-            Ok(()) => Response::Done,
-            Err(refused) => out_of_range(refused),
-        },
+        Request::Defaults => done(station.restore_defaults()),
+        Request::Target(target) => done(station.set_target(target)),
         Request::Enable(enabled) => {
             station.withhold(!enabled);
             Response::Done
@@ -326,10 +303,8 @@ async fn answer<'a>(
         | Request::Samples { .. }
         | Request::Bus(_) => Response::Done,
         Request::Recipe(number) => Response::Recipe(station.stored_recipe(number)),
-        Request::SetRecipe { number, recipe } => {
-            response_of_recipe(station.set_recipe(number, recipe.as_ref()))
-        }
-        Request::UseRecipe(number) => response_of_recipe(station.use_recipe(number)),
+        Request::SetRecipe { number, recipe } => done(station.set_recipe(number, recipe.as_ref())),
+        Request::UseRecipe(number) => done(station.use_recipe(number)),
         Request::Event(number) => Response::Event(station.event(number)),
         Request::SelfTest => {
             if !station.at_rest() {
@@ -430,50 +405,41 @@ fn take_save(
     }
 }
 
-/// Saves settings, target and PIN.
 async fn save(
     station: &Station,
     store: &mut impl Store,
     saves: &mut Saves,
     pin: Option<Pin>,
 ) -> Response<'static> {
-    if let Err(refusal) = take_save(station, store, saves) {
-        return Response::Refused(refusal);
+    let allowed = take_save(station, store, saves);
+    if allowed.is_err() {
+        return done(allowed);
     }
     let saved = store.save(&station.settings(), station.target(), pin).await;
     if saved.is_ok() {
         station.saved();
     }
-    response_of_save(saved)
+    done(saved.map_err(refusal_of))
 }
 
-/// Saves the recipes.
 async fn save_recipes(
     station: &Station,
     store: &mut impl Store,
     saves: &mut Saves,
 ) -> Response<'static> {
-    if let Err(refusal) = take_save(station, store, saves) {
-        return Response::Refused(refusal);
+    let allowed = take_save(station, store, saves);
+    if allowed.is_err() {
+        return done(allowed);
     }
-    response_of_save(store.save_recipes(&station.recipes()).await)
+    let saved = store.save_recipes(&station.recipes()).await;
+    done(saved.map_err(refusal_of))
 }
 
-fn response_of_save(saved: Result<(), StoreFailed>) -> Response<'static> {
-    match saved {
-        Ok(()) => Response::Done,
-        Err(StoreFailed::SupplyLow) => Response::Refused(Refusal::SupplyLow),
-        Err(StoreFailed::Memory) => Response::Refused(Refusal::Store),
-        Err(StoreFailed::NoSettings) => Response::Refused(Refusal::NoSettings),
-    }
-}
-
-fn response_of_recipe(result: Result<(), RecipeRefused>) -> Response<'static> {
-    match result {
-        Ok(()) => Response::Done,
-        Err(RecipeRefused::Missing) => Response::Refused(Refusal::NoRecipe),
-        Err(RecipeRefused::Running) => Response::Refused(Refusal::Running),
-        Err(RecipeRefused::OutOfRange(refused)) => out_of_range(refused),
+fn refusal_of(why: StoreFailed) -> Refusal<'static> {
+    match why {
+        StoreFailed::SupplyLow => Refusal::SupplyLow,
+        StoreFailed::Memory => Refusal::Store,
+        StoreFailed::NoSettings => Refusal::NoSettings,
     }
 }
 
@@ -485,17 +451,13 @@ fn begin_simulation(
     start: StartCause,
     station: &Station,
 ) -> Response<'static> {
-    match station.simulate(target, start) {
-        Ok(signal) => {
-            *simulation = Some(Simulation {
-                signal,
-                code: 0,
-                outputs: 0,
-            });
-            Response::Done
-        }
-        Err(why) => response_of(Err(why)),
-    }
+    done(station.simulate(target, start).map(|signal| {
+        *simulation = Some(Simulation {
+            signal,
+            code: 0,
+            outputs: 0,
+        });
+    }))
 }
 
 /// Runs signal path and controller over readings of a simulated converter.
@@ -568,19 +530,11 @@ fn setting(station: &Station, number: usize) -> Response<'static> {
     })
 }
 
-fn response_of(result: Result<(), SettingsRefused>) -> Response<'static> {
+fn done(result: Result<(), Refusal<'static>>) -> Response<'static> {
     match result {
         Ok(()) => Response::Done,
-        Err(SettingsRefused::Running) => Response::Refused(Refusal::Running),
-        Err(SettingsRefused::OutOfRange(refused)) => out_of_range(refused),
+        Err(refusal) => Response::Refused(refusal),
     }
-}
-
-fn out_of_range(refused: OutOfRange) -> Response<'static> {
-    Response::Refused(Refusal::OutOfRange {
-        parameter: refused.parameter,
-        accepted: refused.accepted,
-    })
 }
 
 /// Sends an answer once the line has room for it, within 100 ms; returns whether it was sent.
@@ -610,7 +564,8 @@ pub async fn link(service: &mut Service<impl Store>, mut line: impl Line, statio
         match select(station.tick(), line.read(&mut bytes)).await {
             Either::First(()) => {
                 let sent = service.tick(station).is_none_or(|frame| line.send(frame));
-                service.rows_dropped(!sent);
+                let dropped = &mut service.counters.rows_dropped;
+                *dropped = dropped.wrapping_add((!sent).into());
                 service.keep_fault(station).await;
                 service.serve_bus(station).await;
             }
@@ -618,7 +573,8 @@ pub async fn link(service: &mut Service<impl Store>, mut line: impl Line, statio
                 for &byte in bytes.iter().take(count) {
                     if let Some(frame) = service.take(byte, station).await {
                         let sent = send_answer(&mut line, frame).await;
-                        service.answers_dropped(!sent);
+                        let dropped = &mut service.counters.answers_dropped;
+                        *dropped = dropped.wrapping_add((!sent).into());
                         // The control task runs between two requests.
                         yield_now().await;
                     }

@@ -17,7 +17,6 @@ use kband_control::{Recipe, RecipeName, Settings};
 
 use crate::store::encoding::{PAIR, Words, hash, pairs, put, put_pairs, target_words};
 
-/// Number of recipes.
 const COUNT: usize = Recipe::COUNT as usize;
 /// Size of a recipe's name, bytes.
 const NAME: usize = 14;
@@ -88,7 +87,10 @@ fn encode((name, recipe): &(RecipeName, Recipe)) -> [u8; RECIPE] {
     put(&mut target[2..], words);
     put_pairs(
         settings,
-        Recipe::KEYS.map(hash).into_iter().zip(recipe.values),
+        Recipe::KEYS
+            .map(|key| hash(key.as_bytes()))
+            .into_iter()
+            .zip(recipe.values),
     );
     bytes
 }
@@ -106,9 +108,7 @@ fn decode(bytes: &[u8; RECIPE]) -> Option<(RecipeName, Recipe)> {
     let target = Words(&words).target()?;
     let mut recipe = Recipe::of(target, &Settings::default());
     for (known, value) in pairs(settings, usize::from(*count))? {
-        let at = Recipe::KEYS
-            .into_iter()
-            .position(|key| hash(key) == known)?;
+        let at = (Recipe::KEYS.into_iter()).position(|key| hash(key.as_bytes()) == known)?;
         *recipe.values.get_mut(at)? = value;
     }
     Some((RecipeName::from_bytes(*name)?, recipe))

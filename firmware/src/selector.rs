@@ -13,15 +13,9 @@ pub struct Selector {
     selected: AtomicU8,
 }
 
-impl Default for Selector {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Selector {
     /// Inputs that are open: no recipe.
-    pub const fn new() -> Self {
+    pub const fn open() -> Self {
         Self {
             last: AtomicU8::new(0),
             constant: AtomicU8::new(0),
@@ -61,7 +55,7 @@ mod tests {
 
     #[test]
     fn a_selection_counts_after_50_ms_without_a_change() {
-        let selector = Selector::new();
+        let selector = Selector::open();
         assert_eq!(after(&selector, 5, 50), 0);
         assert_eq!(after(&selector, 5, 1), 5);
         // The switches of a number do not change at once, and bounce.

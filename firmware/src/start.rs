@@ -30,10 +30,8 @@ pub enum ResetCause {
 }
 
 impl ResetCause {
-    /// Cause of the reset from the chip's flags.
-    ///
-    /// A chip reports a sag below its lowest limit as power-on, and noise on its reset pin as a
-    /// button. RAM that kept its mark shows that the power was not really off.
+    /// Cause of the reset from the chip's flags. RAM that kept its mark shows that the power was
+    /// not really off: a chip may report a sag as power-on, and noise on its reset pin as a button.
     pub fn of(signs: ResetFlags) -> Self {
         if signs.watchdog {
             Self::Watchdog
@@ -58,9 +56,8 @@ impl ResetCause {
 
     /// Cause of the start for the controller.
     ///
-    /// A feeder must not start by itself when its supply returns (IEC 60204-1, 7.5). After any
-    /// reset the drive stays off until the enable input has a new edge. After any but power-on this
-    /// is a fault.
+    /// A feeder must not start by itself when its supply returns (IEC 60204-1, 7.5): the drive
+    /// stays off until a new edge of the enable input. Any cause but power-on is a fault.
     pub fn start(self) -> StartCause {
         match self {
             Self::Power => StartCause::PowerOn,

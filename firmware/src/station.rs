@@ -6,7 +6,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::feeder::OutOfRange;
 use kband_bus::{SaveProgress, Server};
-use kband_control::wire::{Access, KeptFault, Record, Status, Stored};
+use kband_control::wire::{Access, KeptFault, Record, Refusal, Status, Stored};
 use kband_control::{
     BusCommand, Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Recipe,
     RecipeName, Report, SAMPLE_RATE, Settings, Signal, StartCause, State, Target,
@@ -47,24 +47,12 @@ fn start_cause_for(found: &Found, start: StartCause) -> StartCause {
 /// Time in s without a request after which a simulation by the desk ends.
 const SIMULATION_TIMEOUT_S: u32 = 10;
 
-/// Reason for which settings were refused.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SettingsRefused {
-    /// The drive runs, or a fault is not acknowledged yet.
-    Running,
-    /// A value is out of range, alone or in combination with others.
-    OutOfRange(OutOfRange),
-}
-
-/// Reason for which a recipe was refused.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum RecipeRefused {
-    /// There is none of this number, or a newer firmware saved it.
-    Missing,
-    /// The drive runs, or the desk simulates a plant.
-    Running,
-    /// It does not fit the machine.
-    OutOfRange(OutOfRange),
+/// The refusal of a number out of its range.
+pub(crate) fn out_of_range(refused: OutOfRange) -> Refusal<'static> {
+    Refusal::OutOfRange {
+        parameter: refused.parameter,
+        accepted: refused.accepted,
+    }
 }
 
 /// Ring buffer of the last events, each with its number.
@@ -156,7 +144,6 @@ pub struct Station {
     withheld: Cell<bool>,
     /// Time since the start, s, until which an update keeps the drive off.
     kept_off_until: Cell<Option<u32>>,
-    /// Commands and requests of the fieldbus.
     bus: BusState,
     recipes: RefCell<Recipes>,
     /// The saved target, with its parts: recipe 0.
@@ -184,11 +171,8 @@ pub struct Station {
 }
 
 impl Station {
-    /// Builds the controller from the stored settings and target. It is large: a separate call
-    /// keeps the stack small.
-    ///
-    /// Settings that are missing or damaged start the controller in its fault. The defaults that
-    /// replace them fit no machine.
+    /// Builds the controller from the stored settings and target, in a call of its own that keeps
+    /// the stack small. Settings that are missing or damaged start it in its fault.
     ///
     /// # Errors
     /// A value is out of range.
@@ -197,9 +181,7 @@ impl Station {
         Controller::build(&found.settings, found.target, start_cause_for(found, start))
     }
 
-    /// Builds the station from the stored settings and the controller for them
-    /// ([`Self::controller`]). It is inlined, so that the station is built in place: the stack has
-    /// no room for two.
+    /// Builds the station with its [controller](Self::controller), inlined to save stack.
     #[inline(always)]
     pub fn new(
         found: &Found,
@@ -240,7 +222,7 @@ impl Station {
     }
 
     /// Runs the controller over one cycle with the board's inputs. `None` while the desk simulates
-    /// the plant: the board's own cycle then only advances the time.
+    /// the plant: only the time advances.
     pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Option<Report> {
         self.tick.signal(());
         self.uptime.set(self.uptime.get().after(cycle.samples));
@@ -274,15 +256,13 @@ impl Station {
         self.control(cycle, inputs)
     }
 
-    /// Starts a controller for a simulated plant and returns its signal path. The drive stays off
-    /// during the simulation.
+    /// Starts a controller for a simulated plant and returns its signal path; the drive stays off.
     ///
     /// # Errors
-    /// Refused while the drive runs or its enable input is on. A simulation must not take a machine
-    /// out of service.
-    pub fn simulate(&self, target: Target, start: StartCause) -> Result<Signal, SettingsRefused> {
+    /// The drive runs or its enable input is on: no machine is taken out of service.
+    pub fn simulate(&self, target: Target, start: StartCause) -> Result<Signal, Refusal<'static>> {
         if self.simulated.get().is_none() && (!self.at_rest() || self.inputs.get().enable) {
-            return Err(SettingsRefused::Running);
+            return Err(Refusal::Running);
         }
         let settings = self.settings.get();
         let interlock = Interlock::begin(start, settings.frequency);
@@ -293,11 +273,10 @@ impl Station {
             .get_or_insert(own);
         self.simulated.set(Some(self.seconds()));
         // Built last because it is large; it cannot fail with the settings in use.
-        Signal::build(&settings).map_err(SettingsRefused::OutOfRange)
+        Signal::build(&settings).map_err(out_of_range)
     }
 
-    /// Ends a simulation and restores the board's interlock and target. The drive then waits for an
-    /// edge of the enable input.
+    /// Ends a simulation and restores the board's interlock, latched, and its target.
     #[inline(never)]
     fn end_simulation(&self) {
         self.simulated.set(None);
@@ -312,41 +291,32 @@ impl Station {
         self.controller.borrow().interlock().clone()
     }
 
-    /// Replaces the controller; when refused, the previous one stays.
-    ///
-    /// Controller and signal path are large. Each is built in a call of its own, so that their
-    /// stack use does not add up.
+    /// Replaces the controller; when refused, the previous one stays. Controller and signal path
+    /// are large: each is built in a call of its own, so that their stack use does not add up.
     #[inline(never)]
     fn renew_controller(
         &self,
         settings: &Settings,
         target: Target,
         interlock: &Interlock,
-    ) -> Result<(), SettingsRefused> {
-        match Controller::resume(settings, target, interlock) {
-            Ok(controller) => {
-                *self.controller.borrow_mut() = controller;
-                Ok(())
-            }
-            Err(refused) => Err(SettingsRefused::OutOfRange(refused)),
-        }
+    ) -> Result<(), Refusal<'static>> {
+        let controller = Controller::resume(settings, target, interlock);
+        *self.controller.borrow_mut() = controller.map_err(out_of_range)?;
+        Ok(())
     }
 
     /// Hands a new signal path to the sample interrupt.
     #[inline(never)]
-    fn renew_signal(&self, settings: &Settings) -> Result<(), SettingsRefused> {
-        let signal = Signal::build(settings).map_err(SettingsRefused::OutOfRange)?;
+    fn renew_signal(&self, settings: &Settings) -> Result<(), Refusal<'static>> {
+        let signal = Signal::build(settings).map_err(out_of_range)?;
         self.exchange.replace_signal(signal);
         Ok(())
     }
 
     /// Refuses settings for which no signal path can be built.
     #[inline(never)]
-    fn check_signal(settings: &Settings) -> Result<(), SettingsRefused> {
-        match Signal::build(settings) {
-            Ok(_) => Ok(()),
-            Err(refused) => Err(SettingsRefused::OutOfRange(refused)),
-        }
+    fn check_signal(settings: &Settings) -> Result<(), Refusal<'static>> {
+        Signal::build(settings).map(drop).map_err(out_of_range)
     }
 
     fn control(&self, cycle: &Cycle, inputs: Inputs) -> Report {
@@ -381,8 +351,7 @@ impl Station {
         self.controller.borrow_mut().plan_step()
     }
 
-    /// As [`Station::plan_step`], for the board's own cycles: none during a simulation, whose cycles
-    /// run their own slices. A slice more would make its plan ready a cycle early.
+    /// As [`Station::plan_step`], for the board's own cycles: none during a simulation.
     pub fn plan_own_step(&self) -> bool {
         self.simulated.get().is_none() && self.plan_step()
     }
@@ -446,15 +415,13 @@ impl Station {
         self.withheld.set(withheld);
     }
 
-    /// Whether the drive is at rest and cannot start: its enable input is off, or an update keeps it
-    /// off. Never so while the desk simulates a plant.
+    /// Whether the drive is at rest and cannot start: by the enable input or an update.
     pub fn is_out_of_use(&self) -> bool {
         let cannot_start = !self.inputs.get().enable || self.kept_off_until.get().is_some();
         self.at_rest() && cannot_start && self.simulated.get().is_none()
     }
 
-    /// Keeps the drive off until this time since the start, s, and from then on until the enable
-    /// input is off.
+    /// Keeps the drive off until this time since the start, s, and the enable input's next low.
     pub fn keep_off_until(&self, seconds: u32) {
         self.kept_off_until.set(Some(seconds));
     }
@@ -505,11 +472,8 @@ impl Station {
 
     /// Records whether the requested save succeeded.
     pub fn end_save(&self, saved: bool) {
-        self.bus.save.set(if saved {
-            SaveProgress::Done
-        } else {
-            SaveProgress::Failed
-        });
+        let ends = [SaveProgress::Failed, SaveProgress::Done];
+        self.bus.save.set(ends[usize::from(saved)]);
     }
 
     /// Whether the fieldbus may change settings: neither strap nor PIN keeps them.
@@ -536,8 +500,9 @@ impl Station {
     ///
     /// # Errors
     /// Its number is out of range; the previous target stays.
-    pub fn set_target(&self, target: Target) -> Result<(), OutOfRange> {
-        self.controller.borrow_mut().set_target(target)?;
+    pub fn set_target(&self, target: Target) -> Result<(), Refusal<'static>> {
+        let set = self.controller.borrow_mut().set_target(target);
+        set.map_err(out_of_range)?;
         self.recipe.set(0);
         self.recipe_is_refused.set(false);
         Ok(())
@@ -561,48 +526,45 @@ impl Station {
     /// Changes or deletes a recipe, until the next start or for good once the recipes are saved.
     ///
     /// # Errors
-    /// Refused, with nothing changed, while the drive runs, and where the recipe does not fit the
-    /// machine.
+    /// The drive runs, or the recipe does not fit the machine; nothing changes.
     pub fn set_recipe(
         &self,
         number: u8,
         recipe: Option<&(RecipeName, Recipe)>,
-    ) -> Result<(), RecipeRefused> {
+    ) -> Result<(), Refusal<'static>> {
         if !self.at_rest() || self.simulated.get().is_some() {
-            return Err(RecipeRefused::Running);
+            return Err(Refusal::Running);
         }
         if let Some((_, recipe)) = recipe {
             let checked = self.controller.borrow().check_recipe(recipe);
-            checked.map_err(RecipeRefused::OutOfRange)?;
+            checked.map_err(out_of_range)?;
         }
         let exists = self.recipes.borrow_mut().set(number, recipe);
-        exists.then_some(()).ok_or(RecipeRefused::Missing)
+        exists.then_some(()).ok_or(Refusal::NoRecipe)
     }
 
     /// Uses a recipe, also while the drive runs; 0: the saved target with its parts.
     ///
     /// # Errors
     /// Refused; the previous target stays.
-    pub fn use_recipe(&self, number: u8) -> Result<(), RecipeRefused> {
+    pub fn use_recipe(&self, number: u8) -> Result<(), Refusal<'static>> {
         if self.simulated.get().is_some() {
-            return Err(RecipeRefused::Running);
+            return Err(Refusal::Running);
         }
         let recipe = match (number, self.stored_recipe(number)) {
             (0, _) => self.saved_parts.get(),
             (_, Stored::Recipe(_, recipe)) => recipe,
-            (_, Stored::None | Stored::Newer) => return Err(RecipeRefused::Missing),
+            (_, Stored::None | Stored::Newer) => return Err(Refusal::NoRecipe),
         };
         let mut controller = self.controller.borrow_mut();
-        let taken = controller.use_recipe(&recipe);
-        taken.map_err(RecipeRefused::OutOfRange)?;
+        controller.use_recipe(&recipe).map_err(out_of_range)?;
         self.settings.set(*controller.settings());
         self.recipe.set(number);
         self.recipe_is_refused.set(false);
         Ok(())
     }
 
-    /// Uses the recipe that the inputs select, when they change. A fieldbus in control selects
-    /// instead of them.
+    /// Uses the recipe that the inputs select, when they change and no fieldbus is in control.
     pub fn follow_inputs(&self, number: u8) {
         if self.simulated.get().is_some()
             || self.bus_controls()
@@ -651,15 +613,14 @@ impl Station {
     /// Sets new settings for controller and signal path, and ends a simulation.
     ///
     /// # Errors
-    /// Refused, with nothing changed, while the drive runs or where the settings do not fit
-    /// together.
-    pub fn set_settings(&self, settings: &Settings) -> Result<(), SettingsRefused> {
+    /// The drive runs, or the settings do not fit together; nothing changes.
+    pub fn set_settings(&self, settings: &Settings) -> Result<(), Refusal<'static>> {
         self.take_settings(settings, Interlock::clone)
     }
 
-    /// Sets the defaults, as [`Station::set_settings`]. They fit no machine. The drive stays off,
-    /// with the fault for invalid settings, until settings are saved.
-    pub fn restore_defaults(&self) -> Result<(), SettingsRefused> {
+    /// Sets the defaults, as [`Station::set_settings`]. They fit no machine: the drive stays off
+    /// until settings are saved.
+    pub fn restore_defaults(&self) -> Result<(), Refusal<'static>> {
         self.take_settings(&Settings::default(), Interlock::without_settings)
     }
 
@@ -667,7 +628,7 @@ impl Station {
         &self,
         settings: &Settings,
         keep: fn(&Interlock) -> Interlock,
-    ) -> Result<(), SettingsRefused> {
+    ) -> Result<(), Refusal<'static>> {
         if self.simulated.get().is_some() && self.at_rest() {
             self.end_simulation();
         }
@@ -675,9 +636,9 @@ impl Station {
         match (report.state, report.fault) {
             // The desk sets one value at a time; saving them acknowledges the fault.
             (State::Off, _) | (State::Fault, Some(Fault::SettingsInvalid)) => {}
-            _ => return Err(SettingsRefused::Running),
+            _ => return Err(Refusal::Running),
         }
-        settings.check().map_err(SettingsRefused::OutOfRange)?;
+        settings.check().map_err(out_of_range)?;
         Self::check_signal(settings)?;
         self.renew_controller(settings, self.target(), &keep(&self.interlock()))?;
         self.settings.set(*settings);
@@ -685,8 +646,7 @@ impl Station {
         self.renew_signal(settings)
     }
 
-    /// Records that the settings in use were saved: a fault for invalid settings may now be
-    /// acknowledged.
+    /// Records that the settings in use were saved: their fault may be acknowledged.
     pub fn saved(&self) {
         if self.simulated.get().is_some() {
             self.end_simulation();

@@ -10,13 +10,11 @@ use core::task::Poll;
 
 use cortex_m::peripheral::DWT;
 use embassy_futures::poll_once;
-use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcChannel, InjectedAdc, SampleTime};
 use embassy_stm32::dac::{DacChannel, Value};
 use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, typelevel::Binding};
 use embassy_stm32::mode::Blocking;
-use embassy_stm32::pac;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Lock, Mms, Ossi};
 use embassy_stm32::pac::wwdg::regs::Cr;
@@ -31,6 +29,7 @@ use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::PwmPin;
 use embassy_stm32::timer::{BkIn1, BreakInputPin, Channel};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, ConfigError};
+use embassy_stm32::{Peri, pac};
 use embassy_time::Timer;
 use embedded_io_async::{Read, Write};
 use kband_control::{AdcCode, Inputs, Report, SAMPLE_RATE};
@@ -43,21 +42,18 @@ use crate::log;
 
 /// Dead time of the half bridge, ns: neither switch conducts.
 const DEAD_TIME: u32 = 1_000;
-/// Share of the switching period that the duty keeps from 0 and 1 at full output: 7 %, 3.5 us. The
-/// edges stay clear of the sample, and a bootstrapped driver is charged in every period. The
-/// voltage output keeps the same share: a buffered converter does not reach its last 0.2 V (DS8626,
-/// DAC characteristics).
+/// Share of the switching period that the duty keeps from 0 and 1 at full output, 3.5 us: the edges
+/// stay clear of the sample, a bootstrapped driver is charged in every period, and a buffered
+/// converter stays off its last 0.2 V (DS8626, DAC characteristics).
 const DUTY_END: f32 = 0.07;
-/// Period of the independent watchdog as prescaler and reload: 0.8 s at 32 kHz. The slowest cycle
-/// takes 0.2 s (5 Hz), so that each task can check in.
+/// Period of the independent watchdog as prescaler and reload: 0.8 s.
 const WATCHDOG: (Pr, u16) = (Pr::DIVIDE_BY16, 1600);
 
 /// Half bridge on TIM1 (PA8 high side, PA7 low side), and the same output as a voltage on PA4.
 ///
-/// The bridge switches at the sample rate. An output of -1..1 is a duty of 7..93 %: full output of
-/// the control is the bridge's largest. For an external amplifier, PA4 gives the same share of 3.3
-/// V, with half of it for 0. PC3 is that amplifier's enable: high while the bridge is closed. PB12
-/// high opens the bridge.
+/// The bridge switches at the sample rate. An output of -1..1 is a duty of 7..93 %. For an external
+/// amplifier, PA4 gives the same share of 3.3 V, with half of it for 0, and PC3 its enable: high
+/// while the bridge is closed. PB12 high opens the bridge.
 pub struct HalfBridge {
     pwm: ComplementaryPwm<'static, TIM1>,
     _voltage: DacChannel<'static, Blocking>,
@@ -65,7 +61,6 @@ pub struct HalfBridge {
     _over_current: Flex<'static>,
     /// Held to keep the pin an output; its level is set by register writes.
     _drive_on: Output<'static>,
-    /// Whether the supply allows the bridge to close.
     closable: fn() -> bool,
     full: f32,
     on: bool,
@@ -74,9 +69,8 @@ pub struct HalfBridge {
 impl HalfBridge {
     /// Builds the bridge, open. `core_clock` is the clock of TIM1 in Hz.
     ///
-    /// The over-current input opens both switches in hardware, within a few core cycles. They stay
-    /// open until the drive was switched off and on again. The bridge closes only where `closable`
-    /// returns true.
+    /// The over-current input opens both switches in hardware, until the drive was switched off and
+    /// on again. The bridge closes only where `closable` returns true.
     #[allow(clippy::too_many_arguments)]
     pub fn new(
         timer: Peri<'static, TIM1>,
@@ -112,13 +106,12 @@ impl HalfBridge {
         // Eight clocks: 47 ns at 170 MHz. The timer of the STM32F405 has no filter.
         pwm.set_break_filter(FilterValue::FCK_INT_N8);
         pwm.set_break_enable(true);
-        // One update event a period, at the counter's bottom. The repetition counter is written
-        // while the counter is stopped; otherwise the update would come at the top.
+        // One update event a period, at the counter's bottom: the repetition counter is written
+        // while the counter is stopped.
         let timer = pac::TIM1;
         timer.cr1().modify(|control| control.set_cen(false));
         timer.cnt().write(|count| count.set_cnt(0));
-        // Counting up and down takes one period: exactly the sample rate. The driver's own setting
-        // is one count lower.
+        // Counting up and down takes exactly a sample; the driver's own setting is one count lower.
         let half = (core_clock / (2 * SAMPLE_RATE)) as u16;
         timer.arr().write(|reload| reload.set_arr(half));
         pwm.set_repetition_counter(1);
@@ -128,18 +121,12 @@ impl HalfBridge {
         let full = f32::from(half);
         pwm.set_duty(Channel::Ch1, (0.5 * full) as u32);
         pwm.enable(Channel::Ch1);
-        // Off means that both gates are driven low, not left floating. From here only a reset can
-        // change dead time, break or this setting.
+        // Off drives both gates low. From here only a reset changes this.
         pwm.set_off_state_selection_idle(Ossi::IDLE_LEVEL);
-        timer
-            .bdtr()
-            .modify(|register| register.set_lock(Lock::LEVEL2));
-        // While a debugger halts the core, no duty is set. A frozen timer stops its counter
-        // (RM0090, 38.16.2); its outputs are undefined and might stay on. So the timer runs on, and
-        // the window watchdog resets the chip within 5 ms.
-        pac::DBGMCU
-            .apb2fzr()
-            .modify(|frozen| frozen.set_tim1(false));
+        timer.bdtr().modify(|w| w.set_lock(Lock::LEVEL2));
+        // While a debugger halts the core, a frozen timer might leave its outputs on (RM0090,
+        // 38.16.2). So it runs on, and the window watchdog resets the chip within 5 ms.
+        pac::DBGMCU.apb2fzr().modify(|w| w.set_tim1(false));
         let mut voltage = DacChannel::new_blocking(converter, voltage);
         voltage.set(Value::Bit12Right(MIDDLE));
         Self {
@@ -161,8 +148,7 @@ impl Drive for HalfBridge {
     #[inline]
     fn set(&mut self, output: f32) {
         if self.on {
-            // The break or an interrupt opened the bridge. The voltage goes off too, until the
-            // control has switched off and on.
+            // The break or an interrupt opened the bridge: the voltage goes off too.
             if !pac::TIM1.bdtr().read().moe() {
                 drive_off();
                 return;
@@ -179,9 +165,7 @@ impl Drive for HalfBridge {
         }
         let share = 0.5 + (0.5 - DUTY_END) * output.clamp(-1.0, 1.0);
         let duty = share * self.full;
-        pac::TIM1
-            .ccr(0)
-            .write(|compare| compare.set_ccr(duty as u16));
+        pac::TIM1.ccr(0).write(|w| w.set_ccr(duty as u16));
         // `DacChannel::set` checks its channel number again, by a panic (embassy-stm32 0.6.0).
         pac::DAC1
             .dhr12r(0)
@@ -194,8 +178,7 @@ impl Drive for HalfBridge {
     }
 }
 
-/// Whether the break has opened the bridge since the last call, or holds it open. The flag stays
-/// set while the break input is active.
+/// Whether the break has opened the bridge since the last call, or holds it open.
 fn broken() -> bool {
     let broken = pac::TIM1.sr().read().bif(0);
     if broken {
@@ -205,7 +188,6 @@ fn broken() -> bool {
 }
 
 /// Flags of a break by the input (BIF) and by the chip itself (SBIF, STM32G4 only; RM0440, 28.6.5).
-/// While one of them is set, the outputs stay off.
 const BREAKS: u32 = 1 << 7 | 1 << 13;
 
 /// Clears the break flags.
@@ -221,19 +203,15 @@ fn drive_on() {
     pac::GPIOC.bsrr().write(|set| set.set_bs(DRIVE_ON, true));
 }
 
-/// Opens the half bridge, sets the voltage to its middle and disables an external amplifier. It
-/// uses register writes only.
+/// Opens the bridge, sets the voltage to its middle and disables an amplifier, by register writes.
 pub fn drive_off() {
     // Without the main output enable both switches are open.
     pac::TIM1.bdtr().modify(|register| register.set_moe(false));
     pac::GPIOC.bsrr().write(|set| set.set_br(DRIVE_ON, true));
-    pac::DAC1
-        .dhr12r(0)
-        .write(|register| register.set_dhr(MIDDLE));
+    pac::DAC1.dhr12r(0).write(|w| w.set_dhr(MIDDLE));
 }
 
-/// The accelerometer on PA1, converted at TIM1's update, far from the bridge's edges; then the
-/// current sensor on PC0.
+/// The accelerometer on PA1, converted at TIM1's update, then the current sensor on PC0.
 pub struct Converter {
     _sequence: InjectedAdc<'static, ADC1, 2>,
 }
@@ -292,12 +270,9 @@ const ENABLE: usize = 0;
 /// Code of port B in EXTICR.
 const PORT_B: u8 = 1;
 
-/// Latches each edge of the enable input in EXTI. The sample interrupt reads and clears the latch;
-/// the line's own interrupt stays masked in the NVIC.
+/// Latches each edge of the enable input in EXTI, for the sample interrupt; its own stays masked.
 fn latch_edges() {
-    pac::RCC
-        .apb2enr()
-        .modify(|clocks| clocks.set_syscfgen(true));
+    pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
     pac::SYSCFG
         .exticr(ENABLE / 4)
         .modify(|pins| pins.set_exti(ENABLE % 4, PORT_B));
@@ -306,8 +281,7 @@ fn latch_edges() {
     }
 }
 
-/// Inputs: enable on PB0 (3.3 V runs the drive), thermal switch on PB1 (to ground while cool). The
-/// chip's own state is added: stack, supply, clock.
+/// Inputs: enable on PB0 (3.3 V runs the drive), thermal switch on PB1 (to ground while cool).
 pub struct Terminals {
     enable: Input<'static>,
     cool: Input<'static>,
@@ -424,8 +398,7 @@ impl Monitor for Lamps {
 pub struct Guard;
 
 impl Guard {
-    /// Starts the watchdog; only a reset stops it. It has an oscillator of its own and needs no
-    /// other clock.
+    /// Starts the watchdog, on its own oscillator; only a reset stops it.
     pub fn start() -> Self {
         let (prescaler, reload) = WATCHDOG;
         let watchdog = pac::IWDG;
@@ -443,17 +416,14 @@ impl Watchdog for Guard {
     }
 }
 
-/// The window watchdog. It resets the chip, which opens the bridge, at a sample rate outside its
-/// limits: none for 4.7 ms, or 1.5 times the nominal. Its clock and the samples' come from one
-/// clock tree, so that they do not drift apart.
+/// The window watchdog. It resets the chip, which opens the bridge, without a sample for 4.7 ms, or
+/// at 1.5 times their rate. Its clock and the samples' come from one clock tree.
 pub struct Window;
 
 /// Number of window watchdog steps (about 97 us) after a feed at which the chip is reset: 4.7 ms.
 const BITES: u8 = 48;
-/// Smallest number of such steps between two feeds; an earlier feed resets the chip. Forty samples
-/// take 20 or 21 steps (97.5 us at 42 MHz, 96.4 us at 42.5 MHz). At 1.5 times the sample rate they
-/// take 13 or 14, at twice the rate 10 or 11. A delayed sample, at most 100 us for a word of the
-/// flash, takes two off.
+/// Smallest number of such steps between two feeds. Forty samples take 20 or 21 steps (97.5 us at
+/// 42 MHz, 96.4 us at 42.5 MHz), 13 or 14 at 1.5 times the rate. A word of the flash takes two off.
 const EARLIEST: u8 = 16;
 /// Number of samples between feeds of the window watchdog: 2 ms.
 const FEED: u8 = 40;
@@ -550,9 +520,8 @@ impl Line for Serial {
     }
 
     /// `embassy-stm32` 0.6.0 (usart/buffered.rs, `BufferedUartTx::write`) takes a whole frame, or
-    /// returns `Pending` without a waker. An await might then never end; polling once is sound.
-    /// Check this at each update of the crate. A version that registers its waker or takes part of
-    /// a frame breaks it.
+    /// returns `Pending` without a waker, so that an await might never end; polling once is sound.
+    /// Check this at each update of the crate.
     fn send(&mut self, frame: &[u8]) -> bool {
         matches!(
             poll_once(Write::write(&mut self.0, frame)),
@@ -567,13 +536,10 @@ impl Line for Serial {
 
 /// Data register of the CRC unit (RM0090, 4.4; RM0440, 16.4; the same on both).
 const CRC_DATA: *mut u32 = 0x4002_3000 as *mut u32;
-/// Control register of the CRC unit.
 const CRC_CONTROL: *mut u32 = 0x4002_3008 as *mut u32;
-/// Bit that resets the CRC unit.
 const CRC_RESET: u32 = 1;
 
-/// Whether the flash holds the program as written. The word behind the image is its CRC-32, which
-/// `kband flash` computes and writes.
+/// Whether the flash holds the program as written: its CRC-32 is behind the image.
 pub fn image_is_whole() -> bool {
     unsafe extern "C" {
         static _image_start: u32;
@@ -600,19 +566,16 @@ const FLASH_BUSY: u32 = 1 << 16;
 const FLASH_START: u32 = 1 << 16;
 /// Control register of the window watchdog.
 const WINDOW: *mut u32 = 0x4000_2c00 as *mut u32;
-/// Its enable bit.
 const WINDOW_RUNS: u32 = 0x80;
 /// Its count, which falls by one a step.
 const WINDOW_COUNT: u32 = 0x7f;
 /// Count at which it is fed during an erasure: half the interval before its reset.
 const HALF_WAY: u32 = 0x58;
 
-/// Erases a page of the flash with interrupts off. `page` in the control register selects it;
-/// `unlock` unlocks the controller. The CPU cannot fetch from that flash for up to 2 s. The code in
-/// RAM waits for the end and feeds the window watchdog.
-///
-/// Returns whether the erasure ended with a supply that `settled` reports as good. Nothing is
-/// erased while the bridge is closed.
+/// Erases a page of the flash with interrupts off, where the bridge is open. `page` in the control
+/// register selects it; `unlock` unlocks the controller. For up to 2 s the CPU cannot fetch from
+/// that flash: code in RAM waits and feeds the window watchdog. Returns whether it ended with a
+/// good supply.
 ///
 /// # Safety
 /// The addresses are those of the registers of the flash's controller, which is not busy.
@@ -649,8 +612,7 @@ pub unsafe fn erase_page(
     began && settled()
 }
 
-/// Programs `bytes` into the flash in words of `SIZE` bytes. Each word is programmed only while
-/// `settled` reports a good supply; otherwise the error is `low`.
+/// Programs `bytes` in words of `SIZE` bytes, each only while `settled`; else the error is `low`.
 pub fn program_words<const SIZE: usize, E>(
     bytes: &[u8],
     settled: fn() -> bool,
@@ -692,12 +654,10 @@ unsafe fn erase(status: *const u32, control: *mut u32, page: u32) -> bool {
     fed
 }
 
-/// Period of the independent watchdog during an erasure as prescaler and reload: 32 s. An erasure
-/// takes up to 2 s.
+/// Period of the independent watchdog during an erasure as prescaler and reload: 32 s.
 const ERASURE: (Pr, u16) = (Pr::DIVIDE_BY256, 0xfff);
 
-/// Clears the flash caches after an erasure. A cache is reset while it is off (RM0090, 3.5.2;
-/// RM0440, 3.3.5).
+/// Clears the flash caches after an erasure, while they are off (RM0090, 3.5.2; RM0440, 3.3.5).
 fn forget_flash() {
     let access = pac::FLASH.acr();
     let before = access.read();
@@ -727,6 +687,5 @@ fn allow((prescaler, reload): (Pr, u16)) {
     watchdog.kr().write(|key| key.set_key(Key::RESET));
 }
 
-/// Delay for that transfer, core cycles: 0.3 ms on the fastest board, ten cycles of the watchdog's
-/// clock.
+/// Delay for that transfer, core cycles: ten of the watchdog's clock on the fastest board.
 const CORE_CYCLES_FOR_WATCHDOG: u32 = 51_000;

@@ -1,8 +1,8 @@
 //! Non-volatile memory: the settings with the target and the recipes, and the last faults.
 //!
-//! Settings, target and recipes are one record of a [`Journal`], so that a loss of power cannot tear
-//! them apart. A damaged record is never replaced by an older one or by the defaults: neither fits
-//! the machine. The drive stays off until settings are saved.
+//! Settings, target and recipes are one record of a [`Journal`], which no loss of power tears
+//! apart. A damaged record is never replaced by an older one or by the defaults, which may not fit
+//! the machine: the drive stays off until settings are saved.
 
 use core::borrow::BorrowMut;
 use core::future::Future;
@@ -18,8 +18,7 @@ use crate::waiting::{RECORD_SIZE, Waiting};
 use encoding::{Words, put};
 use record::{decode_settings, encode_settings};
 
-/// Size of a slot for settings, target and recipes, bytes. Two pages of 2 KiB hold 40 000 saves in
-/// 10 000 erasures.
+/// Size of a slot for settings, target and recipes, bytes: 40 000 saves in 10 000 erasures.
 const SLOT: usize = 1008;
 /// Size of the content of such a record, bytes.
 const CONTENT: usize = SLOT - OVERHEAD;
@@ -84,9 +83,8 @@ pub trait Store {
     /// Loads the settings and the target saved last.
     fn load(&mut self) -> impl Future<Output = Found>;
 
-    /// Saves settings, target and PIN, with the recipes saved last.
-    ///
-    /// A loss of power leaves the previous record or the new one.
+    /// Saves settings, target and PIN, with the recipes saved last. Here and in the other saves a
+    /// loss of power leaves the previous record or the new one.
     fn save(
         &mut self,
         settings: &Settings,
@@ -98,16 +96,12 @@ pub trait Store {
     fn recipes(&mut self) -> impl Future<Output = Recipes>;
 
     /// Saves the recipes, with the settings, the target and the PIN saved last.
-    ///
-    /// A loss of power leaves the previous record or the new one.
     fn save_recipes(&mut self, recipes: &Recipes) -> impl Future<Output = Result<(), StoreFailed>>;
 
     /// Loads the public key of updates, where one was saved.
     fn key(&mut self) -> impl Future<Output = Option<[u8; 32]>>;
 
     /// Saves the public key of updates, with all else that was saved last.
-    ///
-    /// A loss of power leaves the previous record or the new one.
     fn save_key(&mut self, key: &[u8; 32]) -> impl Future<Output = Result<(), StoreFailed>>;
 
     /// Whether the supply is good enough to program the flash.
@@ -116,8 +110,7 @@ pub trait Store {
     /// Queues a fault for [`Store::keep_faults`]. The queue survives a reset.
     fn take_fault(&mut self, fault: &KeptFault);
 
-    /// Stores the queued faults once the supply is good; the last [`KEPT_FAULTS`] are kept. Call it only
-    /// while the drive is at rest.
+    /// Stores the queued faults, of which [`KEPT_FAULTS`] are kept, once the supply is good.
     fn keep_faults(&mut self) -> impl Future<Output = ()>;
 
     /// Loads the fault that is `back` faults older than the newest.
@@ -136,8 +129,7 @@ pub struct Records<F, W> {
 }
 
 impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
-    /// Opens the memory in these pages of the flash. Faults wait in `waiting` until
-    /// `supply_settled` returns true.
+    /// Opens the memory in these pages of the flash; faults wait in `waiting` for `supply_settled`.
     ///
     /// # Errors
     /// A range is not two whole pages.
@@ -158,8 +150,8 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         })
     }
 
-    /// Reads the settings from two pages of `page` bytes from `start` on, where an older image had
-    /// them, until a record is stored here.
+    /// Reads the settings of an older image from two pages of `page` bytes from `start` on, until
+    /// one is stored here.
     pub fn reading_from(self, start: u32, page: u32) -> Self {
         Self {
             older: Some(Journal::reading::<{ version_3::SLOT }>(start, page)),
@@ -167,15 +159,13 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         }
     }
 
-    /// State of the newest record, from what is known of the pages; its content is copied to
-    /// `content`.
+    /// State of the newest record, from what is known of the pages; copies it to `content`.
     async fn newest(&mut self, content: &mut [u8; CONTENT]) -> Newest {
         let newest = self.settings.last(&mut self.flash, content).await;
         self.or_older(newest, content).await
     }
 
-    /// `newest`, or the state of the newest record of an older image, if there is one and none was
-    /// stored here.
+    /// `newest`, or the state of the newest record of an older image, if none was stored here.
     async fn or_older(&mut self, newest: Newest, content: &mut [u8; CONTENT]) -> Newest {
         match &mut self.older {
             Some(older) if !self.settings.has_begun() => {

@@ -18,41 +18,25 @@ pub struct Trial {
 impl Trial {
     /// Every trial.
     pub const ALL: [Self; 4] = [
-        Self {
-            name: "default",
-            cycles: 500,
-            scene: powered,
-        },
-        Self {
-            name: "eventful",
-            cycles: 500,
-            scene: eventful,
-        },
-        Self {
-            name: "scattering",
-            cycles: 250,
-            scene: scattering,
-        },
-        Self {
-            name: "two-tones",
-            cycles: 200,
-            scene: two_tones,
-        },
+        Self::new("default", 500, powered),
+        Self::new("eventful", 500, eventful),
+        Self::new("scattering", 250, scattering),
+        Self::new("two-tones", 200, two_tones),
     ];
 
     /// The default scene with its drive off, without end.
-    pub const LINK: Self = Self {
-        name: "link",
-        cycles: u32::MAX,
-        scene: linked,
-    };
+    pub const LINK: Self = Self::new("link", u32::MAX, linked);
 
     /// The default scene, without end.
-    pub const RUN: Self = Self {
-        name: "run",
-        cycles: u32::MAX,
-        scene: running,
-    };
+    pub const RUN: Self = Self::new("run", u32::MAX, running);
+
+    const fn new(name: &'static str, cycles: u32, scene: fn() -> Scene) -> Self {
+        Self {
+            name,
+            cycles,
+            scene,
+        }
+    }
 
     /// The trial of this name.
     pub fn named(name: &str) -> Option<Self> {
@@ -69,14 +53,17 @@ impl Trial {
 /// before starts nothing.
 fn powered() -> Scene {
     let changes = [(0.0, Change::Enable(false)), (0.1, Change::Enable(true))];
-    Scene {
+    let mut scene = Scene {
         start: StartCause::PowerOn,
-        disturbances: changes
-            .map(|(at, change)| Disturbance { at, change })
-            .into_iter()
-            .collect(),
         ..Scene::default()
-    }
+    };
+    disturb(&mut scene, changes);
+    scene
+}
+
+fn disturb<const COUNT: usize>(scene: &mut Scene, changes: [(f64, Change); COUNT]) {
+    let changes = changes.map(|(at, change)| Disturbance { at, change });
+    scene.disturbances.extend(changes);
 }
 
 /// Parts with scattered restitution, the second more than the first; from 3 s both scatter more.
@@ -87,11 +74,7 @@ fn scattering() -> Scene {
     scene.scatter = [0.05, 0.1].into_iter().collect();
     // Loud enough to affect the measured amplitude.
     scene.sensor.ringing = 100.0;
-    let more = Disturbance {
-        at: 3.0,
-        change: Change::Scatter(0.15),
-    };
-    scene.disturbances.extend([more]);
+    disturb(&mut scene, [(3.0, Change::Scatter(0.15))]);
     scene
 }
 
@@ -120,10 +103,7 @@ fn geared(mut scene: Scene) -> Scene {
 fn linked() -> Scene {
     let mut scene = geared(Scene::default());
     let changes = [Change::Link(false), Change::Enable(false)];
-    scene.disturbances = changes
-        .map(|change| Disturbance { at: 0.0, change })
-        .into_iter()
-        .collect();
+    disturb(&mut scene, changes.map(|change| (0.0, change)));
     scene
 }
 
@@ -155,9 +135,7 @@ fn eventful() -> Scene {
         (9.015, Change::SensorLost(true)),
         (9.515, Change::Enable(false)),
     ];
-    scene
-        .disturbances
-        .extend(changes.map(|(at, change)| Disturbance { at, change }));
+    disturb(&mut scene, changes);
     scene
 }
 
@@ -169,24 +147,13 @@ pub struct TraceRow<'a>(pub &'a Report);
 impl fmt::Display for TraceRow<'_> {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let report = self.0;
-        write!(
-            formatter,
-            "{} {:08x} {:08x} {:08x}",
-            report.cycle,
-            report.k.to_bits(),
-            report.lead.to_bits(),
-            report.command.amplitude.to_bits(),
-        )?;
+        write!(formatter, "{}", report.cycle)?;
+        let tones = report.shape.numbers().into_iter();
         let overtones = report.command.overtones;
-        for (tone, output) in report.shape.tones().into_iter().zip(overtones) {
-            write!(
-                formatter,
-                " {:08x} {:08x} {:08x} {:08x}",
-                tone.ratio.to_bits(),
-                tone.phase.to_bits(),
-                output.sine.to_bits(),
-                output.cosine.to_bits(),
-            )?;
+        let tones = tones.zip(overtones.map(|output| [output.sine, output.cosine]));
+        let first = [report.k, report.lead, report.command.amplitude];
+        for number in (first.into_iter()).chain(tones.flat_map(|(a, b)| a.into_iter().chain(b))) {
+            write!(formatter, " {:08x}", number.to_bits())?;
         }
         write!(
             formatter,

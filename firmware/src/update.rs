@@ -1,12 +1,10 @@
 //! Update of the firmware over the link, into a slot of the flash.
 //!
-//! The image is written to the slot while the drive is at rest, and its enable is withheld. Its
-//! signature (Ed25519, RFC 8032) is that of the SHA-512 of image and board's name. A correct one
-//! marks the slot and restarts the board. The loader swaps the slots, and the new image is on trial
-//! until the desk confirms it. A restart before that brings the previous image back.
-//!
-//! A chip with one slot restarts into its loader instead, which takes the image
-//! ([`kband_loader::one_slot`]).
+//! The image is written to the slot while the drive is at rest, its enable withheld. Its signature
+//! (Ed25519, RFC 8032) is of the SHA-512 of image and board's name. A correct one marks the slot
+//! and restarts the board: the loader swaps the slots, and the new image is on trial until the desk
+//! confirms it. A restart before that brings the previous image back. A chip with one slot restarts
+//! into its loader, which takes the image ([`kband_loader::one_slot`]).
 
 use embassy_futures::yield_now;
 use kband_control::wire::{
@@ -121,8 +119,7 @@ impl Update {
         }
     }
 
-    /// Ends a drive cycle: restarts a board with a marked slot half a second after its answer, and
-    /// one whose image was not confirmed in time.
+    /// Ends a drive cycle: restarts a board with a marked slot, or an unconfirmed image.
     pub fn tick(&mut self, station: &Station) {
         let is_due = match &mut self.progress {
             Progress::Marked { cycles } => {
@@ -227,7 +224,6 @@ impl Update {
         Ok(UpdateAnswer::Done)
     }
 
-    /// The second slot, for an update that was begun.
     fn second_slot(&self) -> Result<SecondSlot, UpdateRefusal> {
         match self.slot.map(|slot| slot.writer) {
             Some(Writer::Program(second)) => Ok(second),

@@ -6,7 +6,6 @@ use kband_control::wire::crc32;
 
 /// Size of a record, bytes.
 pub const RECORD_SIZE: usize = 24;
-/// Number of records that may wait.
 const MAX_RECORDS: usize = 4;
 /// Added to the checksum, so that RAM of zeros holds no record.
 const MARK: u32 = 0x6b62_5746;
@@ -103,10 +102,8 @@ mod tests {
         for byte in [0, 0xff, 0xa5] {
             let check = u32::from_le_bytes([byte; 4]);
             let content = [byte; RECORD_SIZE];
-            assert_eq!(
-                Waiting([Entry { content, check }; MAX_RECORDS]).first(),
-                None
-            );
+            let found = Waiting([Entry { content, check }; MAX_RECORDS]).first();
+            assert_eq!(found, None);
         }
     }
 }

@@ -13,6 +13,8 @@ pub mod layout;
 pub mod note;
 #[cfg(feature = "one_slot")]
 pub mod one_slot;
+#[cfg(target_os = "none")]
+pub mod registers;
 
 use embassy_boot::BlockingFirmwareState;
 use embedded_storage::nor_flash::{
@@ -72,17 +74,15 @@ impl<F: NorFlash> StatePages<F> {
     /// Marks the slot of an update: the next start swaps the slots. Returns whether it is marked.
     pub fn mark(&mut self) -> bool {
         let mut word = [0; WORD as usize];
-        BlockingFirmwareState::new(self, &mut word)
-            .mark_updated()
-            .is_ok()
+        let mut state = BlockingFirmwareState::new(self, &mut word);
+        state.mark_updated().is_ok()
     }
 
     /// Confirms the running image: the next start takes no update back. Returns whether it did.
     pub fn confirm(&mut self) -> bool {
         let mut word = [0; WORD as usize];
-        BlockingFirmwareState::new(self, &mut word)
-            .mark_booted()
-            .is_ok()
+        let mut state = BlockingFirmwareState::new(self, &mut word);
+        state.mark_booted().is_ok()
     }
 
     /// Whether the next start swaps the slots or takes an update back. The running image is on trial

@@ -252,15 +252,12 @@ impl<M: Memory> OneSlot<M> {
         (read && whole == KEY_WRITTEN).then_some(key)
     }
 
-    /// Stores a key that is not stored yet.
     fn keep_key(&mut self, key: &[u8; 32]) -> bool {
         if self.stored_key() == Some(*key) {
             return true;
         }
         let (words, _) = key.as_chunks();
-        let mut words = (KEY..)
-            .step_by(WORD)
-            .zip(words.iter().chain([&KEY_WRITTEN]));
+        let mut words = ((KEY..).step_by(WORD)).zip(words.iter().chain([&KEY_WRITTEN]));
         self.memory.erase(KEY)
             && words.all(|(address, word)| program(&mut self.memory, address, word))
     }

@@ -22,7 +22,6 @@ pub struct BusLine {
     owner: AtomicU8,
     /// Number of bytes received, or to be sent.
     length: AtomicU32,
-    /// Number of bytes sent.
     sent: AtomicU32,
     /// Time of the last byte, us.
     last: AtomicU32,
@@ -34,15 +33,9 @@ pub struct BusLine {
     waker: AtomicWaker,
 }
 
-impl Default for BusLine {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl BusLine {
     /// A line that listens.
-    pub const fn new() -> Self {
+    pub const fn listening() -> Self {
         Self {
             owner: AtomicU8::new(RECEIVING),
             length: AtomicU32::new(0),
@@ -199,7 +192,7 @@ mod tests {
     }
 
     fn line() -> BusLine {
-        let line = BusLine::new();
+        let line = BusLine::listening();
         line.restart(SILENCE);
         line
     }

@@ -1,10 +1,10 @@
 //! The board behind the registers.
 
 use kband_bus::{Authority, Exception, Machine, Seen};
-use kband_control::wire::{Access, Record, Telemetry};
+use kband_control::wire::{Access, Record, Refusal, Telemetry};
 use kband_control::{Settings, Target};
 
-use crate::station::{RecipeRefused, SettingsRefused, Station};
+use crate::station::Station;
 
 /// A station as the server of the bus sees it.
 pub struct Registers<'a> {
@@ -49,35 +49,27 @@ impl Machine for Registers<'_> {
     }
 
     fn set_target(&mut self, target: Target) -> Result<(), Exception> {
-        self.station
-            .set_target(target)
-            .map_err(|_| Exception::Value)
+        self.station.set_target(target).map_err(exception)
     }
 
     fn set_settings(&mut self, settings: &Settings) -> Result<(), Exception> {
-        self.station
-            .set_settings(settings)
-            .map_err(|refused| match refused {
-                SettingsRefused::Running => Exception::Busy,
-                SettingsRefused::OutOfRange(_) => Exception::Value,
-            })
+        self.station.set_settings(settings).map_err(exception)
     }
 
     fn save(&mut self) -> Result<(), Exception> {
-        if self.station.request_save() {
-            Ok(())
-        } else {
-            Err(Exception::Busy)
-        }
+        let requested = self.station.request_save();
+        requested.then_some(()).ok_or(Exception::Busy)
     }
 
     fn select_recipe(&mut self, recipe: u16) -> Result<(), Exception> {
         let number = u8::try_from(recipe).map_err(|_| Exception::Value)?;
-        self.station
-            .use_recipe(number)
-            .map_err(|refused| match refused {
-                RecipeRefused::Running => Exception::Busy,
-                RecipeRefused::Missing | RecipeRefused::OutOfRange(_) => Exception::Value,
-            })
+        self.station.use_recipe(number).map_err(exception)
+    }
+}
+
+fn exception(refusal: Refusal<'_>) -> Exception {
+    match refusal {
+        Refusal::Running => Exception::Busy,
+        _ => Exception::Value,
     }
 }

@@ -19,12 +19,10 @@ use super::*;
 use crate::exchange::Exchange;
 use crate::last_words::LastWords;
 use crate::store::{Condition, Found};
+use crate::testing::with;
 
-/// Unit of the board.
 const UNIT: u8 = 17;
-/// Register of the fault.
 const FAULT: u16 = 6;
-/// Register of the request to save.
 const SAVE: u16 = 9;
 
 /// A board with its bus, without a task.
@@ -40,7 +38,7 @@ impl Board {
     }
 
     fn started(bus: f32, start: StartCause) -> Self {
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let found = Found {
             settings: Settings {
                 bus,
@@ -68,10 +66,7 @@ impl Board {
     fn cycle_with(&self, inputs: Inputs) -> Report {
         let mut cycle = Cycle::default();
         (cycle.low, cycle.high, cycle.samples) = (2040, 2056, 400);
-        let inputs = Inputs {
-            enable: self.enable,
-            ..inputs
-        };
+        let inputs = with(inputs, |it| it.enable = self.enable);
         self.station.cycle(&cycle, inputs).unwrap()
     }
 
@@ -203,10 +198,7 @@ fn a_cause_that_lasts_is_not_acknowledged() {
     let mut board = Board::new(2.0);
     board.control(0);
     board.control(1);
-    let hot = Inputs {
-        over_temperature: true,
-        ..Inputs::default()
-    };
+    let hot = with(Inputs::default(), |it| it.over_temperature = true);
     assert_eq!(board.cycle_with(hot).fault, Some(Fault::OverTemperature));
     board.write(0, 0);
     board.cycle_with(hot);
@@ -256,10 +248,7 @@ fn a_save_waits_for_the_link_and_for_the_lock() {
 fn control_that_passes_to_the_enable_input_starts_nothing() {
     let mut board = Board::new(1.0);
     board.control(0);
-    let local = Settings {
-        bus: 0.0,
-        ..board.station.settings()
-    };
+    let local = with(board.station.settings(), |it| it.bus = 0.0);
     board.station.set_settings(&local).unwrap();
     for _ in 0..10 {
         assert_eq!(board.cycle().state, State::Off);
@@ -317,7 +306,7 @@ impl BusPort for Port {
 #[test]
 fn the_task_answers_its_unit_and_follows_the_settings() {
     let board = Board::new(1.0);
-    let line = BusLine::new();
+    let line = BusLine::listening();
     line.restart(1000);
     let port = Port::default();
     let mut task = pin!(bus(&line, port.clone(), &board.station, "kband test"));
@@ -362,15 +351,9 @@ fn the_task_answers_its_unit_and_follows_the_settings() {
     settings.bus_address = 0.0;
     board.station.set_settings(&settings).unwrap();
     poll();
-    let other = LineConfig {
-        baud: 9_600,
-        parity: Parity::None,
-        ..config
-    };
-    assert_eq!(
-        port.configured.borrow()[..],
-        [Some(config), Some(other), None]
-    );
+    let other = with(config, |it| (it.baud, it.parity) = (9_600, Parity::None));
+    let wanted = [Some(config), Some(other), None];
+    assert_eq!(wanted, port.configured.borrow()[..]);
 }
 
 #[test]
@@ -478,10 +461,7 @@ fn a_locked_link_reads_the_registers_only() {
 
 #[test]
 fn register_8_selects_a_recipe_where_the_bus_is_in_control() {
-    let settings = Settings {
-        restitution_high: 0.3,
-        ..Settings::default()
-    };
+    let settings = with(Settings::default(), |it| it.restitution_high = 0.3);
     let recipe = (
         RecipeName::parse("caps").unwrap(),
         Recipe::of(Target::K(0.5), &settings),

@@ -9,7 +9,7 @@ use std::vec::Vec;
 
 use embassy_futures::block_on;
 use kband_control::wire::{
-    KeptFault, Outgoing, Stored, read_answer, write_question, write_request,
+    KeptFault, Outgoing, Status, Stored, read_answer, write_question, write_request,
 };
 use kband_control::{Cycle, Event, Inputs, Recipe, RecipeName, StartCause, State, Target};
 
@@ -18,8 +18,8 @@ use crate::exchange::Exchange;
 use crate::last_words::LastWords;
 use crate::recipes::Recipes;
 use crate::store::{Found, StoreFailed};
+use crate::testing::with;
 
-/// A store in RAM.
 pub(crate) struct Memory {
     found: Found,
     recipes: Recipes,
@@ -55,8 +55,7 @@ impl Store for Memory {
             settings: *settings,
             target,
             pin,
-            condition: Condition::Whole,
-            added: 0,
+            ..Found::none(Condition::Whole)
         };
         Ok(())
     }
@@ -98,11 +97,8 @@ impl Store for Memory {
 }
 
 const FOUND: fn(Condition) -> Found = |condition| Found {
-    settings: Settings::default(),
     target: Target::Locked { order: 1 },
-    pin: None,
-    condition,
-    added: 0,
+    ..Found::none(condition)
 };
 
 const IMAGE: Image = Image {
@@ -127,12 +123,8 @@ pub(crate) struct Board {
     mean: f32,
 }
 
-/// A board with these settings saved.
 pub(crate) fn board_with(settings: Settings) -> Board {
-    Board::with(Found {
-        settings,
-        ..FOUND(Condition::Whole)
-    })
+    Board::with(with(FOUND(Condition::Whole), |it| it.settings = settings))
 }
 
 impl Board {
@@ -149,7 +141,7 @@ impl Board {
     }
 
     fn of(image: Image, found: Found, start: StartCause) -> Self {
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::new()));
+        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let mut words = LastWords::EMPTY;
         words.keep(format_args!("panic at lib.rs:7"));
         let controller = Station::controller(&found, start).unwrap();
@@ -164,10 +156,7 @@ impl Board {
 
     /// Runs one drive cycle with the track at rest and returns its telemetry.
     pub fn cycle(&mut self) -> Option<Vec<u8>> {
-        let inputs = Inputs {
-            enable: self.enable,
-            ..Inputs::default()
-        };
+        let inputs = with(Inputs::default(), |it| it.enable = self.enable);
         // Readings of a working sensor.
         let mut cycle = Cycle::default();
         (cycle.low, cycle.high) = (2040, 2056);
@@ -176,7 +165,6 @@ impl Board {
         self.service.tick(&self.station).map(<[u8]>::to_vec)
     }
 
-    /// Sends these bytes and returns the answers.
     fn send(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         bytes
             .iter()
@@ -196,6 +184,43 @@ impl Board {
             assert_eq!(sequence, 7);
             look(response)
         })
+    }
+
+    fn self_test(&mut self) -> SelfTest {
+        self.ask(&Request::SelfTest, |response| match response {
+            Response::SelfTest(test) => test,
+            other => panic!("{other:?}"),
+        })
+    }
+
+    fn status(&mut self) -> Status {
+        self.ask(&Request::Status, |response| match response {
+            Response::Status(status) => status,
+            other => panic!("{other:?}"),
+        })
+    }
+
+    /// Requires that a number of this parameter is refused.
+    fn out_of_range(&mut self, request: &Request<'_>, named: &str) {
+        self.ask(request, |response| match response {
+            Response::Refused(Refusal::OutOfRange {
+                parameter,
+                accepted,
+            }) => assert!(parameter == named && !accepted.is_empty(), "{parameter}"),
+            other => panic!("{other:?}"),
+        });
+    }
+
+    fn cycles(&mut self, count: u32) {
+        (0..count).for_each(|_| drop(self.cycle()));
+    }
+
+    fn keep_fault(&mut self) {
+        block_on(self.service.keep_fault(&self.station));
+    }
+
+    fn state(&self) -> State {
+        self.station.report().state
     }
 
     pub fn done(&mut self, request: &Request<'_>) {
@@ -228,56 +253,35 @@ mod update;
 #[test]
 fn settings_are_read_changed_and_saved_at_rest() {
     let mut board = Board::new();
-    let frequency = |response: Response<'_>| match response {
-        Response::Setting(setting) => (setting.key == "frequency", setting.value),
-        other => panic!("{other:?}"),
+    let frequency = |board: &mut Board, request: &Request<'_>| {
+        board.ask(request, |response| match response {
+            Response::Setting(setting) => (setting.key == "frequency", setting.value),
+            other => panic!("{other:?}"),
+        })
     };
-    assert_eq!(
-        board.ask(&Request::Get("frequency"), frequency),
-        (true, 50.0)
-    );
-    assert_eq!(board.ask(&Request::Setting(0), frequency), (true, 50.0));
+    let by_key = Request::Get("frequency");
+    for request in [by_key, Request::Setting(0)] {
+        assert_eq!(frequency(&mut board, &request), (true, 50.0));
+    }
     let set = |value| Request::set("frequency", value);
     board.done(&set(60.0));
-    assert_eq!(
-        board.ask(&Request::Get("frequency"), frequency),
-        (true, 60.0)
-    );
+    assert_eq!(frequency(&mut board, &by_key), (true, 60.0));
     assert_eq!(board.service.store.found.settings.frequency, 50.0);
-    board.ask(&Request::SelfTest, |response| match response {
-        Response::SelfTest(test) => {
-            assert!(
-                test.sensor && test.settings == Kept::Others && test.stack_free == 1000,
-                "{test:?}"
-            );
-        }
-        other => panic!("{other:?}"),
-    });
+    let test = board.self_test();
+    assert!(test.sensor && test.stack_free == 1000, "{test:?}");
+    assert_eq!(test.settings, Kept::Others);
     board.done(&Request::Save);
     assert_eq!(board.service.store.found.settings.frequency, 60.0);
     board.done(&Request::Defaults);
-    assert_eq!(
-        board.ask(&Request::Get("frequency"), frequency),
-        (true, 50.0)
-    );
+    assert_eq!(frequency(&mut board, &by_key), (true, 50.0));
     for value in [4.9, 501.0, f32::NAN, f32::INFINITY] {
-        board.ask(&set(value), |response| match response {
-            Response::Refused(Refusal::OutOfRange { parameter, .. }) => {
-                assert_eq!(parameter, "frequency");
-            }
-            other => panic!("{other:?}"),
-        });
+        board.out_of_range(&set(value), "frequency");
     }
     board.refused(&Request::Get("frequence"), Refusal::Unknown);
     board.refused(&Request::Setting(200), Refusal::Unknown);
     // The bounds together must keep their order.
     let reversed = Request::set("restitution_high", 0.1);
-    board.ask(&reversed, |response| match response {
-        Response::Refused(Refusal::OutOfRange { parameter, .. }) => {
-            assert_eq!(parameter, "restitution_high");
-        }
-        other => panic!("{other:?}"),
-    });
+    board.out_of_range(&reversed, "restitution_high");
 }
 
 #[test]
@@ -285,7 +289,7 @@ fn a_running_drive_is_not_worked_on_but_obeys() {
     let mut board = Board::new();
     board.enable = true;
     board.cycle();
-    assert_eq!(board.station.report().state, State::Starting);
+    assert_eq!(board.state(), State::Starting);
     for request in [
         Request::set("frequency", 60.0),
         Request::Save,
@@ -304,27 +308,14 @@ fn a_running_drive_is_not_worked_on_but_obeys() {
     held(&mut board, Target::Locked { order: 1 });
     board.done(&Request::Target(Target::K(0.5)));
     held(&mut board, Target::K(0.5));
-    board.ask(&Request::Target(Target::K(f32::NAN)), |response| {
-        assert!(matches!(
-            response,
-            Response::Refused(Refusal::OutOfRange { .. })
-        ));
-    });
+    board.out_of_range(&Request::Target(Target::K(f32::NAN)), "target k");
     held(&mut board, Target::K(0.5));
-    let permitted = |board: &mut Board, permitted: bool| {
-        board.ask(&Request::Status, |response| match response {
-            Response::Status(status) => {
-                assert!(status.inputs.enable && !status.inputs.over_temperature);
-                assert_eq!(status.permitted, permitted);
-            }
-            other => panic!("{other:?}"),
-        });
-    };
-    permitted(&mut board, true);
+    let status = board.status();
+    assert!(status.inputs.enable && !status.inputs.over_temperature && status.permitted);
     board.done(&Request::Enable(false));
-    permitted(&mut board, false);
+    assert!(!board.status().permitted);
     board.cycle();
-    assert_eq!(board.station.report().state, State::Stopping);
+    assert_eq!(board.state(), State::Stopping);
     board.ask(&Request::Event(0), |response| match response {
         Response::Event(Some(record)) => assert_eq!(record.number, 0),
         other => panic!("{other:?}"),
@@ -347,10 +338,10 @@ fn a_drive_that_is_stopping_is_not_at_rest() {
     ] {
         let mut board = Board::new();
         board.enable = true;
-        (0..10).for_each(|_| drop(board.cycle()));
+        board.cycles(10);
         board.enable = false;
         board.refused(&request, Refusal::Running);
-        assert_eq!(board.station.report().state, State::Stopping);
+        assert_eq!(board.state(), State::Stopping);
     }
 }
 
@@ -359,10 +350,7 @@ fn sensor_above_gravity_at_rest_fails_the_self_test() {
     let mut board = Board::new();
     for (mean, sound) in [(9.8, true), (-9.8, true), (12.0, false), (-12.0, false)] {
         board.mean = mean;
-        board.ask(&Request::SelfTest, |response| match response {
-            Response::SelfTest(test) => assert_eq!(test.sensor, sound, "{mean}"),
-            other => panic!("{other:?}"),
-        });
+        assert_eq!(board.self_test().sensor, sound, "{mean}");
     }
 }
 
@@ -399,9 +387,7 @@ impl Line for Stuck<'_> {
 fn an_answer_waits_100_ms_and_telemetry_does_not_wait() {
     let board = Board::new();
     let mut buffer = [0; MAX_FRAME_BYTES];
-    let frame = write_request(&mut buffer, 1, &Request::Alive)
-        .unwrap()
-        .to_vec();
+    let frame = (write_request(&mut buffer, 1, &Request::Alive).unwrap()).to_vec();
     let waited = Cell::new(0);
     let line = Stuck {
         frame: &frame,
@@ -654,14 +640,8 @@ fn readings_across_a_cycle_end_are_refused() {
 fn a_silent_simulation_ends() {
     let mut board = Board::new();
     board.done(&SIMULATE);
-    let second = Cycle {
-        samples: 20_000,
-        ..Cycle::default()
-    };
-    let inputs = Inputs {
-        enable: true,
-        ..Inputs::default()
-    };
+    let second = with(Cycle::default(), |it| it.samples = 20_000);
+    let inputs = with(Inputs::default(), |it| it.enable = true);
     let silent = (0..60).take_while(|_| board.station.cycle(&second, inputs).is_none());
     assert_eq!(silent.count(), 10);
     // Off, and not because of an earlier enable input.
@@ -686,12 +666,12 @@ fn no_fault_is_kept_while_the_drive_runs() {
         board.enable = !(2..35).contains(&cycle);
         board.cycle();
     }
-    assert_eq!(board.station.report().state, State::Starting);
-    block_on(board.service.keep_fault(&board.station));
+    assert_eq!(board.state(), State::Starting);
+    board.keep_fault();
     assert!(board.service.store.faults.is_empty());
     board.enable = false;
-    (0..100).for_each(|_| drop(board.cycle()));
-    block_on(board.service.keep_fault(&board.station));
+    board.cycles(100);
+    board.keep_fault();
     assert_eq!(board.service.store.faults.len(), 1);
 }
 
@@ -715,16 +695,12 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
         };
         let invalid = Some(kband_control::Fault::SettingsInvalid);
         assert_eq!(fault(&mut board), invalid);
-        let settings = |response: Response<'_>| match response {
-            Response::SelfTest(test) => test.settings,
-            other => panic!("{other:?}"),
-        };
-        assert_eq!(board.ask(&Request::SelfTest, settings), kept);
+        assert_eq!(board.self_test().settings, kept);
         board.done(&Request::set("gain", 2.0));
         board.done(&Request::Target(Target::K(0.5)));
         assert_eq!(fault(&mut board), invalid);
         board.done(&Request::Save);
-        assert_eq!(board.ask(&Request::SelfTest, settings), Kept::InUse);
+        assert_eq!(board.self_test().settings, Kept::InUse);
         let found = board.service.store.found;
         assert_eq!((found.settings.gain, found.target), (2.0, Target::K(0.5)));
         assert_eq!(fault(&mut board), None);
@@ -743,7 +719,7 @@ fn defaults_drive_nothing_until_settings_are_saved() {
         }
         let report = board.station.report();
         board.enable = false;
-        (0..100).for_each(|_| drop(board.cycle()));
+        board.cycles(100);
         (report.state, report.fault)
     };
     board.done(&Request::Save);
@@ -774,8 +750,8 @@ fn a_fault_is_kept_beyond_a_loss_of_power() {
         board.station.report().fault.is_some()
     });
     assert!(until.is_some());
-    block_on(board.service.keep_fault(&board.station));
-    block_on(board.service.keep_fault(&board.station));
+    board.keep_fault();
+    board.keep_fault();
     let number = (board.station.report().fault).map(kband_control::Fault::number);
     board.ask(&Request::Fault(0), |response| match response {
         Response::Fault(Some(kept)) => {

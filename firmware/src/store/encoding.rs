@@ -8,12 +8,10 @@ use kband_control::{Settings, Shape, Target, UpperTone};
 
 /// Size of a setting, bytes.
 pub const PAIR: usize = 6;
-/// Number of settings.
 pub const COUNT: usize = Settings::KEYS.len();
 
 /// Hash of a setting's key: FNV-1a of 32 bits, folded to 16.
-pub const fn hash(key: &str) -> u16 {
-    let name = key.as_bytes();
+pub const fn hash(name: &[u8]) -> u16 {
     let mut sum = 0x811c_9dc5_u32;
     let mut at = 0;
     while at < name.len() {
@@ -28,7 +26,7 @@ pub const HASHES: [u16; COUNT] = {
     let mut hashes = [0; COUNT];
     let mut key = 0;
     while key < COUNT {
-        hashes[key] = hash(Settings::KEYS[key].name);
+        hashes[key] = hash(Settings::KEYS[key].name.as_bytes());
         key += 1;
     }
     hashes
@@ -97,9 +95,7 @@ pub fn target_words(target: Target) -> impl Iterator<Item = u32> {
     };
     let tones = tones.tones();
     let tones = tones.map(|tone| [tone.ratio.to_bits(), tone.phase.to_bits()]);
-    [kind, number]
-        .into_iter()
-        .chain(tones.into_iter().flatten())
+    ([kind, number].into_iter()).chain(tones.into_iter().flatten())
 }
 
 impl Words<'_> {

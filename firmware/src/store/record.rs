@@ -1,8 +1,8 @@
 //! The bytes of a record: settings, target, PIN and the public key of updates.
 //!
-//! A record names each setting by a hash of its key. A key that the record lacks gets its default:
-//! the default of a key that is added must not change what the drive does. A key that this firmware
-//! does not know is of a newer one: the record stays as it is, and the drive stays off.
+//! A record names each setting by a hash of its key. A key that the record lacks gets its default,
+//! so the default of a new key must not change what the drive does. With a key that this firmware
+//! does not know, the record stays as it is, and the drive stays off.
 //!
 //! | bytes | content |
 //! |---|---|
@@ -24,8 +24,7 @@ use super::encoding::{COUNT, HASHES, PAIR, Words, hash, pairs, put, put_pairs, t
 use super::{CONTENT, Condition, Found, version_3};
 use crate::recipes;
 
-/// Version of a record's format and meaning; raised when a setting keeps its name and changes its
-/// meaning.
+/// Version of a record's format and meaning; raised when a setting changes its meaning.
 const VERSION: u32 = 4;
 /// Largest version that a newer firmware may write.
 const LAST_VERSION: u32 = 0xffff;
@@ -34,16 +33,14 @@ pub const HEAD: usize = 36;
 /// Size of settings, target, PIN and key, bytes: 61 pairs, 8 more than there are.
 pub const SIZE: usize = CONTENT - recipes::SIZE;
 /// Hashes of the names of the words of the public key of updates; a record has all or none.
-pub const KEY_HASHES: [u16; 8] = [
-    hash("update_key_0"),
-    hash("update_key_1"),
-    hash("update_key_2"),
-    hash("update_key_3"),
-    hash("update_key_4"),
-    hash("update_key_5"),
-    hash("update_key_6"),
-    hash("update_key_7"),
-];
+pub const KEY_HASHES: [u16; 8] = {
+    let (mut hashes, mut word, mut name) = ([0; 8], 0, *b"update_key_0");
+    while word < hashes.len() {
+        hashes[word] = hash(&name);
+        (word, name[11]) = (word + 1, name[11] + 1);
+    }
+    hashes
+};
 
 const _: () = assert!(HEAD + PAIR * (COUNT + KEY_HASHES.len()) <= SIZE);
 // `Found::added` has a bit for each setting.

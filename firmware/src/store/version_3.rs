@@ -10,55 +10,31 @@ pub const SLOT: usize = 256;
 /// First word of a record: hash of the version, the keys and their order.
 pub const SCHEMA: u32 = 0x4558_79e3;
 
-/// Hashes of the keys in the order of their values.
+/// The keys in the order of their values.
+const NAMES: &str = "frequency incline amplitude_ratio phase_lead gravity restitution_low \
+        restitution_high scatter tangential_restitution resonance quality gain \
+        output_maximum amplitude_limit acceleration_limit safe_amplitude soft_start \
+        soft_stop envelope amplitude_error capture_attempts sensitivity sensor_zero \
+        converter_reference converter_bits link_timeout tracking second_tone second_gain \
+        second_lag third_tone third_gain third_lag track_mass track_length sensor_rest \
+        gain_tolerance load_tolerance current_sensitivity current_gain";
+
+/// Their hashes.
 const KEYS: [u16; 40] = {
-    let names = [
-        "frequency",
-        "incline",
-        "amplitude_ratio",
-        "phase_lead",
-        "gravity",
-        "restitution_low",
-        "restitution_high",
-        "scatter",
-        "tangential_restitution",
-        "resonance",
-        "quality",
-        "gain",
-        "output_maximum",
-        "amplitude_limit",
-        "acceleration_limit",
-        "safe_amplitude",
-        "soft_start",
-        "soft_stop",
-        "envelope",
-        "amplitude_error",
-        "capture_attempts",
-        "sensitivity",
-        "sensor_zero",
-        "converter_reference",
-        "converter_bits",
-        "link_timeout",
-        "tracking",
-        "second_tone",
-        "second_gain",
-        "second_lag",
-        "third_tone",
-        "third_gain",
-        "third_lag",
-        "track_mass",
-        "track_length",
-        "sensor_rest",
-        "gain_tolerance",
-        "load_tolerance",
-        "current_sensitivity",
-        "current_gain",
-    ];
-    let mut hashes = [0; 40];
-    let mut key = 0;
-    while key < hashes.len() {
-        hashes[key] = hash(names[key]);
-        key += 1;
+    let (mut hashes, mut key, mut names) = ([0; 40], 0, NAMES.as_bytes());
+    let mut end = 0;
+    while end <= names.len() {
+        if end == names.len() || names[end] == b' ' {
+            let (name, rest) = names.split_at(end);
+            hashes[key] = hash(name);
+            (key, end) = (key + 1, 0);
+            names = match rest {
+                [_, rest @ ..] => rest,
+                [] => break,
+            };
+        } else {
+            end += 1;
+        }
     }
     hashes
 };

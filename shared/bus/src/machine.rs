@@ -93,7 +93,6 @@ impl Seen<'_> {
         state == State::Off.number() || state == State::Fault.number()
     }
 
-    /// The status word.
     pub(crate) fn status_word(&self) -> u16 {
         let Self {
             telemetry, status, ..

@@ -8,7 +8,6 @@ const MAX_ORDER: u16 = 8;
 const GEAR: u16 = 0;
 /// Kind of a lock of order 0; the order is added.
 const LOCK: u16 = 16;
-/// Kind of a target k.
 const K: u16 = 32;
 /// Kind of a target amplitude in mm.
 const AMPLITUDE: u16 = 33;
@@ -18,7 +17,6 @@ const SPEED: u16 = 34;
 const FLOW: u16 = 35;
 /// Kind of a target in parts a minute.
 const PARTS: u16 = 36;
-/// Kind of the target chaos.
 const CHAOS: u16 = 48;
 
 /// Kind and number of a target. Targets that only the desk sets are of kind 0.

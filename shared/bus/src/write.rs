@@ -103,7 +103,6 @@ fn read_request(address: u16, bytes: &[u8], settings: &Settings) -> Result<Writt
     Ok(written)
 }
 
-/// Takes the content of one register.
 fn take(
     written: &mut Written,
     register: &Register,

@@ -41,19 +41,16 @@ impl BusCommand {
 pub struct Inputs {
     /// The enable input.
     pub enable: bool,
-    /// Whether the sample interrupt holds the drive off, by the enable input. The drive stops
-    /// without a ramp, or does not start.
+    /// Whether the sample interrupt holds the drive off: it stops without a ramp.
     #[serde(skip)]
     pub held_off: bool,
     /// Whether the enable input began to chatter since the last cycle.
     #[serde(skip)]
     pub chatters: bool,
-    /// Whether the link withholds the drive: it stops, or does not start, although the enable input
-    /// is on.
+    /// Whether the link withholds the drive, although the enable input is on.
     #[serde(skip)]
     pub withheld: bool,
-    /// Commands of the fieldbus, where it is in control; without it the enable input alone starts
-    /// the drive.
+    /// Commands of the fieldbus, where it is in control.
     #[serde(skip)]
     pub bus: Option<BusCommand>,
     /// The over-temperature input.

@@ -34,12 +34,12 @@ mod inputs;
 mod recipe;
 mod report;
 mod saturate;
-#[cfg(test)]
-mod seeded;
 mod settings;
 mod state;
 mod supervise;
 mod target;
+#[cfg(test)]
+mod testing;
 
 #[cfg(feature = "memo")]
 pub use aim::{GearPlanned, KickResult};

@@ -8,7 +8,6 @@ use kband::feeder::OutOfRange;
 
 /// Largest length of a recipe's name, bytes.
 const NAME_BYTES: usize = 14;
-/// Number of settings in a recipe.
 const VALUES: usize = 8;
 
 /// Name of a recipe: 1 to 14 printable characters of ASCII.
@@ -164,9 +163,7 @@ mod tests {
         assert_eq!(refused.parameter, "contact");
         let mut outside = recipe;
         outside.values[5] = 0.0;
-        assert_eq!(
-            outside.applied_to(&machine).unwrap_err().parameter,
-            "soft_stop"
-        );
+        let found = outside.applied_to(&machine).unwrap_err().parameter;
+        assert_eq!(found, "soft_stop");
     }
 }

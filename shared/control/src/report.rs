@@ -18,8 +18,7 @@ pub struct Report {
     pub amplitude: f32,
     /// Measured phase lead of the track before the output, in rad, -pi..pi.
     pub lead: f32,
-    /// Measured shape of the track's motion: amplitudes of its tones over the first one's, phases
-    /// relative to the track's, -pi..pi. A sine where the settings allow no upper tone.
+    /// Measured shape of the track's motion; a sine where the settings allow no upper tone.
     pub shape: Shape,
     /// Reference amplitude at the end of the cycle after next, in m.
     pub reference: f32,
@@ -37,27 +36,22 @@ pub struct Report {
     pub frequency: f32,
     /// Confidence that the parts are in the wanted lock, 0..1.
     pub confidence: f32,
-    /// Estimated share of the parts' time in gear, 0..=1, over some 256 cycles, for any number of
-    /// parts.
+    /// Estimated share of the parts' time in gear, 0..=1, over some 256 cycles.
     pub in_gear: f32,
-    /// Standard error of that share. It is infinite where the share is only a lower bound: before
-    /// enough impacts, or where the impacts fit no parts of the lot.
+    /// Standard error of that share; infinite where it is only a lower bound.
     pub in_gear_error: f32,
     /// Order (symbol r) of that gear: of the wanted lock or gear, else 1.
     pub gear: u8,
-    /// Mean drive cycles in gear until its loss: estimated for one part since the setpoint was
-    /// reached, else predicted for the lot. Infinite without either.
+    /// Mean drive cycles in gear until its loss: of one part, or predicted.
     pub to_loss: f32,
     /// Margin of the parts to losing gear; `None` without an estimate.
     pub margin: Option<GearMargin>,
-    /// Predicted share of the lot's time in gear at the setpoint, 0..1; 0 for a target other than
-    /// gear.
+    /// Predicted share of the lot's time in gear at the setpoint, 0..1; 0 for another target.
     pub expected_in_gear: f32,
     /// Gear band: lowest and highest k at which the lot's predicted share is within
     /// [`kband::regime::gear::GEAR_BAND_LOSS`] of the setpoint's; `None` without such a target.
     pub gear_band: Option<[f32; 2]>,
-    /// Load of the parts, estimated from the power that they absorb. `None` while they are not in
-    /// gear, or without a configured track mass.
+    /// Load of the parts, estimated from their power; `None` out of gear or without a track mass.
     pub load: Option<Load>,
     /// Kicks begun for the present target.
     pub attempts: u8,

@@ -21,7 +21,7 @@ use crate::desk;
 use crate::frames::{framed, framed_update, inside};
 use crate::store::Flash;
 
-static EXCHANGE: Exchange = Exchange::new();
+static EXCHANGE: Exchange = Exchange::empty();
 
 const IMAGE: Image = Image {
     identity: "kband fuzzed",

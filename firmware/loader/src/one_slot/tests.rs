@@ -67,10 +67,8 @@ impl Memory for Cells {
         let place = place(address, WORD);
         let before = &self.bytes[place.clone()];
         let erased = before == [0xff; WORD] && !self.torn.contains(&place.start) || self.left == 0;
-        assert!(
-            erased || *word == [0; WORD],
-            "{address:#x} is programmed twice"
-        );
+        let holds = erased || *word == [0; WORD];
+        assert!(holds, "{address:#x} is programmed twice");
         let works = self.works(place.clone());
         if works {
             self.bytes[place.clone()].copy_from_slice(word);
@@ -137,28 +135,38 @@ fn ask(slot: &mut OneSlot<Cells>, request: &UpdateRequest<'_>) -> Result<(), Upd
     }
 }
 
+fn signed<'a>(length: usize, sum: &'a [u8], signature: &'a [u8]) -> UpdateRequest<'a> {
+    UpdateRequest::Signed {
+        board: BOARD,
+        length: length as u32,
+        sum,
+        signature,
+    }
+}
+
 fn begin(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result<(), UpdateRefusal> {
     let sum = sum(image);
-    let request = UpdateRequest::Signed {
-        board: BOARD,
-        length: image.len() as u32,
-        sum: &sum,
-        signature: &keypair().sign(&sum).to_bytes(),
-    };
-    ask(slot, &request)
+    let signature = keypair().sign(&sum).to_bytes();
+    ask(slot, &signed(image.len(), &sum, &signature))
+}
+
+fn put(slot: &mut OneSlot<Cells>, offset: u32, bytes: &[u8]) -> Result<(), UpdateRefusal> {
+    ask(slot, &UpdateRequest::Bytes { offset, bytes })
 }
 
 fn send(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result<(), UpdateRefusal> {
-    for (offset, bytes) in (0..).step_by(256).zip(image.chunks(256)) {
-        ask(slot, &UpdateRequest::Bytes { offset, bytes })?;
-    }
-    Ok(())
+    let mut chunks = (0..).step_by(256).zip(image.chunks(256));
+    chunks.try_for_each(|(offset, bytes)| put(slot, offset, bytes))
+}
+
+fn end(slot: &mut OneSlot<Cells>) -> Result<(), UpdateRefusal> {
+    ask(slot, &UpdateRequest::End(&[]))
 }
 
 fn update(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result<(), UpdateRefusal> {
     begin(slot, image)?;
     send(slot, image)?;
-    ask(slot, &UpdateRequest::End(&[0; 64]))
+    end(slot)
 }
 
 fn holds(cells: &Cells, image: &[u8]) -> bool {
@@ -174,15 +182,11 @@ fn a_signed_image_replaces_the_program() {
     assert!(!slot.has_program(), "its mark is gone");
     send(&mut slot, &new).unwrap();
     // The last request comes twice, as after a lost answer.
-    let offset = (LENGTH - 4) as u32;
-    let bytes = &new[LENGTH - 4..];
-    assert_eq!(
-        ask(&mut slot, &UpdateRequest::Bytes { offset, bytes }),
-        Ok(())
-    );
+    let last = LENGTH - 4;
+    assert_eq!(put(&mut slot, last as u32, &new[last..]), Ok(()));
     assert!(!slot.has_program());
     for _ in 0..2 {
-        assert_eq!(ask(&mut slot, &UpdateRequest::End(&[])), Ok(()));
+        assert_eq!(end(&mut slot), Ok(()));
         assert!(slot.is_done() && slot.has_program());
     }
     assert!(holds(&slot.memory, &new));
@@ -194,65 +198,40 @@ fn the_old_program_stays_without_a_signed_hash_for_this_board() {
     let cells = flashed(&old);
     let (sum, wrong) = (sum(&new), [0; 64]);
     let signature = keypair().sign(&sum).to_bytes();
-    let signed = |board, length: usize, sum, signature| UpdateRequest::Signed {
-        board,
-        length: length as u32,
-        sum,
-        signature,
-    };
     let most = SLOT.len();
+    let bytes = UpdateRequest::Bytes {
+        offset: 0,
+        bytes: &new[..256],
+    };
+    let for_another = UpdateRequest::Signed {
+        board: "stm32f405rg",
+        length: LENGTH as u32,
+        sum: &sum,
+        signature: &signature,
+    };
+    use UpdateRefusal::*;
     for (request, why) in [
-        (
-            signed(BOARD, LENGTH, &sum, &wrong),
-            UpdateRefusal::Signature,
-        ),
-        (
-            signed(BOARD, LENGTH, &wrong, &signature),
-            UpdateRefusal::Signature,
-        ),
-        (
-            signed("stm32f405rg", LENGTH, &sum, &signature),
-            UpdateRefusal::OtherBoard,
-        ),
-        (
-            signed(BOARD, LENGTH, &sum[1..], &signature),
-            UpdateRefusal::Length,
-        ),
-        (
-            signed(BOARD, LENGTH, &sum, &signature[1..]),
-            UpdateRefusal::Length,
-        ),
-        (
-            signed(BOARD, LENGTH + 2, &sum, &signature),
-            UpdateRefusal::Length,
-        ),
-        (
-            signed(BOARD, most + 4, &sum, &signature),
-            UpdateRefusal::Length,
-        ),
-        (
-            signed(BOARD, END as usize + 4, &sum, &signature),
-            UpdateRefusal::Length,
-        ),
-        (UpdateRequest::End(&signature), UpdateRefusal::Order(0)),
-        (
-            UpdateRequest::Bytes {
-                offset: 0,
-                bytes: &new[..256],
-            },
-            UpdateRefusal::Order(0),
-        ),
+        (signed(LENGTH, &sum, &wrong), Signature),
+        (signed(LENGTH, &wrong, &signature), Signature),
+        (for_another, OtherBoard),
+        (signed(LENGTH, &sum[1..], &signature), Length),
+        (signed(LENGTH, &sum, &signature[1..]), Length),
+        (signed(LENGTH + 2, &sum, &signature), Length),
+        (signed(most + 4, &sum, &signature), Length),
+        (signed(END as usize + 4, &sum, &signature), Length),
+        (UpdateRequest::End(&signature), Order(0)),
+        (bytes, Order(0)),
     ] {
         let mut slot = requested(&cells);
         assert_eq!(ask(&mut slot, &request), Err(why), "{request:?}");
         assert!(slot.has_program() && slot.memory.used == 0);
     }
     let mut slot = requested(&cells);
-    let request = signed(BOARD, LENGTH, &sum, &signature);
+    let request = signed(LENGTH, &sum, &signature);
     let low = slot.answer(&request, false);
-    assert_eq!(low, UpdateAnswer::Refused(UpdateRefusal::SupplyLow));
+    assert_eq!(low, UpdateAnswer::Refused(SupplyLow));
     let mut keyless = OneSlot::new(cells, None);
-    assert_eq!(ask(&mut keyless, &request), Err(UpdateRefusal::NoKey));
+    assert_eq!(ask(&mut keyless, &request), Err(NoKey));
     assert_eq!(slot.memory.used + keyless.memory.used, 0);
 }
 
@@ -266,13 +245,9 @@ fn an_image_that_changes_on_the_line_or_is_cut_short_never_starts() {
         let mut slot = requested(&cells);
         begin(&mut slot, &new).unwrap();
         send(&mut slot, &other).unwrap();
-        let end = ask(&mut slot, &UpdateRequest::End(&[]));
-        assert_eq!(end, Err(UpdateRefusal::Signature));
+        assert_eq!(end(&mut slot), Err(UpdateRefusal::Signature));
         assert!(!slot.has_program() && !slot.is_done());
-        assert_eq!(
-            ask(&mut slot, &UpdateRequest::End(&[])),
-            Err(UpdateRefusal::Order(0))
-        );
+        assert_eq!(end(&mut slot), Err(UpdateRefusal::Order(0)));
     }
     let mut slot = requested(&cells);
     begin(&mut slot, &new).unwrap();
@@ -284,22 +259,13 @@ fn an_image_that_changes_on_the_line_or_is_cut_short_never_starts() {
         (u32::MAX, 4, UpdateRefusal::Length),
         (LENGTH as u32, 4, UpdateRefusal::Length),
     ] {
-        let bytes = &new[..size];
-        let refused = ask(&mut slot, &UpdateRequest::Bytes { offset, bytes });
+        let refused = put(&mut slot, offset, &new[..size]);
         assert_eq!(refused, Err(why), "{offset} {size}");
     }
-    let half = UpdateRequest::Bytes {
-        offset: 1024,
-        bytes: &new[..4],
-    };
-    assert_eq!(ask(&mut slot, &half), Ok(()));
-    let behind = UpdateRequest::Bytes {
-        offset: 1028,
-        bytes: &new[..4],
-    };
-    assert_eq!(ask(&mut slot, &behind), Err(UpdateRefusal::Length));
-    let end = ask(&mut slot, &UpdateRequest::End(&[]));
-    assert_eq!(end, Err(UpdateRefusal::Order(1028)));
+    assert_eq!(put(&mut slot, 1024, &new[..4]), Ok(()));
+    let behind = put(&mut slot, 1028, &new[..4]);
+    assert_eq!(behind, Err(UpdateRefusal::Length));
+    assert_eq!(end(&mut slot), Err(UpdateRefusal::Order(1028)));
     assert!(!slot.has_program());
     assert_eq!(update(&mut slot, &new), Ok(()), "begun again");
 }
@@ -335,10 +301,8 @@ fn a_damaged_program_does_not_start() {
         (END, SLOT.start + END),
         (END, SLOT.end),
     ] {
-        assert!(
-            !starts(&|cells| put(cells, offset, word)),
-            "{offset:#x} {word:#x}"
-        );
+        let started = starts(&|cells| put(cells, offset, word));
+        assert!(!started, "{offset:#x} {word:#x}");
     }
     assert!(!OneSlot::new(Cells::new(), None).has_program());
 }
@@ -389,23 +353,14 @@ fn another_key_of_the_program_replaces_the_stored_one() {
     assert_eq!(stored.key, Some(*keypair().public.as_bytes()));
     let used = slot.memory.used;
     begin(&mut slot, &new).unwrap();
-    assert_eq!(
-        slot.memory.used,
-        used + 2,
-        "the same key is not written again"
-    );
+    let written = slot.memory.used - used;
+    assert_eq!(written, 2, "the same key is not written again");
     let other = Keypair::from(&[8; 32]);
     let mut slot = OneSlot::new(slot.memory, Some(*other.public.as_bytes()));
     assert_eq!(begin(&mut slot, &new), Err(UpdateRefusal::Signature));
     let sum = sum(&new);
     let signature = other.sign(&sum).to_bytes();
-    let request = UpdateRequest::Signed {
-        board: BOARD,
-        length: LENGTH as u32,
-        sum: &sum,
-        signature: &signature,
-    };
-    assert_eq!(ask(&mut slot, &request), Ok(()));
+    assert_eq!(ask(&mut slot, &signed(LENGTH, &sum, &signature)), Ok(()));
     let stored = OneSlot::new(slot.memory, None);
     assert_eq!(stored.key, Some(*other.public.as_bytes()));
 }
@@ -419,8 +374,7 @@ fn a_worn_word_is_found_when_it_is_written() {
     let mut slot = requested(&cells);
     begin(&mut slot, &new).unwrap();
     assert_eq!(send(&mut slot, &new), Err(UpdateRefusal::Store));
-    let end = ask(&mut slot, &UpdateRequest::End(&[]));
-    assert_eq!(end, Err(UpdateRefusal::Order(0)));
+    assert_eq!(end(&mut slot), Err(UpdateRefusal::Order(0)));
 }
 
 #[test]

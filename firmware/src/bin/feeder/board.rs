@@ -46,6 +46,14 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
 
 defmt::timestamp!("{=u64:ms}", Instant::now().as_millis());
 
+/// The loader, at the begin of the flash, and an erased key where it has one: the chip starts it, and
+/// it starts this program.
+#[used]
+#[unsafe(link_section = ".loader")]
+static LOADER: [u8; LOADER_BYTES.len()] = *LOADER_BYTES;
+const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")).len()] =
+    include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin"));
+
 /// Priority of interrupts that may wait for a sample: the middle of the range.
 const LATER: u8 = 0x80;
 
@@ -61,9 +69,9 @@ bind_interrupts!(struct Interrupts {
     USART2 => BufferedInterruptHandler<USART2>;
 });
 
-static EXCHANGE: Exchange = Exchange::new();
-static SELECTOR: Selector = Selector::new();
-static SAMPLER: Owned<Sampler<Converter, HalfBridge>> = Owned::new();
+static EXCHANGE: Exchange = Exchange::empty();
+static SELECTOR: Selector = Selector::open();
+static SAMPLER: Owned<Sampler<Converter, HalfBridge>> = Owned::empty();
 /// Count of successive resets, in RAM that a reset does not change.
 #[unsafe(link_section = ".uninit.resets")]
 static RESETS: Resets = Resets::none();

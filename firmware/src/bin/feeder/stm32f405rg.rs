@@ -1,13 +1,11 @@
 //! Chip STM32F405RG with a crystal of 8 MHz: Olimex STM32-H405 and similar boards.
 
-use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::flash::Flash;
-use embassy_stm32::interrupt;
-use embassy_stm32::pac;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
+use embassy_stm32::{Peri, interrupt, pac};
 use kband_control::wire::SetUp;
 use kband_firmware::chip::{Chip, Started, supply_crossed, watch_supply};
 use kband_firmware::cortex::{remembers_running, waiting_faults};
@@ -30,13 +28,6 @@ mod slot;
 const CRYSTAL: u32 = 8_000_000;
 /// Highest level of the supply monitor: 2.9 V (DS8626, table 19).
 const HIGHEST_LEVEL: u8 = 7;
-/// The loader, at the begin of the flash: the chip starts it, and it starts this program.
-#[used]
-#[unsafe(link_section = ".loader")]
-static LOADER: [u8; LOADER_BYTES.len()] = *LOADER_BYTES;
-const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")).len()] =
-    include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin"));
-
 /// Whether the supply was good for the settling time.
 fn supply_settled() -> bool {
     Board::supply_settled()
@@ -96,9 +87,7 @@ impl Chip for Board {
     /// interrupt has no handler and resets the board. A supply below 2.9 V opens the bridge by
     /// interrupt: at 168 MHz the core needs 2.7 V.
     fn watch(clocks_sound: bool) {
-        pac::RCC
-            .cr()
-            .modify(|control| control.set_csson(clocks_sound));
+        pac::RCC.cr().modify(|w| w.set_csson(clocks_sound));
         pac::PWR.cr1().modify(|control| {
             control.set_pls(HIGHEST_LEVEL);
             control.set_pvde(true);

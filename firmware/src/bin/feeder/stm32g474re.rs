@@ -1,12 +1,10 @@
 //! Chip STM32G474RE on its Nucleo board, on the internal oscillator.
 
-use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcConfig, SampleTime};
 use embassy_stm32::flash::Flash;
-use embassy_stm32::interrupt;
-use embassy_stm32::pac;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
+use embassy_stm32::{Peri, interrupt, pac};
 use kband_control::wire::SetUp;
 use kband_firmware::chip::{Chip, Started, supply_crossed, watch_supply};
 use kband_firmware::cortex::{remembers_running, waiting_faults};
@@ -28,14 +26,6 @@ const HIGHEST_LEVEL: u8 = 6;
 
 /// Bit R1MODE of PWR_CR5: range 1 without boost (RM0440, 6.4.5).
 const NORMAL_RANGE_1: u32 = 1 << 8;
-
-/// The loader, at the begin of the flash, and an erased key: the chip starts it, and it starts this
-/// program.
-#[used]
-#[unsafe(link_section = ".loader")]
-static LOADER: [u8; LOADER_BYTES.len()] = *LOADER_BYTES;
-const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")).len()] =
-    include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin"));
 
 /// Exchanges the note between program and loader.
 fn exchange_note(note: Note) -> Note {
@@ -76,9 +66,7 @@ impl Chip for Board {
     fn start() -> Started {
         use embassy_stm32::rcc::*;
         let mut peripherals = embassy_stm32::init(embassy_stm32::Config::default());
-        pac::PWR
-            .cr5()
-            .modify(|control| control.0 &= !NORMAL_RANGE_1);
+        pac::PWR.cr5().modify(|w| w.0 &= !NORMAL_RANGE_1);
         let mut config = Config::default();
         config.pll = Some(Pll {
             source: PllSource::HSI,
@@ -106,9 +94,7 @@ impl Chip for Board {
             control.set_pls(HIGHEST_LEVEL);
             control.set_pvde(true);
         });
-        pac::RCC
-            .apb2enr()
-            .modify(|clocks| clocks.set_syscfgen(true));
+        pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
         pac::SYSCFG.cfgr2().modify(|breaks| {
             breaks.set_pvdl(true);
             breaks.set_cll(true);
@@ -155,9 +141,7 @@ impl Chip for Board {
 
     /// Settings in the last two pages of 2 KiB of the second bank, faults in the two before them.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
-        let region = Flash::new_blocking(flash)
-            .into_blocking_regions()
-            .bank2_region;
+        let region = (Flash::new_blocking(flash).into_blocking_regions()).bank2_region;
         let (end, page) = (region.0.size, region.0.erase_size);
         Records::new(
             Pages(region),

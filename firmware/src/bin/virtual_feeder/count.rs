@@ -21,13 +21,12 @@ const FULL: u32 = 0x00ff_ffff;
 /// Number of drive cycles that are counted, after as many that are not.
 const CYCLES: u32 = 20;
 
-static EXCHANGE: Exchange = Exchange::new();
+static EXCHANGE: Exchange = Exchange::empty();
 static ROLL: Roll = Roll::of(&[Watched::Samples]);
 
 /// The reading of the bench from before the count.
 static READING: AtomicU16 = AtomicU16::new(0);
 
-/// A converter that returns that reading.
 struct Reading;
 
 impl Sense for Reading {
@@ -40,7 +39,6 @@ impl Sense for Reading {
     }
 }
 
-/// Power stage that keeps the last output.
 struct Taken(f32);
 
 impl Drive for Taken {

@@ -8,8 +8,7 @@ use cortex_m_rt::exception;
 use cortex_m_semihosting::{debug, heprintln, syscall1};
 use embassy_executor::Spawner;
 use embassy_futures::block_on;
-use embassy_stm32::interrupt;
-use embassy_stm32::pac;
+use embassy_stm32::{interrupt, pac};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Timer;
@@ -63,10 +62,10 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
     SystickDriver::new(CORE_CLOCK, (CORE_CLOCK / 1_000 - 1) as u32));
 
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
-static EXCHANGE: Exchange = Exchange::new();
+static EXCHANGE: Exchange = Exchange::empty();
 static STATION: StaticCell<Station> = StaticCell::new();
 static HUNGRY: AtomicU32 = AtomicU32::new(0);
-static SAMPLER: Owned<Sampler<Bed, Bed>> = Owned::new();
+static SAMPLER: Owned<Sampler<Bed, Bed>> = Owned::empty();
 static BENCH: Mutex<CriticalSectionRawMutex, RefCell<Option<(Bench, f32)>>> =
     Mutex::new(RefCell::new(None));
 
@@ -160,7 +159,6 @@ fn open_memory(name: &str) -> Result<Memory, StoreFailed> {
     Records::new(file, settings, faults, Waiting::EMPTY, || true)
 }
 
-/// A watchdog that counts samples.
 struct SampleWatchdog;
 
 impl Watchdog for SampleWatchdog {
@@ -346,9 +344,7 @@ fn begin(spawner: Spawner) {
         Found {
             settings: scene.settings,
             target: scene.target,
-            pin: None,
-            condition: Condition::Whole,
-            added: 0,
+            ..Found::none(Condition::Whole)
         }
     } else {
         block_on(memory.load())

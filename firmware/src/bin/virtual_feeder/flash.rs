@@ -1,24 +1,14 @@
 //! NOR flash in a file of the desk, by semihosting. Its content outlives the emulator.
 
 use cortex_m_semihosting::{nr, syscall};
-use embedded_storage_async::nor_flash::{
-    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
-};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
 /// Size of an erasable page, bytes.
 const PAGE: usize = 4096;
-/// Result of a failed semihosting call.
 const FAILED: usize = usize::MAX;
 
 /// The file could not be read or written completely.
-#[derive(Clone, Copy, Debug)]
-pub struct FileFailed;
-
-impl NorFlashError for FileFailed {
-    fn kind(&self) -> NorFlashErrorKind {
-        NorFlashErrorKind::Other
-    }
-}
+const FILE_FAILED: NorFlashErrorKind = NorFlashErrorKind::Other;
 
 /// A file as NOR flash: writing clears bits, erasing sets the bits of a page. Ending the emulator
 /// in between is a power cut.
@@ -30,7 +20,7 @@ pub struct FlashFile {
 
 impl FlashFile {
     /// Opens the file as flash of the file's size; with an empty name a blank flash.
-    pub fn open(name: &str) -> Result<Self, FileFailed> {
+    pub fn open(name: &str) -> Result<Self, NorFlashErrorKind> {
         if name.is_empty() {
             return Ok(Self {
                 handle: None,
@@ -42,17 +32,17 @@ impl FlashFile {
         // The terminating zero stays.
         room[..256]
             .get_mut(..bytes.len())
-            .ok_or(FileFailed)?
+            .ok_or(FILE_FAILED)?
             .copy_from_slice(bytes);
         // SAFETY: SYS_OPEN takes a name that ends with a zero, a mode and the name's length.
         let handle = unsafe { syscall!(OPEN, room.as_ptr(), nr::open::RW_BINARY, bytes.len()) };
         if handle == FAILED {
-            return Err(FileFailed);
+            return Err(FILE_FAILED);
         }
         // SAFETY: SYS_FLEN takes an open file.
         let length = unsafe { syscall!(FLEN, handle) };
         if length == FAILED {
-            return Err(FileFailed);
+            return Err(FILE_FAILED);
         }
         Ok(Self {
             handle: Some(handle),
@@ -67,25 +57,25 @@ impl FlashFile {
     }
 
     /// The file at this place in it.
-    fn seek(&mut self, offset: u32) -> Result<usize, FileFailed> {
-        let handle = self.handle.ok_or(FileFailed)?;
+    fn seek(&mut self, offset: u32) -> Result<usize, NorFlashErrorKind> {
+        let handle = self.handle.ok_or(FILE_FAILED)?;
         // SAFETY: SYS_SEEK takes an open file and a place in it.
         match unsafe { syscall!(SEEK, handle, offset) } {
             0 => Ok(handle),
-            _ => Err(FileFailed),
+            _ => Err(FILE_FAILED),
         }
     }
 
-    fn put(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FileFailed> {
+    fn put(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let handle = self.seek(offset)?;
         // SAFETY: SYS_WRITE reads so many bytes from there, and returns how many it left.
         match unsafe { syscall!(WRITE, handle, bytes.as_ptr(), bytes.len()) } {
             0 => Ok(()),
-            _ => Err(FileFailed),
+            _ => Err(FILE_FAILED),
         }
     }
 
-    fn get(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FileFailed> {
+    fn get(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         if self.handle.is_none() {
             bytes.fill(0xff);
             return Ok(());
@@ -94,19 +84,19 @@ impl FlashFile {
         // SAFETY: SYS_READ writes at most so many bytes there, and returns how many it left.
         match unsafe { syscall!(READ, handle, bytes.as_mut_ptr(), bytes.len()) } {
             0 => Ok(()),
-            _ => Err(FileFailed),
+            _ => Err(FILE_FAILED),
         }
     }
 }
 
 impl ErrorType for FlashFile {
-    type Error = FileFailed;
+    type Error = NorFlashErrorKind;
 }
 
 impl ReadNorFlash for FlashFile {
     const READ_SIZE: usize = 1;
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FileFailed> {
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         self.get(offset, bytes)
     }
 
@@ -119,7 +109,7 @@ impl NorFlash for FlashFile {
     const WRITE_SIZE: usize = 4;
     const ERASE_SIZE: usize = PAGE;
 
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), FileFailed> {
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
         let blank = [0xff; 256];
         for offset in (from..to).step_by(blank.len()) {
             self.put(offset, &blank)?;
@@ -127,7 +117,7 @@ impl NorFlash for FlashFile {
         Ok(())
     }
 
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FileFailed> {
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let mut word = [0; Self::WRITE_SIZE];
         for (offset, bytes) in (offset..)
             .step_by(Self::WRITE_SIZE)

@@ -2,8 +2,7 @@
 
 use cortex_m::peripheral::NVIC;
 use embassy_futures::yield_now;
-use embassy_stm32::interrupt;
-use embassy_stm32::pac;
+use embassy_stm32::{interrupt, pac};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use kband_firmware::link::Line;

@@ -4,16 +4,10 @@ use kband::arithmetic::Noise;
 use kband_control::{Fault, Inputs};
 
 use super::*;
+use crate::testing::{seed, with};
 
-/// Number of random request sequences.
 const SEQUENCES: u32 = 100_000;
-/// Largest number of requests in a sequence.
 const LONGEST: u32 = 40;
-
-/// Seed of the draw: `KBAND_SEED`, else a fixed one.
-fn seed(fixed: u64) -> u64 {
-    std::env::var("KBAND_SEED").map_or(fixed, |text| text.parse().expect("a whole number"))
-}
 
 fn below(noise: &mut Noise, limit: u32) -> u32 {
     noise.bits() % limit
@@ -88,7 +82,7 @@ fn board_with_the_input_on(noise: &mut Noise) -> (Board, bool) {
             board.enable = cycle > 30;
             board.cycle();
         }
-        assert_eq!(board.station.report().state, State::Fault);
+        assert_eq!(board.state(), State::Fault);
     }
     board.enable = true;
     (board, runs)
@@ -129,10 +123,8 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
                     continue;
                 };
                 assert_eq!(report.command.amplitude, 0.0, "{sequence}: {said:?}");
-                assert!(
-                    matches!(report.state, State::Off | State::Fault),
-                    "{sequence}: {said:?}: {report:?}"
-                );
+                let holds = matches!(report.state, State::Off | State::Fault);
+                assert!(holds, "{sequence}: {said:?}: {report:?}");
                 assert!(
                     fault.is_none() || report.fault == fault,
                     "{sequence}: {fault:?} became {:?}: {said:?}",
@@ -154,14 +146,14 @@ fn a_setting_between_faults_does_not_end_the_lock_out() {
     let mut board = Board::started(FOUND(Condition::Whole), StartCause::PowerOn);
     let mut fault = |acknowledged: bool| {
         board.enable = false;
-        (0..30).for_each(|_| drop(board.cycle()));
+        board.cycles(30);
         if acknowledged {
-            assert_eq!(board.station.report().state, State::Off);
+            assert_eq!(board.state(), State::Off);
             board.done(&Request::set("soft_start", 0.3));
         }
         board.enable = true;
-        (0..60).for_each(|_| drop(board.cycle()));
-        assert_eq!(board.station.report().state, State::Fault);
+        board.cycles(60);
+        assert_eq!(board.state(), State::Fault);
     };
     (0..3).for_each(|_| fault(true));
     fault(false);
@@ -169,7 +161,7 @@ fn a_setting_between_faults_does_not_end_the_lock_out() {
     board.enable = false;
     for cycle in 1..=3000 {
         board.cycle();
-        let off = board.station.report().state == State::Off;
+        let off = board.state() == State::Off;
         assert_eq!(off, cycle == 3000, "{cycle}");
     }
 }
@@ -186,10 +178,7 @@ fn a_simulation_leaves_the_fault_as_it_was() {
         let before = board.station.report().fault;
         assert!(before.is_some());
         board.done(&SIMULATE);
-        let second = Cycle {
-            samples: 20_000,
-            ..Cycle::default()
-        };
+        let second = with(Cycle::default(), |it| it.samples = 20_000);
         for _ in 0..12 {
             board.station.cycle(&second, Inputs::default());
         }
@@ -240,10 +229,7 @@ fn a_strap_and_a_pin_make_the_link_read_only() {
     for request in changes {
         board.refused(&request, Refusal::ReadOnly(Access::Strapped));
     }
-    board.ask(&Request::Status, |response| match response {
-        Response::Status(status) => assert_eq!(status.access, Access::Strapped),
-        other => panic!("{other:?}"),
-    });
+    assert_eq!(board.status().access, Access::Strapped);
     board.service.image.strapped = || false;
     board.done(&Request::Lock(None));
     assert_eq!(board.service.store.found.pin, None);

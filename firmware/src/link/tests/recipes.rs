@@ -2,7 +2,6 @@
 
 use super::*;
 
-/// A recipe with this target and restitution.
 fn recipe(name: &str, target: Target, restitution: f32) -> (RecipeName, Recipe) {
     let settings = Settings {
         restitution_low: restitution - 0.02,
@@ -60,7 +59,7 @@ fn start(board: &mut Board) {
     board.cycle();
     board.enable = true;
     board.cycle();
-    assert_eq!(board.station.report().state, State::Starting);
+    assert_eq!(board.state(), State::Starting);
 }
 
 #[test]
@@ -70,23 +69,15 @@ fn recipes_are_set_saved_used_and_deleted() {
     assert_eq!(stored(&mut board, 1), Stored::Recipe(name, caps));
     assert_eq!(board.service.store.recipes, Recipes::default());
     board.done(&Request::SaveRecipes);
-    assert_eq!(
-        board.service.store.recipes.get(1),
-        Stored::Recipe(name, caps)
-    );
+    let found = board.service.store.recipes.get(1);
+    assert_eq!(found, Stored::Recipe(name, caps));
     board.done(&Request::UseRecipe(6));
     assert_eq!(in_use(&board), (Target::Amplitude(0.2), 0.5, 6));
     // Settings and target of the machine are those that were saved, with the recipe.
-    let kept = |board: &mut Board| {
-        board.ask(&Request::SelfTest, |response| match response {
-            Response::SelfTest(test) => test.settings,
-            other => panic!("{other:?}"),
-        })
-    };
-    assert_eq!(kept(&mut board), Kept::InUse);
+    assert_eq!(board.self_test().settings, Kept::InUse);
     board.done(&Request::UseRecipe(0));
     assert_eq!(in_use(&board), (Target::Locked { order: 1 }, 0.2, 0));
-    assert_eq!(kept(&mut board), Kept::InUse);
+    assert_eq!(board.self_test().settings, Kept::InUse);
     board.done(&delete(6));
     board.refused(&Request::UseRecipe(6), Refusal::NoRecipe);
     board.done(&Request::SaveRecipes);
@@ -112,26 +103,13 @@ fn a_recipe_that_does_not_fit_the_machine_is_refused() {
         ((name, bad), "restitution_high"),
         (high, "target amplitude"),
     ] {
-        board.ask(&set(2, recipe), |response| match response {
-            Response::Refused(Refusal::OutOfRange {
-                parameter: named,
-                accepted,
-            }) => {
-                assert!(named == parameter && !accepted.is_empty(), "{named}");
-            }
-            other => panic!("{other:?}"),
-        });
+        board.out_of_range(&set(2, recipe), parameter);
         assert_eq!(stored(&mut board, 2), Stored::None);
     }
     // It fitted before the machine's settings changed.
     board.done(&set(2, recipe("0.9 mm", Target::Amplitude(0.9), 0.3)));
     board.done(&Request::set("amplitude_limit", 0.5));
-    board.ask(&Request::UseRecipe(2), |response| {
-        assert!(matches!(
-            response,
-            Response::Refused(Refusal::OutOfRange { .. })
-        ));
-    });
+    board.out_of_range(&Request::UseRecipe(2), "target amplitude");
     assert_eq!(in_use(&board), (Target::Locked { order: 1 }, 0.2, 0));
 }
 
@@ -145,7 +123,7 @@ fn a_running_drive_uses_recipes_and_changes_none() {
     board.done(&Request::UseRecipe(1));
     assert_eq!(in_use(&board), (Target::K(0.4), 0.3, 1));
     board.cycle();
-    assert_eq!(board.station.report().state, State::Starting);
+    assert_eq!(board.state(), State::Starting);
     let events: Vec<u8> = (0..9)
         .filter_map(|number| board.station.event(number))
         .map(|record| record.event)

@@ -1,8 +1,7 @@
 //! Tests of an update over the link, with a slot in the desk's memory.
 
 use core::cell::RefCell;
-use std::thread_local;
-use std::vec;
+use std::{thread_local, vec};
 
 use kband_control::wire::{
     MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest, read_answer,
@@ -10,7 +9,11 @@ use kband_control::wire::{
 };
 use salty::{Keypair, Sha512};
 
+use UpdateRefusal::*;
+use UpdateRequest::{Confirm, End, Key};
+
 use super::*;
+use crate::testing::with;
 use crate::update::{SecondSlot, Slot, TRIAL_S, Writer};
 
 /// Size of the slot and of its sectors, bytes.
@@ -114,18 +117,14 @@ fn bytes(image: &[u8], offset: usize) -> UpdateRequest<'_> {
 fn ask(board: &mut Board, request: &UpdateRequest<'_>) -> UpdateAnswer<'static> {
     board.cycle();
     let mut buffer = [0; MAX_FRAME_BYTES];
-    let frame = write_update_request(&mut buffer, 9, request)
-        .unwrap()
-        .to_vec();
+    let frame = (write_update_request(&mut buffer, 9, request).unwrap()).to_vec();
     let answers = board.send(&frame);
     assert_eq!(answers.len(), 1, "{request:?}");
     let mut receiver = Receiver::new();
-    let inside = answers[0]
-        .iter()
-        .find_map(|byte| match receiver.push(*byte) {
-            Some(Ok(inside)) => Some(inside.to_vec()),
-            _ => None,
-        });
+    let inside = answers[0].iter().find_map(|byte| {
+        let inside = receiver.push(*byte)?.ok()?;
+        Some(inside.to_vec())
+    });
     match read_answer(&inside.unwrap()).unwrap() {
         Outgoing::Update {
             sequence: 9,
@@ -172,13 +171,10 @@ fn board_with(slot: Slot, on_trial: bool) -> Board {
             ..Flash::default()
         }
     });
-    let image = Image {
-        slot: Some(slot),
-        ..IMAGE
-    };
+    let image = with(IMAGE, |it| it.slot = Some(slot));
     let mut board = Board::of(image, FOUND(Condition::Whole), StartCause::PowerOn);
     board.service.update.begin_trial(&board.station);
-    done(&mut board, &UpdateRequest::Key(keypair().public.as_bytes()));
+    done(&mut board, &Key(keypair().public.as_bytes()));
     board
 }
 
@@ -198,10 +194,7 @@ fn pass(board: &mut Board, seconds: u32) {
         ..Cycle::default()
     };
     for _ in 0..seconds {
-        let inputs = Inputs {
-            enable: board.enable,
-            ..Inputs::default()
-        };
+        let inputs = with(Inputs::default(), |it| it.enable = board.enable);
         board.station.cycle(&cycle, inputs);
         board.service.tick(&board.station);
     }
@@ -229,15 +222,15 @@ fn a_signed_image_is_written_marked_and_started_once() {
     done(&mut board, &bytes(&image, 1280));
     let end = signature(&image, "stm32f405rg");
     for _ in 0..2 {
-        done(&mut board, &UpdateRequest::End(&end));
+        done(&mut board, &End(&end));
     }
-    refused(&mut board, &BEGIN, UpdateRefusal::OnTrial);
+    refused(&mut board, &BEGIN, OnTrial);
     flash(|flash| {
         assert_eq!(flash.bytes[..image.len()], image);
         assert_eq!(flash.erased, [0, 512, 1024]);
         assert!(flash.marked && flash.restarts == 0);
     });
-    (0..25).for_each(|_| _ = board.cycle());
+    board.cycles(25);
     assert!(flash(|flash| flash.restarts > 0));
 }
 
@@ -256,16 +249,8 @@ fn an_image_that_is_not_signed_for_this_board_is_refused() {
     ] {
         let mut board = board(false);
         send_image(&mut board, sent);
-        refused(
-            &mut board,
-            &UpdateRequest::End(&end),
-            UpdateRefusal::Signature,
-        );
-        refused(
-            &mut board,
-            &UpdateRequest::End(&end),
-            UpdateRefusal::Order(0),
-        );
+        refused(&mut board, &End(&end), Signature);
+        refused(&mut board, &End(&end), Order(0));
         assert!(!flash(|flash| flash.marked));
         assert!(starts(&mut board), "the old image runs on");
     }
@@ -275,54 +260,40 @@ fn an_image_that_is_not_signed_for_this_board_is_refused() {
 fn requests_out_of_order_or_range_change_nothing() {
     let mut board = board(false);
     let image = image();
-    refused(&mut board, &bytes(&image, 0), UpdateRefusal::Order(0));
+    refused(&mut board, &bytes(&image, 0), Order(0));
     let begin = |board, length| UpdateRequest::Begin { board, length };
     for (request, why) in [
-        (begin("stm32g474re", 8), UpdateRefusal::OtherBoard),
-        (begin("", 8), UpdateRefusal::OtherBoard),
-        (begin("stm32f405rg", 0), UpdateRefusal::Length),
-        (begin("stm32f405rg", 10), UpdateRefusal::Length),
-        (begin("stm32f405rg", SIZE + 4), UpdateRefusal::Length),
+        (begin("stm32g474re", 8), OtherBoard),
+        (begin("", 8), OtherBoard),
+        (begin("stm32f405rg", 0), Length),
+        (begin("stm32f405rg", 10), Length),
+        (begin("stm32f405rg", SIZE + 4), Length),
     ] {
         refused(&mut board, &request, why);
     }
     done(&mut board, &BEGIN);
     done(&mut board, &bytes(&image, 0));
-    refused(&mut board, &bytes(&image, 512), UpdateRefusal::Order(256));
+    refused(&mut board, &bytes(&image, 512), Order(256));
     for (offset, length) in [(256, 0), (256, 3), (1280, 256), (u32::MAX, 4)] {
         let bytes = &image[..length];
         let request = UpdateRequest::Bytes { offset, bytes };
-        refused(&mut board, &request, UpdateRefusal::Length);
+        refused(&mut board, &request, Length);
     }
     let end = signature(&image, "stm32f405rg");
-    refused(
-        &mut board,
-        &UpdateRequest::End(&end),
-        UpdateRefusal::Order(256),
-    );
-    refused(
-        &mut board,
-        &UpdateRequest::End(&end[1..]),
-        UpdateRefusal::Length,
-    );
+    refused(&mut board, &End(&end), Order(256));
+    refused(&mut board, &End(&end[1..]), Length);
     for offset in (256..image.len()).step_by(256) {
         done(&mut board, &bytes(&image, offset));
     }
-    done(&mut board, &UpdateRequest::End(&end));
+    done(&mut board, &End(&end));
 }
 
 #[test]
 fn an_update_keeps_the_drive_off_and_a_running_drive_refuses_it() {
     let mut board = board(false);
-    let permitted = |board: &mut Board| {
-        board.ask(&Request::Status, |response| match response {
-            Response::Status(status) => status.permitted,
-            other => panic!("{other:?}"),
-        })
-    };
-    assert!(permitted(&mut board));
+    assert!(board.status().permitted);
     done(&mut board, &BEGIN);
-    assert!(!permitted(&mut board) && !starts(&mut board));
+    assert!(!board.status().permitted && !starts(&mut board));
     // The desk is silent. The enable input is still on: only a new press starts the drive.
     for _ in 0..20 {
         pass(&mut board, 1);
@@ -332,17 +303,17 @@ fn an_update_keeps_the_drive_off_and_a_running_drive_refuses_it() {
     for request in [
         BEGIN,
         bytes(&image(), 0),
-        UpdateRequest::Key(&[1; 32]),
-        UpdateRequest::Confirm,
-        UpdateRequest::End(&[0; 64]),
+        Key(&[1; 32]),
+        Confirm,
+        End(&[0; 64]),
     ] {
-        refused(&mut board, &request, UpdateRefusal::Running);
+        refused(&mut board, &request, Running);
         assert!(!board.station.at_rest());
     }
     assert_eq!(flash(|flash| flash.erased.len()), 0);
     board.enable = false;
-    (0..100).for_each(|_| _ = board.cycle());
-    refused(&mut board, &bytes(&image(), 0), UpdateRefusal::Order(0));
+    board.cycles(100);
+    refused(&mut board, &bytes(&image(), 0), Order(0));
 }
 
 #[test]
@@ -350,26 +321,26 @@ fn an_enabled_drive_at_rest_is_not_taken_out_of_service() {
     let mut board = board(false);
     board.done(&Request::Enable(false));
     board.enable = true;
-    refused(&mut board, &BEGIN, UpdateRefusal::Running);
+    refused(&mut board, &BEGIN, Running);
     board.enable = false;
     board.done(&SIMULATE);
-    refused(&mut board, &BEGIN, UpdateRefusal::Running);
+    refused(&mut board, &BEGIN, Running);
 }
 
 #[test]
 fn an_image_on_trial_drives_nothing_until_confirmed() {
     let mut board = board(true);
     assert!(!starts(&mut board));
-    refused(&mut board, &BEGIN, UpdateRefusal::OnTrial);
+    refused(&mut board, &BEGIN, OnTrial);
     flash(|flash| flash.fails = "confirm");
-    refused(&mut board, &UpdateRequest::Confirm, UpdateRefusal::Store);
+    refused(&mut board, &Confirm, Store);
     flash(|flash| flash.fails = "");
     for _ in 0..2 {
-        done(&mut board, &UpdateRequest::Confirm);
+        done(&mut board, &Confirm);
     }
     assert!(!flash(|flash| flash.on_trial));
     // The enable input is on since before: only a new press starts the drive.
-    (0..50).for_each(|_| _ = board.cycle());
+    board.cycles(50);
     assert!(board.station.at_rest());
     assert!(starts(&mut board));
     pass(&mut board, TRIAL_S + 1);
@@ -389,34 +360,22 @@ fn an_unconfirmed_image_restarts_the_board() {
 fn a_key_is_set_once_and_replaced_with_a_pin() {
     let mut board = board(false);
     let other = Keypair::from(&[8; 32]);
-    let set = UpdateRequest::Key(other.public.as_bytes());
-    refused(&mut board, &set, UpdateRefusal::HasKey);
-    refused(
-        &mut board,
-        &UpdateRequest::Key(&[1; 31]),
-        UpdateRefusal::Length,
-    );
+    let set = Key(other.public.as_bytes());
+    refused(&mut board, &set, HasKey);
+    refused(&mut board, &Key(&[1; 31]), Length);
     // No point of the curve.
-    refused(
-        &mut board,
-        &UpdateRequest::Key(&[2; 32]),
-        UpdateRefusal::Signature,
-    );
-    done(&mut board, &UpdateRequest::Key(keypair().public.as_bytes()));
+    refused(&mut board, &Key(&[2; 32]), Signature);
+    done(&mut board, &Key(keypair().public.as_bytes()));
     let pin = Pin::parse("0420").unwrap();
     board.done(&Request::Lock(Some(pin)));
-    for request in [set, BEGIN, UpdateRequest::Confirm] {
-        refused(&mut board, &request, UpdateRefusal::ReadOnly);
+    for request in [set, BEGIN, Confirm] {
+        refused(&mut board, &request, ReadOnly);
     }
     let wrong = UpdateRequest::Unlock(Pin::parse("0421").unwrap());
     for _ in 0..5 {
-        refused(&mut board, &wrong, UpdateRefusal::WrongPin);
+        refused(&mut board, &wrong, WrongPin);
     }
-    refused(
-        &mut board,
-        &UpdateRequest::Unlock(pin),
-        UpdateRefusal::Wait(60),
-    );
+    refused(&mut board, &UpdateRequest::Unlock(pin), Wait(60));
     pass(&mut board, 60);
     done(&mut board, &UpdateRequest::Unlock(pin));
     done(&mut board, &set);
@@ -432,46 +391,38 @@ fn a_board_that_cannot_be_updated_says_why() {
         has_key,
         on_trial,
     };
-    assert_eq!(
-        ask(&mut none, &UpdateRequest::State),
-        state(0, false, false)
-    );
-    refused(&mut none, &BEGIN, UpdateRefusal::NoSlot);
+    let found = ask(&mut none, &UpdateRequest::State);
+    assert_eq!(found, state(0, false, false));
+    refused(&mut none, &BEGIN, NoSlot);
     let mut board = board(false);
-    assert_eq!(
-        ask(&mut board, &UpdateRequest::State),
-        state(SIZE, true, false)
-    );
+    let found = ask(&mut board, &UpdateRequest::State);
+    assert_eq!(found, state(SIZE, true, false));
     board.service.store.key = None;
-    refused(&mut board, &BEGIN, UpdateRefusal::NoKey);
+    refused(&mut board, &BEGIN, NoKey);
     board.service.store.key = Some(*keypair().public.as_bytes());
     flash(|flash| flash.full = true);
-    refused(&mut board, &BEGIN, UpdateRefusal::Store);
+    refused(&mut board, &BEGIN, Store);
     flash(|flash| flash.full = false);
     board.service.store.supply_good = false;
-    refused(&mut board, &BEGIN, UpdateRefusal::SupplyLow);
+    refused(&mut board, &BEGIN, SupplyLow);
     board.service.store.supply_good = true;
     board.done(&Request::set("bus_address", 7.0));
     board.done(&Request::set("bus", 1.0));
-    refused(&mut board, &BEGIN, UpdateRefusal::NotInControl);
-    done(&mut board, &UpdateRequest::Confirm);
+    refused(&mut board, &BEGIN, NotInControl);
+    done(&mut board, &Confirm);
     board.done(&Request::set("bus", 0.0));
     let image = image();
     for fails in ["erase", "write"] {
         done(&mut board, &BEGIN);
         flash(|flash| flash.fails = fails);
-        refused(&mut board, &bytes(&image, 0), UpdateRefusal::Store);
-        refused(&mut board, &bytes(&image, 0), UpdateRefusal::Order(0));
+        refused(&mut board, &bytes(&image, 0), Store);
+        refused(&mut board, &bytes(&image, 0), Order(0));
     }
     flash(|flash| flash.fails = "mark");
     send_image(&mut board, &image);
     let end = signature(&image, "stm32f405rg");
-    refused(&mut board, &UpdateRequest::End(&end), UpdateRefusal::Store);
-    refused(
-        &mut board,
-        &UpdateRequest::End(&end),
-        UpdateRefusal::Order(0),
-    );
+    refused(&mut board, &End(&end), Store);
+    refused(&mut board, &End(&end), Order(0));
 }
 
 #[test]
@@ -485,9 +436,9 @@ fn a_chip_with_one_slot_restarts_into_its_loader() {
         board: "stm32g474re",
         length: 8,
     };
-    refused(&mut board, &other, UpdateRefusal::OtherBoard);
-    for request in [bytes(&image(), 0), UpdateRequest::End(&[0; 64])] {
-        refused(&mut board, &request, UpdateRefusal::Order(0));
+    refused(&mut board, &other, OtherBoard);
+    for request in [bytes(&image(), 0), End(&[0; 64])] {
+        refused(&mut board, &request, Order(0));
     }
     assert_eq!(flash(|flash| flash.requested), None);
     let signed = UpdateRequest::Signed {
@@ -512,6 +463,6 @@ fn updates_that_are_begun_too_often_are_refused() {
     for _ in 0..MAX_UPDATES_PER_START {
         done(&mut board, &BEGIN);
     }
-    refused(&mut board, &BEGIN, UpdateRefusal::TooOften);
-    refused(&mut board, &bytes(&image(), 0), UpdateRefusal::Order(0));
+    refused(&mut board, &BEGIN, TooOften);
+    refused(&mut board, &bytes(&image(), 0), Order(0));
 }

@@ -26,7 +26,6 @@ pub const FIRST_SETTING: u16 = 100;
 const FIRST_EVENT: u16 = 1000;
 /// Number of events that the table shows, the newest first.
 pub const EVENTS: u16 = 8;
-/// Number of registers of an event.
 const EVENT_REGISTERS: u16 = 8;
 /// Form of a register's content.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -231,9 +230,7 @@ pub(crate) fn at(address: u16) -> Option<Register> {
 pub fn all() -> impl Iterator<Item = (Register, Words)> {
     let fixed = || FIXED.iter().copied().zip(FIXED_WORDS.iter().copied());
     let readings = [Form::Scaled(1.0), Form::Float].map(|form| {
-        (0..)
-            .map_while(move |n| reading(n, form))
-            .zip(READING_WORDS.iter().copied())
+        ((0..).map_while(move |n| reading(n, form))).zip(READING_WORDS.iter().copied())
     });
     let settings = Settings::KEYS.iter().map(|key| Words {
         name: key.name,
@@ -274,9 +271,7 @@ mod tests {
             let first = FIRST_EVENT + EVENT_REGISTERS * age;
             taken.extend(first..first + EVENT_REGISTERS);
         }
-        let found: Vec<u16> = (0..=u16::MAX)
-            .filter(|at| super::at(*at).is_some())
-            .collect();
+        let found: Vec<u16> = ((0..=u16::MAX).filter(|at| super::at(*at).is_some())).collect();
         assert!(taken.into_iter().eq(found));
     }
 

@@ -8,7 +8,6 @@ use kband_control::wire::Record;
 use kband_control::{Settings, State, Target};
 use std::vec::Vec as List;
 
-/// A drive that keeps what the server commands.
 struct Desk {
     authority: Authority,
     state: State,
@@ -112,7 +111,6 @@ fn read(address: u16, count: u16) -> [u8; 5] {
     [3, a, b, c, d]
 }
 
-/// A request to write these registers.
 fn write(address: u16, words: &[u16]) -> List<u8> {
     let mut pdu = List::from([16]);
     pdu.extend(address.to_be_bytes());
@@ -151,15 +149,11 @@ fn both_read_functions_read_the_same_registers() {
     assert_eq!(ask(&mut desk, &read(16, 1)), [3, 2, 0x04, 0xe2]);
     assert_eq!(ask(&mut desk, &read(64, 2)), [3, 4, 0, 1, 0, 2]);
     assert_eq!(ask(&mut desk, &read(1100, 3))[2..], *b"kband ");
-    assert_eq!(
-        ask(&mut desk, &read(80, 1))[2..],
-        TABLE_VERSION.to_be_bytes()
-    );
+    let found = ask(&mut desk, &read(80, 1));
+    assert_eq!(found[2..], TABLE_VERSION.to_be_bytes());
     // The newest event first; before the first event there is none.
-    assert_eq!(
-        ask(&mut desk, &read(1000, 5))[2..],
-        [0, 0, 0, 2, 0, 0, 0, 200, 0, 3]
-    );
+    let found = ask(&mut desk, &read(1000, 5));
+    assert_eq!(found[2..], [0, 0, 0, 2, 0, 0, 0, 200, 0, 3]);
     assert_eq!(ask(&mut desk, &read(1024, 5))[2..], [0; 10]);
 }
 
@@ -225,10 +219,8 @@ fn other_functions_are_refused_and_answers_are_ignored() {
         assert!(ask(&mut desk, &[function, 2]).is_empty());
     }
     // Only the echo of the diagnostics, only the identification of the encapsulated requests.
-    assert_eq!(
-        ask(&mut desk, &[8, 0, 0, 0xa5, 0x5a]),
-        [8, 0, 0, 0xa5, 0x5a]
-    );
+    let found = ask(&mut desk, &[8, 0, 0, 0xa5, 0x5a]);
+    assert_eq!(found, [8, 0, 0, 0xa5, 0x5a]);
     refuses(&mut desk, &[8, 0, 1, 0, 0], Exception::Function);
     refuses(&mut desk, &[43, 13, 1, 0], Exception::Function);
 }
@@ -241,10 +233,8 @@ fn the_identification_names_vendor_product_and_revision() {
     assert_eq!(basic[..7], [43, 14, 1, 0x81, 0, 0, 3]);
     assert_eq!(basic[7..], objects[..]);
     let one = ask(&mut desk, &[43, 14, 4, 1]);
-    assert_eq!(
-        one,
-        [&[43, 14, 4, 0x81, 0, 0, 1][..], b"\x01\x06feeder"].concat()
-    );
+    let wanted = [&[43, 14, 4, 0x81, 0, 0, 1][..], b"\x01\x06feeder"].concat();
+    assert_eq!(wanted, one);
     refuses(&mut desk, &[43, 14, 4, 3], Exception::Address);
     refuses(&mut desk, &[43, 14, 3, 0], Exception::Value);
     refuses(&mut desk, &[43, 14, 1], Exception::Value);
@@ -277,25 +267,18 @@ fn the_acknowledge_bit_needs_authority_and_an_edge() {
     let mut server = Server::default();
     for (word, acknowledge) in [(0x80, false), (0, false), (0x80, true), (0x81, false)] {
         ask_server(&mut server, &mut desk, &write(0, &[word]));
-        assert_eq!(
-            desk.commands.pop(),
-            Some((word & 1 == 1, acknowledge)),
-            "{word}"
-        );
+        let wanted = Some((word & 1 == 1, acknowledge));
+        assert_eq!(wanted, desk.commands.pop(), "{word}");
     }
-    assert_eq!(
-        ask_server(&mut server, &mut desk, &read(0, 1)),
-        [3, 2, 0, 0x81]
-    );
+    let found = ask_server(&mut server, &mut desk, &read(0, 1));
+    assert_eq!(found, [3, 2, 0, 0x81]);
     desk.authority = Authority::Command;
     ask_server(&mut server, &mut desk, &write(0, &[0]));
     let refused = ask_server(&mut server, &mut desk, &write(0, &[0x81]));
     assert_eq!(refused, exception(16, Exception::NotInControl));
     // The refused word is not the last one.
-    assert_eq!(
-        ask_server(&mut server, &mut desk, &read(0, 1)),
-        [3, 2, 0, 0]
-    );
+    let found = ask_server(&mut server, &mut desk, &read(0, 1));
+    assert_eq!(found, [3, 2, 0, 0]);
     assert_eq!(desk.commands, [(false, false)]);
     refuses(&mut desk, &write(0, &[2]), Exception::Value);
 }
@@ -343,10 +326,8 @@ fn a_refused_target_leaves_the_control_word() {
     assert!(desk.commands.is_empty());
     let [high, low] = float(0.8);
     accepted(&mut desk, &write(0, &[1, 32, high, low]));
-    assert_eq!(
-        (desk.target, &desk.commands[..]),
-        (Target::K(0.8), &[(true, false)][..])
-    );
+    let wanted = (Target::K(0.8), &[(true, false)][..]);
+    assert_eq!(wanted, (desk.target, &desk.commands[..]));
 }
 
 #[test]
@@ -358,10 +339,8 @@ fn settings_are_written_at_rest_and_never_the_bus_ones() {
     };
     accepted(&mut desk, &write(of("frequency"), &float(60.0)));
     assert_eq!(desk.settings.frequency, 60.0);
-    assert_eq!(
-        ask(&mut desk, &read(of("frequency"), 2))[2..],
-        [0x42, 0x70, 0, 0]
-    );
+    let found = ask(&mut desk, &read(of("frequency"), 2));
+    assert_eq!(found[2..], [0x42, 0x70, 0, 0]);
     // Two that only fit together.
     let mut both = [0; 4];
     both[..2].copy_from_slice(&float(0.3));
@@ -460,10 +439,8 @@ fn both_transports_answer_alike() {
     }
     assert_eq!(server.counters().damaged, 64);
     assert_eq!(tcp::frame_length(&[0, 0, 0, 1, 0, 6]), Err(tcp::NotModbus));
-    assert_eq!(
-        tcp::frame_length(&[0, 0, 0, 0, 0, 255]),
-        Err(tcp::NotModbus)
-    );
+    let found = tcp::frame_length(&[0, 0, 0, 0, 0, 255]);
+    assert_eq!(found, Err(tcp::NotModbus));
     assert_eq!(tcp::frame_length(&network[..5]), Ok(None));
     assert!(desk.commands.is_empty());
 }
@@ -482,10 +459,8 @@ fn the_status_word_shows_each_of_its_bits() {
     };
     assert_eq!(word(enable), 0b101);
     assert_eq!(word(|seen| seen.status.inputs.enable = true), 0b100);
-    assert_eq!(
-        word(|seen| seen.telemetry.state = State::Locked.number()),
-        0b10
-    );
+    let found = word(|seen| seen.telemetry.state = State::Locked.number());
+    assert_eq!(found, 0b10);
     let fault = |seen: &mut Seen<'_>| {
         seen.telemetry.state = State::Fault.number();
         seen.telemetry.fault = 4;

@@ -1,8 +1,7 @@
 //! The search for k at which a lot is chaotic (docs/theory-bands.md#t6.3), slice by slice, by the
 //! board's impact map.
 //!
-//! The method is a scan of k from high to low on a geometric grid. At each k the board's own regime
-//! classifier judges three simulated parts.
+//! A scan of k from high to low on a geometric grid, by the board's own regime classifier.
 
 use crate::settings::Settings;
 use kband::feeder::OutOfRange;
@@ -12,22 +11,17 @@ use kband::regime::{Lock, band};
 
 /// Impacts that one slice computes: 24 000 instructions at 190 an impact.
 const SLICE_IMPACTS: u32 = 128;
-/// Relative step of the scan in k: the middle of a stretch errs by 0.2 %, a fifth of the permitted
-/// amplitude error of 1 %.
+/// Relative step of the scan in k: the middle of a stretch errs by 0.2 %.
 const SCAN_STEP: f64 = 0.004;
-/// Highest k of the scan over the flip at the lot's lowest restitution; the doublings accumulate at
-/// 0.87 to 0.92 of it.
+/// Highest k of the scan over the flip at the lot's lowest restitution.
 const MAX_K_OVER_FLIP: f64 = 0.935;
-/// Lowest k of the scan over the flip at the lot's highest restitution; below it the hopping is
-/// transient.
+/// Lowest k of the scan over the flip at the lot's highest restitution.
 const MIN_K_OVER_FLIP: f64 = 0.80;
-/// Impacts after which a part is classified, by the last [`CLASSIFIED_IMPACTS`]; an attraction of 1 % per impact
-/// shrinks 1 rad to 0.005 rad before.
+/// Impacts after which a part is classified, by the last [`CLASSIFIED_IMPACTS`].
 const TRIAL_IMPACTS: u32 = 600;
 /// Impacts in the classifier's memory, as on the board.
 const CLASSIFIED_IMPACTS: usize = 64;
-/// Velocity in b w below which a part comes to rest: its hops end within `2e-3/(P (1 - R))`, pull P
-/// (docs/theory-impacts.md#t4.1).
+/// Velocity in b w below which a part comes to rest (docs/theory-impacts.md#t4.1).
 const MIN_VELOCITY: f32 = 1e-3;
 
 /// One simulated part at one k.
@@ -57,8 +51,7 @@ impl Trial {
         let impact = self.map.land(self.state);
         self.state = impact.next;
         self.impacts += 1;
-        // The hops end unless the track's pull is as small. The classification would also call such
-        // a part not chaotic; this saves its impacts.
+        // The hops end; this saves the impacts of a classification.
         if impact.next.velocity < MIN_VELOCITY {
             return Some(false);
         }
@@ -69,10 +62,8 @@ impl Trial {
     }
 }
 
-/// The search for the widest stretch of k that is chaotic for the lot's lowest, middle and highest
-/// restitution.
-///
-/// Chaotic means here: so classified by the board's own classifier, without coming to rest.
+/// The search for the widest stretch of k that is chaotic, by the board's classifier and without
+/// rest, for the lot's lowest, middle and highest restitution.
 #[derive(Clone, Copy, Debug)]
 pub struct ChaosSearch {
     parts: [f64; 3],
@@ -92,8 +83,7 @@ impl ChaosSearch {
         let lot = settings.lot()?;
         let (low, high) = (lot.low(), lot.high());
         Ok(Self {
-            // The part of highest restitution comes to rest first; that of lowest stays periodic
-            // longest.
+            // The part of highest restitution comes to rest first.
             parts: [high, low, lot.middle()],
             k: MAX_K_OVER_FLIP * band::flip(low, 1)?,
             lowest: MIN_K_OVER_FLIP * band::flip(high, 1)?,
@@ -151,8 +141,7 @@ impl ChaosSearch {
         self.k *= 1.0 - SCAN_STEP;
     }
 
-    /// The result, once the search is over: k in the middle of the widest stretch, or `None` where
-    /// the lot has none.
+    /// The result, once the search is over: k in the middle of the widest stretch.
     pub fn result(&self) -> Option<Option<f64>> {
         let middle = self.longest.map(|(high, low)| libm::sqrt(high * low));
         self.done.then_some(middle)

@@ -1,16 +1,13 @@
 //! The order of gear that gives a wanted mass flow, in g/s.
 //!
 //! In gear the parts' speed is proportional to the order and does not depend on the amplitude
-//! (docs/theory-transport.md#t8.3). The method is exhaustive: the order whose predicted flow is
-//! nearest wins, debounced.
+//! (docs/theory-transport.md#t8.3): the order whose predicted flow is nearest wins, debounced.
 
 use super::setpoint::ORDERS;
 
-/// Relative deviation from the wanted flow that is accepted, as for a speed; a neighbouring order
-/// is at least a ninth away.
+/// Relative deviation from the wanted flow that is accepted, as for a speed.
 const FLOW_TOLERANCE: f32 = 0.1;
-/// Cycles in a row for which another order, or none, must be the best: eight times the memory of
-/// the weight estimate.
+/// Cycles in a row for which another order must be the best: eight memories of the weight.
 const DECISION_CYCLES: u32 = 512;
 
 /// Comparison of the orders of gear with a wanted flow.
@@ -24,9 +21,7 @@ pub struct FlowChoice {
 /// Result of the comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FlowStep {
-    /// The present order stays.
     Stay,
-    /// Another order is nearer to the flow.
     Order(u8),
     /// No order gives the flow; the nearest one's flow, in g/s.
     None(f32),
@@ -41,8 +36,7 @@ impl FlowChoice {
         }
     }
 
-    /// Processes a cycle with the estimated flow of the present order, in g/s; `None` without an
-    /// estimate.
+    /// Processes a cycle with the estimated flow of the present order, in g/s.
     pub fn cycle(&mut self, order: u8, flow: Option<f32>) -> FlowStep {
         let Some(flow) = flow else {
             return FlowStep::Stay;

@@ -1,7 +1,6 @@
 //! The amplitude at which the parts stay in gear the longest (docs/theory-real-parts.md#t10.8).
 //!
-//! The search itself is the planner of `regime::gear`; here are its limits in k, and its slices for
-//! idle time.
+//! The search is the planner of `regime::gear`; here are its limits in k, and its slices.
 
 use super::setpoint::{Choice, Level, NoSetpoint};
 use crate::drive::{Scale, Shape, absolute, upper_response};
@@ -12,11 +11,9 @@ use kband::regime::gear::{GearLimits, GearPlan, GearPlanSettings, GearPlanner};
 
 /// Impacts that one slice computes.
 const SLICE: u32 = 64;
-/// Lowest k of the search, times the order: below 0.28 no restitution has a band of order 1, and no
-/// lot had its best k.
+/// Lowest k of the search, times the order: below it no restitution has a band of order 1.
 const MIN_K: f64 = 0.28;
-/// Highest k of the search over the birth of the lock at the lot's highest restitution; above it
-/// gear is only transient.
+/// Highest k of the search over the birth of the lock at the lot's highest restitution.
 const MAX_K_OVER_BIRTH: f64 = 1.02;
 /// Highest k of the search for any lot: from k = 1 the track throws no resting part.
 const MAX_K: f64 = 0.98;
@@ -35,18 +32,14 @@ fn limits_at(settings: &Settings, scale: &Scale) -> GearLimits {
     }
 }
 
-/// A finished search for gear: its settings, and its plans with the slices that found them.
-///
-/// Equal settings give the same plans after the same numbers of slices. A controller that gets the
-/// result of another one skips the search
-/// ([`Controller::supply_gear`](crate::Controller::supply_gear)).
+/// A finished search for gear: its settings, and its plans with the slices that found them. Equal
+/// settings give the same plans after as many slices ([`crate::Controller::supply_gear`]).
 #[cfg(any(test, feature = "memo"))]
 #[derive(Clone, Debug, PartialEq)]
 pub struct GearPlanned {
     /// Settings of the search.
     pub settings: GearPlanSettings,
-    /// Each plan with the number of the slice that found it; the last one is settled. There is at
-    /// most one per round of the search.
+    /// Each plan with the number of the slice that found it; the last one is settled.
     pub found: heapless::Vec<(u32, GearPlan), 8>,
 }
 
@@ -63,8 +56,7 @@ pub struct GearSearch {
 }
 
 impl GearSearch {
-    /// Begins the search for an order, or gives the reason for no setpoint. The error names the
-    /// parameter.
+    /// Begins the search for an order, or gives the reason for no setpoint.
     pub fn begin(
         order: u8,
         settings: &Settings,
@@ -131,7 +123,6 @@ impl GearSearch {
         more
     }
 
-    /// Stores the plan of a slice, if it found one.
     fn take(&mut self, found: Option<GearPlan>) {
         self.fresh = found.is_some();
         self.plan = found.or(self.plan);
@@ -157,12 +148,10 @@ impl GearSearch {
         Some(&self.memo.1).filter(|_| self.is_over())
     }
 
-    /// The settings of the search.
     pub fn settings(&self) -> &GearPlanSettings {
         self.planner.settings()
     }
 
-    /// Whether the plan is settled and the search over.
     pub fn is_over(&self) -> bool {
         self.plan.is_some_and(|plan| plan.settled)
     }
@@ -192,13 +181,11 @@ impl GearSearch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     #[test]
     fn weak_drive_gets_the_sufficient_amplitude() {
-        let settings = Settings {
-            gain: 0.1,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.gain = 0.1);
         let scale = Scale::at(&settings, 50.0);
         let Err(NoSetpoint::Gear { needed }) = GearSearch::begin(1, &settings, &scale).unwrap()
         else {
@@ -228,10 +215,7 @@ mod tests {
         let planned = first.planned().unwrap().clone();
         assert!(planned.found.len() > 3);
         // The result of another lot is refused.
-        let mut other = search(&Settings {
-            restitution_high: 0.3,
-            ..settings
-        });
+        let mut other = search(&with(settings, |it| it.restitution_high = 0.3));
         other.supply(planned.clone());
         assert!(other.asked().is_some());
         spared.step();

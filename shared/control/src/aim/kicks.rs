@@ -10,17 +10,13 @@ use crate::settings::Settings;
 use kband::feeder::OutOfRange;
 use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner};
 
-/// Impacts that one slice computes: at most 0.2 million instructions, for which 300 drive cycles
-/// per second leave time.
+/// Impacts that one slice computes: at most 0.2 million instructions.
 const SLICE_IMPACTS: u32 = 20;
 /// Highest amplitude of a planned kick over the setpoint.
 const MAX_KICK_RATIO: f32 = 2.5;
 
-/// A finished search: its settings, its plan, its number of slices.
-///
-/// Equal settings give the same plan after the same number of slices. A controller that gets the
-/// plan of another one skips the search
-/// ([`Controller::supply_kicks`](crate::Controller::supply_kicks)).
+/// A finished search: its settings, its plan, its number of slices. Equal settings give the same
+/// plan after as many slices ([`crate::Controller::supply_kicks`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct KickResult {
     /// Settings of the search.
@@ -43,8 +39,7 @@ pub struct KickSearch {
 }
 
 impl KickSearch {
-    /// Begins the search for kicks that bring the lot onto a lock. `reserve` is the largest
-    /// amplitude of a kick over the lock's. The error names the parameter.
+    /// Begins the search for kicks onto a lock, of at most `reserve` times its amplitude.
     pub fn begin(settings: &Settings, lock: &LockWindow, reserve: f32) -> Result<Self, OutOfRange> {
         let envelope = f64::from(settings.envelope);
         let settings = PlanSettings {
@@ -95,9 +90,7 @@ impl KickSearch {
     /// Settings of the running search; `None` once a plan is supplied or found.
     #[cfg(any(test, feature = "memo"))]
     pub fn asked(&self) -> Option<&PlanSettings> {
-        self.settings
-            .as_ref()
-            .filter(|_| self.planner.is_some() && self.known.is_none())
+        (self.settings.as_ref()).filter(|_| self.planner.is_some() && self.known.is_none())
     }
 
     /// Supplies the plan of an equal search. It appears after the same number of slices.
@@ -118,7 +111,6 @@ impl KickSearch {
         })
     }
 
-    /// The plan, once found.
     pub fn plan(&self) -> Option<&Plan> {
         self.plan.as_ref()
     }

@@ -1,19 +1,16 @@
 //! Test of whether gear must be planned anew, for other parts or without a tone that the drive
 //! fails to make.
 //!
-//! The method is a test of the estimates against the plan's values, with a tolerance of three to
-//! four standard errors, debounced over consecutive cycles.
+//! A test of the estimates against the plan's values, debounced over consecutive cycles.
 
 use crate::drive::UPPER;
 use crate::hear::GearMargin;
 use crate::settings::Settings;
 use kband::regime::gear::GearPlanSettings;
 
-/// Cycles in a row in which the plan must be wrong: twice the impacts behind an estimate, so that
-/// no impacts count twice.
+/// Cycles in a row in which the plan must be wrong: twice the impacts behind an estimate.
 const WRONG_CYCLES: u16 = 250;
-/// Minimum number of cycles between two plans, in which the parts settle: eight times the impacts
-/// behind an estimate.
+/// Minimum number of cycles between two plans, in which the parts settle.
 const MIN_CYCLES_BETWEEN_PLANS: u16 = 1000;
 /// Largest standard error of an estimated restitution that is used.
 const MAX_STANDARD_ERROR: f32 = 0.02;
@@ -32,9 +29,8 @@ pub struct Retuning {
 }
 
 impl Retuning {
-    /// Processes a cycle at the setpoint of a settled plan. `margin` holds the estimates of the
-    /// parts; `lacks` marks the upper tones that the drive makes too weak. The result is the
-    /// settings of a new plan, once it is due.
+    /// Processes a cycle at the setpoint of a settled plan. `lacks` marks the upper tones that the
+    /// drive makes too weak. Returns the settings of a new plan, once it is due.
     pub fn cycle(
         &mut self,
         planned: &GearPlanSettings,
@@ -128,10 +124,8 @@ mod tests {
         assert!(anew(heard(0.31, 0.01, 0.06), NONE).is_none());
         assert!(anew(heard(0.40, 0.03, 0.05), NONE).is_none());
         let (cycles, wanted) = anew(heard(0.34, 0.01, 0.05), NONE).unwrap();
-        assert_eq!(
-            cycles,
-            u32::from(MIN_CYCLES_BETWEEN_PLANS) + u32::from(WRONG_CYCLES) - 1
-        );
+        let due = u32::from(MIN_CYCLES_BETWEEN_PLANS) + u32::from(WRONG_CYCLES) - 1;
+        assert_eq!(due, cycles);
         assert!((wanted.restitution_low - 0.32).abs() < 1e-6);
         assert!((wanted.restitution_high - 0.36).abs() < 1e-6);
         assert_eq!(wanted.second_tone, 0.15);

@@ -18,24 +18,22 @@ use kband::arithmetic::square_root_single;
 use kband::feeder::{OutOfRange, Restitution};
 use kband::regime::gear::GearPlan;
 
-/// Smallest predicted share of time in gear that serves a lot; below it an event is reported and
-/// the best amplitude held.
+/// Smallest predicted share of time in gear that serves a lot; below it an event is reported.
 pub const MIN_GEAR_SHARE: f32 = 0.7;
 
 /// The target, its setpoint, and the searches that still run.
 #[derive(Clone, Debug)]
 pub struct Selection {
-    target: Target,
+    pub target: Target,
     level: Level,
     lock: Option<LockWindow>,
-    shape: Shape,
+    pub shape: Shape,
     speed: Option<SpeedSearch>,
     /// The search for the k of the longest gear, where gear is the target.
     pub gear: Option<GearSearch>,
     /// The wanted flow, and the order of gear that is requested or found for it.
     flow: Option<FlowChoice>,
     order: u8,
-    /// The plan that gave the setpoint.
     plan: Option<GearPlan>,
     retuning: Retuning,
     /// The search for the kicks that bring the parts onto the lock.
@@ -43,7 +41,7 @@ pub struct Selection {
     /// The search for chaos, where that is the target.
     pub chaos: Option<ChaosSearch>,
     /// Whether the parts do not fit the configured lot.
-    misfit: bool,
+    pub misfit: bool,
 }
 
 impl Selection {
@@ -94,19 +92,9 @@ impl Selection {
         })
     }
 
-    /// The target.
-    pub fn target(&self) -> Target {
-        self.target
-    }
-
     /// The wanted lock, also on the way to chaos or for a speed.
     pub fn lock(&self) -> Option<&LockWindow> {
         self.lock.as_ref()
-    }
-
-    /// The wanted shape of the track's motion.
-    pub fn shape(&self) -> Shape {
-        self.shape
     }
 
     /// Whether the search for the setpoint is over, with or without a result.
@@ -131,16 +119,9 @@ impl Selection {
         }
     }
 
-    /// Whether the parts do not fit the configured lot.
-    pub fn is_misfit(&self) -> bool {
-        self.misfit
-    }
-
     /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes the
-    /// k at which a part thrown from rest flies one drive period, `1/sqrt(1 + pi^2)` = 0.303. That
-    /// is the throw number 3.3, up to which conveyors are designed. Parts of widely scattered
-    /// restitution are fastest near it (docs/theory-real-parts.md#t10.1). The drive's reach limits
-    /// it.
+    /// k at which a part thrown from rest flies one drive period, `1/sqrt(1 + pi^2)` = 0.303 (throw
+    /// number 3.3), near which scattered parts are fastest (docs/theory-real-parts.md#t10.1).
     pub fn set_misfit(&mut self, settings: &Settings, scale: &Scale) {
         self.misfit = true;
         let k = 1.0 / square_root_single(1.0 + PI * PI);
@@ -154,19 +135,16 @@ impl Selection {
         (self.gear, self.plan, self.flow) = (None, None, None);
     }
 
-    /// Sets another k, on the way to the target.
     pub fn set_k(&mut self, k: f64) {
         self.level = Level::K(k);
     }
 
-    /// Sets the setpoint back to the lock.
     pub fn go_to_lock(&mut self) {
         if let Some(lock) = self.lock {
             self.level = Level::K(lock.k);
         }
     }
 
-    /// Records that the lot has no chaos.
     pub fn give_up_chaos(&mut self) {
         self.lock = None;
         self.level = Level::None(NoSetpoint::Chaos);
@@ -182,8 +160,7 @@ impl Selection {
         self.plan.as_ref()
     }
 
-    /// Restitutions and scatter of the lot: as configured, or as estimated for the present plan of
-    /// gear.
+    /// Restitutions and scatter of the lot: as configured, or as estimated for the plan of gear.
     pub fn lot(&self, settings: &Settings) -> Option<(Restitution, f32)> {
         if let Some(gear) = &self.gear {
             let asked = gear.settings();
@@ -192,9 +169,8 @@ impl Selection {
         Some((settings.lot().ok()?, settings.scatter))
     }
 
-    /// Processes a cycle at the setpoint. It starts a new plan where the parts differ from the
-    /// planned ones, or where the drive fails to make a tone. The setpoint stays until that plan is
-    /// settled.
+    /// Processes a cycle at the setpoint. Plans anew where the parts differ from the planned ones
+    /// or the drive lacks a tone. The setpoint stays until that plan is settled.
     pub fn retune(
         &mut self,
         margin: Option<&GearMargin>,
@@ -208,9 +184,7 @@ impl Selection {
         let Some(gear) = self.gear.as_ref().filter(|gear| gear.is_over()) else {
             return;
         };
-        let wanted = self
-            .retuning
-            .cycle(gear.settings(), margin, lacks, settings);
+        let wanted = (self.retuning).cycle(gear.settings(), margin, lacks, settings);
         if let Some(wanted) = wanted
             && let Ok(Ok(search)) = GearSearch::begin(order, &wanted, scale)
         {
@@ -223,8 +197,7 @@ impl Selection {
         matches!(self.target, Target::Gear { .. } | Target::Flow(_)).then_some(self.order)
     }
 
-    /// Selects the order of gear that gives the wanted flow; `flow` is the estimated present one,
-    /// in g/s.
+    /// Selects the order of gear that gives the wanted flow; `flow`: the present one, in g/s.
     pub fn serve_flow(
         &mut self,
         flow: Option<f32>,
@@ -288,7 +261,6 @@ impl Selection {
         self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)
     }
 
-    /// Adopts the result of a search.
     fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, news: &mut Events) {
         (self.level, self.lock, self.shape) = (choice.level, choice.lock, choice.shape);
         match kicks(&choice, settings, scale) {
@@ -302,7 +274,6 @@ impl Selection {
     }
 }
 
-/// The order of gear that a target begins with.
 fn first_order(target: Target) -> u8 {
     match target {
         Target::Gear { order } => order,
@@ -310,7 +281,6 @@ fn first_order(target: Target) -> u8 {
     }
 }
 
-/// The search for the kicks that a choice needs.
 fn kicks(choice: &Choice, settings: &Settings, scale: &Scale) -> Result<KickSearch, OutOfRange> {
     match choice.lock {
         Some(lock) => {

@@ -12,8 +12,7 @@ use crate::settings::Settings;
 use crate::target::Target;
 use kband::feeder::{OutOfRange, accept};
 use kband::regime::Lock;
-use kband::regime::band::BandError;
-use kband::regime::band::{Band, NoBand};
+use kband::regime::band::{Band, BandError, NoBand};
 
 /// Reason why a target has no setpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,8 +33,7 @@ pub enum NoSetpoint {
     },
     /// The lot has no common chaotic stretch.
     Chaos,
-    /// No lock conveys at this speed within 10 %. The speed of the nearest lock in mm/s, if there
-    /// is one.
+    /// No lock conveys at this speed within 10 %; the speed of the nearest lock in mm/s.
     Speed(Option<f32>),
     /// In no gear do the parts leave the track at this flow within 10 %. The nearest flow in g/s.
     Flow(f32),
@@ -88,16 +86,13 @@ pub enum Level {
 /// The setpoint of a target, with its lock and shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// The setpoint.
     pub level: Level,
     /// The wanted lock at it, if there is one.
     pub lock: Option<LockWindow>,
-    /// The wanted shape of the motion.
     pub shape: Shape,
 }
 
-/// Half width in rad of a lock's phase window beyond the lot's own phases, for amplitude error,
-/// unresolved doubling, and errors of the phase stamps.
+/// Half width in rad of a lock's window beyond the lot's own phases.
 const LOCK_HALF_WIDTH: f32 = 0.35;
 /// Permitted orders of lock and gear.
 pub(super) const ORDERS: core::ops::RangeInclusive<u8> = 1..=8;
@@ -162,8 +157,7 @@ impl Choice {
                 Ok(Self::level(Level::Amplitude(b * 1e-3)))
             }
             Target::Flow(flow) => {
-                // The power that parts absorb gives their mass, on a track of configured mass with
-                // one tone.
+                // The power that parts absorb gives their mass, on a track of one tone.
                 require(
                     "track_mass",
                     settings.track_mass,
@@ -215,9 +209,8 @@ impl Choice {
         }
     }
 
-    /// Refuses an amplitude that the configured drive's output cannot reach: a smaller one would
-    /// give another motion of the parts. An amplitude beyond a hard limit is kept and limited
-    /// there.
+    /// Refuses an amplitude that the output cannot reach: a smaller one gives another motion of the
+    /// parts. One beyond a hard limit is kept and limited there.
     pub fn within(self, settings: &Settings, scale: &Scale) -> Self {
         let needed = match self.level {
             Level::K(k) => scale.amplitude(k as f32),
@@ -276,22 +269,18 @@ impl Choice {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     #[test]
     fn target_without_a_contact_time_is_refused() {
-        let settings = Settings {
-            contact: 0.4,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.contact = 0.4);
         let refused = Choice::of_target(Target::Chaotic, &settings).unwrap_err();
         assert_eq!(refused.parameter, "contact");
         let locked = Choice::of_target(Target::Locked { order: 1 }, &settings).unwrap();
         let instant = Choice::of_target(Target::Locked { order: 1 }, &Settings::default());
         let [lock, before] = [locked, instant.unwrap()].map(|choice| choice.lock.unwrap());
-        assert!(
-            (lock.k / before.k - 1.0).abs() > 1e-3,
-            "{lock:?} {before:?}"
-        );
+        let holds = (lock.k / before.k - 1.0).abs() > 1e-3;
+        assert!(holds, "{lock:?} {before:?}");
         assert!(lock.phase != before.phase);
     }
 
@@ -301,20 +290,11 @@ mod tests {
             |settings: &Settings| Choice::of_target(Target::Flow(45.0), settings).unwrap_err();
         let bare = Settings::default();
         assert_eq!(refused(&bare).parameter, "track_mass");
-        let massive = Settings {
-            track_mass: 10.0,
-            ..bare
-        };
+        let massive = with(bare, |it| it.track_mass = 10.0);
         assert_eq!(refused(&massive).parameter, "track_length");
-        let scale = Settings {
-            track_length: 500.0,
-            ..massive
-        };
+        let scale = with(massive, |it| it.track_length = 500.0);
         assert!(Choice::of_target(Target::Flow(45.0), &scale).is_ok());
-        let two = Settings {
-            second_tone: 0.15,
-            ..scale
-        };
+        let two = with(scale, |it| it.second_tone = 0.15);
         assert_eq!(refused(&two).parameter, "second_tone");
     }
 
@@ -356,10 +336,7 @@ mod tests {
             (Target::PartsPerMinute(0.0), "target parts a minute"),
             (Target::PartsPerMinute(f32::NAN), "target parts a minute"),
         ] {
-            let settings = Settings {
-                part_length: 10.0,
-                ..Settings::default()
-            };
+            let settings = with(Settings::default(), |it| it.part_length = 10.0);
             let refused = Choice::of_target(target, &settings).unwrap_err();
             assert_eq!(refused.parameter, parameter);
         }

@@ -1,7 +1,6 @@
 //! The lock that conveys at a wanted speed: an exhaustive search over the orders of lock.
 //!
-//! A locked part's speed does not depend on the amplitude (docs/theory-transport.md#t8.3), so only
-//! the order remains to choose.
+//! A locked part's speed does not depend on the amplitude (docs/theory-transport.md#t8.3).
 
 use super::setpoint::{Choice, Level, NoSetpoint, ORDERS};
 use crate::hear::LockWindow;
@@ -18,7 +17,6 @@ const SPEED_TOLERANCE: f32 = 0.1;
 pub struct SpeedSearch {
     /// The wanted speed in mm/s.
     wanted: f32,
-    /// The next order of lock.
     order: u8,
     /// The nearest lock so far, with its speed in mm/s.
     nearest: Option<(f32, Choice)>,
@@ -69,8 +67,7 @@ impl SpeedSearch {
 /// The lot's lock of an order and its conveying speed in mm/s; `None` where the lot has none.
 fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
     let lot = settings.lot().ok()?;
-    // Without a band, `Choice::lock` computes the narrower lot that would have one; that is slow
-    // and not needed.
+    // Without a band, `Choice::lock` slowly computes the narrower lot that would have one.
     let contact = settings.contact_time();
     let [_, flip] = band::edges_with_contact(lot.high(), u32::from(order), contact).ok()?;
     let [birth, _] = band::edges_with_contact(lot.low(), u32::from(order), contact).ok()?;

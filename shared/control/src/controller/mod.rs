@@ -1,8 +1,7 @@
 //! Supervisory control of one drive: once per drive cycle, from measurements to the next command.
 //!
-//! A state machine (`supervise`) selects the reference, and the amplitude loop (`drive`) tracks it.
-//! The textbook pattern is supervisory control of a servo loop. ARCHITECTURE.md walks through one
-//! cycle.
+//! A state machine (`supervise`) selects the reference, and the amplitude loop (`drive`) tracks it:
+//! supervisory control of a servo loop. ARCHITECTURE.md walks through one cycle.
 
 use core::f32::consts::TAU;
 
@@ -34,27 +33,22 @@ use kband::feeder::OutOfRange;
 
 /// Slices of planning ([`Controller::plan_step`]) per drive cycle.
 pub const PLAN_SLICES: usize = 16;
-/// Cycles per quarter of the setpoint while the amplitude glides from a lock to chaos, slow enough
-/// to follow each doubling (docs/theory-capture.md#t7.4).
+/// Cycles per quarter of the setpoint on the way from a lock to chaos, slow enough to follow each
+/// doubling (docs/theory-capture.md#t7.4).
 const GLIDE_CYCLES_PER_QUARTER: f32 = 150.0;
-/// Relative error of the amplitude at which the setpoint counts as reached: half of the default
-/// amplitude error that kicks are planned for.
+/// Relative error of the amplitude at which the setpoint counts as reached.
 const SETPOINT_TOLERANCE: f32 = 0.01;
-/// Amplitude over the hard limit below which the track counts as at rest: about the reading of
-/// sensor noise.
+/// Amplitude over the hard limit below which the track counts as at rest: about sensor noise.
 const REST_AMPLITUDE_SHARE: f32 = 0.02;
-/// Amplitude, in m per mm of the safe one (30 % of it), above which the resonance is tracked;
-/// below, noise hides the phase.
+/// Amplitude, in m per mm of the safe one, above which the resonance is tracked.
 const MIN_TRACKING_AMPLITUDE: f32 = 0.3e-3;
-/// Amplitude over the smallest detectable one above which the upper tones are phase-locked to the
-/// first.
+/// Amplitude over the smallest detectable one above which the upper tones are phase-locked.
 const MIN_FIRST_TONE_RATIO: f32 = 4.0;
 
 /// The controller of one drive.
 ///
-/// [`Controller::cycle`] runs once per drive cycle, at the latest before the next one ends. The
-/// signal path latches its command at the next wrap of the phase. [`Controller::plan_step`]
-/// computes one bounded slice of planning and belongs in idle time.
+/// [`Controller::cycle`] runs once per drive cycle, before the next one ends. The signal path
+/// latches its command at the next wrap of the phase. [`Controller::plan_step`] belongs in idle time.
 ///
 /// ```
 /// use kband_control::{Controller, Cycle, Inputs, Settings, StartCause, State, Target};
@@ -81,7 +75,6 @@ pub struct Controller {
     identifier: Identifier,
     /// Phase lead of the track in the last trusted cycle, in rad.
     lead: f32,
-    /// Events since the last cycle.
     pending_events: Events,
     limits: LimitMonitor,
     reference: Reference,
@@ -92,12 +85,10 @@ pub struct Controller {
     /// Estimator of the parts' load; `None` without `track_mass`.
     meter: Option<LoadMeter>,
     weighing: LoadEvents,
-    /// Predicted envelope at the ends of three cycles, newest first, over the steady envelope at
-    /// full output. The first is of the cycle that the last output drives. The last reading is the
-    /// mean of the other two.
+    /// Predicted envelope at the ends of three cycles, newest first, over the steady one at full
+    /// output. The first is of the cycle that the last output drives.
     predicted_envelopes: [Complex; 3],
-    /// Envelope under the measured current at the end of the last cycle, over the steady envelope
-    /// at 1 A.
+    /// Envelope under the measured current at the last cycle's end, over the steady one at 1 A.
     by_current: Complex,
     faults: FaultDetector,
     rest_test: RestTest,
@@ -115,7 +106,6 @@ struct Measured {
     amplitude: f32,
     /// Phase lead of the track before the output.
     lead: Phase,
-    /// Shape of the track's motion.
     shape: Shape,
     events: Events,
 }
@@ -141,7 +131,7 @@ impl Controller {
         let pace = settings.frequency;
         let amplitude = AmplitudeLoop::build(settings)?;
         let resonance = Resonance::new(settings);
-        let scale = Scale::at(settings, resonance.frequency());
+        let scale = Scale::at(settings, resonance.frequency);
         let mut controller = Self {
             settings: *settings,
             scale,
@@ -174,16 +164,12 @@ impl Controller {
         Ok(controller)
     }
 
-    /// Sets a new target.
-    ///
-    /// The error names a number out of range, or an amplitude beyond the drive's output; the old
-    /// target then stays. A target can lose its setpoint later, by new settings; a target of
-    /// [`Controller::build`] can lack one from the start. See [no
-    /// setpoint](Controller::no_setpoint).
+    /// Sets a new target. The error names a number out of range, or an amplitude beyond the drive's
+    /// output; the old target then stays. See [no setpoint](Controller::no_setpoint).
     ///
     /// [`Controller::plan_step`] searches for the lock that gives a requested speed. Until it is
-    /// [chosen](Controller::is_setpoint_found), a running drive keeps its amplitude, and a drive at rest does
-    /// not start.
+    /// [chosen](Controller::is_setpoint_found), a running drive keeps its amplitude, and a
+    /// stopped one does not start.
     pub fn set_target(&mut self, target: Target) -> Result<(), OutOfRange> {
         self.selection = self.select(target, &self.settings)?;
         self.pending_events.push(Event::TargetSet);
@@ -191,9 +177,8 @@ impl Controller {
         Ok(())
     }
 
-    /// Sets target and settings of a recipe, as [`Controller::set_target`] sets a target.
-    ///
-    /// The error names the number out of range; target and settings then stay.
+    /// Sets target and settings of a recipe, as [`Controller::set_target`] sets a target. The error
+    /// names the number out of range; target and settings then stay.
     pub fn use_recipe(&mut self, recipe: &Recipe) -> Result<(), OutOfRange> {
         let settings = recipe.applied_to(&self.settings)?;
         self.selection = self.select(recipe.target, &settings)?;
@@ -207,8 +192,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Whether [`Controller::use_recipe`] accepts a recipe; the error names the number out of
-    /// range.
+    /// Whether [`Controller::use_recipe`] accepts a recipe.
     pub fn check_recipe(&self, recipe: &Recipe) -> Result<(), OutOfRange> {
         let settings = recipe.applied_to(&self.settings)?;
         self.select(recipe.target, &settings).map(|_| ())
@@ -232,16 +216,14 @@ impl Controller {
         }
     }
 
-    /// Records that the settings in use were saved. A fault for invalid settings can then be
-    /// acknowledged.
+    /// Records that the settings in use were saved: their fault can then be acknowledged.
     pub fn settings_saved(&mut self) {
-        self.machine.settings_saved();
+        self.machine.interlock.settings_saved();
     }
 
-    /// Begins the way to the target.
     fn begin_target(&mut self) {
         self.machine.pursue(self.selection.chaos.is_some());
-        let identifies = self.selection.target() == Target::Identify;
+        let identifies = self.selection.target == Target::Identify;
         self.listener.gear = build_gear_estimator(&self.settings, identifies);
         self.listener.clear();
         if identifies {
@@ -254,7 +236,7 @@ impl Controller {
         }
     }
 
-    /// Processes one cycle's measurements and the board's inputs. The report holds the next
+    /// Processes one cycle's measurements and the board's inputs; the report holds the next
     /// command.
     pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
         self.advance(cycle, inputs);
@@ -283,7 +265,7 @@ impl Controller {
         let measured = square_root_single(sine * sine + cosine * cosine);
         let lead = phase_of(libm::atan2f(cosine, sine));
         let motion = self.motion(cycle, Complex::new(sine, cosine));
-        let held_back = !self.limits.limits().is_empty();
+        let held_back = !self.limits.limits.is_empty();
         let blind = self.detect_faults(cycle, inputs, measured, radians_of(lead), &mut events);
         self.follow_enable_input(inputs, measured, &mut events);
         if !blind {
@@ -340,10 +322,10 @@ impl Controller {
             self.identify(cycle, goal, measured, &mut events);
         }
         let load = self.load();
-        if let Some(event) = self.weighing.cycle(load, self.resonance.frequency()) {
+        if let Some(event) = self.weighing.cycle(load, self.resonance.frequency) {
             events.push(event);
         }
-        let limits = self.limits.limits();
+        let limits = self.limits.limits;
         if !held_back && !limits.is_empty() {
             events.push(Event::Limited);
         } else if held_back && limits.is_empty() && self.machine.running() {
@@ -384,11 +366,10 @@ impl Controller {
 
     /// Whether [`Controller::is_ready`] depends on detected gear.
     fn detects_gear(&self) -> bool {
-        let target = self.selection.target();
+        let target = self.selection.target;
         self.watches_ready && matches!(target, Target::Gear { .. } | Target::Flow(_))
     }
 
-    /// Whether every number of the command is finite.
     fn commands_finite(&self) -> bool {
         let upper = self.tones.output();
         let mut numbers = upper.as_flattened().iter();
@@ -397,8 +378,8 @@ impl Controller {
             && numbers.all(|part| part.is_finite())
     }
 
-    /// Estimates the parts' load. Returns the track's motion along sine and cosine of the output's
-    /// phase, in m, corrected for the impacts that the demodulator blanks.
+    /// Estimates the parts' load. Corrects the track's motion along sine and cosine of the output's
+    /// phase, in m, for the impacts that the demodulator blanks.
     fn estimate_load(&mut self, cycle: &Cycle, sine: f32, cosine: f32) -> [f32; 2] {
         if self.meter.is_none() {
             return [sine, cosine];
@@ -412,13 +393,13 @@ impl Controller {
             output: Complex::new(along, across) * self.output,
             blanked: cycle.blanked,
             square: self.scale.angular_squared,
-            frequency: self.resonance.frequency(),
+            frequency: self.resonance.frequency,
             normal_gravity: self.scale.normal_gravity,
             in_gear: self.in_gear(),
             order: self.order().unwrap_or(1),
             restitution: one.map(|margin| margin.restitution),
             cosine: one.map(|_| libm::cosf(phases.phase()) * phases.concentration()),
-            sine: self.selection.shape().is_sine(),
+            sine: self.selection.shape.is_sine(),
             concentration: phases.concentration(),
             heard: !cycle.heard.is_empty(),
             settled: self.machine.kick().is_none()
@@ -427,13 +408,8 @@ impl Controller {
                 && (self.reference.now - goal).abs() < SETPOINT_TOLERANCE * goal
                 && (self.measured.amplitude - goal).abs() < 10.0 * SETPOINT_TOLERANCE * goal,
         };
-        match &mut self.meter {
-            Some(meter) => {
-                let found = meter.cycle(&seen);
-                [found.re, found.im]
-            }
-            None => [sine, cosine],
-        }
+        let found = (self.meter.as_mut()).map_or(seen.motion, |meter| meter.cycle(&seen));
+        [found.re, found.im]
     }
 
     /// Converts the demodulated acceleration to the track's motion, in m.
@@ -447,21 +423,20 @@ impl Controller {
         TrackMotion { first, upper }
     }
 
-    /// Controls the upper tones, where the settings allow any. They run at the chosen setpoint
-    /// only: never while the link is lost, no setpoint exists, or the drive stops.
+    /// Controls the upper tones, where the settings allow any. Only at the chosen setpoint.
     fn control_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
         if !self.tones.allowed() {
             return;
         }
-        let limits = self.limits.limits();
+        let limits = self.limits.limits;
         let sound = !limits.contains(Limits::LINK_LOST)
             && !limits.contains(Limits::NO_SETPOINT)
-            && self.machine.state() != State::Stopping
+            && self.machine.state != State::Stopping
             && self.selection.chosen();
         let asked = ToneInputs {
             motion: *motion,
             wanted: if sound {
-                self.selection.shape()
+                self.selection.shape
             } else {
                 Shape::SINE
             },
@@ -490,24 +465,16 @@ impl Controller {
         if inputs.chatters {
             events.push(Event::EnableChatters);
         }
-        if inputs.stack_low {
-            self.machine.fail(Fault::StackLow, events);
-        }
-        if inputs.supply_low {
-            self.machine.fail(Fault::SupplyLow, events);
-        }
-        if inputs.clock_failed {
-            self.machine.fail(Fault::ClockFailed, events);
-        }
-        if self.machine.running() {
-            for (present, fault) in [
-                (inputs.over_current, Fault::OverCurrent),
-                (inputs.control_late, Fault::ControlLate),
-                (inputs.over_temperature, Fault::OverTemperature),
-            ] {
-                if present {
-                    self.machine.fail(fault, events);
-                }
+        for (present, at_rest_too, fault) in [
+            (inputs.stack_low, true, Fault::StackLow),
+            (inputs.supply_low, true, Fault::SupplyLow),
+            (inputs.clock_failed, true, Fault::ClockFailed),
+            (inputs.over_current, false, Fault::OverCurrent),
+            (inputs.control_late, false, Fault::ControlLate),
+            (inputs.over_temperature, false, Fault::OverTemperature),
+        ] {
+            if present && (at_rest_too || self.machine.running()) {
+                self.machine.fail(fault, events);
             }
         }
         self.rest_test.cycle(cycle);
@@ -571,7 +538,7 @@ impl Controller {
                 self.predicted_envelopes = [Complex::default(); 3];
                 self.tones.restart();
                 self.swing.begin();
-                if self.selection.target() == Target::Identify
+                if self.selection.target == Target::Identify
                     && self.selection.no_setpoint().is_none()
                 {
                     self.identifier.begin(self.settings.contact_time());
@@ -588,8 +555,8 @@ impl Controller {
 
     /// Detects a target that depends on impacts while none are detected.
     fn detect_deafness(&mut self, cycle: &Cycle, goal: f32, measured: f32) {
-        let limits = self.limits.limits();
-        let settled = match self.machine.state() {
+        let limits = self.limits.limits;
+        let settled = match self.machine.state {
             State::Holding | State::Capturing | State::Locked | State::Lost => true,
             State::Limiting => limits == Limits::DEAF || limits == Limits::MISFIT,
             _ => false,
@@ -597,7 +564,7 @@ impl Controller {
         let near = (measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal
             || self.machine.kick().is_some();
         let order = self.order();
-        let wanted = match self.selection.target() {
+        let wanted = match self.selection.target {
             Target::Gear { .. } | Target::Flow(_) => true,
             _ => self.selection.lock().is_some(),
         };
@@ -630,8 +597,8 @@ impl Controller {
         for (limit, present) in [
             (Limits::NO_SETPOINT, self.selection.no_setpoint().is_some()),
             (self.scale.ceiling_limit, above_ceiling),
-            (Limits::DEAF, self.deafness.is_deaf()),
-            (Limits::MISFIT, self.selection.is_misfit()),
+            (Limits::DEAF, self.deafness.missed_impacts),
+            (Limits::MISFIT, self.selection.misfit),
             (
                 Limits::SECOND_TONE,
                 self.tones.missing_tones() != [false; UPPER],
@@ -643,7 +610,7 @@ impl Controller {
             running: self.machine.running(),
             frame_received: inputs.link_heard,
             link_timeout: (timeout > 0.0).then_some(timeout * self.settings.frequency),
-            saturated: self.amplitude.saturated(),
+            saturated: self.amplitude.saturated,
             causes,
         });
     }
@@ -651,14 +618,14 @@ impl Controller {
     /// Moves the reference by one cycle; its goal, in m.
     fn move_reference(&mut self) -> f32 {
         let (settings, setpoint) = (&self.settings, self.selection.setpoint(&self.scale));
-        let limits = self.limits.limits();
+        let limits = self.limits.limits;
         let safe = settings.safe_amplitude * 1e-3;
         let scale = setpoint.max(safe) / settings.frequency;
         let (fewest, pace) = self.amplitude.start_limits();
         let start = settings.soft_start.max(fewest / settings.frequency);
         let up = Approach::Ramp(pace * scale / start);
         let down = Approach::Ramp(scale / settings.soft_stop);
-        let (goal, pace) = match (self.machine.state(), self.machine.kick()) {
+        let (goal, pace) = match (self.machine.state, self.machine.kick()) {
             (State::Off | State::Fault, _) => (0.0, Approach::Step),
             (State::Stopping, _) => (0.0, down),
             // Without a certain target the amplitude falls or stays, and never rises.
@@ -683,23 +650,20 @@ impl Controller {
         goal
     }
 
-    /// Limits of a start's test swing on the reference and on the output's amplitude, in m. `None`
-    /// during a resonance search, and after the test.
+    /// Limits of a start's test swing on the reference and on the output's amplitude, in m.
     fn swing_limits(&self) -> Option<[f32; 2]> {
         let Scale { ceiling, least, .. } = self.scale;
         let limits = self.swing.limits(self.reference.now, ceiling, least);
         limits.filter(|_| !self.resonance.is_sweeping())
     }
 
-    /// Upper limit of the next output, as a share of full output. It does not depend on the
-    /// accelerometer.
+    /// Upper limit of the next output, as a share of full output, without the accelerometer.
     fn most_output(&self) -> f32 {
         let amplitude = self.swing_limits().map(|[_, most]| most);
         self.scale
             .most_output(self.predicted_envelopes[0], amplitude)
     }
 
-    /// Switches the drive off and resets every loop.
     fn switch_off(&mut self) {
         (self.output, self.output_lead) = (0.0, 0.0);
         self.reference.now = 0.0;
@@ -708,7 +672,7 @@ impl Controller {
         self.listener.clear();
         self.deafness = MissedImpactDetector::default();
         self.limits.rest();
-        if self.selection.is_misfit() {
+        if self.selection.misfit {
             self.begin_again();
         }
         let decision = self.machine.rest();
@@ -731,8 +695,7 @@ impl Controller {
             .min(self.scale.ceiling)
     }
 
-    /// One cycle of the resonance search. The output is constant and gives the safe amplitude at
-    /// the resonance.
+    /// One cycle of the resonance search, with the output of the safe amplitude at the resonance.
     fn advance_sweep(&mut self, measured: f32, events: &mut Events) {
         let output = self.sweep_amplitude() / self.scale.full_amplitude;
         self.output = output.min(self.settings.output_maximum);
@@ -757,14 +720,12 @@ impl Controller {
 
     /// Updates the numbers that depend on the drive's frequency.
     fn update_scale(&mut self) {
-        self.scale
-            .retune(&self.settings, self.resonance.frequency());
+        self.scale.retune(&self.settings, self.resonance.frequency);
     }
 
-    /// Confidence, 0..1, that the parts are in the wanted lock; 0 where the impact of a single part
-    /// would not be detected.
+    /// Confidence, 0..1, that the parts are in the wanted lock; 0 with too faint single impacts.
     fn confidence(&self) -> f32 {
-        if self.deafness.hears_crowds_only() {
+        if self.deafness.crowd {
             return 0.0;
         }
         self.listener.confidence(self.selection.lock())
@@ -778,7 +739,7 @@ impl Controller {
                 && self.reference.now == goal
                 && (measured - goal).abs() < SETPOINT_TOLERANCE * goal
                 && self.tones.arrived(),
-            limits: self.limits.limits(),
+            limits: self.limits.limits,
             lock: self.selection.lock().map(|_| self.confidence()),
             regime: self.listener.regime.as_ref(),
             plan: self.selection.search.plan(),
@@ -788,10 +749,9 @@ impl Controller {
         self.carry_out(decision);
     }
 
-    /// Tests whether the parts fit the lot that gear is planned for. The verdict stays until the track
-    /// is empty; then the target begins anew.
+    /// Tests whether the parts fit the lot of gear. The verdict stays until the track is empty.
     fn watch_fit(&mut self) {
-        if self.selection.is_misfit() {
+        if self.selection.misfit {
             if self.listener.empty {
                 self.begin_again();
             }
@@ -808,13 +768,12 @@ impl Controller {
     /// Begins the target anew, for other parts.
     #[inline(never)]
     fn begin_again(&mut self) {
-        if let Ok(selection) = self.select(self.selection.target(), &self.settings) {
+        if let Ok(selection) = self.select(self.selection.target, &self.settings) {
             self.selection = selection;
             self.begin_target();
         }
     }
 
-    /// Plans gear anew if the parts have changed.
     fn retune_gear(&mut self) {
         if self.machine.settled() {
             self.selection.retune(
@@ -838,12 +797,11 @@ impl Controller {
         }
     }
 
-    /// One cycle of the identification, if one runs.
     fn identify(&mut self, cycle: &Cycle, goal: f32, measured: f32, events: &mut Events) {
         if !self.identifier.is_running() {
             return;
         }
-        if self.machine.state() != State::Holding {
+        if self.machine.state != State::Holding {
             if self.identifier.wait() != Step::Going {
                 events.push(Event::NotIdentified);
             }
@@ -876,8 +834,7 @@ impl Controller {
         }
     }
 
-    /// Computes one bounded slice of planning. Whether more remain. Call it in idle time, at most
-    /// as often per cycle as it returns true.
+    /// Computes one bounded slice of planning, in idle time. Whether more remain.
     pub fn plan_step(&mut self) -> bool {
         let chosen = self.selection.chosen();
         chosen && (self.identifier.step() || self.listener.share.step())
@@ -907,19 +864,14 @@ fn refused(target: Target, accepted: &'static str) -> OutOfRange {
     }
 }
 
-/// The estimator of gear: for the configured lot, or for any restitution if the identification
-/// estimates it.
+/// The estimator of gear: for the configured lot, or for any restitution to identify.
 fn build_gear_estimator(settings: &Settings, any: bool) -> GearEstimator {
-    let estimator = if any {
-        GearEstimator::new(0.0, 1.0, settings.scatter)
+    let [low, high] = if any {
+        [0.0, 1.0]
     } else {
-        GearEstimator::new(
-            settings.restitution_low,
-            settings.restitution_high,
-            settings.scatter,
-        )
+        [settings.restitution_low, settings.restitution_high]
     };
-    estimator.with_contact(settings.contact_time())
+    GearEstimator::new(low, high, settings.scatter).with_contact(settings.contact_time())
 }
 
 #[cfg(any(test, feature = "memo"))]

@@ -37,12 +37,12 @@ impl Controller {
             gear_band: self.selection.gear_plan().map(|plan| plan.band),
             load: self.load(),
             attempts: self.machine.attempts(),
-            identification: self.identifier.result(),
+            identification: self.identifier.result,
             regime: self.listener.regime,
-            frequency: self.resonance.frequency(),
-            state: self.machine.state(),
+            frequency: self.resonance.frequency,
+            state: self.machine.state,
             fault: self.machine.fault(),
-            limits: self.limits.limits(),
+            limits: self.limits.limits,
             events: seen.events,
             command: self.command(),
         }
@@ -62,14 +62,14 @@ impl Controller {
         }
     }
 
-    /// Whether the target is met and the amplitude is steady: the lock, chaos or gear is detected,
-    /// or the requested amplitude is held. Gear counts where its estimated share exceeds one half.
+    /// Whether the target is met (lock, chaos, a share of gear above one half, or the amplitude)
+    /// and the amplitude is steady.
     pub fn is_ready(&self) -> bool {
         self.faults.is_steady() && self.is_target_met()
     }
 
     fn is_target_met(&self) -> bool {
-        match (self.machine.state(), self.selection.target()) {
+        match (self.machine.state, self.selection.target) {
             (State::Holding, Target::K(_) | Target::Tones { .. } | Target::Amplitude(_)) => true,
             (State::Holding, Target::Gear { .. } | Target::Flow(_)) => {
                 self.listener.in_gear_detected
@@ -82,12 +82,12 @@ impl Controller {
 
     /// State of the controller.
     pub fn state(&self) -> State {
-        self.machine.state()
+        self.machine.state
     }
 
     /// The causes that keep the drive off, for [`Controller::resume`].
     pub fn interlock(&self) -> &Interlock {
-        self.machine.interlock()
+        &self.machine.interlock
     }
 
     /// Events of the last cycle.
@@ -111,13 +111,12 @@ impl Controller {
 
     /// Whether no part would be detected: then nothing is reported of the parts.
     fn is_deaf(&self) -> bool {
-        self.limits.limits().contains(Limits::DEAF)
+        self.limits.limits.contains(Limits::DEAF)
     }
 
-    /// Whether nothing is reported of gear: no part would be detected, or the parts do not fit the
-    /// lot whose gear is estimated.
+    /// Whether nothing is reported of gear: no part is detected, or parts do not fit the lot.
     fn is_unknown(&self) -> bool {
-        self.is_deaf() || self.selection.is_misfit()
+        self.is_deaf() || self.selection.misfit
     }
 
     /// That share with its error; `None` where it is only a lower bound.
@@ -159,7 +158,7 @@ impl Controller {
 
     /// The target.
     pub fn target(&self) -> Target {
-        self.selection.target()
+        self.selection.target
     }
 
     /// Order of the wanted lock, also on the way to chaos or for a speed, or of the wanted gear.
@@ -172,8 +171,7 @@ impl Controller {
         self.selection.setpoint(&self.scale)
     }
 
-    /// Whether the search for the setpoint is over, with or without a result. The lock for a speed
-    /// and the k for gear need a search.
+    /// Whether the search for the setpoint is over, with or without a result.
     pub fn is_setpoint_found(&self) -> bool {
         self.selection.chosen()
     }
@@ -193,20 +191,18 @@ impl Controller {
         self.scale.k(amplitude)
     }
 
-    /// Progress of the identification of the parts' restitution ([`Target::Identify`]). The result
-    /// is offered here and applied nowhere. It stays until the next identification.
+    /// Progress of the identification of the parts' restitution ([`Target::Identify`]); its result
+    /// is applied nowhere, and stays until the next one.
     pub fn identification(&self) -> Identification {
-        self.identifier.result()
+        self.identifier.result
     }
 
-    /// Sets whether gear is detected for [`Controller::is_ready`], which without it is never true
-    /// for a target of gear or flow. Default: yes.
+    /// Sets whether gear is detected for [`Controller::is_ready`]. Default: yes.
     pub fn watch_ready(&mut self, watched: bool) {
         self.watches_ready = watched;
     }
 
-    /// Sets whether the regime is classified for [`Report::regime`] where the controller does not
-    /// need it. Default: yes.
+    /// Sets whether the regime is classified also where nothing needs it. Default: yes.
     pub fn watch_regime(&mut self, watched: bool) {
         self.listener.always_classifies = watched;
     }

@@ -3,6 +3,7 @@
 use super::*;
 use crate::Report;
 use crate::signal_path::DetectedImpact;
+use crate::testing::with;
 use kband::regime::classify::Regime;
 
 mod table;
@@ -10,8 +11,7 @@ mod table;
 #[test]
 fn regimes_are_detected_after_the_cycle_counter_wraps() {
     let target = Target::Locked { order: 1 };
-    let mut controller =
-        Controller::build(&Settings::default(), target, StartCause::Ordinary).unwrap();
+    let mut controller = build(&Settings::default(), target);
     controller.count = u32::MAX - 150;
     let inputs = enabled();
     let mut cycle = ideal(&controller);
@@ -34,6 +34,10 @@ fn regimes_are_detected_after_the_cycle_counter_wraps() {
     assert_eq!(heard(true), (209, Some(Regime::Rest)));
 }
 
+fn build(settings: &Settings, target: Target) -> Controller {
+    Controller::build(settings, target, StartCause::Ordinary).unwrap()
+}
+
 /// A controller at a target with its drive, and their reports.
 fn driven(target: Target) -> (Controller, Report) {
     let settings = Settings {
@@ -41,7 +45,7 @@ fn driven(target: Target) -> (Controller, Report) {
         restitution_high: 0.201,
         ..Settings::default()
     };
-    let mut controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+    let mut controller = build(&settings, target);
     let mut report = Report::default();
     for _ in 0..60 {
         report = follow(&mut controller, true, 1);
@@ -67,18 +71,12 @@ fn ideal(controller: &Controller) -> Cycle {
 }
 
 fn enabled() -> Inputs {
-    Inputs {
-        enable: true,
-        ..Inputs::default()
-    }
+    with(Inputs::default(), |it| it.enable = true)
 }
 
 /// A cycle of such a drive, and some slices.
 fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
-    let inputs = Inputs {
-        enable,
-        ..Inputs::default()
-    };
+    let inputs = with(Inputs::default(), |it| it.enable = enable);
     let report = controller.cycle(&ideal(controller), &inputs);
     for _ in 0..slices {
         controller.plan_step();
@@ -101,16 +99,9 @@ fn a_drive_that_is_held_off_stops_without_a_ramp() {
         controller.cycle(&ideal(controller), &inputs)
     };
     let first = cycle(&mut controller, true);
-    assert_eq!(
-        (first.state, first.command.amplitude),
-        (State::Stopping, 0.0)
-    );
-    assert!(
-        first
-            .events
-            .iter()
-            .any(|event| event == Event::EnableChatters)
-    );
+    let found = (first.state, first.command.amplitude);
+    assert_eq!(found, (State::Stopping, 0.0));
+    assert!((first.events.iter()).any(|event| event == Event::EnableChatters));
     let mut ended = false;
     for _ in 0..200 {
         let report = cycle(&mut controller, true);
@@ -145,8 +136,7 @@ fn nan_reading_stops_the_drive_and_is_forgotten() {
                     ..Settings::default()
                 };
                 let target = Target::K(0.5);
-                let mut controller =
-                    Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+                let mut controller = build(&settings, target);
                 let mut held = Report::default();
                 for _ in 0..60 {
                     held = follow(&mut controller, true, 1);
@@ -178,16 +168,13 @@ fn nan_reading_stops_the_drive_and_is_forgotten() {
 
 /// Settings of a drive that makes 0.19 mm at most at 50 Hz.
 fn weak() -> Settings {
-    Settings {
-        gain: 0.2,
-        ..Settings::default()
-    }
+    with(Settings::default(), |it| it.gain = 0.2)
 }
 
 #[test]
 fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
     let held = Target::Amplitude(0.18);
-    let mut controller = Controller::build(&weak(), held, StartCause::Ordinary).unwrap();
+    let mut controller = build(&weak(), held);
     assert_eq!(controller.no_setpoint(), None);
     let shape = Shape::SINE;
     for (target, parameter) in [
@@ -208,20 +195,12 @@ fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
         assert_eq!(controller.target(), target);
     }
     // Identification begins at 0.114 mm.
-    let weaker = Settings {
-        gain: 0.11,
-        ..weak()
-    };
-    let mut controller =
-        Controller::build(&weaker, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
+    let weaker = with(weak(), |it| it.gain = 0.11);
+    let mut controller = build(&weaker, Target::Amplitude(0.0));
     assert!(controller.set_target(Target::Identify).is_err());
     // A hard limit holds the amplitude, and the limit is reported.
-    let limited = Settings {
-        amplitude_limit: 0.15,
-        ..weak()
-    };
-    let mut controller =
-        Controller::build(&limited, Target::Amplitude(0.0), StartCause::Ordinary).unwrap();
+    let limited = with(weak(), |it| it.amplitude_limit = 0.15);
+    let mut controller = build(&limited, Target::Amplitude(0.0));
     controller.set_target(Target::K(0.4)).unwrap();
     let reports = (0..60).map(|_| follow(&mut controller, true, 1));
     assert_eq!(reports.last().unwrap().limits, Limits::AMPLITUDE);
@@ -229,15 +208,8 @@ fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
 
 #[test]
 fn off_the_resonance_the_output_reaches_less() {
-    let beside = Settings {
-        resonance: 47.0,
-        ..Settings::default()
-    };
-    let at = |settings: &Settings, b| {
-        Controller::build(settings, Target::Amplitude(b), StartCause::Ordinary)
-            .unwrap()
-            .no_setpoint()
-    };
+    let beside = with(Settings::default(), |it| it.resonance = 47.0);
+    let at = |settings: &Settings, b| build(settings, Target::Amplitude(b)).no_setpoint();
     assert_eq!(at(&Settings::default(), 0.94), None);
     let Some(NoSetpoint::Output { needed, reach }) = at(&beside, 0.94) else {
         panic!("0.94 mm 3 Hz beside the resonance");
@@ -255,7 +227,7 @@ fn target_out_of_reach_moves_nothing() {
         Target::K(0.4),
         Target::Locked { order: 1 },
     ] {
-        let mut controller = Controller::build(&weak(), target, StartCause::Ordinary).unwrap();
+        let mut controller = build(&weak(), target);
         let why = controller.no_setpoint();
         assert!(matches!(why, Some(NoSetpoint::Output { .. })), "{why:?}");
         for _ in 0..200 {
@@ -271,12 +243,8 @@ fn unreachable_speed_is_reported_after_the_search() {
     let (strong, _) = driven(Target::Speed(88.0));
     let b = strong.setpoint() * 1e3;
     assert!(b > 0.1, "{b}");
-    let settings = Settings {
-        gain: b,
-        ..Settings::default()
-    };
-    let mut controller =
-        Controller::build(&settings, Target::Speed(88.0), StartCause::Ordinary).unwrap();
+    let settings = with(Settings::default(), |it| it.gain = b);
+    let mut controller = build(&settings, Target::Speed(88.0));
     while !controller.is_setpoint_found() {
         controller.plan_step();
     }
@@ -289,13 +257,10 @@ fn unreachable_speed_is_reported_after_the_search() {
 #[test]
 fn parts_a_minute_are_a_speed_over_the_length_of_a_part() {
     let wanted = driven(Target::Speed(180.0)).0;
-    let settings = Settings {
-        part_length: 12.0,
-        ..*wanted.settings()
-    };
+    let settings = with(*wanted.settings(), |it| it.part_length = 12.0);
     // 900 parts of 12 mm in 60 s.
     let target = Target::PartsPerMinute(900.0);
-    let mut controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+    let mut controller = build(&settings, target);
     while !controller.is_setpoint_found() {
         controller.plan_step();
     }
@@ -326,8 +291,7 @@ fn the_amplitude_stays_while_the_lock_for_a_speed_is_sought() {
 #[test]
 fn a_drive_starts_once_the_lock_for_a_speed_is_chosen() {
     let target = Target::Speed(40.0);
-    let mut controller =
-        Controller::build(&Settings::default(), target, StartCause::Ordinary).unwrap();
+    let mut controller = build(&Settings::default(), target);
     for _ in 0..8 {
         assert_eq!(follow(&mut controller, true, 1).state, State::Off);
     }
@@ -358,10 +322,7 @@ fn interrupted_search_serves_the_last_target() {
                     assert_eq!(report.state, State::Stopping);
                 }
                 _ => {
-                    let inputs = Inputs {
-                        over_temperature: true,
-                        ..enabled()
-                    };
+                    let inputs = with(enabled(), |it| it.over_temperature = true);
                     let report = controller.cycle(&Cycle::default(), &inputs);
                     assert_eq!(report.state, State::Fault);
                 }
@@ -401,8 +362,6 @@ fn a_recipe_gives_the_setpoint_of_its_own_parts() {
         ..machine
     };
     let target = Target::Gear { order: 1 };
-    let build =
-        |settings, target| Controller::build(settings, target, StartCause::Ordinary).unwrap();
     let planned = |mut controller: Controller| {
         while controller.plan_step() {}
         (

@@ -1,18 +1,15 @@
 //! The amplitude loop: it holds the track's amplitude b at its reference, cycle by cycle.
 //!
 //! At its resonance the drive's amplitude is a first-order lag. There the loop is a PI controller
-//! with feedforward through the inverse of that lag. Its integral time equals the envelope's time
-//! constant (pole cancellation, or lambda tuning: Astrom and Hagglund, Advanced PID Control, 2006).
-//! Anti-windup is conditional integration. A saturated output also moves the reference to the value
-//! that the output can realize (conditioning technique: Hanus, Kinnaert and Henrotte 1987).
+//! with feedforward through the inverse of that lag and an integral time of the envelope (lambda
+//! tuning: Astrom and Hagglund, Advanced PID Control, 2006). Anti-windup is conditional
+//! integration, and a saturated output moves the reference to what the output can realize
+//! (conditioning technique: Hanus, Kinnaert and Henrotte 1987).
 //!
-//! Off the resonance the envelope turns against the output and beats. From 2.5 half widths of the
-//! resonance on, a PI loop of six cycles would oscillate without end. There the output is the
-//! reference through the inverse of the turning envelope, over the estimated gain. Estimating the
-//! gain, by exponential forgetting, is then the only feedback: an integral loop.
-//!
-//! Input per cycle is the measured amplitude (m) and the reference (m); the output is the drive
-//! signal as a share of full output, 0..1. `margins` computes the stability margins of both loops.
+//! Off the resonance the envelope turns against the output and beats; from 2.5 half widths on, a PI
+//! loop of six cycles would oscillate. There the output is the reference through the inverse of the
+//! turning envelope, over the estimated gain. Estimating the gain, by exponential forgetting, is
+//! then the only feedback: an integral loop. `margins` has its stability margins.
 
 use num_complex::Complex32 as Complex;
 
@@ -23,43 +20,31 @@ use crate::saturate::saturate;
 use crate::settings::Settings;
 use kband::feeder::OutOfRange;
 
-/// Time constant of the closed loop in cycles, three times the dead time of 2: phase margin 70
-/// degrees, gain margin above 4.
+/// Time constant of the closed loop in cycles: phase margin 70 degrees, gain margin above 4.
 const CLOSED_LOOP_CYCLES: f32 = 6.0;
-/// Weight of a cycle in the gain estimate (exponential forgetting): memory of 25 cycles, four
-/// closed-loop time constants, so that the two loops stay separate.
+/// Weight of a cycle in the gain estimate: a memory of four closed-loop time constants.
 const GAIN_FORGETTING: f32 = 0.04;
-/// Dead time from a command to the middle of the first cycle that shows it, in cycles: computing 1,
-/// driving 1, averaging 0.5.
+/// Dead time in cycles: computing 1, driving 1, averaging 0.5.
 const DEAD_TIME_CYCLES: f32 = 2.5;
-/// Time constant of the gain estimate off the resonance, over dead time plus envelope: gain margin
-/// 5, or 2.6 under a wrongly configured resonance.
+/// Time constant of the gain estimate off the resonance, over dead time plus envelope.
 const GAIN_TIME_CONSTANT_RATIO: f32 = 3.0;
-/// Largest factor between the estimated and the configured gain; a weaker drive is a fault, a
-/// stronger one is out of scale.
+/// Largest factor between estimated and configured gain; beyond is a fault, or out of scale.
 const GAIN_RANGE: f32 = 4.0;
-/// Share of the full envelope above which the gain is estimated: 2 m/s^2 by default at 50 Hz, 13
-/// times a reading's noise.
+/// Share of the full envelope above which the gain is estimated: 13 times a reading's noise.
 const MIN_ENVELOPE_FOR_GAIN: f32 = 0.02;
-/// Relative deviation of a cycle's gain above which, at the resonance, the estimate is a mean over
-/// the start and not exponential forgetting.
+/// Relative deviation of a cycle's gain above which the estimate is a mean over the start.
 const GAIN_DEVIATION_FOR_MEAN: f32 = 0.1;
-/// Minimum duration of a soft start in cycles: in fewer, a gain configured wrong by a factor of 2
-/// overshoots before it is estimated.
+/// Minimum duration of a soft start in cycles, in which a gain wrong by 2 is estimated.
 const MIN_START_CYCLES: f32 = 16.0;
-/// Minimum duration of a soft start off the resonance in cycles: a gain configured wrong by 2 then
-/// overshoots the hard limit by 1.8 %.
+/// The same off the resonance: a gain wrong by 2 then overshoots the hard limit by 1.8 %.
 const MIN_DETUNED_START_CYCLES: f32 = 60.0;
-/// Cycles of gain estimation, off the resonance, before a start runs at full pace; at full pace
-/// from the beginning the amplitude beats by 14 %.
+/// Cycles of gain estimation, off the resonance, before a start runs at full pace.
 const FULL_PACE_CYCLES: f32 = 16.0;
 /// Cycles added to those of gain estimation: a start off the resonance begins at 1/16 of its pace.
 const INITIAL_PACE_CYCLES: f32 = 1.0;
-/// Minimum duration of a start off the resonance over the lag of the envelope's phase: the phase
-/// errs by 1/6 rad at most.
+/// Minimum duration of a start off the resonance over the lag of the envelope's phase.
 const START_OVER_PHASE_LAG: f32 = 6.0;
-/// Minimum duration of a start off the resonance in cycles, over the output that the inverse
-/// requests at its beginning.
+/// Minimum duration of a start off the resonance in cycles, over the inverse's first output.
 const START_OVER_INVERSE_OUTPUT: f32 = 1.5;
 
 /// Fixed values of the loop, derived from the settings.
@@ -79,15 +64,12 @@ struct Tuning {
     max_output: f32,
     /// Configured track amplitude at full output, in m.
     nominal: f32,
-    /// Minimum duration of a soft start in cycles.
     min_start: f32,
 }
 
-/// The inverse of an envelope that turns, `(z - pole)(z - pole*) / (z (z - forget))`, normalized to
-/// gain 1 at rest, in steps of one cycle.
-///
-/// The exact inverse has its pole `forget` at the amplitude's zero, `(pole.re - |pole|^2) / (1 -
-/// pole.re)`. A negative pole would make the output alternate; it is replaced by 0.
+/// The inverse of an envelope that turns, `(z - pole)(z - pole*) / (z (z - forget))`, of gain 1 at
+/// rest, in steps of one cycle. Its pole `forget` is at the amplitude's zero, `(pole.re - |pole|^2)
+/// / (1 - pole.re)`; a negative one would make the output alternate and is replaced by 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Inverse {
     forget: f32,
@@ -114,11 +96,8 @@ impl Inverse {
     }
 }
 
-/// The loop that holds the amplitude, with anti-windup and an estimate of the drive's gain.
-///
-/// The reference is the model. The feedforward alone tracks a reference that the drive's envelope
-/// can follow; the feedback acts on the rest. At a limit of the output the reference continues from
-/// the amplitude that the output realizes.
+/// The loop that holds the amplitude, with anti-windup and an estimate of the drive's gain. The
+/// feedforward alone tracks a reference that the envelope can follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AmplitudeLoop {
     tuning: Tuning,
@@ -131,8 +110,8 @@ pub struct AmplitudeLoop {
     quarter_cycles: f32,
     /// Integral term of the output, as a share of full output.
     integral_term: f32,
-    /// References at the ends of four cycles, newest first, in m. The first cycle is the one that
-    /// the present output will drive, then the running one, the measured one, the one before.
+    /// References at the ends of four cycles, newest first, in m: of the next cycle, the running
+    /// one, the measured one, the one before.
     reference: [f32; 4],
     /// The reference through the inverse, in m.
     inverted: f32,
@@ -140,7 +119,7 @@ pub struct AmplitudeLoop {
     output: [f32; 3],
     /// Predicted envelope at the measured cycle's end, for unit gain.
     model: Complex,
-    saturated: bool,
+    pub saturated: bool,
     /// Load observer, which replaces the feedback on a track of configured mass.
     observer: Option<Observer>,
 }
@@ -189,10 +168,8 @@ impl AmplitudeLoop {
             output: [0.0; 3],
             model: Complex::default(),
             saturated: false,
-            // The observer compensates a load within a cycle. Its gain at high frequencies is about
-            // Q/2 over the drive's gain. A mode at a multiple of the frequency with half of the
-            // resonance's force makes that unstable. A drive of several tones has such modes, so
-            // the PI loop holds its amplitude.
+            // Its gain at high frequencies is about Q/2 over the drive's gain. A mode at a multiple
+            // of the frequency, which a drive of several tones has, makes that unstable.
             observer: (settings.track_mass > 0.0
                 && envelope.first_order
                 && settings.upper_tones() == 0)
@@ -245,8 +222,7 @@ impl AmplitudeLoop {
         self.observer = (self.observer).map(|_| Observer::at(amplitude, driven, self.tuning.keep));
     }
 
-    /// Minimum duration of a soft start in cycles, and the share of its pace that it may have now,
-    /// 0..1.
+    /// Minimum duration of a soft start in cycles, and the share of its pace that it may have now.
     pub fn start_limits(&self) -> (f32, f32) {
         let pace = if self.envelope.first_order {
             1.0
@@ -258,9 +234,8 @@ impl AmplitudeLoop {
         (self.tuning.min_start, pace)
     }
 
-    /// Processes the amplitude measured in the last cycle. `reference` is for the end of the cycle
-    /// after next. Both are in m. The result is the output of that cycle as a share of full output,
-    /// at most `most`.
+    /// Processes the amplitude measured in the last cycle and the `reference` for the end of the
+    /// cycle after next, in m. Returns that cycle's output over full output, at most `most`.
     pub fn cycle(&mut self, measured: f32, reference: f32, most: f32) -> f32 {
         let high = self.tuning.max_output.min(most);
         let [newest, before, oldest, _] = self.reference;
@@ -289,9 +264,8 @@ impl AmplitudeLoop {
         output
     }
 
-    /// As [`AmplitudeLoop::cycle`], with the load observer. `motion` is along sine and cosine of
-    /// the output's phase, in m. The results are output and phase lead of the output (rad). The
-    /// load is compensated, so the configured gain stays.
+    /// As [`AmplitudeLoop::cycle`], with the load observer; `motion` in m, along sine and cosine of
+    /// the output's phase. Returns output and its phase lead (rad).
     pub fn control_under_load(
         &mut self,
         motion: Complex,
@@ -311,8 +285,7 @@ impl AmplitudeLoop {
         Some([(driven / self.gain).min(largest), lead])
     }
 
-    /// Estimates the gain from the cycle that ended, if its output was large enough. The estimate
-    /// is the mean over the start's first cycles, then an exponentially weighted one.
+    /// Estimates the gain from the cycle that ended: a mean over the start, then exponential.
     fn estimate_gain(&mut self, measured: f32) {
         let tuning = self.tuning;
         let (before, driven) = (self.model, self.output[1]);
@@ -359,16 +332,14 @@ impl AmplitudeLoop {
             let made = tuning.keep * before + (1.0 - tuning.keep) * self.gain * left;
             self.reference[0] = saturate(made, goal.min(before), goal.max(before));
         }
-        // Conditional integration: the integral term stops where it would push further into the
-        // limit.
+        // Conditional integration: not further into the limit.
         if (raw <= high || error < 0.0) && (raw >= 0.0 || error > 0.0) {
             self.integral_term += tuning.integral * proportional_term;
         }
         (raw, output)
     }
 
-    /// Feedback gains for the margins: proportional gain, integral over proportional gain, or the
-    /// weight of a cycle in the gain estimate.
+    /// Feedback gains for the margins: proportional, integral over it, or gain weight.
     pub(super) fn gains(&self) -> [f32; 3] {
         let tuning = self.tuning;
         if self.envelope.first_order {
@@ -377,16 +348,12 @@ impl AmplitudeLoop {
             [0.0, 0.0, tuning.forgetting]
         }
     }
-
-    /// Whether the last output was at its upper limit.
-    pub fn saturated(&self) -> bool {
-        self.saturated
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     /// The drive's exact envelope, averaged over each cycle; `gain` is over the configured one.
     struct SimulatedDrive {
@@ -429,20 +396,15 @@ mod tests {
                 }
             }
             // 50 cycles are one second; 5 % in k is 5 % in b.
-            assert!(
-                peak < 1.05 && last_outside < 50,
-                "{gain}: {peak} {last_outside}"
-            );
+            let holds = peak < 1.05 && last_outside < 50;
+            assert!(holds, "{gain}: {peak} {last_outside}");
         }
     }
 
     #[test]
     fn no_output_is_above_what_is_allowed_now() {
         for resonance in [50.0, 47.0] {
-            let settings = Settings {
-                resonance,
-                ..Settings::default()
-            };
+            let settings = with(Settings::default(), |it| it.resonance = resonance);
             let mut control = AmplitudeLoop::build(&settings).unwrap();
             for most in [0.3, 0.1, 0.2] {
                 let output = control.cycle(0.0, 2e-3, most);
@@ -461,17 +423,14 @@ mod tests {
             for _ in 0..200 {
                 output = control.cycle(drive.cycle(output), reference, 1.0);
             }
-            assert_eq!(control.saturated(), reference > 1e-3 * most);
+            assert_eq!(control.saturated, reference > 1e-3 * most);
         }
     }
 
     /// The amplitude is too small to estimate the gain: only the feedforward acts.
     #[test]
     fn detuned_reference_continues_from_the_limited_output() {
-        let settings = Settings {
-            resonance: 48.0,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.resonance = 48.0);
         let mut control = AmplitudeLoop::build(&settings).unwrap();
         assert!(!control.envelope.first_order && control.inverse.forget > 0.1);
         let reference = 0.01 * control.gain;
@@ -494,7 +453,7 @@ mod tests {
             let b = drive.cycle(output);
             output = control.cycle(b, 2e-3, 1.0);
         }
-        assert!(control.saturated());
+        assert!(control.saturated);
         let mut cycles = 0;
         loop {
             let b = drive.cycle(output);
@@ -510,14 +469,8 @@ mod tests {
 
     #[test]
     fn a_track_of_several_tones_has_no_observer_of_its_load() {
-        let sine = Settings {
-            track_mass: 10.0,
-            ..Settings::default()
-        };
-        let with = Settings {
-            second_tone: 0.15,
-            ..sine
-        };
+        let sine = with(Settings::default(), |it| it.track_mass = 10.0);
+        let with = with(sine, |it| it.second_tone = 0.15);
         assert!(AmplitudeLoop::build(&sine).unwrap().is_immediate());
         assert!(!AmplitudeLoop::build(&with).unwrap().is_immediate());
     }

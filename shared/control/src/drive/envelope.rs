@@ -2,9 +2,9 @@
 //! amplitude).
 //!
 //! The resonance has the poles `-w0/(2 Q) +- i w0 sqrt(1 - 1/(4 Q^2))`. In the frame that turns
-//! with the drive the envelope is a phasor, here over its steady value. In a cycle it decays and
-//! turns by `pole = e^(-pi w0/(Q w) + i 2 pi (w0 sqrt(1 - 1/(4 Q^2))/w - 1))`. The counter-rotating
-//! part is neglected (rotating-wave approximation): 1/(4 Q) of a change, for half a cycle.
+//! with the drive the envelope is a phasor, here over its steady value, that decays and turns in a
+//! cycle by `pole = e^(-pi w0/(Q w) + i 2 pi (w0 sqrt(1 - 1/(4 Q^2))/w - 1))` (rotating-wave
+//! approximation).
 
 use core::f32::consts::{PI, TAU};
 
@@ -13,8 +13,7 @@ use num_complex::Complex32 as Complex;
 use crate::settings::Settings;
 use kband::arithmetic::square_root_single;
 
-/// Turn of the envelope within its time constant, in rad, below which it is a first-order lag: gain
-/// margin 4.6, phase margin 66 degrees.
+/// Turn of the envelope within its time constant, in rad, below which it is a first-order lag.
 const MAX_FIRST_ORDER_TURN: f32 = 0.3;
 
 /// The envelope from cycle to cycle.
@@ -30,8 +29,7 @@ pub struct Envelope {
     pub first_order: bool,
     /// Steady amplitude over the one at resonance.
     pub response: f32,
-    /// Phase lead of the steady track before the output, in rad, -pi..0, without the half sample of
-    /// the held output.
+    /// Phase lead of the steady track before the output, in rad, -pi..0, without the held output's.
     pub lead: f32,
 }
 
@@ -83,8 +81,7 @@ impl Envelope {
         (before - output) * self.mean + output
     }
 
-    /// Largest output that keeps the envelope within `size` at the cycle's end; 0 where no output
-    /// does.
+    /// Largest output that keeps the envelope within `size` at the cycle's end; 0 where none does.
     pub fn most_output(&self, before: Complex, size: f32) -> f32 {
         if self.pole.im == 0.0 {
             let keep = self.pole.re;

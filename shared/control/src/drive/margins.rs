@@ -1,10 +1,8 @@
 //! Gain and phase margin of the amplitude loop on a given drive, from its Nyquist curve (Astrom and
 //! Murray, Feedback Systems, 2008).
 //!
-//! Near a steady amplitude the amplitude is linear in the output. Only the part of a change along
-//! the steady envelope counts: `P = (E(z) + E*(z)) / 2`. `E` is the envelope that turns by its
-//! pole, `E*` the one that turns by the conjugate. `E` includes the dead time: computing 1 cycle,
-//! driving 1 cycle, and the mean of the measured one.
+//! Only the part of a change along the steady envelope counts: `P = (E(z) + E*(z)) / 2`. `E` is the
+//! envelope that turns by its pole, `E*` by the conjugate, with dead time and mean of a cycle.
 
 use core::f64::consts::PI;
 
@@ -14,8 +12,7 @@ use super::amplitude::AmplitudeLoop;
 use crate::settings::Settings;
 use kband::feeder::OutOfRange;
 
-/// Number of angles per cycle on the curve: evenly over the logarithm, and as many around the
-/// envelope's turn.
+/// Number of angles per cycle on the curve: over the logarithm, and around the envelope's turn.
 const ANGLES: i32 = 1500;
 /// Smallest angle of the curve, in rad per cycle.
 const MIN_ANGLE: f64 = 1e-5;
@@ -25,11 +22,9 @@ const MIN_ANGLE: f64 = 1e-5;
 pub struct LoopMargins {
     /// Factor on the loop's gain at which it oscillates.
     pub gain: f64,
-    /// Additional phase lag, in degrees, at which it oscillates; 180 where its gain is below 1 at
-    /// all frequencies.
+    /// Additional phase lag, in degrees, at which it oscillates; 180 with a gain below 1.
     pub phase: f64,
-    /// Smallest distance of the open loop from -1: one over the largest amplification of a
-    /// disturbance.
+    /// Smallest distance of the open loop from -1: one over a disturbance's largest amplification.
     pub distance: f64,
 }
 
@@ -60,8 +55,7 @@ impl Plant {
         }
     }
 
-    /// Measured amplitude over output as a phasor, both over their steady values. `turned` is `e^(i
-    /// angle)` of the angle per cycle.
+    /// Measured amplitude over output as a phasor, at `e^(i angle)` of the angle per cycle.
     fn at(&self, turned: Complex) -> Complex {
         let late = turned.conj();
         let of = |pole: Complex, mean: Complex| {
@@ -83,10 +77,8 @@ impl LoopMargins {
     /// Margins of the loop built for the settings `configured`, on the drive `actual`, whose `gain`
     /// and `resonance` may differ. The error names a setting out of range.
     ///
-    /// At the resonance it is the PI loop at the configured gain, before it was estimated. Off the
-    /// resonance the gain estimate is the only feedback. Its loop is an integral gain times the
-    /// difference of drive and model, which is zero for a correctly configured drive. The margins
-    /// are those of the loop without the model.
+    /// At the resonance it is the PI loop at the configured gain. Off it the gain estimate is the
+    /// only feedback: an integral gain; the margins leave the model out.
     pub fn of(configured: &Settings, actual: &Settings) -> Result<Self, OutOfRange> {
         let control = AmplitudeLoop::build(configured)?;
         actual.check()?;
@@ -106,8 +98,7 @@ impl LoopMargins {
         Ok(Self::around(open, plant.pole))
     }
 
-    /// Margins of an open loop over the angle per cycle, which changes quickly near the turn of a
-    /// pole.
+    /// Margins of an open loop over the angle per cycle, finer near the turn of a pole.
     pub(super) fn around(open: impl Fn(Complex) -> Complex, pole: Complex) -> Self {
         let turn = libm::fabs(libm::atan2(pole.im, pole.re));
         // A decay within a few cycles is smooth enough for the even angles.
@@ -158,6 +149,7 @@ fn steady(settings: &Settings) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     const QUALITIES: [f32; 8] = [3.0, 5.0, 8.0, 15.0, 25.0, 50.0, 100.0, 200.0];
 
@@ -184,10 +176,7 @@ mod tests {
             for quality in QUALITIES {
                 for off in detunings() {
                     let configured = drive(quality, off);
-                    let actual = Settings {
-                        gain: configured.gain * wrong,
-                        ..configured
-                    };
+                    let actual = with(configured, |it| it.gain = configured.gain * wrong);
                     let found = LoopMargins::of(&configured, &actual).unwrap();
                     let found = [found.gain, found.phase, found.distance];
                     for (least, found) in least.iter_mut().zip(found) {

@@ -1,18 +1,15 @@
 //! Observer of the parts' load on the track, with deadbeat compensation of it.
 //!
 //! Parts of a twentieth of the track's mass absorb as much power as a drive of Q = 25 needs without
-//! them (docs/theory-real-parts.md#t10.5). A hopper that opens changes that within some cycles,
-//! faster than the gain estimate follows. The observer is of Luenberger's kind (1971), with the
-//! load and its rate as disturbance states. Its input is the prediction error of the envelope, as a
-//! phasor. The next output compensates the estimated load within one cycle (deadbeat control). For
-//! that it takes effect before the phase wraps. Parts also shift the track's phase, and impacts
-//! follow it. The phase is therefore held as the amplitude is, by an output that leads.
+//! them (docs/theory-real-parts.md#t10.5). A hopper that opens changes that faster than the gain
+//! estimate follows. The observer is of Luenberger's kind (1971), with the load and its rate as
+//! disturbance states and the prediction error of the envelope, a phasor, as input. The next output
+//! compensates the load within one cycle (deadbeat control). Parts also shift the track's phase,
+//! and impacts follow it: an output that leads holds the phase as the amplitude is held.
 //!
 //! The gains differ along the held motion and across it. An impact at a third of the cycle shows
-//! two thirds of its effect in the cycle's mean, and all of it at the end. A growing load acts
-//! along the motion. Across it, more of the error is scatter of early and late impacts, which does
-//! not repeat. An envelope gain of 1.4 would be the best for exact readings. With blanked impacts
-//! the reading alternates from 1.1 on.
+//! two thirds of its effect in the cycle's mean. Across the motion, more of the error is scatter
+//! that does not repeat. Blanked impacts limit the envelope gain to 1.1.
 
 use core::f32::consts::{PI, TAU};
 
@@ -20,11 +17,9 @@ use num_complex::Complex32 as Complex;
 
 use super::envelope::absolute;
 
-/// Observer gains, over the prediction error along and across the held motion: for envelope, load
-/// per cycle, and its change per cycle.
+/// Observer gains along and across the held motion: for envelope, load per cycle, and its change.
 const OBSERVER_GAINS: [[f32; 2]; 3] = [[1.0, 0.9], [0.6, 0.4], [0.04, 0.02]];
-/// Share of the output's lead by which the held phase yields per cycle, so that the lead decays
-/// over 200 cycles.
+/// Share of the output's lead by which the held phase yields per cycle: it decays over 200 cycles.
 const PHASE_YIELD_SHARE: f32 = 1.0 / 200.0;
 
 /// Phase of the impacts in the cycle.
@@ -36,8 +31,8 @@ pub struct ImpactPhase {
     pub silent: bool,
 }
 
-/// Estimates of envelope and load: phasors in m, a quarter turn ahead of the motion. A drive at its
-/// resonance then has a real envelope under a real output.
+/// Estimates of envelope and load: phasors in m, a quarter turn ahead of the motion, so that a
+/// drive at its resonance has a real envelope.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observer {
     /// Envelope at the end of the last cycle.
@@ -52,8 +47,7 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// The observer of a steady envelope, `amplitude` in m, under an output whose unloaded
-    /// amplitude is `output_envelope`.
+    /// The observer of a steady envelope, `amplitude` and the unloaded `driven` in m.
     pub fn at(amplitude: f32, driven: f32, keep: f32) -> Self {
         let real = |number: f32| Complex::new(number, 0.0);
         Self {
@@ -70,9 +64,8 @@ impl Observer {
         -(self.load * self.held_phase.conj()).re / (1.0 - keep)
     }
 
-    /// Processes the mean motion of a cycle. `keep` is the share of the envelope that survives a
-    /// cycle, 0..1. The result is the unloaded envelope (m) that gives the next cycle the mean
-    /// amplitude `goal` (m).
+    /// Processes the mean motion of a cycle; `keep`: share of the envelope that survives it, 0..1.
+    /// Returns the unloaded envelope (m) that gives the next cycle the mean amplitude `goal` (m).
     pub fn cycle(&mut self, motion: Complex, struck: ImpactPhase, goal: f32, keep: f32) -> Complex {
         // A cycle's fundamental has half of a drift, and of a jump the rest of the cycle after it.
         // The ends of the cycle add the conjugate term.
@@ -101,8 +94,7 @@ impl Observer {
         (goal - self.envelope * keep - self.load) / (1.0 - keep)
     }
 
-    /// Limits the requested envelope to the size `high` and to the track's own direction. The
-    /// results are its size (m) and its phase lead (rad).
+    /// Limits the requested envelope to `high` and the track's direction; size (m), lead (rad).
     pub fn limit_output(&mut self, wanted: Complex, high: f32) -> [f32; 2] {
         let against = wanted * self.held_phase.conj();
         let mut driven = if against.re > 0.0 {

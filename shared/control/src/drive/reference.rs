@@ -25,8 +25,7 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// Advances one cycle towards a goal in m. `lead` is the track's phase lead in rad,
-    /// `time_constant` that of a kick's lag in cycles.
+    /// Advances one cycle towards a goal in m; `lead` in rad, `time_constant` of a kick in cycles.
     pub fn advance(&mut self, goal: f32, pace: Approach, lead: f32, time_constant: f32) {
         self.now = match pace {
             Approach::Step => goal,
@@ -36,9 +35,8 @@ impl Reference {
         self.commanded = goal;
     }
 
-    /// The reference one cycle on, with the first-order lag of kicks. The plan counts a kick's
-    /// cycles from phase 0 of the track. The first part of the output's cycle therefore still has
-    /// the previous command.
+    /// The reference one cycle on, with the first-order lag of kicks. A kick's cycles begin at
+    /// phase 0 of the track: the first part of the output's cycle still has the previous command.
     fn after_a_cycle(&self, goal: f32, lead: f32, time_constant: f32) -> f32 {
         let before = -lead * (1.0 / TAU);
         let before = before - libm::floorf(before);

@@ -1,6 +1,6 @@
 //! The drive's resonance: a stepped-sine sweep that finds it, and a phase loop that tracks it.
 //!
-//! At the peak a resonance lags its force by a quarter turn. An integral controller moves the
+//! At the peak a resonance lags its force by a quarter turn: an integral controller moves the
 //! frequency until that phase is measured (phase-locked loop).
 
 use core::f32::consts::{FRAC_PI_2, PI};
@@ -11,13 +11,11 @@ use crate::settings::Settings;
 
 /// Largest number of points of a sweep; the settings refuse a band that needs more.
 const MAX_SWEEP_POINTS: u16 = 400;
-/// Settling time at each point in time constants of the envelope: 2 % of the last point's amplitude
-/// remains.
+/// Settling time at each point in time constants of the envelope: 2 % of the last one remains.
 const SETTLING_TIME_CONSTANTS: f32 = 4.0;
 /// Additional settling cycles, for the dead time from a command to its measured amplitude.
 const SETTLING_CYCLES: f32 = 4.0;
-/// Time constant of the phase loop over that of the envelope, so that each phase is measured on a
-/// settled envelope.
+/// Time constant of the phase loop over that of the envelope, which has settled then.
 const PHASE_LOOP_RATIO: f32 = 4.0;
 
 /// The drive's frequency, and its tracking of the resonance.
@@ -26,7 +24,7 @@ pub struct Resonance {
     low: f32,
     high: f32,
     quality: f32,
-    frequency: f32,
+    pub frequency: f32,
     sweep: Option<Sweep>,
 }
 
@@ -54,17 +52,10 @@ impl Resonance {
         }
     }
 
-    /// Drive frequency in Hz.
-    pub fn frequency(&self) -> f32 {
-        self.frequency
-    }
-
-    /// Whether the frequency may track the resonance.
     pub fn is_tracking(&self) -> bool {
         self.high > self.low
     }
 
-    /// Whether a sweep runs.
     pub fn is_sweeping(&self) -> bool {
         self.sweep.is_some()
     }
@@ -83,13 +74,11 @@ impl Resonance {
         });
     }
 
-    /// Stops the sweep at its present frequency.
     pub fn stop(&mut self) {
         self.sweep = None;
     }
 
-    /// Processes the amplitude of a sweep's cycle, in m. Whether the sweep ended, with the track
-    /// settled at its peak.
+    /// Processes the amplitude (m) of a sweep's cycle. Whether it ended, settled at its peak.
     pub fn advance_sweep(&mut self, amplitude: f32) -> bool {
         let Some(sweep) = &mut self.sweep else {
             return false;
@@ -119,8 +108,7 @@ impl Resonance {
         false
     }
 
-    /// Moves the frequency towards the resonance by the phase lead of the track (rad). At the peak
-    /// it lags a quarter turn, and half a sample more for the held output.
+    /// Moves the frequency towards the resonance by the phase lead of the track (rad).
     pub fn track(&mut self, lead: f32) {
         let hold = PI * self.frequency / SAMPLE_RATE as f32;
         let error = lead + FRAC_PI_2 + hold;
@@ -136,7 +124,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::seeded::seeded;
+    use crate::testing::seeded;
 
     proptest! {
         #![proptest_config(seeded())]
@@ -157,16 +145,16 @@ mod tests {
             resonance.begin();
             let (mut cycles, mut ended) = (0.0, false);
             while !ended {
-                let f = resonance.frequency();
+                let f = resonance.frequency;
                 prop_assert!((low..=high).contains(&f));
                 ended = resonance.advance_sweep(1.0 / (1.0 + (f - peak) * (f - peak)));
                 cycles += 1.0;
                 prop_assert!(cycles < 1.01 * (points + 1.0) * (settled + 1.0));
             }
             prop_assert!(cycles > 0.99 * points * settled);
-            prop_assert!((resonance.frequency() - peak).abs() <= 0.51 * step);
+            prop_assert!((resonance.frequency - peak).abs() <= 0.51 * step);
             (0..2000).for_each(|_| resonance.track(3.0));
-            prop_assert_eq!(resonance.frequency(), high);
+            prop_assert_eq!(resonance.frequency, high);
         }
     }
 
@@ -175,6 +163,6 @@ mod tests {
         let mut resonance = Resonance::new(&Settings::default());
         assert!(!resonance.is_tracking());
         resonance.track(0.0);
-        assert_eq!(resonance.frequency(), 50.0);
+        assert_eq!(resonance.frequency, 50.0);
     }
 }

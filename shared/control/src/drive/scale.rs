@@ -11,11 +11,9 @@ use crate::state::Limits;
 use kband::arithmetic::sine_cosine_single;
 use kband::feeder::STANDARD_GRAVITY;
 
-/// Smallest detectable swing in converter steps: noise of 1.5 steps RMS leaves the phase an error
-/// of 0.04 rad at 500 Hz.
+/// Smallest detectable swing in converter steps: a phase error of 0.04 rad at 500 Hz.
 const TELLS: f32 = 8.0;
-/// Largest predicted envelope over the hard limits, above the over-amplitude fault, so that this
-/// fault detects a wrongly configured gain.
+/// Largest predicted envelope over the hard limits, above the over-amplitude fault.
 const MAX_ENVELOPE_RATIO: f32 = 1.2;
 
 /// Smallest detectable amplitude at the configured frequency, in m.
@@ -35,10 +33,7 @@ fn min_acceleration(settings: &Settings) -> f32 {
 /// The factors between amplitude, k and output.
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
-    /// Gravity normal to the track (symbol g cos alpha) in m/s^2, as [`Track::normal_gravity`] in
-    /// single precision.
-    ///
-    /// [`Track::normal_gravity`]: kband::feeder::Track::normal_gravity
+    /// Gravity normal to the track (symbol g cos alpha) in m/s^2.
     pub normal_gravity: f32,
     /// Square of the angular frequency, in 1/s^2.
     pub angular_squared: f32,
@@ -52,11 +47,9 @@ pub struct Scale {
     pub envelope: Envelope,
     /// Share of the envelope's size that survives a cycle, 0..1.
     keep: f32,
-    /// Amplitude at full output and the drive's frequency, in m; at the resonance if the frequency
-    /// tracks it.
+    /// Amplitude at full output and the drive's frequency, in m; at the resonance if it is tracked.
     pub full_amplitude: f32,
-    /// Amplitude per ampere of the drive's current, likewise, in m/A; 0 where it is not
-    /// commissioned.
+    /// Amplitude per ampere of the drive's current, in m/A; 0 where it is not commissioned.
     pub per_ampere: f32,
     /// Smallest detectable amplitude, in m.
     pub least: f32,
@@ -113,10 +106,9 @@ impl Scale {
         (settings.output_maximum * self.full_amplitude).min(self.ceiling)
     }
 
-    /// Largest output for the next cycle, as a share of full output. It keeps the predicted
-    /// envelope within a fifth over the hard limits, or within `amplitude` (m). The prediction uses
-    /// the configured gain and not the accelerometer. `envelope` is over the steady one at full
-    /// output.
+    /// Largest output for the next cycle, as a share of full output: it keeps the predicted
+    /// envelope (over the steady one at full output) within 1.2 of the hard limits, or within
+    /// `amplitude` (m). The prediction uses the configured gain and not the accelerometer.
     pub fn most_output(&self, envelope: Complex, amplitude: Option<f32>) -> f32 {
         let amplitude = amplitude.unwrap_or(MAX_ENVELOPE_RATIO * self.ceiling);
         self.envelope
@@ -134,11 +126,9 @@ impl Scale {
         envelope.re * cosine + envelope.im * sine < 0.0
     }
 
-    /// Largest amplitude of a kick over an amplitude (m), within the drive's output and hard
-    /// limits.
+    /// Largest amplitude of a kick over an amplitude (m), within output and hard limits.
     pub fn max_kick(&self, settings: &Settings, amplitude: f32) -> f32 {
-        // The first cycle of a command step from 1 to f needs an output of 1 + s (f - 1). Here s is
-        // the step of the reference over the step of the drive's own envelope.
+        // A command step from 1 to f needs an output of 1 + s (f - 1), s: its steepness.
         let steeper = (1.0 - libm::expf(-1.0 / settings.envelope)) / (1.0 - self.keep);
         let strength = settings.output_maximum * settings.gain * 1e-3 / amplitude;
         (1.0 + (strength - 1.0) / steeper.max(1.0)).min(self.ceiling / amplitude)
@@ -148,6 +138,7 @@ impl Scale {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     #[test]
     fn reach_and_reserve_end_at_the_output_and_at_the_hard_limit() {
@@ -156,31 +147,20 @@ mod tests {
         // Eight steps of 3.3 V / 4096 at 0.1 V/g are 0.632 m/s^2.
         assert!((scale.least - 6.4042e-6).abs() < 1e-9, "{}", scale.least);
         assert_eq!(scale.least, min_amplitude(&settings));
-        let steep = Settings {
-            incline: -60.0,
-            ..settings
-        };
+        let steep = with(settings, |it| it.incline = -60.0);
         let gravity = Scale::at(&steep, 50.0).normal_gravity;
         assert!((gravity / (0.5 * settings.gravity) - 1.0).abs() < 2.5e-7);
         // The output's 0.95 mm; a millimetre is allowed.
         assert!((scale.reach(&settings) - 0.95e-3).abs() < 1e-9);
-        let limited = Settings {
-            amplitude_limit: 0.3,
-            ..settings
-        };
+        let limited = with(settings, |it| it.amplitude_limit = 0.3);
         let scale = Scale::at(&limited, limited.frequency);
         assert_eq!(scale.reach(&limited), scale.ceiling);
-        assert_eq!(
-            (scale.ceiling, scale.ceiling_limit),
-            (0.3e-3, Limits::AMPLITUDE)
-        );
+        let found = (scale.ceiling, scale.ceiling_limit);
+        assert_eq!(found, (0.3e-3, Limits::AMPLITUDE));
         let reserve = scale.max_kick(&limited, 0.2e-3);
         assert!((reserve - 1.5).abs() < 1e-6, "{reserve}");
         // 40 m/s^2 at 50 Hz are 0.405 mm.
-        let gentle = Settings {
-            acceleration_limit: 40.0,
-            ..settings
-        };
+        let gentle = with(settings, |it| it.acceleration_limit = 40.0);
         let scale = Scale::at(&gentle, gentle.frequency);
         assert!(
             (scale.ceiling - 0.40528e-3).abs() < 1e-8,
@@ -192,10 +172,7 @@ mod tests {
 
     #[test]
     fn no_output_takes_the_envelope_further() {
-        let settings = Settings {
-            amplitude_limit: 0.3,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.amplitude_limit = 0.3);
         let scale = Scale::at(&settings, settings.frequency);
         let mut envelope = Complex::default();
         for _ in 0..200 {

@@ -14,8 +14,7 @@ use kband::regime::gear;
 /// Number of upper tones: the second and the third.
 pub const UPPER: usize = 2;
 
-/// Upper tone of the track's motion: `e sin(n tau + th)` over the first tone's amplitude, tau the
-/// track's phase.
+/// Upper tone of the track's motion: `e sin(n tau + th)` over the first's amplitude, tau its phase.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct UpperTone {
     /// Amplitude over that of the first tone (symbol e), 0..0.5; 0 means none.
@@ -42,7 +41,6 @@ impl UpperTone {
         Complex::new(cosine, sine) * self.ratio
     }
 
-    /// The tone of a phasor.
     fn of(phasor: Complex) -> Self {
         if phasor == Complex::default() {
             return Self::NONE;
@@ -155,10 +153,8 @@ impl Shape {
     }
 }
 
-/// Demodulated motion of a cycle, as phasors of the displacement in m.
-///
-/// `x = Im(first e^(i phi)) + Im(upper[0] e^(2 i phi)) + Im(upper[1] e^(3 i phi))`, phi the
-/// output's phase.
+/// Demodulated motion of a cycle, as phasors of the displacement in m: `x = Im(first e^(i phi)) +
+/// Im(upper[0] e^(2 i phi)) + Im(upper[1] e^(3 i phi))`, phi the output's phase.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrackMotion {
     /// The first tone.
@@ -215,10 +211,8 @@ mod tests {
             };
             for (seen, expected) in motion.shape().tones().into_iter().zip(expected) {
                 assert!((seen.ratio - expected.ratio).abs() < 1e-6);
-                assert!(
-                    (seen.phase - expected.phase).abs() < 2e-4,
-                    "{seen:?} {expected:?}"
-                );
+                let holds = (seen.phase - expected.phase).abs() < 2e-4;
+                assert!(holds, "{seen:?} {expected:?}");
             }
         }
     }

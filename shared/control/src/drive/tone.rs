@@ -1,8 +1,5 @@
-//! Control of one upper tone of the track's motion, at a multiple of the drive's frequency, in
-//! amplitude and phase.
-//!
-//! The method is an integral loop on a phasor, as in adaptive feedforward cancellation of harmonics
-//! (Bodson, Sacks and Khosla 1994). Its state is one complex correction of the configured response.
+//! Control of one upper tone of the track's motion in amplitude and phase: an integral loop on a
+//! phasor, as in adaptive feedforward cancellation of harmonics (Bodson, Sacks and Khosla 1994).
 
 use core::f32::consts::PI;
 
@@ -12,25 +9,17 @@ use super::envelope::absolute;
 use super::shape::UpperTone;
 use crate::settings::Settings;
 
-/// Dead time from a command to the middle of the first cycle that shows it, in cycles: computing 1,
-/// driving 1, averaging 0.5.
+/// Dead time in cycles: computing 1, driving 1, averaging 0.5.
 const DEAD_TIME: f32 = 2.5;
-/// Time constant of the loop over its dead time plus the tone's envelope: gain margin above 4 at
-/// any detuning.
+/// Time constant of the loop over dead time plus envelope: gain margin above 4 at any detuning.
 const LOOP_TIME_CONSTANT_RATIO: f32 = 4.0;
-/// Deviation of the track's response from the configured one that is reported, as a factor and in
-/// rad: aging and warm-up cause a third.
+/// Deviation of the track's response that is reported, as a factor and in rad.
 const REPORTED_DEVIATION: (f32, f32) = (1.5, 0.35);
-/// Deviation, as a factor and in rad, at which the tone is given up: the limit of the loop's
-/// margins.
+/// Deviation, as a factor and in rad, at which the tone is given up: the limit of the margins.
 const MAX_DEVIATION: (f32, f32) = (3.0, 1.05);
 
-/// The loop that holds one tone.
-///
-/// It estimates one complex number: the track's response over the configured one. The output is the
-/// wanted motion through the estimated response, so a change of amplitude moves its tone along. The
-/// loop corrects only the response. That is an integral loop, whose plant is the envelope of this
-/// tone alone.
+/// The loop that holds one tone. It estimates the track's response over the configured one; the
+/// output is the wanted motion through it, so a change of amplitude moves its tone along.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToneLoop {
     /// Frequency of the tone over the drive's.
@@ -50,22 +39,19 @@ pub struct ToneLoop {
     goal: Complex,
     /// Wanted motion of the last cycles, newest first, in m.
     wanted: [Complex; 3],
-    /// Cycles in which the response was estimated.
     estimated_cycles: u16,
     reported: bool,
-    given_up: bool,
+    pub given_up: bool,
 }
 
-/// Time constant of the loop of a tone, cycles. The slowest envelope assumed is that of a mode as
-/// sharp as the drive's own.
+/// Time constant of the loop of a tone, cycles.
 fn slowness(settings: &Settings, harmonic: u8) -> f32 {
     let envelope = settings.quality / (f32::from(harmonic) * PI);
     LOOP_TIME_CONSTANT_RATIO * (DEAD_TIME + envelope)
 }
 
 impl ToneLoop {
-    /// The loop of the tone at `harmonic` times the drive's frequency, at rest. `answer` is the
-    /// configured motion at full output, in m.
+    /// The loop at `harmonic` times the drive's frequency; `answer`: motion at full output, in m.
     pub fn new(settings: &Settings, harmonic: u8, most: f32, answer: Complex) -> Self {
         let slow = slowness(settings, harmonic);
         let mut tone = Self {
@@ -122,22 +108,14 @@ impl ToneLoop {
         self.given_up = false;
     }
 
-    /// Switches the tone off until the next start.
     pub fn give_up(&mut self) {
         self.given_up = true;
     }
 
-    /// Whether the tone was given up.
-    pub fn is_given_up(&self) -> bool {
-        self.given_up
-    }
-
-    /// Whether the tone has reached its goal.
     pub fn arrived(&self) -> bool {
         self.given_up || absolute(self.goal - self.shape) < 1e-3
     }
 
-    /// Whether the tone is off.
     pub fn is_silent(&self) -> bool {
         self.shape == Complex::default()
     }
@@ -157,8 +135,8 @@ impl ToneLoop {
         };
     }
 
-    /// Estimates the track's response from the motion of the first tone and of this one, in m, in
-    /// the last cycle. Whether it deviates from the configured one, reported once.
+    /// Estimates the track's response from the motion of the first tone and of this one in the last
+    /// cycle, in m. Whether it deviates from the configured one, reported once.
     pub fn estimate_response(&mut self, first: Complex, seen: Complex) -> bool {
         let [_, driven, _] = self.wanted;
         // A full tone has the most information; the weight is the square of the amplitude.
@@ -182,10 +160,7 @@ impl ToneLoop {
     }
 
     /// Advances one cycle towards the goal. The output is along the sine and i times the cosine of
-    /// the tone's phase, as shares of full output.
-    ///
-    /// `long` is the amplitude of the first tone in m; `None` where it is too small for a phase
-    /// reference.
+    /// the tone's phase, over full output. `long`: the first tone's amplitude in m.
     pub fn advance(&mut self, first: Complex, long: Option<f32>) -> Complex {
         let step = self.goal - self.shape;
         let pace = match (
@@ -224,14 +199,12 @@ mod tests {
 
     use super::super::margins::LoopMargins;
     use super::*;
+    use crate::testing::with;
 
     /// Gain margin, phase margin in degrees and least distance to -1 of the loop. The mode's
     /// frequency is that of the tone times `1 + off`.
     fn margins(harmonic: u8, quality: f32, off: f64) -> [f64; 3] {
-        let settings = Settings {
-            quality,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.quality = quality);
         let answer = Complex::new(0.0, -5e-4);
         let learning = f64::from(ToneLoop::new(&settings, harmonic, 0.2, answer).learning);
         let turn = |angle: f64| Complex64::new(angle.cos(), angle.sin());

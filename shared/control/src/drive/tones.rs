@@ -10,11 +10,9 @@ use super::tone::ToneLoop;
 use crate::settings::Settings;
 use kband::feeder::{OutOfRange, accept};
 
-/// Acceleration over the hard limit that gives the upper tones up at once, as for the first tone's
-/// fault.
+/// Acceleration over the hard limit that gives the upper tones up at once.
 const MAX_ACCELERATION_RATIO: f32 = 1.15;
-/// Smallest share of the wanted tones that does not count as held back; noise at the hard limit
-/// costs less than the rest.
+/// Smallest share of the wanted tones that does not count as held back.
 const MIN_TONE_SHARE: f32 = 0.95;
 /// Cycles of a smaller share before a limit is reported, as for the output.
 const CUT_CYCLES: u16 = 25;
@@ -24,7 +22,6 @@ const CUT_CYCLES: u16 = 25;
 pub struct ToneInputs {
     /// The demodulated motion.
     pub motion: TrackMotion,
-    /// The wanted shape.
     pub wanted: Shape,
     /// Reference amplitude b of the first tone, in m.
     pub reference: f32,
@@ -36,8 +33,8 @@ pub struct ToneInputs {
     pub least: f32,
 }
 
-/// Largest second and third tone (symbols e and e3) for which the configured output suffices at a
-/// k; 0..0.5. The output also makes the first tone, and for the third the configured second one.
+/// Largest second and third tone (symbols e and e3), 0..0.5, for which the configured output
+/// suffices at a k beside the first tone, and for the third beside the configured second one.
 ///
 /// ```
 /// use kband_control::{Settings, affordable_tones};
@@ -90,8 +87,7 @@ pub struct Tones {
 }
 
 impl Tones {
-    /// Builds the loops at rest. The error names a tone that the drive cannot make even where the
-    /// track only just throws parts (k = 1).
+    /// Builds the loops at rest. The error names a tone that the drive cannot make even at k = 1.
     pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
         let configured = [settings.second_tone, settings.third_tone];
         let names = [
@@ -134,7 +130,6 @@ impl Tones {
         second.allowed()
     }
 
-    /// Takes the times of these settings.
     pub fn set_pace(&mut self, settings: &Settings) {
         for tone in &mut self.loops {
             tone.set_pace(settings);
@@ -160,31 +155,27 @@ impl Tones {
         self.loops().for_each(ToneLoop::restart);
     }
 
-    /// Outputs of the upper tones along sine and cosine of their multiples of the output's phase,
-    /// as shares of full output.
+    /// Outputs along sine and cosine of the multiples of the output's phase, over full output.
     pub fn output(&self) -> [[f32; 2]; UPPER] {
         self.output.map(|output| [output.re, output.im])
     }
 
-    /// Tones that are smaller than wanted: those given up, and the highest one while output or hard
-    /// limits cut all.
+    /// Tones that are smaller than wanted: those given up, and the highest one of a cut.
     pub fn missing_tones(&self) -> [bool; UPPER] {
         let cut = self.cut_for > CUT_CYCLES;
         let [second, third] = &self.loops;
         let highest = self.shape.third.ratio > 0.0 && third.allowed();
         [
-            second.is_given_up() || cut && !highest,
-            third.is_given_up() || cut && highest,
+            second.given_up || cut && !highest,
+            third.given_up || cut && highest,
         ]
     }
 
-    /// Whether every tone has reached its goal.
     pub fn arrived(&self) -> bool {
         self.loops.iter().all(ToneLoop::arrived)
     }
 
-    /// Advances one cycle. The result marks the tones that deviate from the configured response;
-    /// each is reported once.
+    /// Advances one cycle. Marks the tones that deviate from the configured response, once each.
     pub fn cycle(&mut self, inputs: &ToneInputs) -> [bool; UPPER] {
         if inputs.wanted != self.shape {
             self.shape = inputs.wanted;
@@ -231,9 +222,8 @@ impl Tones {
         news
     }
 
-    /// Share of the wanted tones within the hard limits.
-    ///
-    /// max |S| and max |S''| are convex in the tones, and 1 without any: a chord bounds them.
+    /// Share of the wanted tones within the hard limits: a chord bounds max |S| and max |S''|,
+    /// which are convex in the tones, and 1 without any.
     fn left(&self, inputs: &ToneInputs, first: f32) -> f32 {
         let wanted = |(tone, shape): (&ToneLoop, UpperTone)| tone.within(shape.ratio) > 0.0;
         if !self.loops.iter().zip(self.shape.tones()).any(wanted) {
@@ -281,21 +271,16 @@ impl Tones {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     #[test]
     fn no_room_at_all_is_no_tone_and_no_nan() {
-        let settings = Settings {
-            second_tone: 0.15,
-            ..Settings::default()
-        };
+        let settings = with(Settings::default(), |it| it.second_tone = 0.15);
         let mut tones = Tones::build(&settings).unwrap();
         for room in [0.0, -6e-8, -0.1, f32::NEG_INFINITY] {
             for motion in [Complex::default(), Complex::new(0.0, -2e-4)] {
                 tones.cycle(&ToneInputs {
-                    motion: TrackMotion {
-                        first: motion,
-                        ..TrackMotion::default()
-                    },
+                    motion: with(TrackMotion::default(), |it| it.first = motion),
                     wanted: Shape::of_two(UpperTone::new(0.12, 2.6)),
                     reference: 2e-4,
                     square: 98_696.0,
@@ -308,17 +293,12 @@ mod tests {
     }
 
     fn refused(settings: &Settings) -> Option<&'static str> {
-        Tones::build(settings)
-            .err()
-            .map(|refused| refused.parameter)
+        (Tones::build(settings).err()).map(|refused| refused.parameter)
     }
 
     #[test]
     fn tones_that_the_drive_cannot_make_are_refused() {
-        let mut settings = Settings {
-            second_tone: 0.15,
-            ..Settings::default()
-        };
+        let mut settings = with(Settings::default(), |it| it.second_tone = 0.15);
         assert_eq!(refused(&settings), None);
         // One resonance alone: 0.11 at k = 1, and 8/3 less of a third tone.
         settings.second_gain = 0.0;

@@ -13,20 +13,16 @@ use num_complex::Complex32 as Complex;
 use crate::angle::phase_of;
 use kband::arithmetic::sine_cosine_single;
 
-/// Bias of the fit over `J` and the blanked share, a quarter turn behind `J`: between 0.43 (one
-/// phase) and 0.3 (scatter of 0.4 rad).
+/// Bias of the fit over `J` and the blanked share: 0.43 (one phase) to 0.3 (scatter).
 const BLANKING_BIAS: f32 = 0.35;
 
-/// Weight of the impacts' push over that in the fundamental, where this share of the cycle is
-/// blanked.
+/// Weight of the impacts' push over that in the fundamental, with this share of the cycle blanked.
 pub fn push_weight(share: f32) -> f32 {
     1.0 + PI * BLANKING_BIAS * share
 }
 
-/// Coefficient of the conjugate of last minus present motion in the demodulated motion.
-///
-/// Blanked samples repeat the last cycle. `at` is `e^(-i phase)` of the middle of the blanked
-/// interval.
+/// Coefficient of the conjugate of last minus present motion in the demodulated motion: blanked
+/// samples repeat the last cycle. `at` is `e^(-i phase)` of the middle of the blanked interval.
 pub fn last_cycle_gain(at: Complex, share: f32) -> Complex {
     let (sine, _) = sine_cosine_single(phase_of(TAU * share));
     at * at * (-sine / (TAU * (1.0 - share)))

@@ -27,10 +27,8 @@ impl Layout {
         places: 0,
     };
 
-    /// Layout at an advance of the phase per sample.
-    ///
-    /// Every sample has its place if half a turn has at most [`PLACES`] samples, else every second
-    /// or third.
+    /// Layout at an advance of the phase per sample: every sample has its place, or every second or
+    /// third where half a turn has more than [`PLACES`] samples.
     pub fn of(step: u32) -> Self {
         let step = step.max(1);
         let samples = FOLD_LENGTH / step;
@@ -51,20 +49,15 @@ pub struct Folded {
     pub residual: [f32; HANDED],
 }
 
-/// Sums of the residual over half a turn from a phase on.
-///
-/// A fold begins and ends at the end of a cycle; an end waits until the current half turn is over.
-/// Its places are then handed over, some each cycle, and cleared. Only then the next fold begins.
+/// Sums of the residual over half a turn from a phase on. A fold begins and ends at the end of a
+/// cycle, after its half turn. Its places are then handed over, some each cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Fold {
     from: Phase,
     step: u32,
     layout: Layout,
-    /// Whether a half turn may begin.
     open: bool,
-    /// Whether a half turn is being summed.
     under_way: bool,
-    /// Index of the next place.
     place: u32,
     /// Number of samples until that place.
     wait: u32,
@@ -121,10 +114,8 @@ impl Fold {
         }
     }
 
-    /// Ends a cycle: starts, ends or transfers a fold.
-    ///
-    /// `from` requests a fold from this phase, `step` is the advance of the phase per sample.
-    /// Places go into `handed`; its residual remains unchanged without a transfer.
+    /// Ends a cycle: starts (`from` a phase, with the phase's advance `step`), ends or hands over a
+    /// fold. `handed` keeps its residual without a transfer.
     #[inline(always)]
     pub fn finish(&mut self, from: Option<Phase>, step: u32, handed: &mut Folded) {
         handed.first = 0;

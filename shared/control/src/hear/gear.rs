@@ -24,18 +24,15 @@ use kband::regime::gear;
 
 /// Memory of the share of time in gear, in drive cycles (exponential forgetting).
 const GEAR_WINDOW: f32 = 64.0;
-/// Memory of the estimated restitution, in impacts: its standard error is an eleventh of the
-/// scatter.
+/// Memory of the estimated restitution, in impacts: its error is an eleventh of the scatter.
 const RESTITUTION_MEMORY_IMPACTS: f32 = 128.0;
 /// Memory of the estimated trace, in impacts: A scatters by a third, the trace then by up to 0.05.
 const TRACE_MEMORY_IMPACTS: f32 = 1024.0;
-/// Minimum number of impacts for an estimated restitution: the standard error of its scatter is
-/// then 16 %.
+/// Minimum number of impacts for an estimated restitution: its scatter then errs by 16 %.
 const MIN_IMPACTS: f32 = 20.0;
 /// Memory of the losses of gear, in drive cycles: more than a minute at 50 Hz.
 const LOSS_MEMORY_CYCLES: f32 = 4096.0;
-/// Shortest and longest flight in gear over r, in 2^-32 of a drive period
-/// (docs/theory-real-parts.md#t10.1).
+/// Shortest and longest flight in gear over r, in 2^-32 periods (docs/theory-real-parts.md#t10.1).
 const FLIGHT_BOUNDS: [u64; 2] = [
     (gear::FLIGHT_RANGE[0] * Phase::TURN) as u64,
     (gear::FLIGHT_RANGE[1] * Phase::TURN) as u64,
@@ -44,45 +41,31 @@ const FLIGHT_BOUNDS: [u64; 2] = [
 const QUARTERS: usize = SECTORS / SECTORS_HANDED;
 /// Number of successive flights that define gear.
 const MIN_FLIGHTS_IN_GEAR: u16 = 8;
-/// Minimum scatter of an implied restitution, from errors of stamps and amplitude; also its
-/// tolerance beyond 0 and 1.
+/// Minimum scatter of an implied restitution (stamps, amplitude); also its slack beyond 0 and 1.
 const MIN_SCATTER: f32 = 0.03;
-/// Largest ratio of estimated to configured scatter that is used: one plus a little more than the
-/// 16 % of [`MIN_IMPACTS`].
+/// Largest ratio of estimated to configured scatter that is used: 1 plus the 16 % of
+/// [`MIN_IMPACTS`].
 const MAX_SCATTER_RATIO: f32 = 1.2;
-/// Distance of an implied restitution from the lot, in standard deviations, that rejects it: one in
-/// 16 000 is lost.
+/// Distance of an implied restitution from the lot, in standard deviations, that rejects it.
 const MAX_LOT_DISTANCE: f32 = 4.0;
-/// Standard deviation of the detected landing phase of a part thrown from rest, in rad: one sample
-/// at 50 Hz.
+/// Standard deviation of a landing phase from rest, in rad: one sample at 50 Hz.
 const LANDING_DEVIATION: f32 = 0.015;
-/// Mean delay and standard deviation, in rad, of a landing after undetected bounces, relative to a
-/// landing from rest.
+/// Mean delay and deviation, in rad, of a landing after undetected bounces, against one from rest.
 const BOUNCED_LANDING: [f32; 2] = [0.1, 0.14];
-/// Weight of such landings and of landings from rest in the likelihood ratio.
-///
-/// Measured over R of 0.1 to 0.6 and s of 0.03 to 0.10.
+/// Weight of such landings in the likelihood ratio: measured, R of 0.1 to 0.6, s of 0.03 to 0.10.
 const BOUNCED_WEIGHT: f32 = 0.35;
-/// Weight of a landing from rest after an unknown flight, in rad: accepts within 2.0 standard
-/// deviations (96 %).
-///
-/// The limit follows from `sqrt(2 ln(0.4 0.3/LANDING))`.
+/// Weight of a landing from rest after an unknown flight, in rad: accepts within 2.0 deviations, by
+/// `sqrt(2 ln(0.4 0.3/LANDING))`.
 const LANDING_WEIGHT_AFTER_UNKNOWN: f32 = 0.3;
-/// Stamped height of the faintest detected impact over the noise, from the onset threshold and the
-/// rise of the ringing.
+/// Stamped height of the faintest detected impact over the noise.
 const MIN_IMPACT_TO_NOISE: f32 = 2.2;
-/// Initial speed over b w of the faintest detected impact: a fifth of the 2.1 in gear at k = 0.43,
-/// R = 0.3.
-///
-/// In gear that speed is `2 pi k/(1 + R)`.
+/// Initial speed over b w of the faintest detected impact: a fifth of `2 pi k/(1 + R)` in gear.
 const INITIAL_MIN_IMPACT_SPEED: f32 = 0.4;
-/// Serial correlation of implied restitutions, in standard errors, above which they come from
-/// several parts.
+/// Serial correlation of implied restitutions, in standard errors, that shows several parts.
 const MAX_SERIAL_CORRELATION: f32 = 4.0;
 /// Error of the mean stamped phase of a lock, in rad: one sample at 300 Hz.
 const STAMP_ERROR: f32 = 0.1;
-/// Relative change of k, and change of the upper tones, above which the flight from rest is
-/// recomputed.
+/// Relative change of k, and change of the tones, above which the flight from rest is recomputed.
 const FLIGHT_TOLERANCE: f32 = 0.003;
 
 /// Motion of the track over its first tone's amplitude: displacement S, velocity C, negative
@@ -138,9 +121,8 @@ struct FlightFromRest {
 }
 
 impl FlightFromRest {
-    /// Computes the flight at k; arrival 0 where the acceleration never reaches k.
-    ///
-    /// The lift-off is found by bisection, the landing by Newton's method with bounded steps.
+    /// Computes the flight at k; arrival 0 where the acceleration never reaches k. Lift-off by
+    /// bisection, landing by Newton's method with bounded steps.
     fn at(k: f32, track: Track) -> Self {
         let step = Phase::from_bits(1 << 27);
         // Backwards from the maximum of A to its rise through k.
@@ -237,7 +219,6 @@ fn gauss(x: f32) -> f32 {
 /// State of drive and settings in one cycle, as the estimators need it.
 #[derive(Clone, Copy, Debug)]
 pub struct DriveState {
-    /// Number of the cycle.
     pub count: u32,
     /// Phase lead of the track.
     pub lead: Phase,
@@ -296,8 +277,7 @@ pub struct GearEstimator {
     strength: f32,
     arrivals: f32,
     arrival_squares: f32,
-    /// Energy less noise of each quarter of the turn while in gear, and the number of cycles
-    /// summed.
+    /// Energy less noise of each quarter of the turn while in gear, and its number of cycles.
     energies: [[f32; 2]; QUARTERS],
     k: f32,
     /// Configured duration of an impact in rad, and its gain of launch speed over acceleration.
@@ -452,9 +432,7 @@ impl GearEstimator {
     }
 
     /// Decides by a likelihood ratio whether the gap since the last impact was no single flight.
-    ///
-    /// `None`: it was a flight. Otherwise the part was thrown from rest and arrived with the
-    /// returned speed, or bounced undetected (speed unknown).
+    /// `None`: it was. Else the part was thrown from rest (with this arrival), or bounced.
     fn detect_missed_flight(
         &self,
         last: &Struck,
@@ -539,17 +517,15 @@ impl GearEstimator {
         self.may_lock_beyond(phase, 1.0)
     }
 
-    /// Whether a part may stay in gear at a phase of the track (rad): a restitution that is one
-    /// configured scatter below the lot's middle must have a lock, too.
-    ///
-    /// The velocity of a lock is proportional to `(1 - R)/(1 + R)` (docs/theory-bands.md#t5.1).
+    /// Whether a part may stay in gear at a phase of the track (rad): a restitution one scatter
+    /// below the lot's middle must have a lock too, whose velocity goes as `(1 - R)/(1 + R)`.
     pub fn may_stay_in_gear_at(&self, phase: f32) -> bool {
         let middle = 0.5 * (self.lot[0] + self.lot[1]);
         self.may_lock_beyond(phase, 1.0 + 2.0 * self.scatter / (1.0 - middle * middle))
     }
 
-    /// Whether the track reaches a lock's velocity at a phase (rad) times `factor`. The largest
-    /// velocity is that of a sine through the same velocity and acceleration.
+    /// Whether a sine through the track's velocity and acceleration at a phase (rad) reaches a
+    /// lock's velocity times `factor`.
     fn may_lock_beyond(&self, phase: f32, factor: f32) -> bool {
         [-STAMP_ERROR, STAMP_ERROR].iter().any(|late| {
             let [_, velocity, bend] = self.track.at(phase_of(phase + late));
@@ -566,8 +542,7 @@ impl GearEstimator {
         MIN_IMPACT_TO_NOISE * noise * self.arrivals / self.strength
     }
 
-    /// Residual energy per drive cycle in gear over the mean squared arrival speed over b w, in
-    /// (m/s^2)^2; `None` below [`MIN_IMPACTS`] impacts.
+    /// Energy per cycle in gear over the mean squared arrival speed over b w, in (m/s^2)^2.
     pub fn loudness(&self) -> Option<f32> {
         let mut energy = 0.0;
         for [sum, cycles] in self.energies {
@@ -621,8 +596,7 @@ impl GearEstimator {
         square_root_single((self.squares / self.impacts - mean * mean).max(0.0))
     }
 
-    /// Margin of one part to the loss of gear; `None` below [`MIN_IMPACTS`] impacts, and for several
-    /// parts.
+    /// Margin of one part to the loss of gear; `None` with too few impacts, and for several parts.
     pub fn margin(&self) -> Option<GearMargin> {
         if self.impacts < MIN_IMPACTS {
             return None;

@@ -14,8 +14,7 @@ use kband::feeder::OutOfRange;
 use kband::regime::classify::{Classifier, Regime, TimingAccuracy, Verdict};
 use kband::regime::gear::StrikeProfile;
 
-/// Period of the regime's classification, in drive cycles: its search for periods is the costliest
-/// part of a cycle.
+/// Period of the regime's classification, in drive cycles: the costliest part of a cycle.
 const CLASSIFICATION_PERIOD_CYCLES: u32 = 8;
 
 /// Largest error at which a share with only a lower bound is reported.
@@ -27,19 +26,16 @@ const GEAR_DETECTED_SHARE: f32 = 0.5;
 /// Share of time in gear below which gear is lost (hysteresis).
 const GEAR_LOST_SHARE: f32 = 0.4;
 
-/// Share of time in single flights above which they prove gear of one part without a fit of the
-/// energy: its impacts then scatter less than configured.
+/// Share of time in single flights above which they prove gear of one part alone.
 const MIN_SINGLE_FLIGHTS: f32 = 0.99;
 /// Share of time in single flights below which that proof is lost (hysteresis).
 const LOST_SINGLE_FLIGHTS: f32 = 0.9;
 
-/// Minimum drive cycles without contradiction before gear is detected again: the long histogram
-/// holds older energy.
+/// Minimum drive cycles without contradiction before gear is detected again.
 const MIN_SUPPORTED_CYCLES: f32 = 24.0;
 /// Minimum time without contradiction, in s.
 const MIN_SUPPORTED_SECONDS: f32 = 0.4;
-/// Largest error of the mean stamped phase of landings from rest, in rad: that of a lock, and the
-/// resolution of its phase.
+/// Largest error of the mean stamped phase of landings from rest, in rad.
 const MAX_LANDING_ERROR: f32 = 0.15;
 /// Minimum time without an impact for an empty track, in s.
 const EMPTY_SECONDS: f32 = 1.0;
@@ -49,18 +45,13 @@ const EMPTY_FLIGHTS: f32 = 4.0;
 /// Estimated state of the parts.
 #[derive(Clone, Debug)]
 pub struct Listener {
-    /// Statistics of the impacts' phases.
     pub phases: PhaseStatistics,
-    /// Estimator of gear from single impacts.
     pub gear: GearEstimator,
-    /// Estimator of the share in gear of many parts.
     pub share: ShareHearing,
     classifier: Classifier<64>,
-    /// Last classified regime.
     pub regime: Option<Verdict>,
     /// Whether the parts are in gear for more than half of their time.
     pub in_gear_detected: bool,
-    /// Number of drive cycles without an impact.
     silent: f32,
     /// Whether the track is empty: no impact for a second.
     pub empty: bool,
@@ -97,7 +88,6 @@ impl Listener {
         }
     }
 
-    /// Clears all estimates of the parts.
     pub fn clear(&mut self) {
         self.phases.reset();
         self.gear.reset();
@@ -107,7 +97,6 @@ impl Listener {
         (self.in_gear_detected, self.supported, self.silent) = (false, f32::INFINITY, 0.0);
     }
 
-    /// Updates all estimates with one cycle.
     pub fn cycle(&mut self, cycle: &Cycle, with: &DriveState, lock: Option<&LockWindow>) {
         let DriveState { count, lead, .. } = *with;
         self.gear.cycle(cycle, with);
@@ -132,8 +121,7 @@ impl Listener {
         }
     }
 
-    /// Detects an empty track (no impact for a second, and for four flights), and clears the
-    /// estimates.
+    /// Detects an empty track (no impact for a second and four flights), and clears the estimates.
     fn watch_silence(&mut self, cycle: &Cycle, order: u8) {
         if !cycle.heard.is_empty() {
             (self.silent, self.empty) = (0.0, false);
@@ -162,11 +150,8 @@ impl Listener {
         self.in_gear_detected = self.detect_gear();
     }
 
-    /// Whether the parts are in gear for more than half of their time, with hysteresis.
-    ///
-    /// Detection needs a fit of the map that supports gear, because impacts alone may come from a part
-    /// that lands and rests. The energy must fit, or nearly all flights be single ones of one part
-    /// at a phase where gear does not repel.
+    /// Whether the parts are in gear for more than half of their time, with hysteresis. The map
+    /// must support gear, and the energy fit it; or nearly all flights are single ones of one part.
     fn detect_gear(&self) -> bool {
         let Some(evidence) = self.share.evidence() else {
             return self.in_gear_detected && self.in_gear_at_least() > GEAR_LOST_SHARE;
@@ -176,7 +161,7 @@ impl Listener {
         } else {
             (GEAR_DETECTED_SHARE, MIN_SINGLE_FLIGHTS)
         };
-        let shares = match self.share.share() {
+        let shares = match self.share.share {
             Some(heard) if self.in_gear_detected => heard.share > GEAR_LOST_SHARE,
             Some(heard) => heard.share - heard.error > GEAR_DETECTED_SHARE,
             None => false,
@@ -187,8 +172,7 @@ impl Listener {
             && (evidence.fits() && shares || self.is_one_in_gear(single))
     }
 
-    /// Whether the parts do not fit the lot. A part in gear outside the lot gives its restitution, by
-    /// which gear is planned anew.
+    /// Whether the parts do not fit the lot. One part in gear gives its restitution instead.
     pub fn is_misfit(&self) -> bool {
         let in_gear = |evidence: &GearEvidence| evidence.in_gear() > GEAR_LOST_SHARE;
         self.share.is_misfit()
@@ -196,16 +180,13 @@ impl Listener {
     }
 
     /// Whether single flights of one part take a share of the time above `level` (0..=1), at a phase
-    /// where the part may stay in gear.
-    ///
-    /// Parts that land together and rest strike as regularly, often while the track still
-    /// accelerates upwards (docs/theory-bands.md#t5.1).
+    /// where it may stay in gear: parts that land together and rest strike as regularly
+    /// (docs/theory-bands.md#t5.1).
     fn is_one_in_gear(&self, level: f32) -> bool {
         self.gear.share() > level && self.gear.may_stay_in_gear_at(self.phases.phase())
     }
 
-    /// Corrects a verdict of parts in gear at a mean phase where they land from rest, or where gear
-    /// repels: they hop, chatter undetected and rest.
+    /// Corrects a verdict of parts that land from rest or where gear repels: they hop and rest.
     fn correct_verdict(&self, verdict: Verdict, lock: Option<&LockWindow>) -> Verdict {
         let phase = self.phases.phase();
         let within = |middle: Phase, width: f32| radians_of(phase_of(phase) - middle).abs() < width;
@@ -229,7 +210,7 @@ impl Listener {
     /// Margin of one part to the loss of gear; `None` with too few impacts, and for several parts.
     pub fn margin(&self) -> Option<GearMargin> {
         let mut margin = self.gear.margin()?;
-        if self.share.share().is_some() && !self.is_one() {
+        if self.share.share.is_some() && !self.is_one() {
             return None;
         }
         if self.gear.time_to_loss().is_infinite()
@@ -242,36 +223,31 @@ impl Listener {
 
     /// Margin to the loss of gear: of one part, else the mean over several.
     pub fn margin_of_all(&self) -> Option<GearMargin> {
-        self.margin().or_else(|| self.share.margin())
+        self.margin().or(self.share.margin)
     }
 
-    /// Mean drive cycles in gear per loss: measured of one part, else predicted for the lot;
-    /// infinite without both.
+    /// Mean drive cycles in gear per loss: measured of one part, else predicted for the lot.
     pub fn time_to_loss(&self) -> f32 {
         let heard = self.gear.time_to_loss();
         if heard.is_finite() && self.margin().is_some() {
             return heard;
         }
-        self.share
-            .profile()
-            .map_or(f32::INFINITY, StrikeProfile::time_to_loss)
+        (self.share.profile()).map_or(f32::INFINITY, StrikeProfile::time_to_loss)
     }
 
-    /// Estimated share of time in gear; `None` where only a lower bound exists
-    /// ([`GearHearing::share`]).
+    /// Estimated share of time in gear; `None` where only a lower bound exists.
     pub fn in_gear(&self) -> Option<GearShare> {
-        if self.share.is_judged() {
-            return self.share.share();
+        if self.share.judged {
+            return self.share.share;
         }
         let least = GearShare::at_least(self.gear.share());
         (least.error < MAX_BOUND_ERROR).then_some(least)
     }
 
-    /// Whether the impacts come from one part: with several parts most flights are not detected as
-    /// such.
+    /// Whether the impacts come from one part: of several most flights are not detected.
     fn is_one(&self) -> bool {
         let flights = self.gear.long_share();
-        match self.share.share() {
+        match self.share.share {
             Some(together) => {
                 flights >= MIN_SINGLE_FLIGHT_RATIO * (together.share - 2.0 * together.error)
             }
@@ -284,7 +260,7 @@ impl Listener {
         match self.in_gear() {
             Some(heard) => heard.share,
             // Energy that no profile explains gives no bound.
-            None if self.share.is_judged() && !self.is_one() => 0.0,
+            None if self.share.judged && !self.is_one() => 0.0,
             None => self.gear.share(),
         }
     }

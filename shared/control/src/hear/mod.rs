@@ -18,8 +18,7 @@ mod weighing;
 pub use blanked::{last_cycle_gain, push_weight};
 pub use deaf::{ImpactEvidence, MissedImpactDetector};
 pub use energy::{EnergyHistogram, SECTORS, SECTORS_HANDED, Sectors};
-pub use fold::Fold;
-pub use fold::{HANDED, Layout, PLACES};
+pub use fold::{Fold, HANDED, Layout, PLACES};
 pub use gear::{DriveState, GearEstimator};
 pub use listener::Listener;
 pub use load::{Load, LoadMeter, Weighed};
@@ -29,6 +28,5 @@ pub use margin::GearMargin;
 pub use share::GearShare;
 
 pub use onset::{DetectedImpact, HighPass, MAX_IMPACTS_PER_CYCLE, OnsetDetector};
-pub use signal::MAX_BLANKED_SHARE;
-pub use signal::{AdcCode, Command, Cycle, Overtone, Sampled, Signal};
+pub use signal::{AdcCode, Command, Cycle, MAX_BLANKED_SHARE, Overtone, Sampled, Signal};
 pub use weighing::LoadEvents;

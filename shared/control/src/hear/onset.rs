@@ -1,9 +1,8 @@
 //! Detects impacts of parts in the track's acceleration.
 //!
-//! Method: two first-order high-pass filters suppress the drive, then an adaptive threshold detects
-//! the onset. The threshold follows the running median of the residual's magnitude (constant-gain
-//! stochastic approximation, after Robbins and Monro 1951). An exponentially decaying envelope of
-//! the last impact prevents repeated detections.
+//! Two first-order high-pass filters suppress the drive. An adaptive threshold follows the running
+//! median of the residual's magnitude (constant-gain stochastic approximation, after Robbins and
+//! Monro 1951). A decaying envelope of the last impact prevents repeated detections.
 
 use core::ops::{Add, Mul, Sub};
 
@@ -37,11 +36,7 @@ impl<T> HighPass<T> {
     }
 }
 
-/// Detects the onset of impacts, sample by sample.
-///
-/// Two first-order high-passes ([`OnsetDetector::CORNER`]) suppress the drive's own acceleration and keep
-/// most of an impact's ringing. The residual is compared with its running median and with the
-/// decaying envelope of the last impact. One ringing is therefore one impact.
+/// Detects the onset of impacts, sample by sample; one ringing is one impact.
 #[derive(Clone, Copy, Debug)]
 pub struct OnsetDetector {
     passes: [HighPass<f32>; 2],
@@ -57,18 +52,15 @@ pub struct OnsetDetector {
 }
 
 impl OnsetDetector {
-    /// Median magnitude of Gaussian noise over its RMS: the third quartile of the normal
-    /// distribution.
+    /// Median magnitude of Gaussian noise over its RMS: third quartile of the normal distribution.
     pub const QUARTILE: f64 = 0.6745;
-    /// Corner of both high-passes times 2 pi over the sample rate: 1 kHz at 20 kHz, gain of 1/400
-    /// at 50 Hz.
+    /// Corner of both high-passes times 2 pi over the sample rate: 1 kHz; gain of 1/400 at 50 Hz.
     pub const CORNER: f64 = 0.27;
     /// Decay factor of the envelope per sample: time constant of 1.4 ms at 20 kHz.
     pub const ENVELOPE_DECAY: f64 = 0.965;
     /// Rise time of a ringing, in samples: 0.6 ms at 20 kHz, a quarter period at 420 Hz.
     pub const RISE_SAMPLES: u32 = 12;
-    /// Detection threshold over the RMS of the noise: 2 false alarms in 10^9 samples of Gaussian
-    /// noise, or one in 7 hours.
+    /// Detection threshold over the RMS of the noise: one false alarm in 7 hours of Gaussian noise.
     pub const THRESHOLD: f64 = 6.0;
     /// Minimum height of a new impact over the envelope of the last one; less is its own ringing.
     pub const MIN_OVER_ENVELOPE: f64 = 1.5;
@@ -76,8 +68,7 @@ impl OnsetDetector {
     pub const LOUD: f64 = 2.0;
     /// Step of the running median per sample, relative to its value.
     pub const MEDIAN_STEP: f64 = 1.0 / 1024.0;
-    /// Settling time before the first detection, in samples: some 60 time constants of the
-    /// high-passes.
+    /// Settling time before the first detection, in samples: some 60 time constants of the filters.
     pub const SETTLING_SAMPLES: u32 = 200;
     /// Detection threshold over the running median.
     const MEDIAN_THRESHOLD: f32 = Self::THRESHOLD as f32 / Self::QUARTILE as f32;

@@ -9,8 +9,7 @@ use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 
 /// Circular statistics of the impacts' phases, with a memory of 16 cycles.
 ///
-/// Phases are the track's own (symbol t): the stamp of the impact plus the track's lead. Any number
-/// of locked parts strikes at one phase.
+/// Phases are the track's own (symbol t): the stamp of the impact plus the track's lead.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PhaseStatistics {
     sine: f32,
@@ -30,10 +29,7 @@ pub struct PhaseStatistics {
 }
 
 /// Half difference of alternate impact phases, in rad, where the confidence begins to fall, and
-/// where it is 0.
-///
-/// A locked lot alternates by 0.01 (jitter of 0.05 rad in the memory's mean). Flights just beyond
-/// the doubling (R 0.255, the lot ends at 0.22) alternate by 0.13.
+/// where it is 0. A locked lot alternates by 0.01, flights just beyond the doubling by 0.13.
 const ALTERNATION_BOUNDS: [f32; 2] = [0.04, 0.24];
 
 /// Tolerance of the share of cycles with an impact: one cycle of the memory of sixteen.
@@ -79,8 +75,7 @@ impl PhaseStatistics {
     }
 
     /// Counts an impact within the lock's window; returns the number of the flight that it ends.
-    ///
-    /// Parts of order r strike in every r-th cycle, always of the same remainder.
+    /// Parts of order r strike in every r-th cycle.
     fn add_impact_in_window(
         &mut self,
         count: u32,
@@ -104,10 +99,7 @@ impl PhaseStatistics {
     }
 
     /// Confidence from alternation, up to 1: doubled flights strike before and after the lock's
-    /// phase in turn.
-    ///
-    /// Parts that have doubled out of step with each other cannot be detected
-    /// (docs/theory-capture.md#t7.6).
+    /// phase in turn. Parts that doubled out of step stay undetected (docs/theory-capture.md#t7.6).
     fn evenness(&self) -> f32 {
         if self.at_lock <= 0.0 {
             return 1.0;
@@ -116,7 +108,6 @@ impl PhaseStatistics {
         1.0 - (swing - ALTERNATION_BOUNDS[0]) / (ALTERNATION_BOUNDS[1] - ALTERNATION_BOUNDS[0])
     }
 
-    /// Clears all sums.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
@@ -153,23 +144,16 @@ impl PhaseStatistics {
         }
     }
 
-    /// Confidence that the parts are locked in `order`, 0..1: the minimum of four measures.
-    ///
-    /// They are the share of impacts in the lock's window, detected over due impacts, evenness, and
-    /// the filled part of the memory. Impacts are due in every r-th cycle; those in some of the
-    /// other cycles count against the lock.
+    /// Confidence that the parts are locked in `order`, 0..1: the least of the share of impacts in
+    /// the window, detected over due impacts, evenness, and the filled part of the memory.
     pub fn lock_confidence(&self, order: u8) -> f32 {
         let due = self.cycles / f32::from(order);
         if due <= 0.0 {
             return 0.0;
         }
         let often = if order > 1 {
-            // Impacts in some of the other cycles, but not in all or none of them, contradict a
-            // lock.
-            let shares = self
-                .cycles_by_remainder
-                .iter()
-                .map(|sum| (sum / due).min(1.0));
+            // Impacts in some of the other cycles, but not in all or none, contradict a lock.
+            let shares = (self.cycles_by_remainder.iter()).map(|sum| (sum / due).min(1.0));
             let most = shares.clone().fold(0.0_f32, f32::max);
             most - shares.fold(0.0, |most, share| {
                 (share.min(1.0 - share) - CYCLE_TOLERANCE).max(most)
@@ -190,16 +174,14 @@ mod tests {
     use super::*;
     use crate::angle::phase_of;
     use crate::hear::DetectedImpact;
+    use crate::testing::with;
 
     fn heard(phases: &[f32]) -> Cycle {
         let heard = phases.iter().map(|&phase| DetectedImpact {
             phase: phase_of(phase),
             strength: 1.0,
         });
-        Cycle {
-            heard: heard.collect(),
-            ..Cycle::default()
-        }
+        with(Cycle::default(), |it| it.heard = heard.collect())
     }
 
     fn lock_of(order: u8, width: f32) -> LockWindow {
@@ -219,10 +201,8 @@ mod tests {
         for n in 1..=8 {
             statistics.cycle(&heard(&[0.45]), n, Phase::ZERO, Some(&lock));
             let confidence = statistics.lock_confidence(1);
-            assert!(
-                confidence <= n as f32 / 8.0 && confidence > before,
-                "{n}: {confidence}"
-            );
+            let holds = confidence <= n as f32 / 8.0 && confidence > before;
+            assert!(holds, "{n}: {confidence}");
             before = confidence;
         }
     }

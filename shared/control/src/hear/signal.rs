@@ -19,16 +19,14 @@ use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
 /// Largest share of a cycle that the demodulator blanks: cosine, sine and mean stay separable.
 pub const MAX_BLANKED_SHARE: f64 = 1.0 / 3.0;
 
-/// Acceleration beyond any converter, in m/s^2: a hundred times full scale at the least
-/// sensitivity.
+/// Acceleration beyond any converter, in m/s^2: a hundred times full scale at least sensitivity.
 const MAX_ACCELERATION: f32 = 1e7;
 
 /// Reading of the converter, right-aligned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AdcCode(pub u16);
 
-/// nth tone of an output, as shares of full output: `sine sin nx + cosine cos nx` at the output's
-/// phase x.
+/// nth tone of an output, as shares of full output: `sine sin nx + cosine cos nx` at its phase x.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Overtone {
     /// Along the sine of the multiple of the phase, -1..1.
@@ -58,15 +56,10 @@ pub struct Command {
     pub step: u32,
     /// Whether the output changes at once instead of at the next cycle: switching off never waits.
     pub immediate: bool,
-    /// Start phase of a fold of the residual over half a turn, from the next cycle on.
-    ///
-    /// `None` ends the fold and transfers its sums.
+    /// Start phase of a fold of the residual over half a turn, `None` ends it.
     pub fold: Option<Phase>,
     /// Whether the demodulator uses every sample from the next cycle on, also while an impact
-    /// rings.
-    ///
-    /// Identification corrects the bias by ringing itself. It leaves the output unchanged, and is
-    /// not sent.
+    /// rings: identification corrects that bias itself. It is not sent.
     #[serde(skip)]
     pub whole: bool,
 }
@@ -76,16 +69,12 @@ pub struct Command {
 pub struct Cycle {
     /// Number of samples.
     pub samples: u16,
-    /// Cosine part of the acceleration at the drive's frequency, against the output's phase, in
-    /// m/s^2.
+    /// Cosine part of the acceleration at the drive's frequency, at the output's phase, in m/s^2.
     pub in_phase: f32,
     /// Sine part of the acceleration at the drive's frequency, in m/s^2.
     pub quadrature: f32,
-    /// Cosine and sine parts of the acceleration at twice and three times the drive's frequency, in
-    /// m/s^2.
-    ///
-    /// The reference is the same multiple of the output's phase; 0 where the drive cannot make such
-    /// a tone.
+    /// Cosine and sine parts at twice and three times the drive's frequency, against the same
+    /// multiple of the output's phase, in m/s^2; 0 where the drive cannot make such a tone.
     pub upper: [[f32; 2]; UPPER],
     /// Mean acceleration in m/s^2.
     pub mean: f32,
@@ -213,9 +202,7 @@ struct Sums {
     /// Cosine and sine sums at the drive's frequency.
     first: [f32; 2],
     accelerations: f32,
-    /// Number of samples.
     weight: f32,
-    /// Number of blanked samples.
     blanked: f32,
 }
 
@@ -238,8 +225,7 @@ const WITH_CURRENT: u8 = UPPER as u8 + 1;
 struct CurrentMeter {
     /// Amperes per step of the converter; unused without a current sensor.
     scale: f32,
-    /// Mean reading of the last cycle, in steps; its subtraction keeps the sensor's zero out of the
-    /// demodulation.
+    /// Mean reading of the last cycle, in steps: the sensor's zero, which is subtracted.
     mean: f32,
     sums: Sums,
 }
@@ -247,14 +233,12 @@ struct CurrentMeter {
 /// Signal path: configuration, oscillator, demodulator and onset detector.
 ///
 /// The ringing of an impact biases the demodulated amplitude: by 4.7 % for 24 parts that strike
-/// together and ring at 800 Hz. The demodulator therefore blanks the samples in which an impact
-/// rings ([`OnsetDetector::rings`]), up to a third of a cycle. The last cycle's tone replaces them,
-/// without effect on the new estimate. At a steady amplitude at most 0.3 % of bias remains for 24
-/// parts, at 800 Hz and at 2.4 kHz. A quickly changing amplitude is measured less accurately.
+/// together and ring at 800 Hz. The samples in which an impact rings ([`OnsetDetector::rings`]), up
+/// to a third of a cycle, are therefore replaced by the last cycle's tone, without effect on the
+/// new estimate. At a steady amplitude at most 0.3 % of bias remains, at 800 Hz and at 2.4 kHz.
 ///
-/// Deadline: one sample (50 us); the sample interrupt calls [`Signal::sample`] and nothing else. A
-/// missed sample shifts the drive's phase, which the demodulator then measures with everything
-/// else.
+/// Deadline: one sample (50 us). A missed sample shifts the drive's phase, which the demodulator
+/// then measures with everything else.
 ///
 /// ```
 /// use kband_control::{AdcCode, Settings, Signal};
@@ -290,7 +274,6 @@ pub struct Signal {
     multiples: [[f32; 2]; UPPER],
     /// Cosine and sine parts of each tone in the last whole cycle.
     found: [[f32; 2]; 1 + UPPER],
-    /// Extremes and counts of the current cycle.
     readings: Readings,
     /// Current and last whole cycle, alternating, which avoids copies.
     cycles: [Cycle; 2],
@@ -357,15 +340,13 @@ impl Signal {
 
     /// Processes the reading of one sample; returns the output to hold until the next.
     ///
-    /// Where the settings have a current sensor, [`Signal::sample_with`] is for it: this reads no
-    /// current.
+    /// It reads no current: [`Signal::sample_with`] does, where the settings have such a sensor.
     #[inline]
     pub fn sample(&mut self, code: AdcCode) -> Sampled {
         self.sample_with(code, AdcCode::default)
     }
 
-    /// As [`Signal::sample`], with the reading of the current sensor in the same sample. It is read
-    /// only where the settings have such a sensor.
+    /// As [`Signal::sample`], with the current sensor's reading, taken only where it is configured.
     #[inline]
     pub fn sample_with(&mut self, code: AdcCode, current: impl FnOnce() -> AdcCode) -> Sampled {
         // One instance per number of tones: unused tones cost nothing, nor does an unused sensor.
@@ -388,8 +369,7 @@ impl Signal {
         }
     }
 
-    /// As [`Signal::sample`], with this number of upper tones; not inlined, so each instance exists
-    /// once.
+    /// As [`Signal::sample`], with this number of upper tones; each instance exists once.
     #[inline(never)]
     fn process_sample<const TONES: usize>(&mut self, code: AdcCode) -> Sampled {
         let before = self.phase;
@@ -613,6 +593,7 @@ fn for_each_upper_tone<const TONES: usize>(mut act: impl FnMut(usize)) {
 mod tests {
     use super::*;
     use crate::settings::Settings;
+    use crate::testing::with;
 
     /// Middle of the converter's range: rest.
     const REST: AdcCode = AdcCode(2048);
@@ -634,11 +615,8 @@ mod tests {
             // The sample that ends a cycle counts among the next cycle's readings.
             cycle(&mut signal, AdcCode(code));
             let seen = cycle(&mut signal, AdcCode(code));
-            assert_eq!(
-                seen.saturated,
-                if counts { seen.samples } else { 0 },
-                "{code}"
-            );
+            let wanted = if counts { seen.samples } else { 0 };
+            assert_eq!(seen.saturated, wanted, "{code}");
         }
     }
 
@@ -666,10 +644,8 @@ mod tests {
             }
             let found = signal.cycle().current;
             assert_eq!(signal.cycle().in_phase, 0.0);
-            assert!(
-                (found - amperes).abs() < 2e-3,
-                "{frequency} {amperes}: {found}"
-            );
+            let holds = (found - amperes).abs() < 2e-3;
+            assert!(holds, "{frequency} {amperes}: {found}");
         }
     }
 
@@ -686,10 +662,7 @@ mod tests {
         let loudest = (0..400).fold(0.0_f32, |most, _| most.max(signal.sample(REST).output));
         assert!(loudest > 0.49, "{loudest}");
         // One command is active, another waits for the end of the cycle.
-        signal.command(Command {
-            amplitude: 0.9,
-            ..command
-        });
+        signal.command(with(command, |it| it.amplitude = 0.9));
         signal.off();
         assert!((0..1000).all(|_| signal.sample(REST).output == 0.0));
     }

@@ -83,8 +83,7 @@ impl Chatter {
         self.landing + self.rest < TAU + self.lift_off
     }
 
-    /// Impacts: time from the first landing in rad (infinite: none), and speed over that of the
-    /// first.
+    /// Impacts: time from the first landing in rad (infinite: none), and speed over the first's.
     pub fn impacts(&self) -> &[(f32, f32); IMPACTS] {
         &self.impacts
     }
@@ -101,10 +100,8 @@ mod tests {
             let chatter = Chatter::of(k, restitution, ContactTime::INSTANT).unwrap();
             // Intervals from an independent root search in double precision, to the digits given.
             let (second, _) = chatter.impacts()[1];
-            assert!(
-                (second - interval).abs() < 1e-3,
-                "{k} {restitution}: {second}"
-            );
+            let holds = (second - interval).abs() < 1e-3;
+            assert!(holds, "{k} {restitution}: {second}");
             assert!(chatter.rests());
         }
         assert!(

@@ -1,12 +1,11 @@
 //! Estimates the restitution that explains the folds of a chatter best, by the least residual.
 //!
-//! All impacts of a part ring alike, with a height proportional to speed. A fold is therefore one
-//! unknown ringing at the times and strengths that k and R predict.
-//!
-//! Method: separable nonlinear least squares (variable projection, Golub and Pereyra 1973). The
-//! ringing's height is eliminated linearly. Decay and frequency start from a grid and improve by
-//! Gauss-Newton steps. The restitution comes from a grid of [`GRID_POINTS`] values and a parabola.
-//! Evidence is the log likelihood ratio of the residuals, summed over the folds.
+//! All impacts of a part ring alike, with a height proportional to speed: a fold is one unknown
+//! ringing at the times and strengths that k and R predict. Method: separable nonlinear least
+//! squares (variable projection, Golub and Pereyra 1973). The height is eliminated linearly; decay
+//! and frequency start from a grid and improve by Gauss-Newton steps. The restitution comes from a
+//! grid of
+//! [`GRID_POINTS`] values and a parabola. Evidence is the residuals' log likelihood ratio.
 
 use core::f32::consts::{PI, TAU};
 
@@ -22,12 +21,10 @@ pub const LANDING_OFFSET: f32 = 0.5;
 const MAX_LANDING_SHIFT: f32 = 0.1;
 /// Upper limit of that shift, in samples; it bounds the work at low frequencies.
 const MAX_LANDING_SHIFT_SAMPLES: f32 = 8.0;
-/// Number of restitutions on the grid: 0.004 apart over half of the range, the error of half a
-/// sample.
+/// Number of restitutions on the grid: 0.004 apart over half of the range.
 const GRID_POINTS: usize = 128;
 /// Extension of the grid beyond its bounds, which an error of 1 % of k moves by up to 0.015.
 const GRID_MARGIN: f32 = 0.02;
-/// Lowest restitution of the grid.
 const MIN_RESTITUTION: f32 = 0.02;
 /// Lowest frequency on the grid of ringings, in rad per sample: 480 Hz.
 const MIN_ANGLE: f32 = 0.15;
@@ -37,18 +34,15 @@ const ANGLE_STEP: f32 = 0.08;
 const ANGLES: u16 = 37;
 /// Decay times on the grid, in samples: 0.3 to 3.2 ms.
 const DECAY_SAMPLES: [f32; 4] = [6.0, 14.0, 30.0, 64.0];
-/// Number of alternating rounds for first landing and ringing; the last round's steps are a sixth
-/// of a sample.
+/// Number of alternating rounds for first landing and ringing; the last steps are 1/6 sample.
 const ROUNDS: u16 = 4;
-/// Lowest restitution for the interval between first and second impact, within which the ringing is
-/// fitted.
+/// Lowest restitution for the interval between two impacts in which the ringing is fitted.
 const MIN_INTERVAL_RESTITUTION: f32 = 0.14;
 /// Minimum length of that interval, in samples: one millisecond.
 const ALONE: f32 = 20.0;
 /// Number of onsets tried per restitution: half a sample before, at, and after the first landing.
 const ONSETS_PER_RESTITUTION: u16 = 3;
-/// Threshold on the explained over the residual sum of squares per place: three times the 25 of the
-/// best ringing on noise.
+/// Threshold on the explained over the residual sum of squares per place: thrice the best on noise.
 const MIN_EXPLAINED_PER_PLACE: f32 = 80.0;
 /// Largest residual over that of noise alone for a chatter of the map.
 const MAX_RESIDUAL_OVER_NOISE: f32 = 8.0;
@@ -74,7 +68,6 @@ enum Stage {
 pub enum Verdict {
     /// Chatter of parts with this restitution.
     Chatter(f32),
-    /// Noise only.
     Quiet,
     /// Neither chatter of the map nor noise.
     Unexplained,
@@ -97,20 +90,17 @@ pub struct Fit {
     per_radian: f32,
     normal_gravity: f32,
     k: f64,
-    /// Duration of an impact.
-    contact: ContactTime,
+    pub contact: ContactTime,
     /// Lowest restitution of the grid, and its step.
     lowest: f32,
     apart: f32,
     stage: Stage,
     ringing: Option<SampledRinging>,
-    /// Samples from the beginning of the fold to the first landing, and from there to the second
-    /// impact.
+    /// Samples from the fold's beginning to the first landing, and on to the second impact.
     onset: f32,
     alone: f32,
-    /// Best fit to this fold so far.
     best: Option<Best>,
-    verdict: Verdict,
+    pub verdict: Verdict,
     /// Residual of each restitution in this fold.
     left: [f32; GRID_POINTS],
     /// Log ratios of the residual to the least one, summed over all folds with a chatter.
@@ -152,13 +142,7 @@ impl Fit {
         }
     }
 
-    /// Duration of an impact.
-    pub fn contact(&self) -> ContactTime {
-        self.contact
-    }
-
-    /// Sets the grid: restitutions of parts that rest each cycle at the first k but not at the
-    /// second.
+    /// Sets the grid: restitutions that rest each cycle at the first k but not at the second.
     pub fn set_grid(&mut self, (rest, astray): (f64, f64)) {
         let dead = |k: f64| {
             let (mut low, mut high) = (0.0, 1.0);
@@ -186,8 +170,8 @@ impl Fit {
         }
     }
 
-    /// Begins the comparison of the stored fold, at a measured k. Gravity normal to the track (m/s^2)
-    /// is the amplitude of its acceleration at k = 1; `step` is the advance of the phase per sample.
+    /// Begins the comparison of the stored fold, at a measured k. `normal_gravity` (m/s^2):
+    /// amplitude of the track's acceleration at k = 1; `step`: advance of the phase per sample.
     pub fn begin(&mut self, k: f64, normal_gravity: f32, step: u32) {
         self.layout = Layout::of(step);
         self.per_radian = Phase::TURN as f32 / (TAU * step.max(1) as f32);
@@ -221,7 +205,6 @@ impl Fit {
         true
     }
 
-    /// Whether the comparison is unfinished.
     pub fn busy(&self) -> bool {
         self.stage != Stage::Done
     }
@@ -264,8 +247,7 @@ impl Fit {
         }
     }
 
-    /// Searches the first landing around `middle` in steps of `step` samples; returns an onset that
-    /// improves the best fit.
+    /// Searches the first landing around `middle` in steps of `step` samples; returns a better one.
     fn landing(
         &mut self,
         ringing: SampledRinging,
@@ -328,8 +310,7 @@ impl Fit {
         }
     }
 
-    /// Classifies the fold and adds its log likelihood ratios; the first chatter also estimates the
-    /// leak.
+    /// Classifies the fold and adds its log likelihood ratios; the first chatter gives the leak.
     fn conclude(&mut self) -> Stage {
         self.verdict = self.judge();
         let (Verdict::Chatter(restitution), Some(best)) = (self.verdict, self.best) else {
@@ -395,8 +376,7 @@ impl Fit {
         squares / (count - 1.0)
     }
 
-    /// Relative bias of the measured amplitude by the impacts' ringing, which lowers the measured
-    /// k.
+    /// Relative bias of the measured amplitude by the impacts' ringing, which lowers k.
     fn leak(&self, restitution: f32, best: &Best) -> f32 {
         let Some(chatter) = Chatter::of(self.k, restitution, self.contact) else {
             return 0.0;
@@ -420,16 +400,10 @@ impl Fit {
         &self.folded[..self.layout.places.min(PLACES)]
     }
 
-    /// Impacts of a chatter with its first landing at this sample; missing impacts are infinitely
-    /// late.
+    /// Impacts of a chatter with its first landing at this sample.
     fn train(&self, chatter: &Chatter, onset: f32) -> [Pulse; IMPACTS] {
         let impacts = *chatter.impacts();
         impacts.map(|(time, speed)| (onset + time * self.per_radian, speed))
-    }
-
-    /// Classification of the last fold.
-    pub fn last_verdict(&self) -> Verdict {
-        self.verdict
     }
 
     /// Restitution with the least residual over all folds with a chatter.
@@ -437,8 +411,7 @@ impl Fit {
         interpolate_minimum(&self.sums).map(|place| self.lowest + self.apart * place)
     }
 
-    /// Twice the log likelihood ratio of that restitution to its best rival, over all folds with a
-    /// chatter.
+    /// Twice the log likelihood ratio of that restitution to its best rival.
     pub fn evidence(&self) -> f32 {
         let Some(found) = self.all() else {
             return 0.0;
@@ -456,10 +429,7 @@ impl Fit {
         (rival - best) * self.layout.places as f32
     }
 
-    /// The same ratio to the first landing alone.
-    ///
-    /// It is negative for parts that scatter: only their first landing repeats, so every train fits
-    /// worse.
+    /// The same ratio to the first landing alone; negative for parts that scatter.
     pub fn evidence_of_a_train(&self) -> f32 {
         let best = self.sums.iter().copied().fold(f32::INFINITY, f32::min);
         (self.alone_sum - best) * self.layout.places as f32
@@ -530,7 +500,7 @@ mod tests {
             slices += 1;
         }
         assert!(slices < 1200 && !fit.busy());
-        fit.last_verdict()
+        fit.verdict
     }
 
     #[test]
@@ -552,10 +522,8 @@ mod tests {
                 };
                 // The folds come from the map. Errors: noise of a hundredth of the first ringing,
                 // and half a sample of the onset (0.004 in R).
-                assert!(
-                    (found - restitution).abs() < 0.005,
-                    "{k} {lasting}: {found}"
-                );
+                let holds = (found - restitution).abs() < 0.005;
+                assert!(holds, "{k} {lasting}: {found}");
                 assert!((fit.all().unwrap() - found).abs() < 1e-3);
                 assert!(fit.evidence() > 48.0, "{k} {lasting}: {}", fit.evidence());
             }

@@ -1,15 +1,13 @@
 //! Identifies the restitution of the parts from their chatter, as a sequence of drive levels.
 //!
-//! A part at rest is thrown off at arcsin k and lands after a flight that depends on k alone. The
-//! intervals to its further impacts depend on its restitution. The residual is folded over the
-//! cycles. Each fold is compared with the chatter that the map predicts for every restitution. (For
-//! short hops the ratio of successive intervals is R itself.)
+//! A part at rest is thrown off at arcsin k; the intervals to its further impacts depend on its
+//! restitution (for short hops their ratio is R itself). The residual is folded over the cycles,
+//! and each fold compared with the chatter that the map predicts for every restitution.
 //!
 //! A small k gives long and loud hops, but parts must rest before they are thrown anew. The search
-//! therefore descends from [`FIRST_K`] until impacts are detected while a resting part would fly.
-//! Then the parts come to rest, k returns to a level with rest, and folds are measured there. It
-//! ends when one restitution exceeds every other by a likelihood ratio. The standard error comes
-//! from the spread of the single folds.
+//! descends from [`FIRST_K`] until impacts are detected while a resting part would fly. Then the
+//! parts come to rest, and folds are measured at a level with rest, until one restitution exceeds
+//! every other by a likelihood ratio. The spread of the folds gives the standard error.
 
 use core::f32::consts::TAU;
 
@@ -19,26 +17,20 @@ use serde::{Deserialize, Serialize};
 use super::chatter::Chatter;
 use super::fit::{Fit, LANDING_OFFSET, Verdict};
 use crate::angle::phase_of;
-use crate::hear::{Cycle, GearMargin};
-use crate::hear::{HANDED, Layout};
+use crate::hear::{Cycle, GearMargin, HANDED, Layout};
 use kband::arithmetic::Phase;
 use kband::impact::ContactTime;
 
 /// k of the first level: a part of R = 0.84 still rests each cycle there.
 pub const FIRST_K: f64 = 0.87;
-/// Ratio of k between successive levels: a smaller step than the 4 to 9 % by which [`back`]
-/// overshoots.
+/// Ratio of k between successive levels: less than the 4 to 9 % by which [`resting_k`] overshoots.
 const LEVEL_RATIO: f64 = 0.965;
-/// Lowest k of the descent: parts that still rest there have R up to 0.25, and rest at its [`back`]
-/// too.
+/// Lowest k of the descent: parts that still rest there have R up to 0.25.
 const LOWEST_K: f64 = 0.42;
-/// k at which the parts come to rest, above the last lock of order 1 for R up to 0.8
-/// (docs/theory-bands.md#t5.2).
-///
-/// That lock ends at k = (1 + R)/(pi (1 - R)).
+/// k at which the parts come to rest, above the last lock of order 1 for R up to 0.8, which ends at
+/// k = (1 + R)/(pi (1 - R)) (docs/theory-bands.md#t5.2).
 const REST_K: f64 = 3.0;
-/// Time within [`SETTLED_TOLERANCE`] before a level counts, in drive cycles: four time constants of a kick,
-/// above two of the drive at Q = 25.
+/// Drive cycles within [`SETTLED_TOLERANCE`] before a level counts: four time constants of a kick.
 const SETTLING: u8 = 20;
 /// Duration of the check at a level, in drive cycles.
 const CHECK_CYCLES: u8 = 20;
@@ -46,8 +38,7 @@ const CHECK_CYCLES: u8 = 20;
 const MIN_FLIGHT_IMPACTS: u8 = 3;
 /// Tolerance before lift-off, in rad, for the end of a late chatter.
 const BEFORE_LIFT_OFF: f32 = 0.5;
-/// Tolerance before the first landing, in rad, for errors of k (1 %: 0.1 rad) and of the stamp
-/// (0.05 rad).
+/// Tolerance before the first landing, in rad: an error of k of 1 % (0.1 rad) and the stamp (0.05).
 const BEFORE_LANDING: f32 = 0.3;
 /// Drive cycles per fold, each with one hop of every part: a quarter of the noise remains.
 const FOLD_CYCLES: u16 = 16;
@@ -55,14 +46,10 @@ const FOLD_CYCLES: u16 = 16;
 const MIN_FOLDS: usize = 4;
 /// Largest number of folds; half as many where only noise is measured.
 const MAX_FOLDS: usize = 16;
-/// Relative range of k over the folds: moves the second impact by 0.05 to 0.11 rad, about half a
-/// period of the ringing.
-///
-/// That shift holds for R = 0.1 to 0.8; half a period of the default ringing is 0.065 rad at 50 Hz.
-/// The ringings of two impacts then meet in every phase.
+/// Relative range of k over the folds: it moves the second impact by about half a period of the
+/// ringing (0.05 to 0.11 rad for R of 0.1 to 0.8), so that two ringings meet in every phase.
 const FOLD_K_RANGE: f64 = 0.05;
-/// Largest relative underestimate of k by the ringing of resting parts: twice the 1.5 % of 24 parts
-/// at 2.4 kHz (see [`Signal`](crate::Signal)).
+/// Largest relative underestimate of k by the ringing of resting parts ([`Signal`](crate::Signal)).
 const MAX_K_UNDERESTIMATE: f64 = 0.03;
 /// Relative step below the k of the first impacts in flight at which parts surely do not rest.
 const HOPPING_K_STEP: f64 = 0.08;
@@ -74,35 +61,29 @@ const MEASURING_TOLERANCE: f32 = 0.03;
 const REST_TOLERANCE: f32 = 0.2;
 /// Threshold on twice the log likelihood ratio ([`Fit::evidence`]) for a result: a ratio of e^24.
 const MIN_EVIDENCE: f32 = 48.0;
-/// Lowest restitution separable from 0: its second impact, 0.04 as fast, drowns in the first one's
-/// ringing.
+/// Lowest restitution separable from 0: its second impact drowns in the first one's ringing.
 const MIN_RESTITUTION: f32 = 0.04;
 /// Time limit in drive cycles: twice the need of some 20 levels and 16 folds, 40 to 70 cycles each.
 const TIME_LIMIT_CYCLES: u16 = 4000;
-/// k at which parts enter gear from rest, for R about 0.3, 0.1 and 0.5
+/// k at which parts enter gear from rest, R about 0.3, 0.1 and 0.5
 /// (docs/theory-real-parts.md#t10.1).
 const GEAR_CHECK_K: [f64; 3] = [0.46, 0.37, 0.55];
-/// Duration of that check, in drive cycles: a third of them in gear give a standard error of a
-/// tenth of the scatter.
+/// Duration of that check, in drive cycles.
 const GEAR_CHECK_CYCLES: u16 = 300;
 /// Largest standard error of a restitution estimated in gear: that of 25 impacts at s = 0.10.
 const MAX_GEAR_ERROR: f32 = 0.02;
-/// Standard error of the selection bias over s^2: certain impacts end gear, which biases R by up to
-/// 0.04 (R = s = 0.10).
+/// Standard error of the selection bias over s^2: certain impacts end gear, which biases R.
 const SELECTION_ERROR: f32 = 2.0;
 /// Largest estimated scatter that counts as none: three times the stamp error of a sample at 50 Hz.
 const MAX_NO_SCATTER: f32 = 0.015;
-/// Largest difference between folds and gear for agreement; an amplitude error of 1 % of k is 0.01
-/// in R.
+/// Largest difference between folds and gear for agreement: 1 % of k is 0.01 in R.
 const AGREEMENT_TOLERANCE: f32 = 0.02;
-/// Threshold on the estimated number of parts for several; one part gives at most 1.05, two give
-/// 2.2.
+/// Threshold on the estimated number of parts for several; one gives at most 1.05, two give 2.2.
 const MIN_SEVERAL_PARTS: f32 = 1.5;
-/// Standard error of a folded result by sampling and remaining leak, times the squared number of
-/// samples per turn: 0.0018 at 50 Hz (docs/commissioning.md).
+/// Standard error of a folded result by sampling and leak, times the squared number of samples per
+/// turn: 0.0018 at 50 Hz (docs/commissioning.md).
 const SAMPLING_ERROR: f32 = 288.0;
-/// Largest standard error of a result: a lot of twice that to either side is as wide as the
-/// default.
+/// Largest standard error of a result: a lot of twice that to either side is the default's width.
 const MAX_ERROR: f32 = 0.01;
 
 /// Identified restitution.
@@ -162,9 +143,7 @@ enum Stage {
     Listening(u8, u8),
     /// Fold: start phase of the output, and cycles.
     Folding(Phase, u16),
-    /// Transfer of the fold.
     Collecting,
-    /// Comparison of the fold with the map.
     Comparing,
     /// Check of parts in gear: cycles.
     Checking(u16),
@@ -173,7 +152,6 @@ enum Stage {
 /// Effect of a drive cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
-    /// No change.
     Going,
     /// New level at this k.
     At(f64),
@@ -186,7 +164,6 @@ pub enum Step {
 pub struct Driven {
     /// Relative error of the amplitude; infinite while it changes.
     pub off: f32,
-    /// Measured k.
     pub k: f64,
     /// Phase lead of the track over the output.
     pub lead: Phase,
@@ -200,21 +177,19 @@ pub struct Driven {
     pub margin: Option<GearMargin>,
     /// Landing speed over b w of a part thrown from rest.
     pub thrown: f32,
-    /// Residual energy per cycle in gear over the mean squared arrival speed over b w, in
-    /// (m/s^2)^2.
+    /// Residual energy per cycle in gear over the mean squared arrival speed over b w, (m/s^2)^2.
     pub loudness: Option<f32>,
 }
 
 /// Sequence of one identification.
 #[derive(Clone, Debug)]
 pub struct Identifier {
-    result: Identification,
+    pub result: Identification,
     stage: Stage,
     k: f64,
     /// Sum of the measured k over a fold.
     sum: f64,
-    /// Residual energy less noise, summed over the cycles of all folds (each hands over a quarter
-    /// of the sectors).
+    /// Residual energy less noise, summed over the cycles of all folds.
     energy: f32,
     /// Squared first landing speed over `b w k`, summed over the same cycles.
     squares: f32,
@@ -236,7 +211,6 @@ pub struct Identifier {
 }
 
 impl Identifier {
-    /// Idle sequence.
     pub fn new() -> Self {
         Self {
             result: Identification::Idle,
@@ -272,12 +246,6 @@ impl Identifier {
         }
     }
 
-    /// Progress, and result once finished.
-    pub fn result(&self) -> Identification {
-        self.result
-    }
-
-    /// Whether an identification runs.
     pub fn is_running(&self) -> bool {
         matches!(self.result, Identification::Listening { .. })
     }
@@ -309,7 +277,6 @@ impl Identifier {
         }
     }
 
-    /// Advances the sequence by one drive cycle.
     pub fn cycle(&mut self, driven: &Driven, cycle: &Cycle) -> Step {
         let folded = &cycle.folded;
         let old = self.grow_old();
@@ -407,7 +374,7 @@ impl Identifier {
             self.stage = Stage::Checking(0);
             return Step::Going;
         }
-        match (self.first, Chatter::of(self.k, 0.5, self.fit.contact())) {
+        match (self.first, Chatter::of(self.k, 0.5, self.fit.contact)) {
             (None, _) => self.stage = Stage::Listening(0, 0),
             (Some(first), None) => return self.set_level(first),
             (Some(_), Some(chatter)) => {
@@ -439,7 +406,7 @@ impl Identifier {
     fn astray(&self, cycle: &Cycle, lead: Phase) -> u8 {
         let lift_off = libm::asin(self.k) as f32;
         let landing =
-            Chatter::of(self.k, 0.5, self.fit.contact()).map_or(TAU, |chatter| chatter.landing);
+            Chatter::of(self.k, 0.5, self.fit.contact).map_or(TAU, |chatter| chatter.landing);
         let in_air = landing - BEFORE_LANDING - (lift_off - BEFORE_LIFT_OFF);
         let since = phase_of(lift_off - BEFORE_LIFT_OFF);
         let astray = cycle.heard.iter().filter(|heard| {
@@ -449,10 +416,9 @@ impl Identifier {
         astray.count() as u8
     }
 
-    /// Evaluates a compared fold.
     fn judge(&mut self) -> Step {
         self.folds += 1;
-        let verdict = self.fit.last_verdict();
+        let verdict = self.fit.verdict;
         if let Verdict::Chatter(restitution) = verdict
             && self.found.push(restitution).is_ok()
         {
@@ -484,10 +450,7 @@ impl Identifier {
         }
     }
 
-    /// Checks the result of the folds against the restitution estimated in gear.
-    ///
-    /// For parts that scatter only the first landing repeats, and the folds may show another
-    /// restitution.
+    /// Checks the folds' result against the restitution in gear: scattered parts repeat no train.
     fn begin_gear_check(&mut self, folded: Identification) -> Step {
         self.folded = Some(folded);
         match GEAR_CHECK_K.get(self.checks) {
@@ -528,17 +491,11 @@ impl Identifier {
         })
     }
 
-    /// Estimates the number of parts from two energies.
-    ///
-    /// Parts that rest land together: their amplitudes add, and the energy is n^2. Parts in gear
-    /// strike one by one, and the energy is n.
+    /// Estimates the number n of parts from two energies: n^2 of parts that land together, n in
+    /// gear.
     fn estimate_parts(&self, driven: &Driven, restitution: f32) -> Option<f32> {
-        let chatter = Chatter::of(self.first?, restitution, self.fit.contact())?;
-        let trained: f32 = chatter
-            .impacts()
-            .iter()
-            .map(|(_, speed)| speed * speed)
-            .sum();
+        let chatter = Chatter::of(self.first?, restitution, self.fit.contact)?;
+        let trained: f32 = (chatter.impacts().iter().map(|(_, speed)| speed * speed)).sum();
         let together = self.energy / (self.squares * trained);
         let k = driven.k as f32;
         Some(together / (driven.loudness? * k * k))
@@ -577,11 +534,8 @@ fn combine_errors(one: f32, other: f32) -> f32 {
     libm::sqrtf(one * one + other * other)
 }
 
-/// k at which parts surely rest each cycle after impacts in flight at `k`.
-///
-/// During the descent parts cease to rest some levels before detection, the more the less they
-/// bounce. The formula is fitted to measurements. For R = 0.3 to 0.8 it ends 4 to 9 % above the k
-/// at which parts cease to rest.
+/// k at which parts surely rest each cycle after impacts in flight at `k`: a fit to measurements, 4
+/// to 9 % above the k at which parts of R = 0.3 to 0.8 cease to rest.
 fn resting_k(k: f64) -> f64 {
     k * (1.17 - 0.44 * (k - 0.6).max(0.0))
 }
@@ -593,16 +547,16 @@ mod tests {
     #[test]
     fn result_stays_until_the_next_identification() {
         let mut identifier = Identifier::new();
-        assert_eq!(identifier.result(), Identification::Idle);
+        assert_eq!(identifier.result, Identification::Idle);
         identifier.begin(ContactTime::INSTANT);
         assert!(identifier.is_running());
         identifier.stop();
-        assert_eq!(identifier.result(), Identification::Idle);
+        assert_eq!(identifier.result, Identification::Idle);
         identifier.begin(ContactTime::INSTANT);
         let done = Identification::NotFound(Unidentified::Unlike);
         assert_eq!(identifier.end(done), Step::Done(false));
         identifier.stop();
-        assert_eq!(identifier.result(), done);
+        assert_eq!(identifier.result, done);
         identifier.begin(ContactTime::INSTANT);
         assert!(identifier.is_running());
     }

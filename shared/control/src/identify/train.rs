@@ -1,8 +1,7 @@
 //! Fits a train of impacts with one common damped ringing to a fold, by linear least squares.
 //!
-//! Eight unknowns: complex height of the ringing, its complex derivative by decay and frequency (a
-//! Gauss-Newton step), and a cubic for the drive's remainder. The normal equations are solved by
-//! elimination; `left` is the residual sum of squares.
+//! Eight unknowns: complex height of the ringing, its derivative by decay and frequency
+//! (Gauss-Newton step), and a cubic for the drive's remainder. They are solved by elimination.
 
 use crate::angle::phase_of;
 use crate::hear::{HighPass, OnsetDetector};
@@ -11,8 +10,7 @@ use num_complex::Complex32 as Complex;
 
 use crate::saturate::saturate;
 
-/// Number of columns: ringing and its derivative, each in and out of phase, and a cubic over the
-/// fold.
+/// Number of columns: ringing and derivative, each in and out of phase, and a cubic.
 const COLUMNS: usize = 8;
 /// Index of the first column of the cubic.
 const FIRST_CUBIC_COLUMN: usize = 4;
@@ -176,10 +174,9 @@ pub fn fit_train(
     }
 }
 
-/// Solves the normal equations in place by elimination from the last column to the first.
-///
-/// Returns the residual sums of squares without and with the train, and the coefficients of all
-/// columns but the cubic's. Slices of unknown length prevent unrolling, which saves flash.
+/// Solves the normal equations in place by elimination from the last column to the first. Returns
+/// the residual sums of squares without and with the train, and the coefficients of all columns but
+/// the cubic's. Slices of unknown length prevent unrolling, which saves flash.
 #[inline(never)]
 fn solve(
     matrix: &mut [[f32; COLUMNS]],
@@ -227,10 +224,8 @@ fn inverse(diagonal: f32) -> f32 {
     }
 }
 
-/// Correlation of a train's ringing with the sine of the drive's phase: its leakage into the
-/// demodulator.
-///
-/// The phase is `begin` at the first of `samples` and advances by `step`, both in rad.
+/// Correlation of a train's ringing with the sine of the drive's phase, which is `begin` at the
+/// first of `samples` and advances by `step`, in rad: its leakage into the demodulator.
 pub fn correlate_with_drive(
     explained: &Explained,
     ringing: SampledRinging,

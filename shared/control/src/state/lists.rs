@@ -4,69 +4,103 @@
 
 use serde::{Deserialize, Serialize};
 
-/// State of the controller.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[repr(u8)]
-pub enum State {
-    /// Drive off, waiting for the enable input.
-    #[default]
-    Off = 0,
-    /// Soft start towards the setpoint.
-    Starting = 1,
-    /// At the setpoint; no lock is wanted, or it was not captured.
-    Holding = 2,
-    /// Planning, executing or testing a kick.
-    Capturing = 3,
-    /// The wanted lock is detected.
-    Locked = 4,
-    /// The lock was detected before and is lost.
-    Lost = 5,
-    /// Held back by a limit.
-    Limiting = 6,
-    /// Stopped by a fault until the enable input is withdrawn.
-    Fault = 7,
-    /// Soft stop to rest.
-    Stopping = 8,
+/// A list of items, each with its stable number, and its name for tools and the manual.
+macro_rules! numbered {
+    ($(#[$of:meta])* $kind:ident { $($(#[$item_of:meta])* $item:ident = $number:literal $name:literal,)+ }) => {
+        $(#[$of])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+        #[repr(u8)]
+        pub enum $kind {
+            $($(#[$item_of])* $item = $number,)+
+        }
+
+        impl $kind {
+            /// All items, in the order of their numbers.
+            pub const ALL: &'static [Self] = &[$(Self::$item),+];
+
+            /// Its stable number.
+            pub fn number(self) -> u8 {
+                self as u8
+            }
+
+            /// The item of a number; `None` where there is none.
+            pub fn numbered(number: u8) -> Option<Self> {
+                let mut all = Self::ALL.iter().copied();
+                all.find(|item| item.number() == number)
+            }
+
+            /// Its name in scenes, traces and the manual.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$item => $name),+ }
+            }
+        }
+    };
 }
 
-/// Cause for which the controller stopped the drive.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[repr(u8)]
-pub enum Fault {
-    /// The accelerometer's reading does not change.
-    SensorLost = 1,
-    /// The accelerometer's reading is at an end of the converter's range.
-    SensorSaturated = 2,
-    /// The accelerometer's reading has the wrong sign.
-    SensorInverted = 3,
-    /// The drive is on and the track does not follow.
-    NoResponse = 4,
-    /// The track moves more than the hard limit allows.
-    OverAmplitude = 5,
-    /// The over-temperature input is active.
-    OverTemperature = 6,
-    /// The stored settings were refused.
-    SettingsInvalid = 8,
-    /// The watchdog or a brown-out reset the board.
-    WatchdogReset = 9,
-    /// The stack came close to its end.
-    StackLow = 10,
-    /// The over-current input opened the bridge.
-    OverCurrent = 11,
-    /// Measured and predicted amplitude differ by more than a factor of two.
-    SensorImplausible = 12,
-    /// The control of several cycles was too late.
-    ControlLate = 13,
-    /// The supply of the board is below what its chip needs.
-    SupplyLow = 14,
-    /// The crystal does not oscillate, or not at its frequency.
-    ClockFailed = 15,
-    /// The amplitude oscillates about a constant reference.
-    AmplitudeOscillates = 16,
-    /// The board was reset three times in a row.
-    RepeatedResets = 18,
-    /// The program in the flash differs from the written one.
-    ImageDamaged = 19,
+numbered! {
+    /// State of the controller.
+    #[derive(Default)]
+    State {
+        /// Drive off, waiting for the enable input.
+        #[default]
+        Off = 0 "off",
+        /// Soft start towards the setpoint.
+        Starting = 1 "starting",
+        /// At the setpoint; no lock is wanted, or it was not captured.
+        Holding = 2 "holding",
+        /// Planning, executing or testing a kick.
+        Capturing = 3 "capturing",
+        /// The wanted lock is detected.
+        Locked = 4 "locked",
+        /// The lock was detected before and is lost.
+        Lost = 5 "lost",
+        /// Held back by a limit.
+        Limiting = 6 "limiting",
+        /// Stopped by a fault until the enable input is withdrawn.
+        Fault = 7 "fault",
+        /// Soft stop to rest.
+        Stopping = 8 "stopping",
+    }
+}
+
+numbered! {
+    /// Cause for which the controller stopped the drive.
+    Fault {
+        /// The accelerometer's reading does not change.
+        SensorLost = 1 "sensor lost",
+        /// The accelerometer's reading is at an end of the converter's range.
+        SensorSaturated = 2 "sensor saturated",
+        /// The accelerometer's reading has the wrong sign.
+        SensorInverted = 3 "sensor inverted",
+        /// The drive is on and the track does not follow.
+        NoResponse = 4 "no response",
+        /// The track moves more than the hard limit allows.
+        OverAmplitude = 5 "over-amplitude",
+        /// The over-temperature input is active.
+        OverTemperature = 6 "over-temperature",
+        /// The stored settings were refused.
+        SettingsInvalid = 8 "settings invalid",
+        /// The watchdog or a brown-out reset the board.
+        WatchdogReset = 9 "watchdog reset",
+        /// The stack came close to its end.
+        StackLow = 10 "stack low",
+        /// The over-current input opened the bridge.
+        OverCurrent = 11 "over-current",
+        /// Measured and predicted amplitude differ by more than a factor of two.
+        SensorImplausible = 12 "sensor implausible",
+        /// The control of several cycles was too late.
+        ControlLate = 13 "control late",
+        /// The supply of the board is below what its chip needs.
+        SupplyLow = 14 "supply low",
+        /// The crystal does not oscillate, or not at its frequency.
+        ClockFailed = 15 "clock failed",
+        /// The amplitude oscillates about a constant reference.
+        AmplitudeOscillates = 16 "amplitude oscillates",
+        /// The board was reset three times in a row.
+        RepeatedResets = 18 "repeated resets",
+        /// The program in the flash differs from the written one.
+        ImageDamaged = 19 "image damaged",
+    }
 }
 
 /// The set of limits that hold the controller back.
@@ -74,61 +108,54 @@ pub enum Fault {
 #[serde(try_from = "u16", into = "u16")]
 pub struct Limits(u16);
 
-impl Limits {
+/// The single limits, each with its number and its name in traces and the manual.
+macro_rules! limits {
+    ($($(#[$of:meta])* $limit:ident = $number:literal $name:literal,)+) => {
+        impl Limits {
+            $($(#[$of])* pub const $limit: Self = Self(1 << $number);)+
+
+            /// Every limit, in the order of their numbers.
+            pub const ALL: [Self; [$($number),+].len()] = [$(Self::$limit),+];
+
+            /// Its name, for a single limit.
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Self::$limit => $name,)+
+                    _ => "several limits",
+                }
+            }
+        }
+    };
+}
+
+limits! {
     /// 1: the output is at `output_maximum`.
-    pub const OUTPUT: Self = Self(1 << 1);
+    OUTPUT = 1 "output at its maximum",
     /// 2: the reference was cut to `amplitude_limit`.
-    pub const AMPLITUDE: Self = Self(1 << 2);
+    AMPLITUDE = 2 "amplitude limit",
     /// 3: the reference was cut to `acceleration_limit`.
-    pub const ACCELERATION: Self = Self(1 << 3);
+    ACCELERATION = 3 "acceleration limit",
     /// 4: no amplitude serves the target for the whole interval of restitution; the amplitude is
     /// the safe one.
-    pub const NO_SETPOINT: Self = Self(1 << 4);
+    NO_SETPOINT = 4 "no setpoint for the lot",
     /// 5: the second or third tone is smaller than wanted: the output is too small, or the response
     /// deviates from the configured one.
-    pub const SECOND_TONE: Self = Self(1 << 5);
+    SECOND_TONE = 5 "second tone cut",
     /// 7: the link was silent for `link_timeout`, or the bus in control for `bus_timeout`; the
     /// amplitude is the safe one.
-    pub const LINK_LOST: Self = Self(1 << 7);
-
+    LINK_LOST = 7 "link lost",
     /// 8: no impact is detected where impacts are required; the setpoint is held and no kick
     /// begins.
-    pub const DEAF: Self = Self(1 << 8);
-
+    DEAF = 8 "deaf",
     /// 9: the parts do not fit the lot that gear is planned for. The amplitude is the best one for
     /// parts of widely scattered restitution.
-    pub const MISFIT: Self = Self(1 << 9);
+    MISFIT = 9 "parts do not fit the lot",
+}
 
-    /// Every limit, in the order of their numbers.
-    pub const ALL: [Self; 8] = [
-        Self::OUTPUT,
-        Self::AMPLITUDE,
-        Self::ACCELERATION,
-        Self::NO_SETPOINT,
-        Self::SECOND_TONE,
-        Self::LINK_LOST,
-        Self::DEAF,
-        Self::MISFIT,
-    ];
-
+impl Limits {
     /// Its number, for a single limit.
     pub fn number(self) -> u8 {
         self.0.trailing_zeros() as u8
-    }
-
-    /// Its name in traces and the manual, for a single limit.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::OUTPUT => "output at its maximum",
-            Self::AMPLITUDE => "amplitude limit",
-            Self::ACCELERATION => "acceleration limit",
-            Self::NO_SETPOINT => "no setpoint for the lot",
-            Self::SECOND_TONE => "second tone cut",
-            Self::LINK_LOST => "link lost",
-            Self::DEAF => "deaf",
-            Self::MISFIT => "parts do not fit the lot",
-            _ => "several limits",
-        }
     }
 
     /// The set as bits, bit n for limit n.
@@ -175,69 +202,71 @@ impl TryFrom<u16> for Limits {
     }
 }
 
-/// Event of a cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[repr(u8)]
-pub enum Event {
-    /// The enable input came on and the soft start began.
-    Started = 1,
-    /// The amplitude came to within 1 % of the setpoint.
-    SetpointReached = 2,
-    /// A target was accepted.
-    TargetSet = 3,
-    /// No amplitude serves the target for the whole interval of restitution.
-    NoSetpoint = 4,
-    /// A kick was planned.
-    KickPlanned = 5,
-    /// No kick captures every restitution of the interval; the best one is tried.
-    KickUncertain = 6,
-    /// A kick began.
-    KickBegun = 7,
-    /// A kick ended and the test for the lock began.
-    KickEnded = 8,
-    /// The wanted lock is detected.
-    Locked = 9,
-    /// The lock is lost.
-    LockLost = 10,
-    /// The permitted kicks are used up.
-    NotCaptured = 11,
-    /// The wanted chaos is detected.
-    Chaotic = 12,
-    /// A limit began to hold the controller back.
-    Limited = 13,
-    /// No limit holds the controller back any longer.
-    Freed = 14,
-    /// A fault stopped the drive.
-    Faulted = 15,
-    /// The enable input was withdrawn after a fault.
-    Acknowledged = 16,
-    /// The enable input was withdrawn and the soft stop began.
-    Stopping = 17,
-    /// The drive is off.
-    Stopped = 18,
-    /// The sweep found the resonance.
-    ResonanceFound = 19,
-    /// The restitution of the parts was identified.
-    Identified = 20,
-    /// The restitution of the parts could not be identified.
-    NotIdentified = 21,
-    /// The third fault within a minute locked the drive out.
-    LockedOut = 22,
-    /// The track's response at twice the drive's frequency deviates from the configured one.
-    SecondToneUnlike = 23,
-    /// The track's response at three times the drive's frequency deviates from the configured one.
-    ThirdToneUnlike = 24,
-    /// No amplitude holds the lot in gear; the best one is held, with the predicted share of time.
-    GearPoor = 25,
-    /// The mass of the parts is estimated for the first time, or it changed by a tenth since the
-    /// last event.
-    Weighed = 26,
-    /// The mass of the parts can no longer be estimated.
-    NotWeighed = 27,
-    /// The enable input chatters: the drive stays off until it was low and is high again.
-    EnableChatters = 28,
-    /// The selected recipe is missing or does not fit the machine; the previous target stays.
-    RecipeRefused = 29,
+numbered! {
+    /// Event of a cycle.
+    Event {
+        /// The enable input came on and the soft start began.
+        Started = 1 "started",
+        /// The amplitude came to within 1 % of the setpoint.
+        SetpointReached = 2 "setpoint reached",
+        /// A target was accepted.
+        TargetSet = 3 "target set",
+        /// No amplitude serves the target for the whole interval of restitution.
+        NoSetpoint = 4 "no setpoint",
+        /// A kick was planned.
+        KickPlanned = 5 "kick planned",
+        /// No kick captures every restitution of the interval; the best one is tried.
+        KickUncertain = 6 "kick uncertain",
+        /// A kick began.
+        KickBegun = 7 "kick begun",
+        /// A kick ended and the test for the lock began.
+        KickEnded = 8 "kick ended",
+        /// The wanted lock is detected.
+        Locked = 9 "locked",
+        /// The lock is lost.
+        LockLost = 10 "lock lost",
+        /// The permitted kicks are used up.
+        NotCaptured = 11 "not captured",
+        /// The wanted chaos is detected.
+        Chaotic = 12 "chaotic",
+        /// A limit began to hold the controller back.
+        Limited = 13 "limited",
+        /// No limit holds the controller back any longer.
+        Freed = 14 "freed",
+        /// A fault stopped the drive.
+        Faulted = 15 "faulted",
+        /// The enable input was withdrawn after a fault.
+        Acknowledged = 16 "acknowledged",
+        /// The enable input was withdrawn and the soft stop began.
+        Stopping = 17 "stopping",
+        /// The drive is off.
+        Stopped = 18 "stopped",
+        /// The sweep found the resonance.
+        ResonanceFound = 19 "resonance found",
+        /// The restitution of the parts was identified.
+        Identified = 20 "restitution identified",
+        /// The restitution of the parts could not be identified.
+        NotIdentified = 21 "restitution not identified",
+        /// The third fault within a minute locked the drive out.
+        LockedOut = 22 "locked out",
+        /// The track's response at twice the drive's frequency deviates from the configured one.
+        SecondToneUnlike = 23 "second tone differs",
+        /// The track's response at three times the drive's frequency deviates from the configured
+        /// one.
+        ThirdToneUnlike = 24 "third tone differs",
+        /// No amplitude holds the lot in gear; the best one is held, with the predicted share of
+        /// time.
+        GearPoor = 25 "gear poor for the lot",
+        /// The mass of the parts is estimated for the first time, or it changed by a tenth since
+        /// the last event.
+        Weighed = 26 "weighed",
+        /// The mass of the parts can no longer be estimated.
+        NotWeighed = 27 "no longer weighed",
+        /// The enable input chatters: the drive stays off until it was low and is high again.
+        EnableChatters = 28 "enable chatters",
+        /// The selected recipe is missing or does not fit the machine; the previous target stays.
+        RecipeRefused = 29 "recipe refused",
+    }
 }
 
 /// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
@@ -260,50 +289,6 @@ impl Events {
     }
 }
 
-/// Number and name of each item of a list, for tools and the manual.
-macro_rules! named {
-    ($kind:ident: $($item:ident = $name:literal),+) => {
-        impl $kind {
-            /// All items, in the order of their numbers.
-            pub const ALL: &'static [Self] = &[$(Self::$item),+];
-
-            /// Its stable number.
-            pub fn number(self) -> u8 {
-                self as u8
-            }
-
-            /// The item of a number; `None` where there is none.
-            pub fn numbered(number: u8) -> Option<Self> {
-                let mut all = Self::ALL.iter().copied();
-                all.find(|item| item.number() == number)
-            }
-
-            /// Its name in scenes, traces and the manual.
-            pub fn name(self) -> &'static str {
-                match self { $(Self::$item => $name),+ }
-            }
-        }
-    };
-}
-
-named!(State: Off = "off", Starting = "starting", Holding = "holding", Capturing = "capturing", Locked = "locked",
-    Lost = "lost", Limiting = "limiting", Fault = "fault", Stopping = "stopping");
-named!(Fault: SensorLost = "sensor lost", SensorSaturated = "sensor saturated", SensorInverted = "sensor inverted",
-    NoResponse = "no response", OverAmplitude = "over-amplitude", OverTemperature = "over-temperature",
-    SettingsInvalid = "settings invalid", WatchdogReset = "watchdog reset", StackLow = "stack low",
-    OverCurrent = "over-current", SensorImplausible = "sensor implausible", ControlLate = "control late",
-    SupplyLow = "supply low", ClockFailed = "clock failed", AmplitudeOscillates = "amplitude oscillates",
-    RepeatedResets = "repeated resets", ImageDamaged = "image damaged");
-named!(Event: Started = "started", SetpointReached = "setpoint reached", TargetSet = "target set", NoSetpoint = "no setpoint",
-    KickPlanned = "kick planned", KickUncertain = "kick uncertain", KickBegun = "kick begun", KickEnded = "kick ended",
-    Locked = "locked", LockLost = "lock lost", NotCaptured = "not captured", Chaotic = "chaotic", Limited = "limited",
-    Freed = "freed", Faulted = "faulted", Acknowledged = "acknowledged", Stopping = "stopping", Stopped = "stopped",
-    ResonanceFound = "resonance found", Identified = "restitution identified",
-    NotIdentified = "restitution not identified", LockedOut = "locked out",
-    SecondToneUnlike = "second tone differs", ThirdToneUnlike = "third tone differs",
-    GearPoor = "gear poor for the lot", Weighed = "weighed", NotWeighed = "no longer weighed",
-    EnableChatters = "enable chatters", RecipeRefused = "recipe refused");
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -311,10 +296,8 @@ mod tests {
     #[test]
     fn numbers_are_stable_and_names_are_unique() {
         let numbers: std::vec::Vec<u8> = Fault::ALL.iter().map(|fault| fault.number()).collect();
-        assert_eq!(
-            numbers,
-            [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18, 19]
-        );
+        let wanted = [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18, 19];
+        assert_eq!(numbers, wanted);
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
         assert!(Event::ALL.iter().map(|event| event.number()).eq(1..30));
         for number in 0..=u8::MAX {

@@ -1,41 +1,30 @@
 //! Capture: kicks that bring parts onto the wanted orbit, one attempt after the other
 //! (docs/theory-capture.md#t7.3).
 //!
-//! Inputs per cycle are the plan of kicks, whether the lock is detected, and whether the amplitude
-//! has settled. The outputs are the amplitude over the setpoint (1) and an event.
-//!
-//! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks. A kick and its
-//! test need 80 cycles, in which the parts are thrown higher and conveyed worse. Kicks cannot hold
-//! parts that are lost more often than every hundred seconds.
+//! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks: a kick and its
+//! test need 80 cycles, in which the parts are conveyed worse.
 //!
 //! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks of
-//! parts outside the lot. Its hypotheses are that a kick misses a part with the probability of the
-//! plan, or always. The likelihood of the first one is the product of those probabilities.
+//! parts outside the lot: a kick misses a part with the probability of the plan, or always.
 
 use kband::regime::capture::{Kick, Plan};
 
-/// Predicted share of captured parts below which a plan is called uncertain; it only selects an
-/// event.
+/// Predicted share of captured parts below which a plan is called uncertain.
 const MIN_CAPTURED_SHARE: f64 = 0.95;
 
-/// Kicks per hour that the token bucket gains: with the saved ones, 60 in an hour cost 2.7 % of the
-/// time at 50 Hz.
+/// Kicks per hour that the token bucket gains: 60 in an hour cost 2.7 % of the time at 50 Hz.
 const KICKS_PER_HOUR: f32 = 40.0;
 /// Largest number of saved kicks: two complete captures in a row.
 const MAX_SAVED_KICKS: f32 = 20.0;
 
-/// Largest probability that the kicks miss parts of the lot, at which parts count as outside it:
-/// the false alarm rate.
+/// Largest probability that the kicks miss parts of the lot (false alarm rate).
 const MAX_MISS_PROBABILITY: f64 = 1e-3;
 
 /// Stage of a capture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stage {
-    /// No capture runs.
     Idle,
-    /// Waiting for the plan.
     Planning,
-    /// About to try the next kick.
     Ready,
     /// In the kick's n-th cycle.
     Kicking(Kick, u32),
@@ -43,15 +32,14 @@ pub enum Stage {
     Judging(u32),
 }
 
-/// Cycles after a kick, at the setpoint's amplitude, before it counts as failed: as many as the
-/// plan simulates after its kick.
+/// Cycles after a kick, at the setpoint's amplitude, before it failed: as the plan simulates.
 const LOCK_TEST_CYCLES: u32 = 60;
 
 /// The attempts at capturing the parts.
 #[derive(Clone, Copy, Debug)]
 pub struct Capture {
     stage: Stage,
-    attempts: u8,
+    pub attempts: u8,
     allowed: u8,
     /// Probability of the plan that kicks miss as often as they did.
     miss_probability: f64,
@@ -79,20 +67,16 @@ pub enum CaptureEvent {
         /// Whether its best kick captures all but one part in twenty.
         sure: bool,
     },
-    /// A kick begins.
     Begun,
     /// The kick is over and the test for the lock begins.
     Ended,
-    /// The wanted lock is detected.
     Captured,
-    /// The attempts are used up: those of this capture, or those of the hour. Or kicks missed that
-    /// parts of the lot would not.
+    /// The attempts of this capture or of the hour are used up, or the misses improbable.
     Failed,
 }
 
 impl Capture {
-    /// A capture of at most `allowed` kicks; `pace` in cycles per second. An hour allows 60 at
-    /// most.
+    /// A capture of at most `allowed` kicks, 60 in an hour; `pace` in cycles per second.
     pub fn new(allowed: u8, pace: f32) -> Self {
         Self {
             stage: Stage::Idle,
@@ -104,25 +88,17 @@ impl Capture {
         }
     }
 
-    /// Begins a capture with all its attempts.
     pub fn begin(&mut self) {
         (self.attempts, self.miss_probability) = (0, 1.0);
         self.stage = Stage::Planning;
     }
 
-    /// Counts a cycle.
     pub fn count(&mut self) {
         self.tokens = (self.tokens + self.tokens_per_cycle).min(MAX_SAVED_KICKS);
     }
 
-    /// Stops the capture.
     pub fn stop(&mut self) {
         self.stage = Stage::Idle;
-    }
-
-    /// Kicks begun since [`Capture::begin`].
-    pub fn attempts(&self) -> u8 {
-        self.attempts
     }
 
     /// Amplitude of the next cycle over the setpoint.
@@ -133,8 +109,7 @@ impl Capture {
         }
     }
 
-    /// Advances one cycle. `plan` is the result of the search for kicks. `lock` is the detected
-    /// lock. `settled`: the amplitude is back at the setpoint.
+    /// Advances one cycle. `settled`: the amplitude is back at the setpoint.
     pub fn cycle(
         &mut self,
         plan: Option<&Plan>,
@@ -147,9 +122,7 @@ impl Capture {
                 Some(plan) => {
                     self.stage = Stage::Ready;
                     Some(CaptureEvent::Planned {
-                        sure: plan
-                            .best()
-                            .is_some_and(|best| best.share() >= MIN_CAPTURED_SHARE),
+                        sure: (plan.best()).is_some_and(|best| best.share() >= MIN_CAPTURED_SHARE),
                     })
                 }
                 None => None,
@@ -236,7 +209,7 @@ mod tests {
         capture.begin();
         for _ in 0..10_000 {
             if capture.cycle(Some(plan), lock, true) == Some(CaptureEvent::Failed) {
-                return capture.attempts();
+                return capture.attempts;
             }
         }
         panic!("a capture ends");
@@ -250,9 +223,7 @@ mod tests {
                 *product *= plan.miss_probability(attempt);
                 Some(*product)
             });
-            let stop = misses
-                .position(|product| product <= 1e-3)
-                .map_or(8, |n| n as u8 + 1);
+            let stop = (misses.position(|product| product <= 1e-3)).map_or(8, |n| n as u8 + 1);
             assert_eq!(kicks(&plan, DetectedLock::Few), stop, "{low} {plan:?}");
             assert!((2..=most).contains(&stop), "{low}: {stop}");
             assert_eq!(kicks(&plan, DetectedLock::Most), 8, "{low}");

@@ -1,8 +1,5 @@
 //! Fault detector: signs of a fault in the sensor's readings, each debounced.
 //!
-//! Inputs per cycle are the converter's range, the measured amplitude (m) and lead (rad), and their
-//! predictions. The outputs are a fault, and whether the reading is untrusted.
-//!
 //! Method: limit checks on measured signals and on residuals against a model of the drive
 //! (Isermann, Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is
 //! detected by counting reversals with hysteresis.
@@ -12,62 +9,46 @@ use core::f32::consts::PI;
 use crate::hear::Cycle;
 use crate::state::Fault;
 
-/// Peak-to-peak range of a dead reading, in converter steps: a constant voltage between two steps
-/// toggles the last one.
+/// Peak-to-peak range of a dead reading, in converter steps.
 const DEAD_RANGE_STEPS: u16 = 1;
-/// Cycles of a dead reading that are a fault: from [`Expected::least`] on, the default sensor's
-/// noise alone spans more steps in each.
+/// Cycles of a dead reading that are a fault: the default sensor's noise alone spans more steps.
 const DEAD_CYCLES: u8 = 3;
-/// Peak-to-peak range of a cut wire, in converter steps: noise of 1.5 steps RMS spans 9 in 400
-/// samples, a cycle at 50 Hz.
+/// Peak-to-peak range of a cut wire, in converter steps: noise spans 9 at 50 Hz.
 const CUT_WIRE_RANGE_STEPS: u16 = 10;
 /// Cycles of a cut wire without a response that are a fault: half of [`NO_RESPONSE_CYCLES`].
 const CUT_WIRE_CYCLES: u8 = 8;
-/// Readings per cycle at the ends of the converter's range; one ringing of 2.4 kHz has two on each
-/// side, at 20 kHz.
+/// Readings per cycle at the converter's ends; one ringing of 2.4 kHz has two on each side.
 const CLIPPED_READINGS: u16 = 4;
-/// Cycles of saturation that are a fault: the time constant of a kick
-/// ([`Settings`](crate::Settings)), whose crest alone is none.
+/// Cycles of saturation that are a fault: the time constant of a kick, whose crest alone is none.
 const SATURATED_CYCLES: u8 = 5;
-/// Smallest amplitude over the expected one that is a response: a third of the smallest plausible
-/// one.
+/// Smallest amplitude over the expected one that is a response: a third of the plausible one.
 const MIN_RESPONSE_SHARE: f32 = 0.15;
-/// Cycles without a response that are a fault: two time constants at Q = 25, after which a drive
-/// reaches 86 % of the expected amplitude.
+/// Cycles without a response that are a fault: two time constants at Q = 25 (86 %).
 const NO_RESPONSE_CYCLES: u8 = 15;
-/// Largest factor between the amplitude's ratio to the expected one and its usual value in this
-/// run; it detects halved sensitivity or supply.
+/// Largest factor between the amplitude's ratio to the expected one and its usual value.
 const MAX_RATIO_CHANGE: f32 = 1.9;
 /// Cycles after which the usual ratio counts as estimated.
 const MIN_RATIO_CYCLES: f32 = 16.0;
-/// Memory of the usual ratio in cycles (exponential forgetting): drives change by a third as they
-/// warm up, in minutes.
+/// Memory of the usual ratio in cycles: drives change by a third as they warm up, in minutes.
 const RATIO_MEMORY_CYCLES: f32 = 500.0;
-/// Cycles of an implausible amplitude that are a fault: a second at 50 Hz, twice what the gain
-/// estimate needs.
+/// Cycles of an implausible amplitude that are a fault: twice what the gain estimate needs.
 const IMPLAUSIBLE_CYCLES: u8 = 50;
-/// Distance of a wrong lead from both ends of its half turn, in rad, for noise and detuning up to
-/// 4.7 % at Q = 25.
+/// Distance of a wrong lead from its half turn's ends, in rad: noise and detuning.
 const WRONG_LEAD_MARGIN: f32 = 0.4;
-/// Cycles of a wrong lead that are a fault: as many as of saturation, for a kick moves the phase
-/// too.
+/// Cycles of a wrong lead that are a fault: as of saturation, for a kick moves the phase too.
 const INVERTED_CYCLES: u8 = 5;
-/// Amplitude over the hard limit that is a fault: five times the overshoot (3 %) of the
-/// [`AmplitudeLoop`](crate::AmplitudeLoop) over a reference within it.
+/// Amplitude over the hard limit that is a fault: five times the amplitude loop's overshoot (3 %).
 const MAX_AMPLITUDE_RATIO: f32 = 1.15;
 /// Cycles of excessive amplitude that are a fault: two, because an impact can raise a single one.
 const EXCESS_CYCLES: u8 = 2;
 
-/// Peak-to-peak swing of the amplitude, over its reference, that counts as a reversal; parts of a
-/// fifth of the track's mass cause 0.075.
+/// Swing of the amplitude, over its reference, that counts as a reversal; heavy parts cause 0.075.
 const REVERSAL_SWING: f32 = 0.1;
 /// Smallest swing in standard errors of the amplitude: four to either side.
 const REVERSAL_STANDARD_ERRORS: f32 = 8.0;
-/// Reversals that are a fault: three periods; a step of the drive's gain by 1.8 causes five at
-/// most.
+/// Reversals that are a fault: three periods; a step of the drive's gain by 1.8 causes five.
 const OSCILLATION_REVERSALS: u8 = 6;
-/// Reversals from which the amplitude is unsteady, and from which one beyond [`PEAK`] is a fault:
-/// one period.
+/// Reversals from which the amplitude is unsteady, and from which one beyond [`PEAK`] is a fault.
 const UNSTEADY_REVERSALS: u8 = 2;
 /// Largest amplitude of an oscillation, over the hard limit.
 const PEAK: f32 = 1.04;
@@ -76,8 +57,7 @@ const STEADY_CYCLES: u8 = 64;
 /// Relative change of the reference that restarts the count of reversals.
 const REFERENCE_CHANGE: f32 = 0.05;
 
-/// Reversals of the amplitude about a constant reference, counted with hysteresis (a zigzag
-/// filter).
+/// Reversals of the amplitude about a constant reference, counted with hysteresis (zigzag filter).
 #[derive(Clone, Copy, Debug, Default)]
 struct ReversalCounter {
     reference: f32,
@@ -128,8 +108,7 @@ fn differs(measured: f32, predicted: f32, factor: f32) -> (bool, bool) {
     (factor * measured < predicted, measured > factor * predicted)
 }
 
-/// Leaky counter of a fault's sign: each cycle with it adds 2, each without subtracts 1. It also
-/// detects a contact that bounces.
+/// Leaky counter of a fault's sign: each cycle with it adds 2, each without subtracts 1.
 #[derive(Clone, Copy, Debug, Default)]
 struct LeakyCounter(u8);
 
@@ -154,7 +133,7 @@ struct RatioEstimate {
 
 impl RatioEstimate {
     /// Whether an amplitude is too weak and whether it is too strong, by a factor, against the
-    /// expected one and its usual ratio. A plausible one updates that ratio.
+    /// expected one and its usual ratio, which a plausible one updates.
     fn check(&mut self, measured: f32, expected: f32, tolerance: f32) -> (bool, bool) {
         let apart = |factor: f32, usual: f32| {
             (
@@ -179,14 +158,12 @@ impl RatioEstimate {
 /// Predictions and limits against which a cycle's reading is checked.
 #[derive(Clone, Copy, Debug)]
 pub struct Prediction {
-    /// Whether the drive runs.
     pub running: bool,
     /// Whether the drive's response at its frequency is predictable: not during a resonance search.
     pub known: bool,
     /// Predicted amplitude of this cycle under the outputs so far, in m.
     pub amplitude: f32,
-    /// Amplitude of this cycle predicted from the measured current of the drive, in m; `None`
-    /// where it is not commissioned.
+    /// Amplitude predicted from the drive's current, in m; `None` where it is not commissioned.
     pub by_current: Option<f32>,
     /// Whether the track's lead is more than a quarter turn from the predicted one.
     pub opposed: bool,
@@ -219,8 +196,7 @@ impl FaultDetector {
         self.usual = RatioEstimate::default();
     }
 
-    /// Processes a cycle with its measured amplitude (m) and lead (rad). The results are a detected
-    /// fault, and whether the reading is untrusted.
+    /// Processes a cycle: measured amplitude (m), lead (rad). A fault, and whether it is untrusted.
     pub fn cycle(
         &mut self,
         cycle: &Cycle,
@@ -235,9 +211,8 @@ impl FaultDetector {
         let saturated = running && !still && cycle.saturated >= CLIPPED_READINGS;
         let unanswered = moving && !still && measured < MIN_RESPONSE_SHARE * expected.amplitude;
         // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Near the ends are
-        // the held output (0.008 rad at 50 Hz), noise, transients, and drives further off their
-        // resonance than 1/(2 Q tan 0.4). Beside its resonance a track turns against its output
-        // while its amplitude changes; the prediction includes that.
+        // the held output (0.008 rad at 50 Hz), noise, transients, and drives far off their
+        // resonance. A track beside it turns against its output in a transient.
         let wrong = expected.opposed && lead > WRONG_LEAD_MARGIN && lead < PI - WRONG_LEAD_MARGIN;
         let inverted = moving && !unanswered && wrong;
         if !running {
@@ -307,6 +282,7 @@ impl FaultDetector {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     const EXPECTED: Prediction = Prediction {
         running: true,
@@ -324,11 +300,7 @@ mod tests {
 
     /// A cycle of a sensor that moves.
     fn moving() -> Cycle {
-        Cycle {
-            low: 2000,
-            high: 2100,
-            ..Cycle::default()
-        }
+        with(Cycle::default(), |it| (it.low, it.high) = (2000, 2100))
     }
 
     /// Fault that the detector finds in a number of equal cycles.
@@ -342,14 +314,8 @@ mod tests {
     #[test]
     fn untrusted_reading_is_flagged_in_its_cycle() {
         let moving = moving();
-        let still = Cycle {
-            high: 2000,
-            ..moving.clone()
-        };
-        let clipped = Cycle {
-            saturated: CLIPPED_READINGS,
-            ..moving.clone()
-        };
+        let still = with(moving.clone(), |it| it.high = 2000);
+        let clipped = with(moving.clone(), |it| it.saturated = CLIPPED_READINGS);
         for (cycle, measured, blind) in [
             (&moving, 1e-4, false),
             (&still, 1e-4, true),
@@ -361,10 +327,7 @@ mod tests {
             let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &EXPECTED);
             assert_eq!(seen, (None, blind), "{measured}");
             // Without a predictable response only the converter's own ends raise suspicion.
-            let searching = Prediction {
-                known: false,
-                ..EXPECTED
-            };
+            let searching = with(EXPECTED, |it| it.known = false);
             let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &searching);
             assert_eq!(seen, (None, cycle.saturated > 0), "{measured}");
         }
@@ -379,55 +342,29 @@ mod tests {
 
     #[test]
     fn each_sign_is_a_fault_at_its_threshold_and_duration() {
-        // Range and saturated readings of the converter, amplitude and lead: with the sign, and
-        // just without it.
+        // Range and saturated readings of the converter, amplitude in 0.1 mm and lead: with the sign,
+        // and just without it.
         let lag = -PI / 2.0;
+        use Fault::*;
         let cases = [
-            ((1, 0, 1e-4, lag), (2, 0, 1e-4, lag), 3, Fault::SensorLost),
+            ((1, 0, 1.0, lag), (2, 0, 1.0, lag), 3, SensorLost),
+            ((99, 4, 1.0, lag), (99, 3, 1.0, lag), 5, SensorSaturated),
+            ((99, 0, 1.0, 0.41), (99, 0, 1.0, 0.39), 5, SensorInverted),
             (
-                (100, 4, 1e-4, lag),
-                (100, 3, 1e-4, lag),
+                (99, 0, 1.0, PI - 0.41),
+                (99, 0, 1.0, PI - 0.39),
                 5,
-                Fault::SensorSaturated,
+                SensorInverted,
             ),
-            (
-                (100, 0, 1e-4, 0.41),
-                (100, 0, 1e-4, 0.39),
-                5,
-                Fault::SensorInverted,
-            ),
-            (
-                (100, 0, 1e-4, PI - 0.41),
-                (100, 0, 1e-4, PI - 0.39),
-                5,
-                Fault::SensorInverted,
-            ),
-            (
-                (100, 0, 1.4e-5, lag),
-                (100, 0, 1.6e-5, lag),
-                15,
-                Fault::NoResponse,
-            ),
-            (
-                (10, 0, 1.4e-5, lag),
-                (11, 0, 1.6e-5, lag),
-                8,
-                Fault::SensorLost,
-            ),
-            (
-                (100, 0, 1.16e-3, lag),
-                (100, 0, 1.14e-3, lag),
-                2,
-                Fault::OverAmplitude,
-            ),
+            ((99, 0, 0.14, lag), (99, 0, 0.16, lag), 15, NoResponse),
+            ((10, 0, 0.14, lag), (11, 0, 0.16, lag), 8, SensorLost),
+            ((99, 0, 11.6, lag), (99, 0, 11.4, lag), 2, OverAmplitude),
         ];
         let after = |cycles, (span, saturated, measured, lead): (u16, u16, f32, f32)| {
-            let cycle = Cycle {
-                high: 2000 + span,
-                saturated,
-                ..moving()
-            };
-            after(cycles, &cycle, measured, lead)
+            let cycle = with(moving(), |it| {
+                (it.high, it.saturated) = (2000 + span, saturated)
+            });
+            after(cycles, &cycle, measured * 1e-4, lead)
         };
         for (ill, sound, cycles, fault) in cases {
             assert_eq!(after(cycles, ill), Some(fault));
@@ -523,14 +460,8 @@ mod tests {
         ] {
             assert_eq!(after(&by_current(amplitude), 1e-4), result, "{amplitude}");
         }
-        let unknown = Prediction {
-            known: false,
-            ..by_current(1e-2)
-        };
-        let rests = Prediction {
-            running: false,
-            ..by_current(1e-2)
-        };
+        let unknown = with(by_current(1e-2), |it| it.known = false);
+        let rests = with(by_current(1e-2), |it| it.running = false);
         assert_eq!(after(&unknown, 1e-4), (None, false));
         assert_eq!(after(&rests, 1e-4), (None, false));
     }
@@ -555,11 +486,7 @@ mod tests {
     fn a_shifted_mean_is_implausible_while_the_drive_runs() {
         let cycle = moving();
         let after = |running, cycles| {
-            let expected = Prediction {
-                running,
-                shifted: true,
-                ..EXPECTED
-            };
+            let expected = with(EXPECTED, |it| (it.running, it.shifted) = (running, true));
             let mut detector = FaultDetector::default();
             (0..cycles).find_map(|_| detector.cycle(&cycle, 1e-4, -1.5, &expected).0)
         };
@@ -578,11 +505,7 @@ mod tests {
             } else {
                 (0.0, 2000)
             };
-            let cycle = Cycle {
-                low: 2000,
-                high,
-                ..Cycle::default()
-            };
+            let cycle = with(Cycle::default(), |it| (it.low, it.high) = (2000, high));
             detector.cycle(&cycle, measured, -1.5, &EXPECTED).0
         });
         assert_eq!(found, Some(Fault::SensorLost));

@@ -1,23 +1,21 @@
 //! The interlock: it keeps the drive off until somebody acts at the machine.
 //!
-//! It holds the fault, the latch and the lock-out. No request over the link changes them. They end
-//! by the enable input alone (IEC 60204-1, 9.2.5.4.2), and outlast every new controller. One
-//! exception: a fieldbus with the authority to do so acknowledges a fault, but no lock-out.
+//! No request over the link changes fault, latch and lock-out. They end by the enable input alone
+//! (IEC 60204-1, 9.2.5.4.2), and outlast every new controller. One exception: a fieldbus with that
+//! authority acknowledges a fault, but no lock-out.
 
 use crate::inputs::{Inputs, StartCause};
 use crate::state::{Event, Events, Fault};
 
-/// Time in s for which the enable input must be off to acknowledge a fault, longer than any contact
-/// bounces.
+/// Time in s for which the enable input must be off to acknowledge a fault: no contact's bounce.
 const ACKNOWLEDGE_SECONDS: f32 = 0.5;
-/// Window in s in which the third fault locks the drive out, and time off that then acknowledges
-/// it.
+/// Window in s in which the third fault locks the drive out, and time off that acknowledges it.
 const LOCKOUT_SECONDS: f32 = 60.0;
 
 /// The causes that keep the drive off.
 #[derive(Clone, Debug)]
 pub struct Interlock {
-    fault: Option<Fault>,
+    pub(crate) fault: Option<Fault>,
     /// Whether the enable input must be off once before the drive may start.
     latched: bool,
     /// Whether the third fault in the window locked the drive out.
@@ -35,8 +33,7 @@ pub struct Interlock {
     stopped_by_link: bool,
     /// Whether the fieldbus was in control in the last cycle.
     bus_controls: bool,
-    /// Whether the run bit was 0 since the last event that cancels it: power-on, a fault, or an
-    /// enable withdrawn by input or link.
+    /// Whether the run bit was 0 since power-on, a fault, or an enable withdrawn by input or link.
     run_was_off: bool,
 }
 
@@ -77,8 +74,7 @@ impl Interlock {
         }
     }
 
-    /// The same interlock after a simulation replaced the controller: the enable input must be off
-    /// once.
+    /// The same interlock after a simulation: the enable input must be off once.
     pub fn latched(&self) -> Self {
         Self {
             latched: true,
@@ -96,12 +92,6 @@ impl Interlock {
         }
     }
 
-    /// The fault that keeps the drive off.
-    pub(crate) fn fault(&self) -> Option<Fault> {
-        self.fault
-    }
-
-    /// Counts a drive cycle.
     pub(crate) fn count(&mut self) {
         self.now = self.now.wrapping_add(1);
     }
@@ -124,8 +114,7 @@ impl Interlock {
         true
     }
 
-    /// Records that the settings in use were saved. A fault for invalid settings can then be
-    /// acknowledged.
+    /// Records that the settings in use were saved: their fault can then be acknowledged.
     pub(crate) fn settings_saved(&mut self) {
         self.settings_saved = true;
     }
@@ -151,8 +140,7 @@ impl Interlock {
     /// Processes the inputs of a cycle at rest. Whether the drive may start.
     ///
     /// An enable input that comes on while the link withholds the drive is latched: the link may
-    /// only return a drive that it stopped itself. With the bus in control its run bit starts the
-    /// drive, by an edge.
+    /// only return a drive that it stopped itself. A bus in control starts it by an edge.
     pub(crate) fn may_start(&mut self, inputs: &Inputs) -> bool {
         if !inputs.enable {
             self.latched = false;
@@ -166,14 +154,12 @@ impl Interlock {
         inputs.enable && !inputs.held_off && !inputs.withheld && released
     }
 
-    /// Records that the running drive begins to stop.
     pub(crate) fn stopping(&mut self, inputs: &Inputs) {
         self.stopped_by_link = inputs.enable && inputs.withheld;
     }
 
-    /// Whether the enable input or the bus acknowledges the fault, which this call then clears.
-    ///
-    /// The bus ends no lock-out and no series of resets: somebody must look at the machine.
+    /// Whether the enable input or the bus acknowledges the fault, which this call then clears. The
+    /// bus ends no lock-out and no series of resets: somebody must look at the machine.
     pub(crate) fn acknowledges(&mut self, inputs: &Inputs, events: &mut Events) -> bool {
         let lasting = match self.fault {
             Some(Fault::SettingsInvalid) => !self.settings_saved,
@@ -210,6 +196,7 @@ impl Interlock {
 mod tests {
     use super::*;
     use crate::inputs::BusCommand;
+    use crate::testing::with;
 
     const PACE: f32 = 50.0;
 
@@ -280,23 +267,14 @@ mod tests {
         assert!(!may_start_after(&mut begin(), &[off]));
         assert!(may_start_after(&mut begin(), &[none, off, on]));
         // Without the enable input, or withheld by the link, an edge counts for nothing.
-        let disabled = Inputs {
-            enable: false,
-            ..on
-        };
-        let withheld = Inputs {
-            withheld: true,
-            ..on
-        };
+        let disabled = with(on, |it| it.enable = false);
+        let withheld = with(on, |it| it.withheld = true);
         for stopped in [disabled, withheld] {
             assert!(!may_start_after(&mut begin(), &[off, stopped]));
             assert!(!may_start_after(&mut begin(), &[off, stopped, on]));
             assert!(may_start_after(&mut begin(), &[off, stopped, off, on]));
         }
-        let held_off = Inputs {
-            held_off: true,
-            ..on
-        };
+        let held_off = with(on, |it| it.held_off = true);
         assert!(!may_start_after(&mut begin(), &[off, held_off]));
         assert!(may_start_after(&mut begin(), &[off, held_off, on]));
         // Control that passes to the enable input starts nothing before an edge of it.
@@ -319,10 +297,7 @@ mod tests {
             assert!(interlock.fail(Fault::OverCurrent, &mut events));
             interlock.watch(&on);
             assert!(!interlock.acknowledges(&on, &mut events));
-            let lasting = Inputs {
-                over_current: true,
-                ..acknowledge
-            };
+            let lasting = with(acknowledge, |it| it.over_current = true);
             assert!(!interlock.acknowledges(&lasting, &mut events));
             // An edge while the fault lasts does not count.
             interlock.watch(&off);
@@ -353,10 +328,7 @@ mod tests {
         // Meanwhile the sample interrupt held the drive off: the input was off.
         let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
         interlock.stopping(&inputs(true, true));
-        interlock.watch(&Inputs {
-            held_off: true,
-            ..inputs(true, true)
-        });
+        interlock.watch(&with(inputs(true, true), |it| it.held_off = true));
         assert!(!interlock.may_start(&inputs(true, true)));
         assert!(!interlock.may_start(&inputs(true, false)));
         // The input was off for a moment after the link had stopped the drive.

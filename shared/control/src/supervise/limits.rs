@@ -2,16 +2,13 @@
 
 use crate::state::Limits;
 
-/// Cycles of a saturated output that are a limit: five default time constants of a kick, since
-/// starts and kicks saturate briefly.
+/// Cycles of a saturated output that are a limit: starts and kicks saturate briefly.
 const SATURATION_CYCLES: u32 = 25;
 
 /// Inputs of the limit monitor in a cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct LimitInputs {
-    /// Whether the drive runs.
     pub running: bool,
-    /// Whether the link received a valid frame.
     pub frame_received: bool,
     /// Timeout of the link in cycles; `None` where its silence is permitted.
     pub link_timeout: Option<f32>,
@@ -24,7 +21,7 @@ pub struct LimitInputs {
 /// The limits that hold the drive back, and how long their causes have lasted.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LimitMonitor {
-    limits: Limits,
+    pub limits: Limits,
     /// Cycles in a row with the output at its limit.
     saturated_for: u32,
     link_silence: u32,
@@ -32,12 +29,6 @@ pub struct LimitMonitor {
 }
 
 impl LimitMonitor {
-    /// The limits that hold the drive back.
-    pub fn limits(&self) -> Limits {
-        self.limits
-    }
-
-    /// Processes a cycle.
     pub fn cycle(&mut self, inputs: &LimitInputs) {
         if inputs.frame_received {
             self.link_known = true;
@@ -71,6 +62,7 @@ impl LimitMonitor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     /// A limit of another cause stays all the time.
     const FREE: LimitInputs = LimitInputs {
@@ -85,7 +77,7 @@ mod tests {
     fn after(monitor: &mut LimitMonitor, inputs: &LimitInputs, limit: Limits) -> Option<u32> {
         (1..=1000).find(|_| {
             monitor.cycle(inputs);
-            monitor.limits().contains(limit)
+            monitor.limits.contains(limit)
         })
     }
 
@@ -94,47 +86,35 @@ mod tests {
         let mut monitor = LimitMonitor::default();
         let silent = |monitor: &mut LimitMonitor| after(monitor, &FREE, Limits::LINK_LOST);
         assert_eq!(silent(&mut monitor), None);
-        let heard = LimitInputs {
-            frame_received: true,
-            ..FREE
-        };
+        let heard = with(FREE, |it| it.frame_received = true);
         for _ in 0..2 {
             monitor.cycle(&heard);
-            assert_eq!(monitor.limits(), Limits::MISFIT);
+            assert_eq!(monitor.limits, Limits::MISFIT);
             assert_eq!(silent(&mut monitor), Some(101));
         }
         monitor.cycle(&heard);
-        let stopped = LimitInputs {
-            running: false,
-            ..FREE
-        };
+        let stopped = with(FREE, |it| it.running = false);
         assert_eq!(after(&mut monitor, &stopped, Limits::LINK_LOST), None);
-        let unwatched = LimitInputs {
-            link_timeout: None,
-            ..FREE
-        };
+        let unwatched = with(FREE, |it| it.link_timeout = None);
         assert_eq!(after(&mut monitor, &unwatched, Limits::LINK_LOST), None);
     }
 
     #[test]
     fn an_output_at_its_limit_holds_back_after_its_cycles_in_a_row() {
-        let saturated = LimitInputs {
-            saturated: true,
-            ..FREE
-        };
+        let saturated = with(FREE, |it| it.saturated = true);
         let mut monitor = LimitMonitor::default();
         for _ in 0..SATURATION_CYCLES {
             monitor.cycle(&saturated);
         }
-        assert_eq!(monitor.limits(), Limits::MISFIT);
+        assert_eq!(monitor.limits, Limits::MISFIT);
         monitor.cycle(&FREE);
         let limit = Limits::OUTPUT;
         assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
         monitor.cycle(&FREE);
-        assert_eq!(monitor.limits(), Limits::MISFIT);
+        assert_eq!(monitor.limits, Limits::MISFIT);
         assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
         monitor.rest();
-        assert!(monitor.limits().is_empty());
+        assert!(monitor.limits.is_empty());
         assert_eq!(after(&mut monitor, &saturated, limit), Some(26));
     }
 }

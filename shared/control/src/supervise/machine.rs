@@ -1,8 +1,7 @@
 //! The state machine of a drive: one cycle's observations in, next state and decision out.
 //!
-//! The method is a finite-state machine (Mealy 1955) with hysteresis and debouncing. One threshold
-//! of the confidence enters the lock; a lower one leaves it, if it lasts for some cycles in a row.
-//! The permitted transitions are the table of `control/state/transition.rs`.
+//! A finite-state machine (Mealy 1955) with hysteresis and debouncing; its permitted transitions
+//! are the table of `control/state/transition.rs`.
 
 use super::capture::{Capture, CaptureEvent, DetectedLock};
 use super::interlock::Interlock;
@@ -11,20 +10,15 @@ use crate::state::{Event, Events, Fault, Limits, State};
 use kband::regime::capture::Plan;
 use kband::regime::classify::{Regime, Verdict};
 
-/// Cycles at the setpoint before a missing lock starts a capture: five rise times of the confidence
-/// (8 cycles), for parts that lock by themselves.
+/// Cycles at the setpoint before a missing lock starts a capture: five rise times.
 const CAPTURE_DELAY_CYCLES: u32 = 40;
-/// Confidence, 0..1, at which a lock is detected: of the 16 cycles in memory one may lack its
-/// impact.
+/// Confidence, 0..1, at which a lock is detected: one of 16 cycles may lack its impact.
 const LOCK_CONFIDENCE: f32 = 0.9;
-/// Confidence, 0..1, below which a lock is doubted: of period-doubled parts half the impacts are
-/// outside the lock's window.
+/// Confidence, 0..1, below which a lock is doubted: period-doubled parts miss half of its window.
 const LOST_CONFIDENCE: f32 = 0.6;
-/// Cycles of doubt in a row that lose the lock: most of the memory of 16, so that no single gap
-/// counts twice.
+/// Cycles of doubt in a row that lose the lock, so that no single gap counts twice.
 const LOST_CYCLES: u8 = 10;
-/// Cycles in a row near the setpoint that reach it: the dead time is two, so the third shows the
-/// effect of the first.
+/// Cycles in a row near the setpoint that reach it: more than the dead time of two.
 const SETPOINT_CYCLES: u8 = 3;
 /// Confidence, 0..1, at which a regime is detected: more likely than not.
 const REGIME_CONFIDENCE: f32 = 0.5;
@@ -34,15 +28,12 @@ const LOCK_CYCLES_BEFORE_GLIDE: u32 = 50;
 /// Progress on the way to chaos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Glide {
-    /// Chaos is not wanted.
     None,
-    /// The lock comes first.
     Lock,
     /// The amplitude moves from the lock's to that of chaos.
     Gliding,
     /// The amplitude of chaos is reached.
     Arrived {
-        /// Whether chaos was detected.
         detected: bool,
     },
 }
@@ -50,31 +41,23 @@ enum Glide {
 /// Response of the drive to the enable input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EnableResponse {
-    /// The fault is acknowledged.
     Acknowledged,
-    /// The soft stop begins.
     Stopping,
-    /// The drive starts.
     Started,
 }
 
 /// Whether a drive at rest may start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clearance {
-    /// Not yet.
     Pending,
-    /// It may.
     Granted,
-    /// It must not, because of this fault.
     Refused(Fault),
 }
 
 /// Observations of a running drive in one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Observation<'a> {
-    /// Whether the amplitude is at the setpoint.
     pub near: bool,
-    /// Limits that hold the drive back.
     pub limits: Limits,
     /// Confidence that the parts are in the wanted lock, 0..1; `None` where no lock is wanted.
     pub lock: Option<f32>,
@@ -89,7 +72,6 @@ pub struct Observation<'a> {
 /// Decision that the state machine leaves to the controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Decision {
-    /// Nothing.
     Stay,
     /// Forget the impacts so far: they are of an earlier setpoint.
     ForgetImpacts,
@@ -104,9 +86,8 @@ pub enum Decision {
 /// The state, and the counters on which the next one depends.
 #[derive(Clone, Debug)]
 pub struct StateMachine {
-    state: State,
-    interlock: Interlock,
-    /// Cycles in this state.
+    pub state: State,
+    pub interlock: Interlock,
     in_state: u32,
     /// Cycles in a row at the setpoint, and in a row with a doubted lock.
     arrived: u8,
@@ -121,11 +102,10 @@ pub struct StateMachine {
 }
 
 impl StateMachine {
-    /// The state machine of a drive at rest: `pace` in cycles per second, `attempts` permitted
-    /// kicks. The interlock holds an earlier fault.
+    /// The state machine of a drive at rest: `pace` in cycles per second, `attempts` kicks.
     pub fn begin(interlock: Interlock, pace: f32, attempts: f32) -> Self {
         Self {
-            state: if interlock.fault().is_some() {
+            state: if interlock.fault.is_some() {
                 State::Fault
             } else {
                 State::Off
@@ -142,27 +122,10 @@ impl StateMachine {
         }
     }
 
-    /// The interlock, which holds the causes that keep the drive off.
-    pub fn interlock(&self) -> &Interlock {
-        &self.interlock
-    }
-
-    /// Records that the settings in use were saved.
-    pub fn settings_saved(&mut self) {
-        self.interlock.settings_saved();
-    }
-
-    /// The present state.
-    pub fn state(&self) -> State {
-        self.state
-    }
-
-    /// The fault that stopped the drive.
     pub fn fault(&self) -> Option<Fault> {
-        self.interlock.fault()
+        self.interlock.fault
     }
 
-    /// Whether the drive is on.
     pub fn running(&self) -> bool {
         !matches!(self.state, State::Off | State::Fault)
     }
@@ -172,19 +135,16 @@ impl StateMachine {
         matches!(self.glide, Glide::Gliding | Glide::Arrived { .. })
     }
 
-    /// Whether the wanted chaos is detected.
     pub fn in_chaos(&self) -> bool {
         self.state == State::Holding && self.glide == Glide::Arrived { detected: true }
     }
 
-    /// Whether the amplitude glides from a lock to chaos.
     pub fn glides(&self) -> bool {
         self.state == State::Holding && self.glide == Glide::Gliding
     }
 
-    /// Kicks begun for the present target.
     pub fn attempts(&self) -> u8 {
-        self.capture.attempts()
+        self.capture.attempts
     }
 
     /// Amplitude of a kick over the setpoint, during a capture.
@@ -204,7 +164,6 @@ impl StateMachine {
         }
     }
 
-    /// Counts a cycle.
     pub fn count(&mut self) {
         self.in_state = self.in_state.saturating_add(1);
         self.interlock.count();
@@ -237,8 +196,7 @@ impl StateMachine {
         self.back_to_lock()
     }
 
-    /// Follows the enable input: starts, stops, or acknowledges a fault. A drive that stops is off
-    /// once the track is at rest, or after so many cycles.
+    /// Follows the enable input. A drive that stops is off at rest, or after `patience` cycles.
     pub fn follow_enable_input(
         &mut self,
         inputs: &Inputs,
@@ -426,9 +384,7 @@ impl StateMachine {
                 return Decision::ForgetImpacts;
             }
             Glide::Arrived { detected } => {
-                let sure = seen
-                    .regime
-                    .filter(|verdict| verdict.confidence >= REGIME_CONFIDENCE);
+                let sure = (seen.regime).filter(|verdict| verdict.confidence >= REGIME_CONFIDENCE);
                 match sure.map(|verdict| verdict.regime) {
                     Some(Regime::Chaotic) if !detected => {
                         self.glide = Glide::Arrived { detected: true };
@@ -481,7 +437,7 @@ mod tests {
 
     use super::*;
     use crate::inputs::StartCause;
-    use crate::seeded::seeded;
+    use crate::testing::seeded;
 
     const PACE: f32 = 50.0;
 
@@ -500,7 +456,7 @@ mod tests {
                 &mut Events::default(),
             );
         }
-        machine.state()
+        machine.state
     }
 
     type Cause = fn(&mut Inputs) -> &mut bool;

@@ -1,8 +1,7 @@
 //! Tests of the accelerometer: its mean against the commissioned one, and a small swing at each
 //! start.
 //!
-//! The methods are limit checks: on a block average, and on the ratio of measured to predicted
-//! amplitude (Isermann, Fault-Diagnosis Systems, 2006).
+//! Limit checks on a block average and a ratio (Isermann, Fault-Diagnosis Systems, 2006).
 
 use crate::hear::Cycle;
 use crate::settings::Settings;
@@ -17,8 +16,7 @@ const SENSITIVITY_DRIFT: f32 = 0.05;
 
 /// Amplitude of the test swing over the hard limit.
 const SWING_SHARE: f32 = 0.05;
-/// Smallest amplitude of the test swing over the smallest detectable one: 24 steps of the
-/// converter.
+/// Smallest amplitude of the test swing over the smallest detectable one.
 const SWING_RESOLUTION: f32 = 3.0;
 /// Settling time of the test swing in time constants of the drive's envelope.
 const SETTLING_TIME_CONSTANTS: f32 = 2.0;
@@ -29,12 +27,10 @@ const SWING_CYCLES: f32 = 8.0;
 /// Value of the setting `gain_tolerance` from which no test swing runs: it was not commissioned.
 pub const UNCOMMISSIONED_TOLERANCE: f32 = 2.5;
 
-/// Compares the mean reading with the one at rest at commissioning, at rest and in operation. The
-/// track's own acceleration has no mean.
+/// Compares the mean reading with the one at rest at commissioning; motion has no mean.
 #[derive(Clone, Copy, Debug)]
 pub struct RestTest {
-    /// Commissioned mean acceleration and largest deviation from it, in m/s^2; `None` without a
-    /// commissioned one.
+    /// Commissioned mean acceleration and largest deviation from it, in m/s^2.
     commissioned: Option<[f32; 2]>,
     /// Drive cycles per average.
     length: f32,
@@ -50,8 +46,7 @@ impl RestTest {
         let per_volt = STANDARD_GRAVITY as f32 / settings.sensitivity;
         let step = settings.converter_reference / libm::exp2f(settings.converter_bits);
         let rest = (settings.sensor_rest - settings.sensor_zero) * per_volt;
-        // The sensitivity drifts by a share of full gravity, whatever share the axis measures. A
-        // wrong `sensor_zero` does not narrow the bound.
+        // The sensitivity drifts by a share of full gravity, whatever share the axis measures.
         let bound = (OFFSET_DRIFT + step) * per_volt + SENSITIVITY_DRIFT * STANDARD_GRAVITY as f32;
         Self {
             commissioned: (settings.sensor_rest > 0.0).then_some([rest, bound]),
@@ -62,12 +57,10 @@ impl RestTest {
         }
     }
 
-    /// Restarts the average.
     pub fn restart(&mut self) {
         (self.sum, self.cycles, self.deviates) = (0.0, 0.0, None);
     }
 
-    /// Adds the mean of a cycle.
     pub fn cycle(&mut self, cycle: &Cycle) {
         let Some([rest, bound]) = self.commissioned else {
             return;
@@ -94,16 +87,13 @@ impl RestTest {
 /// Result of the test swing after a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SwingResult {
-    /// There is no swing, or it still runs.
     Pending,
     /// Measured amplitude over predicted amplitude is within the tolerance.
     Passed,
-    /// It is outside.
     Failed,
 }
 
-/// A small swing at each start. It compares the measured amplitude with the predictions from output
-/// and from current, by their commissioned gains.
+/// A small swing at each start, compared with the predictions from output and from current.
 #[derive(Clone, Copy, Debug)]
 pub struct TestSwing {
     /// Largest factor between the two; `None` without commissioning.
@@ -120,8 +110,7 @@ pub struct TestSwing {
 }
 
 impl TestSwing {
-    /// The swing for these settings. `envelope` is the time constant of the drive's envelope, in
-    /// cycles.
+    /// The swing for these settings; `envelope`: time constant of the drive's envelope, in cycles.
     pub fn build(settings: &Settings, envelope: f32) -> Self {
         let tolerance = settings.gain_tolerance;
         Self {
@@ -135,7 +124,6 @@ impl TestSwing {
         }
     }
 
-    /// Begins the test of a start.
     pub fn begin(&mut self) {
         *self = Self {
             passed: false,
@@ -149,9 +137,8 @@ impl TestSwing {
         (self.cycles, self.measured, self.expected) = (0.0, 0.0, [0.0; 2]);
     }
 
-    /// Limits until the swing has passed: for the reference, now at `now`, and for the amplitude
-    /// that the outputs may drive without the accelerometer. All are in m. `ceiling` is the hard
-    /// limit, `least` the smallest detectable amplitude.
+    /// Limits until the swing has passed: for the reference, now at `now`, and for the amplitude of
+    /// the outputs, all in m. `ceiling`: hard limit; `least`: smallest detectable amplitude.
     pub fn limits(&self, now: f32, ceiling: f32, least: f32) -> Option<[f32; 2]> {
         let tolerance = self.tolerance.filter(|_| !self.passed)?;
         let swing = (SWING_SHARE * ceiling).max(SWING_RESOLUTION * least);
@@ -197,6 +184,7 @@ impl TestSwing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     /// Settings of a commissioned machine whose sensor measures the share `seen` of 1 g at rest.
     fn commissioned(seen: f32) -> Settings {
@@ -260,21 +248,14 @@ mod tests {
         let results: std::vec::Vec<_> = (1..=27)
             .map(|n| swing.cycle(if n > 19 { 1e-4 } else { 0.0 }, [1e-4; 2]))
             .collect();
-        assert!(
-            results[..26]
-                .iter()
-                .all(|result| *result == SwingResult::Pending)
-        );
+        assert!((results[..26].iter()).all(|result| *result == SwingResult::Pending));
         assert_eq!(results[26], SwingResult::Passed);
     }
 
     #[test]
     fn an_uncommissioned_gain_has_no_test_swing() {
         let limits = |gain_tolerance| {
-            let settings = Settings {
-                gain_tolerance,
-                ..commissioned(0.0)
-            };
+            let settings = with(commissioned(0.0), |it| it.gain_tolerance = gain_tolerance);
             TestSwing::build(&settings, 8.0).limits(0.0, 1e-3, 1e-6)
         };
         assert!(limits(2.4).is_some());

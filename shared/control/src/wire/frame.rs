@@ -1,10 +1,5 @@
-//! Encoding of requests and responses into frames, and decoding of a frame's content
-//! (docs/link.md).
-//!
-//! The content is version, schema (low 16 bits), sequence, the message in postcard, and a CRC-32.
-//! With version 0 it is version, sequence, a letter, the message, and a CRC-32.
-//! Consistent overhead byte stuffing (COBS: Cheshire and Baker 1999) removes its zeros, and a zero
-//! ends the frame. `receiver` finds the frames in a stream of bytes and undoes the stuffing.
+//! Frames: content and CRC by consistent overhead byte stuffing (COBS: Cheshire and Baker 1999), which
+//! removes zeros. `receiver` finds them in a stream of bytes and undoes the stuffing.
 
 use serde::{Deserialize, Serialize};
 
@@ -225,12 +220,8 @@ fn write_message<'b, const HEAD: usize>(
 ) -> Result<&'b [u8], Unsendable> {
     let mut inside = [0; MAX_INSIDE_BYTES];
     inside[..HEAD].copy_from_slice(&head);
-    let room = inside
-        .get_mut(HEAD..MAX_INSIDE_BYTES - CHECK_BYTES)
-        .ok_or(Unsendable)?;
-    let length = postcard::to_slice(message, room)
-        .map_err(|_| Unsendable)?
-        .len();
+    let room = (inside.get_mut(HEAD..MAX_INSIDE_BYTES - CHECK_BYTES)).ok_or(Unsendable)?;
+    let length = (postcard::to_slice(message, room).map_err(|_| Unsendable)?).len();
     finish(buffer, &mut inside, HEAD + length)
 }
 
@@ -303,9 +294,7 @@ pub(super) fn write_inside<'b>(buffer: &'b mut [u8; MAX_FRAME_BYTES], plain: &[u
 
 /// Checks the CRC; returns the version and the bytes after it.
 fn check_frame(inside: &[u8]) -> Result<(u8, &[u8]), Unreadable> {
-    let (sound, check) = inside
-        .split_last_chunk::<CHECK_BYTES>()
-        .ok_or(Unreadable::Corrupt)?;
+    let (sound, check) = (inside.split_last_chunk::<CHECK_BYTES>()).ok_or(Unreadable::Corrupt)?;
     if crc32(sound) != u32::from_le_bytes(*check) {
         return Err(Unreadable::Corrupt);
     }

@@ -177,9 +177,7 @@ pub fn read_reading(codes: &mut &[u8], before: u16) -> Option<u16> {
 
 /// Updates the check of a cycle's outputs with the bits of an output; 0 at the start of a cycle.
 pub fn fold_output(check: u32, output: f32) -> u32 {
-    (check ^ output.to_bits())
-        .wrapping_mul(0x0100_0193)
-        .rotate_left(5)
+    ((check ^ output.to_bits()).wrapping_mul(0x0100_0193)).rotate_left(5)
 }
 
 /// Response from the board to the desk.

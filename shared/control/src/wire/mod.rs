@@ -1,7 +1,7 @@
 //! Link protocol between board and desk: messages in frames with a checksum (docs/link.md).
 //!
-//! A frame is encoded by COBS (Cheshire and Baker 1997) and ends with a zero, so a receiver
-//! resynchronizes after any garbage. It contains in this order:
+//! A frame is encoded by COBS and ends with a zero, so a receiver resynchronizes after any garbage. It
+//! contains in this order:
 //! |---|---|
 //! | 1 | version: [`VERSION`], or 0 for identity and update |
 //! | 2 | schema: the low half of [`SCHEMA`]; absent with version 0 |
@@ -9,11 +9,9 @@
 //! | | the message: postcard of [`Request`] or [`Response`] |
 //! | 4 | CRC-32 (IEEE 802.3) of all bytes before it |
 //!
-//! The identity request is a frame of version 0 without a message. Its response is [`Identity`]:
-//! version, schema (4 bytes) and name of the image. A frame of version 0 whose sequence is
-//! followed by the letter `u` holds the postcard of [`UpdateRequest`] or [`UpdateAnswer`]. None of
-//! these ever changes, so any desk can identify and update any board. Everything else may change
-//! with [`VERSION`] and [`SCHEMA`], and is rejected where they differ.
+//! Frames of version 0 never change, so any desk can identify and update any board. Without a message
+//! one is the identity request, whose response is [`Identity`]: version, schema (4 bytes), name. With
+//! the letter `u` it holds the postcard of [`UpdateRequest`] or [`UpdateAnswer`].
 //!
 //! Unreadable frames are rejected and counted ([`Counters`]). Values are never guessed, clipped or
 //! applied in part.

@@ -403,21 +403,15 @@ fn the_schema_is_the_hash_of_the_golden_messages() {
 #[test]
 fn the_frozen_frames_never_change() {
     let mut buffer = [0; MAX_FRAME_BYTES];
-    assert_eq!(
-        write_question(&mut buffer, 0x2a).unwrap(),
-        QUESTION,
-        "the question who is there is frozen"
-    );
+    let found = write_question(&mut buffer, 0x2a).unwrap();
+    assert_eq!(found, QUESTION, "the question who is there is frozen");
     let identity = Identity {
         version: 1,
         schema: 0x0102_0304,
         image: "kband",
     };
-    assert_eq!(
-        write_identity(&mut buffer, 0x2a, &identity).unwrap(),
-        ANSWER,
-        "the answer who is there is frozen"
-    );
+    let found = write_identity(&mut buffer, 0x2a, &identity).unwrap();
+    assert_eq!(found, ANSWER, "the answer who is there is frozen");
 }
 
 // Computed by an independent program, with another library's CRC-32.
@@ -542,10 +536,8 @@ fn every_message_arrives_as_it_was_sent() {
         assert_eq!(read_answer(&inside), Ok(expected));
     }
     let inside = receive(write_question(&mut buffer, 9).unwrap()).remove(0);
-    assert_eq!(
-        read_request(&inside.unwrap()),
-        Ok(Incoming::Question { sequence: 9 })
-    );
+    let wanted = Ok(Incoming::Question { sequence: 9 });
+    assert_eq!(wanted, read_request(&inside.unwrap()));
     let identity = Identity {
         version: VERSION,
         schema: SCHEMA,
@@ -654,7 +646,7 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
 }
 
 proptest! {
-    #![proptest_config(crate::seeded::seeded())]
+    #![proptest_config(crate::testing::seeded())]
     #[test]
     fn readings_are_read_as_written(codes: Vec<u16>) {
         let mut bytes = [0; 1024];

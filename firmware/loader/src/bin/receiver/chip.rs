@@ -19,32 +19,27 @@ use kband_control::wire::{
 use kband_loader::layout::stm32g474::{NOTE, PAGE, SLOT};
 use kband_loader::note::Note;
 use kband_loader::one_slot::{Memory, OneSlot};
+use kband_loader::registers::{
+    FlashController, PROGRAM, change, copy, feed_watchdog, read, start_program, start_watchdog,
+    write,
+};
 
-/// Registers of the flash's controller (RM0440, 3.7): access, keys, status, control, code.
+/// The flash's controller (RM0440, 3.7), and its registers for access and code.
+const CONTROLLER: FlashController = FlashController {
+    key: 0x4002_2008,
+    status: 0x4002_2010,
+    control: 0x4002_2014,
+    errors: 0xc3fa,
+};
 const FLASH_ACCESS: u32 = 0x4002_2000;
-const FLASH_KEY: u32 = 0x4002_2008;
-const FLASH_STATUS: u32 = 0x4002_2010;
-const FLASH_CONTROL: u32 = 0x4002_2014;
 const FLASH_CODE: u32 = 0x4002_2018;
-const FLASH_KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 const FLASH: u32 = 0x0800_0000;
 const DATA_CACHE: u32 = 1 << 10;
-const PROGRAM: u32 = 1;
-const ERASE_PAGE: u32 = 1 << 1;
-const START: u32 = 1 << 16;
-const LOCK: u32 = 1 << 31;
-const BUSY: u32 = 1 << 16;
-const ERRORS: u32 = 0xc3fa;
 /// Number of pages of a bank, and the bit of the second bank.
 const PAGES: u32 = 128;
 const SECOND_BANK: u32 = 1 << 11;
 /// Two wrong bits in a word that was read.
 const TWO_WRONG: u32 = 1 << 31;
-/// Registers of the independent watchdog (42.4), and its longest period: 30 to 35 s.
-const WATCHDOG: [u32; 3] = [0x4000_3000, 0x4000_3004, 0x4000_3008];
-const WATCHDOG_START: u32 = 0xcccc;
-const WATCHDOG_OPEN: u32 = 0x5555;
-const WATCHDOG_FEED: u32 = 0xaaaa;
 /// Clocks (7.4): CRC unit, ports A and B, power controller and USART2.
 const AHB1_CLOCKS: u32 = 0x4002_1048;
 const AHB2_CLOCKS: u32 = 0x4002_104c;
@@ -110,17 +105,6 @@ unsafe fn NonMaskableInt() {
     TORN.store(true, Ordering::Relaxed);
 }
 
-fn read(address: u32) -> u32 {
-    // SAFETY: a register of the chip or a word of its flash, which the loader has to itself.
-    unsafe { read_volatile(address as *const u32) }
-}
-
-fn write(address: u32, value: u32) {
-    // SAFETY: as above.
-    unsafe { write_volatile(address as *mut u32, value) }
-}
-
-/// Exchanges the note in the RAM.
 fn exchange_note(note: Note) -> Note {
     let place = NOTE as *mut Note;
     // SAFETY: RAM that only the note uses; any bytes are a note, which is judged by its mark.
@@ -131,26 +115,9 @@ fn exchange_note(note: Note) -> Note {
     }
 }
 
-/// The flash.
 struct Flash;
 
 impl Flash {
-    /// Does one operation; false on an error of the controller.
-    fn operate(control: u32, begin: impl FnOnce()) -> bool {
-        write(WATCHDOG[0], WATCHDOG_FEED);
-        for key in FLASH_KEYS {
-            write(FLASH_KEY, key);
-        }
-        write(FLASH_STATUS, ERRORS);
-        write(FLASH_CONTROL, control);
-        begin();
-        cortex_m::asm::dsb();
-        while read(FLASH_STATUS) & BUSY != 0 {}
-        let failed = read(FLASH_STATUS) & ERRORS != 0;
-        write(FLASH_CONTROL, LOCK);
-        !failed
-    }
-
     /// Reads; false if a word had two wrong bits.
     fn watch(reads: impl FnOnce()) -> bool {
         TORN.store(false, Ordering::Relaxed);
@@ -162,17 +129,12 @@ impl Flash {
 
 impl Memory for Flash {
     fn read(&self, address: u32, bytes: &mut [u8]) -> bool {
-        Self::watch(|| {
-            for (byte, address) in bytes.iter_mut().zip(address..) {
-                // SAFETY: an address of the flash.
-                *byte = unsafe { read_volatile(address as *const u8) };
-            }
-        })
+        Self::watch(|| copy(address, bytes))
     }
 
     fn program(&mut self, address: u32, word: &[u8; 8]) -> bool {
         let (halves, _) = word.as_chunks();
-        Self::operate(PROGRAM, || {
+        CONTROLLER.operate(PROGRAM, || {
             for (address, half) in [address, address + 4].into_iter().zip(halves) {
                 write(address, u32::from_le_bytes(*half));
             }
@@ -182,8 +144,7 @@ impl Memory for Flash {
     fn erase(&mut self, address: u32) -> bool {
         let page = (address - FLASH) / PAGE;
         let bank = if page < PAGES { 0 } else { SECOND_BANK };
-        let control = ERASE_PAGE | (page % PAGES) << 3 | bank;
-        Self::operate(control, || write(FLASH_CONTROL, control | START))
+        CONTROLLER.erase((page % PAGES) << 3 | bank)
     }
 
     /// The unit takes the highest bit first, CRC-32 the lowest.
@@ -206,19 +167,10 @@ impl Memory for Flash {
 /// Switches watchdog, FAULT, supply monitor and line on, and the data cache off: a read of it may be
 /// older than the flash.
 fn begin() {
-    for (register, value) in [
-        (WATCHDOG[0], WATCHDOG_START),
-        (WATCHDOG[0], WATCHDOG_OPEN),
-        (WATCHDOG[1], 6),
-        (WATCHDOG[2], 0xfff),
-        (WATCHDOG[0], WATCHDOG_FEED),
-        (AHB2_CLOCKS, read(AHB2_CLOCKS) | PORTS),
-        (APB1_CLOCKS, read(APB1_CLOCKS) | POWER_AND_PORT),
-        (PORT_B_SET, 1 << FAULT),
-    ] {
-        write(register, value);
-    }
-    for (register, clears, sets) in [
+    start_watchdog();
+    change(&[(AHB2_CLOCKS, 0, PORTS), (APB1_CLOCKS, 0, POWER_AND_PORT)]);
+    write(PORT_B_SET, 1 << FAULT);
+    change(&[
         (FLASH_ACCESS, DATA_CACHE, 0),
         (PORT_B_MODE, 3 << (2 * FAULT), 1 << (2 * FAULT)),
         (PORT_A_FUNCTION, 0, 0x77 << 8),
@@ -226,14 +178,11 @@ fn begin() {
         (PORT_A_PULL, 0, 1 << 6),
         (PORT_A_MODE, 0xf << 4, 0xa << 4),
         (POWER_CONTROL, 0, MONITOR),
-    ] {
-        write(register, read(register) & !clears | sets);
-    }
+    ]);
     write(LINE_RATE, DIVIDER);
     write(LINE_CONTROL, LINE_ON);
 }
 
-/// Sends a frame.
 fn send(frame: &[u8]) {
     for byte in frame {
         while read(LINE_STATUS) & HAS_ROOM == 0 {}
@@ -264,10 +213,7 @@ fn main() -> ! {
     let mut slot = OneSlot::new(Flash, requested);
     if requested.is_none() && slot.has_program() {
         // SAFETY: the vector table of the program; the loader uses no memory afterwards.
-        unsafe {
-            (*SCB::PTR).vtor.write(SLOT.start);
-            cortex_m::asm::bootload(SLOT.start as *const u32);
-        }
+        unsafe { start_program(SLOT.start) }
     }
     begin();
     // SAFETY: nothing else uses the timer.
@@ -279,7 +225,7 @@ fn main() -> ! {
     let mut receiver = Receiver::new();
     let mut silence = 0;
     loop {
-        write(WATCHDOG[0], WATCHDOG_FEED);
+        feed_watchdog();
         silence += u32::from(timer.has_wrapped());
         write(LINE_CLEAR, LINE_ERRORS);
         if read(LINE_STATUS) & HAS_RECEIVED != 0
@@ -293,12 +239,12 @@ fn main() -> ! {
         } else {
             SILENCE_MS
         };
-        if silence >= limit && slot.has_program() {
-            while read(LINE_STATUS) & COMPLETE == 0 {}
-            exchange_note(Note::STARTED);
-            SCB::sys_reset();
-        }
         if silence >= limit {
+            if slot.has_program() {
+                while read(LINE_STATUS) & COMPLETE == 0 {}
+                exchange_note(Note::STARTED);
+                SCB::sys_reset();
+            }
             silence = 0;
         }
     }

@@ -13,7 +13,6 @@ use super::supply_settled;
 
 /// Size of a page, bytes.
 pub const PAGE: u32 = 16 * 1024;
-/// Number of pages.
 const PAGES: u32 = 4;
 /// Number of the sector of the first page. Its offset in the flash is one page.
 const FIRST: u32 = 1;
@@ -27,7 +26,6 @@ const FETCHES_AHEAD: u16 = 0x1001;
 
 /// Status register of the flash controller (RM0090, 3.9).
 const STATUS: *const u32 = 0x4002_3c0c as *const u32;
-/// Control register of the flash controller.
 const CONTROL: *mut u32 = 0x4002_3c10 as *mut u32;
 /// Control bit: erase a sector.
 const ERASE_SECTOR: u32 = 1 << 1;

@@ -18,7 +18,6 @@ use super::supply_settled;
 const SIZE: u32 = 2 * 1024;
 /// Status register of the flash controller (RM0440, 3.7).
 const STATUS: *const u32 = 0x4002_2010 as *const u32;
-/// Control register of the flash controller.
 const CONTROL: *mut u32 = 0x4002_2014 as *mut u32;
 /// Control bit: erase a page.
 const ERASE_PAGE: u32 = 1 << 1;

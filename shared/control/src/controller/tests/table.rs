@@ -2,7 +2,8 @@
 
 use super::ideal;
 use crate::signal_path::DetectedImpact;
-use crate::{Controller, Cycle, Inputs, Settings, StartCause, State, TRANSITIONS, Target};
+use crate::testing::with;
+use crate::{Controller, Inputs, Settings, StartCause, State, TRANSITIONS, Target};
 use kband::arithmetic::Phase;
 use std::collections::BTreeSet;
 
@@ -82,10 +83,7 @@ fn the_table_is_what_the_controller_does() {
             if random.one_in(if trouble == 0 { calm } else { 8 }) {
                 trouble = random.next() % 6;
             }
-            let mut cycle = Cycle {
-                noise: 0.15,
-                ..ideal(&controller)
-            };
+            let mut cycle = with(ideal(&controller), |it| it.noise = 0.15);
             if heard > 0 {
                 let turn = if heard == 1 { 0 } else { 1 << 31 };
                 let _ = cycle.heard.push(DetectedImpact {

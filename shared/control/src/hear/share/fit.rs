@@ -4,8 +4,7 @@
 use super::super::energy::SECTORS;
 use kband::regime::gear::GROUPS;
 
-/// Components of the mixture: one per group in gear, two out of gear (landings apart, landings
-/// merged), and noise.
+/// Components of the mixture: one per group in gear, two out of gear (apart, merged), and noise.
 pub const PARTS: usize = GROUPS + 3;
 /// Index of the noise component.
 pub const NOISE: usize = GROUPS + 2;
@@ -26,10 +25,8 @@ pub fn evened(heard: &Row) -> Row {
     })
 }
 
-/// Fits the mixture: non-negative weights of the rows, and their covariance for a dispersion of 1.
-///
-/// The energy of impacts scatters as their number does: the variance of a sector is proportional to
-/// the expected energy `by`. The search begins at `from`.
+/// Fits the mixture from `from` on: non-negative weights of the rows, and their covariance for a
+/// dispersion of 1. A sector's variance is proportional to its expected energy `by` (Poisson).
 pub fn unmix(
     heard: &Row,
     rows: &Rows,
@@ -62,12 +59,7 @@ fn least(heard: &Row) -> f32 {
 
 /// Energy by sector that the weights predict.
 pub fn mixed(rows: &Rows, weights: &[f32; PARTS]) -> Row {
-    rows.map(|row| {
-        row.iter()
-            .zip(weights)
-            .map(|(part, weight)| part * weight)
-            .sum()
-    })
+    rows.map(|row| (row.iter().zip(weights).map(|(part, weight)| part * weight)).sum())
 }
 
 /// Weighted residual sum of squares (chi-square for unit dispersion).
@@ -79,10 +71,8 @@ pub fn off(heard: &Row, found: &Row, by: &Row) -> f32 {
         .sum()
 }
 
-/// Non-negative least squares by the active set of Lawson and Hanson (1974), started at `from`.
-///
-/// Returns the weights and their covariance; rows and columns of weights at 0 are 0. Only the lower
-/// triangle of the matrix is read.
+/// Active set of Lawson and Hanson, started at `from`; only the lower triangle of the matrix is
+/// read. Returns the weights and their covariance, whose rows and columns of weights at 0 are 0.
 fn solve(
     matrix: &[[f32; LANES]; PARTS],
     sums: &[f32; LANES],

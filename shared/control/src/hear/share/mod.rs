@@ -37,36 +37,29 @@ const AGAIN: u32 = 16;
 const SHORT_MEMORY: f32 = 0.3;
 /// Bounds of that memory, in drive cycles.
 const SHORT_MEMORY_CYCLES: [f32; 2] = [8.0, 64.0];
-/// Weight of the short histogram, in drive cycles, above which it is fitted: one and a half turns
-/// of all sectors.
+/// Weight of the short histogram, in drive cycles, above which it is fitted.
 const MIN_SHORT_WEIGHT: f32 = 6.0;
 /// Period of the fits to the short histogram, in s.
 const SHORT_FIT_PERIOD: f32 = 0.1;
 /// Bounds of that period, in drive cycles.
 const SHORT_FIT_PERIOD_CYCLES: [f32; 2] = [4.0, 16.0];
-/// Largest unexplained share of the energy in gear: systematic part, and random part of a single
-/// impact. The random part falls with the root of the number of impacts.
+/// Largest unexplained share of the energy in gear: systematic part, and random part of one impact.
 const MAX_UNEXPLAINED: [f32; 2] = [0.15, 0.9];
 /// The same without a profile of parts out of gear: such parts then show only in a poor fit.
 const MAX_UNEXPLAINED_WITHOUT_OUT: [f32; 2] = [0.05, 1.1];
 /// Scatter of the restitution below which the profiles are lines, and fit less well.
 const MIN_SCATTER: f32 = 0.01;
-/// Predicted share of time in gear above which READY is credible: in gear it is at least 0.71. It
-/// does not prevent every false READY.
+/// Predicted share of time in gear above which READY is credible: in gear it is at least 0.71.
 const MIN_PREDICTED_SHARE: f32 = 0.65;
-/// Difference of the lead from its mean, in 2^-32 turns (0.05 rad), above which the mean is used;
-/// smaller differences are measurement noise.
+/// Difference of the lead from its mean, in 2^-32 turns (0.05 rad), above which the mean is used.
 const TURNED: u32 = 1 << 25;
 /// Impacts predicted per slice of background work.
 const SLICE: u32 = 64;
-/// Relative change of k, and change of the upper tones, above which the profiles are predicted
-/// anew.
+/// Relative change of k, and change of the upper tones, for which profiles are predicted anew.
 const MOVED: f32 = 0.01;
-/// Rounding step of the upper tones (`e cos th`, `e sin th`), so that nearly equal feeders share
-/// one strike count.
+/// Rounding step of the upper tones (`e cos th`, `e sin th`): equal feeders share one strike count.
 const STEP_OF_TONES: f32 = 1.0 / 1024.0;
-/// Relative change of k, and change of the upper tones, up to which the old share remains reported;
-/// a load moves k by some percent.
+/// Relative change of k, and change of the upper tones, up to which the old share remains reported.
 const NEAR: f32 = 0.05;
 /// Growth of that share's standard error per drive cycle: after 4 s at 50 Hz it exceeds [`TELLS`].
 const FADES: f32 = 0.001;
@@ -85,33 +78,27 @@ const LEAST: f32 = 0.1;
 /// This constant, [`EXCESS`] and [`UNALIGNED`] are calibrated: of 475 drawn lots, 68, 95 and 99.7 %
 /// of the estimates are to lie within 1, 2 and 3 errors, and also where the gain is exact.
 const COUNTED: f32 = 0.0175;
-/// Standard error of a share per excess over the predicted one. Most of an excess is an error of the
-/// fit, because profiles in gear and out of it resemble each other.
+/// Standard error of a share per excess over the predicted one.
 const EXCESS: f32 = 0.55;
-/// Standard error of a share whose delay or decay time is at its bound: the mixture cannot follow the
-/// phases of the energy.
+/// Standard error of a share whose delay or decay time is at its bound.
 const UNALIGNED: f32 = 0.1;
 /// Shortest credible decay time of the energy, in s: two samples.
 const MIN_DECAY: f32 = 0.1e-3;
-/// Largest standard error of the share in gear at which it is reported: a quarter separates most
-/// from few.
+/// Largest standard error of the share in gear at which it is reported.
 const TELLS: f32 = 0.25;
 /// Misfit of the parts to the lot above which they do not fit it; parts of the lot have 0 to 0.005.
 const MAX_MISFIT: f32 = 0.03;
 /// Factor on the least share in gear of a part of the lot; it covers an amplitude that is off.
 const MIN_CREDIBLE_SHARE: f32 = 0.7;
-/// Drive cycles in a row of a misfit that lasts (2.6 s at 50 Hz). Parts that a hopper drops onto the
-/// track are out of gear for a second.
+/// Drive cycles in a row of a misfit that lasts (2.6 s at 50 Hz).
 const MIN_MISFIT_CYCLES: f32 = 8.0 * AGAIN as f32;
-/// Initial delay of an impact's energy, in samples: two one-pole filters and the rise of the
-/// ringing.
+/// Initial delay of an impact's energy, in samples: two one-pole filters and the ringing's rise.
 const LATE: f32 = 2.5;
-/// Bounds of that delay, in samples; an error of the configured amplitude shifts it by some
-/// samples.
+/// Bounds of that delay, in samples; an error of the amplitude shifts it.
 const LATES: [f32; 2] = [-1.5, 6.5];
 /// Step of the search for the delay, in samples.
 const LATER: f32 = 0.5;
-/// Trial points around the current estimate: delays in steps of [`LATER`], decay times as powers of
+/// Trial points around the estimate: delays in steps of [`LATER`], decay times as powers of
 /// [`FACTOR`].
 const TRIES: [[f32; 2]; 3] = [[0.0, 1.0], [-1.0, 1.0 / FACTOR], [1.0, FACTOR]];
 /// Estimated share of time in gear.
@@ -127,7 +114,6 @@ pub struct GearShare {
 #[derive(Clone, Copy, Debug, Default)]
 struct Histogram {
     energy: Row,
-    /// Sum of the noise energy.
     noise: f32,
     /// Weight of both sums, in drive cycles.
     weight: f32,
@@ -153,8 +139,7 @@ impl Histogram {
 struct Agreement {
     /// Share of time in gear by the fitted weights, 0..=1.
     in_gear: f32,
-    /// Unexplained share of the energy, the total variation distance of both distributions, less its
-    /// bound in gear; negative where the mixture fits.
+    /// Unexplained share of the energy (total variation distance) less its bound in gear.
     excess: f32,
 }
 
@@ -174,8 +159,7 @@ pub struct GearEvidence {
 }
 
 impl GearEvidence {
-    /// Whether the map predicts gear, and both histograms show a share of time in gear above
-    /// `level` (0..=1).
+    /// Whether the map predicts gear, and both histograms show a share above `level` (0..=1).
     pub fn supports(&self, level: f32) -> bool {
         self.predicted > MIN_PREDICTED_SHARE
             && self.long.in_gear > level
@@ -196,7 +180,6 @@ impl GearEvidence {
 /// Estimator of the share of time in gear for any number of parts.
 #[derive(Clone, Debug, Default)]
 pub struct ShareHearing {
-    /// Mean k since the amplitude settled.
     k: f32,
     /// Mean upper tones (`e cos th`, `e sin th`) since then.
     tones: [[f32; 2]; UPPER],
@@ -212,10 +195,8 @@ pub struct ShareHearing {
     short_due: f32,
     /// Whether a fit to the short histogram is due.
     checks: bool,
-    /// Whether gear is to be detected for READY.
     detects_gear: bool,
     evidence: Option<GearEvidence>,
-    /// Phase lead used for the fit.
     lead: Phase,
     /// Mean lead since the histogram began; a growing load turns the track.
     turned: Phase,
@@ -231,12 +212,11 @@ pub struct ShareHearing {
     fitting: Option<Fitting>,
     /// Weights of the last mixture, the starting point of the next fit; all 0 before the first.
     weights: [f32; PARTS],
-    share: Option<GearShare>,
-    margin: Option<GearMargin>,
+    pub share: Option<GearShare>,
+    pub margin: Option<GearMargin>,
     /// Whether the share was estimated before the track changed.
     fades: bool,
-    /// Whether a mixture was fitted to the energy.
-    judged: bool,
+    pub judged: bool,
     /// Misfit of the parts to the lot in the last fit, and cycles in a row above [`MAX_MISFIT`].
     misfit: f32,
     misfit_cycles: f32,
@@ -262,8 +242,7 @@ struct Mixture {
 }
 
 impl GearShare {
-    /// Estimate from a lower bound only: the middle of the remaining interval, give or take half of
-    /// it.
+    /// Estimate from a lower bound only: the middle of the remaining interval.
     pub(crate) fn at_least(least: f32) -> Self {
         let rest = 0.5 * (1.0 - least);
         Self {
@@ -290,7 +269,6 @@ impl ShareHearing {
         self.unlearn();
     }
 
-    /// Clears both histograms.
     fn begin(&mut self) {
         (self.long, self.due) = (Histogram::default(), 0);
         (self.short, self.short_due) = (Histogram::default(), 0.0);
@@ -308,22 +286,6 @@ impl ShareHearing {
     /// Evidence for READY; `None` before the first fit.
     pub fn evidence(&self) -> Option<&GearEvidence> {
         self.evidence.as_ref()
-    }
-
-    /// Estimated share; `None` without an estimate.
-    pub fn share(&self) -> Option<GearShare> {
-        self.share
-    }
-
-    /// Mean margin of the parts in gear to its loss; `None` without a share, or where fewer than a
-    /// tenth are in gear.
-    pub fn margin(&self) -> Option<GearMargin> {
-        self.margin
-    }
-
-    /// Whether a mixture was fitted. Without a share the energy is then no mixture of the profiles.
-    pub fn is_judged(&self) -> bool {
-        self.judged
     }
 
     /// Predicted profile of the lot; `None` until the prediction is complete.
@@ -395,8 +357,7 @@ impl ShareHearing {
         }
     }
 
-    /// Averages the track's motion, and starts a new prediction of the profiles where it has
-    /// changed.
+    /// Averages the track's motion, and predicts the profiles anew where it has changed.
     fn follow(&mut self, tuned: &DriveState) {
         self.cycles = (self.cycles + 1.0).min(16.0);
         let share = 1.0 / self.cycles;
@@ -529,8 +490,8 @@ impl ShareHearing {
         }
     }
 
-    /// Fits the mixture from the last weights. Each sector is weighed by the energy that the last
-    /// mixture expects in it, which is returned with the weights and their covariance.
+    /// Fits the mixture from the last one, by whose expected energy each sector is weighed. Returns
+    /// that energy, the weights and their covariance.
     fn fit_weights(&self, heard: &Row, rows: &Rows) -> (Row, [f32; PARTS], Covariance) {
         let expecting = if self.weights == [0.0; PARTS] {
             unmix(heard, rows, &evened(heard), &self.weights).0
@@ -546,9 +507,7 @@ impl ShareHearing {
     fn tell(&mut self, found: &Mixture) {
         let noise = self.long.noise / self.long.weight;
         let aligned = LATES[0] < self.late && self.late < LATES[1] && self.rings > MIN_DECAY;
-        let share = self
-            .profile()
-            .and_then(|profile| told(found, profile, noise, aligned));
+        let share = (self.profile()).and_then(|profile| told(found, profile, noise, aligned));
         let long = self.agreement(&self.long, &found.weights, found.astray);
         self.evidence = self
             .profile()
@@ -565,9 +524,8 @@ impl ShareHearing {
         (self.fades, self.judged) = (false, true);
     }
 
-    /// Misfit of the parts to the lot, from the long histogram's agreement: the energy that no mixture
-    /// explains beyond its bound, plus the share of time in gear that lacks to
-    /// [`MIN_CREDIBLE_SHARE`] times the least that the map allows a part of the lot.
+    /// Misfit of the parts to the lot: energy that no mixture explains beyond its bound, plus the
+    /// share that lacks to [`MIN_CREDIBLE_SHARE`] times the least of a part of the lot.
     fn misfit_of(&self, long: Option<&Agreement>) -> f32 {
         let (Some(long), Some(profile)) = (long, self.profile()) else {
             return 0.0;
@@ -587,8 +545,7 @@ impl ShareHearing {
         self.misfit_cycles > MIN_MISFIT_CYCLES
     }
 
-    /// Agreement of a histogram with the weights fitted to it, from the energy in other sectors than
-    /// predicted (`astray`).
+    /// Agreement of a histogram with the weights fitted to it; `astray` as of [`astray`].
     fn agreement(
         &self,
         histogram: &Histogram,
@@ -615,8 +572,7 @@ impl ShareHearing {
         })
     }
 
-    /// Estimates the margin of the parts in gear: restitution from the weights of the groups, trace
-    /// from the phases of their profiles.
+    /// Margin of the parts in gear: restitution from the groups' weights, trace from their phases.
     fn margin_of(&self, found: &Mixture) -> Option<GearMargin> {
         let profiler = self.profiler.as_ref()?;
         let profile = profiler.profile()?;
@@ -709,10 +665,9 @@ fn rounded(k: f32) -> f32 {
     f32::from_bits((k.to_bits() + STEP / 2) & !(STEP - 1))
 }
 
-/// Estimates the share from a mixture; `noise` is the measured noise energy per cycle, `aligned`
-/// whether delay and decay time lie within their bounds.
-///
-/// `None` where noise drowns the parts ([`HEARD`]) or the standard error exceeds [`TELLS`].
+/// The share of a mixture; `noise`: measured noise energy per cycle; `aligned`: delay and decay
+/// time are within their bounds. `None` where noise drowns the parts or the error exceeds
+/// [`TELLS`].
 fn told(found: &Mixture, profile: &StrikeProfile, noise: f32, aligned: bool) -> Option<GearShare> {
     let within = found.weights[..GROUPS].iter().sum::<f32>();
     let without = found.weights[GROUPS..NOISE].iter().sum::<f32>();
@@ -736,8 +691,7 @@ fn told(found: &Mixture, profile: &StrikeProfile, noise: f32, aligned: bool) -> 
     }
     let dispersion = found.off / (SECTORS - PARTS - 1) as f32;
     let scattered = variance.max(0.0) * dispersion / (all * all);
-    // Energy that no profile explains, and even energy beyond the noise, may be of parts in gear or
-    // out.
+    // Energy that no profile explains may be of parts in gear or out.
     let even = (found.weights[NOISE] - noise).max(0.0);
     let astray = (found.astray + even) / (energy + found.weights[NOISE]);
     let excess = EXCESS * (share - profile.share()).max(0.0);

@@ -8,8 +8,7 @@ use crate::angle::{SAMPLE_RATE, phase_of};
 use kband::arithmetic::{Phase, sine_cosine_single};
 use kband::regime::gear::{GROUPS, PHASE_BINS, StrikeProfile};
 
-/// Minimum predicted drive periods in gear of a group for its profile: two rows of the eight
-/// flights that define gear.
+/// Minimum predicted drive periods in gear of a group for its profile: two rows of eight flights.
 const KNOWN: f32 = 16.0;
 /// Minimum predicted drive periods out of gear for a profile of parts out of gear.
 const MIN_PERIODS_OUT: f32 = 256.0;
@@ -21,8 +20,8 @@ const STRUCK: usize = GROUPS + 1;
 /// Attenuation of the second harmonic by the average over a sector, `sin x / x`.
 const SQUEEZED: f32 = 0.993_6;
 
-/// Predicted energy of each component by sector. `lead` is the phase lead of the track, `step` the
-/// advance of the phase per sample, `rings` the decay time in s, `late` the delay in samples.
+/// Predicted energy of each component by sector. `lead`: phase lead of the track; `step`: advance
+/// of the phase per sample; `rings`: decay time in s; `late`: delay in samples.
 pub fn predict_rows(
     profile: &StrikeProfile,
     lead: Phase,
@@ -56,9 +55,8 @@ pub fn predict_rows(
     rows
 }
 
-/// Energy per cycle that the drive's own acceleration leaves in each sector of the residual.
-///
-/// `swing` is the amplitude of that acceleration, cosine and sine, in m/s^2.
+/// Energy per cycle that the drive's own acceleration (`cosines`, `sines`, in m/s^2) leaves in each
+/// sector of the residual.
 pub fn drive_leak([cosines, sines]: [f32; 2], step: u32) -> Row {
     let theta = Phase::from_bits(step);
     let (sine, cosine) = sine_cosine_single(theta);
@@ -100,17 +98,14 @@ pub fn struck(weights: &[f32; PARTS], profile: &StrikeProfile) -> f32 {
         + landing * profile.landing_energy
 }
 
-/// Energy of merged landings over that of as many separate ones, where all parts are out of gear.
-///
-/// Amplitudes of merged impacts add: each other part lands with it with the probability of a
-/// landing per period.
+/// Energy of merged landings over that of separate ones, with all parts out of gear. Amplitudes
+/// add: each other part lands with it with the probability of a landing per period.
 fn together(profile: &StrikeProfile) -> f32 {
     1.0 + (TOGETHER - 1.0) * profile.landing_rate
 }
 
-/// Convolves the profiles with the exponential decay of the ringing, one per column of the rows.
-///
-/// The track leads the output by `lead` turns; the energy of an impact falls by e in `turns` turns.
+/// Convolves the profiles with the ringing's exponential decay, one per column of the rows. The
+/// track leads the output by `lead` turns; energy falls by e in `turns` turns.
 fn ring(rows: &mut Rows, profiles: [&[f32; PHASE_BINS]; STRUCK], lead: f32, turns: f32) {
     let width = 1.0 / PHASE_BINS as f32;
     let left = libm::expf(-width / turns);
@@ -148,8 +143,7 @@ fn ring(rows: &mut Rows, profiles: [&[f32; PHASE_BINS]; STRUCK], lead: f32, turn
     }
 }
 
-/// Sum of the geometric series over all turns, where `left` remains after each of `STEPS` steps of
-/// a turn.
+/// Sum of the geometric series over all turns; `left` remains after one of `STEPS` steps.
 fn around<const STEPS: usize>(left: f32) -> f32 {
     const { assert!(STEPS.is_power_of_two()) };
     let turn = (0..STEPS.trailing_zeros()).fold(left, |left, _| left * left);

@@ -1,4 +1,4 @@
-//! Configuration of property-based tests.
+//! What tests share: the seed of property-based ones, and a changed value.
 
 use proptest::prelude::ProptestConfig;
 use proptest::test_runner::RngSeed;
@@ -11,4 +11,10 @@ pub fn seeded() -> ProptestConfig {
         rng_seed: RngSeed::Fixed(seed),
         ..ProptestConfig::default()
     }
+}
+
+/// `value`, changed.
+pub fn with<T>(mut value: T, change: impl FnOnce(&mut T)) -> T {
+    change(&mut value);
+    value
 }

@@ -1,0 +1,12 @@
+//! What tests share: the seed of draws, and a changed value.
+
+/// Seed of a draw: `KBAND_SEED`, else a fixed one.
+pub fn seed(fixed: u64) -> u64 {
+    std::env::var("KBAND_SEED").map_or(fixed, |text| text.parse().expect("a whole number"))
+}
+
+/// `value`, changed.
+pub fn with<T>(mut value: T, change: impl FnOnce(&mut T)) -> T {
+    change(&mut value);
+    value
+}
