@@ -17,7 +17,7 @@ use kband::impact::{ContactTime, Scatter, Tone, Wave};
 use crate::file::Destination;
 use crate::picture::Picture;
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Format, Printout, Rows, rows_file};
+use crate::report::{Column, Format, Printout, Rows, rows_file, when};
 
 /// How the result is printed on standard output.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -258,11 +258,8 @@ impl ContactArguments {
 
     /// `, contacts of 0.4 ms`; nothing for impacts in no time.
     pub fn words(self) -> String {
-        if self.contact > 0.0 {
-            format!(", contacts of {} ms", self.contact)
-        } else {
-            String::new()
-        }
+        let words = || format!(", contacts of {} ms", self.contact);
+        when(self.contact > 0.0, words)
     }
 }
 
@@ -344,15 +341,13 @@ pub fn within(
     unit: &'static str,
 ) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
     move |text| {
-        let accepted = || {
+        let value = number(text)
+            .ok()
+            .filter(|value| (low..=high).contains(value));
+        value.ok_or_else(|| {
             let space = if unit.is_empty() { "" } else { " " };
             format!("accepted: {low}..{high}{space}{unit}")
-        };
-        match number(text) {
-            Ok(value) if (low..=high).contains(&value) => Ok(value),
-            Ok(_) => Err(accepted()),
-            Err(_) => Err(accepted()),
-        }
+        })
     }
 }
 
@@ -389,47 +384,42 @@ pub fn seed(text: &str) -> Result<u64, String> {
 
 /// A restitution `R` or an interval of it `LO..HI`.
 pub fn restitution(text: &str) -> Result<Restitution, String> {
-    const ACCEPTED: &str = "accepted: one value R or an interval LO..HI, 0 <= LO <= HI <= 1, such as \
-                            0.2 or 0.18..0.22";
-    let refused = |_| ACCEPTED.to_string();
-    match text.split_once("..") {
-        Some((low, high)) => {
-            let (low, high) = (
-                number(low).map_err(refused)?,
-                number(high).map_err(refused)?,
-            );
-            Restitution::interval(low, high).map_err(|_| ACCEPTED.into())
-        }
-        None => Restitution::single(number(text).map_err(refused)?).map_err(|_| ACCEPTED.into()),
-    }
+    let read = || {
+        let (low, high) = text.split_once("..").unwrap_or((text, text));
+        Restitution::interval(number(low).ok()?, number(high).ok()?).ok()
+    };
+    read().ok_or_else(|| {
+        "accepted: one value R or an interval LO..HI, 0 <= LO <= HI <= 1, such as 0.2 or 0.18..0.22"
+            .into()
+    })
 }
 
 /// Friction as one coefficient, or as that of sliding and that of sticking, `MU,MU_S`.
 pub fn friction(text: &str) -> Result<(f64, f64), String> {
-    const ACCEPTED: &str =
-        "accepted: 0..10, or sliding and sticking as 0.3,0.35, the second at least the first";
     let (sliding, sticking) = text.split_once(',').unwrap_or((text, text));
     let (sliding, sticking) = (number(sliding.trim())?, number(sticking.trim())?);
     if sliding >= 0.0 && (sliding..=10.0).contains(&sticking) {
-        Ok((sliding, sticking))
-    } else {
-        Err(ACCEPTED.into())
+        return Ok((sliding, sticking));
     }
+    Err(
+        "accepted: 0..10, or sliding and sticking as 0.3,0.35, the second at least the first"
+            .into(),
+    )
 }
 
 /// A harmonic of the track's motion, `E,TH`: its amplitude over that of the first tone and its angle in rad.
 pub fn tone(text: &str) -> Result<Tone, String> {
-    const ACCEPTED: &str = "accepted: E,TH with the amplitude E in 0..0.5 of the first tone and the angle TH in \
-                            -6.2832..6.2832 rad, such as 0.15,2.356 (135 degrees)";
-    let (amplitude, angle) = text.split_once(',').ok_or(ACCEPTED)?;
-    let tone = match (number(amplitude), number(angle)) {
-        (Ok(amplitude), Ok(angle)) => Tone { amplitude, angle },
-        _ => return Err(ACCEPTED.into()),
+    let read = || {
+        let (amplitude, angle) = text.split_once(',')?;
+        let (amplitude, angle) = (number(amplitude).ok()?, number(angle).ok()?);
+        let tone = Tone { amplitude, angle };
+        Wave::build(tone, Tone::default()).ok().map(|_| tone)
     };
-    match Wave::build(tone, Tone::default()) {
-        Ok(_) => Ok(tone),
-        Err(_) => Err(ACCEPTED.into()),
-    }
+    read().ok_or_else(|| {
+        "accepted: E,TH with the amplitude E in 0..0.5 of the first tone and the angle TH in -6.2832..6.2832 rad, \
+         such as 0.15,2.356 (135 degrees)"
+            .into()
+    })
 }
 
 /// A parser of one value or a range `LO..HI[:N]`, N = `count` if absent, with ends in `low..=high`.
@@ -439,47 +429,35 @@ pub fn range_or_value(
 ) -> impl Fn(&str) -> Result<Range, String> + Clone + Send + Sync + 'static {
     move |text| {
         let (low, high) = accepted;
-        let spelled = if text.contains("..") && !text.contains(':') {
-            format!("{text}:{count}")
-        } else {
-            text.to_string()
-        };
-        range(&spelled)
-            .ok()
-            .filter(|range| low <= range.low && range.high <= high)
-            .ok_or_else(|| {
-                format!(
-                    "accepted: one number or LO..HI or LO..HI:N within {low}..{high}, LO < HI, \
-                     N in 2..1000000"
-                )
-            })
+        let spelled = when(text.contains("..") && !text.contains(':'), || {
+            format!(":{count}")
+        });
+        let range = range(&format!("{text}{spelled}")).ok();
+        let within = range.filter(|range| low <= range.low && range.high <= high);
+        within.ok_or_else(|| {
+            format!(
+                "accepted: one number or LO..HI or LO..HI:N within {low}..{high}, LO < HI, \
+                 N in 2..1000000"
+            )
+        })
     }
 }
 
 /// A range `LO..HI:N` with `LO < HI` and N in 2..=1 000 000, or one value.
 pub fn range(text: &str) -> Result<Range, String> {
-    const ACCEPTED: &str = "accepted: LO..HI:N with LO < HI and N in 2..1000000, such as \
-                            0.3..0.5:200, or one number";
-    let refused = |_| ACCEPTED.to_string();
-    let Some((low, rest)) = text.split_once("..") else {
-        let value = number(text).map_err(refused)?;
-        return Ok(Range::new(value, value, 1));
+    let read = || {
+        let Some((low, rest)) = text.split_once("..") else {
+            let value = number(text).ok()?;
+            return Some(Range::new(value, value, 1));
+        };
+        let (high, steps) = rest.split_once(':')?;
+        let (low, high) = (number(low).ok()?, number(high).ok()?);
+        let steps = count(2, 1_000_000)(steps).ok()?;
+        (low < high).then_some(Range::new(low, high, steps))
     };
-    let (high, count) = rest.split_once(':').ok_or(ACCEPTED)?;
-    let (low, high) = (
-        number(low).map_err(refused)?,
-        number(high).map_err(refused)?,
-    );
-    let range = Range::new(
-        low,
-        high,
-        self::count(2, 1_000_000)(count).map_err(refused)?,
-    );
-    if range.low < range.high {
-        Ok(range)
-    } else {
-        Err(ACCEPTED.into())
-    }
+    read().ok_or_else(|| {
+        "accepted: LO..HI:N with LO < HI and N in 2..1000000, such as 0.3..0.5:200, or one number".into()
+    })
 }
 
 /// A parser of one number or `LO..HI` within `low..=high`, as both ends.
@@ -504,36 +482,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn restitutions_as_typed() {
-        assert_eq!(
-            restitution("0.2").unwrap(),
-            Restitution::single(0.2).unwrap()
-        );
-        assert_eq!(
-            restitution("0.18..0.22").unwrap(),
-            Restitution::interval(0.18, 0.22).unwrap()
-        );
-    }
-
-    #[test]
-    fn tones_as_typed() {
-        let parsed = tone("0.15, 2.356").unwrap();
-        assert_eq!((parsed.amplitude, parsed.angle), (0.15, 2.356));
-        assert!(tone("0.5,-6.28").is_ok() && tone("0,0").is_ok());
-    }
-
-    #[test]
     fn ranges_as_typed() {
         let values: Vec<f64> = range("0.3..0.5:5").unwrap().values().collect();
         assert_eq!((values.len(), values[0], values[4]), (5, 0.3, 0.5));
         assert!(values.windows(2).all(|pair| pair[0] < pair[1]));
         assert_eq!(range("-3..2.5:2").unwrap().low, -3.0);
         assert_eq!(range("0.4").unwrap().values().collect::<Vec<_>>(), [0.4]);
-    }
-
-    #[test]
-    fn numbers_within_their_range() {
-        assert_eq!(within(1.0, 1000.0, "Hz")("50"), Ok(50.0));
-        assert_eq!(count(1, 100_000)("10_000"), Ok(10_000));
     }
 }

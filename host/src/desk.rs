@@ -209,7 +209,6 @@ impl Drop for Progress {
     }
 }
 
-/// Shows a bar with the elapsed time.
 fn show(bar: &ProgressBar, title: String) {
     let form = "{prefix} [{wide_bar}] {percent:>3} % {elapsed:>3} so far, {eta:>3} left";
     if let Ok(style) = ProgressStyle::with_template(form) {
@@ -224,18 +223,6 @@ fn show(bar: &ProgressBar, title: String) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn results_keep_their_order_for_any_number_of_threads() {
-        let one = Desk::new(Some(1)).unwrap();
-        let three = Desk::new(Some(3)).unwrap();
-        let work = |n: usize| (n as f64 * 0.37).sin().to_bits();
-        assert_eq!(
-            one.map("", 1000, work).unwrap(),
-            three.map("", 1000, work).unwrap()
-        );
-        assert_eq!(three.threads(), 3);
-    }
 
     #[test]
     fn an_interruption_stops_the_work() {

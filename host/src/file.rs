@@ -398,15 +398,4 @@ mod tests {
         assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
         fs::remove_dir_all(folder).unwrap();
     }
-
-    #[test]
-    fn a_dash_is_standard_output_where_it_may_be() {
-        let of = |path| standard(Path::new(path));
-        assert_eq!((of("-"), of("-.png")), (Some(""), Some("png")));
-        for file in ["a.svg", "./-", "-a.svg", "-./a", "a-"] {
-            assert_eq!(of(file), None, "{file}");
-        }
-        let refused = Destination::check(Path::new("-")).unwrap_err().to_string();
-        assert!(refused.contains("name of a file"), "{refused}");
-    }
 }

@@ -12,7 +12,6 @@ use clap::ArgMatches;
 use clap::parser::ValueSource;
 use serde_json::{Map, Value as Json, json};
 
-/// Version of kband.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// The commit of the build, with `-dirty` if the sources differed; `unknown` outside a git tree.
 const COMMIT: &str = env!("KBAND_COMMIT");
@@ -24,7 +23,6 @@ pub const FIRST: &str = "# kband ";
 
 static RUN: Mutex<Option<Run>> = Mutex::new(None);
 
-/// Request that this process carries out.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Run {
     command: String,

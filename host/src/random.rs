@@ -1,6 +1,5 @@
 //! Random numbers that are the same in every run: SplitMix64 (Steele, Lea and Flood 2014).
 
-/// A stream of random numbers, from its seed.
 pub(crate) struct SplitMix(pub u64);
 
 impl SplitMix {

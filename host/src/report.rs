@@ -11,7 +11,7 @@ mod view;
 
 pub use json_rows::JsonRows;
 pub use table::{Column, CsvRows, Rows, Table};
-pub use value::{Value, number, shortest};
+pub use value::{Value, number, shortest, when};
 pub(crate) use view::fields;
 pub use view::{Field, View};
 
@@ -238,7 +238,6 @@ pub fn state_size_of(target: impl std::fmt::Display, bytes: u64) {
     }
 }
 
-/// The units of the columns that have one.
 pub(crate) fn units(columns: &[Column]) -> Map<String, Json> {
     columns
         .iter()

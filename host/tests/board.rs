@@ -3,10 +3,16 @@
 mod came;
 
 use std::fs::File;
+use std::io::{Read, Write};
 use std::path::Path;
 use std::time::Duration;
 
 use came::Came;
+use kband_control::wire::{
+    Identity, Incoming, MAX_FRAME_BYTES, Receiver, Refusal, Request, Response, SCHEMA, Setting,
+    Telemetry, VERSION, read_request, write_identity, write_response,
+};
+use kband_control::{Identification, Identified, Settings, State, Target};
 use kband_host::provenance;
 use kband_machines::emulator::Machine;
 use kband_machines::images;
@@ -145,20 +151,12 @@ fn a_saved_change_of_settings_outlasts_a_restart() {
             );
         }
     }
-    assert!(
-        on_flash(&folder, "settings set restitution_high 0.31")
-            .done()
-            .contains("--save")
-    );
+    on_flash(&folder, "settings set restitution_high 0.31").says("--save");
     let value = |key: &str| {
         on_flash(&folder, &format!("settings get {key} --format json")).json()[0]["value"].as_f64()
     };
     assert_eq!(value("restitution_high"), Some(0.22));
-    assert!(
-        on_flash(&folder, "settings set restitution_high 0.31 --save")
-            .done()
-            .contains("saved: ")
-    );
+    on_flash(&folder, "settings set restitution_high 0.31 --save").says("saved: ");
     on_flash(&folder, "settings set incline -2.5 --save").done();
     assert_eq!(value("restitution_high"), Some(0.31));
     assert_eq!(value("incline"), Some(-2.5));
@@ -179,11 +177,7 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
         "good.toml",
         "frequency = 55\nrestitution_low = 0.4\nrestitution_high = 0.5\n",
     );
-    assert!(
-        on_flash(&folder, "settings import good.toml --save")
-            .done()
-            .contains("3 settings in the file, 3 changed")
-    );
+    on_flash(&folder, "settings import good.toml --save").says("3 settings in the file, 3 changed");
     let changed = std::fs::read(folder.path().join("board.flash")).unwrap();
     for (text, expected) in [
         (
@@ -210,11 +204,7 @@ fn a_file_of_settings_is_taken_whole_or_not_at_all() {
         );
     }
     // What was exported brings all of it back.
-    assert!(
-        on_flash(&folder, "settings import all.toml --save")
-            .done()
-            .contains("3 changed")
-    );
+    on_flash(&folder, "settings import all.toml --save").says("3 changed");
     on_flash(&folder, "settings export again.toml").done();
     assert_eq!(
         std::fs::read_to_string(folder.path().join("again.toml")).unwrap(),
@@ -232,7 +222,7 @@ fn recipes_are_saved_used_exported_and_imported() {
     recipe("save 1 caps").refused(&["no saved settings", "kband settings save"]);
     on_flash(&folder, "settings set restitution_high 0.31 --save").done();
     on_flash(&folder, "target k 0.5 --save").done();
-    assert!(recipe("save 1 caps").done().contains("k = 0.5"));
+    recipe("save 1 caps").says("k = 0.5");
     let list = recipe("list --format json").json();
     let list = list.as_array().unwrap();
     assert_eq!(list.len(), 1);
@@ -249,11 +239,7 @@ fn recipes_are_saved_used_exported_and_imported() {
         .replace("caps", "M3 screws");
     let second = second.replace("value = 0.5", "value = 0.41");
     write("second.toml", &second);
-    assert!(
-        recipe("import second.toml")
-            .done()
-            .contains("saved 1 recipes")
-    );
+    recipe("import second.toml").says("saved 1 recipes");
     let before = flash();
     let cut = &second[..second.len() - 120];
     let few = second.replace("recipes = 1", "recipes = 2");
@@ -275,7 +261,7 @@ fn recipes_are_saved_used_exported_and_imported() {
     }
     recipe("use 3").refused(&["no such recipe", "kband recipe list"]);
     recipe("use 8").refused(&["8", "0..=7"]);
-    assert!(recipe("use 7").done().contains("k = 0.41"));
+    recipe("use 7").says("k = 0.41");
     recipe("delete 1").done();
     recipe("delete 1").refused(&["no recipe 1", "kband recipe list"]);
     let list = recipe("list --format json").json();
@@ -362,11 +348,7 @@ fn a_board_is_monitored_recorded_and_replayed() {
         provenance::stripped(&csv).starts_with("time (s),cycle,state,k,b (mm),"),
         "{csv}"
     );
-    assert!(
-        run(&folder, "monitor --replay run.kband", &[])
-            .done()
-            .contains("starting")
-    );
+    run(&folder, "monitor --replay run.kband", &[]).says("starting");
 
     let words = "monitor --record run.kband --duration 1";
     kband(&folder, words).refused(&["run.kband", "is there already", "next:"]);
@@ -387,6 +369,16 @@ fn an_identification_that_has_no_result_yet_changes_nothing() {
     let words = "settings commission --apply --within 2";
     kband(&folder, words).refused(&["no flash", "--flash-image"]);
     assert_eq!(flash(), saved);
+}
+
+/// The settings by key, beyond a loss of power.
+fn kept(folder: &tempfile::TempDir) -> impl Fn(&str) -> f64 {
+    let all = on_flash(folder, "settings list --format json").json();
+    move |key| {
+        let mut settings = all.as_array().unwrap().iter();
+        let own = settings.find(|setting| setting["key"] == key).unwrap();
+        own["value"].as_f64().unwrap()
+    }
 }
 
 /// The emulated board's drive is one resonance of 1 mm and Q 25 at 50 Hz, which answers at n times
@@ -411,13 +403,7 @@ fn the_drive_response_at_multiples_is_measured_and_saved() {
         let words = format!("settings commission {option} --apply --within 50 --format json");
         let found: Value = serde_json::from_str(&on_flash(&folder, &words).done()).unwrap();
         assert_eq!(found["applied"], true, "{found}");
-        // Beyond a loss of power.
-        let all = on_flash(&folder, "settings list --format json").json();
-        let kept = |key: &str| {
-            let mut settings = all.as_array().unwrap().iter();
-            let own = settings.find(|setting| setting["key"] == key).unwrap();
-            own["value"].as_f64().unwrap()
-        };
+        let kept = kept(&folder);
         let (measured, late) = (kept(gain), kept(lag));
         assert!(
             (measured / answer - 1.0).abs() < exact,
@@ -450,12 +436,7 @@ fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     let words = "settings commission --sensor --apply --within 100 --format json";
     let found = on_flash(&folder, words).json();
     assert_eq!(found["applied"], true, "{found}");
-    let all = on_flash(&folder, "settings list --format json").json();
-    let kept = |key: &str| {
-        let mut settings = all.as_array().unwrap().iter();
-        let own = settings.find(|setting| setting["key"] == key).unwrap();
-        own["value"].as_f64().unwrap()
-    };
+    let kept = kept(&folder);
     assert!((kept("sensor_rest") - 1.65).abs() < 1e-3, "{found}");
     assert!((kept("gain") - 1.0).abs() < 0.03, "{found}");
     assert!((kept("current_gain") - 0.5).abs() < 0.015, "{found}");
@@ -622,15 +603,9 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
     let other = ["commission", "other.html", "--step", "a"];
     came::run(&folder, LIMIT, &[&other[..], &on].concat())
         .refused(&["is no record", "another name"]);
-    let other = [
-        "commission",
-        "record.json",
-        "--step",
-        "as left",
-        "--seconds",
-        "1",
-    ];
-    came::run(&folder, LIMIT, &[&other[..], &on].concat()).done();
+    let mut other = vec!["commission", "record.json", "--seconds", "1"];
+    other.extend(["--step", "as left"].iter().chain(&on));
+    came::run(&folder, LIMIT, &other).done();
     let record = std::fs::read_to_string(folder.path().join("record.json")).unwrap();
     let record: Value = serde_json::from_str(&record).unwrap();
     let last = &record["commissioning"][0];
@@ -642,31 +617,12 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
     );
 }
 
-/// A pseudo-terminal that takes and gives bytes as they are: its far end, its near end that stays
-/// open, and its name.
-#[cfg(unix)]
-fn port() -> (File, File, String) {
-    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-    use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
-
-    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
-    grantpt(&far).unwrap();
-    unlockpt(&far).unwrap();
-    let name = ptsname(&far, Vec::new()).unwrap().into_string().unwrap();
-    let near = File::options().read(true).write(true).open(&name).unwrap();
-    let mut modes = tcgetattr(&near).unwrap();
-    modes.make_raw();
-    tcsetattr(&near, OptionalActions::Now, &modes).unwrap();
-    (File::from(far), near, name)
-}
-
 /// Runs `kband` on a pseudo-terminal whose far end says these bytes again and again.
 #[cfg(unix)]
 fn on_a_port_that_says(words: &str, bytes: &[u8]) -> Came {
-    use std::io::Write;
     use std::sync::atomic::{AtomicBool, Ordering};
 
-    let (mut far, near, name) = port();
+    let (mut far, near, name) = came::port();
     let done = AtomicBool::new(false);
     let folder = folder();
     std::thread::scope(|scope| {
@@ -686,19 +642,25 @@ fn on_a_port_that_says(words: &str, bytes: &[u8]) -> Came {
     })
 }
 
-/// What a board keeps, as far as commissioning touches it.
-#[cfg(unix)]
-#[derive(Clone, Debug, PartialEq)]
-struct Keeps {
-    settings: Vec<f32>,
-    target: kband_control::Target,
+/// A frame with the identity of a board.
+fn identity(sequence: u8, schema: u32, image: &str) -> Vec<u8> {
+    let identity = Identity {
+        version: VERSION,
+        schema,
+        image,
+    };
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    let frame = write_identity(&mut buffer, sequence, &identity);
+    frame.unwrap().to_vec()
 }
 
-/// A board after it measured its parts: setpoint, saved settings, and whether its drive runs.
+/// A board after it measured its parts: settings and target, those that it saved, and whether its
+/// drive runs.
 #[cfg(unix)]
 struct Commissioned {
-    holds: Keeps,
-    saved: Option<Keeps>,
+    settings: Vec<f32>,
+    target: Target,
+    saved: Option<(Vec<f32>, Target)>,
     running: bool,
 }
 
@@ -706,59 +668,32 @@ struct Commissioned {
 impl Commissioned {
     /// Answers what comes by the far end of a port until that is closed.
     fn serve(&mut self, far: &mut File) {
-        use std::io::{Read, Write};
-
-        use kband_control::wire::{Incoming, MAX_FRAME_BYTES, Receiver, read_request};
-
         let mut receiver = Receiver::new();
         let mut byte = [0];
         while matches!(far.read(&mut byte), Ok(1)) {
             let Some(Ok(frame)) = receiver.push(byte[0]) else {
                 continue;
             };
-            let mut answers = Vec::new();
-            match read_request(frame).unwrap() {
-                Incoming::Question { sequence } => {
-                    let identity = kband_control::wire::Identity {
-                        version: kband_control::wire::VERSION,
-                        schema: kband_control::wire::SCHEMA,
-                        image: "0.1.0+stand-in",
-                    };
-                    let mut buffer = [0; MAX_FRAME_BYTES];
-                    let frame =
-                        kband_control::wire::write_identity(&mut buffer, sequence, &identity);
-                    answers.extend_from_slice(frame.unwrap());
-                }
+            let answers = match read_request(frame).unwrap() {
+                Incoming::Question { sequence } => identity(sequence, SCHEMA, "0.1.0+stand-in"),
                 Incoming::Update { .. } => panic!("no update here"),
-                Incoming::Request { sequence, request } => {
-                    self.answer(sequence, &request, &mut answers)
-                }
-            }
+                Incoming::Request { sequence, request } => self.answer(sequence, &request),
+            };
             if far.write_all(&answers).is_err() {
                 return;
             }
         }
     }
 
-    fn answer(
-        &mut self,
-        sequence: u8,
-        request: &kband_control::wire::Request,
-        answers: &mut Vec<u8>,
-    ) {
-        use kband_control::wire::{
-            MAX_FRAME_BYTES, Refusal, Request, Response, Setting, Telemetry, write_response,
-        };
-        use kband_control::{Identification, Identified, Settings, State};
-
-        let place = |key: &str| Settings::KEYS.iter().position(|known| known.name == key);
+    fn answer(&mut self, sequence: u8, request: &Request) -> Vec<u8> {
+        let done = || Response::Done;
         let response = match *request {
             Request::Setting(number) => match Settings::KEYS.get(usize::from(number)) {
                 Some(key) => Response::Setting(Setting {
                     number,
                     key: key.name,
                     unit: key.unit,
-                    value: self.holds.settings[usize::from(number)],
+                    value: self.settings[usize::from(number)],
                     low: key.low,
                     high: key.high,
                     default: key.default,
@@ -770,21 +705,22 @@ impl Commissioned {
                 Response::Refused(Refusal::Running)
             }
             Request::Set { key, value } => {
-                self.holds.settings[place(key).unwrap()] = value;
-                Response::Done
+                let place = Settings::KEYS.iter().position(|known| known.name == key);
+                self.settings[place.unwrap()] = value;
+                done()
             }
             Request::Save => {
-                self.saved = Some(self.holds.clone());
-                Response::Done
+                self.saved = Some((self.settings.clone(), self.target));
+                done()
             }
-            Request::Held => Response::Held(self.holds.target),
+            Request::Held => Response::Held(self.target),
             Request::Target(target) => {
-                self.holds.target = target;
-                Response::Done
+                self.target = target;
+                done()
             }
             Request::Enable(enable) => {
                 self.running = enable;
-                Response::Done
+                done()
             }
             Request::Identification => {
                 Response::Identification(Identification::Found(Identified {
@@ -795,39 +731,34 @@ impl Commissioned {
                     hops: 64,
                 }))
             }
-            _ => Response::Done,
+            _ => done(),
         };
         let mut buffer = [0; MAX_FRAME_BYTES];
-        answers.extend_from_slice(write_response(&mut buffer, sequence, &response).unwrap());
+        let response = write_response(&mut buffer, sequence, &response);
+        let mut answers = response.unwrap().to_vec();
         if let Request::Telemetry(1) = request {
-            let state = if self.running {
-                State::Holding
-            } else {
-                State::Off
-            };
-            let telemetry = Response::Telemetry(Telemetry {
-                state: state.number(),
+            let state = [State::Off, State::Holding][usize::from(self.running)].number();
+            let telemetry = Telemetry {
+                state,
                 ..Telemetry::default()
-            });
-            answers.extend_from_slice(write_response(&mut buffer, 0, &telemetry).unwrap());
+            };
+            let row = write_response(&mut buffer, 0, &Response::Telemetry(telemetry));
+            answers.extend_from_slice(row.unwrap());
         }
+        answers
     }
 }
 
 #[cfg(unix)]
 #[test]
 fn commissioning_saves_its_result_with_the_old_target() {
-    use kband_control::Settings;
-    use kband_control::Target;
-
-    let before = Keeps {
-        settings: Settings::default().values().to_vec(),
-        target: Target::Speed(60.0),
-    };
+    let before = Settings::default().values().to_vec();
+    let target = Target::Speed(60.0);
     for apply in [false, true] {
-        let (mut far, near, name) = port();
+        let (mut far, near, name) = came::port();
         let mut board = Commissioned {
-            holds: before.clone(),
+            settings: before.clone(),
+            target,
             saved: None,
             running: true,
         };
@@ -843,27 +774,21 @@ fn commissioning_saves_its_result_with_the_old_target() {
         });
         assert_eq!(came.json()["applied"], apply);
         assert!(board.running);
-        assert_eq!(board.holds.target, before.target);
-        if apply {
-            let found = Settings {
-                restitution_low: 0.29,
-                restitution_high: 0.33,
-                ..Settings::default()
-            };
-            let kept = board.saved.expect("it was told to keep them");
-            assert_eq!(kept.settings, found.values());
-            assert_eq!(kept.target, before.target);
-        } else {
-            assert_eq!((board.holds, board.saved), (before.clone(), None));
-        }
+        assert_eq!(board.target, target);
+        let found = Settings {
+            restitution_low: 0.29,
+            restitution_high: 0.33,
+            ..Settings::default()
+        };
+        let saved = apply.then(|| (found.values().to_vec(), target));
+        assert_eq!(board.saved, saved, "it was told to keep them with --apply");
+        assert!(apply || board.settings == before);
     }
 }
 
 #[cfg(unix)]
 #[test]
 fn garbage_and_another_version_give_different_messages() {
-    use kband_control::wire::{Identity, MAX_FRAME_BYTES, write_identity};
-
     // Another baud rate, or another program's device.
     let words = "settings list";
     on_a_port_that_says(words, b"\x80\x7f\0\xf8\x06\0").refused(&[
@@ -871,13 +796,7 @@ fn garbage_and_another_version_give_different_messages() {
         "115200 baud",
         "next:",
     ]);
-    let identity = Identity {
-        version: kband_control::wire::VERSION,
-        schema: 0x0bad_cafe,
-        image: "0.0.9+old",
-    };
-    let mut buffer = [0; MAX_FRAME_BYTES];
-    let frame = write_identity(&mut buffer, 0, &identity).unwrap();
+    let frame = &identity(0, 0x0bad_cafe, "0.0.9+old");
     on_a_port_that_says(words, frame).refused(&["0.0.9+old", "0badcafe", "kband flash"]);
     // Any board answers a request of its identity.
     let words = "identify --format json";

@@ -21,7 +21,6 @@ fn names(folder: &TempDir) -> Vec<String> {
     names
 }
 
-/// The built-in scene.
 fn scene(folder: &TempDir) -> String {
     kband(folder, "simulate --print-scene").done()
 }
@@ -457,10 +456,8 @@ fn a_scene_from_stdin_runs_and_manual_pages_print() {
     assert!(verb.contains("second\\-tone"), "{verb}");
     // A table that is wider than a screen goes on below.
     let bands = page("bands --restitution 0.18..0.22");
-    let table = bands
-        .lines()
-        .skip(2)
-        .take_while(|line| !line.starts_with("no band"));
+    let table = bands.lines().skip(2);
+    let table = table.take_while(|line| !line.starts_with("no band"));
     for line in table {
         assert!(line.chars().count() <= 80, "{line}");
     }
@@ -537,12 +534,9 @@ fn design_says_what_it_changes_for_the_feeder_of_the_scene() {
 fn a_long_command_is_seen_to_work_before_its_first_step_is_done() {
     use std::io::Read;
 
-    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
     use rustix::termios::{Winsize, tcsetwinsize};
 
-    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
-    grantpt(&far).unwrap();
-    unlockpt(&far).unwrap();
+    let (mut far, terminal, _) = came::port();
     let size = Winsize {
         ws_row: 24,
         ws_col: 80,
@@ -550,8 +544,6 @@ fn a_long_command_is_seen_to_work_before_its_first_step_is_done() {
         ws_ypixel: 0,
     };
     tcsetwinsize(&far, size).unwrap();
-    let name = ptsname(&far, Vec::new()).unwrap().into_string().unwrap();
-    let terminal = std::fs::File::options().write(true).open(name).unwrap();
     // One step of some minutes.
     let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
         .args(["exponent", "--k", "0.34", "--impacts", "1000000000"])
@@ -561,7 +553,7 @@ fn a_long_command_is_seen_to_work_before_its_first_step_is_done() {
         .stderr(terminal)
         .spawn()
         .unwrap();
-    let (mut far, mut said, mut bytes) = (std::fs::File::from(far), String::new(), [0; 256]);
+    let (mut said, mut bytes) = (String::new(), [0; 256]);
     while !(said.contains("exponent [") && said.contains("2s so far")) {
         let count = far.read(&mut bytes).unwrap();
         said += &String::from_utf8_lossy(&bytes[..count]);

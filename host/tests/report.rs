@@ -9,7 +9,6 @@ use came::kband;
 use kband_machines::browser::{Browser, keys};
 use serde_json::Value as Json;
 
-/// The numbers in a text.
 fn numbers(text: &str) -> Vec<f64> {
     text.replace("..", " ")
         .split(|sign: char| !(sign.is_ascii_digit() || sign == '.' || sign == '-'))

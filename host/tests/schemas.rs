@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use kband_host::report::columns;
 use kband_machines::emulator::Machine;
 use kband_machines::images;
+use kband_scene::{DEFAULT, SceneFile};
 use serde_json::{Map, Value, json};
 
 /// The results that have a form of their own with the commands that print them: those of the desk,
@@ -107,10 +108,8 @@ fn inferred(name: &str, values: &[&Value]) -> Value {
         [one] => schema.insert("type".into(), one.clone()),
         several => schema.insert("type".into(), several.into()),
     };
-    let objects: Vec<&Map<String, Value>> = values
-        .iter()
-        .filter_map(|value| value.as_object())
-        .collect();
+    let objects = values.iter();
+    let objects: Vec<&Map<String, Value>> = objects.filter_map(|value| value.as_object()).collect();
     if !objects.is_empty() && !OPEN.contains(&name) {
         let names: BTreeSet<&String> = objects.iter().flat_map(|object| object.keys()).collect();
         let required: Vec<&&String> = names
@@ -118,10 +117,8 @@ fn inferred(name: &str, values: &[&Value]) -> Value {
             .filter(|name| objects.iter().all(|object| object.contains_key(**name)))
             .collect();
         let property = |name: &String| {
-            let all: Vec<&Value> = objects
-                .iter()
-                .filter_map(|object| object.get(name))
-                .collect();
+            let all = objects.iter();
+            let all: Vec<&Value> = all.filter_map(|object| object.get(name)).collect();
             (name.clone(), inferred(name, &all))
         };
         schema.insert("required".into(), json!(required));
@@ -129,11 +126,8 @@ fn inferred(name: &str, values: &[&Value]) -> Value {
         let properties: Map<String, Value> = names.iter().map(|name| property(name)).collect();
         schema.insert("properties".into(), properties.into());
     }
-    let items: Vec<&Value> = values
-        .iter()
-        .filter_map(|value| value.as_array())
-        .flatten()
-        .collect();
+    let items = values.iter().filter_map(|value| value.as_array());
+    let items: Vec<&Value> = items.flatten().collect();
     if !items.is_empty() {
         schema.insert("items".into(), inferred("", &items));
     }
@@ -153,18 +147,9 @@ fn with_columns(schema: &mut Value, csv: &str) {
     }
 }
 
-/// Where a value breaks a schema of the words that [`inferred`] writes.
+/// Where a value breaks a schema, by the keywords of JSON Schema that kband uses.
 fn broken(value: &Value, schema: &Value, at: &str, found: &mut Vec<String>) {
-    let kinds: Vec<&str> = match &schema["type"] {
-        Value::String(kind) => vec![kind],
-        several => several
-            .as_array()
-            .into_iter()
-            .flatten()
-            .filter_map(Value::as_str)
-            .collect(),
-    };
-    let is = |kind: &str| match kind {
+    let is = |kind: &Value| match kind.as_str().expect("a type") {
         "null" => value.is_null(),
         "boolean" => value.is_boolean(),
         "integer" => value.is_u64() || value.is_i64(),
@@ -174,17 +159,45 @@ fn broken(value: &Value, schema: &Value, at: &str, found: &mut Vec<String>) {
         "object" => value.is_object(),
         other => panic!("no type {other}"),
     };
-    if !kinds.iter().any(|kind| is(kind)) {
-        found.push(format!("{at}: {value} is none of {kinds:?}"));
-    }
-    if let (Some(object), Some(properties)) = (value.as_object(), schema["properties"].as_object())
-    {
-        for name in schema["required"].as_array().into_iter().flatten() {
-            let name = name.as_str().unwrap();
-            if !object.contains_key(name) {
-                found.push(format!("{at}: {name} is missing"));
-            }
+    let (number, object, list) = (value.as_f64(), value.as_object(), value.as_array());
+    let count = list.map(Vec::len).or(object.map(Map::len));
+    let count = count.map(|count| count as f64);
+    for (word, rule) in schema.as_object().expect("a schema is an object") {
+        let rules = || rule.as_array().expect("a list").iter();
+        let bound = rule.as_f64().unwrap_or(f64::NAN);
+        let fits = match word.as_str() {
+            "type" if rule.is_array() => rules().any(is),
+            "type" => is(rule),
+            "minimum" => number.is_none_or(|number| number >= bound),
+            "exclusiveMinimum" => number.is_none_or(|number| number > bound),
+            "maximum" => number.is_none_or(|number| number <= bound),
+            "minItems" | "minProperties" => count.is_none_or(|count| count >= bound),
+            "maxItems" | "maxProperties" => count.is_none_or(|count| count <= bound),
+            "const" => value == rule,
+            "enum" => rules().any(|one| one == value),
+            "required" => rules()
+                .filter_map(Value::as_str)
+                .all(|key| object.is_none_or(|object| object.contains_key(key))),
+            "anyOf" => rules().any(|one| {
+                let mut wrong = Vec::new();
+                broken(value, one, at, &mut wrong);
+                wrong.is_empty()
+            }),
+            "additionalProperties"
+            | "properties"
+            | "items"
+            | "description"
+            | "default"
+            | "$schema"
+            | "title"
+            | "unit" => true,
+            other => panic!("{other} is not checked here"),
+        };
+        if !fits {
+            found.push(format!("{at}: {word} {rule}: {value}"));
         }
+    }
+    if let (Some(object), Some(properties)) = (object, schema["properties"].as_object()) {
         for (name, value) in object {
             match properties.get(name) {
                 Some(schema) => broken(value, schema, &format!("{at}.{name}"), found),
@@ -192,8 +205,8 @@ fn broken(value: &Value, schema: &Value, at: &str, found: &mut Vec<String>) {
             }
         }
     }
-    if let (Some(items), Some(schema)) = (value.as_array(), schema.get("items")) {
-        for value in items {
+    if let (Some(list), Some(schema)) = (list, schema.get("items")) {
+        for value in list {
             broken(value, schema, &format!("{at}[]"), found);
         }
     }
@@ -288,4 +301,88 @@ fn what_it_prints_of_a_board_keeps_to_its_schemas() {
     let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
     let flash = listed("flash: flash --dry-run");
     check(folder.path(), &flash, &[image.to_str().unwrap()]);
+}
+
+/// The schema of scenes that kband prints.
+fn scene_schema() -> Value {
+    let printed = came::kband(tempfile::tempdir().unwrap(), "simulate --schema").done();
+    serde_json::from_str(&printed).unwrap()
+}
+
+/// The default scene with its commented keys enabled.
+fn whole_scene() -> String {
+    let (given, mentioned) = DEFAULT.split_once("# [plant]").unwrap();
+    let mentioned = format!("# [plant]{mentioned}");
+    let lines = mentioned
+        .lines()
+        .filter(|line| !line.contains("others:") && !line.starts_with("#  "));
+    let mentioned: Vec<&str> = lines.map(|line| line.trim_start_matches("# ")).collect();
+    format!("{given}{}", mentioned.join("\n"))
+}
+
+#[test]
+fn the_schema_of_scenes_accepts_and_refuses_what_the_parser_does() {
+    let schema = scene_schema();
+    let wrong = |text: &str| {
+        let mut wrong = Vec::new();
+        broken(&toml::from_str(text).unwrap(), &schema, "scene", &mut wrong);
+        wrong
+    };
+    let mut texts = vec![DEFAULT.to_string(), whole_scene()];
+    for entry in fs::read_dir(root().join("tests/scenes")).unwrap() {
+        texts.push(fs::read_to_string(entry.unwrap().path()).unwrap());
+    }
+    assert!(texts.len() > 20);
+    for text in texts {
+        assert_eq!(wrong(&text), [""; 0], "{text}");
+    }
+    let actual = "# actual = [0.2]";
+    for (old, new) in [
+        ("incline = 3.0", "inclin = 3.0"),
+        ("incline = 3.0", "incline = 61.0"),
+        ("incline = 3.0", "incline = \"steep\""),
+        ("duration = 10.0", "duration = 0.0"),
+        ("duration = 10.0", "duration = 10.0\ncolour = 1"),
+        ("gear = 1 ", "gear = 9"),
+        ("gear = 1 ", "gear = 1\nk = 0.4"),
+        ("gear = 1 ", ""),
+        ("[0.18, 0.22]", "[0.18, 1.22]"),
+        (actual, "actual = [0.2, -1.0]"),
+        (
+            actual,
+            "actual = { count = 2, distribution = \"normal\", mean = 0.2 }",
+        ),
+        (
+            actual,
+            "actual = { count = 2, distribution = \"uniform\", low = -0.2, high = 0.2 }",
+        ),
+        ("noise = 0.15", "noise = -1.0"),
+        ("soft_start = 0.4", "soft_start = 0.0"),
+    ] {
+        let text = DEFAULT.replacen(old, new, 1);
+        assert_ne!(text, DEFAULT, "{old}");
+        assert!(!wrong(&text).is_empty(), "{new}");
+        assert!(SceneFile::parse(&text).is_err(), "{new}");
+    }
+}
+
+#[test]
+fn the_parser_knows_every_key_of_the_schema() {
+    // A value of the wrong kind is refused as such, not as an unknown key.
+    let mut keys = 0;
+    for (section, inner) in scene_schema()["properties"].as_object().unwrap() {
+        for key in inner["properties"].as_object().into_iter().flatten() {
+            let key = key.0;
+            let mut table: toml::Table = DEFAULT.parse().unwrap();
+            let entry = table.entry(section.as_str());
+            let inner = entry.or_insert_with(|| toml::Value::Table(toml::Table::new()));
+            let wrong = toml::Value::Datetime("1979-05-27".parse().unwrap());
+            inner.as_table_mut().unwrap().insert(key.clone(), wrong);
+            let message = SceneFile::from_table(table).unwrap_err().to_string();
+            assert!(message.contains(key.as_str()), "{section}.{key}: {message}");
+            assert!(!message.contains("unknown"), "{section}.{key}: {message}");
+            keys += 1;
+        }
+    }
+    assert!(keys > 40, "{keys}");
 }

@@ -143,6 +143,13 @@ impl Master {
         self.ask(&request).map(|_| ())
     }
 
+    /// Gives the run bit the edge that it needs.
+    fn start(&mut self) {
+        for run in [0, 1] {
+            self.write(register::CONTROL, &[run]).unwrap();
+        }
+    }
+
     /// Asks until the status word has these bits set and these clear.
     fn wait(&mut self, set: u16, clear: u16) {
         let begun = Instant::now();
@@ -169,10 +176,9 @@ fn a_plc_gets_parts_into_gear_changes_the_target_and_ends_a_fault() {
     std::fs::write(&path, scene).unwrap();
     let served = Served::start(&[path.to_str().unwrap(), "--for", "600"]);
     let mut plc = Master::connect(&served);
-    // The enable input is given half a second after power-on; the run bit needs an edge.
+    // The enable input is given half a second after power-on.
     plc.wait(status::READY_TO_START | status::IN_CONTROL, status::RUNS);
-    plc.write(register::CONTROL, &[0]).unwrap();
-    plc.write(register::CONTROL, &[1]).unwrap();
+    plc.start();
     plc.wait(status::RUNS | status::TARGET_MET, status::FAULT);
     let share = plc.read(register::SHARE_IN_GEAR);
     assert!(share > 5000, "in units of 0.01 %: {share}");
@@ -194,8 +200,7 @@ fn a_plc_gets_parts_into_gear_changes_the_target_and_ends_a_fault() {
     plc.write(register::CONTROL, &[0]).unwrap();
     plc.write(register::CONTROL, &[1 << 7]).unwrap();
     plc.wait(0, status::FAULT | status::RUNS);
-    plc.write(register::CONTROL, &[0]).unwrap();
-    plc.write(register::CONTROL, &[1]).unwrap();
+    plc.start();
     plc.wait(status::RUNS, status::FAULT);
 }
 

@@ -103,10 +103,8 @@ fn streamed_rows_are_the_impacts_of_the_map() {
     let json: Value = serde_json::from_str(&json).unwrap();
     let mut launches = String::from("k,restitution,phase,velocity\n0.34,0.2,0.5,0.45\n");
     for (n, (flight, state)) in expected.iter().enumerate() {
-        let row: Vec<f64> = rows[n + 1]
-            .split(',')
-            .map(|field| field.parse().unwrap())
-            .collect();
+        let row = rows[n + 1].split(',');
+        let row: Vec<f64> = row.map(|field| field.parse().unwrap()).collect();
         let values = [(n + 1) as f64, state.phase, state.velocity, *flight];
         assert_eq!(row, values, "row {n}");
         let object = &json["rows"][n];

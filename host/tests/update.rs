@@ -4,7 +4,6 @@
 
 mod came;
 
-use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,14 +25,7 @@ const IDLE: f64 = 2.0;
 
 /// Runs `kband` on a board's line, and the board as long as the desk says something.
 fn kband(rig: &mut Rig, folder: &Path, words: &str) -> String {
-    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-
-    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
-    grantpt(&far).unwrap();
-    unlockpt(&far).unwrap();
-    let name = ptsname(&far, Vec::new()).unwrap().into_string().unwrap();
-    let mut near = File::options().read(true).write(true).open(&name).unwrap();
-    let mut far = File::from(far);
+    let (mut far, mut near, name) = came::port();
     let mut from_desk = far.try_clone().unwrap();
     let (send, bytes) = channel();
     let done = AtomicBool::new(false);

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use kband_control::Target;
 use kband_control::wire::{
     Access, Identity, MAX_FRAME_BYTES, Outgoing, Receiver, Refusal as Refused, Request, Response,
-    SCHEMA, Telemetry, UpdateAnswer, UpdateRequest, VERSION, read_answer, write_identity,
+    SCHEMA, Status, Telemetry, UpdateAnswer, UpdateRequest, VERSION, read_answer, write_identity,
     write_question, write_request, write_update_request,
 };
 
@@ -299,6 +299,14 @@ impl Link {
             _ => None,
         })?;
         self.tell(&Request::Telemetry(fewest.unwrap_or(every)))
+    }
+
+    /// The board's status; `None` from a firmware that sends none.
+    pub fn status(&mut self) -> Result<Option<Status>, Refusal> {
+        self.ask(&Request::Status, |response| match response {
+            Response::Status(status) => Some(status),
+            _ => None,
+        })
     }
 
     /// The target that the board holds, whoever set it.

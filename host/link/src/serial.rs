@@ -15,10 +15,8 @@ pub fn only_port() -> Result<PathBuf, Refusal> {
 
 fn only(mut ports: Vec<PathBuf>) -> Result<PathBuf, Refusal> {
     if ports.len() > 1 {
-        let names: Vec<String> = ports
-            .iter()
-            .map(|port| port.display().to_string())
-            .collect();
+        let names = ports.iter();
+        let names: Vec<String> = names.map(|port| port.display().to_string()).collect();
         return Err(Refusal::new(
             format!("there are several serial ports: {}", names.join(", ")),
             format!("name the board's, such as --on {}", names[0]),
@@ -132,10 +130,8 @@ fn present(ports: &[PathBuf]) -> String {
     if ports.is_empty() {
         "plug in the board, no serial port is there".into()
     } else {
-        let names: Vec<String> = ports
-            .iter()
-            .map(|port| port.display().to_string())
-            .collect();
+        let names = ports.iter();
+        let names: Vec<String> = names.map(|port| port.display().to_string()).collect();
         format!("there is {}", names.join(", "))
     }
 }

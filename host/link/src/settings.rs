@@ -191,35 +191,6 @@ pub fn tell(link: &mut Link, mut left: Vec<(&str, f32)>) -> Result<(), Refusal> 
 mod tests {
     use super::*;
 
-    fn defaults() -> BoardSettings {
-        let setting = |key: &kband_control::Key| BoardSetting {
-            key: key.name.into(),
-            unit: key.unit.into(),
-            value: key.default,
-            low: key.low,
-            high: key.high,
-            default: key.default,
-        };
-        BoardSettings(Settings::KEYS.iter().map(setting).collect())
-    }
-
-    #[test]
-    fn an_unknown_key_names_the_one_that_comes_closest() {
-        let settings = defaults();
-        for (typed, meant) in [
-            ("restitution", "restitution_low"),
-            ("restitutoin_high", "restitution_high"),
-            ("freqency", "frequency"),
-            ("softstart", "soft_start"),
-        ] {
-            let message = settings.get(typed).unwrap_err().to_string();
-            assert!(
-                message.contains(&format!("did you mean {meant}?")),
-                "{message}"
-            );
-        }
-    }
-
     #[test]
     fn a_frequency_names_the_safe_amplitude_to_set_first() {
         let mut settings = Settings {
@@ -237,18 +208,18 @@ mod tests {
 
     #[test]
     fn a_value_out_of_range_is_refused_with_the_range() {
-        let settings = defaults();
-        let frequency = settings.get("frequency").unwrap();
-        assert_eq!(frequency.accept(60.0), Ok(60.0));
-        for bad in [4.9, 501.0, f64::NAN, 1e300] {
-            let message = frequency.accept(bad).unwrap_err().to_string();
-            assert!(message.contains("accepted: 5..500 Hz"), "{message}");
-        }
+        let setting = BoardSetting {
+            key: "tangential_restitution".into(),
+            unit: String::new(),
+            value: 0.3,
+            low: 0.0,
+            high: 0.99,
+            default: 0.3,
+        };
         // 0.99 is a bound in single precision and larger than it in double precision.
-        assert_eq!(
-            settings.get("tangential_restitution").unwrap().accept(0.99),
-            Ok(0.99)
-        );
-        assert_eq!(settings.known(), Settings::default());
+        assert_eq!(setting.accept(0.99), Ok(0.99));
+        for bad in [-0.1, 1.0, f64::NAN, 1e300] {
+            assert!(setting.accept(bad).is_err(), "{bad}");
+        }
     }
 }

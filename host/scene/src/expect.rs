@@ -21,7 +21,6 @@ pub struct Expectation {
 }
 
 impl Expectation {
-    /// The `[expect]` table of a scene.
     pub(crate) fn read(mut section: Section) -> Result<Self, Refusal> {
         let mut expected = Self::default();
         if let Some(value) = section.take("state") {

@@ -35,4 +35,5 @@ pub use scene::{
     DEFAULT, DEFAULT_DURATION, DEFAULT_PART_LENGTH, SceneFile, at_line, table, toml_table,
     within_reach,
 };
+pub use section::number as toml_number;
 pub use timeline::{change, describe};

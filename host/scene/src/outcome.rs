@@ -184,53 +184,45 @@ impl Outcome {
         self.record.end().iter()
     }
 
+    /// Sum of a quantity over the cycles at the end, and their number, at least 1.
+    fn sum_at_end(&self, of: impl Fn(&Report) -> f64) -> (f64, f64) {
+        let sum = self.end().fold(0.0, |sum, moment| sum + of(&moment.report));
+        (sum, f64::max(self.end().count() as f64, 1.0))
+    }
+
     /// Mean amplitude b at the end in m.
     pub fn amplitude(&self) -> f64 {
-        let (sum, count) = self.end().fold((0.0, 0.0), |(sum, count), moment| {
-            (sum + f64::from(moment.report.amplitude), count + 1.0)
-        });
-        sum / f64::max(count, 1.0)
+        let (sum, count) = self.sum_at_end(|report| report.amplitude.into());
+        sum / count
     }
 
     /// k at the end: of the mean acceleration, so that it stands where the frequency moves, and
     /// infinite at rest.
     pub fn k(&self) -> f64 {
-        let (sum, count) = self.end().fold((0.0, 0.0), |(sum, count), moment| {
-            (sum + f64::from(moment.report.k).recip(), count + 1.0)
-        });
-        f64::max(count, 1.0) / sum
+        let (sum, count) = self.sum_at_end(|report| f64::from(report.k).recip());
+        count / sum
     }
 
     /// Mass of the parts on the track in g, from each time in s on, in the order of time.
     pub fn masses(&self) -> Vec<(f64, f64)> {
-        let file = self.file();
-        let scene = &file.scene;
-        let parts = 0..scene.parts.len();
+        let (file, scene) = (self.file(), &self.file().scene);
+        let parts = || 0..scene.parts.len();
         let mut times: Vec<f64> = vec![0.0];
         for disturbance in &scene.disturbances {
             times.push(disturbance.at);
             if let Change::Dump(_) = disturbance.change {
-                times.extend(
-                    parts
-                        .clone()
-                        .map(|part| arrival(scene, part, disturbance.at)),
-                );
+                times.extend(parts().map(|part| arrival(scene, part, disturbance.at)));
             }
         }
         times.retain(|time| *time <= file.duration);
         times.sort_by(f64::total_cmp);
         let mass_at = |time: f64| {
-            let on = parts
-                .clone()
-                .filter(|part| arrival(scene, *part, time) <= time);
-            on.filter_map(|part| scene.masses.get(part))
-                .map(|mass| f64::from(*mass))
-                .sum()
+            let on = parts().filter(|part| arrival(scene, *part, time) <= time);
+            let masses = on.filter_map(|part| scene.masses.get(part));
+            masses.map(|mass| f64::from(*mass)).sum()
         };
-        let mut masses: Vec<(f64, f64)> = times
-            .into_iter()
-            .map(|time| (time, mass_at(time)))
-            .collect();
+        let masses = times.into_iter().map(|time| (time, mass_at(time)));
+        let mut masses: Vec<(f64, f64)> = masses.collect();
         masses.dedup_by_key(|(_, mass)| *mass);
         masses
     }
@@ -451,12 +443,8 @@ impl Outcome {
         let scene = &self.file.scene;
         let settings = &scene.settings;
         let lot = settings.restitution_low..=settings.restitution_high;
-        let mut strays: Vec<f32> = scene
-            .parts
-            .iter()
-            .copied()
-            .filter(|r| !lot.contains(r))
-            .collect();
+        let strays = scene.parts.iter().copied().filter(|r| !lot.contains(r));
+        let mut strays: Vec<f32> = strays.collect();
         strays.sort_by(f32::total_cmp);
         strays.dedup();
         strays
@@ -464,10 +452,7 @@ impl Outcome {
 
     /// Why the lot has no band of the target's order, and which bounds would have one.
     pub fn no_band(&self) -> Option<String> {
-        Some(match self.band_of_target() {
-            Ok(_) => return None,
-            Err(none) => none.to_string(),
-        })
+        self.band_of_target().err().map(|none| none.to_string())
     }
 
     /// Order of the lock that was wanted at the end; 1 where none was.
@@ -493,12 +478,7 @@ impl Outcome {
             }
             _ => None,
         };
-        held.then(|| {
-            format!(
-                "{why}{}",
-                far.map_or(String::new(), |far| format!("; {far}"))
-            )
-        })
+        held.then(|| far.map_or_else(|| why.to_string(), |far| format!("{why}; {far}")))
     }
 
     /// The restitution that was identified, if one was.
@@ -555,7 +535,6 @@ fn arrival(scene: &Scene, part: usize, time: f64) -> f64 {
     arrives
 }
 
-/// The target at the end of a scene.
 fn last_target(file: &SceneFile) -> Target {
     file.scene.targets().last().unwrap_or(file.scene.target)
 }

@@ -115,7 +115,6 @@ struct Settled {
 }
 
 impl Record {
-    /// The record of a run with `parts`, which are in gear of an order.
     pub(crate) fn new(
         duration: f64,
         cycles: usize,
@@ -199,7 +198,6 @@ impl Record {
         }
     }
 
-    /// Keeps what of a whole cycle is wanted.
     fn keep(&mut self, moment: &Moment) {
         for event in moment.report.events.iter() {
             self.happened.push(Happened {

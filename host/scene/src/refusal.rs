@@ -147,32 +147,3 @@ impl From<OutOfRange> for Refusal {
         )
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_message_is_short_enough_to_be_read() {
-        let long = "\u{e9}".repeat(3_000_000);
-        let message = Refusal::value("key", &long, &long, "the end").to_string();
-        assert!(
-            message.chars().count() < 3 * MAX_MESSAGE_CHARACTERS,
-            "{}",
-            message.len()
-        );
-        assert!(message.starts_with("error: key = "), "{message}");
-        assert!(message.contains("characters left out") && message.ends_with("next: the end"));
-    }
-
-    #[test]
-    fn a_value_out_of_range_names_key_value_range_and_next_step() {
-        let refused = kband::feeder::Restitution::single(1.25).unwrap_err();
-        let message = Refusal::from(refused).at("line 7").to_string();
-        assert_eq!(
-            message,
-            "error: line 7: restitution = 1.25 is refused\n  accepted: 0..1\n  \
-             next: change restitution and run again"
-        );
-    }
-}

@@ -366,7 +366,6 @@ pub fn table(text: &str) -> Result<Table, Refusal> {
 
 #[cfg(test)]
 mod tests {
-    use kband_plant::Disturbance;
 
     use super::*;
 
@@ -435,34 +434,5 @@ mod tests {
         assert_eq!(without.part_length, file.part_length);
         let long = DEFAULT.replace("length = 15.0", "length = 8.0");
         assert_eq!(SceneFile::parse(&long).unwrap().part_length, 8.0);
-    }
-
-    #[test]
-    fn the_line_of_a_key_is_found_in_tables_and_rows_of_tables() {
-        let text = "a = 1\n\n[b]\nc = { d = 2 }\n[[e]]\nf = 3\n[[e]]\nf = 4\n";
-        for (key, line) in [
-            ("a", 1),
-            ("[b]", 3),
-            ("b.c", 4),
-            ("b.c.d", 4),
-            ("e 1.f", 6),
-            ("e 2.f", 8),
-        ] {
-            assert_eq!(line_of(text, key), Some(line), "{key}");
-        }
-        assert_eq!(line_of(text, "z"), None);
-    }
-
-    #[test]
-    fn a_disturbance_is_a_time_and_one_change() {
-        let with = |text: &str| format!("{DEFAULT}\n[[disturbance]]\n{text}\n");
-        let file = SceneFile::parse(&with("at = 2.0\ntarget = { k = 0.4 }")).unwrap();
-        assert_eq!(
-            file.scene.disturbances[0],
-            Disturbance {
-                at: 2.0,
-                change: Change::Target(Target::K(0.4))
-            }
-        );
     }
 }

@@ -8,8 +8,8 @@ use toml::{Table, Value};
 use super::fields::{Field, belongs};
 use crate::refusal::Refusal;
 
-/// A number, whole or not.
-pub(crate) fn number(value: &Value) -> Option<f64> {
+/// The number that a value of TOML is, whole or not.
+pub fn number(value: &Value) -> Option<f64> {
     match value {
         Value::Float(number) => Some(*number),
         Value::Integer(number) => Some(*number as f64),

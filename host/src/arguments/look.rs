@@ -23,7 +23,6 @@ pub struct LookArguments {
     font_size: Option<f64>,
 }
 
-/// A width in mm, or what journals call it.
 fn width(text: &str) -> Result<f64, String> {
     match text.trim() {
         "column" => Ok(84.0),

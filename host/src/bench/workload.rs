@@ -35,7 +35,6 @@ pub const WORKLOADS: [Workload; 4] = [
     ("sweep", sweep),
 ];
 
-/// Launches at random, with the velocity of a number in 0..1.
 fn draw(count: usize, velocity: fn(f64) -> f64) -> Vec<Launch> {
     // A CPU would learn an evenly spread sequence and predict the branches of the slowest kernel.
     let mut random = SplitMix(1);

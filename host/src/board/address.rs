@@ -104,7 +104,6 @@ impl Address {
     }
 }
 
-/// The link to the board on a serial port.
 fn serial_link(path: &Path) -> Result<Link, Refusal> {
     Link::open(path, Box::new(crate::desk::end_of_waits()))
 }
@@ -127,24 +126,6 @@ fn prepare(flash: &Path) -> Result<(), Refusal> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_flash_is_made_once_and_another_file_is_left_alone() {
-        let folder = tempfile::tempdir().unwrap();
-        let flash = folder.path().join("flash.bin");
-        prepare(&flash).unwrap();
-        std::fs::write(&flash, [0x5a; FLASH_BYTES]).unwrap();
-        prepare(&flash).unwrap();
-        assert_eq!(std::fs::read(&flash).unwrap(), [0x5a; FLASH_BYTES]);
-        let other = folder.path().join("notes.txt");
-        std::fs::write(&other, "not a flash").unwrap();
-        let message = prepare(&other).unwrap_err().to_string();
-        assert!(
-            message.contains("11 bytes") && message.contains("four pages"),
-            "{message}"
-        );
-        assert_eq!(std::fs::read_to_string(&other).unwrap(), "not a flash");
-    }
 
     #[test]
     fn options_of_the_emulated_board_are_refused_for_a_port() {

@@ -7,7 +7,6 @@ use kband_plant::{Bench, Moment, Scene};
 
 use crate::refusal::Refusal;
 
-/// Bytes of readings per request to the board.
 const CHUNK_BYTES: usize = 240;
 
 /// The closed loop of a scene with its controller on a board.

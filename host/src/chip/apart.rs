@@ -10,7 +10,6 @@ use crate::refusal::Refusal;
 const SILENCE_TIMEOUT: Duration = Duration::from_secs(20);
 /// Time between two tests for a stop by the user.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Name of the thread.
 const NAME: &str = "probe";
 
 /// Starts the work; its messages arrive by the channel, which closes with it.

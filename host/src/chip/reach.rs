@@ -183,7 +183,6 @@ impl Reached {
     }
 }
 
-/// An error of the probe, with its causes.
 pub(super) fn causes(error: &dyn std::error::Error) -> String {
     let mut words = error.to_string();
     let mut source = error.source();
@@ -202,7 +201,6 @@ fn name(info: &DebugProbeInfo) -> String {
     format!("{:04x}:{:04x}{serial}", info.vendor_id, info.product_id)
 }
 
-/// The wanted probe, or the only one.
 fn find(wanted: Option<&str>) -> Result<DebugProbeInfo, Refusal> {
     let lister = Lister::new();
     let all = || lister.list_all();

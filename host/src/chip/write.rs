@@ -58,7 +58,6 @@ pub fn write(
     }
 }
 
-/// Messages of the writing thread.
 enum Said {
     Written(u64),
     Ended(Result<(), Refusal>),
@@ -97,7 +96,6 @@ fn write_here(
     })
 }
 
-/// The image's first words, and the rest.
 fn parts(image: &Image) -> ([u32; 2], Vec<Piece>) {
     let start = image.chip().flash.start;
     let mut first = [0; 2];

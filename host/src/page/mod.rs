@@ -7,7 +7,6 @@ use serde_json::Value as Json;
 
 use crate::picture::page_colours;
 
-/// Style on a screen, light or dark, and on paper.
 const STYLE: &str = include_str!("page.css");
 /// Charts with a cursor, sliders over precomputed values, and the colour switch.
 const CHARTS: &str = include_str!("charts.js");
@@ -111,10 +110,8 @@ pub fn table(heads: &[&str], rows: &[Vec<String>]) -> String {
         format!("<tr>{cells}</tr>\n")
     };
     let head = line(&mut heads.iter().map(ToString::to_string), "th");
-    let body: String = rows
-        .iter()
-        .map(|row| line(&mut row.iter().cloned(), "td"))
-        .collect();
+    let body = rows.iter().map(|row| line(&mut row.iter().cloned(), "td"));
+    let body: String = body.collect();
     format!(
         "<div class=\"wide\"><table>\n<thead>{head}</thead>\n<tbody>\n{body}</tbody>\n</table></div>\n"
     )

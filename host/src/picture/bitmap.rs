@@ -3,13 +3,12 @@
 //! Lengths are in pixels of the sheet. The PNG has two pixels per sheet pixel, or 300 dots per inch
 //! on paper.
 
-use ab_glyph::OutlineCurve;
 use tiny_skia::{
     FillRule, FilterQuality, Mask, Paint, Path, PathBuilder, Pixmap, PixmapPaint,
     PremultipliedColorU8, StrokeDash, Transform,
 };
 
-use super::shape::{Anchor, Raster, Rect, Shape, Text};
+use super::shape::{Raster, Rect, Shape, Text};
 use super::theme::Colour;
 use super::{Look, font};
 
@@ -142,43 +141,20 @@ fn outline(pieces: &[Vec<(f64, f64)>], closed: bool) -> Option<Path> {
 
 fn words(sheet: &mut Pixmap, text: &Text, scale: Transform) {
     let mut path = PathBuilder::new();
-    let mut end = None;
-    font::outline(&text.words, text.size, text.bold, |curve| {
-        let (OutlineCurve::Line(start, _)
-        | OutlineCurve::Quad(start, ..)
-        | OutlineCurve::Cubic(start, ..)) = curve;
-        if end != Some(start) {
-            path.move_to(start.x, start.y);
+    font::outline(&text.words, text.size, text.bold, |begin, [b, c, d]| {
+        if let Some(begin) = begin {
+            path.move_to(begin.x, begin.y);
         }
-        end = Some(match curve {
-            OutlineCurve::Line(_, b) => {
-                path.line_to(b.x, b.y);
-                b
-            }
-            OutlineCurve::Quad(_, b, c) => {
-                path.quad_to(b.x, b.y, c.x, c.y);
-                c
-            }
-            OutlineCurve::Cubic(_, b, c, d) => {
-                path.cubic_to(b.x, b.y, c.x, c.y, d.x, d.y);
-                d
-            }
-        });
+        path.cubic_to(b.x, b.y, c.x, c.y, d.x, d.y);
     });
     let Some(path) = path.finish() else { return };
-    let width = font::width(&text.words, text.size, text.bold) as f32;
-    let shift = match text.anchor {
-        Anchor::Start => 0.0,
-        Anchor::Middle => -0.5 * width,
-        Anchor::End => -width,
-    };
     let (x, y) = (text.at.0 as f32, text.at.1 as f32);
     let turn = if text.upright {
         Transform::from_rotate(-90.0)
     } else {
         Transform::identity()
     };
-    let place = Transform::from_translate(shift, 0.0)
+    let place = Transform::from_translate(-text.shift() as f32, 0.0)
         .post_concat(turn)
         .post_translate(x, y)
         .post_concat(scale);

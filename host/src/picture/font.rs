@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use ab_glyph::{Font, FontRef, GlyphId, OutlineCurve};
+use ab_glyph::{Font, FontRef, GlyphId, OutlineCurve, Point, point};
 
 static REGULAR: LazyLock<Option<FontRef<'static>>> =
     LazyLock::new(|| FontRef::try_from_slice(include_bytes!("../../fonts/kband-sans.ttf")).ok());
@@ -31,34 +31,41 @@ pub(super) fn fitted(words: &str, size: f64, bold: bool, room: f64) -> f64 {
     size * (room / width(words, size, bold)).clamp(0.6, 1.0)
 }
 
-/// Outlines of `words` at a size in pixels, beginning at (0, 0) of the baseline, y downwards.
-pub(super) fn outline(words: &str, size: f64, bold: bool, mut draw: impl FnMut(OutlineCurve)) {
+/// Outlines of `words` at a size in pixels, beginning at (0, 0) of the baseline, y downwards, as
+/// cubic curves: where a contour begins, and two handles and the end of the curve.
+pub(super) fn outline(
+    words: &str,
+    size: f64,
+    bold: bool,
+    mut draw: impl FnMut(Option<Point>, [Point; 3]),
+) {
     let Some(font) = font(bold) else { return };
     let em = f64::from(font.units_per_em().unwrap_or(1000.0));
     let scale = (size / em) as f32;
     let mut left = 0.0;
     for (glyph, advance) in glyphs(font, words) {
         let offset = (left * size) as f32;
-        let place =
-            |point: ab_glyph::Point| ab_glyph::point(offset + point.x * scale, -point.y * scale);
-        for curve in font
-            .outline(glyph)
-            .map(|outline| outline.curves)
-            .unwrap_or_default()
-        {
-            draw(match curve {
-                OutlineCurve::Line(a, b) => OutlineCurve::Line(place(a), place(b)),
-                OutlineCurve::Quad(a, b, c) => OutlineCurve::Quad(place(a), place(b), place(c)),
-                OutlineCurve::Cubic(a, b, c, d) => {
-                    OutlineCurve::Cubic(place(a), place(b), place(c), place(d))
+        let place = |at: Point| point(offset + at.x * scale, -at.y * scale);
+        let outline = font.outline(glyph);
+        let mut end = None;
+        for curve in outline.map(|outline| outline.curves).unwrap_or_default() {
+            let (start, handles, last) = match curve {
+                OutlineCurve::Line(a, b) => (a, [a, b], b),
+                OutlineCurve::Quad(a, b, c) => {
+                    let part = |from: f32, to: f32| from + (to - from) * (2.0 / 3.0);
+                    let towards = |from: Point| point(part(from.x, b.x), part(from.y, b.y));
+                    (a, [towards(a), towards(c)], c)
                 }
-            });
+                OutlineCurve::Cubic(a, b, c, d) => (a, [b, c], d),
+            };
+            let begin = (end != Some(start)).then(|| place(start));
+            draw(begin, [handles[0], handles[1], last].map(place));
+            end = Some(last);
         }
         left += advance;
     }
 }
 
-/// The glyphs of `words` and their advance in em.
 fn glyphs<'a>(
     font: &'a FontRef<'static>,
     words: &'a str,

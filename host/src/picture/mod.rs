@@ -274,16 +274,4 @@ mod tests {
         let svg = picture(Vec::new(), vec![(0.3, 1.0), (0.5, 1.0)]).to_svg(Theme::Light, "");
         assert!(svg.contains("others") && !svg.contains("some") && !svg.contains("beyond"));
     }
-
-    #[test]
-    fn the_same_picture_gives_the_same_bytes() {
-        assert_eq!(
-            everything().to_svg(Theme::Dark, ""),
-            everything().to_svg(Theme::Dark, "")
-        );
-        assert_eq!(
-            everything().to_png(Theme::Dark, ""),
-            everything().to_png(Theme::Dark, "")
-        );
-    }
 }

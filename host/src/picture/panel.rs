@@ -137,16 +137,22 @@ impl Panel {
         self
     }
 
-    /// A ribbon of fills above the plot, as (from, to, fill) along the horizontal axis.
+    /// A ribbon of fills above the plot, as (from, to, fill) along the horizontal axis. Neighbours
+    /// of one fill are one stretch.
     pub fn ribbon(
         mut self,
-        stretches: Vec<(f64, f64, Fill)>,
+        stretches: impl IntoIterator<Item = (f64, f64, Fill)>,
         names: &[(Fill, impl AsRef<str>)],
     ) -> Self {
         for (fill, name) in names {
             self.key(Key::Fill(*fill), name.as_ref());
         }
-        self.ribbon = stretches;
+        for (from, to, fill) in stretches {
+            match self.ribbon.last_mut() {
+                Some(last) if (last.1, last.2) == (from, fill) => last.1 = to,
+                _ => self.ribbon.push((from, to, fill)),
+            }
+        }
         self
     }
 

@@ -1,12 +1,11 @@
 //! Shapes as a PDF of one page; text is drawn as outlines.
 
-use ab_glyph::{OutlineCurve, Point, point};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use pdf_writer::types::LineJoinStyle;
 use pdf_writer::{Content, Filter, Finish, Name, Pdf, Ref, TextStr};
 
-use super::shape::{Anchor, Path, Raster, Shape, Text};
+use super::shape::{Path, Raster, Shape, Text};
 use super::theme::Colour;
 use super::{Look, font};
 
@@ -171,13 +170,7 @@ impl<'a> Sheet<'a> {
     }
 
     fn words(&mut self, text: &Text) {
-        let width = font::width(&text.words, text.size, text.bold);
-        let shift = match text.anchor {
-            Anchor::Start => 0.0,
-            Anchor::Middle => 0.5 * width,
-            Anchor::End => width,
-        };
-        let (x, y) = text.at;
+        let ((x, y), shift) = (text.at, text.shift());
         let place = if text.upright {
             [0.0, -1.0, 1.0, 0.0, x as f32, (y + shift) as f32]
         } else {
@@ -188,30 +181,12 @@ impl<'a> Sheet<'a> {
         let [red, green, blue] = parts(text.colour);
         self.content.set_fill_rgb(red, green, blue);
         self.content.transform(place);
-        let (content, mut end) = (&mut self.content, None);
-        font::outline(&text.words, text.size, text.bold, |curve| {
-            let (OutlineCurve::Line(start, _)
-            | OutlineCurve::Quad(start, ..)
-            | OutlineCurve::Cubic(start, ..)) = curve;
-            if end != Some(start) {
-                content.move_to(start.x, start.y);
+        let content = &mut self.content;
+        font::outline(&text.words, text.size, text.bold, |begin, [b, c, d]| {
+            if let Some(begin) = begin {
+                content.move_to(begin.x, begin.y);
             }
-            // A PDF has no quadratic curves: each is a cubic one.
-            let (first, second, last) = match curve {
-                OutlineCurve::Line(a, b) => (a, b, b),
-                OutlineCurve::Quad(a, b, c) => {
-                    let towards = |from: Point| {
-                        point(
-                            from.x + (b.x - from.x) * 2.0 / 3.0,
-                            from.y + (b.y - from.y) * 2.0 / 3.0,
-                        )
-                    };
-                    (towards(a), towards(c), c)
-                }
-                OutlineCurve::Cubic(_, b, c, d) => (b, c, d),
-            };
-            content.cubic_to(first.x, first.y, second.x, second.y, last.x, last.y);
-            end = Some(last);
+            content.cubic_to(b.x, b.y, c.x, c.y, d.x, d.y);
         });
         self.content.fill_nonzero();
         self.content.restore_state();

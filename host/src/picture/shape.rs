@@ -1,6 +1,7 @@
 //! A picture as a list of shapes, in pixels of its own size, before its conversion to SVG, PNG or
 //! PDF.
 
+use super::font;
 use super::theme::Colour;
 
 /// A rectangle: left, top, width, height in pixels.
@@ -50,7 +51,6 @@ impl Stroke {
     }
 }
 
-/// Alignment of a text to its point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
     Start,
@@ -58,7 +58,6 @@ pub(super) enum Anchor {
     End,
 }
 
-/// Words at a point of their baseline.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Text {
     pub at: (f64, f64),
@@ -69,6 +68,18 @@ pub(super) struct Text {
     pub anchor: Anchor,
     /// Whether the text reads upwards.
     pub upright: bool,
+}
+
+impl Text {
+    /// From the begin of the words to their point.
+    pub(super) fn shift(&self) -> f64 {
+        let share = match self.anchor {
+            Anchor::Start => 0.0,
+            Anchor::Middle => 0.5,
+            Anchor::End => 1.0,
+        };
+        share * font::width(&self.words, self.size, self.bold)
+    }
 }
 
 /// Pixels by number in a palette, rows from the top.
@@ -115,7 +126,6 @@ pub(super) struct Path {
     pub clip: Option<Rect>,
 }
 
-/// A shape to draw.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Shape {
     Path(Path),

@@ -11,7 +11,6 @@ pub enum Theme {
     Dark,
 }
 
-/// An opaque or translucent colour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Colour {
     pub red: u8,
@@ -35,7 +34,6 @@ impl Colour {
         Self { opacity, ..self }
     }
 
-    /// Linear interpolation to another colour.
     pub(super) fn towards(self, other: Self, part: f64) -> Self {
         let mix =
             |a: u8, b: u8| (f64::from(a) + (f64::from(b) - f64::from(a)) * part).round() as u8;
@@ -130,7 +128,6 @@ impl Fill {
     }
 }
 
-/// Shape of the marker of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Marker {
     Circle,
@@ -141,7 +138,6 @@ pub(super) enum Marker {
 }
 
 impl Theme {
-    /// One of two colours, as red, green and blue.
     fn of(self, light: u32, dark: u32) -> Colour {
         Colour::hex(match self {
             Self::Light => light,
@@ -177,7 +173,6 @@ impl Theme {
         }
     }
 
-    /// Colour, dash and marker of the n-th series.
     pub(super) fn series(self, n: usize) -> (Colour, &'static [f64], Marker) {
         const LIGHT: [u32; 7] = [
             0x0072B2, 0xD55E00, 0x007A59, 0xB07800, 0x9C4A78, 0x3A9AD9, 0x222222,
@@ -288,11 +283,8 @@ mod tests {
             } = fill.colour(Theme::Light);
             0.299 * f64::from(red) + 0.587 * f64::from(green) + 0.114 * f64::from(blue)
         };
-        let mut lumas: Vec<f64> = Fill::ALL
-            .into_iter()
-            .filter(|fill| *fill != Fill::Fault)
-            .map(luma)
-            .collect();
+        let lumas = Fill::ALL.into_iter().filter(|fill| *fill != Fill::Fault);
+        let mut lumas: Vec<f64> = lumas.map(luma).collect();
         lumas.sort_by(f64::total_cmp);
         assert!(
             lumas

@@ -89,12 +89,10 @@ impl Column {
         self.unit
     }
 
-    /// The value as text in the table for readers.
     pub(crate) fn shown(&self, value: &Value) -> String {
         value.read(self.digits)
     }
 
-    /// Its heading in the table for readers.
     pub(crate) fn heading(&self) -> String {
         self.title.map_or_else(|| self.with_unit(), Into::into)
     }
@@ -125,7 +123,6 @@ pub struct Table {
     folded: bool,
 }
 
-/// Columns of a terminal's screen.
 const SCREEN_COLUMNS: usize = 80;
 
 impl Table {
@@ -308,7 +305,6 @@ impl Rows for CountedRows {
     }
 }
 
-/// The refusal of a row that could not be written.
 pub(crate) fn unwritten(error: &std::io::Error) -> Refusal {
     Refusal::new(
         format!("the rows cannot be written: {error}"),
@@ -356,22 +352,6 @@ mod tests {
             rows.join("\n") + "\n",
             "k,b (mm),regime\n0.10000000000000001,1.234567,\"locked, r = 1\"\n\
              0.25,,rest\n"
-        );
-    }
-
-    #[test]
-    fn json_has_a_key_for_every_column() {
-        assert_eq!(
-            table().to_json().to_string(),
-            r#"[{"k":0.1,"b":1.234567,"regime":"locked, r = 1"},{"k":0.25,"b":null,"regime":"rest"}]"#
-        );
-    }
-
-    #[test]
-    fn the_text_of_a_table_is_aligned() {
-        assert_eq!(
-            table().to_text(),
-            "   k  b (mm)  regime\n 0.1    1.23  locked, r = 1\n0.25       -  rest\n"
         );
     }
 

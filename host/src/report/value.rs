@@ -110,6 +110,11 @@ impl Value {
     }
 }
 
+/// What `words` gives where `condition` holds, else nothing.
+pub fn when<T: Default>(condition: bool, words: impl FnOnce() -> T) -> T {
+    if condition { words() } else { T::default() }
+}
+
 /// `value` in this many significant digits, as C's `%g`: trailing zeros dropped, an exponent only
 /// below 1e-5 or where the digits do not reach the point. 17 digits read back to the same f64.
 pub fn number(value: impl Into<f64>, digits: usize) -> String {

@@ -5,6 +5,7 @@ use kband_plant::PARTS;
 use kband_scene::{Curve, Outcome, Sketch, Struck, describe, kin};
 
 use crate::picture::{Axis, Fill, Panel, Picture};
+use crate::report::when;
 
 /// Most impacts that are drawn.
 const MAX_MARKERS: usize = 600;
@@ -49,22 +50,14 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let (b, reference) = (in_mm(&sketch.amplitude), in_mm(&sketch.reference));
     let both = b.iter().chain(&reference).map(|point| point.1);
     let highest = both.fold(0.0, f64::max);
-    let mut ribbon: Vec<(f64, f64, Fill)> = Vec::new();
     let states = sketch.states();
-    for (n, (from, state)) in states.iter().enumerate() {
+    let ribbon = states.iter().enumerate().map(|(n, (from, state))| {
         let until = states.get(n + 1).map_or(end, |next| next.0);
-        match ribbon.last_mut() {
-            Some(last) if last.2 == state_fill(*state) => last.1 = until,
-            _ => ribbon.push((*from, until, state_fill(*state))),
-        }
-    }
-    let used: Vec<(Fill, &str)> = STATE_FILLS
-        .into_iter()
-        .filter(|(fill, _)| ribbon.iter().any(|stretch| stretch.2 == *fill))
-        .collect();
+        (*from, until, state_fill(*state))
+    });
     let mut amplitude = Panel::new(time(), Axis::new("amplitude b", "mm", 0.0, highest * 1.08))
         .height(190.0)
-        .ribbon(ribbon, &used)
+        .ribbon(ribbon, &STATE_FILLS)
         .line("measured", 0, b)
         .line("reference", 1, reference);
     let mut last = f64::NEG_INFINITY;
@@ -105,11 +98,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
             &format!(
                 "band of order {} for the whole lot{}",
                 band.order(),
-                if outcome.file().scatters() {
-                    ", did it not scatter"
-                } else {
-                    ""
-                }
+                when(outcome.file().scatters(), || ", did it not scatter")
             ),
             band.low(),
             band.high(),

@@ -10,7 +10,6 @@ use crate::file;
 use crate::provenance;
 use crate::refusal::Refusal;
 
-/// A scene as it was read.
 pub(crate) struct SceneText {
     /// Name of its file.
     pub name: String,

@@ -132,7 +132,6 @@ impl Runs {
         self.mean(|run| Some(run.speed))
     }
 
-    /// Mean over the runs of what all of them have.
     fn mean(&self, of: impl Fn(&Run) -> Option<f64>) -> Option<f64> {
         let sum = self.runs.iter().map(of).sum::<Option<f64>>()?;
         (!self.runs.is_empty()).then(|| sum / self.runs.len() as f64)
@@ -174,7 +173,6 @@ pub(super) fn drawn(file: &SceneFile, n: u64) -> SceneFile {
     drawn
 }
 
-/// Runs a scene and keeps what it came to.
 pub(super) fn one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> {
     // Nothing of a single run may print or stop by itself: the desk stops between runs.
     let outcome = Outcome::run(file, fidelity, Watch::default(), &mut |_| Ok(()))?;

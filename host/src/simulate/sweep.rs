@@ -42,7 +42,6 @@ pub struct Sweep {
 }
 
 fields! {
-    /// What the runs of a point came to.
     fn summary(point: Point) {
         all RUNS => point.runs.runs.len();
         all SHARE.titled("reached").digits(4) => point.runs.share().0;
@@ -210,10 +209,8 @@ impl Sweep {
         match &self.axes[..] {
             [first, second, ..] => {
                 // Of further keys the mean over all their values.
-                let inner: usize = self.axes[2..]
-                    .iter()
-                    .map(|axis| axis.values.len())
-                    .product();
+                let inner = self.axes[2..].iter();
+                let inner: usize = inner.map(|axis| axis.values.len()).product();
                 let (columns, rows) = (first.values.len(), second.values.len());
                 let mut cells = vec![0.0; columns * rows];
                 for (n, point) in self.points.iter().enumerate() {

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use kband_control::wire::{Request, Response, Stored};
+use kband_control::wire::{Request, Stored};
 use kband_control::{Recipe, Target};
 
 use crate::board::{BoardSettings, Link};
@@ -36,10 +36,7 @@ impl Backup {
             settings,
             target,
             recipes: recipes.collect::<Result<_, _>>()?,
-            recipe: link.ask(&Request::Status, |response| match response {
-                Response::Status(status) => status.recipe,
-                _ => 0,
-            })?,
+            recipe: link.status()?.map_or(0, |status| status.recipe),
             image: link.image().into(),
         })
     }
@@ -103,7 +100,6 @@ impl Backup {
     }
 }
 
-/// An unused name in `folder`.
 fn unused(folder: &Path, name: &str) -> PathBuf {
     let path = |number: u32| match number {
         1 => folder.join(format!("{name}.toml")),

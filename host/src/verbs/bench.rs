@@ -37,7 +37,6 @@ pub struct Arguments {
 /// Interquartile range over median above which a time is marked as doubtful.
 const DOUBTFUL_SCATTER: f64 = 0.1;
 
-/// The measurement of one kernel on one workload.
 #[derive(Clone, Copy, Debug)]
 struct Line {
     kernel: &'static str,
@@ -47,7 +46,6 @@ struct Line {
 }
 
 fields! {
-    /// Time and errors of a kernel on a workload.
     fn times(line: Line) {
         all KERNEL => line.kernel;
         all WORKLOAD => line.workload;

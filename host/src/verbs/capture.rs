@@ -112,7 +112,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     output.show(&report, || map.picture(&task, &plan))
 }
 
-/// The lot to capture, and the drive.
 struct Task<'a> {
     arguments: &'a Arguments,
     band: Band,

@@ -84,16 +84,12 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     output.show(&report, || picture(arguments, &cascade))
 }
 
-/// Picture of the flips, and of the ratios of successive gaps.
 fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     let flips = cascade.flips();
     let last = flips.len() as f64 + 0.5;
     let numbered = || Axis::new("flip, 1 for 1 → 2 impacts a period", "", 0.5, last);
-    let points: Vec<(f64, f64)> = flips
-        .iter()
-        .enumerate()
-        .map(|(n, k)| ((n + 1) as f64, *k))
-        .collect();
+    let points = flips.iter().enumerate();
+    let points: Vec<(f64, f64)> = points.map(|(n, k)| ((n + 1) as f64, *k)).collect();
     let mut places = Panel::new(
         numbered(),
         Axis::around("k = g cos α / (b ω²)", "", flips.iter().copied()),
@@ -184,55 +180,53 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
     let orbits: Vec<_> = (doubled.iter().flatten())
         .map(|orbit| doubled_orbit().object(orbit))
         .collect();
-    let mut report = flip().printout(&flips).folded().heading(format!(
+    let report = flip().printout(&flips).folded().heading(format!(
         "R = {}, order {}: born at k1 = {:.15}",
         arguments.restitution,
         arguments.order,
         cascade.birth()
     ));
-    report = report.note(
-        "Floquet multipliers and both exponents are those of the orbit born at the flip, in the middle of its window; the exponents \
-         add up to 2 ln R",
-    );
-    if let Some(limit) = limit {
-        report = report.note(format!(
+    let chaos = limit.map(|limit| {
+        format!(
             "chaos begins at k_infinity = {:.12} within {:.1e}; the ratios tend to {FEIGENBAUM:.5}",
             limit.value, limit.error
-        ));
-    }
+        )
+    });
     let seen = arguments.noise.map(|noise| {
         // Beyond the last flip each further one needs 6.62 times less.
         let seen = |limit: &&Option<f64>| limit.is_some_and(|limit| noise < limit);
         visible.iter().take_while(seen).count()
     });
-    if let (Some(noise), Some(seen)) = (arguments.noise, seen) {
-        report = report.note(format!(
-            "restitution scattered by {} % of its mean shows {seen} of these {} doublings; each further one \
-             needs 6.62 times less, and the exponent where chaos begins grows like sigma^0.3668",
-            number(100.0 * noise, 4),
-            visible.len()
-        ));
-    }
+    let scattered = arguments.noise.zip(seen).map(|(noise, seen)| format!(
+        "restitution scattered by {} % of its mean shows {seen} of these {} doublings; each further one \
+         needs 6.62 times less, and the exponent where chaos begins grows like sigma^0.3668",
+        number(100.0 * noise, 4),
+        visible.len()
+    ));
     let complete = cascade.end() == CascadeEnd::Complete;
-    if !complete {
-        report = report.note(format!(
-            "the flip after the last could not be followed: at R = {} the doubled orbit loses a flight or \
-             the gaps have come down to rounding",
-            arguments.restitution
-        ));
-    }
-    report.json(&serde_json::json!({
-        "restitution": arguments.restitution,
-        "order": arguments.order,
-        "k1": cascade.birth(),
-        "flips": cascade.flips(),
-        "ratios": ratios,
-        "k_infinity": limit.map(|limit| limit.value),
-        "k_infinity_error": limit.map(|limit| limit.error),
-        "complete": complete,
-        "doubled": orbits,
-        "visible_below": visible,
-        "noise": arguments.noise,
-        "visible": seen,
-    }))
+    let lost = (!complete).then(|| format!(
+        "the flip after the last could not be followed: at R = {} the doubled orbit loses a flight or \
+         the gaps have come down to rounding",
+        arguments.restitution
+    ));
+    let report = report.note(
+        "Floquet multipliers and both exponents are those of the orbit born at the flip, in the middle of its window; the exponents \
+         add up to 2 ln R",
+    );
+    report
+        .notes([chaos, scattered, lost].into_iter().flatten())
+        .json(&serde_json::json!({
+            "restitution": arguments.restitution,
+            "order": arguments.order,
+            "k1": cascade.birth(),
+            "flips": cascade.flips(),
+            "ratios": ratios,
+            "k_infinity": limit.map(|limit| limit.value),
+            "k_infinity_error": limit.map(|limit| limit.error),
+            "complete": complete,
+            "doubled": orbits,
+            "visible_below": visible,
+            "noise": arguments.noise,
+            "visible": seen,
+        }))
 }

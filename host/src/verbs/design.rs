@@ -145,7 +145,6 @@ impl Conversion {
         feeder.amplitude(self.gravity)
     }
 
-    /// Frequency, amplitude and angle of a feeder in words.
     fn words(&self, feeder: &Feeder) -> String {
         format!(
             "{} Hz, b = {} mm, angle of throw {} degrees",
@@ -191,7 +190,6 @@ fields! {
     }
 }
 
-/// Comparison of the front with the scene's own feeder.
 fn comparison(converted: &Conversion, design: &Design) -> Option<String> {
     let today = design.today?;
     let closed = today.closed?;
@@ -270,7 +268,7 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
         },
     });
     let settings = &file.scene.settings;
-    let mut report = view()
+    let report = view()
         .printout(&design.best)
         .folded()
         .heading(format!(
@@ -283,15 +281,12 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
             design.tried
         ))
         .csv_of(all.table_of(&design.best));
-    report = match comparison(converted, design) {
-        Some(words) => report.note(words),
-        None => report.note("The scene's own feeder does not run: kband simulate says why."),
-    };
-    if !design.held_by.is_empty() {
-        let held = design.held_by.join(", ");
-        report = report.note(format!("Most of these feeders are held by: {held}."));
-    }
+    let none = || "The scene's own feeder does not run: kband simulate says why.".into();
+    let held = design.held_by.join(", ");
+    let held = || format!("Most of these feeders are held by: {held}.");
     report
+        .note(comparison(converted, design).unwrap_or_else(none))
+        .notes((!design.held_by.is_empty()).then(held))
         .note(format!(
             "The search took shares and speeds from a table. Its front differs from simulated parts by {} rms, at most {}, in \
              share and {} % rms, at most {} %, in speed; the rows are simulated parts.",

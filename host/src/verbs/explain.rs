@@ -78,7 +78,6 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// The list of topics, a line each.
 fn topics() -> String {
     let mut text = String::new();
     for Topic { name, help, .. } in TOPICS {
@@ -132,7 +131,6 @@ fn explained(query: &str, name: &str) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join("\n"))
 }
 
-/// The meaning of a column or a field of the outputs.
 fn output(name: &str) -> Option<String> {
     let (name, unit, meaning) = columns::entry(&name.replace(' ', "_"))?;
     let unit = match *unit {
@@ -160,7 +158,6 @@ fn glossary(query: &str, name: &str) -> Vec<Word> {
         .collect()
 }
 
-/// A row of the glossary as a sentence.
 fn entry(word: &Word) -> String {
     let mut line = format!("**{}**", word.term);
     if !word.symbols.is_empty() {
@@ -275,10 +272,9 @@ mod tests {
             let text = explanation(&format!("{kind} {number}")).unwrap();
             let title = text.lines().next().unwrap_or_default().to_string();
             assert!(title.ends_with(&format!(" {number}: {name}")), "{title}");
-            assert!(
-                text.contains("Cause.") && text.contains("Remedy."),
-                "{title}"
-            );
+            for part in ["Cause.", "Remedy."] {
+                assert!(text.contains(part), "{title}");
+            }
             assert!(explanation(name).unwrap().contains(&title), "{title}");
         };
         for fault in Fault::ALL {
@@ -288,14 +284,9 @@ mod tests {
             titled("limit", limit.number(), limit.name());
         }
         let faults = manual::page("faults.md").unwrap();
-        assert_eq!(
-            manual::sections(faults, "## Fault ").len(),
-            Fault::ALL.len()
-        );
-        assert_eq!(
-            manual::sections(faults, "## Limit ").len(),
-            Limits::ALL.len()
-        );
+        let count = |heading| manual::sections(faults, heading).len();
+        assert_eq!(count("## Fault "), Fault::ALL.len());
+        assert_eq!(count("## Limit "), Limits::ALL.len());
     }
 
     #[test]
@@ -303,39 +294,12 @@ mod tests {
         let states = State::ALL.iter().map(|state| state.name());
         let events = Event::ALL.iter().map(|event| event.name());
         let regimes = crate::ending::FILLS.iter().map(|(_, name)| *name);
-        let printed = [
-            "amplitude b",
-            "regime",
-            "in gear",
-            "estimated",
-            "estimated margin",
-            "conveying speed",
-            "throw",
-            "peak",
-            "k2",
-            "k1",
-            "chaos edge",
-            "reached from rest",
-            "lost",
-            "setpoint",
-            "flip",
-            "lot",
-            "order",
-            "gear",
-            "throw number",
-            "irregular",
-            "bounce",
-            "jam",
-            "percent",
-            "crawl",
-        ];
+        let printed = "amplitude b, regime, in gear, estimated, estimated margin, conveying speed, throw, peak, \
+                       k2, k1, chaos edge, reached from rest, lost, setpoint, flip, lot, \
+                       order, gear, throw number, irregular, bounce, jam, percent, crawl";
         let written = columns::ENTRIES.iter().map(|(name, ..)| *name);
-        for name in states
-            .chain(events)
-            .chain(regimes)
-            .chain(printed)
-            .chain(written)
-        {
+        let all = states.chain(events).chain(regimes).chain(written);
+        for name in all.chain(printed.split(", ")) {
             assert!(explanation(name).is_ok(), "{name}");
         }
     }

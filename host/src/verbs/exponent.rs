@@ -188,7 +188,6 @@ fn among(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Expo
     })
 }
 
-/// Results at one k.
 struct Found {
     k: f64,
     exponent: Exponent,
@@ -201,7 +200,6 @@ struct Found {
 }
 
 impl Found {
-    /// Impacts until the part rests.
     fn rest_after(&self) -> Option<u32> {
         match self.exponent.dynamics {
             Dynamics::Rest { after } => Some(after),
@@ -274,7 +272,7 @@ fn report(
         Some(_) => view,
         None => view.without(columns::B),
     };
-    let mut report = view.printout(found).heading(format!(
+    let report = view.printout(found).heading(format!(
         "R = {}{}, {} impacts after {} to settle; exponents per impact",
         arguments.restitution,
         match arguments.scatter.scatter {
@@ -284,41 +282,33 @@ fn report(
         arguments.impacts,
         arguments.settle
     ));
-    if let [
-        Found {
-            multipliers: Some(multipliers),
-            ..
-        },
-    ] = found
-    {
-        report = report.note(format!(
+    let only = match found {
+        [only] => only.multipliers,
+        _ => None,
+    };
+    let multipliers = only.map(|multipliers| {
+        let attracts = multipliers.modulus() < 1.0;
+        format!(
             "Floquet multipliers of the period-1 orbit of order {}: {} ({})",
             arguments.order,
-            spelled(*multipliers),
-            if multipliers.modulus() < 1.0 {
-                "it attracts"
-            } else {
-                "it repels"
-            }
-        ));
-    }
-    if arguments.band {
-        report = report.note(match band {
-            Some(band) => format!(
-                "chaotic band, measured: k = {:.4}..{:.4}, {:.0} % of it with a positive exponent, no rest \
-                 within {} impacts",
-                band.low,
-                band.high,
-                100.0 * band.chaotic,
-                band.impacts
-            ),
-            None => "no chaotic band: below the cascade the parts come to rest".into(),
-        });
-    }
-    Ok(report)
+            spelled(multipliers),
+            if attracts { "it attracts" } else { "it repels" }
+        )
+    });
+    let band = arguments.band.then(|| match band {
+        Some(band) => format!(
+            "chaotic band, measured: k = {:.4}..{:.4}, {:.0} % of it with a positive exponent, no rest \
+             within {} impacts",
+            band.low,
+            band.high,
+            100.0 * band.chaotic,
+            band.impacts
+        ),
+        None => "no chaotic band: below the cascade the parts come to rest".into(),
+    });
+    Ok(report.notes(multipliers).notes(band))
 }
 
-/// Floquet multipliers as words.
 pub(super) fn spelled(multipliers: Multipliers) -> String {
     match multipliers {
         Multipliers::Real(larger, smaller) => {
@@ -344,10 +334,8 @@ fn picture(
             .collect()
     };
     let all = point(&|_| true);
-    let low = all
-        .iter()
-        .fold(-0.5_f64, |low, (_, y)| low.min(*y))
-        .max(-3.0);
+    let low = all.iter();
+    let low = low.fold(-0.5_f64, |low, (_, y)| low.min(*y)).max(-3.0);
     let high = all.iter().fold(0.5_f64, |high, (_, y)| high.max(*y));
     let mut panel = Panel::new(
         over_k(values),

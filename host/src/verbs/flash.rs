@@ -171,7 +171,6 @@ fn back_up(arguments: &Arguments) -> Result<Option<(Link, Backup)>, Refusal> {
     }
 }
 
-/// Compares the board with its backup; the result in words.
 fn compare(mut link: Link, before: &Backup) -> Result<&'static str, Refusal> {
     let unlike = link.identify().and_then(|()| before.differences(&mut link));
     let unlike = unlike.map_err(|refusal| {

@@ -101,7 +101,6 @@ pub struct Arguments {
     shown: Shown,
 }
 
-/// Number of amplitudes of the second tone in a search.
 const SECOND_TONE_AMPLITUDES: u32 = 5;
 
 /// Angles of the second tone in a search: first and last in rad, and their number.
@@ -124,7 +123,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     output.show(&report, || page::picture(arguments, &survey))
 }
 
-/// The map and the named points.
 fn surveyed(arguments: &Arguments, desk: &Desk) -> Result<Survey, Refusal> {
     let order = arguments.order as u32;
     let contact = arguments.contact.time(arguments.drive.frequency)?;

@@ -157,10 +157,8 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// Faults that a board keeps.
 const FAULTS: u8 = 32;
 
-/// What the desk may do.
 pub(super) fn allowed(access: Access) -> &'static str {
     match access {
         Access::Full => "may change the board",
@@ -195,7 +193,6 @@ fn in_words(kept: &KeptFault) -> String {
     )
 }
 
-/// How a board is.
 struct Condition {
     /// `None` while its drive runs.
     test: Option<SelfTest>,
@@ -231,10 +228,7 @@ impl Condition {
                 Response::Counters(counters) => counters,
                 _ => Counters::default(),
             })?,
-            access: link.ask(&Request::Status, |response| match response {
-                Response::Status(status) => status.access,
-                _ => Access::default(),
-            })?,
+            access: link.status()?.unwrap_or_default().access,
         })
     }
 }

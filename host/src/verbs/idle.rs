@@ -10,13 +10,10 @@ use crate::refusal::Refusal;
 /// Options that have no effect in a case.
 struct Idle {
     verbs: &'static [&'static str],
-    /// The case.
     case: fn(&Given) -> bool,
-    /// The case in the user's words.
     said: &'static str,
     /// The options, by their long names.
     options: &'static [&'static str],
-    /// The reason.
     why: &'static str,
 }
 
@@ -59,7 +56,6 @@ const SCATTERED: [&str; 5] = ["diagram", "exponent", "gear", "impacts", "transpo
 /// Verb that draws also without the name of a file.
 const DRAWS: &str = "simulate";
 
-/// The options given to a verb.
 struct Given<'a>(&'a ArgMatches);
 
 impl Given<'_> {
@@ -69,13 +65,11 @@ impl Given<'_> {
             && self.0.value_source(id) == Some(ValueSource::CommandLine)
     }
 
-    /// Whether an option was given as this word.
     fn is(&self, id: &str, word: &str) -> bool {
         let mut words = self.0.try_get_raw(id).ok().flatten().into_iter().flatten();
         self.has(id) && words.any(|given| given == word)
     }
 
-    /// Whether a picture is written.
     fn draws(&self) -> bool {
         let out = self.0.try_get_one::<PathBuf>("out").ok().flatten();
         let ending = out.and_then(|out| out.extension());

@@ -144,7 +144,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     output.draw(|| portrait(arguments, &drive_text, states))
 }
 
-/// The orbit or the rows to compute.
 struct Task<'a> {
     arguments: &'a Arguments,
     desk: &'a Desk,
@@ -367,7 +366,6 @@ struct Sink<'a, 'p, 'f> {
     file: Option<&'f mut (dyn Rows + 'f)>,
     states: Option<States>,
     count: u64,
-    /// Number of rows to come.
     rows: u64,
     /// Bytes so far, printed and in the file.
     bytes: [u64; 2],

@@ -21,10 +21,8 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     let page = match &arguments.verb {
         None => command,
         Some(name) => {
-            let names: Vec<&str> = command
-                .get_subcommands()
-                .map(|verb| verb.get_name())
-                .collect();
+            let names = command.get_subcommands();
+            let names: Vec<&str> = names.map(|verb| verb.get_name()).collect();
             let known = names.join(", ");
             let Some(verb) = command.find_subcommand(name) else {
                 return Err(Refusal::value(

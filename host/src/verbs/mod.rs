@@ -51,6 +51,7 @@ use crate::desk::Desk;
 use crate::file;
 use crate::provenance;
 use crate::refusal::{Exit, Refusal};
+use crate::report::when;
 
 macro_rules! verbs {
     ($($verb:ident => $module:ident,)*) => {
@@ -227,18 +228,13 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
     let value = words(ContextKind::InvalidValue).concat();
     match message.kind() {
         ErrorKind::MissingRequiredArgument => {
-            let missing = if all.len() == 1 {
-                "is missing"
-            } else {
-                "are missing"
-            };
-            let amplitude = if all.contains(&"--k <K>") {
-                "; in place of --k, --b takes the amplitude in mm"
-            } else {
-                ""
-            };
+            let are = if all.len() == 1 { "is" } else { "are" };
+            let amplitude = when(
+                all.contains(&"--k <K>"),
+                || "; in place of --k, --b takes the amplitude in mm",
+            );
             Some(Refusal::new(
-                format!("{} {missing}", all.join(" and ")),
+                format!("{} {are} missing", all.join(" and ")),
                 format!("--help describes it, with an example{amplitude}"),
             ))
         }
@@ -262,11 +258,7 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
                 _ => message.source().map_or(String::new(), ToString::to_string),
             };
             if value.is_empty() {
-                let takes = if accepted.is_empty() {
-                    String::new()
-                } else {
-                    format!(": {accepted}")
-                };
+                let takes = when(!accepted.is_empty(), || format!(": {accepted}"));
                 return Some(Refusal::new(
                     format!("{option} needs a value{takes}"),
                     "see --help",
@@ -306,14 +298,9 @@ mod tests {
         for verb in command().get_subcommands() {
             let name = verb.get_name();
             assert!(verb.get_about().is_some(), "{name} has no help");
-            let example = verb
-                .get_after_help()
-                .map(ToString::to_string)
-                .unwrap_or_default();
-            assert!(
-                example.contains(&format!("kband {name}")),
-                "{name} has no example"
-            );
+            let help = verb.get_after_help().map(ToString::to_string);
+            let example = format!("kband {name}");
+            assert!(help.is_some_and(|help| help.contains(&example)), "{name}");
         }
     }
 }

@@ -70,7 +70,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// Prints a record.
 fn again(path: &Path, rows: &mut Rows, desk: &Desk) -> Result<(), Refusal> {
     let next = "give the path of a file that kband monitor --record wrote";
     let record = BufReader::new(file::open(path, next)?);
@@ -104,7 +103,6 @@ fn made(path: &Path) -> Result<File, Refusal> {
     made.map_err(|error| Refusal::file(path, &error, "check space and permissions of the folder"))
 }
 
-/// Prints a board.
 fn now(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<(), Refusal> {
     let path = arguments.record.as_deref();
     check(path)?;

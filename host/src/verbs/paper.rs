@@ -82,7 +82,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::CheckFailed)
 }
 
-/// The checks of all rows.
 const CHECKS: [&[Check]; 4] = [
     flight::CHECKS,
     lock::CHECKS,
@@ -90,12 +89,10 @@ const CHECKS: [&[Check]; 4] = [
     claims::CHECKS,
 ];
 
-/// All rows in the order of the page.
 fn recompute(desk: &Desk) -> Result<Vec<Row>, Refusal> {
     engine::recompute(&CHECKS.concat(), 0.0, desk)
 }
 
-/// Number of rows, verdicts and cases.
 fn summarize(rows: &[Row]) -> String {
     let count = |verdict: &str| rows.iter().filter(|row| row.verdict == verdict).count();
     format!(
@@ -159,11 +156,8 @@ mod tests {
             .filter(|row| row.equation.starts_with('('))
             .map(|row| vec![&*row.equation, &row.printed, &row.verdict])
             .collect();
-        let printed: Vec<Vec<&str>> = PRINTED
-            .lines()
-            .filter(|line| !line.starts_with('#'))
-            .map(|line| line.split('\t').collect())
-            .collect();
+        let printed = PRINTED.lines().filter(|line| !line.starts_with('#'));
+        let printed: Vec<Vec<&str>> = printed.map(|line| line.split('\t').collect()).collect();
         assert_eq!(numbered, printed);
         for number in 1..=38 {
             let bare = |equation: &str| {

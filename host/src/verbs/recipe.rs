@@ -249,7 +249,6 @@ fn save(link: &mut Link, wanted: &[Change]) -> Result<(), Refusal> {
     done
 }
 
-/// All recipes of a board.
 fn list(link: &mut Link, notes: &[String]) -> Result<Printout, Refusal> {
     let in_use = BoardStatus::ask(link)?.recipe();
     let mut table = Table::new(&[

@@ -54,10 +54,8 @@ pub struct Arguments {
     out: Option<PathBuf>,
 }
 
-/// Default file of the page.
 const PAGE: &str = "kband-report.html";
 
-/// The figures of the page.
 const FIGURES: &str = include_str!("report/figures.js");
 
 /// Computes and writes the page.
@@ -129,7 +127,7 @@ fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Resul
         );
     }
     let words = page::paragraphs(&spoken)
-        + &page::table(&heads, &feeder.bands_in_words()?)
+        + &page::table(&heads, &feeder.bands_in_words())
         + &page::folded("the scene", written)
         + &page::folded(
             "how this page was made",

@@ -103,7 +103,6 @@ trait Feeder: Send {
     fn news(&mut self) -> Result<Vec<Said>, Refusal>;
 }
 
-/// The feeder that the arguments name.
 fn open(arguments: &Arguments) -> Result<Box<dyn Feeder>, Refusal> {
     if arguments.address.on.is_some() {
         let mut gateway = Gateway::open(&arguments.address)?;

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use kband_control::wire::Request;
-use kband_scene::toml_table;
+use kband_scene::{toml_number, toml_table};
 
 use self::offer::Commissioning;
 use self::upper_tone::Upper;
@@ -252,7 +252,6 @@ fn kept(link: &mut Link, save: bool, address: &Address) -> Result<String, Refusa
 }
 
 fields! {
-    /// A setting with its range.
     fn settings(setting: BoardSetting) {
         all KEY => setting.key.clone();
         all VALUE => shortest(setting.value);
@@ -317,17 +316,13 @@ impl Imported {
         )?;
         let mut all = Vec::new();
         for (key, value) in table {
-            let number = match value {
-                toml::Value::Float(number) => number,
-                toml::Value::Integer(number) => number as f64,
-                other => {
-                    return Err(Refusal::value(
-                        key,
-                        other.to_string().replace('\n', " "),
-                        "a number",
-                        "write the setting as key = number; kband settings export shows a whole file",
-                    ));
-                }
+            let Some(number) = toml_number(&value) else {
+                return Err(Refusal::value(
+                    key,
+                    value.to_string().replace('\n', " "),
+                    "a number",
+                    "write the setting as key = number; kband settings export shows a whole file",
+                ));
             };
             all.push((key, number));
         }
@@ -350,20 +345,5 @@ impl Imported {
             .iter()
             .map(|pair| accept(pair).map_err(|refusal: Refusal| refusal.at(file.display())))
             .collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_file_is_settings_and_their_numbers() {
-        let read = Imported::parse("frequency = 60\nincline = -2.5 # degrees\n").unwrap();
-        let pairs = [
-            ("frequency".to_string(), 60.0),
-            ("incline".to_string(), -2.5),
-        ];
-        assert_eq!(read.0, pairs);
     }
 }

@@ -108,7 +108,6 @@ pub struct Arguments {
     format: Format,
 }
 
-/// Default file of the picture.
 const PICTURE: &str = "kband-simulate.svg";
 
 /// Whether a file with this beginning has the rows of a run, or of many.
@@ -116,7 +115,6 @@ fn own_rows(begin: &str) -> bool {
     begin.starts_with(provenance::FIRST)
 }
 
-/// Default file of the trace.
 const TRACE: &str = "kband-simulate.csv";
 /// Longest single run in s whose trace is written by default: 30 000 rows at 50 Hz.
 const MAX_TRACED_DURATION: f64 = 600.0;
@@ -318,11 +316,9 @@ fn tell_many(
         Some(rows) => table.write_rows(rows),
         None => Ok(()),
     })?;
-    let mut report = report.note(format!("picture          {}", picture.path().display()));
-    if let Some(trace) = trace {
-        report = report.note(format!("runs             {}", trace.path().display()));
-    }
-    report.print(format)?;
+    let runs = trace.map(|trace| format!("runs             {}", trace.path().display()));
+    let picture = format!("picture          {}", picture.path().display());
+    report.note(picture).notes(runs).print(format)?;
     Ok(Exit::Done)
 }
 

@@ -10,6 +10,7 @@ use crate::board::{Address, Emulated};
 use crate::causes::CauseCache;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
+use crate::report::{self, Format};
 pub(super) use board_status::BoardStatus;
 
 /// Print the present state of a board: inputs, readings, amplitude, margins, faults, and the next
@@ -31,22 +32,24 @@ pub struct Arguments {
     printed: Printed,
 }
 
-/// Time between two looks.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Asks and prints.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut link = arguments.address.open(Emulated::Running)?;
     let mut cache = CauseCache::default();
+    let on_screen =
+        arguments.live && arguments.printed.format == Format::Table && stdout().is_terminal();
     loop {
         let status = BoardStatus::ask(&mut link)?.with_causes(&mut link, &mut cache)?;
-        let printout = status.printout()?;
-        if arguments.live && stdout().is_terminal() {
+        if on_screen {
             // To the upper left, and what was there is gone; a terminal that is closed is noticed
             // by the next line.
             let _ = write!(stdout(), "\x1b[H\x1b[J");
+            report::print(&status.screen())?;
+        } else {
+            status.printout()?.print(arguments.printed.format)?;
         }
-        printout.print(arguments.printed.format)?;
         if !arguments.live || desk.go_on().is_err() {
             return Ok(Exit::Done);
         }

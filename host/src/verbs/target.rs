@@ -49,7 +49,6 @@ pub struct Arguments {
     printed: Printed,
 }
 
-/// What can be wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Kind {
     /// Parts in gear, for the largest share of time that their scatter allows.

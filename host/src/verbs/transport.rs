@@ -10,7 +10,7 @@ use kband::transport::{Effort, Origin};
 
 use crate::arguments::{self, ContactArguments, DriveArguments, Range, ScatterArguments, Shown};
 use crate::desk::Desk;
-use crate::picture::Picture;
+use crate::picture::{Fill, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Printout, number};
 pub use friction::Speed;
@@ -183,7 +183,6 @@ impl Feeder {
         })
     }
 
-    /// The period-1 orbit of an order.
     fn lock(&self, k: f64, order: u32) -> Option<Lock> {
         Lock::with_contact(k, self.restitution, order, self.contact)
             .ok()
@@ -250,6 +249,23 @@ fn starts(k: f64, feeder: &Feeder, count: usize) -> Vec<Origin> {
         })
     }));
     starts
+}
+
+/// The fills at these values, each from half way to the left neighbour to half way to the right
+/// one, within `low..high`.
+fn half_ways(
+    low: f64,
+    high: f64,
+    found: impl Iterator<Item = (f64, Fill)>,
+) -> Vec<(f64, f64, Fill)> {
+    let found: Vec<(f64, Fill)> = found.collect();
+    let mut edges = vec![low];
+    edges.extend(found.windows(2).map(|pair| 0.5 * (pair[0].0 + pair[1].0)));
+    edges.push(high);
+    let stretches = edges.windows(2).zip(&found);
+    stretches
+        .map(|(ends, (_, fill))| (ends[0], ends[1], *fill))
+        .collect()
 }
 
 fn effort(arguments: &Arguments) -> Effort {

@@ -46,6 +46,24 @@ pub fn run(folder: impl AsRef<Path>, limit: &str, words: &[&str]) -> Came {
     }
 }
 
+/// A pseudo-terminal that takes and gives bytes as they are: its far end, its near end that stays
+/// open, and its name.
+#[cfg(unix)]
+pub fn port() -> (File, File, String) {
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+
+    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&far).unwrap();
+    unlockpt(&far).unwrap();
+    let name = ptsname(&far, Vec::new()).unwrap().into_string().unwrap();
+    let near = File::options().read(true).write(true).open(&name).unwrap();
+    let mut modes = tcgetattr(&near).unwrap();
+    modes.make_raw();
+    tcsetattr(&near, OptionalActions::Now, &modes).unwrap();
+    (File::from(far), near, name)
+}
+
 fn text(file: &mut File) -> String {
     let mut bytes = Vec::new();
     file.rewind().unwrap();
@@ -66,6 +84,13 @@ impl Came {
     #[track_caller]
     pub fn done(self) -> String {
         self.ended(0).out
+    }
+
+    /// Its output has these words, after exit status 0.
+    #[track_caller]
+    pub fn says(self, words: &str) {
+        let said = self.done();
+        assert!(said.contains(words), "no '{words}' in {said}");
     }
 
     /// The result in the JSON that it printed, after exit status 0.

@@ -21,6 +21,11 @@ impl Drop for Program {
     }
 }
 
+fn free_port() -> u16 {
+    let free = TcpListener::bind("127.0.0.1:0").unwrap();
+    free.local_addr().unwrap().port()
+}
+
 /// A broker that keeps sessions in this folder; it listens on return.
 fn broker(folder: &Path, port: u16) -> Program {
     let file = folder.join("mosquitto.conf");
@@ -77,9 +82,7 @@ fn next(received: &Receiver<(String, String)>, topic: &str, fits: impl Fn(&str) 
 #[test]
 fn readings_and_events_survive_a_broker_that_is_killed() {
     let folder = tempfile::tempdir().unwrap();
-    let free = TcpListener::bind("127.0.0.1:0").unwrap();
-    let port = free.local_addr().unwrap().port();
-    drop(free);
+    let port = free_port();
     let first = broker(folder.path(), port);
     let (reader, received) = subscriber(port);
     let address = format!("127.0.0.1:{port}");
@@ -93,8 +96,7 @@ fn readings_and_events_survive_a_broker_that_is_killed() {
     assert_eq!(at_rest["output"], 0.0);
     let mut plc = Master::connect(&served);
     plc.wait(status::READY_TO_START, status::RUNS);
-    plc.write(register::CONTROL, &[0]).unwrap();
-    plc.write(register::CONTROL, &[1]).unwrap();
+    plc.start();
     next(&received, "event", |message| {
         message.contains("\"event\":\"started\"")
     });
@@ -120,9 +122,7 @@ fn readings_and_events_survive_a_broker_that_is_killed() {
 #[test]
 fn the_farewell_of_an_orderly_end_is_offline() {
     let folder = tempfile::tempdir().unwrap();
-    let free = TcpListener::bind("127.0.0.1:0").unwrap();
-    let port = free.local_addr().unwrap().port();
-    drop(free);
+    let port = free_port();
     let _broker = broker(folder.path(), port);
     let (_reader, received) = subscriber(port);
     let address = format!("127.0.0.1:{port}");

@@ -13,7 +13,6 @@ pub struct Row {
     /// Restitution, one or the lowest and highest of the sort.
     restitution: (f32, f32),
     scatter: f32,
-    /// Parts on the track.
     parts: u8,
     /// Largest second and third tones that the drive affords, and the hard limit of the
     /// acceleration in g; 0: none.
@@ -119,7 +118,6 @@ fn digits(value: f64, digits: i32) -> String {
     ((value * scale).round() / scale).to_string()
 }
 
-/// The built-in scene with a lot, a target and a drive.
 fn scene(row: &Row, target: Target, drive: [f32; 3]) -> SceneFile {
     let mut file = SceneFile::parse(DEFAULT).unwrap();
     file.duration = 60.0;

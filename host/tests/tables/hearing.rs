@@ -25,7 +25,6 @@ pub struct Row {
     parts: usize,
 }
 
-/// Result of a run.
 #[derive(Clone, Copy, Default)]
 struct Heard {
     truth: f64,
@@ -130,7 +129,6 @@ pub fn rows(which: &str) -> Vec<Row> {
     lots.iter().flat_map(row).collect()
 }
 
-/// The results of `runs` runs of each row.
 fn hear(rows: &[Row], runs: u64, seed: u64) -> Vec<Vec<Heard>> {
     rows.par_iter()
         .map(|row| {

@@ -83,22 +83,15 @@ long_tables! {
 fn under_scatter(restitutions: &[&str], more: &str) -> Vec<String> {
     let row = |restitution: &&str| {
         let found = ["0.03", "0.06", "0.10"].map(|scatter| {
-            kband(&format!(
-                "gear --restitution {restitution} --scatter {scatter} {more}"
-            ))
+            let lot = format!("--restitution {restitution} --scatter {scatter}");
+            kband(&format!("gear {lot} {more}"))
         });
-        let one = found.iter().map(|found| {
-            let one = &found["one_tone"];
-            format!(
-                "{:.2} at k {:.2}",
-                number(&one["in_gear"]),
-                number(&one["k"])
-            )
+        let one = found.each_ref().map(|found| {
+            let [share, k] = ["in_gear", "k"].map(|key| number(&found["one_tone"][key]));
+            format!("{share:.2} at k {k:.2}")
         });
-        let two = found
-            .iter()
-            .map(|found| format!("{:.2}", number(&found["two_tones"]["in_gear"])));
-        let cells: Vec<String> = one.chain(two).collect();
+        let two = found.map(|found| format!("{:.2}", number(&found["two_tones"]["in_gear"])));
+        let cells = [one, two].concat();
         format!("| {restitution} | {} |", cells.join(" | "))
     };
     restitutions.iter().map(row).collect()
@@ -167,10 +160,8 @@ fn losses(lots: &[[f32; 3]], cycles: u32) -> Vec<String> {
             ..Scene::default()
         };
         scene.settings.scatter = scatter;
-        (
-            scene.settings.restitution_low,
-            scene.settings.restitution_high,
-        ) = (restitution, restitution);
+        scene.settings.restitution_low = restitution;
+        scene.settings.restitution_high = restitution;
         let mut closed = EnvelopeLoop::build(&scene).expect("a feeder");
         for _ in 0..250 {
             closed.cycle();
@@ -189,10 +180,8 @@ fn losses(lots: &[[f32; 3]], cycles: u32) -> Vec<String> {
                         began = landed - flight;
                     }
                     row += 1;
-                    if row == 8
-                        && let Some(lost) = lost.take()
-                    {
-                        outside.push(began - lost);
+                    if row == 8 {
+                        outside.extend(lost.take().map(|lost| began - lost));
                     }
                 } else {
                     if row >= 8 {
@@ -222,18 +211,12 @@ fn losses(lots: &[[f32; 3]], cycles: u32) -> Vec<String> {
 fn captures(lots: &[&str], more: &str) -> Vec<String> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("lock.toml");
-    let scene: Vec<String> = kband_host::simulate::DEFAULT
-        .lines()
-        .map(|line| {
-            if line.starts_with("gear = 1") {
-                "locked = 1".into()
-            } else if line.starts_with("scatter = ") {
-                "scatter = 0.0".into()
-            } else {
-                line.to_string()
-            }
-        })
-        .collect();
+    let line = |line| match line {
+        _ if str::starts_with(line, "gear = 1") => "locked = 1",
+        _ if line.starts_with("scatter = ") => "scatter = 0.0",
+        _ => line,
+    };
+    let scene: Vec<&str> = kband_host::simulate::DEFAULT.lines().map(line).collect();
     std::fs::write(&path, scene.join("\n")).expect("the scene is written");
     let row = |lot: &&str| {
         let found = kband(&format!(
@@ -244,10 +227,8 @@ fn captures(lots: &[&str], more: &str) -> Vec<String> {
             panic!("two ways");
         };
         let seconds = |key: &str| {
-            if planned[key].is_null() {
-                return "-".into();
-            }
-            format!("{:.1} s", number(&planned[key]))
+            let time = planned[key].as_f64();
+            time.map_or("-".into(), |time| format!("{time:.1} s"))
         };
         let share = |row: &Value| super::percent(number(&row["share"]));
         format!(
@@ -266,10 +247,8 @@ fn tracks(tracks: &[[f32; 2]], runs: u64) -> Vec<String> {
         let [frequency, decay] = track;
         let cell = |restitution| identifying::cell((restitution, 0.0, 1), track, 1..1 + runs);
         let cells = [0.15, 0.2, 0.25, 0.3, 0.5, 0.7, 0.8].map(cell);
-        format!(
-            "| {frequency} Hz, ringing decays in {decay} ms | {} |",
-            cells.join(" | ")
-        )
+        let cells = cells.join(" | ");
+        format!("| {frequency} Hz, ringing decays in {decay} ms | {cells} |")
     };
     tracks.iter().map(row).collect()
 }
@@ -283,10 +262,8 @@ fn scattering(parts: &[usize], scatters: &[f32], runs: u64) -> Vec<String> {
                 identifying::cell(lot, identifying::BUILT_IN, 31..31 + runs)
             };
             let cells: Vec<String> = (1..=7).map(cell).collect();
-            rows.push(format!(
-                "| {parts} | {scatter:.2} | {} |",
-                cells.join(" | ")
-            ));
+            let cells = cells.join(" | ");
+            rows.push(format!("| {parts} | {scatter:.2} | {cells} |"));
         }
     }
     rows

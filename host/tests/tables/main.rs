@@ -31,7 +31,6 @@ use serde_json::Value;
 /// The page of tables behind chapter 10 of the theory, as seen from docs/.
 const REAL_PARTS: &str = "../tests/real_parts.md";
 
-/// A table of the manual.
 struct Table {
     name: &'static str,
     page: &'static str,
@@ -43,13 +42,8 @@ struct Table {
 fn kband(words: &str) -> Value {
     // Default place of the picture of simulate.
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
-    let words = format!("{words} --format json");
-    came::run(
-        folder,
-        "3600",
-        &words.split_whitespace().collect::<Vec<_>>(),
-    )
-    .json()
+    let words = words.split_whitespace().chain(["--format", "json"]);
+    came::run(folder, "3600", &words.collect::<Vec<_>>()).json()
 }
 
 fn list(value: &Value) -> &[Value] {
@@ -60,12 +54,10 @@ fn number(value: &Value) -> f64 {
     value.as_f64().expect("a number")
 }
 
-/// A text as a cell.
 fn words(value: &Value) -> String {
     value.as_str().expect("a text").replace('|', "\\|")
 }
 
-/// A number with `digits` significant digits.
 fn digits(value: &Value, digits: usize) -> String {
     let value = value.as_f64().expect("a number");
     if value == 0.0 {
@@ -93,20 +85,16 @@ fn page(name: &str) -> PathBuf {
 /// A page, and where in it a table stands under its marker, of which the text begins so.
 fn found(table: &Table, marker: &str) -> (String, std::ops::Range<usize>) {
     let text = fs::read_to_string(page(table.page)).expect("the page is read");
-    let start = text.find(marker).and_then(|at| {
-        let end = text[at..].find('\n')?;
-        Some(at + end + 1)
-    });
+    let start = text
+        .find(marker)
+        .and_then(|at| Some(at + text[at..].find('\n')? + 1));
     let start = start.unwrap_or_else(|| panic!("{} has no {marker}", table.page));
-    let length: usize = text[start..]
-        .split_inclusive('\n')
-        .take_while(|line| line.starts_with('|'))
-        .map(str::len)
-        .sum();
+    let lines = text[start..].split_inclusive('\n');
+    let table = lines.take_while(|line| line.starts_with('|'));
+    let length = table.map(str::len).sum::<usize>();
     (text, start..start + length)
 }
 
-/// A table as it is to be printed.
 fn made(table: &Table) -> String {
     let columns = table.head.matches(" |").count();
     let rule = format!("|{}", "---|".repeat(columns));
@@ -161,13 +149,12 @@ fn long_marker(name: &str) -> String {
 
 /// Of a long table as it is printed, and of its little (FNV-1a, 32 bits).
 fn sum(printed: &str, little: &[String]) -> String {
-    let mut sum: u32 = 0x811c_9dc5;
-    for byte in printed
+    let all = printed
         .bytes()
-        .chain(little.iter().flat_map(|row| row.bytes()))
-    {
-        sum = (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193);
-    }
+        .chain(little.iter().flat_map(|row| row.bytes()));
+    let sum = all.fold(0x811c_9dc5_u32, |sum, byte| {
+        (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+    });
     format!("{sum:08x}")
 }
 
@@ -188,7 +175,6 @@ fn no_long_table_is_of_an_older_kband() {
     );
 }
 
-/// Makes a long table whole.
 fn whole(name: &str) {
     let long::Long { table, little } = long::TABLES
         .iter()
@@ -213,16 +199,12 @@ const NUMBERS: usize = 8;
 
 /// Pages whose numbers are of runs.
 fn theory() -> impl Iterator<Item = (String, String)> {
-    let docs = page("");
-    let names = fs::read_dir(docs)
-        .expect("docs/ is there")
-        .flatten()
-        .filter_map(|entry| entry.file_name().into_string().ok())
-        .filter(|name| {
-            let of_physics = name.starts_with("theory-")
-                || ["paper.md", "commissioning.md"].contains(&name.as_str());
-            of_physics && name.ends_with(".md")
-        });
+    let entries = fs::read_dir(page("")).expect("docs/ is there").flatten();
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let names = names.filter(|name| {
+        let of_physics = name.starts_with("theory-") && name.ends_with(".md");
+        of_physics || ["paper.md", "commissioning.md"].contains(&name.as_str())
+    });
     names.chain([REAL_PARTS.to_owned()]).map(|name| {
         let text = fs::read_to_string(page(&name)).expect("a page");
         (name, text)

@@ -15,13 +15,11 @@ type Shape = [f64; 5];
 
 /// Largest acceleration of the track in units of gravity across the track: max |S''| over k.
 fn peak([k, e, th, e3, th3]: Shape) -> f64 {
-    (0..720)
-        .map(|n| {
-            let t = TAU * f64::from(n) / 720.0;
-            t.sin() + 4.0 * e * (2.0 * t + th).sin() + 9.0 * e3 * (3.0 * t + th3).sin()
-        })
-        .fold(0.0, |most: f64, push| most.max(push.abs()))
-        / k
+    let push = |n| {
+        let t = TAU * f64::from(n) / 720.0;
+        t.sin() + 4.0 * e * (2.0 * t + th).sin() + 9.0 * e3 * (3.0 * t + th3).sin()
+    };
+    (0..720).map(|n| push(n).abs()).fold(0.0, f64::max) / k
 }
 
 /// The share of time in gear of `parts`, the last three quarters of `periods` from rest.
@@ -98,8 +96,9 @@ fn best(
             for place in 0..2 * tones - 1 {
                 other[place] += moved[place];
             }
-            (other[0], other[1], other[3]) =
-                (other[0].max(0.1), other[1].max(0.0), other[3].max(0.0));
+            for (place, least) in [(0, 0.1), (1, 0.0), (3, 0.0)] {
+                other[place] = f64::max(other[place], least);
+            }
             other[4] = other[4].rem_euclid(TAU);
             if peak(other) <= most {
                 let share = share(other, lot, 2000, 32, 1000.0)?;
@@ -110,10 +109,8 @@ fn best(
         }
     }
     found.sort_by(by_share);
-    found
-        .first()
-        .map(|best| best.1)
-        .ok_or_else(|| "no shape stays under this acceleration".into())
+    let best = found.first().map(|best| best.1);
+    best.ok_or_else(|| "no shape stays under this acceleration".into())
 }
 
 /// Restitution, its scatter, and the largest acceleration in g across the track.
@@ -141,9 +138,8 @@ pub fn table(lots: &[[f64; 3]], effort: [usize; 2]) -> Result<Vec<String>, Box<d
         for tones in 1..=3 {
             let shape = best(tones, lot, most, effort)?;
             let fresh = share(shape, lot, 9000, 64, 1000.0)?;
-            let places: Vec<String> = shape[..2 * tones - 1]
-                .iter()
-                .zip([3, 3, 2, 3, 2])
+            let places = shape[..2 * tones - 1].iter().zip([3, 3, 2, 3, 2]);
+            let places: Vec<String> = places
                 .map(|(value, digits)| format!("{value:.digits$}"))
                 .collect();
             cells += &format!(" {fresh:.3}: {} |", places.join(", "));

@@ -4,115 +4,106 @@ use serde_json::Value;
 
 use super::{REAL_PARTS, Table, digits, kband, list, number, percent, words};
 
+const fn table(
+    name: &'static str,
+    page: &'static str,
+    head: &'static str,
+    rows: fn() -> Vec<String>,
+) -> Table {
+    Table {
+        name,
+        page,
+        head,
+        rows,
+    }
+}
+
 pub const TABLES: &[Table] = &[
-    Table {
-        name: "paper, equations",
-        page: "paper.md",
-        head: "| eq | printed | holds | verdict | print off by |",
-        rows: || paper(|row| row.starts_with('('), |row| row["equation"].clone()),
-    },
-    Table {
-        name: "paper, claims",
-        page: "paper.md",
-        head: "| of | printed | holds | verdict | print off by |",
-        rows: || {
-            paper(
-                |row| matches!(row, "claim" | "example"),
-                |row| row["subject"].clone(),
-            )
-        },
-    },
-    Table {
-        name: "paper, findings",
-        page: "paper.md",
-        head: "| finding | holds |",
-        rows: findings,
-    },
-    Table {
-        name: "bands",
-        page: "theory-bands.md",
-        head: "| order | k2 | k1 |",
-        rows: bands,
-    },
-    Table {
-        name: "capture",
-        page: "theory-capture.md",
-        head: "| restitution | band alone | first kick | up to six kicks |",
-        rows: capture,
-    },
-    Table {
-        name: "bands on two tones",
-        page: REAL_PARTS,
-        head: "| R = 0.2 | band k2..k1 | locks from rest at k between | share of the band | peak acceleration there |",
-        rows: bands_on_two_tones,
-    },
-    Table {
-        name: "friction",
-        page: REAL_PARTS,
-        head: "| 1/k | eta | mu | alpha (degrees) | R | second tone | regime | W | mm/s at 50 Hz |",
-        rows: friction,
-    },
+    table(
+        "paper, equations",
+        "paper.md",
+        "| eq | printed | holds | verdict | print off by |",
+        || paper(|row| row.starts_with('('), "equation"),
+    ),
+    table(
+        "paper, claims",
+        "paper.md",
+        "| of | printed | holds | verdict | print off by |",
+        || paper(|row| matches!(row, "claim" | "example"), "subject"),
+    ),
+    table(
+        "paper, findings",
+        "paper.md",
+        "| finding | holds |",
+        findings,
+    ),
+    table("bands", "theory-bands.md", "| order | k2 | k1 |", bands),
+    table(
+        "capture",
+        "theory-capture.md",
+        "| restitution | band alone | first kick | up to six kicks |",
+        capture,
+    ),
+    table(
+        "bands on two tones",
+        REAL_PARTS,
+        "| R = 0.2 | band k2..k1 | locks from rest at k between | share of the band | peak acceleration there |",
+        bands_on_two_tones,
+    ),
+    table(
+        "friction",
+        REAL_PARTS,
+        "| 1/k | eta | mu | alpha (degrees) | R | second tone | regime | W | mm/s at 50 Hz |",
+        friction,
+    ),
 ];
 
 /// The rows of `kband paper` in which the print does not hold as it stands.
-fn paper(of: fn(&str) -> bool, name: fn(&Value) -> Value) -> Vec<String> {
-    list(&kband("paper"))
-        .iter()
-        .filter(|row| row["equation"].as_str().is_some_and(of) && row["verdict"] != "agrees")
-        .map(|row| {
-            let off = match &row["printed_error"] {
-                off if off.is_null() => String::new(),
-                off => digits(off, 2),
-            };
-            format!(
-                "| {} | {} | {} | {} | {off} |",
-                words(&name(row)),
-                words(&row["printed"]),
-                words(&row["recomputed"]),
-                words(&row["verdict"])
-            )
-        })
-        .collect()
+fn paper(of: fn(&str) -> bool, name: &str) -> Vec<String> {
+    let found = kband("paper");
+    let of = |row: &&Value| row["equation"].as_str().is_some_and(of) && row["verdict"] != "agrees";
+    let row = |row: &Value| {
+        let off = match &row["printed_error"] {
+            Value::Null => String::new(),
+            off => digits(off, 2),
+        };
+        let cells = [name, "printed", "recomputed", "verdict"].map(|key| words(&row[key]));
+        format!("| {} | {off} |", cells.join(" | "))
+    };
+    list(&found).iter().filter(of).map(row).collect()
 }
 
 fn findings() -> Vec<String> {
-    list(&kband("paper"))
-        .iter()
-        .filter(|row| row["equation"] == "finding")
-        .map(|row| {
-            format!(
-                "| {} | {} |",
-                words(&row["subject"]),
-                words(&row["recomputed"])
-            )
-        })
-        .collect()
+    let found = kband("paper");
+    let of = |row: &&Value| row["equation"] == "finding";
+    let row = |row: &Value| {
+        let cells = ["subject", "recomputed"].map(|key| words(&row[key]));
+        format!("| {} |", cells.join(" | "))
+    };
+    list(&found).iter().filter(of).map(row).collect()
 }
 
 fn bands() -> Vec<String> {
     let found = kband("bands --restitution 0.2");
-    list(&found)
-        .iter()
-        .map(|row| {
-            let of = |key: &str| format!("{:.6}", row[key].as_f64().expect("a band"));
-            format!("| {} | {} | {} |", row["order"], of("k2"), of("k1"))
-        })
-        .collect()
+    let row = |row: &Value| {
+        let [k2, k1] = ["k2", "k1"].map(|key| number(&row[key]));
+        format!("| {} | {k2:.6} | {k1:.6} |", row["order"])
+    };
+    list(&found).iter().map(row).collect()
+}
+
+/// The option of a second tone, if there is one.
+fn second_tone(tone: &str) -> String {
+    match tone {
+        "" => String::new(),
+        tone => format!("--second-tone {tone}"),
+    }
 }
 
 fn capture() -> Vec<String> {
-    [
-        "0.18..0.22",
-        "0.28..0.32",
-        "0.38..0.42",
-        "0.48..0.52",
-        "0.55..0.60",
-        "0.65..0.70",
-    ]
-    .into_iter()
-    .map(|lot| {
+    let row = |lot: &str| {
         let found = kband(&format!("capture --restitution {lot} --runs 1000 --seed 1"));
-        let share = |value: &Value| percent(value.as_f64().expect("a share"));
+        let share = |value: &Value| percent(number(value));
         let kicks = list(&found["captured"]);
         format!(
             "| {lot} | {} | {} | {} |",
@@ -120,8 +111,9 @@ fn capture() -> Vec<String> {
             share(&kicks[0]),
             share(&kicks[kicks.len() - 1])
         )
-    })
-    .collect()
+    };
+    let lots = "0.18..0.22 0.28..0.32 0.38..0.42 0.48..0.52 0.55..0.60 0.65..0.70";
+    lots.split(' ').map(row).collect()
 }
 
 fn friction() -> Vec<String> {
@@ -143,11 +135,7 @@ fn friction() -> Vec<String> {
     cases
         .into_iter()
         .map(|(throw, eta, mu, incline, restitution, tone)| {
-            let given = if tone.is_empty() {
-                String::new()
-            } else {
-                format!("--second-tone {tone}")
-            };
+            let given = second_tone(tone);
             let found = kband(&format!(
                 "transport --throw {throw} --amplitude-ratio {eta} --friction {mu} --incline {incline} \
                  --restitution {restitution} {given}"
@@ -167,11 +155,7 @@ fn bands_on_two_tones() -> Vec<String> {
     ["", "0.05,2.487", "0.10,2.487", "0.15,2.356"]
         .into_iter()
         .map(|tone| {
-            let given = if tone.is_empty() {
-                String::new()
-            } else {
-                format!("--second-tone {tone}")
-            };
+            let given = second_tone(tone);
             let found = kband(&format!("bands --restitution 0.2 --orders 1 {given}"));
             let row = &list(&found)[0];
             let of = |key: &str| number(&row[key]);

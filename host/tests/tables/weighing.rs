@@ -17,7 +17,6 @@ pub const HEAD: &str = "| Hz | Q | R | s | parts | share of the track | in gear 
 /// Times in s: when the parts fall, when the evaluation begins, and the end.
 const TIMES: [f64; 3] = [2.0, 8.0, 28.0];
 
-/// A random feeder.
 fn feeder(noise: &mut Noise) -> Scene {
     let mut between = |low: f32, high: f32| low + (high - low) * noise.uniform();
     let mut scene = Scene {
@@ -64,7 +63,6 @@ fn feeder(noise: &mut Noise) -> Scene {
     scene
 }
 
-/// Result of a run.
 #[derive(Default)]
 struct Weighed {
     told: f64,

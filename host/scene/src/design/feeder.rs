@@ -54,7 +54,6 @@ impl Feeder {
         1e3 * gravity * self.incline.to_radians().cos() / (self.k * angular * angular)
     }
 
-    /// The target that holds it.
     pub(super) fn target(&self) -> Target {
         let (k, tones) = (self.k as f32, single(self.tones));
         if self.tones[0][0] > 0.0 {
@@ -64,7 +63,6 @@ impl Feeder {
         Target::K(k)
     }
 
-    /// Motion of the track.
     pub(super) fn wave(&self) -> Result<Wave, OutOfRange> {
         wave(self.tones)
     }
@@ -90,7 +88,6 @@ pub(super) fn single(tones: [[f64; 2]; 2]) -> Tones {
     tones.map(|tone| tone.map(|number| number as f32))
 }
 
-/// Law of the motion of a scene's parts along a track.
 pub(super) fn law(
     scene: &Scene,
     wave: &Wave,
@@ -151,7 +148,6 @@ pub(super) fn settings_of(base: &Settings, feeder: &Feeder) -> Settings {
     settings
 }
 
-/// Factors on the settings of a scene's drive.
 struct Factors {
     frequency: f32,
     /// On amplitudes normal to the track at full output: the force makes a stroke that falls like

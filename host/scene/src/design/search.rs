@@ -22,7 +22,6 @@ pub(super) struct Candidate {
 /// Frequency, angle of throw, phase lead, incline, k, e, th, e3.
 const COORDINATES: usize = 8;
 
-/// Candidates of one task.
 const TASK: usize = 8192;
 
 /// Amplitude over the first below which a second tone counts as absent.

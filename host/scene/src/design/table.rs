@@ -43,7 +43,6 @@ impl Axis {
     }
 }
 
-/// Parts of a lot whose restitution scatters.
 #[derive(Clone, Debug)]
 pub(super) struct Lot {
     /// Mean restitution of each part.

@@ -76,7 +76,6 @@ impl Variation {
     }
 }
 
-/// Share and speed of one part of the lot over some runs.
 fn part(
     file: &SceneFile,
     lot: &Lot,

@@ -21,7 +21,6 @@ pub(super) enum Key {
 }
 
 impl Panel {
-    /// Whether the item of a key is visible.
     fn shows(&self, key: &Key) -> bool {
         let within =
             |axis: &Axis, low: f64, high: f64| axis.part(high) > 0.0 && axis.part(low) < 1.0;

@@ -16,7 +16,6 @@ pub struct Grid<T> {
 }
 
 impl<T> Grid<T> {
-    /// Whether a cell has this value.
     pub(super) fn holds(&self, value: &T) -> bool
     where
         T: PartialEq,
@@ -180,13 +179,8 @@ impl Pixels<'_> {
 }
 
 pub(super) fn raster<T>(grid: &Grid<T>, palette: Vec<Colour>, number: impl Fn(&T) -> u8) -> Raster {
-    let pixels = grid
-        .values
-        .chunks(grid.columns)
-        .rev()
-        .flatten()
-        .map(number)
-        .collect();
+    let pixels = grid.values.chunks(grid.columns);
+    let pixels = pixels.rev().flatten().map(number).collect();
     Raster {
         width: grid.columns,
         height: grid.rows(),

@@ -5,7 +5,6 @@ use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
 use crate::picture::theme::{Colour, Fill, Hatch, Marker, Theme};
 
-/// Small words at a point of their baseline.
 pub(super) fn label(at: (f64, f64), words: &str, anchor: Anchor, colour: Colour) -> Text {
     Text {
         at,
@@ -45,7 +44,6 @@ pub(super) fn framed(rect: Rect, fill: Colour, line: Colour) -> Shape {
     Shape::areas(vec![rect.corners()], Some(fill), Some(stroke), None)
 }
 
-/// A rectangle in a fill, with its hatch.
 pub(super) fn swatch(theme: Theme, fill: Fill, rect: Rect, frame: bool, shapes: &mut Vec<Shape>) {
     shapes.push(Shape::area(rect, fill.colour(theme)));
     let step = 6.0;

@@ -20,7 +20,6 @@ const MARKER_COVERED: u32 = 6;
 const WORDS_COVERED: u32 = 30;
 const OUTSIDE: u32 = 200;
 
-/// A candidate place for a text.
 #[derive(Clone, Copy)]
 struct Place {
     x: f64,
@@ -33,7 +32,6 @@ impl Place {
         Self { x, y, anchor }
     }
 
-    /// The rectangle that a text covers here.
     fn patch(&self, words: &str) -> Rect {
         let width = font::width(words, SMALL, false);
         let left = match self.anchor {
@@ -50,7 +48,6 @@ impl Place {
     }
 }
 
-/// Obstacles of texts.
 struct Obstacles {
     plot: Rect,
     markers: Vec<(f64, f64)>,

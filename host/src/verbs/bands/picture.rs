@@ -19,7 +19,6 @@ const MAX_RESTITUTION: f64 = 0.7;
 /// The bands of order 1 of one wave: low and high end for each restitution, the widest of each.
 type Bands = Vec<(f64, f64, f64)>;
 
-/// Curves of the picture.
 #[derive(Default)]
 pub(super) struct Drawing {
     one_tone: Bands,
@@ -32,7 +31,6 @@ fn restitution(n: usize) -> f64 {
     MAX_RESTITUTION * n as f64 / (RESTITUTION_STEPS - 1) as f64
 }
 
-/// Computes the bands of order 1 over restitution.
 pub(super) fn compute(wave: &Wave, track: &Track, desk: &Desk) -> Result<Drawing, Refusal> {
     let bands = |wave: &Wave| -> Result<Bands, Refusal> {
         desk.try_map("bands over R", RESTITUTION_STEPS, |n| {

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::desk::Desk;
 use crate::refusal::Refusal;
-use crate::report::{Printout, fields, number};
+use crate::report::{Printout, fields, number, when};
 
 /// Number of k in each band from which parts start at rest.
 const K_SAMPLES: u32 = 60;
@@ -27,7 +27,6 @@ struct Row {
     from_rest: Option<([f64; 2], f64)>,
 }
 
-/// The bands.
 pub(super) fn report_of(
     arguments: &Arguments,
     wave: &Wave,
@@ -103,7 +102,6 @@ impl Row {
         self.band.as_ref().map(quantity)
     }
 
-    /// k at the setpoint.
     fn setpoint(&self) -> Option<f64> {
         self.of(WaveBand::setpoint)
     }
@@ -113,7 +111,6 @@ impl Row {
         self.of(|band| 100.0 * (band.setpoint() / band.low.k - 1.0))
     }
 
-    /// Range of k in which parts from rest lock, in words.
     fn reached(&self) -> String {
         match self.from_rest {
             None => "nowhere".into(),
@@ -139,7 +136,6 @@ impl Feeder<'_> {
         unit * locked::velocity_in_phase(order, 1.0, restitution, &along(self.track))
     }
 
-    /// Speeds of the lot, in words.
     fn speeds(&self, order: u32) -> String {
         let (low, high) = (self.lot.low(), self.lot.high());
         let [slow, fast] = [high, low].map(|r| number(self.speed(order, r), 4));
@@ -157,7 +153,6 @@ impl Feeder<'_> {
 }
 
 fields! {
-    /// A band of an order, on a track of several tones.
     fn shown(row: Row, feeder: Feeder<'_>) {
         all ORDER => row.order;
         all K2 => row.of(|band| band.low.k);
@@ -193,11 +188,8 @@ fn report(arguments: &Arguments, wave: &Wave, track: &Track, rows: &[Row]) -> Pr
         wave,
     };
     let (second, third) = (wave.second(), wave.third());
-    let third = if third.amplitude > 0.0 {
-        format!(", e3 = {}, th3 = {}", third.amplitude, third.angle)
-    } else {
-        String::new()
-    };
+    let words = || format!(", e3 = {}, th3 = {}", third.amplitude, third.angle);
+    let third = when(third.amplitude > 0.0, words);
     shown(&feeder)
         .printout(rows)
         .folded()

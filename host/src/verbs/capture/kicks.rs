@@ -20,7 +20,6 @@ pub(super) struct Kicks {
     pub(super) shares: Vec<f64>,
 }
 
-/// Number of lengths in a map.
 pub(super) const LENGTHS: usize = 48;
 
 impl Kicks {

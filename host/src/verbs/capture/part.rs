@@ -7,7 +7,6 @@ use crate::refusal::Refusal;
 /// Impacts after which a part counts as missed.
 const MOST_IMPACTS: u32 = 20_000;
 
-/// Whether `kick` captures a part.
 pub(super) fn captures(part: Trial, drive: DriveLag, kick: Kick) -> Result<bool, Refusal> {
     let mut trial_run = TrialRun::new(part, drive, kick)?;
     while trial_run.steps() < MOST_IMPACTS {

@@ -10,10 +10,8 @@ use crate::page::{self, Page};
 use crate::provenance;
 use crate::refusal::Refusal;
 
-/// The pictures of the page.
 const FIGURES: &str = include_str!("record.js");
 
-/// The steps so far.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Record {
     steps: Vec<Json>,

@@ -5,7 +5,7 @@ use kband::regime::gear::Share;
 use serde_json::{Value as Json, json};
 
 use super::Arguments;
-use super::survey::{Point, Survey};
+use super::survey::{Point, Shares, Survey};
 use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Printout, Value, fields, number};
@@ -64,7 +64,6 @@ impl<'a> Named<'a> {
 }
 
 fields! {
-    /// A named point.
     fn named_point(at: Named<'a>) {
         read POINT => at.name;
         all K.digits(4) => at.point.k;
@@ -121,7 +120,6 @@ fn named<'a>(survey: &'a Survey, arguments: &Arguments) -> Result<Vec<Named<'a>>
     .collect()
 }
 
-/// The parts in words.
 fn who(survey: &Survey) -> String {
     match survey.lot.restitutions.as_slice() {
         [] => String::new(),
@@ -140,7 +138,7 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
     let view = named_point();
     let lot = arguments.restitution;
     let who = who(survey);
-    let mut report = view
+    let report = view
         .printout(&named)
         .folded()
         .heading(format!(
@@ -154,50 +152,40 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
             "Each part was watched for {} periods at each of these points.",
             number(survey.lot.watched(), 6)
         ));
-    if survey.band_middle.is_none() {
-        report = report.note(
-            "Without scatter no amplitude locks all of this lot with one tone: see kband bands.",
-        );
-    }
+    let unlocked = survey.band_middle.is_none().then_some(
+        "Without scatter no amplitude locks all of this lot with one tone: see kband bands.",
+    );
     let two = named.iter().find(|named| named.name.ends_with("tones"));
-    if let Some(two) = two {
-        report = report.note(format!(
+    let second = two.map(|two| {
+        format!(
             "The second tone takes {} of the first one's force on a resonance of quality {}, {} off it.",
             number(two.force[0], 3),
             number(arguments.quality, 4),
             number(two.force[1], 3)
-        ));
-        if two.point.wave.third().amplitude > 0.0 {
-            report = report.note(format!(
-                "The third tone takes {} of it there, {} off it.",
-                number(two.third[0], 3),
-                number(two.third[1], 3)
-            ));
-        }
-    }
-    let best = named
-        .iter()
-        .map(|named| &named.point.shares)
-        .max_by(|a, b| a.mean().total_cmp(&b.mean()));
-    if let Some(shares) = best
-        && shares.least() < 0.5
-        && survey.lot.restitutions.len() > 1
-    {
-        report = report.note(match served(survey, shares) {
-            Some((low, high)) => format!(
-                "This lot is too wide for one amplitude: at the best point parts of R = {}..{} are in gear \
-                 nine tenths of the time or more.",
-                number(low, 4),
-                number(high, 4)
-            ),
-            None => "No part of this lot is in gear nine tenths of the time; less scatter, or a second \
-                     tone (--largest-second-tone), would help."
-                .into(),
-        });
-    }
+        )
+    });
+    let three = two.filter(|two| two.point.wave.third().amplitude > 0.0);
+    let third = three.map(|three| {
+        let [on, off] = three.third.map(|force| number(force, 3));
+        format!("The third tone takes {on} of it there, {off} off it.")
+    });
+    let shares = named.iter().map(|named| &named.point.shares);
+    let best = shares.max_by(|a, b| a.mean().total_cmp(&b.mean()));
+    let wide = |shares: &&Shares| shares.least() < 0.5 && survey.lot.restitutions.len() > 1;
+    let wide = best.filter(wide).map(|shares| match served(survey, shares) {
+        Some((low, high)) => format!(
+            "This lot is too wide for one amplitude: at the best point parts of R = {}..{} are in gear \
+             nine tenths of the time or more.",
+            number(low, 4),
+            number(high, 4)
+        ),
+        None => "No part of this lot is in gear nine tenths of the time; less scatter, or a second \
+                 tone (--largest-second-tone), would help."
+            .into(),
+    });
     let over_k = |wave: usize| -> Vec<Json> {
-        survey
-            .over_k(wave)
+        let points = survey.over_k(wave);
+        points
             .map(|(k, share)| json!({"k": k, "in_gear": share}))
             .collect()
     };
@@ -228,11 +216,14 @@ pub(super) fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout,
         .map(|(n, shares)| (survey.waves[n / count], survey.k[n % count], *shares))
         .collect();
     let csv = map_point().table_of(&points);
+    let report = report
+        .notes(unlocked)
+        .notes([second, third, wide].into_iter().flatten());
     Ok(report.json(&json)?.csv_of(csv))
 }
 
 /// The parts in a row, by restitution, that are in gear nine tenths of the time.
-fn served(survey: &Survey, shares: &super::survey::Shares) -> Option<(f64, f64)> {
+fn served(survey: &Survey, shares: &Shares) -> Option<(f64, f64)> {
     let mut best: Option<(usize, usize)> = None;
     let mut begin = None;
     for (n, share) in shares.0.iter().enumerate() {
@@ -249,29 +240,19 @@ fn served(survey: &Survey, shares: &super::survey::Shares) -> Option<(f64, f64)>
 }
 
 pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
-    let (low, high) = (
-        survey.k.first().copied().unwrap_or(0.0),
-        survey.k.last().copied().unwrap_or(1.0),
-    );
-    let mut over = Panel::new(
-        Axis::new("k", "", low, high),
-        Axis::new("share of time in gear", "", 0.0, 1.0),
-    )
-    .heading("Over the amplitude, k = g cos α / (b ω²)")
-    .line("one tone", 0, survey.over_k(0).collect());
+    let low = survey.k.first().copied().unwrap_or(0.0);
+    let high = survey.k.last().copied().unwrap_or(1.0);
+    let share = Axis::new("share of time in gear", "", 0.0, 1.0);
+    let mut over = Panel::new(Axis::new("k", "", low, high), share)
+        .heading("Over the amplitude, k = g cos α / (b ω²)")
+        .line("one tone", 0, survey.over_k(0).collect());
     if let Some(two) = &survey.two_tones
         && let Some(number) = survey.waves.iter().position(|wave| *wave == two.wave)
     {
+        let best = [&survey.one_tone, two].map(|at| (at.k, at.shares.mean()));
         over = over
             .line(&words(&two.wave), 1, survey.over_k(number).collect())
-            .markers(
-                "best points, fresh runs",
-                2,
-                vec![
-                    (survey.one_tone.k, survey.one_tone.shares.mean()),
-                    (two.k, two.shares.mean()),
-                ],
-            );
+            .markers("best points, fresh runs", 2, best.to_vec());
     }
     if let Some(middle) = &survey.band_middle {
         over = over.mark(middle.k, "middle of the band");
@@ -288,29 +269,21 @@ pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
         ))
         .panel(over);
     if arguments.second_tone.is_none() {
-        let shares: Vec<f64> = (1..survey.waves.len())
-            .map(|wave| survey.best_over_k(wave))
-            .collect();
+        let waves = 1..survey.waves.len();
+        let shares: Vec<f64> = waves.map(|wave| survey.best_over_k(wave)).collect();
         let least = shares.iter().copied().fold(f64::INFINITY, f64::min);
         let most = shares.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let (from, to, count) = super::angles(arguments);
         let half = 0.5 * (to - from) / f64::from(count - 1);
         let step = arguments.largest_second_tone / f64::from(super::SECOND_TONE_AMPLITUDES);
+        let angle = Axis::new("angle th of the second tone", "rad", from - half, to + half);
+        let top = arguments.largest_second_tone + 0.5 * step;
+        let amplitude = Axis::new("amplitude e of the second tone", "", 0.5 * step, top);
+        let share = Axis::new("in gear", "", least, most);
         picture = picture.panel(
-            Panel::new(
-                Axis::new("angle th of the second tone", "rad", from - half, to + half),
-                Axis::new(
-                    "amplitude e of the second tone",
-                    "",
-                    0.5 * step,
-                    arguments.largest_second_tone + 0.5 * step,
-                ),
-            )
-            .heading("Over the second tone, each at its best k")
-            .heat(
-                Grid::new(count as usize, shares),
-                Axis::new("in gear", "", least, most),
-            ),
+            Panel::new(angle, amplitude)
+                .heading("Over the second tone, each at its best k")
+                .heat(Grid::new(count as usize, shares), share),
         );
     }
     picture
@@ -318,9 +291,6 @@ pub(super) fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
 
 fn words(wave: &Wave) -> String {
     let second = wave.second();
-    format!(
-        "e = {}, th = {}",
-        number(second.amplitude, 4),
-        number(second.angle, 4)
-    )
+    let [e, th] = [second.amplitude, second.angle].map(|value| number(value, 4));
+    format!("e = {e}, th = {th}")
 }

@@ -26,7 +26,6 @@ pub(in crate::verbs) struct LotSettings {
     pub contact: ContactTime,
 }
 
-/// The simulated parts.
 pub(in crate::verbs) struct Lot {
     settings: LotSettings,
     pub(super) restitutions: Vec<f64>,
@@ -73,14 +72,12 @@ impl Shares {
     }
 }
 
-/// A named point.
 pub(super) struct Point {
     pub wave: Wave,
     pub k: f64,
     pub shares: Shares,
 }
 
-/// The whole map and the named points.
 pub(super) struct Survey {
     pub lot: Lot,
     pub k: Vec<f64>,
@@ -301,22 +298,5 @@ mod tests {
             (instant - 0.42).abs() < 0.06 && (long - 0.67).abs() < 0.06,
             "{instant} {long}"
         );
-    }
-
-    #[test]
-    fn threads_and_seeds() {
-        let k = [0.40, 0.44, 0.48];
-        let run = |threads, seed| {
-            let desk = Desk::new(Some(threads)).unwrap();
-            let settings = LotSettings {
-                seed,
-                ..lot(0.2, 0.3, 0.06)
-            };
-            Survey::run(Lot::build(settings).unwrap(), &k, &waves(), None, &desk)
-                .unwrap()
-                .map
-        };
-        assert_eq!(run(1, 5), run(3, 5));
-        assert_ne!(run(1, 5), run(1, 6));
     }
 }

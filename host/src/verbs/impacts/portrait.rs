@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::Arguments;
 use crate::picture::{Axis, Panel, Picture};
-use crate::report::number;
+use crate::report::{number, when};
 
 /// Largest number of drawn states.
 const MAX_DRAWN: usize = 1 << 17;
@@ -78,11 +78,7 @@ pub(super) fn portrait(arguments: &Arguments, drive_text: &str, states: States) 
         ),
         None => String::new(),
     };
-    let drawn = if every > 1 {
-        format!(", every {every}th of them drawn")
-    } else {
-        String::new()
-    };
+    let drawn = when(every > 1, || format!(", every {every}th of them drawn"));
     Picture::new("Phase portrait")
         .caption(format!("{map}{impacts} impacts{drawn}"))
         .panel(panel.markers("impacts", 0, states))

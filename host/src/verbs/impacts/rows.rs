@@ -37,7 +37,6 @@ pub(super) fn not_held<K: Kernel>(refused: OutOfRange, next: &str) -> Refusal {
     )
 }
 
-/// Next step after a refused row.
 const NEXT: &str = "correct or remove this row";
 
 /// A file of launches. It is read twice: to check every row, and to compute them.
@@ -130,10 +129,8 @@ fn each_row(
             continue;
         }
         let Some(places) = places else {
-            let names: Vec<&str> = text
-                .split(',')
-                .map(|name| name.trim().trim_matches('"'))
-                .collect();
+            let names = text.split(',');
+            let names: Vec<&str> = names.map(|name| name.trim().trim_matches('"')).collect();
             let mut found = [0; 4];
             for (place, column) in found.iter_mut().zip(COLUMNS) {
                 *place = names
@@ -288,17 +285,5 @@ mod tests {
             let message = refused.err().map(|refusal| refusal.to_string());
             assert!(message.is_some_and(|message| message.ends_with(expected)));
         }
-    }
-
-    #[test]
-    fn columns_may_come_in_any_order_among_others() {
-        let text = "class,velocity,phase,restitution,k\r\nhigh,2,1,0.5,0.4\r\n";
-        let mut found = Vec::new();
-        let each = |line, values| {
-            found.push((line, values));
-            Ok(())
-        };
-        each_row(Path::new("a.csv"), text.as_bytes(), |_| Ok(()), each).unwrap();
-        assert_eq!(found, [(2, [0.4, 0.5, 1.0, 2.0])]);
     }
 }

@@ -10,7 +10,6 @@ use crate::refusal::Refusal;
 use crate::report::{Column, Format, Value, fields, number, shortest};
 use crate::stream::Stream;
 
-/// Widths of the columns in the table.
 const WIDTHS: [usize; 1 + BEFORE_THE_EVENT] = [
     9, 8, 9, 8, 8, 5, 8, 5, 8, 10, 17, 11, 10, 7, 13, 8, 9, 7, 6, 6, 6, 6, 7, 8, 10, 0,
 ];
@@ -71,11 +70,9 @@ pub(in crate::verbs) fn columns() -> Vec<(Column, usize)> {
     cycles().columns().into_iter().zip(WIDTHS).collect()
 }
 
-/// What is printed, row by row.
 pub(super) struct Rows {
     stream: Stream<Stdout>,
     row: Row,
-    /// Number of the next event.
     pub(super) next: u32,
     pub(super) cycles: u64,
     events: u64,
@@ -132,7 +129,6 @@ impl Rows {
         }
     }
 
-    /// Says how much it was.
     pub(super) fn close(&self) {
         eprintln!("{} rows of telemetry, {} events", self.cycles, self.events);
     }
@@ -144,7 +140,6 @@ impl Row {
         self.frequency = (frequency > 0.0).then_some(frequency.into());
     }
 
-    /// Time of a cycle.
     fn time(&self, cycles: u64) -> Option<f64> {
         self.frequency.map(|frequency| cycles as f64 / frequency)
     }

@@ -277,10 +277,8 @@ fn noise(rows: &mut Ledger) -> Result<(), Refusal> {
     let noisy = exponent::measure_scattered(&map, start, settings, scatter)?.per_impact;
     let cascade = Cascade::locate(restitution, 1, 6)?;
     let visible: Vec<f64> = cascade.max_visible_scatters().flatten().collect();
-    let ratio = visible
-        .windows(2)
-        .last()
-        .map_or(f64::NAN, |pair| pair[0] / pair[1]);
+    let ratio = visible.windows(2);
+    let ratio = ratio.last().map_or(f64::NAN, |pair| pair[0] / pair[1]);
     let key = "claim noise";
     rows.require(key, still.value < 0.0 && noisy.value > 0.0);
     rows.deviation(key, 3.0 * still.error / -still.value);

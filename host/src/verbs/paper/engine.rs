@@ -47,7 +47,6 @@ pub(super) struct Row {
     pub holds: bool,
 }
 
-/// Evidence for one row.
 #[derive(Clone, Debug, Default)]
 struct Evidence {
     residual: f64,
@@ -82,7 +81,6 @@ impl Ledger {
         self.evidence.entry(key).or_default()
     }
 
-    /// Records a deviation from the reference.
     pub(super) fn deviation(&mut self, key: &'static str, deviation: f64) {
         let row = self.row(key);
         row.residual = larger(row.residual, deviation);
@@ -186,7 +184,6 @@ impl Cases {
         low + (high - low) * self.uniform()
     }
 
-    /// Settings along the track.
     pub(super) fn settings(&mut self) -> TangentialSettings {
         TangentialSettings {
             restitution: self.within(0.0, 0.95),
@@ -228,7 +225,6 @@ pub(super) fn convey(
     Ok(measure(Orbit::new(map, launch), tangential, effort, &mut ()).conveyed)
 }
 
-/// Mean and standard error of the mean.
 pub(super) fn estimate(spread: &SampleMean) -> (f64, f64) {
     (
         spread.mean().unwrap_or(f64::NAN),

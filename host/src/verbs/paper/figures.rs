@@ -28,7 +28,6 @@ struct Way {
 }
 
 impl Way {
-    /// A coordinate over another.
     fn points(&self, of: impl Fn(&[f64; 4]) -> (f64, f64)) -> Vec<(f64, f64)> {
         self.moments.iter().map(of).collect()
     }

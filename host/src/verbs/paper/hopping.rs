@@ -33,7 +33,6 @@ pub(super) const CHAOS: TangentialSettings = TangentialSettings {
     incline_tangent: 0.05,
 };
 
-/// Impacts of one run.
 const IMPACTS: u64 = 4000;
 
 /// A run in a hopping regime.
@@ -55,7 +54,6 @@ impl Run {
         self.conveyed.mean_interval().unwrap_or(f64::NAN)
     }
 
-    /// Sum over the flights.
     fn sum(&self, term: impl Fn([f64; 4]) -> f64) -> f64 {
         self.flights.iter().copied().map(term).sum()
     }

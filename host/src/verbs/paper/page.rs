@@ -4,10 +4,11 @@ use super::engine::Row;
 use super::figures;
 use super::summarize;
 use crate::desk::Desk;
+use crate::page::escaped;
 use crate::picture::Theme;
 use crate::provenance;
 use crate::refusal::Refusal;
-use crate::report::number;
+use crate::report::{number, when};
 use crate::verbs::transport;
 
 const STYLE: &str = "
@@ -58,11 +59,7 @@ pub(super) fn page(
              impact mean.",
         ),
     ];
-    let dark = if theme == Theme::Dark {
-        " class=\"dark\""
-    } else {
-        ""
-    };
+    let dark = when(theme == Theme::Dark, || " class=\"dark\"");
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
          <meta name=\"viewport\" content=\"width=device-width\">\
@@ -72,7 +69,7 @@ pub(super) fn page(
          vibratory feeders</em>, Helv. Phys. Acta (1989). Each row is recomputed from the exact map and compared \
          with a reference of its own; the residual is the largest deviation over all cases.</p>\n\
          <p><strong>{}. {}</strong></p>\n{}",
-        escaped(&provenance::line()).replace('"', "&quot;"),
+        escaped(&provenance::line()),
         summarize(rows),
         match rows.iter().filter(|row| !row.holds).count() {
             0 => "Every recomputation agrees with its reference.".into(),
@@ -120,13 +117,6 @@ fn table(rows: &[Row]) -> String {
         table.push_str("</tr>\n");
     }
     table + "</tbody></table>\n"
-}
-
-fn escaped(words: &str) -> String {
-    words
-        .replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
 }
 
 #[cfg(test)]

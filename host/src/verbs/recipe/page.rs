@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 
 use clap::ValueEnum;
 use kband_control::{Recipe, RecipeName, Settings, Shape, Target, UpperTone};
+use kband_scene::toml_number as real;
 
 use super::super::target::Kind;
 use crate::refusal::Refusal;
 
-/// Next step after a refused line.
 const NEXT: &str = "correct this line; kband recipe export shows a whole file";
 
 /// A recipe of a file.
@@ -112,14 +112,6 @@ impl Entry {
             recipe,
             lines,
         })
-    }
-}
-
-fn real(value: &toml::Value) -> Option<f64> {
-    match value {
-        toml::Value::Float(number) => Some(*number),
-        toml::Value::Integer(number) => Some(*number as f64),
-        _ => None,
     }
 }
 

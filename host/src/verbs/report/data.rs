@@ -7,6 +7,7 @@ use std::f64::consts::TAU;
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::{ContactTime, Tone, Wave};
 use kband::regime::band::{self, Band};
+use kband::regime::classify::Regime;
 use serde_json::{Map, Value as Json, json};
 
 use crate::desk::Desk;
@@ -48,7 +49,6 @@ const SCATTERS: [f64; 8] = [0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.15];
 /// Largest number of drawn impacts of a run.
 const MAX_DRAWN_IMPACTS: usize = 1500;
 
-/// The feeder of the page.
 #[derive(Clone, Debug)]
 pub(super) struct Feeder {
     track: Track,
@@ -71,13 +71,12 @@ impl Feeder {
             friction: scene.friction.map(|[sliding, _]| f64::from(sliding)),
             order: outcome.gear_order(),
             contact: settings.contact_time(),
-            second: if settings.second_tone > 0.0 {
-                Tone {
-                    amplitude: f64::from(settings.second_tone),
-                    ..SECOND_TONE
-                }
-            } else {
-                SECOND_TONE
+            second: Tone {
+                amplitude: match settings.second_tone {
+                    0.0 => SECOND_TONE.amplitude,
+                    amplitude => amplitude.into(),
+                },
+                ..SECOND_TONE
             },
         })
     }
@@ -96,31 +95,23 @@ impl Feeder {
     }
 
     /// The bands of the whole lot, order by order.
-    pub fn bands_in_words(&self) -> Result<Vec<Vec<String>>, Refusal> {
-        (1..=ORDERS)
-            .map(|order| {
-                Ok(
-                    match Band::common_with_contact(self.lot, order, self.contact) {
-                        Ok(band) => {
-                            let k = band.setpoint();
-                            vec![
-                                order.to_string(),
-                                format!(
-                                    "{} to {}",
-                                    number(self.millimetres(band.high()), 4),
-                                    number(self.millimetres(band.low()), 4)
-                                ),
-                                number(self.millimetres(k), 4),
-                                number(100.0 * band.margins(k).smallest(), 3),
-                                number(throw_number(k), 4),
-                                number(self.track.acceleration(self.track.amplitude(k)), 3),
-                            ]
-                        }
-                        Err(_) => vec![order.to_string(), "none for the whole lot".into()],
-                    },
-                )
-            })
-            .collect()
+    pub fn bands_in_words(&self) -> Vec<Vec<String>> {
+        let mm = |k: f64| number(self.millimetres(k), 4);
+        let words = |order: u32| {
+            let Ok(band) = Band::common_with_contact(self.lot, order, self.contact) else {
+                return vec![order.to_string(), "none for the whole lot".into()];
+            };
+            let k = band.setpoint();
+            vec![
+                order.to_string(),
+                format!("{} to {}", mm(band.high()), mm(band.low())),
+                mm(k),
+                number(100.0 * band.margins(k).smallest(), 3),
+                number(throw_number(k), 4),
+                number(self.track.acceleration(self.track.amplitude(k)), 3),
+            ]
+        };
+        (1..=ORDERS).map(words).collect()
     }
 }
 
@@ -138,13 +129,10 @@ fn shorts(values: impl IntoIterator<Item = f64>) -> Vec<f64> {
 }
 
 fn pairs(points: Vec<(f64, f64)>, scale: f64) -> Vec<[f64; 2]> {
-    points
-        .into_iter()
-        .map(|(x, y)| [short(x), short(scale * y)])
-        .collect()
+    let points = points.into_iter();
+    points.map(|(x, y)| [short(x), short(scale * y)]).collect()
 }
 
-/// Everything that the page draws.
 pub(super) fn all(feeder: &Feeder, outcome: &Outcome, desk: &Desk) -> Result<Json, Refusal> {
     let settings = &outcome.file().scene.settings;
     Ok(json!({
@@ -192,10 +180,8 @@ fn bands() -> Result<Json, Refusal> {
 fn with(values: &[f64], one: f64) -> (Vec<f64>, usize) {
     let mut values = values.to_vec();
     let place = values.partition_point(|value| *value < one - 1e-6);
-    if values
-        .get(place)
-        .is_none_or(|value| (value - one).abs() > 1e-6)
-    {
+    let other = |value: &f64| (value - one).abs() > 1e-6;
+    if values.get(place).is_none_or(other) {
         values.insert(place, short(one));
     }
     (values, place)
@@ -204,46 +190,37 @@ fn with(values: &[f64], one: f64) -> (Vec<f64>, usize) {
 fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
     let order = feeder.order;
     let born = band::birth(feeder.lot.high().min(0.99), order)?;
-    let (low, high) = (
-        0.15 / f64::from(order),
-        (1.02 * born).min(1.0 / f64::from(order)),
-    );
+    let [low, highest] = [0.15, 1.0].map(|k| k / f64::from(order));
+    let high = (1.02 * born).min(highest);
     let last = (GEAR_PLACES - 1) as f64;
     // From the smallest amplitude to the largest.
-    let k: Vec<f64> = (0..GEAR_PLACES)
-        .map(|n| high + (low - high) * n as f64 / last)
-        .collect();
+    let place = |n: usize| high + (low - high) * n as f64 / last;
+    let k: Vec<f64> = (0..GEAR_PLACES).map(place).collect();
     let (scatters, at) = with(&SCATTERS, feeder.scatter);
     let waves = [Wave::sine(), Wave::build(feeder.second, Tone::default())?];
-    let lots = scatters
-        .iter()
-        .map(|&scatter| {
-            Lot::build(LotSettings {
-                restitution: feeder.lot,
-                parts: GEAR_PARTS,
-                scatter,
-                order,
-                runs: GEAR_RUNS,
-                periods: GEAR_PERIODS,
-                seed: 1,
-                contact: feeder.contact,
-            })
+    let lot = |&scatter: &f64| {
+        Lot::build(LotSettings {
+            restitution: feeder.lot,
+            parts: GEAR_PARTS,
+            scatter,
+            order,
+            runs: GEAR_RUNS,
+            periods: GEAR_PERIODS,
+            seed: 1,
+            contact: feeder.contact,
         })
-        .collect::<Result<Vec<_>, _>>()?;
+    };
+    let lots = scatters.iter().map(lot).collect::<Result<Vec<_>, _>>()?;
     let count = waves.len() * scatters.len() * k.len();
     let shares = desk.try_map("gear", count, |n| {
         let (rest, place) = (n / k.len(), k[n % k.len()]);
         lots[rest % scatters.len()].at(&waves[rest / scatters.len()], place)
     })?;
-    let curves: Vec<Json> = shares
-        .chunks(k.len())
-        .map(|curve| {
-            json!({
-                "mean": shorts(curve.iter().map(|share| share[0])),
-                "least": shorts(curve.iter().map(|share| share[1])),
-            })
-        })
-        .collect();
+    let curve = |curve: &[[f64; 2]]| {
+        let [mean, least] = [0, 1].map(|n| shorts(curve.iter().map(|share| share[n])));
+        json!({"mean": mean, "least": least})
+    };
+    let curves: Vec<Json> = shares.chunks(k.len()).map(curve).collect();
     let curves: Vec<&[Json]> = curves.chunks(scatters.len()).collect();
     Ok(json!({
         "amplitude_mm": k.iter().map(|&k| feeder.millimetres(k)).collect::<Vec<_>>(),
@@ -261,20 +238,16 @@ fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
 
 fn basin_maps(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
     let (restitution, order) = (feeder.lot.middle().min(0.95), feeder.order);
-    let (flip, birth) = (
-        band::flip(restitution, order)?,
-        band::first_return_edge(restitution, order)?,
-    );
+    let flip = band::flip(restitution, order)?;
+    let birth = band::first_return_edge(restitution, order)?;
     let (from, to) = (0.9 / birth, 1.25 / flip);
     let mut maps = Vec::new();
     for n in 0..BASIN_MAPS {
         let k = 1.0 / (from + (to - from) * n as f64 / (BASIN_MAPS - 1) as f64);
         let endings = Endings::with_contact(k, restitution, BASIN_IMPACTS, feeder.contact)?;
         let ends = basins::ends(&endings, BASIN_SIDE, BASIN_VELOCITY, desk)?;
-        let signs: String = ends
-            .iter()
-            .map(|end| char::from(b'0' + ending::fill(*end) as u8))
-            .collect();
+        let sign = |end: &Regime| char::from(b'0' + ending::fill(*end) as u8);
+        let signs: String = ends.iter().map(sign).collect();
         let mut shares: Vec<(String, usize)> = Vec::new();
         for end in &ends {
             let name = ending::describe_regime(*end, BASIN_IMPACTS);
@@ -284,10 +257,8 @@ fn basin_maps(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
             }
         }
         shares.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
-        let shares: Vec<Json> = shares
-            .iter()
-            .map(|(name, count)| json!({"regime": name, "share": short(*count as f64 / ends.len() as f64)}))
-            .collect();
+        let share = |(name, count): &(String, usize)| json!({"regime": name, "share": short(*count as f64 / ends.len() as f64)});
+        let shares: Vec<Json> = shares.iter().map(share).collect();
         maps.push(json!({
             "k": short(k),
             "amplitude_mm": feeder.millimetres(k),
@@ -325,17 +296,11 @@ fn speeds(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
             ),
             desk,
         )?;
-        let rows: Vec<Json> = found
-            .iter()
-            .map(|at| {
-                json!([
-                    short(at.throw),
-                    short(at.amplitude),
-                    at.speed.map(short),
-                    at.regime
-                ])
-            })
-            .collect();
+        let row = |at: &transport::Speed| {
+            let (throw, amplitude) = (short(at.throw), short(at.amplitude));
+            json!([throw, amplitude, at.speed.map(short), at.regime])
+        };
+        let rows: Vec<Json> = found.iter().map(row).collect();
         curves.push(json!({"friction": friction, "rows": rows}));
     }
     Ok(json!({
@@ -354,39 +319,23 @@ fn run(outcome: &Outcome) -> Json {
     };
     let end = sketch.time();
     let states = sketch.states();
-    let ribbon: Vec<Json> = states
-        .iter()
-        .enumerate()
-        .map(|(n, (from, state))| {
-            let until = states.get(n + 1).map_or(end, |next| next.0);
-            json!([
-                short(*from),
-                short(until),
-                state_fill(*state) as u8,
-                state.name()
-            ])
-        })
-        .collect();
-    let events: Vec<Json> = outcome
-        .events()
-        .map(|happened| json!([short(happened.time), happened.words()]))
-        .collect();
+    let ribbon = states.iter().enumerate().map(|(n, (from, state))| {
+        let until = states.get(n + 1).map_or(end, |next| next.0);
+        let fill = state_fill(*state) as u8;
+        json!([short(*from), short(until), fill, state.name()])
+    });
+    let event = |at: kband_scene::Happened| json!([short(at.time), at.words()]);
     let impacts = sketch.impacts();
     let stride = impacts.len().div_ceil(MAX_DRAWN_IMPACTS).max(1);
     let kinds = kin(&outcome.file().scene.parts);
-    let parts: Vec<Json> = kinds
-        .iter()
-        .map(|kin| {
-            let of = impacts
-                .iter()
-                .filter(|impact| kin.parts.contains(&impact.part));
-            let of = of.step_by(stride);
-            let impacts: Vec<[f64; 3]> = of
-                .map(|impact| [short(impact.time), short(impact.phase), short(impact.speed)])
-                .collect();
-            json!({"name": kin.name, "impacts": impacts})
-        })
-        .collect();
+    let parts = kinds.iter().map(|kin| {
+        let of = impacts
+            .iter()
+            .filter(|impact| kin.parts.contains(&impact.part));
+        let of = of.step_by(stride);
+        let of = of.map(|impact| [impact.time, impact.phase, impact.speed].map(short));
+        json!({"name": kin.name, "impacts": of.collect::<Vec<_>>()})
+    });
     json!({
         "duration_s": short(end),
         "amplitude_mm": pairs(sketch.amplitude.drawn(), 1e3),
@@ -395,10 +344,10 @@ fn run(outcome: &Outcome) -> Json {
         "in_gear_estimated": pairs(sketch.in_gear.drawn(), 1.0),
         "in_gear_true": outcome.in_gear().map(short),
         "lock_phase_rad": outcome.expected_phase().filter(|_| outcome.last().shape.is_sine()).map(short),
-        "states": ribbon,
+        "states": ribbon.collect::<Vec<_>>(),
         "state_fills": Fill::ALL.map(|fill| STATE_FILLS.iter().find(|(known, _)| *known == fill).map(|(_, name)| *name)),
-        "events": events,
-        "parts": parts,
+        "events": outcome.events().map(event).collect::<Vec<_>>(),
+        "parts": parts.collect::<Vec<_>>(),
     })
 }
 

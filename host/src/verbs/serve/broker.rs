@@ -12,7 +12,6 @@ use crate::refusal::Refusal;
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 /// Silence after which the client shows that it is alive.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
-/// Number of messages that wait for the network.
 const QUEUE: usize = 64;
 /// Longest time that the farewell takes.
 const FAREWELL: Duration = Duration::from_millis(500);

@@ -11,7 +11,6 @@ use kband_plant::{Change, ClosedLoop, Scene};
 /// Time after power-on at which the enable input is given, s. An input that is given before starts
 /// nothing.
 const ENABLE_TIME: f64 = 0.5;
-/// Name of the image in the registers.
 const IMAGE: &str = concat!("kband serve ", env!("CARGO_PKG_VERSION"));
 
 /// A feeder in real time.

@@ -45,10 +45,7 @@ impl Gateway {
     /// # Errors
     /// The board does not answer.
     pub fn reads_only(&mut self) -> Result<Option<&'static str>, Refusal> {
-        let access = self.link.ask(&Request::Status, |response| match response {
-            Response::Status(status) => Some(status.access),
-            _ => None,
-        })?;
+        let access = self.link.status()?.map(|status| status.access);
         let mut controls = true;
         for key in ["bus", "bus_address"] {
             controls &= self.link.ask(

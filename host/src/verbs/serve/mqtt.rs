@@ -13,7 +13,6 @@ use crate::report::Value;
 use crate::stream;
 use crate::verbs::monitor::{Row, columns};
 
-/// Time between two readings.
 const INTERVAL: Duration = Duration::from_secs(1);
 /// Number of events that wait for a broker; the oldest is dropped.
 const MAX_EVENTS: usize = 1000;
@@ -95,7 +94,6 @@ fn object(row: &[Value]) -> Json {
     stream::object(&columns(), row)
 }
 
-/// Host and port of an address.
 fn split(address: &str) -> Result<(&str, u16), Refusal> {
     let parts = address.rsplit_once(':');
     let parts = parts.and_then(|(host, port)| Some((host, port.parse().ok()?)));

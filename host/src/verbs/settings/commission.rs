@@ -54,7 +54,6 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
     commissioning.conclude((link, settings), &offer, vec![note], identified(), found)
 }
 
-/// Waits for the result.
 fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, Refusal> {
     let progress = Progress::new("listening", RESULT_HOPS);
     let begun = Instant::now();

@@ -40,10 +40,8 @@ impl Commissioning<'_> {
     ) -> Result<(), Refusal> {
         if self.apply {
             rest(&mut link)?;
-            let offered: Vec<_> = offered
-                .iter()
-                .map(|(key, value)| (key.to_string(), *value))
-                .collect();
+            let offered = offered.iter().map(|(key, value)| (key.to_string(), *value));
+            let offered: Vec<_> = offered.collect();
             let taken = settings
                 .change(&mut link, &offered)
                 .and_then(|()| kept(&mut link, true, self.address));

@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use kband::feeder::STANDARD_GRAVITY;
-use kband_control::wire::{Request, Response, Status, Telemetry};
+use kband_control::wire::{Request, Status, Telemetry};
 use kband_control::{Settings, State, Target};
 
 use super::drive::{gather, rest, why_off};
@@ -152,15 +152,10 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
         0.0
     };
     let values = [voltage, gain, swing, run, current_gain];
-    let pairs: Vec<_> = OFFERED
-        .map(|column| column.name())
-        .into_iter()
-        .zip(values)
-        .collect();
-    let assigned: Vec<_> = pairs
-        .iter()
-        .map(|(key, value)| format!("{key} = {value}"))
-        .collect();
+    let pairs = OFFERED.map(|column| column.name());
+    let pairs: Vec<_> = pairs.into_iter().zip(values).collect();
+    let assigned = pairs.iter().map(|(key, value)| format!("{key} = {value}"));
+    let assigned: Vec<_> = assigned.collect();
     let mut notes = vec![
         format!("proposed: {}", assigned.join(", ")),
         format!(
@@ -184,16 +179,13 @@ fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f6
     let mut sum = 0.0;
     for _ in 0..REST_READINGS {
         desk.go_on()?;
-        let measured = link.ask(&Request::Status, |response| match response {
-            Response::Status(status) => Some(value(&status)),
-            _ => None,
-        })?;
-        sum += f64::from(measured.ok_or_else(|| {
+        let status = link.status()?.ok_or_else(|| {
             Refusal::new(
                 "the board does not send its status",
                 "kband flash writes the firmware of this desk",
             )
-        })?);
+        })?;
+        sum += f64::from(value(&status));
         link.listen(READING_INTERVAL)?;
     }
     Ok(sum / f64::from(REST_READINGS))
@@ -256,10 +248,8 @@ mod tests {
             scene.settings.resonance = resonance;
             (scene.drive.resonance, scene.drive.gain) = (resonance, gain);
             let mut closed = EnvelopeLoop::build(&scene).unwrap();
-            let cycles: Vec<Telemetry> = (0..600)
-                .map(|_| Telemetry::from(&closed.cycle().report))
-                .filter(is_steady)
-                .collect();
+            let cycles = (0..600).map(|_| Telemetry::from(&closed.cycle().report));
+            let cycles: Vec<Telemetry> = cycles.filter(is_steady).collect();
             let found = ratio(&scene.settings, &cycles).unwrap();
             assert!(
                 (found.mean / f64::from(gain) - 1.0).abs() < 0.02,

@@ -3,19 +3,18 @@
 use std::path::Path;
 
 use kband::regime::classify::Regime;
-use kband_control::{Event, Report, State, Target, UpperTone};
+use kband_control::{Event, Fault, Report, State, Target, UpperTone};
 use serde_json::{Value as Json, json};
 
 use super::summary::Seen;
 use crate::causes;
 use crate::refusal::Refusal;
-use crate::report::{Field, Printout, View, columns, fields, number};
+use crate::report::{Field, Printout, View, columns, fields, number, when};
 use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, SETTLED, describe, words};
 
 /// Smallest amplitude of a second tone, over the first, that counts as one.
 const MIN_TONE_RATIO: f64 = 0.01;
 
-/// Files of a single run.
 pub(super) struct Written<'a> {
     pub picture: &'a Path,
     pub trace: Option<&'a Path>,
@@ -32,7 +31,6 @@ pub(super) fn report(
     let seen = Seen::of(outcome);
     let summary = seen.lines();
     let heading = format!("{}\n\n{}", summary.join("\n"), describe_scene(outcome));
-    let mut report = timeline(outcome).heading(heading);
     let sentences = [
         describe_state(outcome),
         describe_setpoint(outcome),
@@ -45,7 +43,7 @@ pub(super) fn report(
         Vec::from_iter(describe_measured_regime(outcome)),
         Vec::from_iter(describe_identification(outcome)),
         Vec::from_iter(describe_margin(outcome)),
-        describe_load(outcome),
+        Vec::from_iter(describe_load(outcome)),
         describe_lock_phase(outcome),
         vec![format!(
             "conveying speed  {} mm/s",
@@ -58,13 +56,12 @@ pub(super) fn report(
             number(outcome.times_real_time(), 3)
         )],
     ];
-    for sentence in sentences.into_iter().flatten() {
-        report = report.note(sentence);
-    }
-    report.json(&as_json(outcome, &seen, fidelity, unmet, written))
+    timeline(outcome)
+        .heading(heading)
+        .notes(sentences.into_iter().flatten())
+        .json(&as_json(outcome, &seen, fidelity, unmet, written))
 }
 
-/// Time and name of an event, and the report of its cycle.
 type Happened = (f64, String, Report);
 
 fields! {
@@ -131,10 +128,11 @@ fn name_event(outcome: &Outcome, event: Event, report: &Report) -> String {
     }
 }
 
-/// Target and settings of the scene.
 fn describe_scene(outcome: &Outcome) -> String {
     let scene = &outcome.file().scene;
     let settings = &scene.settings;
+    let widest = scene.scatter.iter().copied().fold(0.0, f32::max);
+    let scatter = || format!(" scattering by {widest}");
     format!(
         "target {}; {} Hz, incline {} degrees, restitution {}..{}{}, Q {}",
         describe(outcome.target()),
@@ -142,12 +140,7 @@ fn describe_scene(outcome: &Outcome) -> String {
         settings.incline,
         settings.restitution_low,
         settings.restitution_high,
-        if outcome.file().scatters() {
-            let widest = scene.scatter.iter().copied().fold(0.0, f32::max);
-            format!(" scattering by {widest}")
-        } else {
-            String::new()
-        },
+        when(outcome.file().scatters(), scatter),
         settings.quality
     )
 }
@@ -155,15 +148,9 @@ fn describe_scene(outcome: &Outcome) -> String {
 /// State of the controller at the end, and the fault.
 fn describe_state(outcome: &Outcome) -> Vec<String> {
     let last = outcome.last();
-    let mut lines = vec![format!(
-        "state            {}{}",
-        last.state.name(),
-        last.fault.map_or(String::new(), |fault| format!(
-            ": {} (fault {})",
-            fault.name(),
-            fault.number()
-        ))
-    )];
+    let fault = |fault: Fault| format!(": {} (fault {})", fault.name(), fault.number());
+    let fault = last.fault.map(fault).unwrap_or_default();
+    let mut lines = vec![format!("state            {}{fault}", last.state.name())];
     if last.state == State::Capturing {
         lines.push(format!(
             "                 the scene ended at kick {} of {}: --duration {} gives it time",
@@ -175,23 +162,22 @@ fn describe_state(outcome: &Outcome) -> Vec<String> {
     lines
 }
 
-/// Limits, amplitude and k.
 fn describe_setpoint(outcome: &Outcome) -> Vec<String> {
-    let mut lines = Vec::new();
-    for limit in outcome.limits() {
-        lines.push(format!("held back by     {limit}"));
-    }
-    if let Some(why) = outcome.no_setpoint() {
-        lines.push(format!("no setpoint      {why}"));
-    }
-    if outcome.amplitude() > RESTING_AMPLITUDE {
+    let limits = outcome.limits().into_iter();
+    let mut lines = Vec::from_iter(limits.map(|limit| format!("held back by     {limit}")));
+    lines.extend(
+        outcome
+            .no_setpoint()
+            .map(|why| format!("no setpoint      {why}")),
+    );
+    let (b, k) = if outcome.amplitude() > RESTING_AMPLITUDE {
         let b = number(outcome.amplitude() * 1e3, 4);
-        lines.push(format!("amplitude b      {b} mm"));
-        lines.push(format!("k                {}", number(outcome.k(), 4)));
+        (format!("{b} mm"), number(outcome.k(), 4))
     } else {
-        lines.push("amplitude b      -".into());
-        lines.push("k                -".into());
-    }
+        ("-".into(), "-".into())
+    };
+    lines.push(format!("amplitude b      {b}"));
+    lines.push(format!("k                {k}"));
     lines
 }
 
@@ -206,80 +192,64 @@ fn describe_band(outcome: &Outcome) -> Vec<String> {
     let gear = outcome.last().gear_band.map(|band| {
         let [low, high] = band.map(f64::from);
         let mm = |k_of_end: f64| number(outcome.amplitude() * 1e3 * k / k_of_end, 3);
-        let amplitudes = if moving {
-            format!(" (b {} .. {} mm)", mm(high), mm(low))
-        } else {
-            String::new()
-        };
+        let amplitudes = || format!(" (b {} .. {} mm)", mm(high), mm(low));
         format!(
-            "gear band        k {} .. {}{amplitudes}{}",
+            "gear band        k {} .. {}{}{}",
             number(low, 4),
             number(high, 4),
+            when(moving, amplitudes),
             place((low..=high).contains(&k))
         )
     });
     let lock = match outcome.band() {
-        Some(band) => format!(
-            "band             k {} .. {} (order {}{}){}",
-            number(band.low(), 4),
-            number(band.high(), 4),
-            band.order(),
-            if outcome.file().scatters() {
-                ", of a lock without scatter"
-            } else {
-                ""
-            },
-            if gear.is_some() {
-                ""
-            } else {
-                place(band.contains(k))
-            }
-        ),
-        None => format!(
-            "band             none: {}",
-            outcome.no_band().unwrap_or_default()
-        ),
+        Some(band) => {
+            let scatters = outcome.file().scatters();
+            format!(
+                "band             k {} .. {} (order {}{}){}",
+                number(band.low(), 4),
+                number(band.high(), 4),
+                band.order(),
+                when(scatters, || ", of a lock without scatter"),
+                when(gear.is_none(), || place(band.contains(k)))
+            )
+        }
+        None => {
+            let why = outcome.no_band().unwrap_or_default();
+            format!("band             none: {why}")
+        }
     };
     gear.into_iter().chain([lock]).collect()
 }
 
-/// Share of time in gear, simulated and measured.
 fn describe_share_in_gear(outcome: &Outcome) -> Vec<String> {
-    let mut lines = Vec::new();
-    if let Some(share) = outcome.in_gear() {
-        let lost = outcome
-            .time_to_loss()
-            .map_or("never lost".into(), |periods| {
-                format!("lost after {} cycles in the mean", number(periods, 3))
-            });
-        lines.push(format!(
-            "in gear          {} of the time from {SETTLED} s on (order {}), {lost}",
-            number(share, 3),
-            outcome.gear_order()
-        ));
-        let record = outcome.record();
-        if let (Some(estimate), Some(error), Some(coverage)) = (
-            record.in_gear_estimated(),
-            record.in_gear_error(),
-            record.in_gear_coverage(),
-        ) {
-            let coverage = match coverage {
-                1.0 => String::new(),
-                coverage => format!(", over {} of that time", number(coverage, 3)),
-            };
-            lines.push(format!(
-                "                 estimated {} +- {}{coverage}",
-                number(estimate, 3),
-                number(error, 1)
-            ));
-        } else if record.in_gear_coverage().is_some() {
-            lines.push("                 no estimate".into());
-        }
+    let Some(share) = outcome.in_gear() else {
+        return vec![];
+    };
+    let lost = match outcome.time_to_loss() {
+        Some(periods) => format!("lost after {} cycles in the mean", number(periods, 3)),
+        None => "never lost".into(),
+    };
+    let mut lines = vec![format!(
+        "in gear          {} of the time from {SETTLED} s on (order {}), {lost}",
+        number(share, 3),
+        outcome.gear_order()
+    )];
+    let record = outcome.record();
+    let estimated = (record.in_gear_estimated(), record.in_gear_error());
+    if let (Some(coverage), estimated) = (record.in_gear_coverage(), estimated) {
+        lines.push(match estimated {
+            (Some(estimate), Some(error)) => {
+                let part = || format!(", over {} of that time", number(coverage, 3));
+                let part = when(coverage != 1.0, part);
+                let (estimate, error) = (number(estimate, 3), number(error, 1));
+                format!("                 estimated {estimate} +- {error}{part}")
+            }
+            _ => "                 no estimate".into(),
+        });
     }
     lines
 }
 
-/// Lot of the settings.
 fn configured_lot(outcome: &Outcome) -> Lot {
     let settings = &outcome.file().scene.settings;
     Lot {
@@ -303,22 +273,13 @@ fn predicted_share(outcome: &Outcome) -> Option<f64> {
 /// Share of time in gear that the plan predicts.
 fn describe_expected_share(outcome: &Outcome) -> Option<String> {
     let lot = planned_lot(outcome);
-    let expected = predicted_share(outcome)?;
-    let Lot {
-        restitution: [low, high],
-        scatter,
-    } = lot;
-    let source = if lot == configured_lot(outcome) {
-        ""
-    } else {
-        ", as estimated"
-    };
+    let expected = number(predicted_share(outcome)?, 3);
+    let estimated = lot != configured_lot(outcome);
+    let [low, high] = lot.restitution.map(|end| number(end, 3));
     Some(format!(
-        "                 {} expected of restitution {}..{} that scatters by {}{source}",
-        number(expected, 3),
-        number(low, 3),
-        number(high, 3),
-        number(scatter, 2)
+        "                 {expected} expected of restitution {low}..{high} that scatters by {}{}",
+        number(lot.scatter, 2),
+        when(estimated, || ", as estimated")
     ))
 }
 
@@ -328,16 +289,13 @@ fn list_causes(seen: &Seen) -> Vec<String> {
     if causes.is_empty() {
         return vec![];
     }
-    let mut lines = vec!["causes           one change at a time is predicted to give".into()];
-    lines.extend(
-        causes
-            .iter()
-            .map(|cause| format!("                 {cause}")),
-    );
-    lines
+    let heading = "causes           one change at a time is predicted to give".into();
+    let causes = causes
+        .iter()
+        .map(|cause| format!("                 {cause}"));
+    std::iter::once(heading).chain(causes).collect()
 }
 
-/// Parts outside the lot of the settings.
 fn describe_strays(outcome: &Outcome) -> Option<String> {
     let settings = &outcome.file().scene.settings;
     let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
@@ -377,24 +335,19 @@ fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
     })
 }
 
-/// Identified restitution.
 fn describe_identification(outcome: &Outcome) -> Option<String> {
     let found = outcome.identified()?;
+    let scatter = || format!(", scattering by {}", number(found.scatter, 2));
     Some(format!(
         "restitution      {} identified{}, standard error {}, {} hops at k {}",
         number(found.restitution, 3),
-        if found.scatter > 0.0 {
-            format!(", scattering by {}", number(found.scatter, 2))
-        } else {
-            String::new()
-        },
+        when(found.scatter > 0.0, scatter),
         number(found.deviation, 1),
         found.hops,
         number(found.k, 3)
     ))
 }
 
-/// Measured margin to the flip.
 fn describe_margin(outcome: &Outcome) -> Option<String> {
     let margin = outcome.last().margin?;
     Some(format!(
@@ -408,94 +361,76 @@ fn describe_margin(outcome: &Outcome) -> Option<String> {
     ))
 }
 
-/// Measured mass and flow.
-fn describe_load(outcome: &Outcome) -> Vec<String> {
+fn describe_load(outcome: &Outcome) -> Option<String> {
     let last = outcome.last();
-    let mut lines = Vec::new();
     if let Some(load) = last.load {
-        let flow = if load.flow == 0.0 {
-            String::new()
-        } else {
-            format!(", {} g/s", number(load.flow, 3))
-        };
-        lines.push(format!(
-            "weighed          {} g on the track ({} g are) at {} mm/s{flow}",
+        let flow = || format!(", {} g/s", number(load.flow, 3));
+        Some(format!(
+            "weighed          {} g on the track ({} g are) at {} mm/s{}",
             number(load.mass, 3),
             number(outcome.mass(), 3),
             number(load.speed, 3),
-        ));
-    } else if outcome.file().scene.settings.track_mass > 0.0
-        && f64::from(last.shape.second.ratio) >= MIN_TONE_RATIO
-    {
-        lines.push("weighed          nothing: a second tone takes a power of its own".into());
+            when(load.flow != 0.0, flow)
+        ))
+    } else {
+        let unknown = outcome.file().scene.settings.track_mass > 0.0
+            && f64::from(last.shape.second.ratio) >= MIN_TONE_RATIO;
+        unknown.then(|| "weighed          nothing: a second tone takes a power of its own".into())
     }
-    lines
 }
 
 /// Phase of the lock: simulated, measured, predicted.
 fn describe_lock_phase(outcome: &Outcome) -> Vec<String> {
+    let Some(phase) = outcome.lock_phase() else {
+        return vec![];
+    };
     let last = outcome.last();
-    let silent = last
-        .regime
-        .is_some_and(|found| found.regime == Regime::Rest);
+    let measures = |regime: Regime| last.regime.is_some_and(|found| found.regime == regime);
+    let silent = measures(Regime::Rest);
     // The controller detects no lock from rare impacts.
-    let faint = matches!(last.state, State::Holding | State::Capturing)
-        && last
-            .regime
-            .is_some_and(|found| found.regime == Regime::Undecided);
-    let mut lines = Vec::new();
-    if let Some(phase) = outcome.lock_phase() {
-        let expected = outcome.expected_phase().map_or(String::new(), |phase| {
-            format!(
-                " (the map says {} for the middle of the lot)",
-                number(phase, 3)
-            )
-        });
-        let measured = if silent {
-            "not measured".into()
-        } else {
-            format!("measured {} rad", number(last.phase, 3))
-        };
-        lines.push(format!(
-            "lock phase       {} rad, {measured}{expected}",
-            number(phase, 3)
-        ));
-        if silent || faint {
-            lines.push(
-                "                 the parts are locked, but too quiet for the controller: \
-                 [sensor] ringing against noise"
-                    .into(),
-            );
-        }
-    }
+    let faint =
+        matches!(last.state, State::Holding | State::Capturing) && measures(Regime::Undecided);
+    let expected = outcome.expected_phase().map(|phase| {
+        let phase = number(phase, 3);
+        format!(" (the map says {phase} for the middle of the lot)")
+    });
+    let measured = if silent {
+        "not measured".into()
+    } else {
+        format!("measured {} rad", number(last.phase, 3))
+    };
+    let mut lines = vec![format!(
+        "lock phase       {} rad, {measured}{}",
+        number(phase, 3),
+        expected.unwrap_or_default()
+    )];
+    let quiet = "                 the parts are locked, but too quiet for the controller: \
+                 [sensor] ringing against noise";
+    lines.extend((silent || faint).then(|| quiet.into()));
     lines
 }
 
-/// Expectations of the scene.
 fn describe_expectation(unmet: Option<&[String]>) -> Vec<String> {
     match unmet {
         None => Vec::new(),
         Some([]) => vec!["expectation      met".into()],
-        Some(unmet) => unmet
-            .iter()
-            .map(|line| format!("NOT AS EXPECTED  {line}"))
-            .collect(),
+        Some(unmet) => {
+            let lines = unmet.iter();
+            lines
+                .map(|line| format!("NOT AS EXPECTED  {line}"))
+                .collect()
+        }
     }
 }
 
-/// Files that were written.
 fn list_files(written: &Written<'_>) -> Vec<String> {
-    [
-        ("picture", Some(written.picture)),
-        ("trace", written.trace),
-        ("scope", written.scope),
-    ]
-    .into_iter()
-    .filter_map(|(name, file)| Some(format!("{name:<16} {}", file?.display())))
-    .collect()
+    let picture = ("picture", Some(written.picture));
+    let files = [picture, ("trace", written.trace), ("scope", written.scope)].into_iter();
+    files
+        .filter_map(|(name, file)| Some(format!("{name:<16} {}", file?.display())))
+        .collect()
 }
 
-/// The result for programs.
 fn as_json(
     outcome: &Outcome,
     seen: &Seen,
@@ -505,14 +440,11 @@ fn as_json(
 ) -> Json {
     let (last, k, lot) = (outcome.last(), outcome.k(), planned_lot(outcome));
     let path = |path: &Path| path.display().to_string();
-    let events: Vec<_> = outcome
-        .events()
-        .map(|happened| json!({"time": happened.time, "event": happened.event.name(), "state": happened.report.state.name()}))
-        .collect();
+    let event = |at: kband_scene::Happened| json!({"time": at.time, "event": at.event.name(), "state": at.report.state.name()});
     json!({
         "summary": seen.lines(),
         "causes": causes::describe(seen.causes()),
-        "events": events,
+        "events": outcome.events().map(event).collect::<Vec<_>>(),
         "state": last.state.name(),
         "fault": last.fault.map(|fault| fault.name()),
         "limits": outcome.limits(),

@@ -18,7 +18,6 @@ const MIN_TIME_IN_AIR: f64 = 0.9;
 /// bowl changes more.
 const THIN_MARGIN: f64 = 0.01;
 
-/// Quantities of the summary.
 #[derive(Clone, Debug)]
 pub(super) struct Seen {
     /// Amplitude in mm, and the track's peak acceleration over gravity.
@@ -32,7 +31,6 @@ pub(super) struct Seen {
     no_setpoint: Option<String>,
     identification: Identification,
     parts: usize,
-    /// Number of parts at rest at the end.
     resting: usize,
     k: f64,
     order: u32,
@@ -192,7 +190,6 @@ impl Seen {
         ))
     }
 
-    /// Motion of parts out of gear.
     fn motion(&self) -> String {
         let air = number(100.0 * self.in_air, 2);
         if self.in_air <= 0.0 {
@@ -436,38 +433,41 @@ mod tests {
         );
     }
 
-    #[test]
-    fn the_summary_warns_of_thin_margin_and_short_run() {
-        let locked = Seen {
-            state: State::Locked,
-            target: Target::Locked { order: 1 },
-            in_gear: None,
-            locked: true,
-            margin: Some(0.0005),
-            speed: -3.0,
-            ..seen()
-        };
-        let lines = locked.lines().join("\n");
-        for said in [
-            "0.05 % of the amplitude",
-            "thin",
-            "DOWN the track",
-            "kband bands --restitution 0.18..0.22",
-        ] {
+    #[track_caller]
+    fn says(change: fn(&mut Seen), words: &[&str]) {
+        let mut seen = seen();
+        change(&mut seen);
+        let lines = seen.lines().join("\n");
+        for said in words {
             assert!(lines.contains(said), "{said}: {lines}");
         }
-        let identifying = Seen {
-            target: Target::Identify,
-            identification: Identification::Listening { hops: 12 },
-            ..seen()
-        };
-        assert!(identifying.next().contains("12 hops detected"));
-        assert!(identifying.next().contains("--duration 30"));
-        let capturing = Seen {
-            state: State::Capturing,
-            ..seen()
-        };
-        assert!(capturing.next().contains("--duration 30"));
+    }
+
+    #[test]
+    fn the_summary_warns_of_thin_margin_and_short_run() {
+        says(
+            |seen| {
+                seen.state = State::Locked;
+                seen.target = Target::Locked { order: 1 };
+                (seen.in_gear, seen.locked) = (None, true);
+                seen.margin = Some(0.0005);
+                seen.speed = -3.0;
+            },
+            &[
+                "0.05 % of the amplitude",
+                "thin",
+                "DOWN the track",
+                "kband bands --restitution 0.18..0.22",
+            ],
+        );
+        says(
+            |seen| {
+                seen.target = Target::Identify;
+                seen.identification = Identification::Listening { hops: 12 };
+            },
+            &["12 hops detected", "--duration 30"],
+        );
+        says(|seen| seen.state = State::Capturing, &["--duration 30"]);
     }
 
     #[test]
@@ -478,37 +478,26 @@ mod tests {
                 state,
                 ..seen()
             };
-            assert!(
-                strays.next().contains("outside the configured lot"),
-                "{state:?}"
-            );
+            let next = strays.next();
+            assert!(next.contains("outside the configured lot"), "{state:?}");
         }
-        let doubled = Seen {
-            state: State::Locked,
-            doubled: true,
-            ..seen()
-        };
-        assert!(doubled.next().contains("doubled"), "{}", doubled.next());
-        let one_of_three = Seen {
-            state: State::Locked,
-            parts: 3,
-            resting: 2,
-            k: 1.08,
-            ..seen()
-        };
-        let next = one_of_three.next();
-        assert!(next.contains("lock is of 1 of the 3 parts"), "{next}");
-        assert!(next.contains("above k = 1"), "{next}");
-        let without = Seen {
-            state: State::Limiting,
-            limits: Limits::NO_SETPOINT,
-            no_setpoint: Some("a reason".into()),
-            ..seen()
-        };
-        assert!(
-            without.next().contains(": a reason; kband explain"),
-            "{}",
-            without.next()
+        says(
+            |seen| (seen.state, seen.doubled) = (State::Locked, true),
+            &["the flights have doubled"],
+        );
+        says(
+            |seen| {
+                (seen.state, seen.k) = (State::Locked, 1.08);
+                (seen.parts, seen.resting) = (3, 2);
+            },
+            &["lock is of 1 of the 3 parts", "above k = 1"],
+        );
+        says(
+            |seen| {
+                (seen.state, seen.limits) = (State::Limiting, Limits::NO_SETPOINT);
+                seen.no_setpoint = Some("a reason".into());
+            },
+            &[": a reason; kband explain"],
         );
     }
 
@@ -519,28 +508,17 @@ mod tests {
             assert!(said.len() > 15, "{state:?}: {said}");
         }
         for &fault in Fault::ALL {
-            let said = Seen {
-                state: State::Fault,
+            let faulty = Seen {
                 fault: Some(fault),
                 ..seen()
-            }
-            .next();
-            assert!(
-                said.ends_with(&format!("kband explain fault {}", fault.number())),
-                "{said}"
-            );
+            };
+            let end = format!("kband explain fault {}", fault.number());
+            assert!(faulty.next().ends_with(&end), "{}", faulty.next());
         }
         for limits in Limits::ALL {
-            let said = Seen {
-                state: State::Limiting,
-                limits,
-                ..seen()
-            }
-            .next();
-            assert!(
-                said.ends_with(&format!("kband explain limit {}", limits.number())),
-                "{said}"
-            );
+            let limited = Seen { limits, ..seen() };
+            let end = format!("kband explain limit {}", limits.number());
+            assert!(limited.next().ends_with(&end), "{}", limited.next());
         }
         let still = Seen {
             amplitude: 0.0,

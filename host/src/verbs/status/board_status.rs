@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use kband_control::wire::{Request, Response, Status, Telemetry};
+use kband_control::wire::{Request, Status, Telemetry};
 use kband_control::{Fault, Limits, State, Target};
 use serde_json::{Value as Json, json};
 
@@ -14,8 +14,9 @@ use crate::simulate::{RESTING_AMPLITUDE, describe};
 
 /// Longest wait for a row of telemetry: some cycles at 5 Hz, on a busy machine.
 const TELEMETRY_TIMEOUT: Duration = Duration::from_secs(5);
+/// Columns of the screen of `kband status --live`.
+const SCREEN_COLUMNS: usize = 80;
 
-/// Answers of a board to a request of its state.
 #[derive(Clone, Debug)]
 pub(in crate::verbs) struct BoardStatus {
     name: String,
@@ -27,12 +28,8 @@ pub(in crate::verbs) struct BoardStatus {
 }
 
 impl BoardStatus {
-    /// Asks the board.
     pub(in crate::verbs) fn ask(link: &mut Link) -> Result<Self, Refusal> {
-        let status = link.ask(&Request::Status, |response| match response {
-            Response::Status(status) => Some(status),
-            _ => None,
-        })?;
+        let status = link.status()?;
         let target = link.held()?;
         link.begin_telemetry(1)?;
         let telemetry = row(link);
@@ -96,62 +93,63 @@ impl BoardStatus {
             .collect()
     }
 
-    /// What it is, with a line each, and the next step last.
-    pub(in crate::verbs) fn printout(&self) -> Result<Printout, Refusal> {
-        let mut table = Table::new(&[columns::ITEM, columns::VALUE]);
-        let mut row = |item: &str, value: String| table.push([item.into(), value.into()]);
+    /// What it is, item by item.
+    fn rows(&self) -> Vec<(&'static str, String)> {
         let (status, telemetry) = (&self.status, &self.telemetry);
         let moving = f64::from(telemetry.amplitude) > RESTING_AMPLITUDE;
         let or_rest = |value: String| if moving { value } else { "-".into() };
         let mm = |metres: f32| format!("{} mm", number(f64::from(metres) * 1e3, 4));
         let either = |is: bool, yes: &str, no: &str| if is { yes } else { no }.to_string();
-        row("board", self.name.clone());
-        row("state", self.state().map_or("unknown", State::name).into());
+        let state = self.state().map_or("unknown", State::name);
+        let mut rows = vec![("board", self.name.clone()), ("state", state.into())];
+        let named = |kind: &str, name: &str, number: u8| format!("{name} ({kind} {number})");
         if let Some(fault) = self.fault() {
-            let fault = format!("{} (fault {})", fault.name(), fault.number());
-            row("fault", fault);
+            rows.push(("fault", named("fault", fault.name(), fault.number())));
         }
         for limit in self.limits() {
-            let limit = format!("{} (limit {})", limit.name(), limit.number());
-            row("held back by", limit);
+            let limit = named("limit", limit.name(), limit.number());
+            rows.push(("held back by", limit));
         }
-        row("target", describe(self.target));
-        row("ready", either(status.ready, "on", "off"));
-        let enabled = either(status.inputs.enable, "given", "not given");
-        row("enable input", enabled);
+        let given = either(status.inputs.enable, "given", "not given");
         let permitted = either(status.permitted, "given", "withdrawn: kband enable");
-        row("enable of the desk", permitted);
-        for (input, active) in self.alarms() {
-            row(input, either(active, "ACTIVE", "no"));
-        }
+        rows.extend([
+            ("target", describe(self.target)),
+            ("ready", either(status.ready, "on", "off")),
+            ("enable input", given),
+            ("enable of the desk", permitted),
+        ]);
+        let alarm = |(name, active)| (name, either(active, "ACTIVE", "no"));
+        rows.extend(self.alarms().map(alarm));
         let mean = number(status.mean, 3);
-        row(
-            "mean acceleration",
-            format!("{mean} m/s^2 (sensor_zero: about 0)"),
-        );
-        row("amplitude", or_rest(mm(telemetry.amplitude)));
-        row("setpoint", mm(telemetry.setpoint));
-        row("k", or_rest(number(telemetry.k, 4)));
         let output = number(f64::from(telemetry.output) * 100.0, 3);
-        row("output", format!("{output} %"));
-        row(
-            "impacts detected",
-            format!("{} a cycle", number(telemetry.rate, 3)),
-        );
-        row("in gear estimated", number(telemetry.in_gear, 2));
+        let impacts = number(telemetry.rate, 3);
+        rows.extend([
+            (
+                "mean acceleration",
+                format!("{mean} m/s^2 (sensor_zero: about 0)"),
+            ),
+            ("amplitude", or_rest(mm(telemetry.amplitude))),
+            ("setpoint", mm(telemetry.setpoint)),
+            ("k", or_rest(number(telemetry.k, 4))),
+            ("output", format!("{output} %")),
+            ("impacts detected", format!("{impacts} a cycle")),
+            ("in gear estimated", number(telemetry.in_gear, 2)),
+        ]);
         if let Some([low, high]) = telemetry.gear_band {
             let [low, high] = [low, high].map(|k| number(k, 4));
-            row("gear band", format!("k {low} .. {high}"));
+            rows.push(("gear band", format!("k {low} .. {high}")));
         }
         if let Some(margin) = telemetry.margin {
             let (flip, trace) = (number(margin.flip, 2), number(margin.trace, 2));
-            row("margin to the flip", format!("{flip} (trace {trace})"));
             let (restitution, error) = (number(margin.restitution, 3), number(margin.error, 1));
             let scatter = number(margin.scatter, 2);
             let estimated = format!("{restitution} +- {error}, scattering by {scatter}");
-            row("estimated restitution", estimated);
             let lost = format!("{} cycles", number(margin.to_loss, 2));
-            row("gear is lost after", lost);
+            rows.extend([
+                ("margin to the flip", format!("{flip} (trace {trace})")),
+                ("estimated restitution", estimated),
+                ("gear is lost after", lost),
+            ]);
         }
         if let Some(load) = telemetry.load {
             let flow = match load.flow {
@@ -159,18 +157,70 @@ impl BoardStatus {
                 flow => format!(", {} g/s", number(flow, 3)),
             };
             let (mass, speed) = (number(load.mass, 3), number(load.speed, 3));
-            row(
+            rows.push((
                 "parts on the track",
                 format!("{mass} g at {speed} mm/s{flow}"),
-            );
+            ));
         }
-        row("time since its start", format!("{} s", status.seconds));
-        for cause in causes::describe(&self.causes) {
-            row("predicted", cause);
+        rows.push(("time since its start", format!("{} s", status.seconds)));
+        rows
+    }
+
+    /// What it is, with a line each, and the next step last.
+    pub(in crate::verbs) fn printout(&self) -> Result<Printout, Refusal> {
+        let mut table = Table::new(&[columns::ITEM, columns::VALUE]);
+        let causes = causes::describe(&self.causes).into_iter();
+        let causes = causes.map(|cause| ("predicted", cause));
+        for (item, value) in self.rows().into_iter().chain(causes) {
+            table.push([item.into(), value.into()]);
         }
         Printout::new(table)
             .note(format!("next: {}", self.next()))
             .json(&self.to_json())
+    }
+
+    /// The same within 23 lines of 80 columns, above the cursor: short items in pairs, limits and
+    /// active alarms together, the most likely cause alone.
+    pub(in crate::verbs) fn screen(&self) -> String {
+        let alarms = self.alarms();
+        let mut rows: Vec<(&str, String)> = Vec::new();
+        for (item, value) in self.rows() {
+            match rows.last_mut() {
+                Some((last, held)) if *last == item => *held += &format!(", {value}"),
+                _ if alarms.iter().all(|(alarm, _)| *alarm != item) => rows.push((item, value)),
+                _ => {}
+            }
+        }
+        let active = alarms.iter().filter(|(_, active)| *active);
+        let active: Vec<&str> = active.map(|(alarm, _)| *alarm).collect();
+        let none = if active.is_empty() { "none" } else { "" };
+        rows.push(("active alarms", active.join(", ") + none));
+        let cause = causes::describe(&self.causes).into_iter().next();
+        rows.extend(cause.map(|cause| ("predicted", cause)));
+        let cell = |item: &str, value: &str| {
+            let begin = format!("{item:<20} ");
+            let rest = " ".repeat(begin.len());
+            let wrap = textwrap::Options::new(SCREEN_COLUMNS)
+                .initial_indent(&begin)
+                .subsequent_indent(&rest);
+            textwrap::fill(value, wrap)
+        };
+        let (mut text, mut beside) = (String::new(), None::<String>);
+        for (item, value) in rows {
+            let cell = cell(item, &value);
+            // A short item waits for another one to stand beside.
+            if cell.chars().count() >= SCREEN_COLUMNS / 2 {
+                text += &(cell + "\n");
+            } else if let Some(left) = beside.take() {
+                text += &format!("{left:<41}{cell}\n");
+            } else {
+                beside = Some(cell);
+            }
+        }
+        for last in beside.into_iter().chain([cell("next", &self.next())]) {
+            text += &(last + "\n");
+        }
+        text
     }
 
     /// Inputs that stop the drive while they are active.
@@ -186,7 +236,6 @@ impl BoardStatus {
         ]
     }
 
-    /// The same as JSON.
     pub(in crate::verbs) fn to_json(&self) -> Json {
         let alarms: serde_json::Map<String, Json> = self
             .alarms()
@@ -275,6 +324,8 @@ fn row(link: &mut Link) -> Result<Telemetry, Refusal> {
 
 #[cfg(test)]
 mod tests {
+    use kband_control::{GearMargin, Load};
+
     use super::*;
     use crate::report::Format;
 
@@ -317,6 +368,47 @@ mod tests {
             best: Best::default(),
         }];
         assert_eq!(now.next(), "a stronger drive");
+    }
+
+    #[test]
+    fn the_live_view_fits_a_terminal_of_80_columns_and_24_lines() {
+        let mut now = status();
+        let limits = Limits::ALL.iter().fold(0, |all, limit| all | limit.bits());
+        (now.telemetry.limits, now.telemetry.gear_band) = (limits, Some([0.392_12, 0.477_43]));
+        (now.telemetry.margin, now.telemetry.load) =
+            (Some(GearMargin::default()), Some(Load::default()));
+        let inputs = &mut now.status.inputs;
+        (
+            inputs.over_temperature,
+            inputs.over_current,
+            inputs.supply_low,
+        ) = (true, true, true);
+        (inputs.clock_failed, inputs.control_late, inputs.stack_low) = (true, true, true);
+        let cause = causes::misfit(&kband_control::Settings::default(), 0.327);
+        for fault in [0, Fault::AmplitudeOscillates.number()] {
+            now.telemetry.fault = fault;
+            now.causes = vec![cause.clone(); 3];
+            let text = now.screen();
+            // The last line is that of the cursor.
+            assert!(text.lines().count() < 24, "{text}");
+            assert!(
+                text.lines().all(|line| line.chars().count() <= 80),
+                "{text}"
+            );
+            let said = text.split_whitespace().collect::<Vec<_>>().join(" ");
+            for limit in Limits::ALL {
+                let named = format!("{} (limit {})", limit.name(), limit.number());
+                assert!(said.contains(&named), "{text}");
+            }
+            for words in [
+                &cause.remedy,
+                &now.next(),
+                "stack low",
+                "time since its start",
+            ] {
+                assert!(said.contains(words), "{words}: {text}");
+            }
+        }
     }
 
     #[test]

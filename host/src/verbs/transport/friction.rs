@@ -14,7 +14,7 @@ use kband::regime::wave_band::{WaveBand, WaveBands, WaveLock};
 use kband::transport::{Measured, Motion, Origin, measure, measure_on_tones};
 use serde_json::json;
 
-use super::{Arguments, Computed, Feeder, ORDERS, effort, locks};
+use super::{Arguments, Computed, Feeder, ORDERS, effort, half_ways, locks};
 use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::picture::{Axis, Fill, Panel, Picture};
@@ -37,47 +37,31 @@ pub enum Over {
 }
 
 impl Over {
-    fn axis(self, low: f64, high: f64) -> Axis {
+    fn axis(self, range: Range) -> Axis {
         let (name, unit) = match self {
             Self::Throw => ("throw number Γ = 1/k", ""),
-            Self::Amplitude => return Axis::of_b(low, high),
+            Self::Amplitude => return Axis::of_b(range.low, range.high),
             Self::Incline => ("incline", "°"),
             Self::Friction => ("friction μ", ""),
             Self::PhaseLead => ("phase lead γ", "°"),
         };
-        Axis::new(name, unit, low, high)
+        Axis::new(name, unit, range.low, range.high)
+    }
+
+    /// Its column, its lowest and highest value, and its range where none is given. `unit` is the
+    /// amplitude in mm at a throw number of 1.
+    fn values(self, unit: f64) -> (Column, [f64; 2], (f64, f64, usize)) {
+        match self {
+            Self::Throw => (columns::THROW, [1e-3, 1e3], (0.3, 3.5, 129)),
+            Self::Amplitude => (columns::B, [1e-6, 1e3], (0.3 * unit, 3.5 * unit, 129)),
+            Self::Incline => (columns::INCLINE, [-45.0, 45.0], (-10.0, 30.0, 81)),
+            Self::Friction => (columns::FRICTION, [0.0, 10.0], (0.0, 1.0, 101)),
+            Self::PhaseLead => (columns::PHASE_LEAD, [-180.0, 180.0], (-180.0, 180.0, 145)),
+        }
     }
 
     fn column(self) -> Column {
-        match self {
-            Self::Throw => columns::THROW,
-            Self::Amplitude => columns::B,
-            Self::Incline => columns::INCLINE,
-            Self::Friction => columns::FRICTION,
-            Self::PhaseLead => columns::PHASE_LEAD,
-        }
-    }
-
-    /// What it runs over where nothing is said, at `amplitude` mm and so much for a throw number of
-    /// 1.
-    fn range(self, unit: f64) -> Range {
-        match self {
-            Self::Throw => Range::new(0.3, 3.5, 129),
-            Self::Amplitude => Range::new(0.3 * unit, 3.5 * unit, 129),
-            Self::Incline => Range::new(-10.0, 30.0, 81),
-            Self::Friction => Range::new(0.0, 1.0, 101),
-            Self::PhaseLead => Range::new(-180.0, 180.0, 145),
-        }
-    }
-
-    fn accepted(self) -> (f64, f64) {
-        match self {
-            Self::Throw => (1e-3, 1e3),
-            Self::Amplitude => (1e-6, 1e3),
-            Self::Incline => (-45.0, 45.0),
-            Self::Friction => (0.0, 10.0),
-            Self::PhaseLead => (-180.0, 180.0),
-        }
+        self.values(1.0).0
     }
 }
 
@@ -134,11 +118,8 @@ impl Shape {
         ];
         let given = named.iter().filter(|(tone, ..)| tone.amplitude > 0.0);
         let tone = |(Tone { amplitude, angle }, e, th): &(Tone, &str, &str)| {
-            format!(
-                "{e} = {} at {th} = {}",
-                number(*amplitude, 4),
-                number(*angle, 5)
-            )
+            let (amplitude, angle) = (number(*amplitude, 4), number(*angle, 5));
+            format!("{e} = {amplitude} at {th} = {angle}")
         };
         given.map(tone).collect()
     }
@@ -150,7 +131,6 @@ struct Task<'a> {
     arguments: &'a Arguments,
     shape: Shape,
     over: Over,
-    /// The values of the axis.
     range: Range,
     /// Amplitude in mm, where the axis is another one.
     amplitude: f64,
@@ -243,22 +223,22 @@ impl<'a> Task<'a> {
     fn rows(&self, value: f64) -> Result<Vec<Row>, Refusal> {
         let point = self.at(value)?;
         let mut rows: Vec<Row> = Vec::new();
-        let starts = self.locked(point.k)?;
-        for start in std::iter::once(Origin::Rest).chain(starts) {
+        for start in std::iter::once(Origin::Rest).chain(self.locked(point.k)?) {
             let row = Row {
                 value,
                 point,
                 from_rest: start == Origin::Rest,
                 measured: self.measured(&point, start)?,
             };
-            let near = |one: Option<f64>, other: Option<f64>| match (one, other) {
+            let near = |old: &Row| match (old.speed(), row.speed()) {
                 (Some(one), Some(other)) => (one - other).abs() < 1e-6 * (1.0 + one.abs()),
                 (one, other) => one == other,
             };
-            let known = |old: &Row| {
-                old.measured.motion == row.measured.motion && near(old.speed(), row.speed())
-            };
-            if !rows.iter().any(known) {
+            let motion = row.measured.motion;
+            if !rows
+                .iter()
+                .any(|old| old.measured.motion == motion && near(old))
+            {
                 rows.push(row);
             }
         }
@@ -274,10 +254,9 @@ impl<'a> Task<'a> {
             Ok(found.conveyed.time_mean().unwrap_or(f64::NAN))
         };
         if matches!(over, Over::Throw | Over::Amplitude) {
-            let unit = if over == Over::Throw {
-                1.0
-            } else {
-                self.feeder.amplitude(1.0)
+            let unit = match over {
+                Over::Throw => 1.0,
+                _ => self.feeder.amplitude(1.0),
             };
             let point = self.point(Over::Throw, 1.0)?;
             let threshold = |upwards: bool| self.shape.slides_above(&point.settings, upwards);
@@ -292,9 +271,8 @@ impl<'a> Task<'a> {
                 }
             }
         }
-        let rest: Vec<(f64, f64)> = rows
-            .iter()
-            .filter(|row| row.from_rest)
+        let rest = rows.iter().filter(|row| row.from_rest);
+        let rest: Vec<(f64, f64)> = rest
             .filter_map(|row| Some((row.value, row.measured.conveyed.time_mean()?)))
             .collect();
         for pair in rest.windows(2) {
@@ -341,15 +319,9 @@ impl<'a> Task<'a> {
         let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
         let mut words = vec![format!("R = {}", number(feeder.restitution, 6))];
         if over != Over::Friction {
-            words.push(if sticking > sliding {
-                format!(
-                    "μ = {}, at rest {}",
-                    number(sliding, 6),
-                    number(sticking, 6)
-                )
-            } else {
-                format!("μ = {}", number(sliding, 6))
-            });
+            words.push(format!("μ = {}", number(sliding, 6)));
+            let at_rest = || format!("at rest {}", number(sticking, 6));
+            words.extend((sticking > sliding).then(at_rest));
         }
         words.push(format!("η = {}", number(arguments.amplitude_ratio, 6)));
         if over != Over::PhaseLead {
@@ -378,7 +350,6 @@ impl<'a> Task<'a> {
     }
 }
 
-/// A feeder with a value of the axis.
 #[derive(Clone, Copy, Debug)]
 struct Point {
     track: Track,
@@ -390,6 +361,11 @@ impl Point {
     /// mm/s of a mean velocity in `b w`.
     fn speed(&self, velocity: f64) -> f64 {
         1e3 * velocity * self.track.velocity_unit(self.track.amplitude(self.k))
+    }
+
+    /// Amplitude normal to the track in mm.
+    fn amplitude(&self) -> f64 {
+        1e3 * self.track.amplitude(self.k)
     }
 }
 
@@ -406,15 +382,6 @@ impl Row {
     fn speed(&self) -> Option<f64> {
         let mean = self.measured.conveyed.time_mean()?;
         Some(self.point.speed(mean))
-    }
-
-    fn throw(&self) -> f64 {
-        1.0 / self.point.k
-    }
-
-    /// Amplitude normal to the track in mm.
-    fn amplitude(&self) -> f64 {
-        1e3 * self.point.track.amplitude(self.point.k)
     }
 
     /// A share of the time; `None` where no time passes.
@@ -467,7 +434,7 @@ pub(super) fn speeds(
         let measured = task.measured(&point, Origin::Rest)?;
         Ok(Speed {
             throw: values[n],
-            amplitude: 1e3 * point.track.amplitude(point.k),
+            amplitude: point.amplitude(),
             speed: measured.conveyed.time_mean().map(|mean| point.speed(mean)),
             regime: regime(measured.motion).0,
         })
@@ -507,20 +474,18 @@ fn requested_range(
         let (one, other) = (of(range.low), of(range.high));
         Range::new(one.min(other), one.max(other), range.count)
     };
-    let throws = match (arguments.throw, arguments.k, arguments.b) {
-        (Some(range), ..) => Some(range),
-        (None, Some(k), _) => Some(of_k(k, &|k| 1.0 / k)),
-        (None, None, Some(b)) => Some(of_k(b, &|b| b / unit)),
-        _ => None,
+    let of_k_or_b = match (arguments.k, arguments.b) {
+        (Some(k), _) => Some(of_k(k, &|k| 1.0 / k)),
+        (None, b) => b.map(|b| of_k(b, &|b| b / unit)),
     };
-    let range = match over {
-        Over::Throw => throws.unwrap_or(over.range(unit)),
-        Over::Amplitude => {
-            throws.map_or(over.range(unit), |range| of_k(range, &|throw| throw * unit))
-        }
-        _ => arguments.values.unwrap_or(over.range(unit)),
+    let throws = arguments.throw.or(of_k_or_b);
+    let (_, [low, high], (first, last, count)) = over.values(unit);
+    let given = match over {
+        Over::Throw => throws,
+        Over::Amplitude => throws.map(|range| of_k(range, &|throw| throw * unit)),
+        _ => arguments.values,
     };
-    let (low, high) = over.accepted();
+    let range = given.unwrap_or(Range::new(first, last, count));
     if range.low < low || range.high > high {
         return Err(Refusal::value(
             "--values",
@@ -547,7 +512,6 @@ fn requested_range(
 }
 
 fields! {
-    /// The motion of a part, and its speed.
     fn motions(row: Row) {
         json K => row.point.k;
         all FROM_REST => row.from_rest;
@@ -577,26 +541,27 @@ fn report(
     let view = View::of(vec![
         Field::table(over.column(), |row: &Row| row.value),
         Field::json(columns::VALUE, |row: &Row| row.value),
-        axis(Over::Throw, Row::throw),
-        axis(Over::Amplitude, Row::amplitude),
-    ]);
-    let view = view.and(motions());
+        axis(Over::Throw, |row| 1.0 / row.point.k),
+        axis(Over::Amplitude, |row| row.point.amplitude()),
+    ])
+    .and(motions());
     let json: Vec<_> = rows.iter().map(|row| view.object(row)).collect();
-    let mut report = view
-        .printout(rows)
-        .heading(format!("Conveying speed with friction; {words}"));
-    for (value, words) in notes {
-        report = report.note(format!("{words} at {}", number(*value, 6)));
-    }
-    if rows.iter().any(|row| row.speed().is_none()) {
-        report =
-            report.note("no speed where friction cannot hold the part: it slides down ever faster");
-    }
-    let notes: Vec<_> = notes
+    let unheld = rows.iter().any(|row| row.speed().is_none());
+    let report =
+        view.printout(rows)
+            .heading(format!("Conveying speed with friction; {words}"))
+            .notes(
+                notes
+                    .iter()
+                    .map(|(value, words)| format!("{words} at {}", number(*value, 6))),
+            )
+            .notes(unheld.then_some(
+                "no speed where friction cannot hold the part: it slides down ever faster",
+            ));
+    let notes = notes
         .iter()
-        .map(|(value, words)| json!({"value": value, "what": words}))
-        .collect();
-    report.json(&json!({"rows": json, "notes": notes}))
+        .map(|(value, words)| json!({"value": value, "what": words}));
+    report.json(&json!({"rows": json, "notes": notes.collect::<Vec<_>>()}))
 }
 
 fn picture(
@@ -611,7 +576,7 @@ fn picture(
     let lowest = speeds.iter().copied().fold(0.0, f64::min);
     let room = 0.12 * (highest - lowest).max(1e-6);
     let mut panel = Panel::new(
-        over.axis(range.low, range.high),
+        over.axis(range),
         Axis::new("conveying speed", "mm/s", lowest - room, highest + room),
     )
     .height(380.0);
@@ -628,26 +593,14 @@ fn picture(
     for (value, words) in notes {
         panel = panel.mark(*value, words);
     }
-    let rest: Vec<&Row> = rows.iter().filter(|row| row.from_rest).collect();
-    let middle = |n: usize| 0.5 * (rest[n].value + rest[n + 1].value);
-    let stretches = (0..rest.len()).map(|n| {
-        let left = if n == 0 { range.low } else { middle(n - 1) };
-        let right = if n + 1 == rest.len() {
-            range.high
-        } else {
-            middle(n)
-        };
-        (left, right, regime(rest[n].measured.motion).1)
-    });
-    panel = panel.ribbon(stretches.collect(), &FILLS);
-    let mut below = Panel::new(
-        over.axis(range.low, range.high),
-        Axis::new("share of the time", "", 0.0, 1.0),
-    )
-    .height(200.0);
+    let rest = || rows.iter().filter(|row| row.from_rest);
+    let fills = rest().map(|row| (row.value, regime(row.measured.motion).1));
+    panel = panel.ribbon(half_ways(range.low, range.high, fills), &FILLS);
+    let share = Axis::new("share of the time", "", 0.0, 1.0);
+    let mut below = Panel::new(over.axis(range), share).height(200.0);
     let names = ["in flight", "sliding up", "sliding down", "still"];
     for (series, name) in names.into_iter().enumerate() {
-        let points = rest.iter().map(|row| (row.value, row.shares()[series]));
+        let points = rest().map(|row| (row.value, row.shares()[series]));
         below = below.line(name, series, points.collect());
     }
     Picture::new("Conveying speed with friction")

@@ -8,7 +8,7 @@ use kband::impact::{Growth, Kernel, Map, Scatter, Tangential};
 use kband::regime::band;
 use kband::regime::classify::Regime;
 use kband::transport::stationary::PhaseMeans;
-use kband::transport::{Origin, SampleMean, Sensitivity, measure};
+use kband::transport::{Measured, Origin, SampleMean, Sensitivity, measure};
 
 use super::{Arguments, Computed, Feeder, effort, starts};
 use crate::arguments::Range;
@@ -60,6 +60,29 @@ struct Run {
     /// The impact mean by its closed form, from the phases of impact.
     stationary: Option<f64>,
     exponent: Option<f64>,
+}
+
+impl Run {
+    /// Closed form and exponent are those of impacts in no time, without rests.
+    fn of(
+        feeder: &Feeder,
+        regime: Regime,
+        measured: &Measured,
+        stationary: Option<f64>,
+        exponent: Option<f64>,
+    ) -> Self {
+        let conveyed = &measured.conveyed;
+        let known = conveyed.rests == 0 && feeder.contact.is_instant();
+        Self {
+            regime,
+            in_gear: None,
+            time_mean: conveyed.time_mean().unwrap_or(0.0),
+            impact_mean: conveyed.impact_mean(),
+            interval: conveyed.mean_interval(),
+            stationary: stationary.filter(|_| known),
+            exponent: exponent.filter(|_| known),
+        }
+    }
 }
 
 /// A regime reached at one k.
@@ -136,24 +159,18 @@ impl Over {
                 *value = range.low * (ratio * n as f64 / last).exp();
             }
         }
+        let mut shown = 0..values.len();
         // A single value needs neighbours for its sensitivity.
-        let shown = if values.len() == 1 {
-            let only = values[0];
+        if let [only] = values[..] {
             values = vec![only * 0.95, only, only * 1.05];
-            1..2
+            shown = 1..2;
+        }
+        let k = if amplitude {
+            let all = values.iter().map(|value| feeder.k_of(*value));
+            all.collect::<Result<_, Refusal>>()?
         } else {
-            0..values.len()
+            values
         };
-        let k: Vec<f64> = values
-            .iter()
-            .map(|value| {
-                if amplitude {
-                    feeder.k_of(*value)
-                } else {
-                    Ok(*value)
-                }
-            })
-            .collect::<Result<_, Refusal>>()?;
         Ok(Self {
             amplitude,
             low: range.low,
@@ -185,8 +202,11 @@ impl Over {
     }
 
     fn words(&self) -> String {
-        let name = if self.amplitude { "b" } else { "k" };
-        let unit = if self.amplitude { " mm" } else { "" };
+        let (name, unit) = if self.amplitude {
+            ("b", " mm")
+        } else {
+            ("k", "")
+        };
         let (low, high) = (number(self.low, 6), number(self.high, 6));
         if low == high {
             format!("{name} = {low}{unit}")
@@ -208,10 +228,9 @@ fn rows(
         tasks.extend(starts.into_iter().map(|start| (n, start)));
     }
     // What scatters has no ending.
-    let constant = if arguments.scatter.scatter == 0.0 {
-        over.k.len()
-    } else {
-        0
+    let constant = match arguments.scatter.scatter {
+        0.0 => over.k.len(),
+        _ => 0,
     };
     let endings = desk.spread("regimes", constant, TOGETHER, |columns| {
         let tracks = columns.iter().map(|n| (over.k[*n], feeder.restitution));
@@ -219,10 +238,10 @@ fn rows(
     })?;
     let runs = desk.try_map("conveying", tasks.len(), |task| {
         let (n, start) = tasks[task];
-        if let Some(scatter) = arguments.scatter.stream(feeder.restitution, task as u64)? {
-            return scattered(feeder, over.k[n], start, scatter, arguments);
+        match arguments.scatter.stream(feeder.restitution, task as u64)? {
+            Some(scatter) => scattered(feeder, over.k[n], start, scatter, arguments),
+            None => measured(feeder, over.k[n], &endings[n], start, arguments),
         }
-        measured(feeder, over.k[n], &endings[n], start, arguments)
     })?;
     let mut rows: Vec<Row> = Vec::new();
     let mut first = 0;
@@ -231,10 +250,8 @@ fn rows(
         rows.extend(grouped(*k, &tasks[first..last], &runs[first..last]));
         first = last;
     }
-    let sensitivities: Vec<Option<Sensitivity>> = rows
-        .iter()
-        .map(|row| sensitivity(over, &rows, row))
-        .collect();
+    let sensitivities = rows.iter().map(|row| sensitivity(over, &rows, row));
+    let sensitivities: Vec<Option<Sensitivity>> = sensitivities.collect();
     for (row, sensitivity) in rows.iter_mut().zip(sensitivities) {
         row.sensitivity = sensitivity;
     }
@@ -265,26 +282,20 @@ fn measured(
     // A quarter of the shortest run, 100 impacts, turns the tangent.
     let mut growth = Growth::new(&map, 25.max(arguments.impacts as u64 / 40));
     let mut phases = PhaseMeans::default();
-    let conveyed = measure(
+    let measured = measure(
         start.orbit(&map).with_contact(feeder.contact),
         tangential,
         effort(arguments),
         &mut (&mut growth, &mut phases),
-    )
-    .conveyed;
-    // Tangent map and closed form are those of impacts in no time.
-    let known = conveyed.rests == 0 && feeder.contact.is_instant();
-    Ok(Run {
+    );
+    let stationary = phases.impact_mean(k, feeder.restitution, &feeder.settings);
+    Ok(Run::of(
+        feeder,
         regime,
-        in_gear: None,
-        time_mean: conveyed.time_mean().unwrap_or(0.0),
-        impact_mean: conveyed.impact_mean(),
-        interval: conveyed.mean_interval(),
-        stationary: phases
-            .impact_mean(k, feeder.restitution, &feeder.settings)
-            .filter(|_| known),
-        exponent: growth.exponent().filter(|_| known),
-    })
+        &measured,
+        stationary,
+        growth.exponent(),
+    ))
 }
 
 fn scattered(
@@ -298,26 +309,17 @@ fn scattered(
     let tangential = Tangential::build(k, feeder.settings)?;
     let mut watched = Gears::watched()?;
     let mut phases = PhaseMeans::default();
-    let conveyed = measure(
-        start
-            .orbit(&map)
-            .scattering(scatter)?
-            .with_contact(feeder.contact),
+    let orbit = start.orbit(&map).scattering(scatter)?;
+    let measured = measure(
+        orbit.with_contact(feeder.contact),
         tangential,
         effort(arguments),
         &mut (&mut watched, &mut phases),
-    )
-    .conveyed;
+    );
+    let stationary = phases.impact_mean(k, feeder.restitution, &feeder.settings);
     Ok(Run {
-        regime: Regime::Undecided,
         in_gear: watched.longest(),
-        time_mean: conveyed.time_mean().unwrap_or(0.0),
-        impact_mean: conveyed.impact_mean(),
-        interval: conveyed.mean_interval(),
-        stationary: phases
-            .impact_mean(k, feeder.restitution, &feeder.settings)
-            .filter(|_| conveyed.rests == 0 && feeder.contact.is_instant()),
-        exponent: None,
+        ..Run::of(feeder, Regime::Undecided, &measured, stationary, None)
     })
 }
 
@@ -337,9 +339,7 @@ fn grouped(k: f64, tasks: &[(usize, Origin)], runs: &[Run]) -> Vec<Row> {
                 regime,
                 in_gear: InGear::together(of().map(|run| run.in_gear)),
                 starts: of().count(),
-                from_rest: tasks
-                    .iter()
-                    .zip(runs)
+                from_rest: (tasks.iter().zip(runs))
                     .any(|(task, run)| task.1 == Origin::Rest && run.regime == regime),
                 time_mean: SampleMean::from_values(of().map(|run| run.time_mean)),
                 impact_mean: SampleMean::from_values(of().filter_map(|run| run.impact_mean)),
@@ -357,9 +357,8 @@ fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Sensitivity> {
     let at = over.k.iter().position(|k| *k == row.k)?;
     let find = |n: usize| {
         let k = *over.k.get(n)?;
-        let found = rows
-            .iter()
-            .find(|other| other.k == k && continues(other.regime, row.regime))?;
+        let mut there = rows.iter().filter(|other| other.k == k);
+        let found = there.find(|other| continues(other.regime, row.regime))?;
         Some((k, found.mean(), found.error()))
     };
     let here = (row.k, row.mean(), row.error());
@@ -377,6 +376,8 @@ mod tests {
     use super::page::closed_form;
     use super::*;
 
+    const ORDER_1: Regime = Regime::Locked { order: 1 };
+
     fn rows_of(line: &str) -> (Feeder, Over, Vec<Row>) {
         let arguments = super::super::read(line).unwrap();
         let feeder = Feeder::build(&arguments).unwrap();
@@ -390,10 +391,8 @@ mod tests {
     fn the_speed_in_lock_does_not_depend_on_the_amplitude() {
         let line = "--restitution 0.2 --k 0.40..0.44:3 --impacts 400 --settle 400";
         let (feeder, _, rows) = rows_of(line);
-        let locked: Vec<&Row> = rows
-            .iter()
-            .filter(|row| row.regime == (Regime::Locked { order: 1 }))
-            .collect();
+        let locked = rows.iter();
+        let locked: Vec<&Row> = locked.filter(|row| row.regime == ORDER_1).collect();
         assert_eq!(locked.len(), 3);
         for row in &locked {
             let closed = closed_form(&feeder, row).unwrap();
@@ -405,14 +404,9 @@ mod tests {
         // 0.4178.
         let from_rest: Vec<bool> = locked.iter().map(|row| row.from_rest).collect();
         assert_eq!(from_rest, [true, false, false]);
-        let speeds: Vec<f64> = locked
-            .iter()
-            .map(|row| row.mean() * feeder.velocity_unit(row.k))
-            .collect();
-        assert!(
-            (speeds[0] - speeds[2]).abs() < 1e-9 * speeds[0],
-            "{speeds:?}"
-        );
+        let speed = |row: &Row| row.mean() * feeder.velocity_unit(row.k);
+        let [first, last] = [0, 2].map(|n| speed(locked[n]));
+        assert!((first - last).abs() < 1e-9 * first, "{first} {last}");
     }
 
     #[test]
@@ -434,10 +428,7 @@ mod tests {
             "{found:?}"
         );
         let (_, _, single) = rows_of("--restitution 0.2 --k 0.43 --impacts 300");
-        let locked = single
-            .iter()
-            .find(|row| row.regime == (Regime::Locked { order: 1 }))
-            .unwrap();
+        let locked = single.iter().find(|row| row.regime == ORDER_1).unwrap();
         assert!(locked.sensitivity.unwrap().value.abs() < 1e-6);
         assert!(single.iter().all(|row| row.k == 0.43));
     }

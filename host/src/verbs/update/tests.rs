@@ -38,7 +38,6 @@ struct Board {
     on_trial: bool,
     /// Image before the one on trial.
     previous: Vec<u8>,
-    /// Number of update frames so far.
     frames: usize,
     /// Frames whose request is lost, whose answer is lost, whose answer comes twice.
     lost: &'static [usize],
@@ -162,7 +161,6 @@ impl Board {
         }
     }
 
-    /// Frames in answer to a request of an update.
     fn update(&mut self, sequence: u8, request: &UpdateRequest<'_>) -> Vec<u8> {
         self.frames += 1;
         let frame = Some(self.frames);
@@ -364,7 +362,6 @@ impl Plant {
         assert_eq!(board.image, image, "{message}");
     }
 
-    /// Number of files in the folder.
     fn files(&self) -> usize {
         std::fs::read_dir(self.folder.path()).unwrap().count()
     }

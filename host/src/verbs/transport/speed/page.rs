@@ -7,10 +7,10 @@ use kband::regime::classify::Regime;
 use kband::transport::locked;
 use serde_json::json;
 
-use super::super::{Arguments, Feeder, ORDERS};
+use super::super::{Arguments, Feeder, ORDERS, half_ways};
 use super::{Over, Row};
 use crate::ending::{self, FILLS};
-use crate::picture::{Axis, Fill, Panel, Picture};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Printout, columns, fields};
 
@@ -32,7 +32,6 @@ pub(super) fn bound(feeder: &Feeder) -> Option<f64> {
     known.then(|| locked::bound(feeder.restitution, &feeder.settings))
 }
 
-/// The drive, and what was asked of it.
 struct Asked<'a> {
     feeder: &'a Feeder,
     part_length: Option<f64>,
@@ -53,7 +52,6 @@ impl Asked<'_> {
 }
 
 fields! {
-    /// The speed of a regime at one amplitude.
     fn speeds(row: Row, asked: Asked<'_>) {
         all K => row.k;
         all B.digits(5) => asked.feeder.amplitude(row.k);
@@ -96,14 +94,12 @@ pub(super) fn report(
     };
     // In phase it is one slope for every lock; with a lead it depends on where in the cycle the
     // part strikes.
-    let critical: Vec<f64> = rows
-        .iter()
-        .filter_map(|row| critical_slope(feeder, row))
-        .collect();
+    let critical = rows.iter().filter_map(|row| critical_slope(feeder, row));
+    let critical: Vec<f64> = critical.collect();
     let in_phase = (feeder.settings.phase_lead == 0.0 && feeder.contact.is_instant())
         .then(|| locked::critical_slope_in_phase(feeder.restitution, &feeder.settings))
         .map(|tangent| tangent.atan().to_degrees());
-    let mut report = view.printout(rows).heading(format!(
+    let report = view.printout(rows).heading(format!(
         "Conveying speed at {}; {}",
         over.words(),
         feeder.words()
@@ -118,10 +114,8 @@ pub(super) fn report(
             Some(format!("{least:.2}° to {most:.2}° by k, from equation 20"))
         }
     };
-    if let Some(words) = words {
-        report = report.note(format!("locked parts stand still on an incline of {words}"));
-    }
-    report.json(&json!({
+    let words = words.map(|words| format!("locked parts stand still on an incline of {words}"));
+    report.notes(words).json(&json!({
         "rows": shown,
         "critical_slope": in_phase.or(match critical.as_slice() {
             [slope] => Some(*slope),
@@ -147,11 +141,8 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     let highest = rows.iter().map(speed).fold(0.0, f64::max);
     let lowest = rows.iter().map(speed).fold(0.0, f64::min);
     let room = 0.15 * (highest - lowest).max(1e-9);
-    let slowest = rows
-        .iter()
-        .map(speed)
-        .filter(|speed| *speed > 0.0)
-        .fold(highest, f64::min);
+    let forward = rows.iter().map(speed).filter(|speed| *speed > 0.0);
+    let slowest = forward.fold(highest, f64::min);
     let axis = |low: f64, high: f64| Axis::new("conveying speed", "mm/s", low, high);
     // Double logarithmic, a speed that grows like b is a straight line and a locked one is level.
     let up = if lowest < 0.0 || highest <= 0.0 {
@@ -164,10 +155,7 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     let mut panel = Panel::new(over.axis(), up)
         .height(340.0)
         .heading("Time mean of the speed, measured (markers) and in closed form (lines)");
-    let (first, last) = (
-        place(over.k[over.shown.start]),
-        place(over.k[over.shown.end - 1]),
-    );
+    let [first, last] = [over.shown.start, over.shown.end - 1].map(|n| place(over.k[n]));
     let mut covered: Vec<(f64, f64)> = Vec::new();
     for order in ORDERS {
         let edges = (
@@ -179,9 +167,8 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
         };
         let (left, right) = (place(flip).min(place(birth)), place(flip).max(place(birth)));
         let (left, right) = (left.max(over.low), right.min(over.high));
-        let apart = covered
-            .iter()
-            .all(|other| right < other.0 || left > other.1);
+        let mut others = covered.iter();
+        let apart = others.all(|other| right < other.0 || left > other.1);
         if order <= 3 && left < right && apart {
             panel = panel
                 .strip("bands of the locks", left, right)
@@ -199,10 +186,8 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
                 } else {
                     at
                 };
-                (
-                    at,
-                    line(k).map_or(f64::NAN, |velocity| velocity * feeder.velocity_unit(k)),
-                )
+                let speed = line(k).map(|velocity| velocity * feeder.velocity_unit(k));
+                (at, speed.unwrap_or(f64::NAN))
             })
             .collect()
     };
@@ -214,11 +199,8 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
         })
     };
     if let Some(bound) = bound(feeder) {
-        panel = panel.line(
-            "bound of the impact mean, equation 37",
-            1,
-            smooth(&|_| Some(bound)),
-        );
+        let line = smooth(&|_| Some(bound));
+        panel = panel.line("bound of the impact mean, equation 37", 1, line);
     }
     let measured = rows
         .iter()
@@ -232,13 +214,16 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
             panel = panel.line("locked, equation 20", 6, line);
         }
     }
-    let ribbon = ribbon(over, rows, &place);
-    let from_rest: Vec<(Fill, String)> = FILLS
-        .iter()
-        .filter(|(fill, _)| ribbon.iter().any(|stretch| stretch.2 == *fill))
-        .map(|(fill, name)| (*fill, format!("from rest: {name}")))
-        .collect();
-    panel = panel.ribbon(ribbon, &from_rest);
+    let from_rest = rows.iter().filter(|row| row.from_rest);
+    let ribbon = half_ways(
+        over.low,
+        over.high,
+        from_rest.map(|row| (place(row.k), ending::fill(row.regime))),
+    );
+    panel = panel.ribbon(
+        ribbon,
+        &FILLS.map(|(fill, name)| (fill, format!("from rest: {name}"))),
+    );
     let answers = rows
         .iter()
         .filter_map(|row| Some((place(row.k), row.sensitivity?, row.regime)))
@@ -258,45 +243,13 @@ pub(super) fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
 }
 
 /// The points as markers by the fill of their regime.
-pub(super) fn marked(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel {
+fn marked(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel {
     for (series, (fill, name)) in FILLS.iter().enumerate() {
-        let of: Vec<(f64, f64)> = points
-            .iter()
-            .filter(|point| ending::fill(point.2) == *fill)
-            .map(|point| (point.0, point.1))
-            .collect();
+        let of = points.iter().filter(|point| ending::fill(point.2) == *fill);
+        let of: Vec<(f64, f64)> = of.map(|point| (point.0, point.1)).collect();
         if !of.is_empty() {
             panel = panel.markers(name, series, of);
         }
     }
     panel
-}
-
-/// The regime of a part from rest, from half way to the left neighbour to half way to the right
-/// one.
-pub(super) fn ribbon(
-    over: &Over,
-    rows: &[Row],
-    place: &dyn Fn(f64) -> f64,
-) -> Vec<(f64, f64, Fill)> {
-    let found: Vec<(f64, Fill)> = rows
-        .iter()
-        .filter(|row| row.from_rest)
-        .map(|row| (place(row.k), ending::fill(row.regime)))
-        .collect();
-    let middle = |n: usize| 0.5 * (found[n].0 + found[n + 1].0);
-    let mut stretches: Vec<(f64, f64, Fill)> = Vec::new();
-    for (n, (_, fill)) in found.iter().enumerate() {
-        let left = if n == 0 { over.low } else { middle(n - 1) };
-        let right = if n + 1 == found.len() {
-            over.high
-        } else {
-            middle(n)
-        };
-        match stretches.last_mut() {
-            Some(last) if last.2 == *fill => last.1 = right,
-            _ => stretches.push((left, right, *fill)),
-        }
-    }
-    stretches
 }
