@@ -187,17 +187,15 @@ impl Rig {
             Act::Plant(change) => board.world.bench.apply(*change),
             Act::Converts(on) => board.converts = *on,
             Act::CrystalStops => board.crystal_stops(),
-            Act::Volts(volts) => self.supply(*volts),
-            Act::Link(bytes) => {
-                let now = board.now;
-                board.serials[1].receive(now, bytes);
-                board.refresh();
+            Act::Volts(volts) => {
+                let was = board.supplied;
+                board.set_volts(*volts);
+                if !was && board.reset.is_none() {
+                    self.chip.supply_returns();
+                }
             }
-            Act::Bus(bytes) => {
-                let now = board.now;
-                board.serials[3].receive(now, bytes);
-                board.refresh();
-            }
+            Act::Link(bytes) => board.serials[1].receive(board.now, bytes),
+            Act::Bus(bytes) => board.serials[3].receive(board.now, bytes),
             Act::Hang(hang) => self.chip.hangs = Some(*hang),
             Act::Halt => self.chip.debugger_halts(),
             Act::Jump(address) => self.chip.core.set_next_instruction(*address),
@@ -208,15 +206,6 @@ impl Rig {
             Act::SensorSupply(share) => board.world.sensor_supply = *share,
         }
         self.chip.board.refresh();
-    }
-
-    fn supply(&mut self, volts: f64) {
-        let board = &mut self.chip.board;
-        let was = board.supplied;
-        board.set_volts(volts);
-        if !was && board.reset.is_none() {
-            self.chip.supply_returns();
-        }
     }
 
     /// Time in s from `seconds` until the bridge opens; 0 where it is open already.

@@ -2,6 +2,7 @@
 //! (RM0090, chapter 13; RM0440, chapter 21).
 
 use super::kind::Kind;
+use super::{set_word, word};
 
 /// Bits of SR and CR2.
 const REGULAR_END: u32 = 1 << 1;
@@ -65,15 +66,13 @@ impl Converter {
                 self.words[0] &= !(1 << 2);
                 self.words[0x40 / 4]
             }
-            offset if self.kind == Kind::Stm32g474 => {
-                self.words.get(offset as usize / 4).copied().unwrap_or(0)
-            }
+            offset if self.kind == Kind::Stm32g474 => word(&self.words, offset),
             0x304 => self.prescaler,
             0x4c => {
                 self.words[0] &= !REGULAR_END;
                 self.words[0x4c / 4]
             }
-            offset => self.words.get(offset as usize / 4).copied().unwrap_or(0),
+            offset => word(&self.words, offset),
         }
     }
 
@@ -97,11 +96,7 @@ impl Converter {
                 }
             }
             0x3c..=0x4c => {}
-            offset => {
-                if let Some(word) = self.words.get_mut(offset as usize / 4) {
-                    *word = value;
-                }
-            }
+            offset => set_word(&mut self.words, offset, value),
         }
     }
 
@@ -128,11 +123,7 @@ impl Converter {
                 }
             }
             0x40 | 0x80..=0x8c => {}
-            offset => {
-                if let Some(word) = self.words.get_mut(offset as usize / 4) {
-                    *word = value;
-                }
-            }
+            offset => set_word(&mut self.words, offset, value),
         }
     }
 

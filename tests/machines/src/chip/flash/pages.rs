@@ -63,8 +63,7 @@ impl Flash {
     fn erase_page(&mut self, now: u64) {
         // An erasure does not start with an error set.
         if self.control & ERASE_PAGE == 0 || self.status & ERRORS != 0 || now < self.busy {
-            self.status |= WRONG_SEQUENCE;
-            return;
+            return self.status |= WRONG_SEQUENCE;
         }
         let number = (self.control >> 3 & 0x7f | self.control >> 4 & 0x80) as usize;
         let range = number * SIZE..(number + 1) * SIZE;
@@ -84,31 +83,22 @@ impl Flash {
     /// and then at most to 0 (3.3.8).
     pub(super) fn program_word(&mut self, offset: usize, size: u32, value: u32, now: u64) {
         if self.control & (LOCKED | PROGRAM) != PROGRAM || self.status & ERRORS != 0 {
-            self.status |= WRONG_SEQUENCE;
-            return;
+            return self.status |= WRONG_SEQUENCE;
         }
         if size != 4 {
-            self.status |= WRONG_SIZE;
-            return;
+            return self.status |= WRONG_SIZE;
         }
         let first = match self.half.take() {
-            None if offset.is_multiple_of(WORD) => {
-                self.half = Some((offset, value));
-                return;
-            }
+            None if offset.is_multiple_of(WORD) => return self.half = Some((offset, value)),
             Some((at, first)) if at + 4 == offset => first,
-            _ => {
-                self.status |= ALIGNMENT;
-                return;
-            }
+            _ => return self.status |= ALIGNMENT,
         };
         let at = offset - 4;
         let word = u64::from(first) | u64::from(value) << 32;
         let before = self.bytes[at..at + WORD].to_vec();
         let erased = before == [0xff; WORD] && !self.torn.contains(&at);
         if word != 0 && !erased {
-            self.status |= PROGRAMMED_TWICE;
-            return;
+            return self.status |= PROGRAMMED_TWICE;
         }
         self.programmed_weak |= self.weak[at / SIZE];
         self.programmed_cached |= self.access & DATA_CACHE != 0;
