@@ -43,6 +43,63 @@ impl Shift {
         let (sum, count) = self.error[tenth];
         sum / f64::from(count.max(1))
     }
+
+    /// Counts a drive cycle.
+    fn look(
+        &mut self,
+        moment: &Moment,
+        now: f64,
+        share: f64,
+        upset: f64,
+        may_fault: Option<f64>,
+        phase: Option<f64>,
+    ) {
+        let report = &moment.report;
+        self.cycles += 1;
+        // Exact: whole turns of the phase over its step per sample, and one sample for the wrap.
+        let samples = f64::from(report.cycle) * 4_294_967_296.0 / f64::from(report.command.step);
+        let off = (moment.time - samples / f64::from(SAMPLE_RATE)).abs();
+        self.time_off = self.time_off.max(off);
+        if report.cycle != self.last_cycle.wrapping_add(1) {
+            self.wrong.push(format!(
+                "at {now:.2} s: cycle {} after {}",
+                report.cycle, self.last_cycle
+            ));
+        }
+        self.last_cycle = report.cycle;
+        for event in report.events.iter() {
+            let name = event.name();
+            *self.happened.entry(name).or_default() += 1;
+            let injected = may_fault.is_some_and(|at| now < at + 0.2);
+            if event == Event::Faulted && (!injected || report.fault != Some(Fault::SensorLost)) {
+                self.wrong
+                    .push(format!("at {now:.2} s: {:?}", report.fault));
+            }
+            if event == Event::NotCaptured {
+                self.wrong.push(format!("at {now:.2} s: not captured"));
+            }
+        }
+        if report.limits.contains(Limits::NO_SETPOINT) || report.limits.contains(Limits::OUTPUT) {
+            self.wrong.push(format!(
+                "at {now:.2} s: limits {:#06x}",
+                report.limits.bits()
+            ));
+        }
+        if report.state == State::Locked {
+            self.locked += 1;
+            let tenth = ((10.0 * share) as usize).min(9);
+            if let Some(phase) = phase.filter(|_| now > upset + AGAIN) {
+                self.error[tenth].0 += f64::from(report.phase) - phase;
+                self.error[tenth].1 += 1;
+            }
+        } else if now > upset + AGAIN {
+            self.wrong.push(format!(
+                "at {now:.2} s: {} {:.1} s after the last trouble",
+                report.state.name(),
+                now - upset
+            ));
+        }
+    }
 }
 
 /// Name of the event after which the board may report a lost sensor.
@@ -58,15 +115,6 @@ struct Script {
 }
 
 impl Script {
-    fn new(seed: u64, seconds: f64) -> Self {
-        Self {
-            random: Random::new(seed),
-            seconds,
-            next: 30.0,
-            due: Vec::new(),
-        }
-    }
-
     /// Name of the next event if its time has come; its changes become pending.
     fn trouble(&mut self, now: f64) -> Option<&'static str> {
         if now < self.next || now > self.seconds - 60.0 {
@@ -171,7 +219,12 @@ impl Feeder {
 /// Where the default scene is refused.
 pub fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
     let mut closed = Feeder::build(&Scene::default(), fidelity);
-    let mut script = Script::new(seed, seconds);
+    let mut script = Script {
+        random: Random::new(seed),
+        seconds,
+        next: 30.0,
+        due: Vec::new(),
+    };
     let mut shift = Shift::default();
     let mut now = 0.0;
     let (mut upset, mut may_fault) = (0.0, None);
@@ -193,15 +246,7 @@ pub fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
         }
         let moment = closed.cycle();
         now = f64::from(moment.report.cycle) / f64::from(moment.report.frequency);
-        look(
-            &mut shift,
-            &moment,
-            now,
-            now / seconds,
-            upset,
-            may_fault,
-            phase,
-        );
+        shift.look(&moment, now, now / seconds, upset, may_fault, phase);
         if shift.wrong.len() > 20 {
             break;
         }
@@ -215,61 +260,4 @@ fn locked_phase(closed: &Feeder, restitution: f32) -> Option<f64> {
     let k = f64::from(controller.k(controller.setpoint()));
     let lock = Lock::build(k, f64::from(restitution), 1).ok()??;
     Some(lock.state().phase)
-}
-
-fn look(
-    shift: &mut Shift,
-    moment: &Moment,
-    now: f64,
-    share: f64,
-    upset: f64,
-    may_fault: Option<f64>,
-    phase: Option<f64>,
-) {
-    let report = &moment.report;
-    shift.cycles += 1;
-    // Exact: whole turns of the phase over its step per sample, and one sample for the wrap.
-    let samples = f64::from(report.cycle) * 4_294_967_296.0 / f64::from(report.command.step);
-    let off = (moment.time - samples / f64::from(SAMPLE_RATE)).abs();
-    shift.time_off = shift.time_off.max(off);
-    if report.cycle != shift.last_cycle.wrapping_add(1) {
-        shift.wrong.push(format!(
-            "at {now:.2} s: cycle {} after {}",
-            report.cycle, shift.last_cycle
-        ));
-    }
-    shift.last_cycle = report.cycle;
-    for event in report.events.iter() {
-        let name = event.name();
-        *shift.happened.entry(name).or_default() += 1;
-        let injected = may_fault.is_some_and(|at| now < at + 0.2);
-        if event == Event::Faulted && (!injected || report.fault != Some(Fault::SensorLost)) {
-            shift
-                .wrong
-                .push(format!("at {now:.2} s: {:?}", report.fault));
-        }
-        if event == Event::NotCaptured {
-            shift.wrong.push(format!("at {now:.2} s: not captured"));
-        }
-    }
-    if report.limits.contains(Limits::NO_SETPOINT) || report.limits.contains(Limits::OUTPUT) {
-        shift.wrong.push(format!(
-            "at {now:.2} s: limits {:#06x}",
-            report.limits.bits()
-        ));
-    }
-    if report.state == State::Locked {
-        shift.locked += 1;
-        let tenth = ((10.0 * share) as usize).min(9);
-        if let Some(phase) = phase.filter(|_| now > upset + AGAIN) {
-            shift.error[tenth].0 += f64::from(report.phase) - phase;
-            shift.error[tenth].1 += 1;
-        }
-    } else if now > upset + AGAIN {
-        shift.wrong.push(format!(
-            "at {now:.2} s: {} {:.1} s after the last trouble",
-            report.state.name(),
-            now - upset
-        ));
-    }
 }

@@ -12,4 +12,4 @@ pub mod soak;
 pub mod states;
 pub mod verdict;
 
-pub use kband_machines::{chip, draw, emulator, hazards, images, probe, rig, root, terminal};
+pub use kband_machines::{bus, chip, draw, emulator, hazards, images, probe, rig, root, terminal};

@@ -19,15 +19,10 @@ fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
     assert!(shift.wrong.is_empty(), "{}", shift.wrong.join("\n"));
     let times = |name| shift.happened.get(name).copied().unwrap_or(0);
     // Every kind of event occurred, and each lost sensor gave a fault.
-    for name in [
-        "other parts",
-        "short drop-out",
-        "lost sensor",
-        "pause",
-        "silent link",
-    ] {
+    for name in ["other parts", "short drop-out", "lost sensor"] {
         assert!(times(name) > 0, "{name}");
     }
+    assert!(times("pause") > 0 && times("silent link") > 0);
     assert_eq!(times("lost sensor"), times("faulted"));
     assert_eq!(times("faulted"), times("acknowledged"));
     // Two samples: one for the place of a wrap, one for its detection.
@@ -40,10 +35,6 @@ fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
     assert!(days.is_none() || high - low < 0.01, "{low} {high}");
     // An event takes about a minute; parts are out of lock for at most four seconds of it in the
     // mean.
-    assert!(
-        shift.locked * 10 > shift.cycles * 8,
-        "{} of {}",
-        shift.locked,
-        shift.cycles
-    );
+    let (locked, cycles) = (shift.locked, shift.cycles);
+    assert!(locked * 10 > cycles * 8, "{locked} of {cycles}");
 }
