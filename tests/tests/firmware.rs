@@ -23,10 +23,8 @@ fn trace_is_the_desks(name: &'static str) {
     let trial = Trial::named(name).unwrap();
     let mut desk = ClosedLoop::build(&trial.scene()).unwrap();
     let text = virtual_feeder(name, Clock::Steady, 180).passed();
-    let trace: Vec<&str> = text
-        .lines()
-        .filter(|line| line.starts_with(|first: char| first.is_ascii_digit()))
-        .collect();
+    let numbered = |line: &&str| line.starts_with(|first: char| first.is_ascii_digit());
+    let trace: Vec<&str> = text.lines().filter(numbered).collect();
     assert_eq!(trace.len(), trial.cycles as usize, "{text}");
     for line in trace {
         assert_eq!(line, trial::TraceRow(&desk.cycle().report).to_string());
@@ -36,10 +34,8 @@ fn trace_is_the_desks(name: &'static str) {
         .find(|line| line.starts_with("stack "))
         .unwrap();
     println!("{name}: {stack}");
-    let words: Vec<u32> = stack
-        .split(' ')
-        .filter_map(|word| word.parse().ok())
-        .collect();
+    let words = stack.split(' ').filter_map(|word| word.parse().ok());
+    let words: Vec<u32> = words.collect();
     // With less than an eighth of the stack free the board raises a fault.
     assert!(words[0] < words[1] - words[1] / 8, "{stack}");
 }
@@ -126,11 +122,10 @@ fn images_fit_their_budget() {
         ("virtual_feeder", footprint(&build("virtual_feeder"))),
     ];
     for (name, size) in sizes {
+        let [flash, ram, stack] =
+            [size.flash, size.memory, size.stack].map(|bytes| f64::from(bytes) / 1024.0);
         println!(
-            "{name}: {:.1} KiB of flash, {:.1} KiB of RAM, {:.1} KiB of them stack",
-            f64::from(size.flash) / 1024.0,
-            f64::from(size.memory) / 1024.0,
-            f64::from(size.stack) / 1024.0
+            "{name}: {flash:.1} KiB of flash, {ram:.1} KiB of RAM, {stack:.1} KiB of them stack"
         );
         assert!(size.flash > 1024 && size.stack > 1024);
         // The limits of the linker for the boards; the smaller one has 480 KiB for its image. The
