@@ -1,7 +1,7 @@
 //! The impact map over arrays.
 
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Impact, Kernel, Map, PartState};
+use kband::impact::{Impact, Kernel, Map};
 
 use crate::failure::{Code, Failure, call};
 
@@ -70,6 +70,7 @@ pub unsafe extern "C" fn kband_impacts(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use kband::impact::PartState;
 
     #[test]
     fn impacts_have_the_bits_of_the_map_over_their_launches() {
@@ -109,11 +110,8 @@ mod tests {
         assert_eq!(code, Code::Ok);
         for (n, state) in expected.iter().enumerate() {
             let found = [phase[n], speed[n]].map(f64::to_bits);
-            assert_eq!(
-                found,
-                [state.phase, state.velocity].map(f64::to_bits),
-                "{n}"
-            );
+            let due = [state.phase, state.velocity].map(f64::to_bits);
+            assert_eq!(found, due, "{n}");
         }
     }
 }
