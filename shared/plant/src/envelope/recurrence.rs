@@ -368,18 +368,13 @@ impl Recurrence {
 
     /// `e^(i phase)` of the output, `samples` after the first sample of this cycle.
     pub fn at(&self, samples: u32) -> Complex {
-        turned(
-            self.phase
-                .wrapping_add(samples.wrapping_mul(self.tuning.step)),
-        )
+        turned(self.phase_at(samples).bits())
     }
 
     /// Output phase, `samples` after the first sample of this cycle.
     pub fn phase_at(&self, samples: u32) -> Phase {
-        Phase::from_bits(
-            self.phase
-                .wrapping_add(samples.wrapping_mul(self.tuning.step)),
-        )
+        let ahead = samples.wrapping_mul(self.tuning.step);
+        Phase::from_bits(self.phase.wrapping_add(ahead))
     }
 
     /// Samples per phase step of 2^-32 turns.
@@ -484,13 +479,10 @@ mod tests {
                     if f64::from(slow.amplitude) > 0.01 * full {
                         assert!(apart.abs() / Phase::TURN * TAU < 100.0 * share);
                     }
-                    let seen = fast.acceleration(n);
-                    let most = fast.loudest();
-                    assert!(
-                        (seen - reading).abs() < (2e-4 + rounding) * most + 1e-6
-                            && seen.abs() <= most,
-                        "cycle {cycle}: {seen} {reading} {most}"
-                    );
+                    let (seen, most) = (fast.acceleration(n), fast.loudest());
+                    let near = (seen - reading).abs() < (2e-4 + rounding) * most + 1e-6;
+                    let what = std::format!("cycle {cycle}: {seen} {reading} {most}");
+                    assert!(near && seen.abs() <= most, "{what}");
                 }
                 if n < fast.samples() {
                     held = amplitude * sine;
@@ -507,10 +499,8 @@ mod tests {
             // at most 0.7 at phase theta, in one of N readings.
             let theta = f64::from(step) / Phase::TURN * TAU;
             let held = 0.7 * fast.mode.direct * theta * 2.0 / weight;
-            assert!(
-                off < (1e-4 + rounding) * largest.max(1.0) + held,
-                "cycle {cycle}: {off} of {largest}"
-            );
+            let room = (1e-4 + rounding) * largest.max(1.0) + held;
+            assert!(off < room, "cycle {cycle}: {off} of {largest}");
         }
         assert!(largest > 1.0);
     }
