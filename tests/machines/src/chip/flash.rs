@@ -387,35 +387,33 @@ impl Flash {
     }
 
     fn erase(&mut self, now: u64) {
-        let what = if self.control & ERASE_ALL != 0 {
+        let number = self.control as usize >> 3 & 0xf;
+        if self.control & ERASE_ALL != 0 {
             self.bytes.fill(0xff);
             self.weak = [false; SECTORS];
-            self.stale = Some(0..SIZE);
-            3
-        } else if self.control & ERASE_SECTOR != 0 {
-            let number = self.control as usize >> 3 & 0xf;
-            let Some(range) = sector(number) else {
-                return self.status |= WRONG_SEQUENCE;
-            };
-            self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
-            self.bytes[range.clone()].fill(0xff);
-            self.erasures[number] += 1;
-            self.weak[number] = false;
-            self.stale = Some(range);
-            match number {
-                0..=3 => 0,
-                4 => 1,
-                _ => 2,
-            }
+            self.begin_erasure(0..SIZE, self.erasure(3), now);
+        } else if self.control & ERASE_SECTOR != 0
+            && let Some(range) = sector(number)
+        {
+            let size = usize::from(number >= 4) + usize::from(number >= 5);
+            self.erase_sector(number, range, self.erasure(size), now);
         } else {
-            return self.status |= WRONG_SEQUENCE;
-        };
-        if self.access & DATA_CACHE == 0 {
-            self.stale = None;
+            self.status |= WRONG_SEQUENCE;
         }
+    }
+
+    fn erase_sector(&mut self, number: usize, range: Range<usize>, takes: u64, now: u64) {
+        self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
+        self.bytes[range.clone()].fill(0xff);
+        self.erasures[number] += 1;
+        self.weak[number] = false;
+        self.begin_erasure(range, takes, now);
+    }
+
+    fn begin_erasure(&mut self, range: Range<usize>, takes: u64, now: u64) {
+        self.stale = (self.access & DATA_CACHE != 0).then_some(range);
         self.operations += 1;
-        self.takes = self.erasure(what);
-        self.busy = now + self.takes;
+        (self.takes, self.busy) = (takes, now + takes);
     }
 
     /// Marks an erasure in progress at tick `now` as incomplete: the supply is too low.

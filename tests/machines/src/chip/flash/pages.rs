@@ -67,16 +67,9 @@ impl Flash {
         }
         let number = (self.control >> 3 & 0x7f | self.control >> 4 & 0x80) as usize;
         let range = number * SIZE..(number + 1) * SIZE;
-        self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
-        self.bytes[range.clone()].fill(0xff);
         self.torn.retain(|at| !range.contains(at));
-        self.erasures[number] += 1;
-        self.weak[number] = false;
-        self.stale = (self.access & DATA_CACHE != 0).then_some(range);
-        self.operations += 1;
         let usual = ERASE_TIME[usize::from(self.slow)];
-        self.takes = self.erases_in.unwrap_or(usual);
-        self.busy = now + self.takes;
+        self.erase_sector(number, range, self.erases_in.unwrap_or(usual), now);
     }
 
     /// Takes half a word; the second half programs it. A word is programmed once after an erasure,
