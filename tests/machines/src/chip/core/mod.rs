@@ -53,6 +53,9 @@ pub enum Fault {
     Return,
 }
 
+/// Cycles of an instruction, or why it was not executed.
+type Cycles = Result<u32, Fault>;
+
 /// Event that a core waits for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WaitState {
@@ -251,7 +254,7 @@ impl Core {
         d: usize,
         one: u32,
         (two, carry): (u32, bool),
-    ) -> Result<u32, Fault> {
+    ) -> Cycles {
         let value = match operation {
             0 => one & two,
             1 => one & !two,
