@@ -248,10 +248,8 @@ fn edge(track: &Track, random: &mut Random) -> f64 {
     let excess = |phase: f64| -track.at(phase)[2] - track.k;
     let start = random.between(0.0, TAU);
     let rises = excess(start) < 0.0;
-    let Some(mut high) = (1..=500)
-        .map(|n| start + f64::from(n) * STEP)
-        .find(|phase| (excess(*phase) < 0.0) != rises)
-    else {
+    let mut phases = (1..=500).map(|n| start + f64::from(n) * STEP);
+    let Some(mut high) = phases.find(|phase| (excess(*phase) < 0.0) != rises) else {
         return start;
     };
     let mut low = high - STEP;
@@ -276,13 +274,7 @@ pub fn touching(track: &Track, random: &mut Random) -> Option<(f64, f64, f64)> {
     }
     let gap = |past: f64| s - c * past - 0.5 * track.k * past * past - track.at(touch - past)[0];
     let mut far = random.between(0.05, 9.0);
-    let mut near = gap(far);
-    loop {
-        let there = gap(far + 0.05);
-        if near > 0.0 && there <= 0.0 {
-            break;
-        }
-        near = there;
+    while gap(far) <= 0.0 || gap(far + 0.05) > 0.0 {
         far += 0.05;
         if far > 60.0 {
             return None;

@@ -217,31 +217,27 @@ impl Rig {
         if !matches!(before, Some((_, Seen::Bridge(true)))) {
             return Some(0.0);
         }
-        let opened = trace
-            .iter()
-            .find(|entry| entry.0 >= from && entry.1 == Seen::Bridge(false));
+        let mut after = trace.iter().filter(|entry| entry.0 >= from);
+        let opened = after.find(|entry| entry.1 == Seen::Bridge(false));
         opened.map(|(time, _)| (time - from) as f64 / TICKS as f64)
     }
 
     /// Time in s of the first such event at or after `seconds`.
     pub fn seen_after(&self, seconds: f64, seen: &Seen) -> Option<f64> {
         let from = ticks(seconds);
-        let trace = &self.chip.board.world.trace;
-        let found = trace
-            .iter()
-            .find(|entry| entry.0 >= from && entry.1 == *seen);
+        let mut trace = self.chip.board.world.trace.iter();
+        let found = trace.find(|entry| entry.0 >= from && entry.1 == *seen);
         found.map(|(time, _)| *time as f64 / TICKS as f64)
     }
 
     /// Times in s and causes of the resets since the start.
     pub fn resets(&self) -> Vec<(f64, Cause)> {
         let trace = self.chip.board.world.trace.iter();
-        trace
-            .filter_map(|(time, seen)| match seen {
-                Seen::Reset(cause) => Some((*time as f64 / TICKS as f64, *cause)),
-                _ => None,
-            })
-            .collect()
+        let resets = trace.filter_map(|(time, seen)| match seen {
+            Seen::Reset(cause) => Some((*time as f64 / TICKS as f64, *cause)),
+            _ => None,
+        });
+        resets.collect()
     }
 
     /// Amplitude of the track, mm.
@@ -319,9 +315,7 @@ impl Rig {
                 answer,
             } if n == sequence => match answer {
                 UpdateAnswer::Refused(why) => Some(Err(why)),
-                UpdateAnswer::Done | UpdateAnswer::State { .. } | UpdateAnswer::Loader => {
-                    Some(Ok(()))
-                }
+                _ => Some(Ok(())),
             },
             _ => None,
         });
