@@ -72,12 +72,8 @@ fn launches(kind: Kind, on_tones: bool, seed: u64, number: u64) -> Vec<Launch> {
         let track = kind.track(&mut random, tones);
         for n in 0..TOGETHER {
             let launch = kind.launch(&mut random, track, restitution);
-            let held = if n % 2 == 0 {
-                launch
-            } else {
-                held_by_all(&launch)
-            };
-            launches.push(held);
+            let held = held_by_all(&launch);
+            launches.push(if n % 2 == 0 { launch } else { held });
         }
     }
     launches

@@ -31,11 +31,8 @@ fn logarithmic(random: &mut Random) -> Case {
 /// Phases around lift-off, from rest or nearly.
 fn launch(random: &mut Random) -> Case {
     let k = 0.02 + 0.96 * random.between(0.0, 1.0);
-    let side = if random.between(0.0, 1.0) < 0.5 {
-        -1.0
-    } else {
-        1.0
-    };
+    let before = random.between(0.0, 1.0) < 0.5;
+    let side = if before { -1.0 } else { 1.0 };
     let phase = k.asin() + side * 10_f64.powf(-15.0 + 14.0 * random.between(0.0, 1.0));
     let velocity = if random.between(0.0, 1.0) < 0.5 {
         0.0

@@ -46,11 +46,8 @@ fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
         // Garbage, seldom longer than any frame.
         kind @ 0..=11 => {
             let long = kind == 11 && any >> 32 & 15 == 0;
-            let size = if long {
-                600
-            } else {
-                (any >> 8) as usize % 4 + 1
-            };
+            let short = (any >> 8) as usize % 4 + 1;
+            let size = if long { 600 } else { short };
             let byte = |_| random.bits() as u8 | 1;
             (0..size).map(byte).chain([0]).collect()
         }

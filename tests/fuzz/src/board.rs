@@ -204,11 +204,8 @@ pub fn service(input: &[u8]) -> bool {
             }
             1..=4 => {
                 let piece = input.piece().unwrap_or(&[]);
-                let frame = if what % 16 == 12 {
-                    framed_update
-                } else {
-                    framed
-                };
+                let update = what % 16 == 12;
+                let frame = if update { framed_update } else { framed };
                 known |= board.ask(what, frame(what, piece));
             }
             5 => {

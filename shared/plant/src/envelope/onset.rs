@@ -476,11 +476,8 @@ impl OnsetModel {
             forgotten = forgotten.max(self.open);
         }
         let until = self.blanking.blank(from, forgotten).max(from);
-        let sums = if ring.is_alone() {
-            began
-        } else {
-            self.sums(rings)
-        };
+        let alone = ring.is_alone();
+        let sums = if alone { began } else { self.sums(rings) };
         own - self.tail(sums, since(from)) + self.tail(sums, since(until))
     }
 

@@ -256,11 +256,8 @@ impl Bridge {
             return 0.0;
         }
         if !self.runs() {
-            return if self.place(now) < self.compare {
-                1.0
-            } else {
-                -1.0
-            };
+            let high = self.place(now) < self.compare;
+            return if high { 1.0 } else { -1.0 };
         }
         (2.0 * f64::from(self.compare.min(self.reload)) / f64::from(self.reload.max(1)) - 1.0)
             as f32

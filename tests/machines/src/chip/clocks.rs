@@ -284,11 +284,8 @@ impl Clocks {
     }
 
     fn pll_out(&self) -> u32 {
-        let source = if self.uses_crystal() {
-            self.crystal
-        } else {
-            INTERNAL
-        };
+        let crystal = self.uses_crystal();
+        let source = if crystal { self.crystal } else { INTERNAL };
         let pll = self.pll;
         let (m, n, p) = match self.kind {
             Kind::Stm32f405 => ((pll & 0x3f).max(2), pll >> 6 & 0x1ff, pll >> 16 & 3),

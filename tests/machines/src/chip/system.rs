@@ -193,11 +193,8 @@ impl System {
         }
         let left = self.tick_due.saturating_sub(now);
         self.tick_left = left.checked_div(old).unwrap_or(self.tick_left);
-        self.tick_due = if new > 0 {
-            now + self.tick_left * new
-        } else {
-            u64::MAX
-        };
+        let due = now + self.tick_left * new;
+        self.tick_due = if new > 0 { due } else { u64::MAX };
     }
 
     /// Suspends all counters for some ticks: the core is halted.
@@ -297,11 +294,8 @@ impl System {
             }
             0xe000_1004 => {
                 let value = u64::from(value);
-                self.cycles_from = if self.counts {
-                    cycles.wrapping_sub(value)
-                } else {
-                    value
-                };
+                let counted = cycles.wrapping_sub(value);
+                self.cycles_from = if self.counts { counted } else { value };
             }
             0xe000_e010 => {
                 let started = value & 1 == 1 && self.tick_control & 1 == 0;
@@ -363,10 +357,7 @@ impl System {
 
     fn restart_tick(&mut self, now: u64, cycle: u64) {
         let step = self.tick_step(cycle);
-        self.tick_due = if step > 0 {
-            now + (u64::from(self.tick_reload) + 1) * step
-        } else {
-            u64::MAX
-        };
+        let due = now + (u64::from(self.tick_reload) + 1) * step;
+        self.tick_due = if step > 0 { due } else { u64::MAX };
     }
 }

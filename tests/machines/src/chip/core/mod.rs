@@ -167,11 +167,8 @@ impl Core {
         self.inside = block != 0;
         self.instructions += 1;
         if self.inside {
-            self.block = if block & 7 == 0 {
-                0
-            } else {
-                block & 0xe0 | block << 1 & 0x1f
-            };
+            let rest = block & 0xe0 | block << 1 & 0x1f;
+            self.block = if block & 7 == 0 { 0 } else { rest };
             if !self.holds(usize::from(block >> 4)) {
                 self.r[COUNTER] = self.next;
                 return Ok(1);

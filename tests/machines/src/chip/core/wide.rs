@@ -80,12 +80,8 @@ impl Core {
             _ => (0x80 | code & 0x7f).rotate_right(code >> 7),
         };
         // A turned number sets the carry to its top bit.
-        let turned = code >> 10 != 0;
-        let carry = if turned {
-            number >> 31 == 1
-        } else {
-            self.carry
-        };
+        let turn = code >> 10 != 0;
+        let carry = if turn { number >> 31 == 1 } else { self.carry };
         self.operate(first, bits(second, 8, 4), (number, carry))
     }
 
@@ -290,12 +286,8 @@ fn saturate_lanes(bytes: bool, subtracted: bool, one: u32, two: u32) -> u32 {
     let largest = ones(width);
     (0..32).step_by(width).fold(0, |value, low| {
         let (one, two) = (one >> low & largest, two >> low & largest);
-        let sum = (one + two).min(largest);
-        let lane = if subtracted {
-            one.saturating_sub(two)
-        } else {
-            sum
-        };
+        let (sum, difference) = ((one + two).min(largest), one.saturating_sub(two));
+        let lane = if subtracted { difference } else { sum };
         value | lane << low
     })
 }
