@@ -3,9 +3,7 @@
 
 pub mod bench;
 pub mod broken;
-pub mod day;
 pub mod exact;
-pub mod footprint;
 pub mod oracle;
 pub mod scenes;
 pub mod soak;

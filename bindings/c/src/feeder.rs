@@ -1,9 +1,11 @@
 //! Scene, plant, signal path and controller as opaque handles.
 
-use std::ffi::c_char;
+use std::collections::BTreeMap;
+use std::ffi::{CString, c_char};
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 use std::slice;
+use std::sync::OnceLock;
 
 use kband_control::{AdcCode, Controller, Fault, Inputs, Signal, State, Target};
 use kband_plant::Bench;
@@ -443,35 +445,29 @@ pub extern "C" fn kband_controller_set_target(
     })
 }
 
-/// Names with the zero at their end, in the order of their numbers.
-macro_rules! names {
+/// Name by a number, with the zero at its end.
+macro_rules! name {
     ($number:ident, $type:ident, $other:literal) => {{
-        const LONGEST: usize = 32;
-        static NAMES: std::sync::OnceLock<[[u8; LONGEST]; 256]> = std::sync::OnceLock::new();
+        static NAMES: OnceLock<BTreeMap<u8, CString>> = OnceLock::new();
         let names = NAMES.get_or_init(|| {
-            let mut names = [[0; LONGEST]; 256];
-            for known in $type::ALL {
-                let name = known.name().as_bytes();
-                let count = name.len().min(LONGEST - 1);
-                names[usize::from(known.number())][..count].copy_from_slice(&name[..count]);
-            }
-            names
+            let named = |known: &$type| Some((known.number(), CString::new(known.name()).ok()?));
+            $type::ALL.iter().filter_map(named).collect()
         });
-        match &names[usize::from($number)] {
-            [0, ..] => $other.as_ptr().cast(),
-            name => name.as_ptr().cast(),
-        }
+        names
+            .get(&$number)
+            .map_or($other, CString::as_c_str)
+            .as_ptr()
     }};
 }
 
 /// Name of a state, by its number; "unknown" for another number.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_state_name(number: u8) -> *const c_char {
-    names!(number, State, "unknown\0")
+    name!(number, State, c"unknown")
 }
 
 /// Name of a fault, by its number; "none" for another number.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_fault_name(number: u8) -> *const c_char {
-    names!(number, Fault, "none\0")
+    name!(number, Fault, c"none")
 }
