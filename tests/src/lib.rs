@@ -10,4 +10,4 @@ pub mod soak;
 pub mod states;
 pub mod verdict;
 
-pub use kband_machines::{bus, chip, draw, emulator, hazards, images, probe, rig, root, terminal};
+pub use kband_machines::{bus, chip, draw, emulator, images, rig, root, terminal};
