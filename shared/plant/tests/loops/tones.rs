@@ -49,8 +49,11 @@ fn apart(a: Shape, b: Shape) -> f32 {
     pairs.map(distance).fold(0.0, f32::max)
 }
 
+/// Name of a drive, and what its settings have that the scene's have not.
+type Drive = (&'static str, fn(&mut Settings));
+
 /// Drives of all kinds.
-const DRIVES: [(&str, fn(&mut Settings)); 6] = [
+const DRIVES: [Drive; 6] = [
     ("modes at the multiples of the frequency", |_| ()),
     ("modes below them", |s| {
         (s.second_lag, s.third_lag) = (30.0, 60.0);
